@@ -1,0 +1,115 @@
+"""The upper branches of the one tree of errors (the root and the HAL's are in `etd_hal.errors`).
+
+    EtdError
+    ├── Refused            a frame or a request was not accepted: code, reason, electrode
+    ├── DaemonGone         nobody answers at that address: address
+    ├── AlreadyRunning     a daemon of that name holds the lock: name, holder
+    └── PatternError       a pattern file cannot be played: file, frame, reason
+
+Owns: what can be wrong with a frame, a request or a daemon. `ErrorCode` is the closed list of the
+protocol; adding to it is a change of the protocol.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from etd_hal.errors import (
+    BoardFault,
+    BusError,
+    CannotSelect,
+    EtdError,
+    FileError,
+    GuardRefusal,
+    HardwareMissing,
+)
+
+__all__ = [
+    "AlreadyRunning",
+    "BoardFault",
+    "BusError",
+    "CannotSelect",
+    "DaemonGone",
+    "ErrorCode",
+    "EtdError",
+    "FileError",
+    "GuardRefusal",
+    "HardwareMissing",
+    "PatternError",
+    "Refused",
+]
+
+ErrorCode = Literal[
+    "arm_failed",  # a check before arming said no; the reason says which
+    "bad_calibration",  # it does not fit this board, array or body site
+    "bad_frame",  # lengths, electrodes or combinations that cannot be
+    "bad_message",  # not a JSON object, unknown key, wrong type, out of bounds
+    "board_cannot",  # the board has no such electrode state or line
+    "busy",  # too many requests under way; send again
+    "engine_gone",  # the process that drives the board is not there
+    "expired",  # the frame was too old when it came
+    "halted",  # latched: look at the cause, then clear
+    "level_needs_calibration",  # send current_ua, or open with a calibration
+    "limits_missing",  # open with a calibration or with limits
+    "no_lease",  # none stands, or it has lapsed
+    "not_armed",  # arm first
+    "not_found",  # no such calibration
+    "not_permitted",  # operate rights are needed
+    "old_seq",  # seq must rise within a lease
+    "other_lease",  # somebody else holds the lease
+    "over_limit",  # a strict frame asked for more than a person's limit
+    "over_maximum",  # more than code, board and body site allow anybody
+    "too_fast",  # the visits do not fit into the period; the reason names the achievable rate
+    "too_large",  # over the size limit of a message
+    "unknown_op",
+    "wrong_state",  # not in this state; the reason names it
+]
+
+
+class Refused(EtdError):
+    """A frame or request was not accepted, and nothing else changed.
+
+    Fields: code, reason, electrode (or None), achievable_hz (with `too_fast`).
+    """
+
+    def __init__(
+        self,
+        code: ErrorCode,
+        reason: str,
+        electrode: int | None = None,
+        achievable_hz: float | None = None,
+    ) -> None:
+        self.code: ErrorCode = code
+        self.reason = reason
+        self.electrode = electrode
+        self.achievable_hz = achievable_hz
+        super().__init__(f"{reason} ({code})")
+
+
+class DaemonGone(EtdError):
+    """Nobody answers. Fields: address."""
+
+    def __init__(self, address: str, what: str) -> None:
+        self.address = address
+        super().__init__(f"{what} at {address}: is the daemon running? (`etd run`, or `etd status`)")
+
+
+class AlreadyRunning(EtdError):
+    """A second daemon of the same name. Fields: name."""
+
+    def __init__(self, name: str, what: str) -> None:
+        self.name = name
+        super().__init__(
+            f"a daemon named {name!r} is already running ({what}): stop it, or give another --name"
+        )
+
+
+class PatternError(EtdError):
+    """A pattern file cannot be played. Fields: file, frame (index or None), reason."""
+
+    def __init__(self, file: str, frame: int | None, reason: str) -> None:
+        self.file = file
+        self.frame = frame
+        self.reason = reason
+        where = file if frame is None else f"{file}, frame {frame}"
+        super().__init__(f"{where}: {reason}")

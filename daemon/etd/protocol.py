@@ -1,0 +1,386 @@
+"""Wire protocol, version 1: every message that a client sends or gets, as typed structs.
+
+Owns: the public messages and their bounds; `docs/protocol.schema.json` is made from here. One JSON
+object a message. Within a version keys are only added; clients ignore unknown keys in replies,
+the daemon refuses them in requests.
+Must not know: sockets, the engine, boards.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from etd.calibration import Calibration
+from etd.errors import ErrorCode
+from etd.frame import Frame, Polarity
+
+VERSION = 1
+#: A larger message ends the connection that sent it; the client refuses to send it.
+MAX_MESSAGE_BYTES = 65_536
+#: A lease lives this long after the last accepted frame or `keep`.
+LEASE_MS = 1_000
+#: Streamed `scan` telemetry comes at most this often; nothing is lost by it.
+MAX_TELEMETRY_HZ = 30
+
+Id = Annotated[str, Meta(max_length=64)] | int
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
+State = Literal["SAFE", "PROBE", "ARMED", "HALTED"]
+Lease = Annotated[str, Meta(max_length=64)]
+Topic = Literal["state", "scan", "contact", "refused", "halt"]
+TOPICS: tuple[Topic, ...] = ("state", "scan", "contact", "refused", "halt")
+
+
+class _Request(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="op"
+):
+    id: Id | None = None
+
+
+class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A person's limits without a calibration; both are needed."""
+
+    max_current_ua: Annotated[int, Meta(ge=50, le=10_000)]
+    width_us: Annotated[int, Meta(ge=20, le=200)]
+
+
+class Hello(_Request, tag="hello"):
+    """Who is there: version, board and guards, array, limits, endpoints."""
+
+
+class Status(_Request, tag="status"):
+    """The state now, with what was not granted and what is absent."""
+
+
+class Stop(_Request, tag="stop"):
+    """Silence at once; HALTED until `clear`. Needs nothing but access."""
+
+    client: Annotated[str, Meta(max_length=64)] = ""
+
+
+class Open(_Request, tag="open"):
+    """Ask for the one lease, with the limits of the person who will feel it."""
+
+    client: Annotated[str, Meta(min_length=1, max_length=64)]
+    calibration: Name | None = None
+    limits: Limits | None = None
+
+
+class Keep(_Request, tag="keep"):
+    lease: Lease
+
+
+class Close(_Request, tag="close"):
+    lease: Lease
+
+
+class Disarm(_Request, tag="disarm"):
+    lease: Lease
+
+
+class Arm(_Request, tag="arm"):
+    """Arms the present holder's lease, whoever asks."""
+
+
+class Clear(_Request, tag="clear"):
+    """Leave HALTED for SAFE."""
+
+
+class Measure(_Request, tag="measure"):
+    """Contact of all electrodes, with probe pulses, in PROBE; from SAFE back to SAFE."""
+
+    lease: Lease
+
+
+class Mark(_Request, tag="mark"):
+    """A remark in the records, and an edge on the SYNC line where the board has one."""
+
+    lease: Lease
+    tag: int | None = None
+
+
+class GetCalibration(_Request, tag="calibration"):
+    """`get` one by name, `list` all, or `set` one (operate, SAFE)."""
+
+    do: Literal["get", "list", "set"]
+    name: Name | None = None
+    calibration: Calibration | None = None
+
+
+class FrameRequest(Frame, frozen=True, kw_only=True, tag_field="op", tag="frame"):
+    """A single frame with an answer (control socket), or streamed without one (frames socket)."""
+
+    id: Id | None = None
+
+
+Request = (
+    Hello
+    | Status
+    | Stop
+    | Open
+    | Keep
+    | Close
+    | Disarm
+    | Arm
+    | Clear
+    | Measure
+    | Mark
+    | GetCalibration
+    | FrameRequest
+)
+
+
+class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The reply to what was not accepted; nothing changed."""
+
+    ok: Literal[False]
+    error: ErrorCode
+    reason: str
+    now_ns: int
+    id: Id | None = None
+    electrode: int | None = None
+    achievable_hz: float | None = None
+
+
+class Success(msgspec.Struct, frozen=True, kw_only=True):
+    """What every accepted request gets, before the keys of its own."""
+
+    ok: Literal[True]
+    now_ns: int
+    id: Id | None = None
+
+
+class BoardFacts(msgspec.Struct, frozen=True, kw_only=True):
+    name: str
+    backend: str
+    machine: str
+    full_scale_ua: int
+    resolution_ua: float
+    leak_ohm: int
+    compliance_v: int
+    rest_us: int
+    states: tuple[str, ...]
+    present_guards: tuple[str, ...]
+    absent_guards: tuple[str, ...]
+
+
+class ArrayFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """Positions in mm, x right, y towards the fingertip, through the finger onto the electrodes."""
+
+    name: str
+    electrodes: int
+    x_mm: tuple[float, ...]
+    y_mm: tuple[float, ...]
+    diameter_mm: float
+
+
+class MaximaFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """What nobody gets more of: the smallest of code, board and body site."""
+
+    current_ua: int
+    uncalibrated_current_ua: int
+    width_us: int
+    charge_nc: float
+    rate_hz: float
+    mean_current_ua: int
+    array_mean_current_ua: int
+    probe_current_ua: int
+
+
+class Endpoints(msgspec.Struct, frozen=True, kw_only=True):
+    frames: str
+    telemetry: str
+
+
+class HelloReply(Success, frozen=True, kw_only=True):
+    protocol: int
+    version: str
+    name: str
+    board: BoardFacts
+    array: ArrayFacts
+    body_site: str
+    maxima: MaximaFacts
+    default_width_us: int
+    default_rate_hz: float
+    default_polarity: Polarity
+    default_calibration: str | None
+    calibrations: tuple[str, ...]
+    endpoints: Endpoints
+    max_message_bytes: int
+    lease_ms: int
+
+
+class LeaseReply(Success, frozen=True, kw_only=True):
+    lease: str
+    lease_ms: int
+
+
+class Clamp(msgspec.Struct, frozen=True, kw_only=True):
+    """What was made smaller: electrode, the wish and what it got, and why.
+
+    `limited_by` is the electrode whose cap was the smallest in the path (a return, perhaps).
+    """
+
+    electrode: int
+    wanted_ua: int
+    got_ua: int
+    reason: Literal["cap", "return_cap", "opening", "recontact", "contact_open", "charge"]
+    limited_by: int
+
+
+class Thinned(msgspec.Struct, frozen=True, kw_only=True):
+    """Pulses that were not fired, or a rate that was lowered."""
+
+    electrode: int | None
+    reason: Literal["ledger", "rate", "processor", "overrun"]
+    pulses: int = 0
+    rate_hz: float | None = None
+
+
+class FrameReply(Success, frozen=True, kw_only=True):
+    """Accepted: felt from the next start of a scan. `clamped` is what its limits take away."""
+
+    seq: int
+    rate_hz: float
+    clamped: tuple[Clamp, ...] = ()
+    thinned: tuple[Thinned, ...] = ()
+
+
+class Contact(msgspec.Struct, frozen=True, kw_only=True):
+    """What is known of each electrode. None: unknown."""
+
+    contact: tuple[bool | None, ...]
+    resistance_ohm: tuple[int | None, ...]
+    voltage_v: tuple[float | None, ...]
+    t_ns: int
+
+
+class MeasureReply(Success, frozen=True, kw_only=True):
+    contact: tuple[bool | None, ...]
+    resistance_ohm: tuple[int | None, ...]
+    voltage_v: tuple[float | None, ...]
+
+
+class MarkReply(Success, frozen=True, kw_only=True):
+    marked_ns: int
+    sync: bool
+
+
+class CalibrationReply(Success, frozen=True, kw_only=True):
+    names: tuple[str, ...] = ()
+    calibration: Calibration | None = None
+
+
+class Halt(msgspec.Struct, frozen=True, kw_only=True):
+    """Why the daemon is halted: `stop` and who, or a fault."""
+
+    cause: str
+    who: str
+    detail: str
+    t_ns: int
+
+
+class StateReport(msgspec.Struct, frozen=True, kw_only=True):
+    """Telemetry `state`, each second and at each change; also the body of a `status` reply."""
+
+    state: State
+    now_ns: int
+    engine: Literal["there", "gone"]
+    halt: Halt | None = None
+    holder: str | None = None
+    ceiling_ua: int = 0
+    rail_v: float | None = None
+    supply_on: bool = False
+    absent_guards: tuple[str, ...] = ()
+    not_granted: tuple[str, ...] = ()
+    counters: dict[str, int] = {}
+    busy_percent: float = 0.0
+    clock_lag_us: int = 0
+    timing: dict[str, float] = {}
+    last_disarm: str | None = None
+
+
+class StatusReply(Success, frozen=True, kw_only=True):
+    status: StateReport
+
+
+class Shown(msgspec.Struct, frozen=True, kw_only=True):
+    """A frame that was begun, with the times of its first and last pulse (CLOCK_MONOTONIC).
+
+    Both are None while a frame has had no pulse (a silent one has none).
+    """
+
+    seq: int
+    tag: int | None
+    begun_ns: int
+    first_ns: int | None
+    last_ns: int | None
+    ended: bool
+
+
+class Fired(msgspec.Struct, frozen=True, kw_only=True):
+    """The last scan, electrode by electrode; 0 or None where nothing was fired.
+
+    `current_ua` is what the source was told, an upper bound of what passes the skin.
+    """
+
+    current_ua: tuple[int, ...]
+    width_us: tuple[float, ...]
+    voltage_v: tuple[float | None, ...]
+    resistance_ohm: tuple[int | None, ...]
+
+
+class Scan(msgspec.Struct, frozen=True, kw_only=True):
+    """Telemetry `scan`: every frame begun since the last one, what was fired, and why not more."""
+
+    now_ns: int
+    shown: tuple[Shown, ...]
+    seq: int
+    tag: int | None
+    scans: int
+    fired: Fired
+    clamped: tuple[Clamp, ...]
+    thinned: tuple[Thinned, ...]
+    ceiling_ua: int
+    dropped_reports: int
+
+
+class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):
+    """Telemetry `refused`: a streamed frame that was not accepted. `count` counts all of them."""
+
+    now_ns: int
+    error: ErrorCode
+    reason: str
+    count: int
+    seq: int | None = None
+    electrode: int | None = None
+    achievable_hz: float | None = None
+
+
+Telemetry = StateReport | Scan | Contact | RefusedReport | Halt
+TELEMETRY_OF_TOPIC: dict[Topic, Any] = {
+    "state": StateReport,
+    "scan": Scan,
+    "contact": Contact,
+    "refused": RefusedReport,
+    "halt": Halt,
+}
+
+#: The reply that each op's success is decoded into.
+REPLY_OF_OP: dict[str, Any] = {
+    "hello": HelloReply,
+    "status": StatusReply,
+    "stop": Success,
+    "open": LeaseReply,
+    "keep": Success,
+    "close": Success,
+    "disarm": Success,
+    "arm": Success,
+    "clear": Success,
+    "measure": MeasureReply,
+    "mark": MarkReply,
+    "calibration": CalibrationReply,
+    "frame": FrameReply,
+}

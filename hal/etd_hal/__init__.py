@@ -1,0 +1,1 @@
+"""The boundary to hardware. Knows nothing of frames, clients or people."""

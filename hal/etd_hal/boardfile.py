@@ -1,0 +1,389 @@
+"""What a board file and a machine file say, checked.
+
+Owns: the schema of `config/boards/*.toml` and `config/machines/*.toml`, the rules between their
+keys, and the sentences that tell what would happen if a rule were broken.
+Must not know: how a chip is driven, who is wearing the board.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from etd_hal.errors import FileError
+
+Absent = Literal["absent"]
+#: A line of the 40-pin header.
+Line = Annotated[int, Meta(ge=2, le=27)]
+I2cAddress = Annotated[int, Meta(ge=0x08, le=0x77)]
+Positive = Annotated[float, Meta(gt=0)]
+
+T = TypeVar("T")
+
+#: In every report and in `accept_absent_guards`, in this order.
+GUARDS = (
+    "emergency_stop",
+    "wearer_stop",
+    "hv_enable",
+    "rail_monitor",
+    "readback",
+    "heartbeat",
+    "one_shot",
+)
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Unknown keys are errors: a typo must not disable a limit."""
+
+
+class _Switch(_Strict, tag_field="chip"):
+    outputs: Annotated[int, Meta(ge=1, le=256)]
+
+    @property
+    def chip(self) -> str:
+        """The part's name, as in the file."""
+        return str(self.__struct_config__.tag)
+
+
+class HalfBridgeLines(_Strict):
+    POL: Line
+    DATA: Line
+    LE: Line
+    BL: Line
+    CLK: Line
+
+
+class HalfBridges(_Switch):
+    """A shift register, a latch, and two lines (BL, POL) for all outputs."""
+
+    lines: HalfBridgeLines
+
+
+class Hv507(HalfBridges, tag="HV507"):
+    """64 half-bridges in one chip."""
+
+
+class Hv513(HalfBridges, tag="HV513"):
+    """8 half-bridges a chip, chained."""
+
+
+class RelayLines(_Strict):
+    """74HC595, named by function: CLK is SRCLK (shift), LE is RCLK (copy on its rising edge)."""
+
+    DATA: Line
+    LE: Line
+    CLK: Line
+
+
+class Relays(_Switch, tag="74HC595"):
+    """74HC595 with two photorelays an electrode: one to the source, one to ground."""
+
+    lines: RelayLines
+    on_bit: Literal[0, 1]
+    return_bit: Literal[0, 1]
+    ton_us: Annotated[int, Meta(ge=1, le=10_000)]
+    toff_us: Annotated[int, Meta(ge=1, le=10_000)]
+    bits_per_electrode: Literal[2] = 2
+
+
+class Source(_Strict):
+    """The current path: AD5452 and AD7276 on one chip select, current mirror, leak, divider."""
+
+    spi: str
+    mode: Literal[0, 1, 2]
+    speed_hz: Annotated[int, Meta(ge=4_000_000, le=48_000_000)]
+    #: What the largest code makes; pessimistic (largest) where the board has not been measured.
+    full_scale_ua: Annotated[int, Meta(ge=1_000, le=50_000)]
+    codes: Literal[4096]
+    #: From the source's node to ground; it takes its share of every pulse.
+    leak_ohm: Annotated[int, Meta(ge=10_000)]
+    #: Node voltage for one code of the AD7276, divider included.
+    node_uv_per_code: Annotated[int, Meta(ge=1_000, le=500_000)]
+    #: The source cannot lift its node above this.
+    compliance_v: Annotated[int, Meta(ge=20, le=500)]
+
+
+class BoardMaxima(_Strict):
+    """What this board may do to anybody. All are needed: a missing limit is a refusal."""
+
+    current_ua: Annotated[int, Meta(ge=50, le=10_000)]
+    width_us: Annotated[int, Meta(ge=20, le=200)]
+    charge_nc: Annotated[int, Meta(ge=1, le=2_000)]
+    rate_hz: Annotated[int, Meta(ge=1, le=200)]
+    mean_current_ua: Annotated[int, Meta(ge=1, le=120)]
+    array_mean_current_ua: Annotated[int, Meta(ge=1, le=8_000)]
+    #: What may fire outside ARMED: imperceptible, for contact and self-test.
+    probe_current_ua: Annotated[int, Meta(ge=10, le=1_000)]
+    probe_width_us: Annotated[int, Meta(ge=16, le=50)]
+
+
+class HvEnable(_Strict):
+    line: Line
+    #: The level that switches the supply on; its pull must make the other one at power-up.
+    on: Literal[0, 1]
+
+
+class RailMonitor(_Strict):
+    """An ADS1115 channel behind a divider."""
+
+    address: I2cAddress
+    channel: Annotated[int, Meta(ge=0, le=3)]
+    #: Rail volts for one volt at the channel.
+    divider: Positive
+    low_v: Positive
+    high_v: Positive
+    #: Below this the rail counts as off.
+    off_v: Positive
+    rise_ms: Annotated[int, Meta(ge=1, le=10_000)]
+    fall_ms: Annotated[int, Meta(ge=1, le=30_000)]
+
+
+class Heartbeat(_Strict):
+    """Each edge retriggers a monostable that enables the supply."""
+
+    line: Line
+    window_ms: Annotated[int, Meta(ge=2, le=100)]
+
+
+class OneShot(_Strict):
+    """Hardware that ends a pulse by itself."""
+
+    on_us: Annotated[int, Meta(ge=200, le=1_000)]
+
+
+class RailSetpoint(_Strict):
+    """An MCP4725 that sets the rail: 0 V at its output is the lowest rail."""
+
+    address: I2cAddress
+    code: Annotated[int, Meta(ge=0, le=4095)]
+
+
+class Guards(_Strict):
+    """Present (with its wiring) or absent; nothing is assumed."""
+
+    emergency_stop: Line | Absent
+    wearer_stop: Line | Absent
+    hv_enable: HvEnable | Absent
+    rail_monitor: RailMonitor | Absent
+    readback: Line | Absent
+    heartbeat: Heartbeat | Absent
+    one_shot: OneShot | Absent
+
+
+class BoardFile(_Strict):
+    """One board: wiring, constants, maxima, rest, guards."""
+
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
+    title: str
+    source_of_facts: str
+    switch: Hv507 | Hv513 | Relays
+    source: Source
+    maxima: BoardMaxima
+    guards: Guards
+    #: All electrodes together on ground for at least this long after each pulse.
+    rest_us: Annotated[int, Meta(ge=20, le=10_000)]
+    i2c: str | Absent = "absent"
+    gpio_chip_labels: tuple[str, ...] = ("pinctrl-bcm2711", "pinctrl-bcm2835")
+    sync_line: Line | Absent = "absent"
+    rail_setpoint: RailSetpoint | Absent = "absent"
+
+    @property
+    def absent_guards(self) -> tuple[str, ...]:
+        """The guards this board does not have, by name."""
+        return tuple(name for name in GUARDS if getattr(self.guards, name) == "absent")
+
+    @property
+    def present_guards(self) -> tuple[str, ...]:
+        return tuple(name for name in GUARDS if getattr(self.guards, name) != "absent")
+
+    def used_lines(self) -> dict[str, int]:
+        """Every GPIO line by function, in the order of the file."""
+        lines: dict[str, int] = msgspec.structs.asdict(self.switch.lines)
+        guards = self.guards
+        if guards.hv_enable != "absent":
+            lines["HV"] = guards.hv_enable.line
+        if guards.heartbeat != "absent":
+            lines["HEARTBEAT"] = guards.heartbeat.line
+        for name in ("readback", "emergency_stop", "wearer_stop"):
+            line = getattr(guards, name)
+            if line != "absent":
+                lines[name.upper()] = line
+        if self.sync_line != "absent":
+            lines["SYNC"] = self.sync_line
+        return lines
+
+
+class Bounds(_Strict):
+    """A plausible range, both ends included."""
+
+    low: float
+    high: float
+
+
+class MachineFile(_Strict):
+    """How one model of machine plays a message: bounds for what calibration finds, in us."""
+
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
+    title: str
+    #: Parts of the device tree's model string; empty for a machine without one.
+    models: tuple[str, ...]
+    #: One 2-byte word with its chip-select gap.
+    word_us: Bounds
+    #: What a pure delay costs on top of its delay.
+    delay_extra_us: Bounds
+    #: What a message costs before its first word and after its last.
+    message_us: Bounds
+    #: Largest spread of repeated messages (90th percentile less median) at calibration.
+    spread_us: Annotated[float, Meta(gt=0)]
+    #: A single message this much over its plan halts the daemon.
+    halt_excess_us: Annotated[float, Meta(gt=0)]
+    #: A mean deviation beyond this asks for a new calibration.
+    drift_us: Annotated[float, Meta(gt=0)]
+    #: One GPIO set call, and the processor time of a visit: for planning only.
+    gpio_call_us: Annotated[float, Meta(gt=0)]
+    visit_us: Annotated[float, Meta(ge=0)]
+    #: The guard's own worst case for the two constants above: never the calibrated ones.
+    guard_word_us: Annotated[float, Meta(gt=0)]
+    guard_delay_extra_us: Annotated[float, Meta(gt=0)]
+
+
+def load_toml(path: Path, kind: type[T]) -> T:
+    """Read `path` into `kind`. Raises: FileError, naming file, key, value and what is allowed."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FileError(str(path), "", "there is no such file", "name one that exists") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(str(path), "", f"it cannot be read ({error})", "check it") from error
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(str(path), "", f"it is not TOML ({error})", "correct the line") from error
+    return convert(data, kind, str(path))
+
+
+def convert(data: object, kind: type[T], file: str) -> T:
+    """Check `data` against `kind`; msgspec's path becomes the key that the sentence names."""
+    try:
+        return msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        what, _, where = str(error).partition(" - at ")
+        key = where.strip("`").removeprefix("$.").removeprefix("$")
+        raise FileError(file, key, _value_at(data, key), what) from error
+
+
+def _value_at(data: object, key: str) -> str:
+    for part in key.replace("[", ".[").split(".") if key else []:
+        if isinstance(data, dict) and part in data:
+            data = data[part]
+        elif isinstance(data, list) and part[1:-1].isdigit():
+            data = data[int(part[1:-1])]
+        else:
+            return "the value there"
+    text = repr(data)
+    return f"it says {text}" if len(text) <= 60 else "the table there"
+
+
+def load_board(path: Path) -> BoardFile:
+    """Read and check a board file. Raises: FileError."""
+    board = load_toml(path, BoardFile)
+    _check_lines(board, str(path))
+    _check_current_path(board, str(path))
+    _check_guards(board, str(path))
+    return board
+
+
+def load_machine(path: Path) -> MachineFile:
+    """Read and check a machine file. Raises: FileError."""
+    machine = load_toml(path, MachineFile)
+    for key in ("word_us", "delay_extra_us", "message_us"):
+        bounds: Bounds = getattr(machine, key)
+        if bounds.low > bounds.high:
+            raise FileError(
+                str(path), key, f"low {bounds.low} is above high {bounds.high}", "swap them"
+            )
+    return machine
+
+
+def _check_lines(board: BoardFile, file: str) -> None:
+    taken: dict[int, str] = {}
+    for function, line in board.used_lines().items():
+        if line in taken:
+            raise FileError(
+                file,
+                f"line {line}",
+                f"it is used for {taken[line]} and for {function}",
+                "give each function a line of its own: two on one would drive each other",
+            )
+        taken[line] = function
+    lines = board.switch.lines
+    if lines.DATA > lines.CLK:
+        raise FileError(
+            file,
+            "switch.lines.DATA",
+            f"line {lines.DATA} is above CLK (line {lines.CLK})",
+            "lines of one call change in ascending order, so the clock would rise before its"
+            " data: put DATA below CLK",
+        )
+    if isinstance(lines, HalfBridgeLines):
+        for name in ("LE", "POL"):
+            line = getattr(lines, name)
+            if line > lines.BL:
+                raise FileError(
+                    file,
+                    f"switch.lines.{name}",
+                    f"line {line} is above BL (line {lines.BL})",
+                    "lines of one call change in ascending order, so the outputs would be"
+                    f" un-blanked before {name} is settled: put {name} below BL",
+                )
+
+
+def _check_current_path(board: BoardFile, file: str) -> None:
+    if board.maxima.current_ua > board.source.full_scale_ua:
+        raise FileError(
+            file,
+            "maxima.current_ua",
+            f"{board.maxima.current_ua} uA is more than the source makes"
+            f" ({board.source.full_scale_ua} uA)",
+            "give at most the full scale",
+        )
+    if board.maxima.probe_current_ua > board.maxima.current_ua:
+        raise FileError(
+            file,
+            "maxima.probe_current_ua",
+            f"{board.maxima.probe_current_ua} uA is above current_ua",
+            "a probe is weaker than a stimulus",
+        )
+    if isinstance(board.switch, Relays) and board.switch.on_bit == board.switch.return_bit:
+        raise FileError(
+            file,
+            "switch.return_bit",
+            "it is the same bit as on_bit",
+            "one relay goes to the source (on_bit), the other to ground (return_bit)",
+        )
+
+
+def _check_guards(board: BoardFile, file: str) -> None:
+    guards = board.guards
+    needs_i2c = guards.rail_monitor != "absent" or board.rail_setpoint != "absent"
+    if needs_i2c and board.i2c == "absent":
+        raise FileError(
+            file, "i2c", "it is absent", "the rail's chips are on I2C: name the bus device"
+        )
+    if guards.rail_monitor != "absent":
+        rail = guards.rail_monitor
+        if not rail.off_v < rail.low_v < rail.high_v:
+            raise FileError(
+                file, "guards.rail_monitor", "off_v, low_v, high_v do not rise", "order them"
+            )
+        if guards.hv_enable == "absent":
+            return
+    if guards.heartbeat != "absent" and guards.hv_enable == "absent":
+        raise FileError(
+            file,
+            "guards.heartbeat",
+            "there is no hv_enable",
+            "a heartbeat gates the supply: declare the line that enables it",
+        )

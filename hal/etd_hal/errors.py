@@ -1,0 +1,122 @@
+"""The one tree of errors, and the branches that begin at the edge to hardware.
+
+    EtdError
+    ├── BusError           a port call failed: kind, device, operation
+    ├── HardwareMissing    all that is missing at start, with what to do about each
+    ├── BoardFault         the board does not behave: what, measured, expected
+    ├── GuardRefusal       bytes about to go out break a rule: rule, value, allowed
+    ├── CannotSelect       the board has no such electrode state: electrode, state
+    └── FileError          a file says something that cannot be: file, key, value, allowed
+
+(`etd.errors` adds what can be wrong with a frame, a request or a daemon.)
+
+Owns: what can go wrong at the edge, with fields. Must not know: frames, clients.
+"""
+
+from __future__ import annotations
+
+import errno as errno_names
+from typing import Literal
+
+BusErrorKind = Literal[
+    "absent", "busy", "gone", "invalid", "io", "permission", "short", "timeout", "too_long"
+]
+
+_KIND_OF_ERRNO: dict[int, BusErrorKind] = {
+    errno_names.EACCES: "permission",
+    errno_names.EBUSY: "busy",
+    errno_names.EINVAL: "invalid",
+    errno_names.EMSGSIZE: "too_long",
+    errno_names.ENODEV: "gone",
+    errno_names.ENOENT: "absent",
+    errno_names.ENXIO: "absent",
+    errno_names.EPERM: "permission",
+    errno_names.EREMOTEIO if hasattr(errno_names, "EREMOTEIO") else 121: "absent",
+    errno_names.ETIMEDOUT: "timeout",
+}
+
+
+class EtdError(Exception):
+    """The root: every error this project raises on purpose."""
+
+
+class BusError(EtdError):
+    """A port call failed.
+
+    Fields: kind, device (path or line), operation, detail.
+    """
+
+    def __init__(self, kind: BusErrorKind, device: str, operation: str, detail: str = "") -> None:
+        self.kind: BusErrorKind = kind
+        self.device = device
+        self.operation = operation
+        self.detail = detail
+        super().__init__(f"{operation} on {device} failed ({kind}){': ' + detail if detail else ''}")
+
+    @classmethod
+    def of(cls, error: OSError, device: str, operation: str) -> BusError:
+        """Translate the kernel's answer; unknown numbers are plain `io`."""
+        kind = _KIND_OF_ERRNO.get(error.errno or 0, "io")
+        return cls(kind, device, operation, error.strerror or str(error))
+
+
+class HardwareMissing(EtdError):
+    """Everything that was missing when the hardware was opened, each with what to do about it."""
+
+    def __init__(self, problems: tuple[str, ...]) -> None:
+        self.problems = problems
+        lines = "".join(f"\n  - {problem}" for problem in problems)
+        super().__init__(f"the hardware cannot be used:{lines}")
+
+
+class BoardFault(EtdError):
+    """The board, or the machine under it, does not behave as its files say.
+
+    Fields: what, measured, expected.
+    """
+
+    def __init__(self, what: str, measured: str, expected: str) -> None:
+        self.what = what
+        self.measured = measured
+        self.expected = expected
+        super().__init__(f"{what}: measured {measured}, expected {expected}")
+
+
+class GuardRefusal(EtdError):
+    """The last guard refused bytes that were about to go out. Nothing was sent.
+
+    Fields: rule (a short name), value, allowed.
+    """
+
+    def __init__(self, rule: str, value: str, allowed: str) -> None:
+        self.rule = rule
+        self.value = value
+        self.allowed = allowed
+        super().__init__(f"guard refused ({rule}): {value}, allowed is {allowed}")
+
+
+class CannotSelect(EtdError):
+    """The board cannot put these electrodes into these states.
+
+    Fields: electrode, wanted.
+    """
+
+    def __init__(self, electrode: int, wanted: str, why: str) -> None:
+        self.electrode = electrode
+        self.wanted = wanted
+        super().__init__(f"electrode {electrode} cannot be {wanted}: {why}")
+
+
+class FileError(EtdError):
+    """A file says something that cannot be.
+
+    Fields: file, key (path to it), value, allowed (what to write instead).
+    """
+
+    def __init__(self, file: str, key: str, value: str, allowed: str) -> None:
+        self.file = file
+        self.key = key
+        self.value = value
+        self.allowed = allowed
+        where = f"{file}: {key}" if key else file
+        super().__init__(f"{where}: {value}; {allowed}")
