@@ -1,0 +1,104 @@
+# Owns: setting up, checking, installing. `make help` lists what there is.
+# Everything happens in the virtual environment .venv, which is made when it is first needed;
+# only `make install` writes outside of this folder.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+ROOTS := daemon hal tests
+
+# Where `make install` puts things; DESTDIR goes in front of each, for packagers.
+DESTDIR ?=
+PREFIX := /opt/etd
+UNIT_DIR := /etc/systemd/system
+UNITS := etd-engine@.service etd-gateway@.service etd@.target
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test bench format install uninstall clean
+.SUFFIXES:
+.DELETE_ON_ERROR:
+
+help: ## Show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+
+demo: $(VENV)/ready-daemon ## A moving pattern on the fake board, live in the terminal (SECONDS=10: for so long)
+	$(BIN)/etd demo $(if $(SECONDS),--seconds $(SECONDS))
+
+test: $(VENV)/ready-dev ## Everything that must hold: format, lint, types, import contracts, tests
+	$(BIN)/ruff format --check $(ROOTS)
+	$(BIN)/ruff check $(ROOTS)
+	$(BIN)/mypy $(ROOTS)
+	$(BIN)/lint-imports
+	$(BIN)/pytest
+
+bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)
+	$(BIN)/python tests/bench/run.py $(ARGS)
+
+format: $(VENV)/ready-dev ## Put the code into the house's format
+	$(BIN)/ruff format $(ROOTS)
+	$(BIN)/ruff check --fix $(ROOTS)
+
+clean: ## Remove what was made here, the virtual environment included
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find $(ROOTS) -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamps are younger than pyproject.toml, or the packages are installed again.
+$(VENV)/ready-daemon: pyproject.toml | $(VENV)/bin/pip
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[daemon]'
+	@touch $@
+
+$(VENV)/ready-dev: pyproject.toml | $(VENV)/bin/pip
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@ $(VENV)/ready-daemon
+
+# Python is asked before venv is: a half-made environment would have to be cleaned up by hand.
+define require_python
+	@command -v $(PYTHON) >/dev/null || { \
+	  echo "etd needs Python 3.11 or newer, and there is no $(PYTHON): sudo apt install python3 python3-venv"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "etd needs Python 3.11 or newer, and $(PYTHON) is $$($(PYTHON) -V 2>&1): install a newer one and say make PYTHON=python3.11"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  echo "$(PYTHON) cannot make virtual environments: sudo apt install python3-venv"; exit 1; }
+endef
+
+$(VENV)/bin/pip:
+	$(require_python)
+	$(PYTHON) -m venv $(VENV)
+
+install: ## Install the daemon for systemd on a Raspberry Pi (as root; DESTDIR= is understood)
+	$(require_python)
+	@test -n "$(DESTDIR)" || test "$$(id -u)" = 0 || { echo "this writes to $(PREFIX) and /etc: sudo make install"; exit 1; }
+	@{ command -v cc && $(PYTHON) -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))'; } >/dev/null || { \
+	  echo "spidev is compiled when it is installed, and the compiler or Python's headers are missing: sudo apt install gcc python3-dev"; exit 1; }
+	$(PYTHON) -m venv --clear $(DESTDIR)$(PREFIX)/venv
+	$(DESTDIR)$(PREFIX)/venv/bin/pip install --quiet --disable-pip-version-check '.[pi]'
+	@# A virtual environment knows its path: take DESTDIR out of it again.
+	$(if $(DESTDIR),grep -rlI --include='*' '$(DESTDIR)' $(DESTDIR)$(PREFIX)/venv/bin $(DESTDIR)$(PREFIX)/venv/pyvenv.cfg | xargs -r sed -i 's|$(DESTDIR)||g')
+	install -d $(DESTDIR)/usr/local/bin $(DESTDIR)/etc/etd
+	ln -sfn $(PREFIX)/venv/bin/etd $(DESTDIR)/usr/local/bin/etd
+	test -e $(DESTDIR)/etc/etd/main.toml || install -m 0644 config/etd.toml $(DESTDIR)/etc/etd/main.toml
+	install -D -m 0644 -t $(DESTDIR)$(UNIT_DIR) $(addprefix systemd/,$(UNITS))
+	install -D -m 0644 systemd/etd.sysusers.conf $(DESTDIR)/usr/lib/sysusers.d/etd.conf
+	install -D -m 0644 systemd/etd.tmpfiles.conf $(DESTDIR)/usr/lib/tmpfiles.d/etd.conf
+	install -D -m 0644 systemd/90-etd.rules $(DESTDIR)/usr/lib/udev/rules.d/90-etd.rules
+	$(if $(DESTDIR),,$(activate))
+	@echo "Installed. Look at $(DESTDIR)/etc/etd/main.toml, then: sudo systemctl enable --now etd@main.target"
+	@echo "Who may use it: sudo adduser NAME etd-users"
+
+# Each step only where there is something to tell: a container has no udev and no systemd.
+define activate
+	systemd-sysusers etd.conf
+	systemd-tmpfiles --create etd.conf
+	if [ -d /run/udev ]; then udevadm control --reload && udevadm trigger --subsystem-match=gpio --subsystem-match=spidev --subsystem-match=i2c-dev; fi
+	if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi
+endef
+
+uninstall: ## Remove what install put there; settings and calibrations stay
+	@test -n "$(DESTDIR)" || test "$$(id -u)" = 0 || { echo "this removes from $(PREFIX) and /etc: sudo make uninstall"; exit 1; }
+	$(if $(DESTDIR),,if [ -d /run/systemd/system ]; then systemctl disable --now 'etd@*.target' 'etd-gateway@*.service' 'etd-engine@*.service'; fi)
+	rm -rf $(DESTDIR)$(PREFIX)
+	rm -f $(DESTDIR)/usr/local/bin/etd $(addprefix $(DESTDIR)$(UNIT_DIR)/,$(UNITS))
+	rm -f $(DESTDIR)/usr/lib/sysusers.d/etd.conf $(DESTDIR)/usr/lib/tmpfiles.d/etd.conf $(DESTDIR)/usr/lib/udev/rules.d/90-etd.rules
+	$(if $(DESTDIR),,if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi)
+	@echo "Removed. Kept, because they are yours: $(DESTDIR)/etc/etd (settings), $(DESTDIR)/var/lib/etd (calibrations of people)."
+	@echo "Kept as well: the users etd-engine and etd-gateway and their groups."
