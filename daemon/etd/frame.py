@@ -20,6 +20,8 @@ CurrentUa = Annotated[int, Meta(ge=0, le=10_000)]
 WidthUs = Annotated[int, Meta(ge=20, le=200)]
 RateHz = Annotated[float, Meta(ge=0.1, le=200.0)]
 TtlMs = Annotated[int, Meta(ge=1, le=1_000)]
+#: Anything a client may count or name with; larger ones cannot be carried to the engine.
+Int64 = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
 
 #: A frame that names no ttl is felt for this long.
 DEFAULT_TTL_MS = 200
@@ -47,7 +49,7 @@ class Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """
 
     lease: str
-    seq: Annotated[int, Meta(ge=0)]
+    seq: Annotated[int, Meta(ge=0, le=2**63 - 1)]
     level: tuple[Level, ...] | None = None
     current_ua: tuple[CurrentUa, ...] | None = None
     width_us: WidthUs | tuple[WidthUs, ...] | None = None
@@ -58,8 +60,8 @@ class Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     pulses: Annotated[int, Meta(ge=1, le=100_000)] | None = None
     strict: bool = False
     thin: bool = False
-    sent_ns: int | None = None
-    tag: int | None = None
+    sent_ns: Int64 | None = None
+    tag: Int64 | None = None
     sync: bool = False
 
 

@@ -15,7 +15,7 @@ from msgspec import Meta
 
 from etd.calibration import Calibration
 from etd.errors import ErrorCode
-from etd.frame import Frame, Polarity
+from etd.frame import Frame, Int64, Polarity
 
 VERSION = 1
 #: A larger message ends the connection that sent it; the client refuses to send it.
@@ -25,7 +25,7 @@ LEASE_MS = 1_000
 #: Streamed `scan` telemetry comes at most this often; nothing is lost by it.
 MAX_TELEMETRY_HZ = 30
 
-Id = Annotated[str, Meta(max_length=64)] | int
+Id = Annotated[str, Meta(max_length=64)] | Int64
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
 State = Literal["SAFE", "PROBE", "ARMED", "HALTED"]
 Lease = Annotated[str, Meta(max_length=64)]
@@ -98,7 +98,7 @@ class Mark(_Request, tag="mark"):
     """A remark in the records, and an edge on the SYNC line where the board has one."""
 
     lease: Lease
-    tag: int | None = None
+    tag: Int64 | None = None
 
 
 class GetCalibration(_Request, tag="calibration"):

@@ -1,0 +1,20 @@
+"""The client's clock: the same CLOCK_MONOTONIC that the daemon counts on.
+
+Owns: the one place of the client that reads a clock or sleeps. Must not know: anything else.
+(The daemon takes its clock through a port; a client also runs where there is no such port.)
+"""
+
+from __future__ import annotations
+
+import time
+
+
+def now_ns() -> int:
+    """CLOCK_MONOTONIC, in nanoseconds."""
+    return time.monotonic_ns()
+
+
+def sleep_s(seconds: float) -> None:
+    """Sleep; nothing if `seconds` is not above 0."""
+    if seconds > 0:
+        time.sleep(seconds)

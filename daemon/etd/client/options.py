@@ -1,0 +1,58 @@
+"""The options of a frame, and the frame they make together with levels or currents.
+
+Owns: the names that Python callers use, the same as on the wire. Must not know: lease, seq, sockets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, TypedDict
+
+from etd.client import clock, values
+from etd.errors import Refused
+from etd.frame import DEFAULT_TTL_MS, Polarity
+
+Kind = Literal["level", "current_ua"]
+
+
+class FrameOptions(TypedDict, total=False):
+    """What a frame may say besides its values; each as in the protocol's `frame`.
+
+    width_us 20..200, polarity and rate_hz (0.1..200): one value, or one per electrode.
+    returns: "all", {"ring_mm": r}, or one list of electrodes for each electrode.
+    ttl_ms 1..1000, pulses: that many per electrode, then silence. strict: refuse what would be
+    clamped. thin: slow down what does not fit. tag: comes back in telemetry. sync: an edge on SYNC.
+    """
+
+    width_us: int | Sequence[int]
+    polarity: Polarity | Sequence[Polarity]
+    rate_hz: float | Sequence[float]
+    returns: Literal["all"] | Mapping[str, float] | Sequence[Sequence[int]]
+    ttl_ms: int
+    pulses: int
+    strict: bool
+    thin: bool
+    tag: int
+    sync: bool
+
+
+_KNOWN = frozenset(FrameOptions.__annotations__)
+
+
+def frame_fields(
+    kind: Kind, numbers: values.Numbers, options: FrameOptions
+) -> dict[str, object]:
+    """A frame without lease and seq, stamped with the time. Raises: Refused (`bad_frame`)."""
+    for key in options:
+        if key not in _KNOWN:
+            raise Refused(
+                "bad_frame", f"a frame has no option {key!r}; it has {', '.join(sorted(_KNOWN))}"
+            )
+    given = values.levels(numbers) if kind == "level" else values.currents_ua(numbers)
+    extra = {key: values.option(key, value) for key, value in options.items() if value is not None}
+    return {kind: given, **extra, "sent_ns": clock.now_ns()}
+
+
+def renewal_s(options: FrameOptions) -> float:
+    """How often a held frame is sent again: three times within its ttl."""
+    return options.get("ttl_ms", DEFAULT_TTL_MS) / 3000

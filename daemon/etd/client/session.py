@@ -1,0 +1,272 @@
+"""One application's conversation with the daemon, without any input or output.
+
+Owns: the order of things (greet, open the lease, number the frames, keep the lease while
+waiting), requests as bytes, replies matched by id, and refusals as `Refused`.
+Must not know: sockets, clocks, whether the caller blocks or awaits.
+
+Each method is a generator: it yields an `Ask`, is sent the reply, and returns the result. `Display`
+and `AsyncDisplay` differ only in how they carry an `Ask` to the daemon and back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import Any, TypeAlias, TypeVar
+
+import msgspec
+
+from etd.calibration import Calibration
+from etd.errors import ErrorCode, Refused
+from etd.protocol import (
+    MAX_MESSAGE_BYTES,
+    REPLY_OF_OP,
+    CalibrationReply,
+    Failure,
+    FrameReply,
+    HelloReply,
+    Id,
+    LeaseReply,
+    MarkReply,
+    MeasureReply,
+    StateReport,
+    StatusReply,
+    Success,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A request to be sent, and how to wait for its reply.
+
+    `keep` makes the request that renews the lease, to be sent a few times a second meanwhile.
+    """
+
+    op: str
+    id: int
+    data: bytes
+    timeout_s: float
+    keep: Callable[[], bytes] | None = None
+
+
+R = TypeVar("R")
+Flow: TypeAlias = Generator[Ask, Any, R]
+
+
+class _Envelope(msgspec.Struct):
+    id: Id | None = None
+    ok: bool = False
+
+
+_envelope_decoder = msgspec.json.Decoder(_Envelope)
+_failure_decoder = msgspec.json.Decoder(Failure)
+
+
+class Session:
+    """What one client knows: the daemon's facts, its lease, and the last seq it used."""
+
+    def __init__(
+        self,
+        client: str,
+        *,
+        calibration: str | None = None,
+        max_current_ua: int | None = None,
+        width_us: int | None = None,
+        timeout_s: float = 2.0,
+    ) -> None:
+        _check_limits(calibration, max_current_ua, width_us)
+        self.facts: HelloReply | None = None
+        self.lease: str | None = None
+        self._client = client[:64] or "client"
+        self._calibration = calibration
+        self._max_current_ua = max_current_ua
+        self._width_us = width_us
+        self._timeout_s = timeout_s
+        self._last_id = 0
+        self._last_seq = 0
+
+    def greet(self) -> Flow[HelloReply]:
+        """Learn the facts. Raises: Refused (`engine_gone`) while there is nothing to drive."""
+        self.facts = yield self._ask("hello")
+        return self.facts
+
+    def status(self) -> Flow[StateReport]:
+        reply: StatusReply = yield self._ask("status")
+        return reply.status
+
+    def stop(self) -> Flow[None]:
+        yield self._ask("stop", client=self._client)
+
+    def clear(self) -> Flow[None]:
+        """Leave HALTED. No lease outlives a halt, so the next `arm` opens a new one."""
+        yield self._ask("clear")
+        self.lease = None
+
+    def arm(self, timeout_s: float) -> Flow[None]:
+        """Open the lease if none stands, then arm it, keeping it meanwhile."""
+        yield from self._standing_lease()
+        yield self._ask("arm", timeout_s=timeout_s, keep=self._keep_data)
+
+    def arm_holder(self, timeout_s: float) -> Flow[None]:
+        """Arm whoever holds the lease: the operator's part."""
+        yield self._ask("arm", timeout_s=timeout_s)
+
+    def disarm(self) -> Flow[None]:
+        if self.lease is not None:
+            yield self._ask("disarm", lease=self.lease)
+
+    def keep(self) -> Flow[None]:
+        yield self._ask("keep", lease=self._held_lease())
+
+    def close(self) -> Flow[None]:
+        """Give the lease back. One that no longer stands is as good as closed."""
+        if self.lease is None:
+            return
+        lease, self.lease = self.lease, None
+        try:
+            yield self._ask("close", lease=lease)
+        except Refused as refusal:
+            if refusal.code not in ("no_lease", "other_lease", "engine_gone", "halted"):
+                raise
+
+    def measure(self, timeout_s: float) -> Flow[MeasureReply]:
+        yield from self._standing_lease()
+        reply: MeasureReply = yield self._ask(
+            "measure", timeout_s=timeout_s, keep=self._keep_data, lease=self.lease
+        )
+        return reply
+
+    def mark(self, tag: int | None) -> Flow[MarkReply]:
+        reply: MarkReply = yield self._ask("mark", lease=self._held_lease(), tag=tag)
+        return reply
+
+    def frame(self, fields: dict[str, object]) -> Flow[FrameReply]:
+        """One frame with an answer; the lease is opened if none was."""
+        yield from self._opened_lease()
+        reply: FrameReply = yield self._ask("frame", **self._numbered(fields))
+        return reply
+
+    def opened(self) -> Flow[None]:
+        """Have a lease, for frames that are streamed."""
+        yield from self._opened_lease()
+
+    def streamed(self, fields: dict[str, object]) -> bytes:
+        """A frame for the frames socket. Raises: Refused (`no_lease`, `too_large`)."""
+        self._held_lease()
+        return _encoded({"op": "frame", **self._numbered(fields)})
+
+    def calibrations(self) -> Flow[tuple[str, ...]]:
+        reply: CalibrationReply = yield self._ask("calibration", do="list")
+        return reply.names
+
+    def get_calibration(self, name: str) -> Flow[Calibration]:
+        reply: CalibrationReply = yield self._ask("calibration", do="get", name=name)
+        if reply.calibration is None:
+            raise Refused("not_found", f"the daemon sent no calibration {name!r}")
+        return reply.calibration
+
+    def set_calibration(self, name: str, calibration: Calibration) -> Flow[None]:
+        yield self._ask("calibration", do="set", name=name, calibration=calibration)
+
+    def settle(self, ask: Ask, data: bytes) -> Success | None:
+        """The typed reply to `ask`, or None if these bytes answer another request.
+
+        Raises: Refused, with the daemon's code, reason and electrode.
+        """
+        envelope = _envelope_decoder.decode(data)
+        if envelope.id != ask.id:
+            return None
+        if envelope.ok:
+            reply: Success = msgspec.json.decode(data, type=REPLY_OF_OP[ask.op])
+            return reply
+        failure = _failure_decoder.decode(data)
+        if failure.error in ("no_lease", "other_lease"):
+            self.lease = None
+        raise Refused(failure.error, failure.reason, failure.electrode, failure.achievable_hz)
+
+    def _standing_lease(self) -> Flow[None]:
+        """A lease that stands now: the one there is, or a new one if that has lapsed."""
+        if self.lease is not None:
+            try:
+                yield self._ask("keep", lease=self.lease)
+            except Refused as refusal:
+                if refusal.code not in ("no_lease", "other_lease"):
+                    raise
+                self.lease = None
+        yield from self._opened_lease()
+
+    def _opened_lease(self) -> Flow[None]:
+        if self.lease is not None:
+            return
+        reply: LeaseReply = yield self._ask(
+            "open", client=self._client, **(yield from self._limits())
+        )
+        self.lease = reply.lease
+        self._last_seq = 0
+
+    def _limits(self) -> Flow[dict[str, object]]:
+        """What bounds the person: given here, or else the daemon's own calibration."""
+        if self._calibration is not None:
+            return {"calibration": self._calibration}
+        if self._max_current_ua is not None:
+            return {"limits": {"max_current_ua": self._max_current_ua, "width_us": self._width_us}}
+        if self.facts is None:
+            yield from self.greet()
+        if self.facts is not None and self.facts.default_calibration is not None:
+            return {"calibration": self.facts.default_calibration}
+        raise Refused("limits_missing", _TEACH_LIMITS)
+
+    def _held_lease(self) -> str:
+        if self.lease is None:
+            raise Refused("no_lease", "this display holds no lease: call arm() first")
+        return self.lease
+
+    def _keep_data(self) -> bytes:
+        return self._ask("keep", lease=self.lease).data
+
+    def _numbered(self, fields: dict[str, object]) -> dict[str, object]:
+        self._last_seq += 1
+        return {"lease": self._held_lease(), "seq": self._last_seq, **fields}
+
+    def _ask(
+        self,
+        op: str,
+        *,
+        timeout_s: float | None = None,
+        keep: Callable[[], bytes] | None = None,
+        **fields: object,
+    ) -> Ask:
+        self._last_id += 1
+        given = {key: value for key, value in fields.items() if value is not None}
+        data = _encoded({"op": op, "id": self._last_id, **given})
+        return Ask(op, self._last_id, data, timeout_s or self._timeout_s, keep)
+
+
+_TEACH_LIMITS = (
+    "nothing says how much this person may get: Display(calibration='NAME'), or"
+    " Display(max_current_ua=..., width_us=...), or default_calibration in the daemon's"
+    " configuration"
+)
+
+
+def _check_limits(
+    calibration: str | None, max_current_ua: int | None, width_us: int | None
+) -> None:
+    if (max_current_ua is None) != (width_us is None):
+        missing = "width_us" if width_us is None else "max_current_ua"
+        raise Refused("limits_missing", f"{missing} is missing: a limit is a current and a width")
+    if calibration is not None and max_current_ua is not None:
+        raise Refused("bad_message", "give a calibration or limits, one of the two")
+
+
+def _encoded(message: dict[str, object]) -> bytes:
+    data = msgspec.json.encode(message)
+    if len(data) > MAX_MESSAGE_BYTES:
+        code: ErrorCode = "too_large"
+        raise Refused(
+            code,
+            f"this {message['op']} would be {len(data)} bytes, a message has at most"
+            f" {MAX_MESSAGE_BYTES}: give one value where all electrodes have the same, and a ring"
+            " instead of explicit returns",
+        )
+    return data

@@ -1,0 +1,84 @@
+"""What a caller may pass for "one number per electrode", turned into a list that JSON can carry.
+
+Owns: lists, tuples, iterables and numpy arrays (without importing numpy), and the sentences for
+what is none of them. Must not know: the array's size and the limits; the daemon checks those.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from numbers import Integral, Real
+from typing import Protocol, TypeAlias, runtime_checkable
+
+from etd.errors import Refused
+
+
+@runtime_checkable
+class ArrayLike(Protocol):
+    """A numpy array, or whatever else can say itself as a list."""
+
+    def tolist(self) -> object: ...
+
+
+Numbers: TypeAlias = Iterable[float] | ArrayLike
+
+
+def levels(values: Numbers) -> list[float]:
+    """One finite number per electrode. Raises: Refused (`bad_frame`) that says which is none."""
+    return [_finite("level", index, value) for index, value in enumerate(_items("level", values))]
+
+
+def currents_ua(values: Numbers) -> list[int]:
+    """One whole number of microamperes per electrode. Raises: Refused (`bad_frame`)."""
+    items = _items("current_ua", values)
+    return [_whole(index, _finite("current_ua", index, value)) for index, value in enumerate(items)]
+
+
+def option(key: str, value: object) -> object:
+    """One value, or one per electrode, as plain numbers or text. Raises: Refused."""
+    if isinstance(value, (str, bool, Mapping)) or value is None:
+        return value
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return _finite(key, None, value)
+    return [option(key, item) for item in _items(key, value)]
+
+
+def _items(key: str, values: object) -> list[object]:
+    if isinstance(values, ArrayLike):
+        values = values.tolist()
+    if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
+        raise Refused(
+            "bad_frame",
+            f"{key} is {_called(values)}: give a list, a tuple or an array, one number for each"
+            " electrode",
+        )
+    return list(values)
+
+
+def _finite(key: str, index: int | None, value: object) -> float:
+    where = key if index is None else f"{key}[{index}]"
+    if isinstance(value, bool) or not isinstance(value, Real):
+        flat = "" if not isinstance(value, (list, tuple)) else " (flatten the array first)"
+        raise Refused(
+            "bad_frame", f"{where} is {_called(value)}: a number is needed{flat}", index
+        )
+    if not math.isfinite(value):
+        raise Refused("bad_frame", f"{where} is {float(value)}: a finite number is needed", index)
+    return int(value) if isinstance(value, Integral) else float(value)
+
+
+def _whole(index: int, value: float) -> int:
+    if value != int(value):
+        raise Refused(
+            "bad_frame", f"current_ua[{index}] is {value}: whole microamperes are needed", index
+        )
+    return int(value)
+
+
+def _called(value: object) -> str:
+    if isinstance(value, (str, bytes)):
+        return f"the text {value!r:.40}"
+    return f"a {type(value).__name__}" if value is not None else "missing"

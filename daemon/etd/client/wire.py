@@ -1,0 +1,52 @@
+"""ZeroMQ as the client uses it: which address, which socket options.
+
+Owns: refusing addresses that cannot be used, and sockets that keep nothing for later.
+Must not know: what is said over them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TypeVar
+
+import zmq
+
+from etd.errors import DaemonGone, Refused
+from etd.places import control_address, why_unreachable
+from etd.protocol import MAX_MESSAGE_BYTES
+
+S = TypeVar("S", bound="zmq.Socket[bytes]")
+
+
+def resolve(name: str, address: str | None) -> str:
+    """The control address to use. Raises: Refused for a transport that is not there."""
+    if address is None:
+        return control_address(name)
+    if address.startswith("tcp://"):
+        raise Refused(
+            "not_permitted",
+            f"{address}: this version has no keys, and a display is not driven over a network"
+            " without them; use the daemon's Unix socket (ipc://), through ssh if need be",
+        )
+    if not address.startswith("ipc://"):
+        raise Refused(
+            "bad_message", f"{address!r} is no address: ipc:///run/etd/NAME/control.sock is one"
+        )
+    return address
+
+
+def check_there(address: str) -> None:
+    """Raises: DaemonGone if nobody listens at this ipc address, at once and with the reason."""
+    why = why_unreachable(Path(address.removeprefix("ipc://")))
+    if why is not None:
+        raise DaemonGone(address, why)
+
+
+def configure(socket: S, address: str) -> S:
+    """Connect so that nothing waits in a queue for a daemon that comes back later."""
+    socket.setsockopt(zmq.LINGER, 0)
+    socket.setsockopt(zmq.IMMEDIATE, 1)
+    socket.setsockopt(zmq.SNDHWM, 8)
+    socket.setsockopt(zmq.MAXMSGSIZE, 16 * MAX_MESSAGE_BYTES)
+    socket.connect(address)
+    return socket
