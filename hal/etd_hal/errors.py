@@ -51,7 +51,9 @@ class BusError(EtdError):
         self.device = device
         self.operation = operation
         self.detail = detail
-        super().__init__(f"{operation} on {device} failed ({kind}){': ' + detail if detail else ''}")
+        super().__init__(
+            f"{operation} on {device} failed ({kind}){': ' + detail if detail else ''}"
+        )
 
     @classmethod
     def of(cls, error: OSError, device: str, operation: str) -> BusError:

@@ -1,0 +1,324 @@
+"""One board file made live: select, fire, discharge, supply, heartbeat, stop lines, safe_off.
+
+Owns: the order of the calls of one visit, the rest after it, and the way to the safe state.
+Must not know: frames, limits of persons, what an electrode means to anybody; only output numbers.
+
+Everything that fires goes through the guard's ports. `safe_off` and `blank_now` use the bare
+ports: they can only switch off, and must work when the guard's picture is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from etd_hal.boardfile import BoardFile, MachineFile, Relays
+from etd_hal.chips import ad5452, ad7276
+from etd_hal.chips.hv507 import HalfBridgeSwitch
+from etd_hal.chips.relay595 import RelaySwitch
+from etd_hal.errors import BoardFault, CannotSelect
+from etd_hal.guard import Guard
+from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
+from etd_hal.selection import Selection, Switch
+from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
+from etd_hal.watch import Approval
+
+#: The stopper acts when a message is this much over its plan.
+OVERDUE_NS = 1_000_000
+_MAX_REMEMBERED = 2_048
+#: With the DAC at zero the node drains through the leak within microseconds.
+_IDLE_NODE_V = 5.0
+
+StopName = Literal["emergency_stop", "wearer_stop"]
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """One phase, ready to be sent."""
+
+    current_ua: int
+    code: int
+    shape: Shape
+    message: Message
+    planned_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """What came back from one phase.
+
+    `voltage_v` is the node's near the end of the pulse, or 10 us after its beginning where the
+    pulse is too short for an end sample. `excess_ns` is what the call took over its plan.
+    """
+
+    begun_ns: int
+    ended_ns: int
+    excess_ns: int
+    baseline_v: float
+    voltage_v: float
+
+
+class Board:
+    """See the module. Made of a board file and the ports of a backend."""
+
+    def __init__(
+        self, file: BoardFile, machine: MachineFile, spi: Spi, gpio: Gpio, clock: Clock
+    ) -> None:
+        self.file = file
+        self.machine = machine
+        self._clock = clock
+        self._bare_spi, self._bare_gpio = spi, gpio
+        self.guard = Guard(file, machine, spi, gpio, clock)
+        self.switch = _switch(file, self.guard.gpio, clock)
+        self._safe_changes = _safe_changes(file, self.switch)
+        self._zero = zero_message()
+        self._pulses: dict[tuple[int, int], Pulse] = {}
+        self._timing: Timing | None = None
+        self._rest_until_ns = 0
+        self._heartbeat_level = 0
+        self._is_supply_on = file.guards.hv_enable == "absent"
+        #: When a message under way must have returned; 0 when none is. Read by the stopper.
+        self.message_due_ns = 0
+        self._rest_ns = file.rest_us * 1_000
+        self._node_v = file.source.node_uv_per_code / 1_000_000
+
+    # --- what the board can do -------------------------------------------------------------
+
+    def selection(self, output: int, returns: tuple[int, ...] | None) -> Selection:
+        """One output against `returns`, or against all others (None).
+
+        Raises: CannotSelect, where the board has no open state, or an output is not there.
+        """
+        everybody = (1 << self.file.switch.outputs) - 1
+        others = everybody & ~(1 << output)
+        wanted = others if returns is None else sum(1 << one for one in returns)
+        for one in (output, *(returns or ())):
+            if not 0 <= one < self.file.switch.outputs:
+                raise CannotSelect(one, "selected", f"the board has {self.file.switch.outputs}")
+        if not wanted:
+            raise CannotSelect(output, "selected", "it has no return")
+        if wanted != others and not self.switch.can_choose_returns:
+            left_out = (others & ~wanted).bit_length() - 1
+            raise CannotSelect(
+                left_out, "OPEN", f"{self.file.switch.chip} connects every output to one side"
+            )
+        return Selection(output, wanted)
+
+    def pulse(self, current_ua: int, width_us: int) -> Pulse:
+        """The largest code not above `current_ua`, the widest shape not above `width_us`."""
+        key = (current_ua, width_us)
+        pulse = self._pulses.get(key)
+        if pulse is None:
+            if len(self._pulses) >= _MAX_REMEMBERED:
+                self._pulses.clear()
+            pulse = self._pulses[key] = self._new_pulse(current_ua, width_us)
+        return pulse
+
+    def _new_pulse(self, current_ua: int, width_us: int) -> Pulse:
+        source = self.file.source
+        code = ad5452.code_for(current_ua, source.full_scale_ua, source.codes)
+        shape = self.timing.shape(width_us)
+        told_ua = int(ad5452.current_of(code, source.full_scale_ua, source.codes))
+        planned_ns = int(shape.duration_us * 1_000)
+        return Pulse(told_ua, code, shape, pulse_message(code, shape), planned_ns)
+
+    # --- timing ----------------------------------------------------------------------------
+
+    @property
+    def timing(self) -> Timing:
+        """Raises: BoardFault before the first calibration."""
+        if self._timing is None:
+            raise BoardFault("timing", "not calibrated", "a calibration at start")
+        return self._timing
+
+    def calibrate(self) -> Timing:
+        """Time messages at DAC code 0 on this machine, and check. Raises: BoardFault, BusError."""
+        self._timing = calibrate(self._time_message, self.machine)
+        self._pulses.clear()
+        return self._timing
+
+    def _time_message(self, message: Message) -> int:
+        begun_ns = self._clock.now_ns()
+        self.guard.spi.transfer(message)
+        return self._clock.now_ns() - begun_ns
+
+    # --- one visit -------------------------------------------------------------------------
+
+    def prepare(self, selection: Selection, whole: bool = False) -> None:
+        """During the rest before: shift the next selection in. Raises: BusError, BoardFault."""
+        self.switch.prepare(selection, whole)
+
+    def connect(self, selection: Selection, is_anodic: bool) -> None:
+        """Wait out the rest, then connect. Raises: BusError, GuardRefusal."""
+        self._clock.sleep_until_ns(self._rest_until_ns)
+        self.switch.connect(selection, is_anodic)
+
+    def flip(self, selection: Selection, is_anodic: bool) -> None:
+        """Between the phases of a biphasic pulse."""
+        self.switch.flip(selection, is_anodic)
+
+    def fire(self, pulse: Pulse, selection: Selection, is_anodic: bool, width_us: int) -> Shot:
+        """Send one phase that the limits let through.
+
+        Raises: GuardRefusal (nothing was sent); BusError (make safe at once); BoardFault (what
+        came back is no sample).
+        """
+        self.guard.approve(
+            Approval(
+                selection.source(is_anodic),
+                selection.ground(is_anodic),
+                pulse.current_ua + 1,
+                width_us,
+            )
+        )
+        begun_ns = self._clock.now_ns()
+        self.message_due_ns = begun_ns + pulse.planned_ns
+        try:
+            received = self.guard.spi.transfer(pulse.message)
+        finally:
+            self.message_due_ns = 0
+        ended_ns = self._clock.now_ns()
+        return Shot(
+            begun_ns,
+            ended_ns,
+            ended_ns - begun_ns - pulse.planned_ns,
+            ad7276.code_of(received[0]) * self._node_v,
+            ad7276.code_of(received[-1]) * self._node_v,
+        )
+
+    def discharge(self) -> None:
+        """All together on ground, for at least the board's rest from now on."""
+        self.switch.discharge()
+        self._rest_until_ns = self._clock.now_ns() + self._rest_ns
+
+    def release(self) -> None:
+        """After the last visit of a scan: wait out the rest, leave nothing connected."""
+        if self.switch.can_choose_returns:
+            self._clock.sleep_until_ns(self._rest_until_ns)
+        self.switch.release()
+
+    # --- supply, heartbeat, lines ----------------------------------------------------------
+
+    @property
+    def is_supply_on(self) -> bool:
+        """What this program has asked for (always, where the board has no enable line)."""
+        return self._is_supply_on
+
+    def supply_on(self) -> None:
+        """Where the board has an enable line. Raises: BusError."""
+        enable = self.file.guards.hv_enable
+        if enable != "absent":
+            self.guard.gpio.set(((enable.line, enable.on),))
+        self._is_supply_on = True
+
+    def supply_off(self) -> None:
+        """Where the board has an enable line. Raises: BusError."""
+        enable = self.file.guards.hv_enable
+        if enable != "absent":
+            self.guard.gpio.set(((enable.line, 1 - enable.on),))
+            self._is_supply_on = False
+
+    def beat(self) -> None:
+        """One edge for the monostable that gates the supply. Raises: BusError."""
+        heartbeat = self.file.guards.heartbeat
+        if heartbeat != "absent":
+            self._heartbeat_level = 1 - self._heartbeat_level
+            self.guard.gpio.set(((heartbeat.line, self._heartbeat_level),))
+
+    def sync(self) -> bool:
+        """A pulse on the SYNC line; False where the board has none. Raises: BusError."""
+        line = self.file.sync_line
+        if line == "absent":
+            return False
+        self.guard.gpio.set(((line, 1),))
+        self.guard.gpio.set(((line, 0),))
+        return True
+
+    def stops(self) -> dict[StopName, bool]:
+        """For each stop line there is: whether it is open (pressed, or unplugged)."""
+        lines = self._stop_lines()
+        return {name: self._bare_gpio.get(line) == 0 for name, line in lines.items()}
+
+    def stop_edges(self) -> tuple[tuple[StopName, bool], ...]:
+        """(which, whether it opened) since the last call, oldest first. Never blocks."""
+        names = {line: name for name, line in self._stop_lines().items()}
+        if not names:
+            return ()
+        return tuple(
+            (names[edge.line], edge.value == 0)
+            for edge in self._bare_gpio.edges()
+            if edge.line in names
+        )
+
+    def _stop_lines(self) -> dict[StopName, int]:
+        guards = self.file.guards
+        found: dict[StopName, int] = {}
+        if guards.emergency_stop != "absent":
+            found["emergency_stop"] = guards.emergency_stop
+        if guards.wearer_stop != "absent":
+            found["wearer_stop"] = guards.wearer_stop
+        return found
+
+    # --- the safe state --------------------------------------------------------------------
+
+    def blank_now(self) -> None:
+        """The GPIO half of `safe_off`: one call. Any thread may make it, an SPI message under way
+        or not. Raises: BusError.
+        """
+        self._bare_gpio.set(self._safe_changes)
+
+    def safe_off(self) -> tuple[str, ...]:
+        """Outputs off, DAC at zero, nothing selected, and verified. Never raises.
+
+        Returns what did not work, as sentences; every step is tried even if one before it failed.
+        The caller may still be in the middle of a visit.
+        """
+        steps: tuple[Callable[[], None], ...] = (
+            self.blank_now,
+            self._zero_dac,
+            self._check_node,
+            self._deselect,
+        )
+        problems = tuple(problem for step in steps if (problem := _tried(step)))
+        self._rest_until_ns = self._clock.now_ns() + self._rest_ns
+        if self.file.guards.hv_enable != "absent":
+            self._is_supply_on = False
+        return problems
+
+    def _zero_dac(self) -> None:
+        self._bare_spi.transfer(self._zero)
+
+    def _check_node(self) -> None:
+        received = self._bare_spi.transfer(self._zero)
+        node_v = ad7276.code_of(received[0]) * self._node_v
+        if node_v > _IDLE_NODE_V:
+            raise BoardFault("node with the DAC at zero", f"{node_v:.0f} V", f"{_IDLE_NODE_V} V")
+
+    def _deselect(self) -> None:
+        self.guard.permit(0)
+        self.guard.forget(self._safe_changes)
+        self.switch.forget()
+        self.switch.clear()
+
+
+def _tried(step: Callable[[], None]) -> str | None:
+    try:
+        step()
+    except Exception as error:  # noqa: BLE001 - the way to the safe state stops for nothing
+        return str(error)
+    return None
+
+
+def _switch(file: BoardFile, gpio: Gpio, clock: Clock) -> Switch:
+    readback = None if file.guards.readback == "absent" else file.guards.readback
+    if isinstance(file.switch, Relays):
+        return RelaySwitch(gpio, clock, file.switch, readback)
+    return HalfBridgeSwitch(gpio, file.switch.lines, file.switch.outputs, readback)
+
+
+def _safe_changes(file: BoardFile, switch: Switch) -> Changes:
+    """One call: the switch's lines, and the supply off."""
+    enable = file.guards.hv_enable
+    supply: Changes = () if enable == "absent" else ((enable.line, 1 - enable.on),)
+    return tuple(sorted((*switch.safe_changes, *supply)))

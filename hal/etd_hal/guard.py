@@ -1,0 +1,216 @@
+"""The last guard: reads what is about to go out as bytes and levels, and refuses what breaks a rule.
+
+Owns: its own decoding of DAC words, typed apart from the encoders; its own worst case for the
+timing; the rules below.
+Must not know: frames, persons, stabilizers; how a message or a selection was made.
+
+It stands between the board and the ports: `guard.spi` and `guard.gpio` are the only ports that
+`board.py` fires through. Before each pulse the engine says, as an `Approval`, what the limits let
+through; the guard compares that with what the bytes would do. The one path around it is
+`Board.safe_off`, which can only switch off.
+
+Rules for SPI: 2-byte words with control bits 00; at most 32 words and 511 transfers; no delay
+above 10 us; ends in zero; one level besides zero, and it only falls. For a message that is not
+silent: permitted in this state; approved, for just these outputs; worst-case width and charge
+within the maxima; not more often than the rate; outputs un-blanked, latch closed, one output
+alone on its side and at least one on the other.
+The rules for GPIO are in `watch.py`, with the decoding of the switch.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from etd_hal.boardfile import BoardFile, MachineFile, Relays
+from etd_hal.errors import GuardRefusal
+from etd_hal.ports import Changes, Clock, Edge, Gpio, Message, Spi
+from etd_hal.watch import Approval, HalfBridgeWatch, RelayWatch, SwitchWatch
+
+_LONGEST_DELAY_US = 10
+_MOST_WORDS = 32
+_MOST_TRANSFERS = 511
+#: Worst case over plan: the 20 % accuracy that IEC 60601-2-10 asks of duration and amplitude.
+_TOLERANCE = 1.2
+_SECOND_NS = 1_000_000_000
+_MAX_REMEMBERED = 1_024
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """What the bytes of one message would do, by the guard's own constants."""
+
+    code: int
+    shortest_us: float
+    longest_us: float
+
+
+class Guard:
+    """See the module. One instance a board."""
+
+    def __init__(
+        self, board: BoardFile, machine: MachineFile, spi: Spi, gpio: Gpio, clock: Clock
+    ) -> None:
+        self._board = board
+        self._machine = machine
+        self._clock = clock
+        self._verdicts: dict[Message, Decoded] = {}
+        self._permitted_ua = 0
+        self._approval: Approval | None = None
+        self._fired_ns: dict[int, deque[int]] = {}
+        self._counted: Approval | None = None
+        self.switch: SwitchWatch = (
+            RelayWatch(board.switch, clock)
+            if isinstance(board.switch, Relays)
+            else HalfBridgeWatch(board.switch, _hv_line(board))
+        )
+        self.spi: Spi = _GuardedSpi(self, spi)
+        self.gpio: Gpio = _GuardedGpio(self.switch, gpio)
+
+    def permit(self, current_ua: int) -> None:
+        """The most that may fire in the present state: 0, the probe bound, or the maximum."""
+        self._permitted_ua = min(current_ua, self._board.maxima.current_ua)
+        self._approval = None
+
+    def approve(self, approval: Approval) -> None:
+        """For the messages up to the next approval."""
+        self._approval = approval
+        self._counted = None
+
+    def forget(self, levels: Changes) -> None:
+        """After safe_off: these levels are known, the registers are not."""
+        self._approval = None
+        self.switch.forget(levels)
+
+    def check(self, message: Message) -> None:
+        """Raises: GuardRefusal. Nothing has been sent then."""
+        decoded = self._verdicts.get(message)
+        if decoded is None:
+            decoded = self._decode(message)
+            if len(self._verdicts) >= _MAX_REMEMBERED:
+                self._verdicts.clear()
+            self._verdicts[message] = decoded
+        if decoded.code:
+            self._check_pulse(decoded)
+
+    def _decode(self, message: Message) -> Decoded:
+        transfers = message.transfers
+        if not transfers or len(transfers) > _MOST_TRANSFERS:
+            raise GuardRefusal("transfers", str(len(transfers)), f"1 to {_MOST_TRANSFERS}")
+        if transfers[-1].cs_change:
+            raise GuardRefusal("chip select", "held after the message", "released")
+        codes: list[int] = []
+        held_us = 0
+        held_transfers = 0
+        for transfer in transfers:
+            if not 0 <= transfer.delay_us <= _LONGEST_DELAY_US:
+                raise GuardRefusal("delay", f"{transfer.delay_us} us", f"{_LONGEST_DELAY_US} us")
+            if transfer.tx:
+                codes.append(_code_in(transfer.tx))
+            if any(codes):
+                held_us += transfer.delay_us
+                held_transfers += 1
+        self._check_codes(codes)
+        words = sum(1 for code in codes if code)
+        machine = self._machine
+        return Decoded(
+            code=max(codes),
+            shortest_us=held_us + words * machine.word_us.low,
+            longest_us=held_us
+            + held_transfers * machine.guard_delay_extra_us
+            + words * machine.guard_word_us,
+        )
+
+    @staticmethod
+    def _check_codes(codes: list[int]) -> None:
+        if not 1 <= len(codes) <= _MOST_WORDS:
+            raise GuardRefusal("words", str(len(codes)), f"1 to {_MOST_WORDS}")
+        if codes[-1] != 0:
+            raise GuardRefusal("end of message", f"DAC code {codes[-1]}", "DAC code 0")
+        levels = [code for code in codes if code]
+        if len(set(levels)) > 1 or codes[: len(levels)] != levels:
+            raise GuardRefusal("levels", str(codes), "one level, from the first word, then zero")
+
+    def _check_pulse(self, decoded: Decoded) -> None:
+        source, maxima = self._board.source, self._board.maxima
+        current_ua = decoded.code * source.full_scale_ua / (source.codes - 1)
+        if current_ua > self._permitted_ua:
+            raise GuardRefusal("state", f"{current_ua:.0f} uA", f"{self._permitted_ua} uA now")
+        if decoded.longest_us > maxima.width_us * _TOLERANCE:
+            raise GuardRefusal("width", f"{decoded.longest_us:.0f} us", f"{maxima.width_us} us")
+        charge_nc = current_ua * decoded.longest_us / 1_000
+        if charge_nc > maxima.charge_nc * _TOLERANCE:
+            raise GuardRefusal("charge", f"{charge_nc:.0f} nC", f"{maxima.charge_nc} nC")
+        approval = self._approval
+        if approval is None:
+            raise GuardRefusal("approval", "a pulse that no limit has seen", "approve it first")
+        if current_ua > approval.current_ua or decoded.shortest_us > approval.width_us + 1:
+            raise GuardRefusal(
+                "approval",
+                f"{current_ua:.0f} uA for {decoded.shortest_us:.0f} us or more",
+                f"{approval.current_ua} uA for {approval.width_us} us",
+            )
+        self.switch.check_selection(approval)
+        self._check_rate(approval)
+
+    def _check_rate(self, approval: Approval) -> None:
+        """Visits of one output in any second; the two phases of a biphasic pulse are one visit."""
+        if self._counted is approval:
+            return
+        now_ns = self._clock.now_ns()
+        # The visited output is the one alone on its side; with one on each side, both are alike.
+        alone = approval.source if approval.source.bit_count() == 1 else approval.ground
+        fired_ns = self._fired_ns.setdefault(alone, deque())
+        while fired_ns and fired_ns[0] <= now_ns - _SECOND_NS:
+            fired_ns.popleft()
+        if len(fired_ns) >= self._board.maxima.rate_hz:
+            raise GuardRefusal(
+                "rate", f"{len(fired_ns) + 1} pulses in a second", f"{self._board.maxima.rate_hz}"
+            )
+        fired_ns.append(now_ns)
+        self._counted = approval
+
+
+def _code_in(sent: bytes) -> int:
+    """The DAC code in two bytes: bits 13 to 2; bits 15, 14 are the command, 1 and 0 unused."""
+    if len(sent) != 2:
+        raise GuardRefusal("word", f"{len(sent)} bytes", "2 bytes: 16 clocks a chip select")
+    high, low = sent
+    if high >> 6:
+        raise GuardRefusal("DAC command", f"{high >> 6:02b}", "00 (load and update)")
+    if low & 3:
+        raise GuardRefusal("DAC word", sent.hex(), "zeros in the two unused bits")
+    return (high & 0x3F) << 6 | low >> 2
+
+
+def _hv_line(board: BoardFile) -> tuple[int, int] | None:
+    enable = board.guards.hv_enable
+    return None if enable == "absent" else (enable.line, enable.on)
+
+
+class _GuardedSpi:
+    def __init__(self, guard: Guard, spi: Spi) -> None:
+        self._guard = guard
+        self._spi = spi
+
+    def transfer(self, message: Message) -> tuple[bytes, ...]:
+        self._guard.check(message)
+        return self._spi.transfer(message)
+
+
+class _GuardedGpio:
+    def __init__(self, switch: SwitchWatch, gpio: Gpio) -> None:
+        self._switch = switch
+        self._gpio = gpio
+
+    def set(self, changes: Changes) -> None:
+        # In the order in which the lines will change.
+        for line, value in sorted(changes) if len(changes) > 1 else changes:
+            self._switch.change(line, value)
+        self._gpio.set(changes)
+
+    def get(self, line: int) -> int:
+        return self._gpio.get(line)
+
+    def edges(self) -> tuple[Edge, ...]:
+        return self._gpio.edges()

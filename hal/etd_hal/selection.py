@@ -1,0 +1,80 @@
+"""Which outputs are on which side, for one visit of one electrode.
+
+Owns: the two sets of a selection, and which board can make which. Must not know: chips' words,
+lines, currents.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from etd_hal.ports import Changes
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """The selected output alone on its side, its returns on the other, as bit sets.
+
+    Anodic: the selected one on source, the returns on ground. Cathodic: the reverse.
+    """
+
+    output: int
+    returns: int
+
+    @property
+    def alone(self) -> int:
+        return 1 << self.output
+
+    def source(self, is_anodic: bool) -> int:
+        return self.alone if is_anodic else self.returns
+
+    def ground(self, is_anodic: bool) -> int:
+        return self.returns if is_anodic else self.alone
+
+
+class Switch(Protocol):
+    """What `board.py` needs of a switch chip's driver. All raise BusError."""
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The states an electrode can be in, of ANODE, CATHODE, OPEN, SHORT."""
+        ...
+
+    @property
+    def can_choose_returns(self) -> bool:
+        """Whether returns can be fewer than all others."""
+        ...
+
+    def prepare(self, selection: Selection, whole: bool) -> None:
+        """What can be done while the electrode before still rests. `whole`: rewrite the chain."""
+        ...
+
+    def connect(self, selection: Selection, is_anodic: bool) -> None:
+        """Connect; on return the pulse may begin."""
+        ...
+
+    def flip(self, selection: Selection, is_anodic: bool) -> None:
+        """Between the phases of a biphasic pulse, with the DAC at zero."""
+        ...
+
+    def discharge(self) -> None:
+        """Begin to let the skin's charge go."""
+        ...
+
+    def release(self) -> None:
+        """After the rest, with nothing to follow: nothing stays connected."""
+        ...
+
+    def clear(self) -> None:
+        """Nothing selected in the register either."""
+        ...
+
+    def forget(self) -> None:
+        """After an error, and after safe_off: the next `prepare` writes everything."""
+        ...
+
+    @property
+    def safe_changes(self) -> Changes:
+        """The lines of this switch that make it safe in one call; may be none."""
+        ...

@@ -1,0 +1,125 @@
+"""The calibrated constants of one SPI message, and the pulse shape that a width asks for.
+
+Owns: the model `duration = message + (words - 1) x word + sum(delay + extra)`, its calibration on
+the machine itself at DAC code 0, and its plausible bounds. Must not know: currents, switches.
+
+A pulse is `[I, cs_change] Z(d1) ... Z(dn) [0]` or, with a sample near its end,
+`[I, cs_change] Z... [I, cs_change] [0]`. The DAC follows the rise of chip select, so the width is
+one `word` (two with the sample) and the delays: just the two slopes of the model above. Delays
+are at most 10 us: the kernel busy-waits up to 10 us and sleeps above (spi_delay_exec).
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from etd_hal.boardfile import Bounds, MachineFile
+from etd_hal.chips import ad5452
+from etd_hal.errors import BoardFault
+from etd_hal.ports import Message, Transfer
+
+LONGEST_DELAY_US = 10
+_DELAY_COUNTS = tuple(range(0, 41, 5))
+_WORD_COUNTS = tuple(range(2, 9))
+_REPEATS = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """The delays of a pulse and what they make: never wider than asked, by less than 1 us."""
+
+    delays_us: tuple[int, ...]
+    has_end_sample: bool
+    width_us: float
+    duration_us: float
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """What was found on this machine, in us."""
+
+    word_us: float
+    delay_extra_us: float
+    message_us: float
+    spread_us: float
+
+    def shape(self, width_us: int) -> Shape:
+        """The widest pulse that is not wider than `width_us`; with an end sample if that fits.
+
+        Raises: BoardFault if one word alone takes longer.
+        """
+        words = 2 if width_us >= 2 * self.word_us + 1 else 1
+        left_us = width_us - words * self.word_us
+        if left_us < 0:
+            raise BoardFault(
+                "shortest pulse", f"{self.word_us:.1f} us for one word", f"{width_us} us or less"
+            )
+        delays = self._delays(left_us)
+        held_us = words * self.word_us + sum(delays) + len(delays) * self.delay_extra_us
+        return Shape(delays, words == 2, held_us, self.message_us + held_us)
+
+    def _delays(self, left_us: float) -> tuple[int, ...]:
+        whole = int(left_us // (LONGEST_DELAY_US + self.delay_extra_us))
+        rest_us = left_us - whole * (LONGEST_DELAY_US + self.delay_extra_us)
+        holds = (LONGEST_DELAY_US,) * whole
+        if rest_us < self.delay_extra_us:
+            return holds
+        return (*holds, int(rest_us - self.delay_extra_us))
+
+
+def pulse_message(code: int, shape: Shape) -> Message:
+    """The message that plays `code` in `shape` and ends at zero."""
+    on = Transfer(ad5452.word(code), cs_change=True)
+    holds = tuple(Transfer(delay_us=delay) for delay in shape.delays_us)
+    sample = (on,) if shape.has_end_sample else ()
+    return Message((on, *holds, *sample, Transfer(ad5452.word(0))))
+
+
+def zero_message() -> Message:
+    """DAC to zero, one word."""
+    return Message((Transfer(ad5452.word(0)),))
+
+
+def calibrate(duration_ns: Callable[[Message], int], machine: MachineFile) -> Timing:
+    """Time messages at DAC code 0, fit, and check against the machine file.
+
+    `duration_ns` sends one message and says how long the call took. Raises: BoardFault, naming
+    the constant that is not plausible; BusError.
+    """
+    by_delays = [_timed(duration_ns, 2, count) for count in _DELAY_COUNTS]
+    by_words = [_timed(duration_ns, count, 0) for count in _WORD_COUNTS]
+    delay_us, _ = statistics.linear_regression(_DELAY_COUNTS, [median for median, _ in by_delays])
+    word_us, at_no_word_us = statistics.linear_regression(
+        _WORD_COUNTS, [median for median, _ in by_words]
+    )
+    timing = Timing(
+        word_us=word_us,
+        delay_extra_us=delay_us - LONGEST_DELAY_US,
+        message_us=at_no_word_us + word_us,
+        spread_us=max(spread for _, spread in (*by_delays, *by_words)),
+    )
+    _check("one word", timing.word_us, machine.word_us)
+    _check("overhead of a delay", timing.delay_extra_us, machine.delay_extra_us)
+    _check("overhead of a message", timing.message_us, machine.message_us)
+    _check("spread of a message", timing.spread_us, Bounds(low=0.0, high=machine.spread_us))
+    return timing
+
+
+def _timed(duration_ns: Callable[[Message], int], words: int, delays: int) -> tuple[float, float]:
+    """(median, 90th percentile less median) of a few repeats, in us."""
+    silent = Transfer(ad5452.word(0), cs_change=True)
+    holds = (Transfer(delay_us=LONGEST_DELAY_US),) * delays
+    message = Message((silent,) * (words - 1) + holds + (Transfer(ad5452.word(0)),))
+    taken_us = sorted(duration_ns(message) / 1_000 for _ in range(_REPEATS))
+    median_us = statistics.median(taken_us)
+    return median_us, taken_us[int(0.9 * (_REPEATS - 1))] - median_us
+
+
+def _check(what: str, found_us: float, bounds: Bounds) -> None:
+    # A hundredth of a microsecond is below what the clock tells.
+    if not bounds.low - 0.01 <= found_us <= bounds.high + 0.01:
+        raise BoardFault(
+            f"timing calibration, {what}", f"{found_us:.2f} us", f"{bounds.low} to {bounds.high} us"
+        )

@@ -1,0 +1,197 @@
+"""The guard's view of the switch: what the levels sent so far have made of it.
+
+Owns: a decoding of register, latch and polarity from single line changes, typed apart from the
+drivers in `chips/`; the rules for GPIO; the comparison of the selection with what was approved.
+Must not know: currents, messages, how a selection was made.
+
+Rules: never BL 0 with POL 0 while the supply may be on; never a shift into live outputs; relays:
+never both of one output, never from one word to another without all being open in between, for
+as long as that takes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd_hal.boardfile import HalfBridges, Relays
+from etd_hal.errors import GuardRefusal
+from etd_hal.ports import Changes, Clock
+
+
+@dataclass(frozen=True, slots=True)
+class Approval:
+    """What the limits let through, for the next pulse of this visit.
+
+    `source` and `ground` are bit sets of outputs; for half-bridges all others are on the side
+    opposite to the selected output.
+    """
+
+    source: int
+    ground: int
+    current_ua: int
+    width_us: int
+
+
+class HalfBridgeWatch:
+    """What the levels sent so far have made of an HV507 or a chain of HV513."""
+
+    def __init__(self, switch: HalfBridges, hv: tuple[int, int] | None) -> None:
+        lines = switch.lines
+        self._data, self._clk = lines.DATA, lines.CLK
+        self._le, self._bl, self._pol = lines.LE, lines.BL, lines.POL
+        self._hv = hv
+        self._outputs = switch.outputs
+        self._full = (1 << switch.outputs) - 1
+        self._watched = {self._data, self._clk, self._le, self._bl, self._pol}
+        if hv is not None:
+            self._watched.add(hv[0])
+        self.forget(())
+
+    def forget(self, levels: Changes) -> None:
+        """The start, and after safe_off: register and latch unknown, outputs blanked."""
+        self._level = {self._data: 0, self._clk: 0, self._le: 0, self._bl: 0, self._pol: 1}
+        if self._hv is not None:
+            self._level[self._hv[0]] = 1 - self._hv[1]
+        self._level.update({line: value for line, value in levels if line in self._watched})
+        self._register = 0
+        self._unknown_stages = self._outputs
+        self._latch = 0
+        self._is_latch_known = False
+
+    def change(self, line: int, value: int) -> None:
+        """One line changes. Raises: GuardRefusal before anything is sent."""
+        if line not in self._watched:
+            return
+        level = self._level
+        was = level[line]
+        level[line] = value
+        if line == self._clk:
+            if value and not was:
+                self._shift()
+        elif line == self._le:
+            if value and not was:
+                self._open_latch()
+        elif line != self._data:
+            self._check_blanking(line, was)
+
+    def _shift(self) -> None:
+        if self._level[self._bl] and self._level[self._le]:
+            raise GuardRefusal("shift", "clock with latch open and outputs live", "blank first")
+        self._register = (self._register << 1 | self._level[self._data]) & self._full
+        self._unknown_stages = max(0, self._unknown_stages - 1)
+        if self._level[self._le]:
+            self._open_latch()
+
+    def _open_latch(self) -> None:
+        if self._level[self._bl]:
+            raise GuardRefusal("latch", "opened while outputs are live", "blank first")
+        self._latch = self._register
+        self._is_latch_known = self._unknown_stages == 0
+
+    def _check_blanking(self, line: int, was: int) -> None:
+        level = self._level
+        is_supplied = self._hv is None or level[self._hv[0]] == self._hv[1]
+        if is_supplied and not level[self._bl] and not level[self._pol]:
+            level[line] = was
+            raise GuardRefusal("blanking", "BL 0 with POL 0: all outputs high", "POL 1 first")
+
+    def check_selection(self, approval: Approval) -> None:
+        """One output alone, all others opposite, and just those that were approved."""
+        level = self._level
+        if not level[self._bl] or level[self._le]:
+            raise GuardRefusal("switch", "blanked, or its latch is open", "closed and un-blanked")
+        if not self._is_latch_known:
+            raise GuardRefusal("switch", "register not wholly written", "rewrite the chain")
+        high = self._latch if level[self._pol] else ~self._latch & self._full
+        low = ~high & self._full
+        if self._latch.bit_count() != 1 or not high or not low:
+            raise GuardRefusal(
+                "switch", f"{self._latch.bit_count()} outputs selected", "one against all others"
+            )
+        if high != approval.source or low != approval.ground:
+            raise GuardRefusal(
+                "switch", f"outputs {high:x} on source", f"{approval.source:x} was approved"
+            )
+
+
+class RelayWatch:
+    """What the levels sent so far have made of a chain of 74HC595 and their relays."""
+
+    def __init__(self, switch: Relays, clock: Clock) -> None:
+        self._switch = switch
+        self._clock = clock
+        self._data, self._clk, self._le = switch.lines.DATA, switch.lines.CLK, switch.lines.LE
+        self._stages = switch.outputs * 2
+        self._full = (1 << self._stages) - 1
+        self._pairs = sum(1 << stage for stage in range(0, self._stages, 2))
+        self.forget(())
+
+    def forget(self, levels: Changes) -> None:
+        """The start, and after safe_off: nothing is known; relays may be closed."""
+        self._level = dict.fromkeys((self._data, self._clk, self._le), 0)
+        self._level.update({line: value for line, value in levels if line in self._level})
+        self._register = 0
+        self._unknown_stages = self._stages
+        self._latch: int | None = None
+        self._copied_ns = self._clock.now_ns()
+
+    def change(self, line: int, value: int) -> None:
+        """One line changes. Raises: GuardRefusal before anything is sent."""
+        was = self._level.get(line)
+        if was is None or was == value:
+            return
+        self._level[line] = value
+        if not value:
+            return
+        if line == self._clk:
+            self._register = (self._register << 1 | self._level[self._data]) & self._full
+            self._unknown_stages = max(0, self._unknown_stages - 1)
+        elif line == self._le:
+            self._copy()
+
+    def _copy(self) -> None:
+        word = self._register
+        if self._unknown_stages:
+            raise GuardRefusal("relays", "a word not wholly shifted", "shift the whole chain")
+        if word & (word >> 1) & self._pairs:
+            raise GuardRefusal("relays", "both relays of one electrode", "one of them")
+        now_ns = self._clock.now_ns()
+        if word and self._latch != word:
+            self._check_break(now_ns - self._copied_ns)
+        self._latch = word
+        self._copied_ns = now_ns
+
+    def _check_break(self, waited_ns: int) -> None:
+        if self._latch != 0:
+            raise GuardRefusal("relays", "made before broken", "open all in between")
+        if waited_ns < self._switch.toff_us * 1_000:
+            raise GuardRefusal(
+                "relays",
+                f"made {waited_ns // 1_000} us after breaking",
+                f"{self._switch.toff_us} us or later",
+            )
+
+    def check_selection(self, approval: Approval) -> None:
+        """Closed long enough, one output alone on its side, and just those approved."""
+        waited_ns = self._clock.now_ns() - self._copied_ns
+        if not self._latch or waited_ns < self._switch.ton_us * 1_000:
+            raise GuardRefusal("relays", "not settled", f"{self._switch.ton_us} us after closing")
+        source = self._side(self._latch, self._switch.on_bit)
+        ground = self._side(self._latch, self._switch.return_bit)
+        if min(source.bit_count(), ground.bit_count()) != 1:
+            raise GuardRefusal("relays", "no output alone on its side", "one against its returns")
+        if source != approval.source or ground != approval.ground:
+            raise GuardRefusal(
+                "relays",
+                f"outputs {source:x} on source, {ground:x} on ground",
+                f"{approval.source:x} and {approval.ground:x} were approved",
+            )
+
+    def _side(self, word: int, bit: int) -> int:
+        """Every second bit, packed: bit i for output i."""
+        return sum(
+            (word >> (2 * output + bit) & 1) << output for output in range(self._switch.outputs)
+        )
+
+
+SwitchWatch = HalfBridgeWatch | RelayWatch
