@@ -91,7 +91,7 @@ class DaemonGone(EtdError):
 
     def __init__(self, address: str, what: str) -> None:
         self.address = address
-        super().__init__(f"{what} at {address}: is the daemon running? (`etd run`, or `etd status`)")
+        super().__init__(f"{what} at {address}: is the daemon running? (see `etd status`)")
 
 
 class AlreadyRunning(EtdError):

@@ -92,7 +92,8 @@ def _check_return_sets(sets: tuple[tuple[int, ...], ...], n: int) -> None:
         for member in members:
             if not 0 <= member < n:
                 raise Refused(
-                    "bad_frame", f"returns of electrode {electrode} name {member}: 0 to {n - 1}",
+                    "bad_frame",
+                    f"returns of electrode {electrode} name {member}: 0 to {n - 1}",
                     electrode,
                 )
         if electrode in members:

@@ -21,7 +21,7 @@ import msgspec
 
 from etd.calibration import Calibration
 from etd.errors import AlreadyRunning, ErrorCode
-from etd.frame import Frame
+from etd.frame import Frame, Polarity
 from etd.protocol import (
     ArrayFacts,
     BoardFacts,
@@ -30,7 +30,6 @@ from etd.protocol import (
     Halt,
     Limits,
     MaximaFacts,
-    Polarity,
     RefusedReport,
     Scan,
     StateReport,
@@ -184,7 +183,7 @@ class Channel(Generic[In]):
         for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
             connection.setsockopt(socket.SOL_SOCKET, option, 2 * MAX_DATAGRAM_BYTES)
         self._socket = connection
-        self._decoder: msgspec.msgpack.Decoder[In] = msgspec.msgpack.Decoder(incoming)  # type: ignore[call-overload]
+        self._decoder: msgspec.msgpack.Decoder[In] = msgspec.msgpack.Decoder(incoming)
         self.is_open = True
         self.dropped = 0
 

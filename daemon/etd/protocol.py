@@ -46,21 +46,21 @@ class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     width_us: Annotated[int, Meta(ge=20, le=200)]
 
 
-class Hello(_Request, tag="hello"):
+class Hello(_Request, frozen=True, tag="hello"):
     """Who is there: version, board and guards, array, limits, endpoints."""
 
 
-class Status(_Request, tag="status"):
+class Status(_Request, frozen=True, tag="status"):
     """The state now, with what was not granted and what is absent."""
 
 
-class Stop(_Request, tag="stop"):
+class Stop(_Request, frozen=True, tag="stop"):
     """Silence at once; HALTED until `clear`. Needs nothing but access."""
 
     client: Annotated[str, Meta(max_length=64)] = ""
 
 
-class Open(_Request, tag="open"):
+class Open(_Request, frozen=True, tag="open"):
     """Ask for the one lease, with the limits of the person who will feel it."""
 
     client: Annotated[str, Meta(min_length=1, max_length=64)]
@@ -68,40 +68,40 @@ class Open(_Request, tag="open"):
     limits: Limits | None = None
 
 
-class Keep(_Request, tag="keep"):
+class Keep(_Request, frozen=True, tag="keep"):
     lease: Lease
 
 
-class Close(_Request, tag="close"):
+class Close(_Request, frozen=True, tag="close"):
     lease: Lease
 
 
-class Disarm(_Request, tag="disarm"):
+class Disarm(_Request, frozen=True, tag="disarm"):
     lease: Lease
 
 
-class Arm(_Request, tag="arm"):
+class Arm(_Request, frozen=True, tag="arm"):
     """Arms the present holder's lease, whoever asks."""
 
 
-class Clear(_Request, tag="clear"):
+class Clear(_Request, frozen=True, tag="clear"):
     """Leave HALTED for SAFE."""
 
 
-class Measure(_Request, tag="measure"):
+class Measure(_Request, frozen=True, tag="measure"):
     """Contact of all electrodes, with probe pulses, in PROBE; from SAFE back to SAFE."""
 
     lease: Lease
 
 
-class Mark(_Request, tag="mark"):
+class Mark(_Request, frozen=True, tag="mark"):
     """A remark in the records, and an edge on the SYNC line where the board has one."""
 
     lease: Lease
     tag: Int64 | None = None
 
 
-class GetCalibration(_Request, tag="calibration"):
+class GetCalibration(_Request, frozen=True, tag="calibration"):
     """`get` one by name, `list` all, or `set` one (operate, SAFE)."""
 
     do: Literal["get", "list", "set"]

@@ -35,9 +35,9 @@ StopName = Literal["emergency_stop", "wearer_stop"]
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """One phase, ready to be sent."""
+    """One phase, ready to be sent; `told_ua` is what its code tells the source."""
 
-    current_ua: int
+    told_ua: int
     code: int
     shape: Shape
     message: Message
@@ -158,8 +158,10 @@ class Board:
         """Between the phases of a biphasic pulse."""
         self.switch.flip(selection, is_anodic)
 
-    def fire(self, pulse: Pulse, selection: Selection, is_anodic: bool, width_us: int) -> Shot:
-        """Send one phase that the limits let through.
+    def fire(
+        self, pulse: Pulse, selection: Selection, is_anodic: bool, current_ua: int, width_us: int
+    ) -> Shot:
+        """Send one phase; the limits let `current_ua` for `width_us` through, and no more.
 
         Raises: GuardRefusal (nothing was sent); BusError (make safe at once); BoardFault (what
         came back is no sample).
@@ -168,7 +170,7 @@ class Board:
             Approval(
                 selection.source(is_anodic),
                 selection.ground(is_anodic),
-                pulse.current_ua + 1,
+                current_ua,
                 width_us,
             )
         )

@@ -40,7 +40,7 @@ class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """Unknown keys are errors: a typo must not disable a limit."""
 
 
-class _Switch(_Strict, tag_field="chip"):
+class _Switch(_Strict, frozen=True, tag_field="chip"):
     outputs: Annotated[int, Meta(ge=1, le=256)]
 
     @property
@@ -49,7 +49,7 @@ class _Switch(_Strict, tag_field="chip"):
         return str(self.__struct_config__.tag)
 
 
-class HalfBridgeLines(_Strict):
+class HalfBridgeLines(_Strict, frozen=True):
     POL: Line
     DATA: Line
     LE: Line
@@ -57,21 +57,21 @@ class HalfBridgeLines(_Strict):
     CLK: Line
 
 
-class HalfBridges(_Switch):
+class HalfBridges(_Switch, frozen=True):
     """A shift register, a latch, and two lines (BL, POL) for all outputs."""
 
     lines: HalfBridgeLines
 
 
-class Hv507(HalfBridges, tag="HV507"):
+class Hv507(HalfBridges, frozen=True, tag="HV507"):
     """64 half-bridges in one chip."""
 
 
-class Hv513(HalfBridges, tag="HV513"):
+class Hv513(HalfBridges, frozen=True, tag="HV513"):
     """8 half-bridges a chip, chained."""
 
 
-class RelayLines(_Strict):
+class RelayLines(_Strict, frozen=True):
     """74HC595, named by function: CLK is SRCLK (shift), LE is RCLK (copy on its rising edge)."""
 
     DATA: Line
@@ -79,7 +79,7 @@ class RelayLines(_Strict):
     CLK: Line
 
 
-class Relays(_Switch, tag="74HC595"):
+class Relays(_Switch, frozen=True, tag="74HC595"):
     """74HC595 with two photorelays an electrode: one to the source, one to ground."""
 
     lines: RelayLines
@@ -90,7 +90,7 @@ class Relays(_Switch, tag="74HC595"):
     bits_per_electrode: Literal[2] = 2
 
 
-class Source(_Strict):
+class Source(_Strict, frozen=True):
     """The current path: AD5452 and AD7276 on one chip select, current mirror, leak, divider."""
 
     spi: str
@@ -107,7 +107,7 @@ class Source(_Strict):
     compliance_v: Annotated[int, Meta(ge=20, le=500)]
 
 
-class BoardMaxima(_Strict):
+class BoardMaxima(_Strict, frozen=True):
     """What this board may do to anybody. All are needed: a missing limit is a refusal."""
 
     current_ua: Annotated[int, Meta(ge=50, le=10_000)]
@@ -121,13 +121,13 @@ class BoardMaxima(_Strict):
     probe_width_us: Annotated[int, Meta(ge=16, le=50)]
 
 
-class HvEnable(_Strict):
+class HvEnable(_Strict, frozen=True):
     line: Line
     #: The level that switches the supply on; its pull must make the other one at power-up.
     on: Literal[0, 1]
 
 
-class RailMonitor(_Strict):
+class RailMonitor(_Strict, frozen=True):
     """An ADS1115 channel behind a divider."""
 
     address: I2cAddress
@@ -142,27 +142,27 @@ class RailMonitor(_Strict):
     fall_ms: Annotated[int, Meta(ge=1, le=30_000)]
 
 
-class Heartbeat(_Strict):
+class Heartbeat(_Strict, frozen=True):
     """Each edge retriggers a monostable that enables the supply."""
 
     line: Line
     window_ms: Annotated[int, Meta(ge=2, le=100)]
 
 
-class OneShot(_Strict):
+class OneShot(_Strict, frozen=True):
     """Hardware that ends a pulse by itself."""
 
     on_us: Annotated[int, Meta(ge=200, le=1_000)]
 
 
-class RailSetpoint(_Strict):
+class RailSetpoint(_Strict, frozen=True):
     """An MCP4725 that sets the rail: 0 V at its output is the lowest rail."""
 
     address: I2cAddress
     code: Annotated[int, Meta(ge=0, le=4095)]
 
 
-class Guards(_Strict):
+class Guards(_Strict, frozen=True):
     """Present (with its wiring) or absent; nothing is assumed."""
 
     emergency_stop: Line | Absent
@@ -174,7 +174,7 @@ class Guards(_Strict):
     one_shot: OneShot | Absent
 
 
-class BoardFile(_Strict):
+class BoardFile(_Strict, frozen=True):
     """One board: wiring, constants, maxima, rest, guards."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
@@ -217,14 +217,14 @@ class BoardFile(_Strict):
         return lines
 
 
-class Bounds(_Strict):
+class Bounds(_Strict, frozen=True):
     """A plausible range, both ends included."""
 
     low: float
     high: float
 
 
-class MachineFile(_Strict):
+class MachineFile(_Strict, frozen=True):
     """How one model of machine plays a message: bounds for what calibration finds, in us."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]

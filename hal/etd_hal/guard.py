@@ -1,4 +1,4 @@
-"""The last guard: reads what is about to go out as bytes and levels, and refuses what breaks a rule.
+"""The last guard: reads what is about to go out as bytes and levels, and refuses what it must.
 
 Owns: its own decoding of DAC words, typed apart from the encoders; its own worst case for the
 timing; the rules below.
