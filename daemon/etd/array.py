@@ -92,8 +92,7 @@ class Array(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         return tuple(
             other
             for other in range(self.count)
-            if other != electrode
-            and abs(self.distance_mm(electrode, other) - ring_mm) <= slack_mm
+            if other != electrode and abs(self.distance_mm(electrode, other) - ring_mm) <= slack_mm
         )
 
     def neighbors(self, electrode: int) -> tuple[int, ...]:

@@ -41,7 +41,7 @@ class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """Unknown keys are errors: a typo must not disable a limit."""
 
 
-class SiteMaxima(_Strict):
+class SiteMaxima(_Strict, frozen=True):
     """What nobody gets more of at this place. What asks for more is refused as a whole."""
 
     #: Without a calibration, whatever limits the client names.
@@ -59,7 +59,7 @@ class SiteMaxima(_Strict):
     array_on_us_per_s: Annotated[int, Meta(ge=1, le=MAX_ARRAY_ON_US_PER_S)]
 
 
-class SiteDefaults(_Strict):
+class SiteDefaults(_Strict, frozen=True):
     """What a frame gets that does not say, and that no calibration answers for."""
 
     width_us: Annotated[int, Meta(ge=20, le=MAX_WIDTH_US)]
@@ -67,7 +67,7 @@ class SiteDefaults(_Strict):
     polarity: Polarity
 
 
-class SiteContact(_Strict):
+class SiteContact(_Strict, frozen=True):
     """When an electrode counts as touched, and when as open.
 
     Both are fractions of the open-circuit signature, which is the voltage that the current makes
@@ -80,7 +80,7 @@ class SiteContact(_Strict):
     open_fraction: Annotated[float, Meta(gt=0.0, lt=1.0)]
 
 
-class BodySite(_Strict):
+class BodySite(_Strict, frozen=True):
     """One place on the body, with electrodes of one size."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]

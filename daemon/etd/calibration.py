@@ -10,13 +10,14 @@ under; a `level` frame that departs from them is refused.
 from __future__ import annotations
 
 import datetime
+import json
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
-from etd.frame import Polarity, Returns
+from etd.frame import Polarity, Returns, Ring
 from etd_hal.boardfile import load_toml
 from etd_hal.errors import FileError
 
@@ -76,3 +77,40 @@ def check_order(calibration: Calibration, file: str) -> Calibration:
 def load_calibration(path: Path) -> Calibration:
     """Read and check a calibration file. Raises: FileError."""
     return check_order(load_toml(path, Calibration), str(path))
+
+
+def to_toml(calibration: Calibration) -> str:
+    """The file that `load_calibration` reads the same calibration from, an electrode a line."""
+    keys = {
+        "participant": _text(calibration.participant),
+        "body_site": _text(calibration.body_site),
+        "array": _text(calibration.array),
+        "polarity": _text(calibration.polarity),
+        "width_us": str(calibration.width_us),
+        "rate_hz": repr(float(calibration.rate_hz)),
+        "returns": _returns(calibration.returns),
+        "date": calibration.date.isoformat(),
+        "program": _text(calibration.program),
+        "gamma": repr(float(calibration.gamma)),
+    }
+    head = "".join(f"{key} = {value}\n" for key, value in keys.items())
+    body = "".join(f"    {_electrode(one)},\n" for one in calibration.electrode)
+    return f"{head}\nelectrode = [\n{body}]\n"
+
+
+def _text(value: str) -> str:
+    # JSON's escapes are TOML's, but for DEL, which only TOML forbids.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _returns(returns: Returns) -> str:
+    if isinstance(returns, str):
+        return _text(returns)
+    if isinstance(returns, Ring):
+        return f"{{ ring_mm = {float(returns.ring_mm)!r} }}"
+    return json.dumps(returns)
+
+
+def _electrode(limits: ElectrodeLimits) -> str:
+    values = msgspec.structs.asdict(limits).items()
+    return "{ " + ", ".join(f"{key} = {value}" for key, value in values if value is not None) + " }"

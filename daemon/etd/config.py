@@ -15,10 +15,10 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from etd.array import Array, array_for_count, check_fits, load_array
+from etd.array import ARRAY_FOR_COUNT, Array, array_for_count, check_fits, load_array
 from etd.bodysite import BodySite, load_body_site
-from etd.calibration import Calibration, load_calibration
-from etd.shipped import find
+from etd.etactilekit import read_layout
+from etd.shipped import Kind, find
 from etd_hal.boardfile import GUARDS, BoardFile, MachineFile, load_board, load_machine, load_toml
 from etd_hal.errors import FileError
 
@@ -29,14 +29,15 @@ FileName = Annotated[str, Meta(min_length=1)]
 #: What the fake is made of when nobody says otherwise.
 FAKE_BOARD = "kajimoto-hv507"
 FAKE_STACK = "etactilekit-hv513-x8"
-FAKE_ELECTRODES = 64
+#: A pattern with more electrodes than this needs the stack.
+FAKE_LARGEST = 64
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Unknown keys are errors: a typo must not disable a limit."""
 
 
-class EngineConfig(_Strict):
+class EngineConfig(_Strict, frozen=True):
     """Where and how urgently the scan thread runs; needs the rights that the unit grants."""
 
     #: The processor core it is bound to; "any" leaves it to the kernel.
@@ -45,7 +46,7 @@ class EngineConfig(_Strict):
     priority: Annotated[int, Meta(ge=1, le=98)] | Literal["none"]
 
 
-class EtdConfig(_Strict):
+class EtdConfig(_Strict, frozen=True):
     """`etd.toml`, key by key."""
 
     backend: Backend
@@ -73,6 +74,8 @@ class LoadedConfig:
     body_site: BodySite
     #: The file itself, for messages; "the fake" where there is none.
     source: str
+    #: What had to be mended in a layout file of another kit, a sentence each: to be shown.
+    mended: tuple[str, ...] = ()
 
     @property
     def unaccepted_guards(self) -> tuple[str, ...]:
@@ -83,32 +86,102 @@ class LoadedConfig:
 
 def load_config(path: Path) -> LoadedConfig:
     """Read `etd.toml` and all it names, and check them together. Raises: FileError."""
-    config = load_toml(path, EtdConfig)
-    folder = path.resolve().parent
-    return _load_named(config, folder, str(path))
+    return _load_named(load_toml(path, EtdConfig), path.resolve().parent, str(path))
 
 
 def fake_config(
     board: str | None = None, array: str | None = None, electrodes: int | None = None
 ) -> LoadedConfig:
-    """The fake's own configuration: `electrodes` (of a pattern, say) choose board and array where
-    these are not named. Its absent guards are accepted: its skin is nobody's.
+    """The fake's own configuration; `electrodes` (a pattern's, say) choose what is not named.
 
-    Raises: FileError.
+    Its absent guards are accepted, because its skin is nobody's. Raises: FileError.
     """
-    count = FAKE_ELECTRODES if electrodes is None else electrodes
-    board_name = board or (FAKE_STACK if count > FAKE_ELECTRODES else FAKE_BOARD)
-    array_name = array or array_for_count(_shown_on(board_name, electrodes))
-    absent = load_board(find("boards", board_name)).absent_guards
+    many = electrodes is not None and electrodes > FAKE_LARGEST
+    board_name = board or (FAKE_STACK if many else FAKE_BOARD)
+    board_file = load_board(find("boards", board_name))
+    array_name = array or array_for_count(electrodes or board_file.switch.outputs)
     config = EtdConfig(
         backend="fake",
         board=board_name,
         machine="pi4",
         array=array_name,
         body_site="fingertip",
-        accept_absent_guards=absent,
+        accept_absent_guards=board_file.absent_guards,
         operators=(),
         engine=EngineConfig(core="any", priority="none"),
-        default_calibration=fake_calibration_for(array_name),
+        default_calibration=fake_calibration_of(array_name),
     )
     return _load_named(config, Path.cwd(), "the fake")
+
+
+def fake_calibration_of(array: str) -> str | None:
+    """The shipped calibration of the fake's body on a shipped array; None for any other array."""
+    if array == ARRAY_FOR_COUNT[FAKE_LARGEST]:
+        return "fake-fingertip"
+    return f"fake-fingertip-{array}" if array in ARRAY_FOR_COUNT.values() else None
+
+
+def _load_named(config: EtdConfig, folder: Path, source: str) -> LoadedConfig:
+    array, mended = _read_array(_resolve("arrays", config.array, folder))
+    loaded = LoadedConfig(
+        config=config,
+        board=load_board(_resolve("boards", config.board, folder)),
+        machine=load_machine(_resolve("machines", config.machine, folder)),
+        array=array,
+        body_site=load_body_site(_resolve("bodysites", config.body_site, folder)),
+        source=source,
+        mended=mended,
+    )
+    check_fits(array, loaded.board.switch.outputs, source)
+    _check_guards(loaded)
+    _check_site(loaded)
+    return loaded
+
+
+def _read_array(path: Path) -> tuple[Array, tuple[str, ...]]:
+    """An array file of ours, or a layout file of eTactileKit, which is JSON."""
+    return read_layout(path) if path.suffix == ".json" else (load_array(path), ())
+
+
+def _resolve(kind: Kind, name: str, folder: Path) -> Path:
+    """A path is one from `folder`; anything else is the name of a shipped file."""
+    path = Path(name)
+    return find(kind, folder / path if len(path.parts) > 1 or path.suffix else name)
+
+
+def _check_guards(loaded: LoadedConfig) -> None:
+    absent = loaded.board.absent_guards
+    for index, name in enumerate(loaded.config.accept_absent_guards):
+        key = f"accept_absent_guards[{index}]"
+        if name not in GUARDS:
+            raise FileError(
+                loaded.source, key, f"there is no guard {name!r}", f"one of {', '.join(GUARDS)}"
+            )
+        if name not in absent:
+            raise FileError(
+                loaded.source,
+                key,
+                f"the board {loaded.board.name} has {name}",
+                "remove it from the list: its absence is not to be accepted in advance",
+            )
+
+
+def _check_site(loaded: LoadedConfig) -> None:
+    site, array, board = loaded.body_site, loaded.array, loaded.board
+    if array.diameter_mm < site.electrode_diameter_mm:
+        raise FileError(
+            loaded.source,
+            "body_site",
+            f"{site.name} holds for electrodes of {site.electrode_diameter_mm} mm and larger,"
+            f" those of {array.name} have {array.diameter_mm} mm",
+            "the same charge through less skin is another matter: name a body site made for them",
+        )
+    for key in ("width_us", "rate_hz"):
+        default, most = getattr(site.defaults, key), getattr(board.maxima, key)
+        if default > most:
+            raise FileError(
+                loaded.source,
+                "body_site",
+                f"the default {key} of {site.name} is {default}, {board.name} allows {most}",
+                "name another body site, or a board that can do it",
+            )

@@ -1,0 +1,96 @@
+"""JSON as it lies about in files, read strictly first and mended where that is safe.
+
+Owns: the size of what is read, the two faults it can mend (a bare word, a trailing comma), and the
+sentences that say so. Must not know: what the files mean.
+
+Never accepted: a key given twice, NaN, nesting without end.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+from etd_hal.errors import FileError
+
+MAX_BYTES = 16 * 1024 * 1024
+
+#: Strings and numbers are stepped over whole, so that nothing inside them is taken for a fault.
+_TOKEN = re.compile(
+    r"""(?P<string>"(?:[^"\\]|\\.)*")
+      | (?P<number>-?\d[\d.eE+-]*)
+      | (?P<word>[A-Za-z_][\w-]*)
+      | (?P<comma>,)(?=\s*[\]}])""",
+    re.VERBOSE,
+)
+_WORDS_OF_JSON = ("true", "false", "null")
+
+
+def read_json(path: Path) -> tuple[object, tuple[str, ...]]:
+    """The content, and a sentence for each thing that had to be mended. Raises: FileError."""
+    text = _read_text(path)
+    try:
+        try:
+            return _parse(text), ()
+        except json.JSONDecodeError:
+            mended_text, mended = _mend(text)
+            if not mended:
+                raise
+        return _parse(mended_text), mended
+    except RecursionError as error:
+        raise FileError(str(path), "", "it is nested too deep", "a pattern is flat") from error
+    except ValueError as error:
+        raise FileError(str(path), "", f"it is not JSON ({error})", "correct the line") from error
+
+
+def _read_text(path: Path) -> str:
+    try:
+        if path.exists() and not path.is_file():
+            raise FileError(str(path), "", "it is not a file", "name a file")
+        size_bytes = path.stat().st_size
+        if size_bytes > MAX_BYTES:
+            raise FileError(str(path), "", f"it has {size_bytes} bytes", f"at most {MAX_BYTES}")
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise FileError(str(path), "", "there is no such file", "name one that exists") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(str(path), "", f"it cannot be read ({error})", "check it") from error
+
+
+class _Ambiguous(ValueError):
+    """Well-formed, but not to be understood in one way only."""
+
+
+def _parse(text: str) -> object:
+    return json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
+
+
+def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    content = dict(pairs)
+    if len(content) != len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise _Ambiguous(f"the key {twice!r} is there twice")
+    return content
+
+
+def _no_constant(word: str) -> object:
+    raise _Ambiguous(f"{word} is not a number")
+
+
+def _mend(text: str) -> tuple[str, tuple[str, ...]]:
+    mended: list[str] = []
+
+    def replace(match: re.Match[str]) -> str:
+        line = text.count("\n", 0, match.start()) + 1
+        if match["comma"]:
+            mended.append(f"line {line}: a comma before a closing bracket was left out")
+            return ""
+        word = match["word"]
+        if word and word not in _WORDS_OF_JSON:
+            mended.append(f"line {line}: the bare word {word} was taken as text")
+            return f'"{word}"'
+        return match[0]
+
+    return _TOKEN.sub(replace, text), tuple(mended)
