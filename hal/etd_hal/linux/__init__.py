@@ -1,0 +1,105 @@
+"""The kernel's drivers behind the ports. The only package that knows gpiod, spidev, smbus2, time.
+
+Owns: opening all that a board needs, or saying in one go everything that stands in the way.
+Must not know: what the board is for.
+
+The packages are imported when hardware is opened: the clock works where they are not installed.
+The ports that `open_ports` returns have a `close` each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeVar
+
+from etd_hal.boardfile import BoardFile, MachineFile
+from etd_hal.errors import BusError, HardwareMissing
+from etd_hal.linux import machine as this_machine
+from etd_hal.linux.clock import LinuxClock
+from etd_hal.ports import LineSetup, SpiSetup
+
+if TYPE_CHECKING:
+    from etd_hal.linux.gpio import LinuxGpio
+    from etd_hal.linux.i2c import LinuxI2c
+    from etd_hal.linux.spi import LinuxSpi
+
+T = TypeVar("T")
+
+Ports = tuple["LinuxSpi", "LinuxGpio", "LinuxI2c | None", LinuxClock]
+
+
+def open_ports(board: BoardFile, machine: MachineFile, lines: LineSetup) -> Ports:
+    """Open SPI, GPIO, I2C (None if the board has none) and the clock.
+
+    All or nothing: what was opened is closed again before it raises.
+    Raises: HardwareMissing, with every problem and what to do about it.
+    """
+    problems: list[str] = []
+    wrong_machine = this_machine.problem(machine)
+    if wrong_machine:
+        problems.append(wrong_machine)
+    spi = _opened(problems, lambda: _open_spi(board))
+    i2c = None if board.i2c == "absent" else _opened(problems, lambda: _open_i2c(board))
+    # The lines last: requesting them drives them, so only when nothing else is in the way.
+    gpio = _opened(problems, lambda: _open_gpio(board, lines, request=not problems))
+    if problems or spi is None or gpio is None:
+        for port in (spi, i2c, gpio):
+            if port is not None:
+                port.close()
+        raise HardwareMissing(tuple(problems))
+    return spi, gpio, i2c, LinuxClock()
+
+
+def _opened(problems: list[str], open_one: Callable[[], T]) -> T | None:
+    try:
+        return open_one()
+    except ModuleNotFoundError as error:
+        problems.append(f"the Python package {error.name} is not installed: pip install 'etd[pi]'")
+    except BusError as error:
+        problems.append(f"{error}: {_ADVICE.get(error.kind, 'see the kernel log (dmesg)')}")
+    return None
+
+
+_ADVICE = {
+    "absent": "switch the bus on (raspi-config, Interface Options), or correct the board file",
+    "busy": "end the program that holds them (`etd stop` and `systemctl stop` for a daemon)",
+    "gone": "look whether the device is still there, and its driver loaded",
+    "permission": "join the groups gpio, spi and i2c (sudo adduser NAME GROUP), log in again",
+    "invalid": "the driver does not take the board file's mode, speed or lines",
+}
+
+
+def _open_spi(board: BoardFile) -> LinuxSpi:
+    from etd_hal.linux.spi import open_spi
+
+    source = board.source
+    return open_spi(SpiSetup(source.spi, source.mode, source.speed_hz))
+
+
+def _open_i2c(board: BoardFile) -> LinuxI2c:
+    from etd_hal.linux.i2c import open_i2c
+
+    return open_i2c(board.i2c)
+
+
+def _open_gpio(board: BoardFile, lines: LineSetup, *, request: bool) -> LinuxGpio | None:
+    """The requested lines, or None if they were only to be looked at. Raises: BusError."""
+    from etd_hal.linux.gpio import find_chip, holders, open_gpio
+
+    chip = find_chip(board.gpio_chip_labels)
+    held = holders(chip, _all_lines(lines))
+    if held:
+        raise BusError("busy", str(chip), "requesting lines", _who(held, board))
+    return open_gpio(chip, lines) if request else None
+
+
+def _all_lines(lines: LineSetup) -> tuple[int, ...]:
+    return tuple(line for line, _ in lines.outputs) + tuple(one.line for one in lines.inputs)
+
+
+def _who(held: dict[int, str], board: BoardFile) -> str:
+    functions = {line: function for function, line in board.used_lines().items()}
+    return ", ".join(
+        f"{functions.get(line, 'line')} ({line}) is held by {name or 'a kernel driver'!r}"
+        for line, name in held.items()
+    )

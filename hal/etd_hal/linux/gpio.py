@@ -1,0 +1,222 @@
+"""GPIO lines through gpiod: the package finds, requests and describes; the ioctl sets and gets.
+
+Owns: which chip, which request holds which line, ready buffers for each set of changes, edges.
+Must not know: what a line does.
+
+Line numbers are those of the 40-pin header. One request holds the outputs, another the inputs, so
+that each keeps its own order.
+"""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import gpiod
+from gpiod import line as gpiod_line
+
+from etd_hal.errors import BusError
+from etd_hal.linux import uapi
+from etd_hal.ports import Changes, Edge, InputLine, LineSetup, Pull
+
+#: As fcntl.ioctl: file descriptor, request number, buffer.
+Ioctl = Callable[[int, int, bytearray], int]
+
+#: What gpiod takes: by line number (it would take names and groups of lines as well).
+Settings = dict[Iterable[int | str] | int | str, gpiod.LineSettings | None]
+
+#: So many different sets of changes are kept ready; beyond, the oldest goes.
+_KEPT = 1024
+
+
+class HeldLines(Protocol):
+    """Requested lines: what gpiod's LineRequest is to us."""
+
+    @property
+    def fd(self) -> int: ...
+
+    @property
+    def offsets(self) -> Sequence[int]: ...
+
+    def release(self) -> None: ...
+
+
+class EdgeSource(HeldLines, Protocol):
+    """Requested inputs that can tell their edges."""
+
+    def wait_edge_events(self, timeout: float) -> bool: ...
+
+    def read_edge_events(self) -> Sequence[gpiod.EdgeEvent]: ...
+
+
+class LinuxGpio:
+    """The Gpio port on lines that are held, which it releases.
+
+    `set` may be called by two threads at once: what they share is written once and then only read.
+    """
+
+    def __init__(
+        self,
+        chip: str,
+        outputs: HeldLines,
+        inputs: EdgeSource | None,
+        ioctl: Ioctl = fcntl.ioctl,
+    ) -> None:
+        self._chip = chip
+        self._outputs = outputs
+        self._inputs = inputs
+        self._ioctl = ioctl
+        self._output_fd = outputs.fd
+        self._output_bit = {line: bit for bit, line in enumerate(outputs.offsets)}
+        # A line of the request, by line: which file descriptor answers for it, and as which bit.
+        self._held = {line: (outputs.fd, bit) for line, bit in self._output_bit.items()}
+        if inputs is not None:
+            self._held |= {line: (inputs.fd, bit) for bit, line in enumerate(inputs.offsets)}
+        self._ready: dict[Changes, bytearray] = {}
+
+    def set(self, changes: Changes) -> None:
+        """See `ports.Gpio`. Changes seen before cost one look-up and one ioctl."""
+        values = self._ready.get(changes) or self._keep(changes)
+        try:
+            self._ioctl(self._output_fd, uapi.GPIO_V2_LINE_SET_VALUES, values)
+        except OSError as error:
+            raise BusError.of(error, self._chip, f"setting lines {changes}") from error
+
+    def get(self, line: int) -> int:
+        """See `ports.Gpio`."""
+        if line not in self._held:
+            raise BusError("invalid", self._chip, f"reading line {line}", "it was not requested")
+        fd, bit = self._held[line]
+        values = uapi.line_values([(bit, 0)])
+        try:
+            self._ioctl(fd, uapi.GPIO_V2_LINE_GET_VALUES, values)
+        except OSError as error:
+            raise BusError.of(error, self._chip, f"reading line {line}") from error
+        return uapi.level_of(values, bit)
+
+    def edges(self) -> tuple[Edge, ...]:
+        """See `ports.Gpio`. Times are the kernel's CLOCK_MONOTONIC stamps."""
+        if self._inputs is None:
+            return ()
+        found: list[Edge] = []
+        try:
+            while self._inputs.wait_edge_events(timeout=0):
+                found.extend(map(_edge, self._inputs.read_edge_events()))
+        except OSError as error:
+            raise BusError.of(error, self._chip, "reading edges") from error
+        return tuple(found)
+
+    def close(self) -> None:
+        """Give the lines back; what the pins do then is up to kernel and pulls. Idempotent."""
+        for held in (self._outputs, self._inputs):
+            if held is not None:
+                held.release()
+        self._output_fd = -1
+        self._held = {}
+
+    def _keep(self, changes: Changes) -> bytearray:
+        values = uapi.line_values((self._bit_of(line), level) for line, level in changes)
+        if len(self._ready) >= _KEPT:
+            del self._ready[next(iter(self._ready))]
+        self._ready[changes] = values
+        return values
+
+    def _bit_of(self, line: int) -> int:
+        if line not in self._output_bit:
+            raise BusError(
+                "invalid", self._chip, f"setting line {line}", "it was not requested as an output"
+            )
+        return self._output_bit[line]
+
+
+def _edge(event: gpiod.EdgeEvent) -> Edge:
+    value = int(event.event_type is gpiod.EdgeEvent.Type.RISING_EDGE)
+    return Edge(line=event.line_offset, value=value, t_ns=event.timestamp_ns)
+
+
+def find_chip(labels: Sequence[str]) -> Path:
+    """The device of the chip with one of these labels: its number moves between kernels.
+
+    Raises: BusError (absent: none has such a label; permission: one could not be asked).
+    """
+    closed: list[Path] = []
+    seen: list[str] = []
+    for path in sorted(Path("/dev").glob("gpiochip*")):
+        try:
+            with gpiod.Chip(str(path)) as chip:
+                seen.append(chip.get_info().label)
+        except PermissionError:
+            closed.append(path)
+            continue
+        except OSError:
+            continue
+        if seen[-1] in labels:
+            return path
+    if closed:
+        raise BusError("permission", str(closed[0]), "opening")
+    found = f"there are {', '.join(seen)}" if seen else "there is no GPIO chip at all"
+    raise BusError("absent", " or ".join(labels), "looking for the GPIO chip", found)
+
+
+def holders(chip: Path, lines: Sequence[int]) -> dict[int, str]:
+    """Which of these lines are in use, and the name that their holder gave. Raises: BusError."""
+    try:
+        with gpiod.Chip(str(chip)) as opened:
+            infos = [opened.get_line_info(line) for line in lines]
+    except OSError as error:
+        raise BusError.of(error, str(chip), "asking who holds the lines") from error
+    return {info.offset: info.consumer for info in infos if info.used}
+
+
+def open_gpio(chip: Path, setup: LineSetup) -> LinuxGpio:
+    """Request all lines of `setup`; outputs get their levels with the request, in its order.
+
+    Raises: BusError (busy: one of them is held; permission, invalid).
+    """
+    try:
+        outputs = _request(chip, setup.consumer, _output_settings(setup))
+    except OSError as error:
+        raise BusError.of(error, str(chip), "requesting the outputs") from error
+    if not setup.inputs:
+        return LinuxGpio(str(chip), outputs, None)
+    try:
+        inputs = _request(chip, setup.consumer, _input_settings(setup.inputs))
+    except OSError as error:
+        outputs.release()
+        raise BusError.of(error, str(chip), "requesting the inputs") from error
+    return LinuxGpio(str(chip), outputs, inputs)
+
+
+def _request(chip: Path, consumer: str, settings: Settings) -> gpiod.LineRequest:
+    return gpiod.request_lines(str(chip), consumer=consumer, config=settings)
+
+
+def _output_settings(setup: LineSetup) -> Settings:
+    return {
+        line: gpiod.LineSettings(
+            direction=gpiod_line.Direction.OUTPUT,
+            output_value=gpiod_line.Value.ACTIVE if level else gpiod_line.Value.INACTIVE,
+        )
+        for line, level in setup.outputs
+    }
+
+
+_BIAS: dict[Pull, gpiod_line.Bias] = {
+    "up": gpiod_line.Bias.PULL_UP,
+    "down": gpiod_line.Bias.PULL_DOWN,
+    "none": gpiod_line.Bias.DISABLED,
+}
+
+
+def _input_settings(inputs: Sequence[InputLine]) -> Settings:
+    return {
+        one.line: gpiod.LineSettings(
+            direction=gpiod_line.Direction.INPUT,
+            bias=_BIAS[one.pull],
+            edge_detection=gpiod_line.Edge.BOTH if one.edges else gpiod_line.Edge.NONE,
+            event_clock=gpiod_line.Clock.MONOTONIC,
+        )
+        for one in inputs
+    }

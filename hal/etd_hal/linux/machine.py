@@ -1,0 +1,90 @@
+"""Which machine this is, whether its SPI can time a pulse, and how its kernel is set.
+
+Owns: reading the model and the few kernel settings that matter to a pulse or to the pins.
+Must not know: boards. `root` stands before every path, so that a test can lay out a machine.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from etd_hal.boardfile import MachineFile
+
+ROOT = Path("/")
+
+_DEVICE_TREE = "sys/firmware/devicetree/base"
+_DMI = "sys/class/dmi/id"
+#: The processor of the Pi 5, the Compute Module 5 and the 500.
+_INTERRUPT_DRIVEN = "brcm,bcm2712"
+
+
+def model(root: Path = ROOT) -> str:
+    """The model in the device tree, else what the firmware calls a PC; "" if neither is there."""
+    from_tree = _read(root / _DEVICE_TREE / "model")
+    if from_tree:
+        return from_tree
+    return f"{_read(root / _DMI / 'sys_vendor')} {_read(root / _DMI / 'product_name')}".strip()
+
+
+def problem(machine: MachineFile, root: Path = ROOT) -> str | None:
+    """Why this machine file cannot stand for this machine, with what to do; None if it can.
+
+    A machine file without models takes any machine but one whose SPI is interrupt-driven.
+    """
+    here = model(root)
+    if _INTERRUPT_DRIVEN in _read(root / _DEVICE_TREE / "compatible"):
+        return (
+            f"this is a {here}, whose SPI is driven by interrupts: every word would be late by"
+            " tens of microseconds, and so the pulse as wide: use a Raspberry Pi 4, 3 or Zero 2 W"
+        )
+    if not machine.models or any(named in here for named in machine.models):
+        return None
+    return (
+        f"this machine is {here or 'of unknown model'!r}, and {machine.name} is for"
+        f" {', '.join(machine.models)}: name the right machine file in the configuration"
+    )
+
+
+def facts(root: Path = ROOT) -> tuple[str, ...]:
+    """One sentence for each setting that somebody who looks for a cause wants to see."""
+    return (
+        f"model: {model(root) or 'unknown'}",
+        f"kernel: {_read(root / 'proc/sys/kernel/osrelease') or 'unknown'}",
+        _pins(root),
+        _throttling(root),
+        _isolation(root),
+    )
+
+
+def _pins(root: Path) -> str:
+    modules = ("pinctrl_bcm2835", "pinctrl_rp1")
+    for module in modules:
+        value = _read(root / "sys/module" / module / "parameters/persist_gpio_outputs")
+        if value in ("Y", "1"):
+            return "pins: keep their last level when the daemon is gone (persist_gpio_outputs=Y)"
+        if value:
+            return "pins: become inputs when the daemon is gone, and the pulls decide"
+    return "pins: this kernel does not say what they do when the daemon is gone"
+
+
+def _throttling(root: Path) -> str:
+    runtime_us = _read(root / "proc/sys/kernel/sched_rt_runtime_us")
+    period_us = _read(root / "proc/sys/kernel/sched_rt_period_us")
+    if runtime_us == "-1":
+        return "real-time throttling: off"
+    if runtime_us and period_us:
+        return f"real-time throttling: {runtime_us} us of every {period_us} us"
+    return "real-time throttling: unknown"
+
+
+def _isolation(root: Path) -> str:
+    return f"isolated cores: {_read(root / 'sys/devices/system/cpu/isolated') or 'none'}"
+
+
+def _read(path: Path) -> str:
+    """The text of a kernel file without its NULs and line ends; "" if it cannot be read."""
+    try:
+        text = path.read_bytes().decode("utf-8", errors="replace")
+    except OSError:
+        return ""
+    return text.replace("\0", " ").strip()

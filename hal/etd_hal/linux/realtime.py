@@ -1,0 +1,103 @@
+"""What the scan thread asks of the kernel and of Python, to be on time.
+
+Owns: asking, and telling in sentences what was not granted. Must not know: what the thread does.
+
+systemd may have granted some of it before; what stands already is not asked for again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import sys
+from collections.abc import Callable
+
+_PR_SET_TIMERSLACK = 29
+_TIMER_SLACK_NS = 1
+_MCL_CURRENT = 1
+_MCL_FUTURE = 2
+#: Lock pages when they are touched: locking all that is mapped takes five times the memory.
+_MCL_ONFAULT = 4
+#: A busy thread of ours gives the interpreter away after this, in place of 5 ms.
+_SWITCH_INTERVAL_S = 0.000_5
+
+
+def set_up(priority: int, core: int | None) -> tuple[str, ...]:
+    """Make the *calling thread* real-time, and the process fit for it.
+
+    SCHED_FIFO at `priority`, on `core` alone (None: any), least timer slack; for the process:
+    memory locked as it is touched, objects of the start frozen and the collector off.
+    Returns a sentence for each thing that was not granted, with what would grant it.
+    """
+    refusals = (
+        _scheduling(priority),
+        _affinity(core),
+        _timer_slack(),
+        _memory(),
+    )
+    _quiet_interpreter()
+    return tuple(sentence for sentence in refusals if sentence)
+
+
+def _scheduling(priority: int) -> str | None:
+    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    if policy == os.SCHED_FIFO and os.sched_getparam(0).sched_priority >= priority:
+        return None
+    # Threads and processes begun from here start as ordinary ones, and ask for themselves.
+    wanted = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    return _asked(
+        f"real-time scheduling (SCHED_FIFO {priority})",
+        lambda: os.sched_setscheduler(0, wanted, os.sched_param(priority)),
+        "start it by systemd, or allow rtprio in limits.conf; pulses will be late under load",
+    )
+
+
+def _affinity(core: int | None) -> str | None:
+    if core is None:
+        return None
+    return _asked(
+        f"core {core} for the scan thread",
+        lambda: os.sched_setaffinity(0, {core}),
+        "name a core that this machine has and this service may use, or none",
+    )
+
+
+def _timer_slack() -> str | None:
+    return _asked(
+        "least timer slack",
+        lambda: _call("prctl", _PR_SET_TIMERSLACK, _TIMER_SLACK_NS, 0, 0, 0),
+        "sleeps end up to 50 us later",
+    )
+
+
+def _memory() -> str | None:
+    return _asked(
+        "locked memory",
+        lambda: _call("mlockall", _MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT),
+        "raise LimitMEMLOCK (or memlock in limits.conf): a page that was swapped out costs"
+        " milliseconds",
+    )
+
+
+def _quiet_interpreter() -> None:
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
+
+
+def _asked(what: str, ask: Callable[[], None], advice: str) -> str | None:
+    try:
+        ask()
+    except OSError as error:
+        return f"{what} was not granted ({error.strerror}): {advice}"
+    return None
+
+
+def _call(function: str, *arguments: int) -> None:
+    """A function of the C library that answers 0, or -1 and errno. Raises: OSError."""
+    library = ctypes.CDLL(None, use_errno=True)
+    if library[function](*map(ctypes.c_ulong, arguments)) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
