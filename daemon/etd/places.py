@@ -114,13 +114,17 @@ def prepare_runtime(folder: Path) -> None:
     """
     if len(os.fsencode(folder / TELEMETRY)) > MAX_SOCKET_PATH:
         raise FileError(
-            str(folder), "", "the path is too long for a Unix socket",
+            str(folder),
+            "",
+            "the path is too long for a Unix socket",
             f"at most {MAX_SOCKET_PATH} bytes with the socket's name: choose a shorter folder",
         )
     folder.mkdir(mode=0o750, parents=True, exist_ok=True)
     if folder.stat().st_mode & 0o002:
         raise FileError(
-            str(folder), "", "everybody may write into this runtime folder",
+            str(folder),
+            "",
+            "everybody may write into this runtime folder",
             f"chmod o-w {folder}, or choose another one",
         )
 
@@ -143,7 +147,9 @@ def _user_runtime() -> Path:
     folder = Path(tempfile.gettempdir()) / f"etd-{os.getuid()}"
     if os.path.lexists(folder) and folder.lstat().st_uid != os.getuid():
         raise FileError(
-            str(folder), "", "this folder belongs to somebody else",
+            str(folder),
+            "",
+            "this folder belongs to somebody else",
             "have it removed, or set XDG_RUNTIME_DIR",
         )
     return folder

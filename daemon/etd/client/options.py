@@ -1,6 +1,7 @@
 """The options of a frame, and the frame they make together with levels or currents.
 
-Owns: the names that Python callers use, the same as on the wire. Must not know: lease, seq, sockets.
+Owns: the names that Python callers use, the same as on the wire. Must not know: lease, seq,
+sockets.
 """
 
 from __future__ import annotations
@@ -39,9 +40,7 @@ class FrameOptions(TypedDict, total=False):
 _KNOWN = frozenset(FrameOptions.__annotations__)
 
 
-def frame_fields(
-    kind: Kind, numbers: values.Numbers, options: FrameOptions
-) -> dict[str, object]:
+def frame_fields(kind: Kind, numbers: values.Numbers, options: FrameOptions) -> dict[str, object]:
     """A frame without lease and seq, stamped with the time. Raises: Refused (`bad_frame`)."""
     for key in options:
         if key not in _KNOWN:
@@ -56,3 +55,10 @@ def frame_fields(
 def renewal_s(options: FrameOptions) -> float:
     """How often a held frame is sent again: three times within its ttl."""
     return options.get("ttl_ms", DEFAULT_TTL_MS) / 3000
+
+
+def silent_fields(fields: dict[str, object]) -> dict[str, object]:
+    """The same frame with every value 0."""
+    kind = "level" if "level" in fields else "current_ua"
+    numbers = fields[kind]
+    return {**fields, kind: [0] * len(numbers) if isinstance(numbers, list) else numbers}

@@ -34,6 +34,9 @@ from etd.protocol import (
     Success,
 )
 
+#: While a slow request is under way, the lease is renewed this often.
+KEEP_S = 0.3
+
 
 @dataclass(frozen=True, slots=True)
 class Ask:

@@ -62,9 +62,7 @@ def _finite(key: str, index: int | None, value: object) -> float:
     where = key if index is None else f"{key}[{index}]"
     if isinstance(value, bool) or not isinstance(value, Real):
         flat = "" if not isinstance(value, (list, tuple)) else " (flatten the array first)"
-        raise Refused(
-            "bad_frame", f"{where} is {_called(value)}: a number is needed{flat}", index
-        )
+        raise Refused("bad_frame", f"{where} is {_called(value)}: a number is needed{flat}", index)
     if not math.isfinite(value):
         raise Refused("bad_frame", f"{where} is {float(value)}: a finite number is needed", index)
     return int(value) if isinstance(value, Integral) else float(value)

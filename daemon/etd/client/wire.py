@@ -6,6 +6,7 @@ Must not know: what is said over them.
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TypeVar
 
@@ -50,3 +51,8 @@ def configure(socket: S, address: str) -> S:
     socket.setsockopt(zmq.MAXMSGSIZE, 16 * MAX_MESSAGE_BYTES)
     socket.connect(address)
     return socket
+
+
+def program_name() -> str:
+    """What this program is called, for the daemon's status."""
+    return Path(sys.argv[0]).stem if sys.argv and sys.argv[0] else "python"

@@ -1,0 +1,285 @@
+"""The same display for asyncio.
+
+Owns: carrying each request of `Session` to the daemon and awaiting the answer.
+Must not know: the order of requests (session), what a frame may say (options).
+
+Requests of one display go one after another; `stop` has a connection of its own and waits for
+nobody.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from types import TracebackType
+from typing import Any, Self, Unpack
+
+import zmq
+import zmq.asyncio
+
+from etd.calibration import Calibration
+from etd.client import clock, wire
+from etd.client.options import FrameOptions, Kind, frame_fields, renewal_s, silent_fields
+from etd.client.session import KEEP_S, Ask, Flow, R, Session
+from etd.client.telemetry import AsyncTelemetry
+from etd.client.values import Numbers
+from etd.errors import DaemonGone, EtdError, Refused
+from etd.places import DEFAULT_NAME, FRAMES, TELEMETRY, sibling_address
+from etd.protocol import (
+    FrameReply,
+    HelloReply,
+    MarkReply,
+    MeasureReply,
+    StateReport,
+    Success,
+    Topic,
+)
+
+
+class AsyncDisplay:
+    """`async with AsyncDisplay() as display:`; the methods of `Display`, awaited.
+
+    Raises, from every method: DaemonGone (nobody answers), Refused (code, reason, electrode).
+    """
+
+    def __init__(
+        self,
+        name: str = DEFAULT_NAME,
+        *,
+        address: str | None = None,
+        client: str | None = None,
+        calibration: str | None = None,
+        max_current_ua: int | None = None,
+        width_us: int | None = None,
+        timeout_s: float = 2.0,
+    ) -> None:
+        self._session = Session(
+            client or wire.program_name(),
+            calibration=calibration,
+            max_current_ua=max_current_ua,
+            width_us=width_us,
+            timeout_s=timeout_s,
+        )
+        self.address = wire.resolve(name, address)
+        self._timeout_s = timeout_s
+        self._context = zmq.asyncio.Context()
+        self._turn = asyncio.Lock()
+        self._control: zmq.asyncio.Socket | None = None
+        self._frames: zmq.asyncio.Socket | None = None
+
+    async def __aenter__(self) -> Self:
+        try:
+            await self.connect()
+        except BaseException:
+            self._hang_up()
+            raise
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        await self.close()
+
+    async def connect(self) -> None:
+        """Learn the facts; without an engine there are none, and `status` and `stop` still work."""
+        wire.check_there(self.address)
+        try:
+            await self._run(self._session.greet())
+        except Refused as refusal:
+            if refusal.code != "engine_gone":
+                raise
+
+    async def greet(self) -> HelloReply:
+        """Ask for the facts again. Raises: Refused (`engine_gone`)."""
+        return await self._run(self._session.greet())
+
+    @property
+    def facts(self) -> HelloReply:
+        """Board, array with positions, maxima, calibrations. Raises: Refused (`engine_gone`)."""
+        if self._session.facts is None:
+            raise Refused("engine_gone", "there are no facts yet: await connect(), or greet()")
+        return self._session.facts
+
+    @property
+    def electrodes(self) -> int:
+        """How many values a frame has."""
+        return self.facts.array.electrodes
+
+    async def status(self) -> StateReport:
+        return await self._run(self._session.status())
+
+    async def arm(self, timeout_s: float = 10.0) -> None:
+        """Open the lease if none stands, check the board and enable the supply; waits for it."""
+        await self._run(self._session.arm(timeout_s))
+
+    async def arm_holder(self, timeout_s: float = 10.0) -> None:
+        """The operator's `arm`: arms the lease of whoever holds it."""
+        await self._run(self._session.arm_holder(timeout_s))
+
+    async def disarm(self) -> None:
+        await self._run(self._session.disarm())
+
+    async def keep(self) -> None:
+        """Renew the lease, without a frame."""
+        await self._run(self._session.keep())
+
+    async def show(self, levels: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
+        """One frame of levels, 0..1 for each electrode."""
+        return await self._run(self._session.frame(frame_fields("level", levels, options)))
+
+    async def show_current(
+        self, current_ua: Numbers, **options: Unpack[FrameOptions]
+    ) -> FrameReply:
+        """One frame of currents, in uA for each electrode."""
+        fields = frame_fields("current_ua", current_ua, options)
+        return await self._run(self._session.frame(fields))
+
+    async def hold(self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]) -> None:
+        """Show levels for `seconds`, then silence. Cancelled, it ends silent."""
+        await self._hold("level", levels, seconds, options)
+
+    async def hold_current(
+        self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
+    ) -> None:
+        """Show currents for `seconds`, then silence. Cancelled, it ends silent."""
+        await self._hold("current_ua", current_ua, seconds, options)
+
+    async def stream(self, levels: Numbers, **options: Unpack[FrameOptions]) -> None:
+        """One frame without an answer; the newest wins. A refusal comes as telemetry `refused`."""
+        await self._stream(frame_fields("level", levels, options))
+
+    async def stream_current(self, current_ua: Numbers, **options: Unpack[FrameOptions]) -> None:
+        """The same for currents in uA."""
+        await self._stream(frame_fields("current_ua", current_ua, options))
+
+    async def measure(self, timeout_s: float = 10.0) -> MeasureReply:
+        """Contact of all electrodes, with probe pulses; from SAFE back to SAFE."""
+        return await self._run(self._session.measure(timeout_s))
+
+    async def mark(self, tag: int | None = None) -> MarkReply:
+        return await self._run(self._session.mark(tag))
+
+    async def stop(self) -> None:
+        """Silence at once, whoever holds the lease and whatever is under way here."""
+        socket = wire.configure(self._context.socket(zmq.DEALER), self.address)
+        try:
+            flow = self._session.stop()
+            await self._exchange(socket, next(flow))
+        finally:
+            socket.close()
+
+    async def clear(self) -> None:
+        """Leave HALTED for SAFE; then `arm()` anew."""
+        await self._run(self._session.clear())
+
+    async def calibrations(self) -> tuple[str, ...]:
+        return await self._run(self._session.calibrations())
+
+    async def calibration(self, name: str) -> Calibration:
+        """Raises: Refused (`not_found`)."""
+        return await self._run(self._session.get_calibration(name))
+
+    async def set_calibration(self, name: str, calibration: Calibration) -> None:
+        """Keep a calibration under a name; in SAFE only, needs operate rights."""
+        await self._run(self._session.set_calibration(name, calibration))
+
+    def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> AsyncTelemetry:
+        """`async with display.telemetry("scan") as reports: async for topic, report in reports`"""
+        facts = self._session.facts
+        address = facts.endpoints.telemetry if facts else sibling_address(self.address, TELEMETRY)
+        return AsyncTelemetry(self._context, address, topics, timeout_s, join_s=self._timeout_s)
+
+    async def close(self) -> None:
+        """Give the lease back (which disarms) and hang up. Idempotent."""
+        if self._context.closed:
+            return
+        try:
+            await self._run(self._session.close())
+        except DaemonGone:
+            pass  # nobody is there to be told; the lease has ended with the daemon, or lapses
+        finally:
+            self._hang_up()
+
+    async def _hold(
+        self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
+    ) -> None:
+        fields = frame_fields(kind, numbers, options)
+        end_ns = clock.now_ns() + int(seconds * 1e9)
+        try:
+            while (left_s := (end_ns - clock.now_ns()) / 1e9) > 0:
+                await self._run(self._session.frame({**fields, "sent_ns": clock.now_ns()}))
+                await asyncio.sleep(min(renewal_s(options), left_s))
+        except asyncio.CancelledError:
+            with contextlib.suppress(EtdError):  # the frame expires by itself
+                await self._silence(fields)
+            raise
+        await self._silence(fields)
+
+    async def _silence(self, fields: dict[str, object]) -> None:
+        silent = {**silent_fields(fields), "sent_ns": clock.now_ns()}
+        await self._run(self._session.frame(silent))
+
+    async def _stream(self, fields: dict[str, object]) -> None:
+        await self._run(self._session.opened())
+        data = self._session.streamed(fields)
+        if self._frames is None:
+            facts = self._session.facts
+            address = facts.endpoints.frames if facts else sibling_address(self.address, FRAMES)
+            self._frames = wire.configure(self._context.socket(zmq.PUSH), address)
+        if not await self._frames.poll(int(self._timeout_s * 1000), zmq.POLLOUT):
+            raise DaemonGone(self.address, f"no frame was taken within {self._timeout_s:g} s")
+        await self._frames.send(data)
+
+    async def _run(self, flow: Flow[R]) -> R:
+        """Drive one of the session's generators to its end, one caller after another."""
+        async with self._turn:
+            try:
+                ask = next(flow)
+                while True:
+                    try:
+                        reply = await self._exchange(self._connected(), ask)
+                    except Refused as refusal:
+                        ask = flow.throw(refusal)
+                    except DaemonGone:
+                        self._drop_control()
+                        raise
+                    else:
+                        ask = flow.send(reply)
+            except StopIteration as end:
+                result: R = end.value
+                return result
+
+    async def _exchange(self, socket: zmq.asyncio.Socket, ask: Ask) -> Success:
+        """Send one request and await its reply, keeping the lease if it is a slow one."""
+        deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
+        if await socket.poll(int(ask.timeout_s * 1000), zmq.POLLOUT):
+            await socket.send(ask.data)
+            while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
+                wait_s = left_s if ask.keep is None else min(left_s, KEEP_S)
+                if await socket.poll(max(1, int(wait_s * 1000))):
+                    parts: list[Any] = await socket.recv_multipart()
+                    reply = self._session.settle(ask, parts[-1])
+                    if reply is not None:
+                        return reply
+                elif ask.keep is not None:
+                    await socket.send(ask.keep())
+        raise DaemonGone(self.address, f"no answer to {ask.op} within {ask.timeout_s:g} s")
+
+    def _connected(self) -> zmq.asyncio.Socket:
+        if self._context.closed:
+            raise DaemonGone(self.address, "this display was closed, so nothing can be said")
+        if self._control is None:
+            self._control = wire.configure(self._context.socket(zmq.DEALER), self.address)
+        return self._control
+
+    def _drop_control(self) -> None:
+        """What was not answered must not reach a daemon that comes back later."""
+        if self._control is not None:
+            self._control.close()
+            self._control = None
+
+    def _hang_up(self) -> None:
+        self._context.destroy(linger=0)

@@ -1,0 +1,279 @@
+"""The display, as an application sees it: levels in, sensation out.
+
+Owns: carrying each request of `Session` to the daemon and waiting, blocking, for the answer.
+Must not know: the order of requests (session), what a frame may say (options).
+
+    with Display() as display:
+        display.arm()
+        display.hold(levels, seconds=2)
+"""
+
+from __future__ import annotations
+
+import contextlib
+from types import TracebackType
+from typing import Self, Unpack
+
+import zmq
+
+from etd.calibration import Calibration
+from etd.client import clock, wire
+from etd.client.options import FrameOptions, Kind, frame_fields, renewal_s, silent_fields
+from etd.client.session import KEEP_S, Ask, Flow, R, Session
+from etd.client.telemetry import Telemetry
+from etd.client.values import Numbers
+from etd.errors import DaemonGone, EtdError, Refused
+from etd.places import DEFAULT_NAME, FRAMES, TELEMETRY, sibling_address
+from etd.protocol import (
+    FrameReply,
+    HelloReply,
+    MarkReply,
+    MeasureReply,
+    StateReport,
+    Success,
+    Topic,
+)
+
+
+class Display:
+    """One connection to one daemon. Blocking; for one thread at a time.
+
+    `name` is the daemon's; `address` goes past the search for it. What the person may get comes
+    from `calibration` (a name the daemon knows), or from `max_current_ua` (50..10000) with
+    `width_us` (20..200), or else from the daemon's default calibration. Nothing is felt before
+    `arm()`, and nothing is sent again behind the caller's back: a frame that is not renewed
+    expires, and a lease that is not renewed for a second disarms.
+
+    Raises, from every method: DaemonGone (nobody answers), Refused (code, reason, electrode).
+    """
+
+    def __init__(
+        self,
+        name: str = DEFAULT_NAME,
+        *,
+        address: str | None = None,
+        client: str | None = None,
+        calibration: str | None = None,
+        max_current_ua: int | None = None,
+        width_us: int | None = None,
+        timeout_s: float = 2.0,
+    ) -> None:
+        self._session = Session(
+            client or wire.program_name(),
+            calibration=calibration,
+            max_current_ua=max_current_ua,
+            width_us=width_us,
+            timeout_s=timeout_s,
+        )
+        self.address = wire.resolve(name, address)
+        self._timeout_s = timeout_s
+        wire.check_there(self.address)
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._control: zmq.Socket[bytes] | None = None
+        self._frames: zmq.Socket[bytes] | None = None
+        try:
+            self._greet()
+        except BaseException:
+            self._hang_up()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def facts(self) -> HelloReply:
+        """Board, array with positions, maxima, calibrations. Raises: Refused (`engine_gone`)."""
+        return self._session.facts or self._run(self._session.greet())
+
+    @property
+    def electrodes(self) -> int:
+        """How many values a frame has."""
+        return self.facts.array.electrodes
+
+    def status(self) -> StateReport:
+        """The state now; answered even while the engine is gone."""
+        return self._run(self._session.status())
+
+    def arm(self, timeout_s: float = 10.0) -> None:
+        """Open the lease if none stands, check the board and enable the supply; blocks for it."""
+        self._run(self._session.arm(timeout_s))
+
+    def arm_holder(self, timeout_s: float = 10.0) -> None:
+        """The operator's `arm`: arms the lease of whoever holds it."""
+        self._run(self._session.arm_holder(timeout_s))
+
+    def disarm(self) -> None:
+        """Supply off; the lease stays. Does nothing without a lease."""
+        self._run(self._session.disarm())
+
+    def keep(self) -> None:
+        """Renew the lease, without a frame."""
+        self._run(self._session.keep())
+
+    def show(self, levels: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
+        """One frame of levels, 0..1 for each electrode: 0 is silent, above it threshold to
+        comfortable. Returns when it is accepted, with what its limits take away.
+        """
+        return self._run(self._session.frame(frame_fields("level", levels, options)))
+
+    def show_current(self, current_ua: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
+        """One frame of currents, in uA for each electrode: an upper bound of what passes."""
+        return self._run(self._session.frame(frame_fields("current_ua", current_ua, options)))
+
+    def hold(self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]) -> None:
+        """Show levels for `seconds`, then silence. Blocks; renews the frame within its ttl.
+
+        Ctrl-C ends it silent.
+        """
+        self._hold("level", levels, seconds, options)
+
+    def hold_current(
+        self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
+    ) -> None:
+        """Show currents for `seconds`, then silence; as `hold`."""
+        self._hold("current_ua", current_ua, seconds, options)
+
+    def stream(self, levels: Numbers, **options: Unpack[FrameOptions]) -> None:
+        """One frame without an answer; the newest wins. A refusal comes as telemetry `refused`."""
+        self._stream(frame_fields("level", levels, options))
+
+    def stream_current(self, current_ua: Numbers, **options: Unpack[FrameOptions]) -> None:
+        """The same for currents in uA."""
+        self._stream(frame_fields("current_ua", current_ua, options))
+
+    def measure(self, timeout_s: float = 10.0) -> MeasureReply:
+        """Contact of all electrodes, with probe pulses; from SAFE back to SAFE."""
+        return self._run(self._session.measure(timeout_s))
+
+    def mark(self, tag: int | None = None) -> MarkReply:
+        """A remark in the records, and an edge on SYNC where the board has it."""
+        return self._run(self._session.mark(tag))
+
+    def stop(self) -> None:
+        """Silence at once, whoever holds the lease; HALTED until `clear`."""
+        self._run(self._session.stop())
+
+    def clear(self) -> None:
+        """Leave HALTED for SAFE; then `arm()` anew."""
+        self._run(self._session.clear())
+
+    def calibrations(self) -> tuple[str, ...]:
+        """The names that the daemon knows."""
+        return self._run(self._session.calibrations())
+
+    def calibration(self, name: str) -> Calibration:
+        """Raises: Refused (`not_found`)."""
+        return self._run(self._session.get_calibration(name))
+
+    def set_calibration(self, name: str, calibration: Calibration) -> None:
+        """Keep a calibration under a name; in SAFE only, needs operate rights."""
+        self._run(self._session.set_calibration(name, calibration))
+
+    def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> Telemetry:
+        """`with display.telemetry("scan") as reports: for topic, report in reports: ...`"""
+        facts = self._session.facts
+        address = facts.endpoints.telemetry if facts else sibling_address(self.address, TELEMETRY)
+        return Telemetry(self._context, address, topics, timeout_s, join_s=self._timeout_s)
+
+    def close(self) -> None:
+        """Give the lease back (which disarms) and hang up. Idempotent."""
+        if self._context.closed:
+            return
+        try:
+            self._run(self._session.close())
+        except DaemonGone:
+            pass  # nobody is there to be told; the lease has ended with the daemon, or lapses
+        finally:
+            self._hang_up()
+
+    def _hold(self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions) -> None:
+        fields = frame_fields(kind, numbers, options)
+        end_ns = clock.now_ns() + int(seconds * 1e9)
+        try:
+            while (left_s := (end_ns - clock.now_ns()) / 1e9) > 0:
+                self._run(self._session.frame({**fields, "sent_ns": clock.now_ns()}))
+                clock.sleep_s(min(renewal_s(options), left_s))
+        except KeyboardInterrupt:
+            with contextlib.suppress(EtdError):  # the frame expires by itself
+                self._silence(fields)
+            raise
+        self._silence(fields)
+
+    def _silence(self, fields: dict[str, object]) -> None:
+        silent = {**silent_fields(fields), "sent_ns": clock.now_ns()}
+        self._run(self._session.frame(silent))
+
+    def _stream(self, fields: dict[str, object]) -> None:
+        self._run(self._session.opened())
+        data = self._session.streamed(fields)
+        if self._frames is None:
+            facts = self._session.facts
+            address = facts.endpoints.frames if facts else sibling_address(self.address, FRAMES)
+            self._frames = wire.configure(self._context.socket(zmq.PUSH), address)
+        if not self._frames.poll(int(self._timeout_s * 1000), zmq.POLLOUT):
+            raise DaemonGone(self.address, f"no frame was taken within {self._timeout_s:g} s")
+        self._frames.send(data)
+
+    def _greet(self) -> None:
+        """Learn the facts; without an engine there are none, and `status` and `stop` still work."""
+        try:
+            self._run(self._session.greet())
+        except Refused as refusal:
+            if refusal.code != "engine_gone":
+                raise
+
+    def _run(self, flow: Flow[R]) -> R:
+        """Drive one of the session's generators to its end."""
+        try:
+            ask = next(flow)
+            while True:
+                try:
+                    reply = self._exchange(ask)
+                except Refused as refusal:
+                    ask = flow.throw(refusal)
+                else:
+                    ask = flow.send(reply)
+        except StopIteration as end:
+            result: R = end.value
+            return result
+
+    def _exchange(self, ask: Ask) -> Success:
+        """Send one request and wait for its reply, keeping the lease if it is a slow one."""
+        socket = self._connected()
+        deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
+        if socket.poll(int(ask.timeout_s * 1000), zmq.POLLOUT):
+            socket.send(ask.data)
+            while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
+                wait_s = left_s if ask.keep is None else min(left_s, KEEP_S)
+                if socket.poll(max(1, int(wait_s * 1000))):
+                    reply = self._session.settle(ask, socket.recv_multipart()[-1])
+                    if reply is not None:
+                        return reply
+                elif ask.keep is not None:
+                    socket.send(ask.keep())
+        self._drop_control()
+        raise DaemonGone(self.address, f"no answer to {ask.op} within {ask.timeout_s:g} s")
+
+    def _connected(self) -> zmq.Socket[bytes]:
+        if self._context.closed:
+            raise DaemonGone(self.address, "this display was closed, so nothing can be said")
+        if self._control is None:
+            self._control = wire.configure(self._context.socket(zmq.DEALER), self.address)
+        return self._control
+
+    def _drop_control(self) -> None:
+        """What was not answered must not reach a daemon that comes back later."""
+        if self._control is not None:
+            self._control.close()
+            self._control = None
+
+    def _hang_up(self) -> None:
+        self._context.destroy(linger=0)

@@ -1,0 +1,193 @@
+"""What the daemon tells everybody, as typed reports.
+
+Owns: the subscription, blocking (`Telemetry`) and awaited (`AsyncTelemetry`).
+Must not know: requests, leases.
+
+Both also subscribe to `state` while they begin: the daemon answers a new subscription with one,
+and from then on nothing that it publishes is missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Iterator
+from types import TracebackType
+from typing import Any, TypeAlias
+
+import msgspec
+import zmq
+import zmq.asyncio
+
+from etd.client import clock
+from etd.errors import DaemonGone
+from etd.protocol import TELEMETRY_OF_TOPIC, TOPICS, Topic
+from etd.protocol import Telemetry as Report
+
+Item: TypeAlias = tuple[Topic, Report]
+
+_decoders: dict[bytes, tuple[Topic, msgspec.json.Decoder[Any]]] = {
+    topic.encode(): (topic, msgspec.json.Decoder(TELEMETRY_OF_TOPIC[topic])) for topic in TOPICS
+}
+
+
+class Telemetry:
+    """Iterate, in a `with`, over (topic, report). No topics: all of them.
+
+    With `timeout_s`, silence for that long ends the iteration with `DaemonGone`; without, it waits
+    for ever.
+    """
+
+    def __init__(
+        self,
+        context: zmq.Context[zmq.Socket[bytes]],
+        address: str,
+        topics: tuple[Topic, ...] = (),
+        timeout_s: float | None = None,
+        join_s: float = 2.0,
+    ) -> None:
+        self._address = address
+        self._wanted = topics or TOPICS
+        self._timeout_s = timeout_s
+        self._join_s = join_s
+        self._socket = _subscribe(context.socket(zmq.SUB), address, self._wanted)
+        self._first: Item | None = None
+
+    def __enter__(self) -> Telemetry:
+        """Returns when the subscription stands. Raises: DaemonGone if it does not come to."""
+        item = self._receive(self._join_s)
+        if item is None:
+            self.close()
+            raise DaemonGone(self._address, f"no telemetry within {self._join_s:g} s")
+        self._first = item if item[0] in self._wanted else None
+        _narrow(self._socket, self._wanted)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __iter__(self) -> Iterator[Item]:
+        while True:
+            item = self.receive(self._timeout_s)
+            if item is None:
+                raise DaemonGone(self._address, f"no telemetry for {self._timeout_s:g} s")
+            yield item
+
+    def receive(self, timeout_s: float | None = 0.0) -> Item | None:
+        """The next (topic, report), or None if there is none within `timeout_s` (None: wait)."""
+        if self._first is not None:
+            item, self._first = self._first, None
+            return item
+        deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
+        while True:
+            left = None if deadline_ns is None else max(0.0, (deadline_ns - clock.now_ns()) / 1e9)
+            item = self._receive(left)
+            if item is None or item[0] in self._wanted:
+                return item
+
+    def close(self) -> None:
+        """Idempotent."""
+        self._socket.close()
+
+    def _receive(self, timeout_s: float | None) -> Item | None:
+        while self._socket.poll(_ms(timeout_s)):
+            item = _decode(self._socket.recv_multipart())
+            if item is not None:
+                return item
+        return None
+
+
+class AsyncTelemetry:
+    """The same for asyncio: `async with`, `async for`."""
+
+    def __init__(
+        self,
+        context: zmq.asyncio.Context,
+        address: str,
+        topics: tuple[Topic, ...] = (),
+        timeout_s: float | None = None,
+        join_s: float = 2.0,
+    ) -> None:
+        self._address = address
+        self._wanted = topics or TOPICS
+        self._timeout_s = timeout_s
+        self._join_s = join_s
+        self._socket = _subscribe(context.socket(zmq.SUB), address, self._wanted)
+        self._first: Item | None = None
+
+    async def __aenter__(self) -> AsyncTelemetry:
+        """Returns when the subscription stands. Raises: DaemonGone if it does not come to."""
+        item = await self._receive(self._join_s)
+        if item is None:
+            self.close()
+            raise DaemonGone(self._address, f"no telemetry within {self._join_s:g} s")
+        self._first = item if item[0] in self._wanted else None
+        _narrow(self._socket, self._wanted)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    async def __aiter__(self) -> AsyncIterator[Item]:
+        while True:
+            item = await self.receive(self._timeout_s)
+            if item is None:
+                raise DaemonGone(self._address, f"no telemetry for {self._timeout_s:g} s")
+            yield item
+
+    async def receive(self, timeout_s: float | None = 0.0) -> Item | None:
+        """The next (topic, report), or None if there is none within `timeout_s` (None: wait)."""
+        if self._first is not None:
+            item, self._first = self._first, None
+            return item
+        deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
+        while True:
+            left = None if deadline_ns is None else max(0.0, (deadline_ns - clock.now_ns()) / 1e9)
+            item = await self._receive(left)
+            if item is None or item[0] in self._wanted:
+                return item
+
+    def close(self) -> None:
+        """Idempotent."""
+        self._socket.close()
+
+    async def _receive(self, timeout_s: float | None) -> Item | None:
+        while await self._socket.poll(_ms(timeout_s)):
+            item = _decode(await self._socket.recv_multipart())
+            if item is not None:
+                return item
+        return None
+
+
+def _subscribe(socket: Any, address: str, topics: tuple[Topic, ...]) -> Any:
+    """`state` comes last: when it arrives, the subscriptions before it stand."""
+    socket.setsockopt(zmq.LINGER, 0)
+    for topic in (*(topic for topic in topics if topic != "state"), "state"):
+        socket.setsockopt(zmq.SUBSCRIBE, topic.encode())
+    socket.connect(address)
+    return socket
+
+
+def _narrow(socket: Any, wanted: tuple[Topic, ...]) -> None:
+    if "state" not in wanted:
+        socket.setsockopt(zmq.UNSUBSCRIBE, b"state")
+
+
+def _decode(parts: list[bytes]) -> Item | None:
+    """None for a topic that this version does not know."""
+    if len(parts) != 2 or parts[0] not in _decoders:
+        return None
+    topic, decoder = _decoders[parts[0]]
+    return topic, decoder.decode(parts[1])
+
+
+def _ms(timeout_s: float | None) -> int | None:
+    return None if timeout_s is None else int(timeout_s * 1000)
