@@ -24,7 +24,7 @@ from etd_hal.errors import FileError
 
 Backend = Literal["linux", "fake"]
 #: The name of a shipped file, or a path: absolute, or from the folder of the file that names it.
-FileName = Annotated[str, Meta(min_length=1)]
+FileName = Annotated[str, Meta(min_length=1, max_length=200)]
 
 #: What the fake is made of when nobody says otherwise.
 FAKE_BOARD = "kajimoto-hv507"
@@ -146,7 +146,10 @@ def _read_array(path: Path) -> tuple[Array, tuple[str, ...]]:
 def _resolve(kind: Kind, name: str, folder: Path) -> Path:
     """A path is one from `folder`; anything else is the name of a shipped file."""
     path = Path(name)
-    return find(kind, folder / path if len(path.parts) > 1 or path.suffix else name)
+    try:
+        return find(kind, folder / path if len(path.parts) > 1 or path.suffix else name)
+    except OSError as error:
+        raise FileError(name, "", f"it cannot be read ({error})", "check it") from error
 
 
 def _check_guards(loaded: LoadedConfig) -> None:

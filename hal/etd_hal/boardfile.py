@@ -20,7 +20,8 @@ Absent = Literal["absent"]
 #: A line of the 40-pin header.
 Line = Annotated[int, Meta(ge=2, le=27)]
 I2cAddress = Annotated[int, Meta(ge=0x08, le=0x77)]
-Positive = Annotated[float, Meta(gt=0)]
+#: Both ends of a range are bounded: infinity would switch off what compares with it.
+Positive = Annotated[float, Meta(gt=0, le=100_000)]
 
 T = TypeVar("T")
 
@@ -220,8 +221,8 @@ class BoardFile(_Strict, frozen=True):
 class Bounds(_Strict, frozen=True):
     """A plausible range, both ends included."""
 
-    low: float
-    high: float
+    low: Annotated[float, Meta(ge=0, le=100_000)]
+    high: Annotated[float, Meta(ge=0, le=100_000)]
 
 
 class MachineFile(_Strict, frozen=True):
@@ -238,17 +239,17 @@ class MachineFile(_Strict, frozen=True):
     #: What a message costs before its first word and after its last.
     message_us: Bounds
     #: Largest spread of repeated messages (90th percentile less median) at calibration.
-    spread_us: Annotated[float, Meta(gt=0)]
+    spread_us: Positive
     #: A single message this much over its plan halts the daemon.
-    halt_excess_us: Annotated[float, Meta(gt=0)]
+    halt_excess_us: Positive
     #: A mean deviation beyond this asks for a new calibration.
-    drift_us: Annotated[float, Meta(gt=0)]
+    drift_us: Positive
     #: One GPIO set call, and the processor time of a visit: for planning only.
-    gpio_call_us: Annotated[float, Meta(gt=0)]
-    visit_us: Annotated[float, Meta(ge=0)]
+    gpio_call_us: Positive
+    visit_us: Annotated[float, Meta(ge=0, le=100_000)]
     #: The guard's own worst case for the two constants above: never the calibrated ones.
-    guard_word_us: Annotated[float, Meta(gt=0)]
-    guard_delay_extra_us: Annotated[float, Meta(gt=0)]
+    guard_word_us: Positive
+    guard_delay_extra_us: Positive
 
 
 def load_toml(path: Path, kind: type[T]) -> T:

@@ -1,0 +1,47 @@
+"""`etd check FILE...`: is this file what it should be?
+
+Owns: the printed answer. Must not know: the rules (etd.check asks those who have them).
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import msgspec
+
+from etd.check import Checked, check_file
+
+NAME = "check"
+HELP = "tell what files are, and whether they hold together"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "files",
+        nargs="+",
+        metavar="FILE",
+        type=Path,
+        help="a board, machine, array, body site, calibration, etd.toml, pattern or layout",
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object for all files")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit status 0: all hold together. 1: one does not, or is not there."""
+    answers = [check_file(path) for path in args.files]
+    all_good = all(answer.error is None for answer in answers)
+    if args.json:
+        print(msgspec.json.encode({"ok": all_good, "files": answers}).decode())
+    else:
+        print("\n".join(line for answer in answers for line in _lines(answer)))
+    return 0 if all_good else 1
+
+
+def _lines(answer: Checked) -> list[str]:
+    if answer.error is not None:
+        return [f"BAD   {answer.error}"]
+    return [
+        f"good  {answer.file}: {answer.kind} {answer.name}: {answer.summary}",
+        *(f"      mended: {sentence}" for sentence in answer.mended),
+    ]
