@@ -89,7 +89,7 @@ def _open_gpio(board: BoardFile, lines: LineSetup, *, request: bool) -> LinuxGpi
     chip = find_chip(board.gpio_chip_labels)
     held = holders(chip, _all_lines(lines))
     if held:
-        raise BusError("busy", str(chip), "requesting lines", _who(held, board))
+        raise BusError("busy", str(chip), "requesting lines", who_holds(held, board))
     return open_gpio(chip, lines) if request else None
 
 
@@ -97,7 +97,8 @@ def _all_lines(lines: LineSetup) -> tuple[int, ...]:
     return tuple(line for line, _ in lines.outputs) + tuple(one.line for one in lines.inputs)
 
 
-def _who(held: dict[int, str], board: BoardFile) -> str:
+def who_holds(held: dict[int, str], board: BoardFile) -> str:
+    """The lines in use by their function on this board, each with its holder's name."""
     functions = {line: function for function, line in board.used_lines().items()}
     return ", ".join(
         f"{functions.get(line, 'line')} ({line}) is held by {name or 'a kernel driver'!r}"

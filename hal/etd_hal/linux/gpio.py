@@ -176,13 +176,13 @@ def open_gpio(chip: Path, setup: LineSetup) -> LinuxGpio:
     Raises: BusError (busy: one of them is held; permission, invalid).
     """
     try:
-        outputs = _request(chip, setup.consumer, _output_settings(setup))
+        outputs = _request(chip, setup.consumer, output_settings(setup))
     except OSError as error:
         raise BusError.of(error, str(chip), "requesting the outputs") from error
     if not setup.inputs:
         return LinuxGpio(str(chip), outputs, None)
     try:
-        inputs = _request(chip, setup.consumer, _input_settings(setup.inputs))
+        inputs = _request(chip, setup.consumer, input_settings(setup.inputs))
     except OSError as error:
         outputs.release()
         raise BusError.of(error, str(chip), "requesting the inputs") from error
@@ -193,7 +193,8 @@ def _request(chip: Path, consumer: str, settings: Settings) -> gpiod.LineRequest
     return gpiod.request_lines(str(chip), consumer=consumer, config=settings)
 
 
-def _output_settings(setup: LineSetup) -> Settings:
+def output_settings(setup: LineSetup) -> Settings:
+    """The kernel sets initial levels in the order of the request, which is this order."""
     return {
         line: gpiod.LineSettings(
             direction=gpiod_line.Direction.OUTPUT,
@@ -210,7 +211,8 @@ _BIAS: dict[Pull, gpiod_line.Bias] = {
 }
 
 
-def _input_settings(inputs: Sequence[InputLine]) -> Settings:
+def input_settings(inputs: Sequence[InputLine]) -> Settings:
+    """Pull and edge detection of each input; edges are stamped with CLOCK_MONOTONIC."""
     return {
         one.line: gpiod.LineSettings(
             direction=gpiod_line.Direction.INPUT,
