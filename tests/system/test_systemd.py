@@ -1,0 +1,95 @@
+"""The units, as systemd itself reads them: laid out as `make install` does, in an empty root."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+SYSTEMD = Path(__file__).parents[2] / "systemd"
+UNITS = sorted(path.name for path in SYSTEMD.iterdir() if path.suffix in (".service", ".target"))
+NAMES = [name.replace("@", "@main") for name in UNITS]
+
+needs_systemd = pytest.mark.skipif(
+    shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed here"
+)
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    units = tmp_path / "etc/systemd/system"
+    units.mkdir(parents=True)
+    for name in UNITS:
+        shutil.copy(SYSTEMD / name, units)
+    program = tmp_path / "opt/etd/venv/bin/etd"
+    program.parent.mkdir(parents=True)
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    return tmp_path
+
+
+def verified(root: Path) -> subprocess.CompletedProcess[str]:
+    command = ["systemd-analyze", "verify", f"--root={root}", "--recursive-errors=no", *NAMES]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+
+
+@needs_systemd
+def test_systemd_has_nothing_to_say_about_the_units(root: Path) -> None:
+    ran = verified(root)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "")
+
+
+@needs_systemd
+@pytest.mark.parametrize("name", [name for name in UNITS if name.endswith(".service")])
+def test_a_misspelt_guard_would_be_noticed(root: Path, name: str) -> None:
+    unit = root / "etc/systemd/system" / name
+    unit.write_text(unit.read_text().replace("ProtectSystem=", "ProtectSytem="))
+    ran = verified(root)
+    assert ran.returncode != 0
+    assert "ProtectSytem" in ran.stderr
+
+
+@needs_systemd
+@pytest.mark.parametrize("name", [name for name in UNITS if name.endswith(".service")])
+def test_exposure_stays_below_one_of_ten(name: str) -> None:
+    command = ["systemd-analyze", "security", "--offline=true", "--threshold=10"]
+    ran = subprocess.run(
+        [*command, str(SYSTEMD / name)], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert ran.returncode == 0, ran.stdout
+    assert re.search(r"exposure level .*: 0\.\d", ran.stdout)
+
+
+def settings(name: str) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for line in (SYSTEMD / name).read_text().splitlines():
+        key, equals, value = line.partition("=")
+        if equals and not line.startswith("#"):
+            found.setdefault(key, []).append(value)
+    return found
+
+
+def test_the_gateway_has_no_device_and_the_engine_no_network() -> None:
+    gateway, engine = settings("etd-gateway@.service"), settings("etd-engine@.service")
+    assert gateway["PrivateDevices"] == ["yes"]
+    assert "DeviceAllow" not in gateway
+    assert engine["PrivateNetwork"] == ["yes"]
+    assert engine["RestrictAddressFamilies"] == ["AF_UNIX"]
+    assert engine["DevicePolicy"] == ["closed"]
+
+
+def test_the_engine_ends_in_the_safe_state_and_refusals_are_not_repeated() -> None:
+    engine = settings("etd-engine@.service")
+    assert engine["ExecStopPost"] == ["/opt/etd/venv/bin/etd safe --name %i"]
+    assert engine["RestartPreventExitStatus"] == ["1 2 3"]
+    assert engine["Type"] == ["notify"]
+    assert "WatchdogSec" in engine
+
+
+def test_the_two_processes_are_two_users_without_capabilities() -> None:
+    units = [settings(f"etd-{part}@.service") for part in ("engine", "gateway")]
+    assert [unit["User"] for unit in units] == [["etd-engine"], ["etd-gateway"]]
+    assert all(unit["CapabilityBoundingSet"] == [""] for unit in units)
