@@ -1,0 +1,154 @@
+"""Calibration files: read, written, refused; and the map from level to current."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etd.array import load_array
+from etd.bodysite import load_body_site
+from etd.calibration import (
+    Calibration,
+    ElectrodeLimits,
+    current_of_level,
+    load_calibration,
+    to_toml,
+)
+from etd.errors import FileError
+from etd.frame import Ring
+from etd.shipped import find, names
+from etd_hal.boardfile import convert
+from files_by_hand import CALIBRATION, spoiled, write
+
+
+@st.composite
+def limits(draw: st.DrawFn) -> ElectrodeLimits:
+    threshold_ua, comfortable_ua, cap_ua = sorted(
+        draw(st.tuples(*[st.integers(0, 10_000) for _ in range(3)]))
+    )
+    return ElectrodeLimits(
+        threshold_ua=threshold_ua,
+        comfortable_ua=comfortable_ua,
+        cap_ua=cap_ua,
+        resistance_ohm=draw(st.none() | st.integers(0, 10**7)),
+    )
+
+
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+RETURNS = (
+    st.just("all")
+    | st.builds(Ring, st.floats(0.1, 100))
+    | st.lists(st.lists(st.integers(0, 255)).map(tuple)).map(tuple)
+)
+CALIBRATIONS = st.builds(
+    Calibration,
+    participant=st.from_regex(r"\A[A-Za-z0-9_-]{1,32}\Z"),
+    body_site=TEXT,
+    array=TEXT,
+    polarity=st.sampled_from(["anodic", "cathodic", "biphasic", "biphasic_cathodic_first"]),
+    width_us=st.integers(20, 200),
+    rate_hz=st.floats(0.1, 200),
+    returns=RETURNS,
+    date=st.dates(),
+    program=TEXT,
+    electrode=st.lists(limits(), max_size=4).map(tuple),
+    gamma=st.floats(0.5, 3.0),
+)
+
+
+@given(calibration=CALIBRATIONS)
+def test_what_is_written_is_read_back_as_it_was(
+    tmp_path_factory: pytest.TempPathFactory, calibration: Calibration
+) -> None:
+    path = write(tmp_path_factory.mktemp("c"), "c.toml", to_toml(calibration))
+    assert load_calibration(path) == calibration
+
+
+def test_a_written_calibration_is_one_that_a_person_can_read() -> None:
+    text = to_toml(
+        Calibration(
+            participant="P01",
+            body_site="fingertip",
+            array="grid-4x4",
+            polarity="anodic",
+            width_us=100,
+            rate_hz=60.0,
+            returns=Ring(5.0),
+            date=datetime.date(2025, 1, 15),
+            program="etd 0.1.0",
+            electrode=(ElectrodeLimits(threshold_ua=900, comfortable_ua=1800, cap_ua=2500),),
+        )
+    )
+    assert 'participant = "P01"\n' in text
+    assert "returns = { ring_mm = 5.0 }\n" in text
+    assert "    { threshold_ua = 900, comfortable_ua = 1800, cap_ua = 2500 },\n" in text
+
+
+@given(one=limits(), low=st.floats(0, 1), high=st.floats(0, 1), gamma=st.floats(0.5, 3.0))
+def test_a_higher_level_never_means_less_and_no_level_means_more_than_comfortable(
+    one: ElectrodeLimits, low: float, high: float, gamma: float
+) -> None:
+    low, high = sorted((low, high))
+    low_ua, high_ua = (current_of_level(one, level, gamma) for level in (low, high))
+    assert low_ua <= high_ua <= one.comfortable_ua <= one.cap_ua
+    assert current_of_level(one, 0.0, gamma) == 0
+    assert current_of_level(one, 1.0, gamma) == one.comfortable_ua
+
+
+def test_the_least_level_is_at_the_threshold_and_half_of_it_half_way() -> None:
+    one = ElectrodeLimits(threshold_ua=1000, comfortable_ua=2000, cap_ua=3000)
+    assert current_of_level(one, 1e-9, 1.0) == 1000
+    assert current_of_level(one, 0.5, 1.0) == 1500
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("comfortable_ua = 2000", "comfortable_ua = 3001", r"electrode\[0\]: .* do not rise"),
+        ("threshold_ua = 900", "threshold_ua = 1801", r"electrode\[1\]: .* do not rise"),
+        ("cap_ua = 3000", "cap_ua = 10001", r"electrode\[0\]\.cap_ua: it says 10001"),
+        (", cap_ua = 3000 },\n]", " },\n]", r"electrode\[2\].*missing required field `cap_ua`"),
+        ('"P01"', '"Anna Smith"', "participant: it says 'Anna Smith'"),
+        ('returns = "all"', 'returns = "some"', "returns: it says 'some'"),
+        ("rate_hz = 60.0", "rate_hz = nan", "rate_hz: it says nan"),
+        ("width_us = 100", "width_us = 100.5", "width_us: it says 100.5"),
+        ("date = 2025-01-15", 'date = "soon"', "date: it says 'soon'"),
+        ("width_us", "width", "unknown field `width`"),
+    ],
+)
+def test_a_spoiled_calibration_is_refused_by_electrode_or_key(
+    tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
+    with pytest.raises(FileError, match=sentence):
+        load_calibration(write(tmp_path, "c.toml", spoiled(CALIBRATION, old, new)))
+
+
+@pytest.mark.parametrize("name", names("calibrations"))
+def test_a_shipped_calibration_fits_its_array_and_stays_below_its_body_site(name: str) -> None:
+    calibration = load_calibration(find("calibrations", name))
+    maxima = load_body_site(find("bodysites", calibration.body_site)).maxima
+    array = load_array(find("arrays", calibration.array))
+    assert len(calibration.electrode) == array.count
+    cap_ua = max(one.cap_ua for one in calibration.electrode)
+    assert cap_ua <= maxima.current_ua
+    assert cap_ua * calibration.width_us / 1_000 <= maxima.charge_nc
+    assert cap_ua * calibration.width_us * calibration.rate_hz / 1e6 <= maxima.mean_current_ua
+    assert calibration.rate_hz <= maxima.rate_hz
+
+
+@pytest.mark.parametrize("name", names("calibrations"))
+def test_a_shipped_calibration_is_that_of_a_dry_fingertip(name: str) -> None:
+    for one in load_calibration(find("calibrations", name)).electrode:
+        assert 900 <= one.threshold_ua <= 1_500
+        assert 1.8 <= one.comfortable_ua / one.threshold_ua <= 2.2
+        assert one.resistance_ohm is not None
+        assert 30_000 <= one.resistance_ohm <= 80_000
+
+
+def test_every_value_of_a_calibration_is_required_but_resistance_and_gamma() -> None:
+    with pytest.raises(FileError, match="missing required field"):
+        convert({"participant": "P01"}, Calibration, "c.toml")

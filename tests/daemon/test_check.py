@@ -1,0 +1,160 @@
+"""`etd check`: every kind is recognized by content, and what is wrong is one sentence."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import pytest
+
+from etd.check import check_file
+from etd.cli import check as verb
+from files_by_hand import (
+    ARRAY,
+    CALIBRATION,
+    CONFIG,
+    DAEMON,
+    LAYOUT,
+    PATTERN,
+    kit_frame,
+    kit_pattern,
+    spoiled,
+    write,
+)
+
+SHIPPED = sorted(CONFIG.rglob("*.toml"))
+KIND_OF_FOLDER = {
+    "arrays": "array",
+    "boards": "board",
+    "bodysites": "body site",
+    "calibrations": "calibration",
+    "config": "configuration",
+    "machines": "machine",
+}
+
+
+def run(*arguments: str | Path) -> int:
+    parser = argparse.ArgumentParser()
+    verb.add_arguments(parser)
+    return verb.run(parser.parse_args([str(argument) for argument in arguments]))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: f"{p.parent.name}/{p.stem}")
+def test_every_shipped_file_is_recognized_and_holds_together(path: Path) -> None:
+    checked = check_file(path)
+    assert checked.error is None
+    assert checked.kind == KIND_OF_FOLDER[path.parent.name]
+    assert checked.summary != ""
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "summary"),
+    [
+        ("array", ARRAY, "3 electrodes of 1 mm, 2 mm apart, outputs up to 7"),
+        ("calibration", CALIBRATION, "3 electrodes of strip-3 on the fingertip, anodic"),
+        ("configuration", DAEMON, "kajimoto-hv507 with grid-8x8 on the fingertip (fake); arming"),
+        ("pattern", PATTERN, "2 frames for 3 electrodes, 0.075 s, up to 2 active"),
+        ("eTactileKit pattern", kit_pattern(kit_frame([1, 1])), "1 frames for 2 electrodes"),
+        ("eTactileKit layout", json.dumps(LAYOUT), "3 electrodes of 1.5 mm"),
+    ],
+)
+def test_a_kind_is_known_by_content_whatever_the_file_is_called(
+    tmp_path: Path, kind: str, text: str, summary: str
+) -> None:
+    checked = check_file(write(tmp_path, "something", text))
+    assert checked.error is None
+    assert checked.kind == kind
+    assert summary in checked.summary
+
+
+def test_a_file_with_a_typo_is_still_known_for_what_it_is(tmp_path: Path) -> None:
+    checked = check_file(write(tmp_path, "a.toml", spoiled(ARRAY, "diameter_mm", "diametre_mm")))
+    assert checked.kind == "array"
+    assert checked.error is not None
+    assert "unknown field `diametre_mm`" in checked.error
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "sentence"),
+    [
+        ("a.toml", 'color = "red"\n', "its keys are those of no kind of file (color)"),
+        ("a.toml", "", "its keys are those of no kind of file (it has none)"),
+        ("a.toml", "x = = 1", "it is not TOML"),
+        ("a.toml", f"x = {'[' * 5_000}", "it is nested too deep"),
+        ("a.json", '{"x": 1}', "it is no kind of JSON file"),
+        ("a.json", "{", "it is not JSON"),
+    ],
+)
+def test_a_file_of_no_kind_is_refused_with_a_sentence(
+    tmp_path: Path, name: str, text: str, sentence: str
+) -> None:
+    path = write(tmp_path, name, text)
+    checked = check_file(path)
+    assert checked.error is not None
+    assert checked.error.startswith(f"{path}: ")
+    assert sentence in checked.error
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    for name in ("a.toml", "a.json"):
+        path = tmp_path / name
+        path.write_bytes(b"\xff\xfe\x00")
+        assert "it cannot be read" in str(check_file(path).error)
+
+
+def test_a_calibration_with_too_few_electrodes_for_a_shipped_array_is_refused(
+    tmp_path: Path,
+) -> None:
+    path = write(tmp_path, "c.toml", spoiled(CALIBRATION, "strip-3", "grid-8x8"))
+    assert "3 electrodes, grid-8x8 has 64" in str(check_file(path).error)
+
+
+def test_a_body_site_beyond_the_yardstick_says_so(tmp_path: Path) -> None:
+    text = (CONFIG / "bodysites" / "fingertip.toml").read_text(encoding="utf-8")
+    path = write(tmp_path, "s.toml", spoiled(text, "charge_nc = 500", "charge_nc = 900"))
+    assert "900 nC a phase, BEYOND the yardstick of about 500 nC" in check_file(path).summary
+
+
+def test_good_files_are_told_in_a_line_each_and_the_answer_is_yes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    array = write(tmp_path, "a.toml", ARRAY)
+    pattern = write(tmp_path, "p.json", PATTERN)
+    assert run(array, pattern) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith(f"good  {array}: array strip-3: ")
+    assert lines[1].startswith(f"good  {pattern}: pattern p: ")
+
+
+def test_one_bad_file_makes_the_answer_no_and_the_others_are_still_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missing = tmp_path / "none.toml"
+    assert run(missing, write(tmp_path, "a.toml", ARRAY)) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"BAD   {missing}: there is no such file; name one that exists"
+    assert lines[1].startswith("good  ")
+
+
+def test_what_was_mended_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = spoiled(json.dumps(LAYOUT), "0.75}", "0.75,}")
+    assert run(write(tmp_path, "l.json", text)) == 0
+    out = capsys.readouterr().out
+    assert "\n      mended: line 1: a comma before a closing bracket was left out\n" in out
+
+
+def test_the_same_is_told_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good, bad = write(tmp_path, "a.toml", ARRAY), tmp_path / "none.toml"
+    assert run("--json", good, bad) == 1
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["ok"] is False
+    assert [one["error"] is None for one in answer["files"]] == [True, False]
+    assert answer["files"][0]["kind"] == "array"
+
+
+def test_no_file_at_all_is_wrong_use(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run()
+    assert caught.value.code == 2
+    assert "FILE" in capsys.readouterr().err
