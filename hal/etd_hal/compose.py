@@ -1,0 +1,124 @@
+"""The choice of a backend: the only module that knows both `linux` and `fake`.
+
+Owns: which lines a board file asks for, in which order and at which levels, and how the ports of
+either backend are opened and closed. It is part of the HAL so that making a board safe needs the
+HAL and the standard library only.
+Must not know: configuration files other than board and machine, frames, people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from etd_hal.boardfile import BoardFile, HalfBridgeLines, MachineFile
+from etd_hal.ports import Clock, Gpio, I2c, InputLine, LineSetup, Marker, Spi, SpiSetup
+
+
+@dataclass(frozen=True, slots=True)
+class Backend:
+    """The ports of one board, and how to let go of them."""
+
+    name: Literal["linux", "fake"]
+    spi: Spi
+    gpio: Gpio
+    i2c: I2c | None
+    clock: Clock
+    marker: Marker
+    close: Callable[[], None]
+
+
+class NoMarker:
+    """On real buses nobody reads remarks."""
+
+    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
+        pass
+
+
+def line_setup(board: BoardFile) -> LineSetup:
+    """What to request: harmless levels, in the order that is harmless on the way.
+
+    POL, BL and the supply come first, so that no intermediate state lifts the electrodes.
+    """
+    lines = board.switch.lines
+    guards = board.guards
+    first: list[tuple[int, int]] = []
+    if isinstance(lines, HalfBridgeLines):
+        first += [(lines.POL, 1), (lines.BL, 0)]
+    if guards.hv_enable != "absent":
+        first.append((guards.hv_enable.line, 1 - guards.hv_enable.on))
+    rest = [lines.LE, lines.DATA, lines.CLK]
+    if guards.heartbeat != "absent":
+        rest.append(guards.heartbeat.line)
+    if board.sync_line != "absent":
+        rest.append(board.sync_line)
+    outputs = (*first, *((line, 0) for line in rest))
+    return LineSetup(outputs, _input_lines(board))
+
+
+def _input_lines(board: BoardFile) -> tuple[InputLine, ...]:
+    guards = board.guards
+    inputs: list[InputLine] = []
+    if guards.readback != "absent":
+        inputs.append(InputLine(guards.readback))
+    for stop in (guards.emergency_stop, guards.wearer_stop):
+        if stop != "absent":
+            inputs.append(InputLine(stop, pull="down", edges=True))
+    return tuple(inputs)
+
+
+def spi_setup(board: BoardFile) -> SpiSetup:
+    source = board.source
+    return SpiSetup(source.spi, source.mode, source.speed_hz)
+
+
+def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
+    """The kernel's drivers. Raises: HardwareMissing, listing all that is missing."""
+    from etd_hal.linux import open_ports
+
+    spi, gpio, i2c, clock = open_ports(board, machine, line_setup(board))
+
+    def close() -> None:
+        for port in (spi, gpio, i2c):
+            closing = getattr(port, "close", None)
+            if closing is not None:
+                closing()
+
+    return Backend("linux", spi, gpio, i2c, clock, NoMarker(), close)
+
+
+def open_fake(
+    board: BoardFile,
+    *,
+    electrodes: Sequence[int],
+    trace: Path | None = None,
+    board_socket: Path | None = None,
+    stepped: bool = False,
+) -> Backend:
+    """A fake board with a fingertip on it, in this process or behind a board process's socket.
+
+    `stepped` time passes only by being spent or slept; otherwise it follows the real clock.
+    Raises: BusError (`absent` without a board process, `busy` while another client has it).
+    """
+    from etd_hal.fake.board import FakeBoard
+    from etd_hal.fake.clock import SteppedClock
+    from etd_hal.fake.fingertip import fingertip_body
+    from etd_hal.fake.trace import Trace
+
+    clock = SteppedClock()
+    fake = FakeBoard(
+        board,
+        clock,
+        fingertip_body(board, len(electrodes)),
+        electrodes=electrodes,
+        trace=Trace.to(trace) if trace is not None else None,
+    )
+    ports = fake.request(line_setup(board), spi_setup(board))
+
+    def close() -> None:
+        ports.close()
+        fake.close()
+
+    return Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close)

@@ -1,0 +1,70 @@
+"""An AD5452 on the wire: 16-bit serial word, control bits, update when SYNC rises.
+
+Owns: the chip's shift register and what a frame does. Typed from the datasheet, for the fake only.
+Must not know: the driver's encoding, what the current does.
+
+Datasheet facts used (rev. G): C1 C0, then D11..D0, then two bits without meaning; shifted on SCLK
+falling edges after power-up; 00 loads and updates on SYNC rising; 01 and 10 are reserved; 11
+changes to rising edges until power is removed; a short frame is taken as valid, its missing bits
+being what the frame before left; zero scale at power-up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+_SHIFTS_LATE_WHEN_FALLING = 3
+_SHIFTS_LATE_WHEN_RISING = 1
+
+
+class Ad5452:
+    """`on_code(t_ns, code)` is called when the output is updated; `complain` for what is wrong."""
+
+    def __init__(
+        self,
+        mode: int,
+        on_code: Callable[[int, int], None],
+        complain: Callable[[int, str], None],
+    ) -> None:
+        self._mode = mode
+        self._on_code = on_code
+        self._complain = complain
+        self._register = 0
+        self._data_level = 0
+        self._clocks = 0
+        self._rising = False
+
+    def select(self) -> None:
+        """SYNC falls."""
+        self._clocks = 0
+
+    def shift(self, data: bytes) -> None:
+        """Clock `data` in, most significant bit first."""
+        bits = 8 * len(data)
+        word = int.from_bytes(data, "big")
+        last = word & 1
+        if self._samples_before_the_first_bit():
+            word = (self._data_level << (bits - 1)) | (word >> 1)
+        self._register = ((self._register << bits) | word) & 0xFFFF
+        self._data_level = last
+        self._clocks += bits
+
+    def deselect(self, t_ns: int) -> None:
+        """SYNC rises: execute what is in the register."""
+        if not self._clocks:
+            return
+        if self._clocks != 16:
+            self._complain(t_ns, f"a DAC frame of {self._clocks} clocks")
+        control = self._register >> 14
+        if control == 0:
+            self._on_code(t_ns, (self._register >> 2) & 0xFFF)
+        elif control == 3:
+            self._rising = True
+            self._complain(t_ns, "a DAC word that changes the clock edge: the output is stuck")
+        else:
+            self._complain(t_ns, f"a DAC word with reserved control bits {control:02b}")
+
+    def _samples_before_the_first_bit(self) -> bool:
+        """Whether the master puts the first bit out on the very edge that the chip samples."""
+        late = _SHIFTS_LATE_WHEN_RISING if self._rising else _SHIFTS_LATE_WHEN_FALLING
+        return self._mode == late

@@ -1,0 +1,191 @@
+"""The fake board in this process: the four ports, on a clock.
+
+Owns: who may call when, and the time that calls take. Must not know: what a call does
+(`circuit.py`), how long it takes (`pi4.py`).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from etd_body.interface import Sides
+from etd_hal.boardfile import BoardFile
+from etd_hal.errors import BusError
+from etd_hal.fake.circuit import Circuit
+from etd_hal.fake.clock import BoardClock
+from etd_hal.fake.faults import Fault
+from etd_hal.fake.trace import Trace
+from etd_hal.fake.world import Touchable, World
+from etd_hal.ports import Changes, Edge, LineSetup, Message, SpiSetup
+
+
+class FakeBoard:
+    """One board, from power-up on. `request` gives its ports to one holder at a time.
+
+    `electrodes[i]` is the chain output of electrode i of `body`; other outputs are connected to
+    nothing. A `trace` is written to, and closed with the board.
+    """
+
+    def __init__(
+        self,
+        board: BoardFile,
+        clock: BoardClock,
+        body: Touchable,
+        *,
+        electrodes: Sequence[int],
+        trace: Trace | None = None,
+        faults: Iterable[Fault] = (),
+        seed: int = 1,
+    ) -> None:
+        if len(electrodes) != body.electrode_count:
+            raise ValueError(f"{len(electrodes)} electrodes on a body of {body.electrode_count}")
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._circuit = Circuit(
+            board,
+            body,
+            electrodes,
+            trace or Trace(),
+            faults,
+            start_ns=clock.now_ns(),
+            seed=seed,
+        )
+
+    @property
+    def world(self) -> World:
+        return self._circuit.world
+
+    @property
+    def violations(self) -> list[str]:
+        """What was done to the board that must never be done; a test asserts that it is empty."""
+        return self._circuit.violations
+
+    @property
+    def dac_code(self) -> int:
+        return self._circuit.dac_code
+
+    @property
+    def sides(self) -> Sides:
+        """What each electrode is connected to."""
+        return self._circuit.sides
+
+    def request(self, lines: LineSetup, spi: SpiSetup) -> FakePorts:
+        """Take the lines and the SPI device. Raises: BusError (`busy` while they are held)."""
+        start_ns = self._clock.begin_call()
+        with self._lock:
+            end_ns = self._circuit.request(start_ns, lines, spi)
+        self._clock.end_call(end_ns)
+        has_i2c = self._circuit.board.i2c != "absent"
+        calls = _Calls(self._circuit, self._clock, self._lock)
+        return FakePorts(
+            FakeSpi(calls),
+            FakeGpio(calls),
+            FakeI2c(calls) if has_i2c else None,
+            FakeMarker(calls),
+            self,
+        )
+
+    def release(self) -> None:
+        """Let go of the lines: they keep their levels, and can be requested again."""
+        with self._lock:
+            self._circuit.release()
+
+    def close(self) -> None:
+        """The end: a DAC that is not at zero is a violation."""
+        with self._lock:
+            self._circuit.close()
+
+
+@dataclass(frozen=True, slots=True)
+class _Calls:
+    circuit: Circuit
+    clock: BoardClock
+    lock: threading.Lock
+
+
+class FakeSpi:
+    def __init__(self, calls: _Calls) -> None:
+        self._calls = calls
+
+    def transfer(self, message: Message) -> tuple[bytes, ...]:
+        """See `ports.Spi`. The lock is free while the message waits: a stopper can get in."""
+        calls = self._calls
+        steps = calls.circuit.play(calls.clock.begin_call(), message)
+        try:
+            while True:
+                with calls.lock:
+                    t_ns = next(steps)
+                calls.clock.end_call(t_ns)
+        except StopIteration as done:
+            reads: tuple[bytes, ...] = done.value
+            return reads
+
+
+class FakeGpio:
+    def __init__(self, calls: _Calls) -> None:
+        self._calls = calls
+
+    def set(self, changes: Changes) -> None:
+        calls = self._calls
+        start_ns = calls.clock.begin_call()
+        with calls.lock:
+            end_ns = calls.circuit.set_lines(start_ns, changes)
+        calls.clock.end_call(end_ns)
+
+    def get(self, line: int) -> int:
+        calls = self._calls
+        start_ns = calls.clock.begin_call()
+        with calls.lock:
+            level, end_ns = calls.circuit.get_line(start_ns, line)
+        calls.clock.end_call(end_ns)
+        return level
+
+    def edges(self) -> tuple[Edge, ...]:
+        calls = self._calls
+        start_ns = calls.clock.begin_call()
+        with calls.lock:
+            edges, end_ns = calls.circuit.take_edges(start_ns)
+        calls.clock.end_call(end_ns)
+        return edges
+
+
+class FakeI2c:
+    def __init__(self, calls: _Calls) -> None:
+        self._calls = calls
+
+    def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
+        calls = self._calls
+        start_ns = calls.clock.begin_call()
+        with calls.lock:
+            answer, end_ns = calls.circuit.i2c_transfer(start_ns, address, write, read_length)
+        calls.clock.end_side_call(end_ns)
+        if isinstance(answer, BusError):
+            raise answer
+        return answer
+
+
+class FakeMarker:
+    def __init__(self, calls: _Calls) -> None:
+        self._calls = calls
+
+    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
+        calls = self._calls
+        with calls.lock:
+            calls.circuit.mark(calls.clock.now_ns(), event, seq, tag)
+
+
+@dataclass(frozen=True, slots=True)
+class FakePorts:
+    """The ports that one holder of the board has."""
+
+    spi: FakeSpi
+    gpio: FakeGpio
+    i2c: FakeI2c | None
+    marker: FakeMarker
+    board: FakeBoard
+
+    def close(self) -> None:
+        self.board.release()

@@ -1,0 +1,144 @@
+"""From the DAC's code to the skin: source, one-shot, switch, body, and the ADC's divider.
+
+Owns: what flows at each instant, and the body's own account of each phase of a pulse.
+Must not know: buses, words, registers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd_body.interface import Body, Side, Sides
+from etd_hal.boardfile import BoardFile
+from etd_hal.fake.faults import DacGain, Faults
+from etd_hal.fake.rail import Rail
+from etd_hal.fake.trace import Trace
+
+_ADC_CODES = 4_096
+_CACHED_SELECTIONS = 4_096
+
+
+@dataclass(frozen=True, slots=True)
+class _Phase:
+    electrode: int
+    direction: int
+    from_ns: int
+    code: int
+    charge_pc: float
+
+
+class CurrentPath:
+    def __init__(
+        self, board: BoardFile, body: Body, rail: Rail, faults: Faults, trace: Trace, sides: Sides
+    ) -> None:
+        self._source = board.source
+        one_shot = board.guards.one_shot
+        self._one_shot_ns = None if one_shot == "absent" else one_shot.on_us * 1_000
+        self._body = body
+        self._rail = rail
+        self._faults = faults
+        self._trace = trace
+        self._sides = sides
+        self._compliance_v = -1.0
+        self._cut_at_ns: int | None = None
+        self._cut = False
+        self._phase: _Phase | None = None
+        self._selections: dict[int, tuple[Sides, tuple[int, int] | None]] = {}
+        self.code = 0
+        #: A relay board's two relays of one electrode are both closed: the node is on ground.
+        self.shorted = False
+
+    def set_code(self, t_ns: int, code: int) -> None:
+        """The DAC's output changes."""
+        self.settle(t_ns)
+        if code == self.code:
+            return
+        if self._one_shot_ns is not None and not self.code:
+            self._cut_at_ns = t_ns + self._one_shot_ns
+        if not code:
+            self._cut_at_ns, self._cut = None, False
+        self.code = code
+        self._drive(t_ns)
+        self._close_phase(t_ns)
+        self._open_phase(t_ns)
+
+    def set_sides(self, t_ns: int, sides: Sides, shorted: bool = False) -> None:
+        """The switch connects the electrodes differently."""
+        self.settle(t_ns)
+        self._sides = sides
+        self.shorted = shorted
+        self._drive(t_ns)
+
+    def node_code(self, t_ns: int) -> int:
+        """What the ADC makes of the source's node at `t_ns`."""
+        self.settle(t_ns)
+        self._follow_rail(t_ns)
+        volts = 0.0 if self.shorted else self._body.node_voltage_v(t_ns)
+        code = round(volts * 1_000_000 / self._source.node_uv_per_code)
+        return min(max(code, 0), _ADC_CODES - 1)
+
+    def settle(self, t_ns: int) -> None:
+        """Let the one-shot end a pulse that lasts too long, at the time it does."""
+        if self._cut_at_ns is not None and t_ns >= self._cut_at_ns:
+            at_ns, self._cut_at_ns, self._cut = self._cut_at_ns, None, True
+            self._drive(at_ns)
+
+    def _drive(self, t_ns: int) -> None:
+        self._follow_rail(t_ns)
+        current_ua = self.code * self._source.full_scale_ua / (self._source.codes - 1)
+        for gain in self._faults.of(DacGain):
+            current_ua *= gain.factor
+        idle = self._cut or self.shorted
+        self._body.drive(t_ns, 0.0 if idle else current_ua, self._sides)
+
+    def _follow_rail(self, t_ns: int) -> None:
+        compliance_v = min(float(self._source.compliance_v), self._rail.volts(t_ns))
+        if compliance_v != self._compliance_v:
+            self._compliance_v = compliance_v
+            self._body.supply(t_ns, compliance_v)
+
+    # The body's account
+
+    def _open_phase(self, t_ns: int) -> None:
+        selection = self._selection() if self.code else None
+        if selection is not None:
+            electrode, direction = selection
+            charge_pc = self._body.charge_pc(electrode)
+            self._phase = _Phase(electrode, direction, t_ns, self.code, charge_pc)
+
+    def _close_phase(self, t_ns: int) -> None:
+        phase, self._phase = self._phase, None
+        if phase is None or t_ns == phase.from_ns:
+            return
+        asked_ua = phase.code * self._source.full_scale_ua / (self._source.codes - 1)
+        delivered_pc = self._body.charge_pc(phase.electrode) - phase.charge_pc
+        mean_ua = delivered_pc * 1_000 / (t_ns - phase.from_ns)
+        self._trace.body(
+            phase.electrode,
+            phase.from_ns,
+            t_ns,
+            round(asked_ua) * phase.direction,
+            round(mean_ua),
+        )
+
+    def _selection(self) -> tuple[int, int] | None:
+        found = self._selections.get(id(self._sides))
+        if found is None:
+            if len(self._selections) >= _CACHED_SELECTIONS:
+                self._selections.clear()
+            found = self._selections[id(self._sides)] = (self._sides, selected(self._sides))
+        return found[1]
+
+
+def selected(sides: Sides) -> tuple[int, int] | None:
+    """The electrode that stands alone on its side, with +1 on the source's and -1 on ground.
+
+    With one on each side it is the source's. None when no electrode stands alone against others.
+    """
+    sources = sides.count(Side.SOURCE)
+    grounds = sides.count(Side.GROUND)
+    if sources == 1 and grounds:
+        return sides.index(Side.SOURCE), 1
+    if grounds == 1 and sources:
+        return sides.index(Side.GROUND), -1
+    return None

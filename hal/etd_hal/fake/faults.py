@@ -1,0 +1,158 @@
+"""What can be wrong with a board, as data, and the counting of when each is due.
+
+Owns: the kinds of fault and their counters. Must not know: how a bus or a chip carries one out.
+All counts begin when the fault is put in: 1 is the next one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+from etd_hal.errors import BusErrorKind
+
+
+@dataclass(frozen=True, slots=True)
+class SpiError:
+    """A transfer fails: what comes after it is not sent, chip select goes inactive."""
+
+    at_message: int = 1
+    at_transfer: int = 0
+    kind: BusErrorKind = "io"
+
+
+@dataclass(frozen=True, slots=True)
+class SpiStall:
+    """The kernel takes the thread off the processor before a transfer; outputs stay as they are."""
+
+    stall_us: int
+    at_message: int = 1
+    at_transfer: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class SpiShort:
+    """All is sent, but the kernel reports fewer bytes than that."""
+
+    at_message: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class DacGain:
+    """The current source makes this multiple of what it is told."""
+
+    factor: float
+
+
+@dataclass(frozen=True, slots=True)
+class MisoStuck:
+    """The ADC's data line does not move."""
+
+    level: Literal[0, 1]
+
+
+@dataclass(frozen=True, slots=True)
+class I2cFailure:
+    """Transactions with `address` fail, `times` times; None is for ever."""
+
+    address: int
+    kind: Literal["absent", "timeout", "io"]
+    times: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StuckLine:
+    """The board sees `level` on this line whatever is driven; `name` as in the board file."""
+
+    name: str
+    level: Literal[0, 1]
+
+
+@dataclass(frozen=True, slots=True)
+class LostClock:
+    """The chain does not see one rising edge of CLK."""
+
+    at_edge: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class LatchIgnored:
+    """The chain does not see one rising edge of LE."""
+
+    at_edge: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class RailOff:
+    """The rail is this multiple of what it should be: over or under voltage."""
+
+    factor: float
+
+
+Fault = (
+    SpiError
+    | SpiStall
+    | SpiShort
+    | DacGain
+    | MisoStuck
+    | I2cFailure
+    | StuckLine
+    | LostClock
+    | LatchIgnored
+    | RailOff
+)
+
+_F = TypeVar("_F")
+#: How long the kernel waits for a stuck I2C bus.
+I2C_TIMEOUT_NS = 1_000_000_000
+
+
+class Faults:
+    """The faults that are in, and how often what they wait for has happened."""
+
+    def __init__(self, faults: Iterable[Fault] = ()) -> None:
+        self._counts: dict[Fault, int] = {}
+        for fault in faults:
+            self.add(fault)
+
+    def add(self, fault: Fault) -> None:
+        self._counts[fault] = 0
+
+    def remove(self, fault: Fault) -> None:
+        """Raises: KeyError when it is not in."""
+        del self._counts[fault]
+
+    def of(self, kind: type[_F]) -> tuple[_F, ...]:
+        """All faults of a kind that are in."""
+        return tuple(fault for fault in self._counts if isinstance(fault, kind))
+
+    def spi_message(self) -> tuple[SpiError | SpiStall | SpiShort, ...]:
+        """Count a message, and say which faults fall on it."""
+        if not self._counts:
+            return ()
+        return tuple(
+            fault
+            for fault in self.of(SpiError) + self.of(SpiStall) + self.of(SpiShort)
+            if self._count(fault) == fault.at_message
+        )
+
+    def edge_is_lost(self, kind: type[LostClock] | type[LatchIgnored]) -> bool:
+        """Count a rising edge, and say whether a fault falls on it."""
+        if not self._counts:
+            return False
+        due = [fault for fault in self.of(kind) if self._count(fault) == fault.at_edge]
+        return bool(due)
+
+    def i2c(self, address: int) -> I2cFailure | None:
+        """Count a transaction, and say what is wrong with it."""
+        for fault in self.of(I2cFailure):
+            if fault.address == address:
+                times = self._count(fault)
+                if fault.times is None or times <= fault.times:
+                    return fault
+        return None
+
+    def _count(self, fault: Fault) -> int:
+        self._counts[fault] += 1
+        return self._counts[fault]

@@ -1,0 +1,91 @@
+"""The high-voltage supply: enable line, heartbeat monostable, set-point, and its slow voltage.
+
+Owns: the rail's course in time. Must not know: who reads it.
+
+The rail follows its target with one time constant up and another down. A board without an enable
+line has its supply on from the start.
+"""
+
+from __future__ import annotations
+
+from math import exp
+
+from etd_hal.boardfile import BoardFile
+from etd_hal.fake.faults import Faults, RailOff
+
+#: 272 nF into the 3 M feedback string of the kits' supply, where the file gives no other figure.
+_FALL_TAU_NS = 820_000_000
+_RISE_TAU_NS = 30_000_000
+#: Time constants within the board file's `rise_ms`, and until `off_v` within `fall_ms`.
+_RISE_TAUS = 8
+_FALL_TAUS = 4
+#: The lowest rail that the set-point can make, as a share of the nominal one.
+_LOWEST = 0.5
+
+
+class Rail:
+    def __init__(self, board: BoardFile, faults: Faults, start_ns: int) -> None:
+        guards = board.guards
+        self._nominal_v = float(board.source.compliance_v)
+        self._rise_tau_ns, self._fall_tau_ns = _RISE_TAU_NS, _FALL_TAU_NS
+        if guards.rail_monitor != "absent":
+            monitor = guards.rail_monitor
+            self._nominal_v = (monitor.low_v + monitor.high_v) / 2
+            self._rise_tau_ns = monitor.rise_ms * 1_000_000 // _RISE_TAUS
+            self._fall_tau_ns = monitor.fall_ms * 1_000_000 // _FALL_TAUS
+        self._enabled = guards.hv_enable == "absent"
+        self._window_ns = (
+            None if guards.heartbeat == "absent" else guards.heartbeat.window_ms * 1_000_000
+        )
+        self._beat_until_ns = start_ns
+        self._setpoint_code = None if board.rail_setpoint == "absent" else board.rail_setpoint.code
+        self._setpoint = 1.0 if self._setpoint_code is None else _LOWEST
+        self._faults = faults
+        self._t_ns = start_ns
+        self._volts = self._target_v() if self._enabled else 0.0
+
+    @property
+    def enabled(self) -> bool:
+        """The enable line says on (whether or not the heartbeat agrees)."""
+        return self._enabled
+
+    def enable(self, t_ns: int, on: bool) -> None:
+        self.volts(t_ns)
+        self._enabled = on
+
+    def beat(self, t_ns: int) -> None:
+        """An edge of the heartbeat line: the monostable starts anew."""
+        if self._window_ns is not None:
+            self.volts(t_ns)
+            self._beat_until_ns = t_ns + self._window_ns
+
+    def set_point(self, t_ns: int, code: int) -> None:
+        """The set-point's DAC changes; the board file's code makes the nominal rail."""
+        if self._setpoint_code:
+            self.volts(t_ns)
+            self._setpoint = _LOWEST + (1 - _LOWEST) * code / self._setpoint_code
+
+    def volts(self, t_ns: int) -> float:
+        """The rail at `t_ns`; never earlier than asked before."""
+        if self._window_ns is not None and self._t_ns < self._beat_until_ns < t_ns:
+            self._follow(self._beat_until_ns)
+        self._follow(t_ns)
+        return self._volts
+
+    def _follow(self, t_ns: int) -> None:
+        target_v = self._target_v()
+        gap_v = self._volts - target_v
+        tau_ns = self._rise_tau_ns if gap_v < 0 else self._fall_tau_ns
+        self._volts = target_v + gap_v * exp(-max(0, t_ns - self._t_ns) / tau_ns)
+        if abs(self._volts - target_v) < 0.01:
+            self._volts = target_v
+        self._t_ns = max(t_ns, self._t_ns)
+
+    def _target_v(self) -> float:
+        beating = self._window_ns is None or self._t_ns < self._beat_until_ns
+        if not (self._enabled and beating):
+            return 0.0
+        target_v = self._nominal_v * self._setpoint
+        for fault in self._faults.of(RailOff):
+            target_v *= fault.factor
+        return target_v

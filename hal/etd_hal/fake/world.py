@@ -1,0 +1,76 @@
+"""The second door: what happens to a board from outside the wires. For tests and demonstrations.
+
+Owns: the verbs of that door. Must not know: buses, words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, Protocol
+
+from etd_body.electrode import OPEN_CONTACT, Contact
+from etd_body.interface import Body
+from etd_hal.fake.faults import Fault, Faults
+from etd_hal.fake.rail import Rail
+
+StopLine = Literal["emergency_stop", "wearer_stop"]
+
+
+class Touchable(Body, Protocol):
+    """A body whose contacts can be changed from outside."""
+
+    def contact(self, electrode: int) -> Contact: ...
+
+    def touch(self, t_ns: int, electrode: int, contact: Contact) -> None: ...
+
+
+class World:
+    """Everything that people, sweat, cables and time do to a board."""
+
+    def __init__(
+        self,
+        body: Touchable,
+        rail: Rail,
+        faults: Faults,
+        move_line: Callable[[StopLine, int, int | None], None],
+        now_ns: Callable[[], int],
+    ) -> None:
+        self.body = body
+        self._rail = rail
+        self._faults = faults
+        self._move_line = move_line
+        self._now_ns = now_ns
+        self._inputs_v: dict[tuple[int, int], float] = {}
+
+    def press(self, stop: StopLine, at_ns: int | None = None) -> None:
+        """Open the loop of a stop line; without a time at once."""
+        self._move_line(stop, 0, at_ns)
+
+    def release(self, stop: StopLine, at_ns: int | None = None) -> None:
+        """Close the loop of a stop line."""
+        self._move_line(stop, 1, at_ns)
+
+    def touch(self, electrode: int, contact: Contact) -> None:
+        """Put something else under an electrode."""
+        self.body.touch(self._now_ns(), electrode, contact)
+
+    def lift(self, electrode: int) -> None:
+        """Take the skin off an electrode."""
+        self.touch(electrode, OPEN_CONTACT)
+
+    def put_in(self, fault: Fault) -> None:
+        self._faults.add(fault)
+
+    def take_out(self, fault: Fault) -> None:
+        """Raises: KeyError when the fault is not in."""
+        self._faults.remove(fault)
+
+    def rail_v(self) -> float:
+        return self._rail.volts(self._now_ns())
+
+    def set_sensor_v(self, address: int, channel: int, volts: float) -> None:
+        """The voltage of a sensor at an input of an ADS1115 (not the rail's own input)."""
+        self._inputs_v[address, channel] = volts
+
+    def sensor_v(self, address: int, channel: int) -> float:
+        return self._inputs_v.get((address, channel), 0.0)
