@@ -87,7 +87,8 @@ def check_shape(frame: Frame, n: int) -> None:
 
 
 def _check_return_sets(sets: tuple[tuple[int, ...], ...], n: int) -> None:
-    per_electrode(sets, n, "returns")
+    if len(sets) != n:
+        raise Refused("bad_frame", f"returns has {len(sets)} lists, the array has {n} electrodes")
     for electrode, members in enumerate(sets):
         for member in members:
             if not 0 <= member < n:

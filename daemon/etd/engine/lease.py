@@ -1,0 +1,48 @@
+"""The one lease, on the engine's clock.
+
+Owns: who holds it, until when, and the rising seq of its frames. Must not know: sockets, what the
+holder wants. Time comes in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd.engine.limits import PersonLimits
+from etd.errors import Refused
+from etd.protocol import LEASE_MS
+
+LEASE_NS = LEASE_MS * 1_000_000
+
+
+@dataclass(slots=True)
+class Lease:
+    """A standing lease with the limits of the person it is for."""
+
+    token: str
+    client: str
+    person: PersonLimits
+    lapses_ns: int
+    last_seq: int = -1
+
+    def renew(self, now_ns: int) -> None:
+        """An accepted frame, or `keep`."""
+        self.lapses_ns = now_ns + LEASE_NS
+
+    def has_lapsed(self, now_ns: int) -> bool:
+        return now_ns >= self.lapses_ns
+
+
+def check_holder(lease: Lease | None, token: str) -> Lease:
+    """The standing lease, if `token` is its. Raises: Refused."""
+    if lease is None:
+        raise Refused("no_lease", "no lease stands: open one (it may have lapsed)")
+    if lease.token != token:
+        raise Refused("other_lease", f"the lease is held by {lease.client!r}")
+    return lease
+
+
+def check_seq(lease: Lease, seq: int) -> None:
+    """Raises: Refused (`old_seq`)."""
+    if seq <= lease.last_seq:
+        raise Refused("old_seq", f"seq {seq} is not above {lease.last_seq}, the last one taken")

@@ -1,0 +1,207 @@
+"""What anybody, and what this person, may get: pure rules, read in one sitting.
+
+Owns: the maxima (the smallest of code, board and body site), the caps of a person, and the last
+word on one pulse. Must not know: time, hardware, sockets, how a wish came about.
+
+Two tiers. A *maximum* is not passed by any frame: asking for more is refused, as a whole. A
+*limit* belongs to an electrode of a person: what asks for more is clamped, and the clamp is told.
+Nothing after this module may increase anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from etd import bodysite
+from etd.bodysite import BodySite
+from etd.calibration import Calibration
+from etd.errors import Refused
+from etd.protocol import Clamp, Limits, MaximaFacts
+from etd_hal.boardfile import BoardFile
+
+#: uA x us = pC: charge is an integer throughout.
+PC_PER_NC = 1_000
+
+
+@dataclass(frozen=True, slots=True)
+class Maxima:
+    """The smallest of the ceilings in the code, the board's and the body site's."""
+
+    current_ua: int
+    uncalibrated_current_ua: int
+    width_us: int
+    charge_pc: int
+    rate_hz: int
+    mean_current_ua: int
+    array_mean_current_ua: int
+    on_us_per_s: int
+    array_on_us_per_s: int
+    probe_current_ua: int
+    probe_width_us: int
+
+    def facts(self) -> MaximaFacts:
+        """For clients."""
+        return MaximaFacts(
+            current_ua=self.current_ua,
+            uncalibrated_current_ua=self.uncalibrated_current_ua,
+            width_us=self.width_us,
+            charge_nc=self.charge_pc / PC_PER_NC,
+            rate_hz=self.rate_hz,
+            mean_current_ua=self.mean_current_ua,
+            array_mean_current_ua=self.array_mean_current_ua,
+            probe_current_ua=self.probe_current_ua,
+        )
+
+
+def maxima_of(board: BoardFile, site: BodySite) -> Maxima:
+    """What neither a person's file nor a frame can pass."""
+    most, here = board.maxima, site.maxima
+    current_ua = min(bodysite.MAX_CURRENT_UA, most.current_ua, here.current_ua)
+    width_us = min(bodysite.MAX_WIDTH_US, most.width_us, here.width_us)
+    return Maxima(
+        current_ua=current_ua,
+        uncalibrated_current_ua=min(current_ua, here.uncalibrated_current_ua),
+        width_us=width_us,
+        charge_pc=min(bodysite.MAX_CHARGE_NC, most.charge_nc, here.charge_nc) * PC_PER_NC,
+        rate_hz=min(bodysite.MAX_RATE_HZ, most.rate_hz, here.rate_hz),
+        mean_current_ua=min(
+            bodysite.MAX_MEAN_CURRENT_UA, most.mean_current_ua, here.mean_current_ua
+        ),
+        array_mean_current_ua=min(
+            bodysite.MAX_ARRAY_MEAN_CURRENT_UA,
+            most.array_mean_current_ua,
+            here.array_mean_current_ua,
+        ),
+        on_us_per_s=min(bodysite.MAX_ON_US_PER_S, here.on_us_per_s),
+        array_on_us_per_s=min(bodysite.MAX_ARRAY_ON_US_PER_S, here.array_on_us_per_s),
+        probe_current_ua=min(current_ua, most.probe_current_ua),
+        probe_width_us=min(width_us, most.probe_width_us),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class PersonLimits:
+    """One person's caps, by electrode, and the conditions they were found under."""
+
+    caps_ua: tuple[int, ...]
+    width_us: int
+    calibration: Calibration | None
+
+
+def limits_of_calibration(
+    calibration: Calibration, maxima: Maxima, array: str, electrodes: int, site: str
+) -> PersonLimits:
+    """A person's caps from a calibration, checked against array, site and maxima.
+
+    Raises: Refused (`bad_calibration`, `over_maximum`).
+    """
+    for what, is_made_for, here in (
+        ("array", calibration.array, array),
+        ("body site", calibration.body_site, site),
+        ("number of electrodes", str(len(calibration.electrode)), str(electrodes)),
+    ):
+        if is_made_for != here:
+            raise Refused(
+                "bad_calibration",
+                f"the calibration of {calibration.participant} was made for {what} {is_made_for},"
+                f" here it is {here}: calibrate anew",
+            )
+    if calibration.width_us > maxima.width_us or calibration.rate_hz > maxima.rate_hz:
+        raise Refused(
+            "over_maximum",
+            f"the calibration's {calibration.width_us} us at {calibration.rate_hz} Hz is more than"
+            f" {maxima.width_us} us at {maxima.rate_hz} Hz allowed here",
+        )
+    for electrode, one in enumerate(calibration.electrode):
+        if not one.threshold_ua <= one.comfortable_ua <= one.cap_ua:
+            raise Refused(
+                "bad_calibration",
+                f"electrode {electrode}: threshold, comfortable and cap do not rise",
+                electrode,
+            )
+        if one.cap_ua > maxima.current_ua:
+            raise Refused(
+                "over_maximum",
+                f"electrode {electrode} has a cap of {one.cap_ua} uA, nobody gets more than"
+                f" {maxima.current_ua} uA here",
+                electrode,
+            )
+    caps_ua = tuple(one.cap_ua for one in calibration.electrode)
+    return PersonLimits(caps_ua, maxima.width_us, calibration)
+
+
+def limits_of_numbers(limits: Limits, maxima: Maxima, electrodes: int) -> PersonLimits:
+    """The same cap for all, from a client that has no calibration.
+
+    Raises: Refused (`over_maximum`).
+    """
+    if limits.max_current_ua > maxima.uncalibrated_current_ua:
+        raise Refused(
+            "over_maximum",
+            f"max_current_ua {limits.max_current_ua} is more than the"
+            f" {maxima.uncalibrated_current_ua} uA allowed without a calibration: calibrate, or"
+            " ask for less",
+        )
+    if limits.width_us > maxima.width_us:
+        raise Refused(
+            "over_maximum", f"width_us {limits.width_us} is more than {maxima.width_us} here"
+        )
+    return PersonLimits((limits.max_current_ua,) * electrodes, limits.width_us, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """The caps in the way of one electrode's current, those of its returns included.
+
+    `share` is the largest part of the current that one return may carry (1 when in doubt).
+    """
+
+    electrode: int
+    cap_ua: int
+    return_cap_ua: int
+    return_electrode: int
+    share: float
+
+
+def path_of(electrode: int, caps_ua: Sequence[int], returns: Sequence[int], share: float) -> Path:
+    """The electrode's own cap, and the smallest among its returns."""
+    smallest = min(returns, key=lambda one: caps_ua[one])
+    return Path(electrode, caps_ua[electrode], caps_ua[smallest], smallest, share)
+
+
+def last_word(
+    path: Path,
+    wanted_ua: int,
+    width_us: int,
+    maxima: Maxima,
+    opening_ua: int,
+    recontact_ua: int | None,
+    is_open: bool,
+) -> tuple[int, Clamp | None]:
+    """What this electrode gets, in uA, of what is wanted; and the clamp to tell, if any.
+
+    The smallest bound wins and is named. `opening_ua` is the array's ceiling now, `recontact_ua`
+    the electrode's own after a re-contact (None: none), `is_open` that nothing touches it.
+    """
+    bounds: list[tuple[int, str, int]] = [
+        (path.cap_ua, "cap", path.electrode),
+        (int(path.return_cap_ua / path.share), "return_cap", path.return_electrode),
+        (maxima.charge_pc // width_us, "charge", path.electrode),
+        (opening_ua, "opening", path.electrode),
+    ]
+    if recontact_ua is not None:
+        bounds.append((recontact_ua, "recontact", path.electrode))
+    if is_open:
+        bounds.append((maxima.probe_current_ua, "contact_open", path.electrode))
+    bound_ua, reason, limited_by = min(bounds, key=lambda bound: bound[0])
+    if wanted_ua <= bound_ua:
+        return wanted_ua, None
+    clamp = Clamp(
+        electrode=path.electrode,
+        wanted_ua=wanted_ua,
+        got_ua=bound_ua,
+        reason=reason,  # type: ignore[arg-type]
+        limited_by=limited_by,
+    )
+    return bound_ua, clamp

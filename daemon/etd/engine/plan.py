@@ -1,0 +1,316 @@
+"""From a frame to the visits of a scan: levels to currents, maxima, order, and whether it fits.
+
+Owns: everything that is decided once a frame. Must not know: time of day, sockets, hardware calls;
+what was felt. A plan is refused as a whole, with the reason; nothing is left out of it silently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+from etd.array import Array
+from etd.bodysite import BodySite, SiteDefaults
+from etd.calibration import Calibration, current_of_level
+from etd.engine.limits import PC_PER_NC, Maxima, Path, PersonLimits, last_word, path_of
+from etd.errors import CannotSelect, Refused
+from etd.frame import Frame, Polarity, Returns, Ring, per_electrode
+from etd.protocol import Clamp, Thinned
+from etd_hal.cost import CostModel
+from etd_hal.selection import Selection
+
+T = TypeVar("T")
+
+#: Of any 100 ms the loop may be busy for at most this part; see `engine/duty.py`.
+BUSY_PART = 0.8
+
+#: Anodic phases are True.
+PHASES: dict[Polarity, tuple[bool, ...]] = {
+    "anodic": (True,),
+    "cathodic": (False,),
+    "biphasic": (True, False),
+    "biphasic_cathodic_first": (False, True),
+}
+
+
+class Selector(Protocol):
+    """What a plan needs of a board: selections by output. `etd_hal.board.Board` is one."""
+
+    def selection(self, output: int, returns: tuple[int, ...] | None) -> Selection:
+        """Raises: CannotSelect."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """One electrode of a frame, ready to be visited once a scan or less often.
+
+    `returns` None means all others; then the path's share is decided at each visit.
+    """
+
+    electrode: int
+    selection: Selection
+    current_ua: int
+    width_us: int
+    phases: tuple[bool, ...]
+    rate_hz: float
+    returns: tuple[int, ...] | None
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A frame that can be shown: its visits in chain order, and a period that they fit into."""
+
+    frame: Frame
+    visits: tuple[Visit, ...]
+    rate_hz: float
+    period_ns: int
+    clamped: tuple[Clamp, ...]
+    thinned: tuple[Thinned, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What planning knows besides the frame; made once a lease."""
+
+    array: Array
+    site: BodySite
+    maxima: Maxima
+    person: PersonLimits
+
+
+class Planner:
+    """See the module."""
+
+    def __init__(self, board: Selector, rules: Rules, cost: CostModel) -> None:
+        self._board = board
+        self._rules = rules
+        self._cost = cost
+        self._outputs = rules.array.outputs()
+        self._count = rules.array.count
+        caps_ua = rules.person.caps_ua
+        self._by_cap = sorted(range(self._count), key=lambda one: caps_ua[one])[:2]
+
+    def plan(self, frame: Frame, share_of_all: float = 0.0) -> Plan:
+        """Raises: Refused. `share_of_all`: what one of all others may carry, for the preview of
+        clamps in the reply (0: not known yet, each by its own cap alone).
+        """
+        visits = self._visits(frame)
+        clamped = self._preview(visits, share_of_all)
+        if frame.strict and clamped:
+            self._refuse_strict(clamped[0])
+        rate_hz, thinned = self._rate(frame, visits)
+        return Plan(frame, visits, rate_hz, int(1e9 / rate_hz), clamped, thinned)
+
+    # --- visits ----------------------------------------------------------------------------
+
+    def _visits(self, frame: Frame) -> tuple[Visit, ...]:
+        if frame.level is not None:
+            _check_conditions(frame, self._calibration_for_levels())
+        wanted_ua = self._currents(frame)
+        default = self._defaults()
+        widths_us = self._values("width_us", frame.width_us, default.width_us)
+        rates_hz = self._values("rate_hz", frame.rate_hz, default.rate_hz)
+        polarities = self._values("polarity", frame.polarity, default.polarity)
+        visits = [
+            self._visit(
+                frame, one, wanted_ua[one], widths_us[one], PHASES[polarities[one]], rates_hz[one]
+            )
+            for one in range(self._count)
+            if wanted_ua[one] > 0
+        ]
+        visits.sort(key=lambda visit: visit.selection.output)
+        self._check_array_mean(visits)
+        return tuple(visits)
+
+    def _calibration_for_levels(self) -> Calibration:
+        calibration = self._rules.person.calibration
+        if calibration is None:
+            raise Refused(
+                "level_needs_calibration",
+                "level needs a calibration: open the lease with one, or send current_ua",
+            )
+        return calibration
+
+    def _currents(self, frame: Frame) -> Sequence[int]:
+        if frame.level is None:
+            return frame.current_ua or ()
+        calibration = self._calibration_for_levels()
+        return [
+            current_of_level(limits, level, calibration.gamma)
+            for limits, level in zip(calibration.electrode, frame.level, strict=True)
+        ]
+
+    def _defaults(self) -> Calibration | SiteDefaults:
+        """What holds where the frame says nothing."""
+        return self._rules.person.calibration or self._rules.site.defaults
+
+    def _values(self, key: str, given: T | tuple[T, ...] | None, default: T) -> tuple[T, ...]:
+        return per_electrode(default if given is None else given, self._count, key)
+
+    def _visit(
+        self,
+        frame: Frame,
+        electrode: int,
+        current_ua: int,
+        width_us: int,
+        phases: tuple[bool, ...],
+        rate_hz: float,
+    ) -> Visit:
+        self._check_maxima(electrode, current_ua, width_us, len(phases), rate_hz)
+        returns = self._returns(frame, electrode)
+        return Visit(
+            electrode,
+            self._select(electrode, returns),
+            current_ua,
+            width_us,
+            phases,
+            rate_hz,
+            returns,
+            self._path(electrode, returns),
+        )
+
+    def _check_maxima(
+        self, electrode: int, current_ua: int, width_us: int, phases: int, rate_hz: float
+    ) -> None:
+        maxima = self._rules.maxima
+        width_most_us = min(maxima.width_us, self._rules.person.width_us)
+        charge_pc = current_ua * width_us
+        mean_ua = charge_pc * phases * rate_hz / 1e6
+        for what, asked, most, unit in (
+            ("current", current_ua, maxima.current_ua, "uA"),
+            ("width", width_us, width_most_us, "us"),
+            ("charge of a pulse", charge_pc / PC_PER_NC, maxima.charge_pc / PC_PER_NC, "nC"),
+            ("rate", rate_hz, maxima.rate_hz, "Hz"),
+            ("mean current", mean_ua, maxima.mean_current_ua, "uA"),
+        ):
+            if asked > most:
+                raise Refused(
+                    "over_maximum",
+                    f"electrode {electrode}: {what} {asked:g} {unit}, nobody gets more than"
+                    f" {most:g} {unit} here",
+                    electrode,
+                )
+
+    def _check_array_mean(self, visits: Sequence[Visit]) -> None:
+        mean_ua = sum(
+            one.current_ua * one.width_us * len(one.phases) * one.rate_hz for one in visits
+        )
+        most_ua = self._rules.maxima.array_mean_current_ua
+        if mean_ua / 1e6 > most_ua:
+            raise Refused(
+                "over_maximum",
+                f"the array's mean current would be {mean_ua / 1e6:.0f} uA, at most {most_ua} uA"
+                " is allowed: lower currents, widths or rates",
+            )
+
+    def _returns(self, frame: Frame, electrode: int) -> tuple[int, ...] | None:
+        calibration = self._rules.person.calibration
+        returns: Returns = "all"
+        if frame.returns is not None:
+            returns = frame.returns
+        elif calibration is not None:
+            returns = calibration.returns
+        if isinstance(returns, tuple):
+            chosen = returns[electrode]
+        elif isinstance(returns, Ring):
+            chosen = self._rules.array.ring(electrode, returns.ring_mm)
+        else:
+            return None
+        if not chosen:
+            raise Refused(
+                "board_cannot",
+                f"electrode {electrode} has no return: no electrode lies there",
+                electrode,
+            )
+        return chosen
+
+    def _select(self, electrode: int, returns: tuple[int, ...] | None) -> Selection:
+        outputs = None if returns is None else tuple(self._outputs[one] for one in returns)
+        try:
+            return self._board.selection(self._outputs[electrode], outputs)
+        except CannotSelect as error:
+            raise Refused("board_cannot", str(error), electrode) from error
+
+    def _path(self, electrode: int, returns: tuple[int, ...] | None) -> Path:
+        caps_ua = self._rules.person.caps_ua
+        if returns is not None:
+            return path_of(electrode, caps_ua, returns, 1.0)
+        others = [one for one in self._by_cap if one != electrode]
+        return path_of(electrode, caps_ua, others, 1.0)
+
+    # --- what its limits will take away ------------------------------------------------------
+
+    def _preview(self, visits: Sequence[Visit], share_of_all: float) -> tuple[Clamp, ...]:
+        maxima = self._rules.maxima
+        found = []
+        for one in visits:
+            path = one.path
+            if one.returns is None:
+                share = share_of_all or 1.0 / max(1, self._count - 1)
+                path = Path(
+                    path.electrode, path.cap_ua, path.return_cap_ua, path.return_electrode, share
+                )
+            _, clamp = last_word(
+                path, one.current_ua, one.width_us, maxima, maxima.current_ua, None, False
+            )
+            if clamp is not None:
+                found.append(clamp)
+        return tuple(found)
+
+    @staticmethod
+    def _refuse_strict(clamp: Clamp) -> None:
+        raise Refused(
+            "over_limit",
+            f"strict: electrode {clamp.electrode} asks for {clamp.wanted_ua} uA and would get"
+            f" {clamp.got_ua} uA ({clamp.reason} of electrode {clamp.limited_by})",
+            clamp.electrode,
+        )
+
+    # --- does it fit -------------------------------------------------------------------------
+
+    def _rate(self, frame: Frame, visits: Sequence[Visit]) -> tuple[float, tuple[Thinned, ...]]:
+        if not visits:
+            return self._rules.site.defaults.rate_hz, ()
+        wanted_hz = max(one.rate_hz for one in visits)
+        achievable_hz = self._achievable_hz(visits)
+        if wanted_hz <= achievable_hz:
+            return wanted_hz, ()
+        if not frame.thin:
+            raise Refused(
+                "too_fast",
+                f"{len(visits)} electrodes at {wanted_hz:g} Hz do not fit: at most"
+                f" {achievable_hz:.1f} Hz (or send thin: true to be slowed down)",
+                achievable_hz=achievable_hz,
+            )
+        return achievable_hz, (Thinned(electrode=None, reason="rate", rate_hz=achievable_hz),)
+
+    def _achievable_hz(self, visits: Sequence[Visit]) -> float:
+        slots_us = busy_us = self._cost.rewrite_us()
+        before = visits[-1].selection.output
+        for one in visits:
+            output = one.selection.output
+            clocks = output - before if output > before else 0
+            cost = self._cost.visit(one.width_us, len(one.phases), clocks)
+            slots_us += cost.slot_us
+            busy_us += cost.busy_us
+            before = output
+        return min(1e6 / slots_us, BUSY_PART * 1e6 / busy_us)
+
+
+def _check_conditions(frame: Frame, calibration: Calibration) -> None:
+    """A level frame must be what the calibration was made with. Raises: Refused."""
+    for key in ("polarity", "width_us", "rate_hz", "returns"):
+        asked, made_with = getattr(frame, key), getattr(calibration, key)
+        if asked is None or asked == made_with:
+            continue
+        is_each = key != "returns" and isinstance(asked, tuple)
+        if is_each and all(one == made_with for one in asked):
+            continue
+        raise Refused(
+            "bad_frame",
+            f"level means what it was calibrated to with {key} {made_with}; the frame asks for"
+            f" another {key}: leave it out, calibrate for it, or send current_ua",
+        )

@@ -1,0 +1,197 @@
+"""What the engine tells: every frame begun, what was fired, and why not more.
+
+Owns: the scan report between two sendings, rate-capped without losing a frame; counters.
+Must not know: sockets beyond the one function it sends with, hardware. Time comes in.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from etd.engine.contact import ContactMap
+from etd.frame import Frame
+from etd.link import Report
+from etd.protocol import (
+    MAX_TELEMETRY_HZ,
+    Clamp,
+    Contact,
+    Fired,
+    Halt,
+    RefusedReport,
+    Scan,
+    Shown,
+    StateReport,
+    Thinned,
+)
+
+_SCAN_PERIOD_NS = 1_000_000_000 // MAX_TELEMETRY_HZ
+STATE_PERIOD_NS = 1_000_000_000
+
+
+@dataclass(slots=True)
+class _Showing:
+    """A frame under way."""
+
+    frame: Frame
+    begun_ns: int
+    first_ns: int | None = None
+    last_ns: int | None = None
+    is_ended: bool = False
+
+    def told(self) -> Shown:
+        return Shown(
+            seq=self.frame.seq,
+            tag=self.frame.tag,
+            begun_ns=self.begun_ns,
+            first_ns=self.first_ns,
+            last_ns=self.last_ns,
+            ended=self.is_ended,
+        )
+
+
+@dataclass(slots=True)
+class _Pending:
+    """Since the last scan report."""
+
+    ended: list[Shown] = field(default_factory=list)
+    clamped: dict[tuple[int, str], Clamp] = field(default_factory=dict)
+    skipped: Counter[tuple[int | None, str]] = field(default_factory=Counter)
+    scans: int = 0
+
+
+class Reporter:
+    """See the module. `send` returns False when the report was dropped."""
+
+    def __init__(self, electrodes: int, send: Callable[[Report], bool]) -> None:
+        self._send = send
+        self._electrodes = electrodes
+        self._showing: _Showing | None = None
+        self._pending = _Pending()
+        self._sent_ns = 0
+        self._has_news = False
+        self.counters: Counter[str] = Counter()
+        self._clear_fired()
+
+    def _clear_fired(self) -> None:
+        n = self._electrodes
+        self._current_ua = [0] * n
+        self._width_us = [0.0] * n
+        self._voltage_v: list[float | None] = [None] * n
+        self._resistance_ohm: list[int | None] = [None] * n
+
+    # --- frames and scans --------------------------------------------------------------------
+
+    def frame_begun(self, frame: Frame, now_ns: int) -> None:
+        """At the start of its first scan."""
+        self.frame_ended()
+        self._showing = _Showing(frame, now_ns)
+        self._clear_fired()
+        self._has_news = True
+        self.counters["frames_shown"] += 1
+
+    def frame_ended(self) -> None:
+        """Replaced, expired, done with its pulses, or silenced."""
+        showing, self._showing = self._showing, None
+        if showing is not None:
+            showing.is_ended = True
+            self._pending.ended.append(showing.told())
+            self._has_news = True
+
+    def scan_begun(self) -> None:
+        self._pending.scans += 1
+        self.counters["scans"] += 1
+        self._has_news = True
+
+    def fired(
+        self,
+        electrode: int,
+        at_ns: int,
+        told_ua: int,
+        width_us: float,
+        voltage_v: float,
+        resistance_ohm: int | None,
+    ) -> None:
+        """One visit."""
+        showing = self._showing
+        if showing is not None:
+            if showing.first_ns is None:
+                showing.first_ns = at_ns
+            showing.last_ns = at_ns
+        self._current_ua[electrode] = told_ua
+        self._width_us[electrode] = width_us
+        self._voltage_v[electrode] = voltage_v
+        self._resistance_ohm[electrode] = resistance_ohm
+        self.counters["pulses"] += 1
+
+    def clamped(self, clamp: Clamp) -> None:
+        """The latest of each electrode and reason is told."""
+        self._pending.clamped[clamp.electrode, clamp.reason] = clamp
+        self.counters["clamped"] += 1
+
+    def skipped(self, electrode: int | None, reason: str) -> None:
+        """A pulse that was not fired, or a scan that came late."""
+        self._pending.skipped[electrode, reason] += 1
+        self.counters[f"thinned_{reason}"] += 1
+
+    def scan_report(self, now_ns: int, ceiling_ua: int, is_due: bool = False) -> None:
+        """Send what has gathered, if it is time (or `is_due`)."""
+        if not self._has_news or (now_ns - self._sent_ns < _SCAN_PERIOD_NS and not is_due):
+            return
+        pending, showing = self._pending, self._showing
+        current = () if showing is None else (showing.told(),)
+        shown = (*pending.ended, *current)
+        report = Scan(
+            now_ns=now_ns,
+            shown=shown,
+            seq=shown[-1].seq if shown else -1,
+            tag=shown[-1].tag if shown else None,
+            scans=pending.scans,
+            fired=Fired(
+                current_ua=tuple(self._current_ua),
+                width_us=tuple(self._width_us),
+                voltage_v=tuple(self._voltage_v),
+                resistance_ohm=tuple(self._resistance_ohm),
+            ),
+            clamped=tuple(pending.clamped.values()),
+            thinned=tuple(
+                Thinned(electrode=electrode, reason=reason, pulses=count)  # type: ignore[arg-type]
+                for (electrode, reason), count in pending.skipped.items()
+            ),
+            ceiling_ua=ceiling_ua,
+            dropped_reports=self.counters["reports_dropped"],
+        )
+        if self._tell(Report(scan=report)):
+            # What could not be sent stays and goes with the next one: no frame is lost.
+            self._pending = _Pending()
+            self._has_news = False
+        self._sent_ns = now_ns
+
+    # --- the rest ----------------------------------------------------------------------------
+
+    def state(self, report: StateReport) -> None:
+        self._tell(Report(state=report))
+
+    def halt(self, halt: Halt) -> None:
+        self._tell(Report(halt=halt))
+
+    def refused(self, report: RefusedReport) -> None:
+        self._tell(Report(refused=report))
+
+    def contact(self, contact: ContactMap, now_ns: int) -> Contact:
+        """Told to all, and returned for the answer."""
+        report = Contact(
+            contact=tuple(contact.is_touched),
+            resistance_ohm=tuple(contact.resistance_ohm),
+            voltage_v=tuple(contact.voltage_v),
+            t_ns=now_ns,
+        )
+        self._tell(Report(contact=report))
+        return report
+
+    def _tell(self, report: Report) -> bool:
+        if self._send(report):
+            return True
+        self.counters["reports_dropped"] += 1
+        return False

@@ -1,0 +1,93 @@
+"""The latest value of each slow sensor, with its time.
+
+Owns: the rail, read over I2C in a thread of its own, because a stuck bus can block for a second.
+Must not know: states, frames, what follows from a value. A stale value is unknown.
+"""
+
+from __future__ import annotations
+
+import threading
+
+from etd.errors import EtdError
+from etd_hal.boardfile import BoardFile
+from etd_hal.chips import ads1115, mcp4725
+from etd_hal.ports import Clock, I2c
+
+#: A value older than this says nothing.
+STALE_NS = 500_000_000
+_PERIOD_S = 0.02
+_CONVERSION_S = ads1115.CONVERSION_NS / 1e9
+
+
+class RailSensor:
+    """Rail volts, where the board has a monitor; sets the rail, where it can be set."""
+
+    def __init__(self, board: BoardFile, i2c: I2c | None, clock: Clock) -> None:
+        self._monitor = board.guards.rail_monitor
+        self._setpoint = board.rail_setpoint
+        self._i2c = i2c
+        self._clock = clock
+        # One tuple, replaced whole: the scan thread never sees half a value.
+        self._latest: tuple[float, int] | None = None
+        self._is_set = self._setpoint == "absent"
+        self.problem = ""
+
+    @property
+    def is_there(self) -> bool:
+        return self._monitor != "absent"
+
+    def rail_v(self, now_ns: int) -> float | None:
+        """Volts, or None where unknown: no monitor, an error, or stale."""
+        latest = self._latest
+        if latest is None or now_ns - latest[1] > STALE_NS:
+            return None
+        return latest[0]
+
+    def begin(self) -> None:
+        """Set the rail (once), start a conversion. Never raises; `problem` tells."""
+        if self._i2c is None:
+            return
+        try:
+            if not self._is_set and self._setpoint != "absent":
+                mcp4725.write(self._i2c, self._setpoint.address, self._setpoint.code)
+                self._is_set = True
+            if self._monitor != "absent":
+                ads1115.start(self._i2c, self._monitor.address, self._monitor.channel)
+        except EtdError as error:
+            self._lost(error)
+
+    def end(self) -> None:
+        """Read the conversion begun a few milliseconds ago. Never raises."""
+        if self._i2c is None or self._monitor == "absent":
+            return
+        try:
+            volts = ads1115.read_v(self._i2c, self._monitor.address) * self._monitor.divider
+        except EtdError as error:
+            self._lost(error)
+        else:
+            self._latest = (volts, self._clock.now_ns())
+            self.problem = "" if self._is_set else self.problem
+
+    def _lost(self, error: EtdError) -> None:
+        self._latest = None
+        self.problem = str(error)
+
+
+class SensorThread(threading.Thread):
+    """Reads until told to end."""
+
+    def __init__(self, rail: RailSensor) -> None:
+        super().__init__(name="etd-sensors", daemon=True)
+        self._rail = rail
+        self._ending = threading.Event()
+
+    def run(self) -> None:
+        while not self._ending.wait(_PERIOD_S):
+            self._rail.begin()
+            self._ending.wait(_CONVERSION_S)
+            self._rail.end()
+
+    def end(self) -> None:
+        """Idempotent; waits for a blocked bus no longer than two seconds."""
+        self._ending.set()
+        self.join(timeout=2.0)

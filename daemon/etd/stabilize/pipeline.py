@@ -1,0 +1,42 @@
+"""The place between what a frame wants and what the limits let through.
+
+Owns: what a stabilizer gets and gives, and the order in which they ask. Must not know: limits,
+hardware, clocks. Whatever comes out of here is a wish: `engine/limits.py` has the last word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """One pulse as somebody would like it."""
+
+    current_ua: int
+    width_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What the pulses so far have told of one electrode; None where unknown."""
+
+    electrode: int
+    is_touched: bool | None
+    resistance_ohm: int | None
+    voltage_v: float | None
+
+
+class Stabilizer(Protocol):
+    def ask(self, wish: Wish, known: Known) -> Wish:
+        """The pulse this stabilizer would like, given the one before it would."""
+        ...
+
+
+def ask_all(stabilizers: Sequence[Stabilizer], wish: Wish, known: Known) -> Wish:
+    """Each in turn, in the order of the body-site file."""
+    for stabilizer in stabilizers:
+        wish = stabilizer.ask(wish, known)
+    return wish

@@ -1,0 +1,57 @@
+"""How long a visit will take on this board and machine: for planning, never for limits.
+
+Owns: the sum of calls, message and rest that one visit needs, and how much of it keeps the
+processor busy. Must not know: frames, persons.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd_hal.boardfile import BoardFile, MachineFile, Relays
+from etd_hal.ports import SPIN_NS
+from etd_hal.timing import Timing
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Of one visit, in us: until the next may begin, and of that with the processor busy."""
+
+    slot_us: float
+    busy_us: float
+
+
+class CostModel:
+    """Costs from the board's rest, the machine's calls and the calibrated timing."""
+
+    def __init__(self, board: BoardFile, machine: MachineFile, timing: Timing) -> None:
+        self._board = board
+        self._machine = machine
+        self._timing = timing
+        self._call_us = machine.gpio_call_us
+
+    def visit(self, width_us: int, phases: int, clocks: int) -> Cost:
+        """A visit whose selection is `clocks` shifts away from the one before it."""
+        switch = self._board.switch
+        message_us = self._timing.message_us + width_us
+        shift_us = 2 * clocks * self._call_us
+        work_us = self._machine.visit_us
+        if isinstance(switch, Relays):
+            stages = 2 * switch.outputs
+            relay_us = switch.ton_us + switch.toff_us
+            calls_us = (4 * stages + 4) * self._call_us
+            active_us = phases * (message_us + calls_us)
+            slot_us = active_us + phases * relay_us + self._board.rest_us + work_us
+            return Cost(slot_us, active_us + work_us + phases * 2 * SPIN_NS / 1_000)
+        active_us = phases * (message_us + self._call_us) + self._call_us
+        prepare_us = shift_us + work_us
+        slept_us = max(0.0, self._board.rest_us - prepare_us - SPIN_NS / 1_000)
+        slot_us = active_us + max(float(self._board.rest_us), prepare_us)
+        return Cost(slot_us, slot_us - slept_us)
+
+    def rewrite_us(self) -> float:
+        """The whole chain, once a scan, less what fits into the rest."""
+        switch = self._board.switch
+        if isinstance(switch, Relays):
+            return 2 * 2 * switch.outputs * self._call_us
+        return max(0.0, 2 * switch.outputs * self._call_us - self._board.rest_us)
