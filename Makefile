@@ -95,9 +95,9 @@ endef
 
 uninstall: ## Remove what install put there; settings and calibrations stay
 	@test -n "$(DESTDIR)" || test "$$(id -u)" = 0 || { echo "this removes from $(PREFIX) and /etc: sudo make uninstall"; exit 1; }
-	$(if $(DESTDIR),,if [ -d /run/systemd/system ]; then systemctl disable --now 'etd@*.target' 'etd-gateway@*.service' 'etd-engine@*.service'; fi)
+	$(if $(DESTDIR),,if [ -d /run/systemd/system ]; then systemctl stop 'etd@*.target' 'etd-gateway@*.service' 'etd-engine@*.service'; fi)
 	rm -rf $(DESTDIR)$(PREFIX)
-	rm -f $(DESTDIR)/usr/local/bin/etd $(addprefix $(DESTDIR)$(UNIT_DIR)/,$(UNITS))
+	rm -f $(DESTDIR)/usr/local/bin/etd $(addprefix $(DESTDIR)$(UNIT_DIR)/,$(UNITS) multi-user.target.wants/etd@*.target)
 	rm -f $(DESTDIR)/usr/lib/sysusers.d/etd.conf $(DESTDIR)/usr/lib/tmpfiles.d/etd.conf $(DESTDIR)/usr/lib/udev/rules.d/90-etd.rules
 	$(if $(DESTDIR),,if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi)
 	@echo "Removed. Kept, because they are yours: $(DESTDIR)/etc/etd (settings), $(DESTDIR)/var/lib/etd (calibrations of people)."
