@@ -229,7 +229,7 @@ class AsyncDisplay:
             facts = self._session.facts
             address = facts.endpoints.frames if facts else sibling_address(self.address, FRAMES)
             self._frames = wire.configure(self._context.socket(zmq.PUSH), address)
-        if not await self._frames.poll(int(self._timeout_s * 1000), zmq.POLLOUT):
+        if not await _is_writable(self._frames, self._timeout_s):
             raise DaemonGone(self.address, f"no frame was taken within {self._timeout_s:g} s")
         await self._frames.send(data)
 
@@ -255,7 +255,7 @@ class AsyncDisplay:
     async def _exchange(self, socket: zmq.asyncio.Socket, ask: Ask) -> Success:
         """Send one request and await its reply, keeping the lease if it is a slow one."""
         deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
-        if await socket.poll(int(ask.timeout_s * 1000), zmq.POLLOUT):
+        if await _is_writable(socket, ask.timeout_s):
             await socket.send(ask.data)
             while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
                 wait_s = left_s if ask.keep is None else min(left_s, KEEP_S)
@@ -283,3 +283,8 @@ class AsyncDisplay:
 
     def _hang_up(self) -> None:
         self._context.destroy(linger=0)
+
+
+async def _is_writable(socket: Any, timeout_s: float) -> bool:
+    """Any: pyzmq's stub of the awaited poll leaves out its flags."""
+    return bool(await socket.poll(int(timeout_s * 1000), zmq.POLLOUT))

@@ -98,7 +98,7 @@ class Session:
         return reply.status
 
     def stop(self) -> Flow[None]:
-        yield self._ask("stop", client=self._client)
+        yield self._ask("stop", {"client": self._client})
 
     def clear(self) -> Flow[None]:
         """Leave HALTED. No lease outlives a halt, so the next `arm` opens a new one."""
@@ -116,10 +116,10 @@ class Session:
 
     def disarm(self) -> Flow[None]:
         if self.lease is not None:
-            yield self._ask("disarm", lease=self.lease)
+            yield self._ask("disarm", {"lease": self.lease})
 
     def keep(self) -> Flow[None]:
-        yield self._ask("keep", lease=self._held_lease())
+        yield self._ask("keep", {"lease": self._held_lease()})
 
     def close(self) -> Flow[None]:
         """Give the lease back. One that no longer stands is as good as closed."""
@@ -127,7 +127,7 @@ class Session:
             return
         lease, self.lease = self.lease, None
         try:
-            yield self._ask("close", lease=lease)
+            yield self._ask("close", {"lease": lease})
         except Refused as refusal:
             if refusal.code not in ("no_lease", "other_lease", "engine_gone", "halted"):
                 raise
@@ -135,18 +135,18 @@ class Session:
     def measure(self, timeout_s: float) -> Flow[MeasureReply]:
         yield from self._standing_lease()
         reply: MeasureReply = yield self._ask(
-            "measure", timeout_s=timeout_s, keep=self._keep_data, lease=self.lease
+            "measure", {"lease": self.lease}, timeout_s=timeout_s, keep=self._keep_data
         )
         return reply
 
     def mark(self, tag: int | None) -> Flow[MarkReply]:
-        reply: MarkReply = yield self._ask("mark", lease=self._held_lease(), tag=tag)
+        reply: MarkReply = yield self._ask("mark", {"lease": self._held_lease(), "tag": tag})
         return reply
 
     def frame(self, fields: dict[str, object]) -> Flow[FrameReply]:
         """One frame with an answer; the lease is opened if none was."""
         yield from self._opened_lease()
-        reply: FrameReply = yield self._ask("frame", **self._numbered(fields))
+        reply: FrameReply = yield self._ask("frame", self._numbered(fields))
         return reply
 
     def opened(self) -> Flow[None]:
@@ -159,17 +159,17 @@ class Session:
         return _encoded({"op": "frame", **self._numbered(fields)})
 
     def calibrations(self) -> Flow[tuple[str, ...]]:
-        reply: CalibrationReply = yield self._ask("calibration", do="list")
+        reply: CalibrationReply = yield self._ask("calibration", {"do": "list"})
         return reply.names
 
     def get_calibration(self, name: str) -> Flow[Calibration]:
-        reply: CalibrationReply = yield self._ask("calibration", do="get", name=name)
+        reply: CalibrationReply = yield self._ask("calibration", {"do": "get", "name": name})
         if reply.calibration is None:
             raise Refused("not_found", f"the daemon sent no calibration {name!r}")
         return reply.calibration
 
     def set_calibration(self, name: str, calibration: Calibration) -> Flow[None]:
-        yield self._ask("calibration", do="set", name=name, calibration=calibration)
+        yield self._ask("calibration", {"do": "set", "name": name, "calibration": calibration})
 
     def settle(self, ask: Ask, data: bytes) -> Success | None:
         """The typed reply to `ask`, or None if these bytes answer another request.
@@ -191,7 +191,7 @@ class Session:
         """A lease that stands now: the one there is, or a new one if that has lapsed."""
         if self.lease is not None:
             try:
-                yield self._ask("keep", lease=self.lease)
+                yield self._ask("keep", {"lease": self.lease})
             except Refused as refusal:
                 if refusal.code not in ("no_lease", "other_lease"):
                     raise
@@ -201,9 +201,8 @@ class Session:
     def _opened_lease(self) -> Flow[None]:
         if self.lease is not None:
             return
-        reply: LeaseReply = yield self._ask(
-            "open", client=self._client, **(yield from self._limits())
-        )
+        limits = yield from self._limits()
+        reply: LeaseReply = yield self._ask("open", {"client": self._client, **limits})
         self.lease = reply.lease
         self._last_seq = 0
 
@@ -225,7 +224,7 @@ class Session:
         return self.lease
 
     def _keep_data(self) -> bytes:
-        return self._ask("keep", lease=self.lease).data
+        return self._ask("keep", {"lease": self.lease}).data
 
     def _numbered(self, fields: dict[str, object]) -> dict[str, object]:
         self._last_seq += 1
@@ -234,13 +233,13 @@ class Session:
     def _ask(
         self,
         op: str,
+        fields: dict[str, object] | None = None,
         *,
         timeout_s: float | None = None,
         keep: Callable[[], bytes] | None = None,
-        **fields: object,
     ) -> Ask:
         self._last_id += 1
-        given = {key: value for key, value in fields.items() if value is not None}
+        given = {key: value for key, value in (fields or {}).items() if value is not None}
         data = _encoded({"op": op, "id": self._last_id, **given})
         return Ask(op, self._last_id, data, timeout_s or self._timeout_s, keep)
 

@@ -79,8 +79,8 @@ class Telemetry:
     def receive(self, timeout_s: float | None = 0.0) -> Item | None:
         """The next (topic, report), or None if there is none within `timeout_s` (None: wait)."""
         if self._first is not None:
-            item, self._first = self._first, None
-            return item
+            first, self._first = self._first, None
+            return first
         deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
         while True:
             left = None if deadline_ns is None else max(0.0, (deadline_ns - clock.now_ns()) / 1e9)
@@ -146,8 +146,8 @@ class AsyncTelemetry:
     async def receive(self, timeout_s: float | None = 0.0) -> Item | None:
         """The next (topic, report), or None if there is none within `timeout_s` (None: wait)."""
         if self._first is not None:
-            item, self._first = self._first, None
-            return item
+            first, self._first = self._first, None
+            return first
         deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
         while True:
             left = None if deadline_ns is None else max(0.0, (deadline_ns - clock.now_ns()) / 1e9)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import zmq
 
@@ -16,7 +16,7 @@ from etd.errors import DaemonGone, Refused
 from etd.places import control_address, why_unreachable
 from etd.protocol import MAX_MESSAGE_BYTES
 
-S = TypeVar("S", bound="zmq.Socket[bytes]")
+S = TypeVar("S", bound="zmq.Socket[Any]")
 
 
 def resolve(name: str, address: str | None) -> str:

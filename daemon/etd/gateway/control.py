@@ -1,0 +1,271 @@
+"""From a request to a command for the engine, and from its answer to a reply.
+
+Owns: what each op needs (a lease, operate rights, SAFE) and what it is answered with.
+Must not know: sockets, time beyond the `now_ns` it is given, what the engine will decide.
+"""
+
+from __future__ import annotations
+
+import functools
+import secrets
+from collections.abc import Callable
+from typing import Any
+
+from etd.errors import Refused
+from etd.gateway import replies
+from etd.gateway.config import GatewayConfig, operator_uids
+from etd.gateway.engine_link import EngineLink
+from etd.gateway.frames import FrameDesk
+from etd.gateway.lease import LeaseView
+from etd.gateway.letters import Letter
+from etd.gateway.store import CalibrationStore
+from etd.gateway.telemetry import Publisher
+from etd.gateway.waiting import LONGEST_NS, Waiting, WaitingRoom
+from etd.link import (
+    Answer,
+    ArmBoard,
+    ClearHalt,
+    CloseLease,
+    Command,
+    DisarmBoard,
+    KeepLease,
+    MeasureContact,
+    OpenLease,
+    SetMark,
+    StopNow,
+)
+from etd.protocol import (
+    Arm,
+    CalibrationReply,
+    Clear,
+    Close,
+    Disarm,
+    Endpoints,
+    FrameRequest,
+    GetCalibration,
+    Hello,
+    Keep,
+    Mark,
+    Measure,
+    Open,
+    Request,
+    Status,
+    StatusReply,
+    Stop,
+    Success,
+)
+
+
+class ControlDesk:
+    """Handles one request at a time. A reply that has to wait for the engine is None for now."""
+
+    def __init__(
+        self,
+        config: GatewayConfig,
+        endpoints: Endpoints,
+        engine: EngineLink,
+        leases: LeaseView,
+        frames: FrameDesk,
+        publisher: Publisher,
+        waiting: WaitingRoom,
+    ) -> None:
+        self._config = config
+        self._endpoints = endpoints
+        self._engine = engine
+        self._leases = leases
+        self._frames = frames
+        self._publisher = publisher
+        self._waiting = waiting
+        self._operators = operator_uids(config.operators)
+        self._store = CalibrationStore(config.state_dir, config.shipped_calibrations)
+        self._handlers: dict[type, Callable[[Any, Letter, int], Success | None]] = {
+            Hello: self._hello,
+            Status: self._status,
+            Stop: self._stop,
+            Open: self._open,
+            Keep: self._keep,
+            Close: self._close,
+            Disarm: self._disarm,
+            Arm: self._arm,
+            Clear: self._clear,
+            Measure: self._measure,
+            Mark: self._mark,
+            GetCalibration: self._calibration,
+            FrameRequest: self._frame,
+        }
+
+    def handle(self, request: Request, letter: Letter, now_ns: int) -> Success | None:
+        """The reply, or None if the engine has been asked. Raises: Refused."""
+        return self._handlers[type(request)](request, letter, now_ns)
+
+    def _hello(self, request: Hello, _: Letter, now_ns: int) -> Success:
+        return replies.hello(
+            request,
+            now_ns,
+            self._engine.greeting(),
+            name=self._config.name,
+            endpoints=self._endpoints,
+            calibrations=self._store.names(self._offers_shipped()),
+            default_calibration=self._config.default_calibration,
+        )
+
+    def _status(self, request: Status, _: Letter, now_ns: int) -> Success:
+        status = self._publisher.state(now_ns)
+        return StatusReply(ok=True, now_ns=now_ns, id=request.id, status=status)
+
+    def _stop(self, request: Stop, letter: Letter, now_ns: int) -> None:
+        """Sent even if nobody can be told of it any more."""
+        who = request.client or f"user {letter.uid}"
+        try:
+            ref = self._waiting.next_ref(is_stop=True)
+        except Refused:
+            self._engine.stop(StopNow(ref=0, who=who))
+            raise
+        self._engine.stop(StopNow(ref=ref, who=who))
+        self._await(ref, request, letter, now_ns, replies.done(request.id), is_stop=True)
+
+    def _open(self, request: Open, letter: Letter, now_ns: int) -> None:
+        self._engine.greeting()
+        if (request.calibration is None) == (request.limits is None):
+            raise Refused(
+                "limits_missing" if request.limits is None else "bad_message",
+                "open needs a calibration or limits (max_current_ua and width_us), one of the two:"
+                " nobody is stimulated without a limit",
+            )
+        token = secrets.token_hex(16)
+        name = request.calibration
+        command = OpenLease(
+            ref=self._waiting.next_ref(),
+            lease=token,
+            client=request.client,
+            calibration_name=name,
+            calibration=self._store.get(name, self._offers_shipped()) if name else None,
+            limits=request.limits,
+        )
+
+        def granted(_: Answer) -> Success:
+            self._leases.begin(token, request.client, letter.uid)
+            return replies.granted(request.id, token)
+
+        self._ask(command, request, letter, now_ns, granted)
+
+    def _keep(self, request: Keep, letter: Letter, now_ns: int) -> None:
+        lease = self._held(request.lease, letter)
+        self._ask(KeepLease(ref=self._waiting.next_ref(), lease=lease), request, letter, now_ns)
+
+    def _close(self, request: Close, letter: Letter, now_ns: int) -> None:
+        lease = self._held(request.lease, letter)
+
+        def closed(_: Answer) -> Success:
+            self._leases.end(lease)
+            return Success(ok=True, now_ns=0, id=request.id)
+
+        command = CloseLease(ref=self._waiting.next_ref(), lease=lease)
+        self._ask(command, request, letter, now_ns, closed)
+
+    def _disarm(self, request: Disarm, letter: Letter, now_ns: int) -> None:
+        lease = self._held(request.lease, letter)
+        self._ask(DisarmBoard(ref=self._waiting.next_ref(), lease=lease), request, letter, now_ns)
+
+    def _arm(self, request: Arm, letter: Letter, now_ns: int) -> None:
+        self._check_operator(letter)
+        self._ask(ArmBoard(ref=self._waiting.next_ref()), request, letter, now_ns)
+
+    def _clear(self, request: Clear, letter: Letter, now_ns: int) -> None:
+        self._check_operator(letter)
+        self._ask(ClearHalt(ref=self._waiting.next_ref()), request, letter, now_ns)
+
+    def _measure(self, request: Measure, letter: Letter, now_ns: int) -> None:
+        command = MeasureContact(
+            ref=self._waiting.next_ref(), lease=self._held(request.lease, letter)
+        )
+        self._ask(command, request, letter, now_ns, functools.partial(replies.measured, request.id))
+
+    def _mark(self, request: Mark, letter: Letter, now_ns: int) -> None:
+        command = SetMark(
+            ref=self._waiting.next_ref(),
+            lease=self._held(request.lease, letter),
+            tag=request.tag,
+        )
+        self._ask(command, request, letter, now_ns, functools.partial(replies.marked, request.id))
+
+    def _frame(self, request: FrameRequest, letter: Letter, now_ns: int) -> None:
+        lease = self._frames.check(request, letter.uid)
+        ref = self._waiting.next_ref()
+        self._frames.pass_on(request, lease, ref)
+        done = functools.partial(replies.framed, request.id, request.seq)
+        self._await(ref, request, letter, now_ns, done)
+
+    def _calibration(self, request: GetCalibration, letter: Letter, now_ns: int) -> Success:
+        calibration = None
+        if request.do == "get":
+            calibration = self._store.get(_name_of(request), self._offers_shipped())
+        elif request.do == "set":
+            self._set_calibration(request, letter)
+        return CalibrationReply(
+            ok=True,
+            now_ns=now_ns,
+            id=request.id,
+            names=self._store.names(self._offers_shipped()),
+            calibration=calibration,
+        )
+
+    def _set_calibration(self, request: GetCalibration, letter: Letter) -> None:
+        self._check_operator(letter)
+        greeting = self._engine.greeting()
+        if request.calibration is None:
+            raise Refused("bad_message", "calibration set needs the key calibration")
+        state = self._engine.state
+        if state is None or state.state != "SAFE":
+            raise Refused(
+                "wrong_state",
+                f"a calibration is set in SAFE only, and this is {state.state if state else '?'}:"
+                " disarm first",
+            )
+        replies.check_fits(request.calibration, greeting)
+        self._store.put(_name_of(request), request.calibration)
+
+    def _ask(
+        self,
+        command: Command,
+        request: Request,
+        letter: Letter,
+        now_ns: int,
+        done: Callable[[Answer], Success] | None = None,
+    ) -> None:
+        self._engine.command(command)
+        self._await(command.ref, request, letter, now_ns, done or replies.done(request.id))
+
+    def _await(
+        self,
+        ref: int,
+        request: Request,
+        letter: Letter,
+        now_ns: int,
+        done: Callable[[Answer], Success],
+        is_stop: bool = False,
+    ) -> None:
+        self._waiting.add(ref, Waiting(letter, request.id, done, now_ns + LONGEST_NS, is_stop))
+
+    def _held(self, token: str, letter: Letter) -> str:
+        """The lease named, if it stands. Raises: Refused (`engine_gone` and the lease's)."""
+        self._engine.greeting()
+        return self._leases.check(token, letter.uid).token
+
+    def _check_operator(self, letter: Letter) -> None:
+        """Raises: Refused (`not_permitted`)."""
+        if self._operators is not None and letter.uid not in self._operators:
+            raise Refused(
+                "not_permitted",
+                f"user {letter.uid} may not operate: the configuration's operators may",
+            )
+
+    def _offers_shipped(self) -> bool:
+        """The shipped calibrations belong to the fake's own body: they are no person's limits."""
+        return self._engine.is_there and self._engine.greeting().board.backend == "fake"
+
+
+def _name_of(request: GetCalibration) -> str:
+    if request.name is None:
+        raise Refused("bad_message", f"calibration {request.do} needs the key name")
+    return request.name

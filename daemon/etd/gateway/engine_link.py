@@ -1,0 +1,140 @@
+"""The gateway's end of the link: finding the engine, staying alive to it, losing it.
+
+Owns: connecting, the facts of the greeting, and what is said when there is no engine.
+Must not know: clients, requests.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from etd import link
+from etd.errors import Refused
+from etd.link import (
+    Alive,
+    Answer,
+    Channel,
+    Command,
+    Greeting,
+    LeaseEnded,
+    NewFrame,
+    Report,
+    StopNow,
+)
+from etd.protocol import StateReport
+
+#: Of the engine's messages, at most this many are read in one turn.
+MESSAGES_A_TURN = 256
+
+_GONE = (
+    "the engine, which drives the board, is not there: nothing is being felt, and it comes back in"
+    " SAFE; look at its log"
+)
+_STOP_CUT = (
+    "the engine did not take the stop, so the link to it was cut: the skin is silent within"
+    " 250 ms; the engine is not HALTED, but nothing fires without a new arming"
+)
+
+
+class EngineLink:
+    """There, once it has been greeted; gone, once either socket has ended."""
+
+    def __init__(self, folder: Path, counters: Counter[str]) -> None:
+        self._folder = folder
+        self._counters = counters
+        self._channels: tuple[Channel[link.ToGateway], Channel[link.ToGateway]] | None = None
+        self._greeting: Greeting | None = None
+        self.state: StateReport | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        return self._channels is not None
+
+    @property
+    def is_there(self) -> bool:
+        return self._greeting is not None
+
+    @property
+    def has_ended(self) -> bool:
+        """The other end has hung up, and `hang_up` is due here."""
+        return self._channels is not None and not all(one.is_open for one in self._channels)
+
+    def greeting(self) -> Greeting:
+        """The facts of the board. Raises: Refused (`engine_gone`)."""
+        if self._greeting is None:
+            raise Refused("engine_gone", _GONE)
+        return self._greeting
+
+    def filenos(self) -> tuple[int, ...]:
+        """For the poll."""
+        return tuple(one.fileno() for one in self._channels or () if one.is_open)
+
+    def try_connect(self) -> None:
+        """Connect if an engine listens."""
+        if self._channels is None:
+            self._channels = link.connect(self._folder)
+
+    def hang_up(self) -> None:
+        """Forget the engine; idempotent."""
+        for channel in self._channels or ():
+            channel.close()
+        self._channels = None
+        self._greeting = None
+        self.state = None
+
+    def stay_alive(self) -> None:
+        """One sign of life; one that does not fit is counted, and the engine will miss it."""
+        if self._channels is not None and not self._channels[0].send(Alive()):
+            self._counters["alive_not_sent"] += 1
+
+    def command(self, command: Command) -> None:
+        """Raises: Refused (`engine_gone`, `busy`)."""
+        self.greeting()
+        if self._channels is None or not self._channels[0].send(command):
+            raise Refused("busy", "the engine has not taken earlier commands yet: send again")
+
+    def frame(self, frame: NewFrame) -> None:
+        """Raises: Refused (`engine_gone`, `busy`)."""
+        self.greeting()
+        if self._channels is None or not self._channels[1].send(frame):
+            raise Refused("busy", "the engine has not taken earlier frames yet: send again")
+
+    def stop(self, stop: StopNow) -> None:
+        """Get it through, or cut the link: the engine falls silent without its gateway.
+
+        Raises: Refused (`engine_gone`).
+        """
+        if self._channels is None:
+            raise Refused("engine_gone", _GONE)
+        if not self._channels[0].send(stop):
+            self._channels[0].close()
+            raise Refused("engine_gone", _STOP_CUT)
+
+    def receive(self) -> Iterator[Answer | LeaseEnded | Report]:
+        """What the engine has said, a greeting and a state taken note of on the way."""
+        for _ in range(MESSAGES_A_TURN):
+            message = self._next()
+            if message is None:
+                return
+            if isinstance(message, Greeting):
+                self._greeting = message
+                continue
+            if isinstance(message, Report) and message.state is not None:
+                self.state = message.state
+            yield message
+
+    def _next(self) -> link.ToGateway | None:
+        for channel in self._channels or ():
+            try:
+                message = channel.receive()
+            except msgspec.DecodeError:
+                self._counters["engine_unreadable"] += 1
+                channel.close()
+                return None
+            if message is not None:
+                return message
+        return None

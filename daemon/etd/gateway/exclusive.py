@@ -1,0 +1,35 @@
+"""One gateway for one name.
+
+Owns: the lock that a second one runs into before it binds anything: ZeroMQ would bind over a live
+Unix socket without a word, and take it over. Must not know: sockets.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from pathlib import Path
+
+from etd.errors import AlreadyRunning
+
+
+class NameLock:
+    """Held until `close`, or until the process ends however it ends. Raises: AlreadyRunning."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        path = folder / "gateway.lock"
+        self._fd: int | None = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        try:
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.read(self._fd, 32).decode("ascii", "replace").strip() or "unknown"
+            self.close()
+            raise AlreadyRunning(name, f"process {holder} holds {path}") from None
+        os.ftruncate(self._fd, 0)
+        os.write(self._fd, f"{os.getpid()}\n".encode())
+
+    def close(self) -> None:
+        """Idempotent. The file stays: removing it would let two hold different ones."""
+        if self._fd is not None:
+            os.close(self._fd)
+            self._fd = None

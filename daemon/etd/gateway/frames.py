@@ -1,0 +1,37 @@
+"""From a client's frame to the engine's: lease, seq and shape, looked at before it is passed on.
+
+Owns: the order of these checks, and that seq counts as used once a frame is on its way.
+Must not know: limits, currents, whether the engine will accept it.
+"""
+
+from __future__ import annotations
+
+from etd.frame import Frame, check_shape
+from etd.gateway.engine_link import EngineLink
+from etd.gateway.lease import LeaseView, StandingLease
+from etd.link import NewFrame
+from etd.protocol import FrameRequest
+
+_FIELDS = Frame.__struct_fields__
+
+
+class FrameDesk:
+    """Used by both sockets that frames come in through."""
+
+    def __init__(self, engine: EngineLink, leases: LeaseView) -> None:
+        self._engine = engine
+        self._leases = leases
+
+    def check(self, request: FrameRequest, uid: int | None) -> StandingLease:
+        """Raises: Refused (`engine_gone`, `no_lease`, `other_lease`, `old_seq`, `bad_frame`)."""
+        electrodes = self._engine.greeting().array.electrodes
+        lease = self._leases.check(request.lease, uid)
+        self._leases.check_seq(lease, request.seq)
+        check_shape(request, electrodes)
+        return lease
+
+    def pass_on(self, request: FrameRequest, lease: StandingLease, ref: int) -> None:
+        """Ref 0: the engine reports a refusal and nothing else. Raises: Refused (`busy`)."""
+        frame = Frame(**{name: getattr(request, name) for name in _FIELDS})
+        self._engine.frame(NewFrame(ref=ref, frame=frame))
+        lease.last_seq = request.seq

@@ -1,0 +1,61 @@
+"""The lease as the gateway sees it: a first look, so that a stranger's frames end here.
+
+Owns: token, holder, and the last seq passed on. Must not know: when a lease lapses; the engine
+counts that, and says so.
+"""
+
+from __future__ import annotations
+
+import hmac
+from dataclasses import dataclass
+
+from etd.errors import Refused
+
+
+@dataclass(slots=True)
+class StandingLease:
+    token: str
+    client: str
+    uid: int | None
+    last_seq: int = -1
+
+
+class LeaseView:
+    """At most one lease stands."""
+
+    def __init__(self) -> None:
+        self.standing: StandingLease | None = None
+
+    def begin(self, token: str, client: str, uid: int | None) -> None:
+        """The engine has granted it."""
+        self.standing = StandingLease(token, client, uid)
+
+    def end(self, token: str) -> None:
+        """The engine says that this one stands no longer. Another one is not touched."""
+        if self.standing is not None and self.standing.token == token:
+            self.standing = None
+
+    def forget(self) -> None:
+        """The engine is gone, and every lease with it."""
+        self.standing = None
+
+    def check(self, token: str, uid: int | None) -> StandingLease:
+        """The lease with this token, if it stands and belongs to this user.
+
+        Raises: Refused (`no_lease`, `other_lease`).
+        """
+        lease = self.standing
+        if lease is None:
+            raise Refused("no_lease", "no lease stands (it has lapsed, or never did): open one")
+        if not hmac.compare_digest(lease.token.encode(), token.encode()):
+            raise Refused("other_lease", f"the lease belongs to {lease.client!r} now")
+        if lease.uid != uid:
+            raise Refused("other_lease", "the lease was opened by another user of this machine")
+        return lease
+
+    def check_seq(self, lease: StandingLease, seq: int) -> None:
+        """Raises: Refused (`old_seq`)."""
+        if seq <= lease.last_seq:
+            raise Refused(
+                "old_seq", f"seq {seq} came after {lease.last_seq}: it must rise within a lease"
+            )

@@ -1,0 +1,43 @@
+"""The gateway as a process: runs until it is told to end.
+
+Owns: signals. Must not know: what a turn does.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from types import FrameType
+
+from etd.gateway.config import GatewayConfig
+from etd.gateway.server import Gateway
+from etd_hal.ports import Clock
+
+_ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+
+
+def run_gateway(
+    config: GatewayConfig, clock: Clock, on_ready: Callable[[], None] | None = None
+) -> int:
+    """Serve until SIGTERM, SIGINT or SIGHUP; returns the exit status 0. Main thread only.
+
+    `on_ready` is called once the sockets are bound. Raises: AlreadyRunning, FileError,
+    HardwareMissing, before anything is served.
+    """
+    asked_to_end: list[int] = []
+
+    def note(number: int, _: FrameType | None) -> None:
+        asked_to_end.append(number)
+
+    gateway = Gateway(config, clock)
+    before = {ending: signal.signal(ending, note) for ending in _ENDINGS}
+    try:
+        if on_ready is not None:
+            on_ready()
+        while not asked_to_end:
+            gateway.turn()
+    finally:
+        gateway.close()
+        for ending, handler in before.items():
+            signal.signal(ending, handler)
+    return 0

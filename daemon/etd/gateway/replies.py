@@ -1,0 +1,126 @@
+"""The replies that carry more than "done", each made from what the engine said.
+
+Owns: their fields. Must not know: sockets, leases, who is waiting. (`now_ns` is filled in when a
+reply is sent.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from etd.calibration import Calibration
+from etd.errors import Refused
+from etd.link import Answer, Greeting
+from etd.protocol import (
+    LEASE_MS,
+    MAX_MESSAGE_BYTES,
+    VERSION,
+    Endpoints,
+    FrameReply,
+    Hello,
+    HelloReply,
+    Id,
+    LeaseReply,
+    MarkReply,
+    MeasureReply,
+    Success,
+)
+from etd.version import __version__
+
+
+def hello(
+    request: Hello,
+    now_ns: int,
+    greeting: Greeting,
+    *,
+    name: str,
+    endpoints: Endpoints,
+    calibrations: tuple[str, ...],
+    default_calibration: str | None,
+) -> HelloReply:
+    """Everything a client needs to know before its first frame."""
+    return HelloReply(
+        ok=True,
+        now_ns=now_ns,
+        id=request.id,
+        protocol=VERSION,
+        version=__version__,
+        name=name,
+        board=greeting.board,
+        array=greeting.array,
+        body_site=greeting.body_site,
+        maxima=greeting.maxima,
+        default_width_us=greeting.default_width_us,
+        default_rate_hz=greeting.default_rate_hz,
+        default_polarity=greeting.default_polarity,
+        default_calibration=default_calibration,
+        calibrations=calibrations,
+        endpoints=endpoints,
+        max_message_bytes=MAX_MESSAGE_BYTES,
+        lease_ms=LEASE_MS,
+    )
+
+
+def done(id: Id | None) -> Callable[[Answer], Success]:  # noqa: A002 (the wire's word)
+    return lambda _: Success(ok=True, now_ns=0, id=id)
+
+
+def granted(id: Id | None, lease: str) -> LeaseReply:  # noqa: A002
+    return LeaseReply(ok=True, now_ns=0, id=id, lease=lease, lease_ms=LEASE_MS)
+
+
+def framed(id: Id | None, seq: int, answer: Answer) -> FrameReply:  # noqa: A002
+    """Raises: Refused (`engine_gone`) for an answer that lacks what it must say."""
+    if answer.rate_hz is None:
+        raise _incomplete("rate_hz")
+    return FrameReply(
+        ok=True,
+        now_ns=0,
+        id=id,
+        seq=seq,
+        rate_hz=answer.rate_hz,
+        clamped=answer.clamped,
+        thinned=answer.thinned,
+    )
+
+
+def measured(id: Id | None, answer: Answer) -> MeasureReply:  # noqa: A002
+    """Raises: Refused (`engine_gone`) for an answer that lacks what it must say."""
+    if answer.contact is None:
+        raise _incomplete("contact")
+    return MeasureReply(
+        ok=True,
+        now_ns=0,
+        id=id,
+        contact=answer.contact.contact,
+        resistance_ohm=answer.contact.resistance_ohm,
+        voltage_v=answer.contact.voltage_v,
+    )
+
+
+def marked(id: Id | None, answer: Answer) -> MarkReply:  # noqa: A002
+    """Raises: Refused (`engine_gone`) for an answer that lacks what it must say."""
+    if answer.marked_ns is None:
+        raise _incomplete("marked_ns")
+    return MarkReply(ok=True, now_ns=0, id=id, marked_ns=answer.marked_ns, sync=answer.sync)
+
+
+def check_fits(calibration: Calibration, greeting: Greeting) -> None:
+    """A calibration that could never be opened here is not kept here. The maxima are the engine's
+    to check, when it is opened. Raises: Refused (`bad_calibration`).
+    """
+    electrodes = greeting.array.electrodes
+    for what, given, here in (
+        ("array", calibration.array, greeting.array.name),
+        ("body_site", calibration.body_site, greeting.body_site),
+        ("number of electrodes", len(calibration.electrode), electrodes),
+    ):
+        if given != here:
+            raise Refused("bad_calibration", f"its {what} is {given}, here it is {here}")
+
+
+def _incomplete(what: str) -> Refused:
+    return Refused(
+        "engine_gone",
+        f"the engine's answer lacks {what}: engine and gateway are not of one version",
+    )

@@ -1,0 +1,222 @@
+"""The gateway's loop: one turn reads every socket, stops first, and never waits on a client.
+
+Owns: the order of a turn, what is due when, and that every request is answered once.
+Must not know: what an op means (control), what a frame is (frames).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import cast
+
+import msgspec
+import zmq
+
+from etd.errors import Refused
+from etd.gateway.config import GatewayConfig, check_config
+from etd.gateway.control import ControlDesk
+from etd.gateway.engine_link import EngineLink
+from etd.gateway.exclusive import NameLock
+from etd.gateway.frames import FrameDesk
+from etd.gateway.lease import LeaseView
+from etd.gateway.letters import Letter, Unreadable, letter_of, read_request
+from etd.gateway.sockets import Sockets
+from etd.gateway.streams import Streams
+from etd.gateway.telemetry import Publisher
+from etd.gateway.waiting import Waiting, WaitingRoom
+from etd.link import ALIVE_NS, Answer, LeaseEnded, Report
+from etd.places import prepare_runtime
+from etd.protocol import Failure, Id, Request, Stop, Success
+from etd_hal.ports import Clock
+
+#: Of the requests, at most this many are read in one turn.
+REQUESTS_A_TURN = 64
+#: While there is no engine, it is looked for this often.
+CONNECT_NS = 200_000_000
+
+_encoder = msgspec.json.Encoder()
+
+
+class Gateway:
+    """Bound when made; `turn` after `turn` until `close`. One thread.
+
+    Raises, when made: AlreadyRunning, FileError (configuration), HardwareMissing (libzmq).
+    """
+
+    def __init__(self, config: GatewayConfig, clock: Clock) -> None:
+        check_config(config)
+        prepare_runtime(config.runtime_folder)
+        self._clock = clock
+        self._lock = NameLock(config.runtime_folder, config.name)
+        try:
+            self._sockets = Sockets(config.runtime_folder)
+        except BaseException:
+            self._lock.close()
+            raise
+        self.counters: Counter[str] = Counter()
+        self._engine = EngineLink(config.runtime_folder, self.counters)
+        self._leases = LeaseView()
+        self._waiting = WaitingRoom()
+        self._publisher = Publisher(self._sockets.telemetry, self._engine, self.counters)
+        frames = FrameDesk(self._engine, self._leases)
+        self._streams = Streams(self._sockets.frames, frames, self.counters)
+        self._control = ControlDesk(
+            config,
+            self._sockets.endpoints,
+            self._engine,
+            self._leases,
+            frames,
+            self._publisher,
+            self._waiting,
+        )
+        self._alive_due_ns = 0
+        self._connect_due_ns = 0
+
+    def turn(self, timeout_ms: int = 50) -> None:
+        """Wait for something to arrive, at most `timeout_ms`, and deal with all of it."""
+        self._wait(timeout_ms)
+        self._stay_in_touch()
+        self._answer_requests()
+        self._hear_engine()
+        self._pass_on_frames()
+        now_ns = self._clock.now_ns()
+        self._give_up_on(self._waiting.take_late(now_ns), "the engine did not answer within 15 s")
+        self.counters.update(self._sockets.disconnects())
+        self._publisher.repeat_state(now_ns)
+
+    def close(self) -> None:
+        """Idempotent. The engine sees the link end and falls silent."""
+        self._engine.hang_up()
+        self._sockets.close()
+        self._lock.close()
+
+    def _wait(self, timeout_ms: int) -> None:
+        due_ns = self._alive_due_ns if self._engine.is_connected else self._connect_due_ns
+        left_ms = max(0, (due_ns - self._clock.now_ns()) // 1_000_000)
+        watched: list[tuple[object, int]] = [
+            (socket, zmq.POLLIN)
+            for socket in (
+                self._sockets.control,
+                self._sockets.frames,
+                self._sockets.telemetry,
+                *self._engine.filenos(),
+            )
+        ]
+        zmq.zmq_poll(watched, min(timeout_ms, left_ms))
+
+    def _stay_in_touch(self) -> None:
+        """The engine must hear from its gateway, however much there is to read."""
+        now_ns = self._clock.now_ns()
+        if self._engine.has_ended:
+            self._lose_engine(now_ns)
+        if not self._engine.is_connected and now_ns >= self._connect_due_ns:
+            self._connect_due_ns = now_ns + CONNECT_NS
+            self._engine.try_connect()
+        if self._engine.is_connected and now_ns >= self._alive_due_ns:
+            self._alive_due_ns = now_ns + ALIVE_NS
+            self._engine.stay_alive()
+
+    def _answer_requests(self) -> None:
+        readable = self._read_requests()
+        for is_stop in (True, False):
+            for request, letter in readable:
+                if isinstance(request, Stop) is is_stop:
+                    self._answer(request, letter)
+                    self._stay_in_touch()
+
+    def _read_requests(self) -> list[tuple[Request, Letter]]:
+        readable = []
+        for _ in range(REQUESTS_A_TURN):
+            try:
+                parts = self._sockets.control.recv_multipart(zmq.NOBLOCK, copy=False)
+            except zmq.Again:
+                break
+            letter = letter_of(parts)
+            try:
+                readable.append((read_request(letter), letter))
+            except Unreadable as refusal:
+                self.counters["malformed"] += 1
+                self._refuse(letter, refusal.id, refusal)
+        return readable
+
+    def _answer(self, request: Request, letter: Letter) -> None:
+        try:
+            reply = self._control.handle(request, letter, self._clock.now_ns())
+        except Refused as refusal:
+            self.counters[f"refused_{refusal.code}"] += 1
+            self._refuse(letter, request.id, refusal)
+        else:
+            if reply is not None:
+                self._reply(letter, reply)
+
+    def _hear_engine(self) -> None:
+        for message in self._engine.receive():
+            if isinstance(message, Answer):
+                self._settle(message)
+            elif isinstance(message, LeaseEnded):
+                self._leases.end(message.lease)
+            else:
+                self._publisher.pass_on(cast(Report, message), self._clock.now_ns())
+        if self._engine.has_ended:
+            self._lose_engine(self._clock.now_ns())
+
+    def _settle(self, answer: Answer) -> None:
+        waiting = self._waiting.take(answer.ref)
+        if waiting is None:
+            self.counters["answers_too_late"] += 1
+        elif answer.error is not None:
+            refusal = Refused(answer.error, answer.reason, answer.electrode, answer.achievable_hz)
+            self._refuse(waiting.letter, waiting.id, refusal)
+        else:
+            self._finish(waiting, answer)
+
+    def _finish(self, waiting: Waiting, answer: Answer) -> None:
+        try:
+            reply = waiting.done(answer)
+        except Refused as refusal:
+            self._refuse(waiting.letter, waiting.id, refusal)
+        else:
+            self._reply(waiting.letter, reply)
+
+    def _pass_on_frames(self) -> None:
+        refusals = self._streams.drain()
+        if refusals:
+            self._publisher.refused_stream(refusals, self._clock.now_ns())
+
+    def _lose_engine(self, now_ns: int) -> None:
+        self._engine.hang_up()
+        self._leases.forget()
+        self._publisher.forget_engine()
+        self._give_up_on(self._waiting.take_all(), "the engine ended before it answered")
+        self._publisher.publish_state(now_ns)
+
+    def _give_up_on(self, waiting: list[Waiting], why: str) -> None:
+        for one in waiting:
+            self.counters["refused_engine_gone"] += 1
+            self._refuse(one.letter, one.id, Refused("engine_gone", why))
+
+    def _refuse(self, letter: Letter, id: Id | None, refusal: Refused) -> None:  # noqa: A002
+        failure = Failure(
+            ok=False,
+            error=refusal.code,
+            reason=refusal.reason,
+            now_ns=self._clock.now_ns(),
+            id=id,
+            electrode=refusal.electrode,
+            achievable_hz=refusal.achievable_hz,
+        )
+        self._send(letter, failure)
+
+    def _reply(self, letter: Letter, reply: Success) -> None:
+        self._send(letter, msgspec.structs.replace(reply, now_ns=self._clock.now_ns()))
+
+    def _send(self, letter: Letter, reply: Success | Failure) -> None:
+        """To whoever is still there; a client that left or does not read is counted."""
+        try:
+            self._sockets.control.send_multipart(
+                [*letter.route, _encoder.encode(reply)], zmq.NOBLOCK
+            )
+        except zmq.ZMQError as error:
+            if error.errno not in (zmq.EAGAIN, zmq.EHOSTUNREACH):
+                raise
+            self.counters["replies_not_delivered"] += 1

@@ -1,0 +1,84 @@
+"""Calibrations on disk, each a TOML file under its name.
+
+Owns: names, reading, and writing so that a file is whole or not there. Must not know: what a
+calibration allows; the engine checks that when one is opened.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+from etd.calibration import Calibration, check_order, load_calibration, to_toml
+from etd.errors import FileError, Refused
+
+
+class CalibrationStore:
+    """The state directory's calibrations, and the shipped ones beneath them, read-only.
+
+    `with_shipped` is the caller's to say: the shipped ones are those of the fake's own body, and
+    nobody else's.
+    """
+
+    def __init__(self, state_dir: Path, shipped: Path | None) -> None:
+        self._own = state_dir / "calibrations"
+        self._shipped = shipped
+
+    def names(self, with_shipped: bool) -> tuple[str, ...]:
+        """All names, sorted."""
+        folders = [self._own] + ([self._shipped] if self._shipped and with_shipped else [])
+        return tuple(sorted({path.stem for folder in folders for path in folder.glob("*.toml")}))
+
+    def get(self, name: str, with_shipped: bool) -> Calibration:
+        """Raises: Refused (`not_found`, `bad_calibration`)."""
+        path = self._find(name, with_shipped)
+        try:
+            return load_calibration(path)
+        except FileError as error:
+            raise Refused("bad_calibration", str(error)) from error
+
+    def put(self, name: str, calibration: Calibration) -> None:
+        """Keep it under `name`, in place of what was there. Raises: Refused (`bad_calibration`)."""
+        if self._shipped is not None and (self._shipped / f"{name}.toml").exists():
+            raise Refused("bad_calibration", f"{name!r} is a shipped one: choose another name")
+        try:
+            check_order(calibration, name)
+        except FileError as error:
+            raise Refused("bad_calibration", str(error)) from error
+        try:
+            self._own.mkdir(mode=0o750, parents=True, exist_ok=True)
+            _write_whole(self._own / f"{name}.toml", to_toml(calibration).encode())
+        except OSError as error:
+            raise Refused(
+                "bad_calibration", f"{name!r} could not be kept in {self._own}: {error.strerror}"
+            ) from error
+
+    def _find(self, name: str, with_shipped: bool) -> Path:
+        for folder in (self._own, self._shipped if with_shipped else None):
+            if folder is not None and (folder / f"{name}.toml").is_file():
+                return folder / f"{name}.toml"
+        known = ", ".join(self.names(with_shipped)) or "none"
+        raise Refused("not_found", f"there is no calibration {name!r}; there are: {known}")
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    """Through a temporary file: a power cut leaves the old one or the new one."""
+    fd, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-")
+    try:
+        with os.fdopen(fd, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o640)
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(temporary)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

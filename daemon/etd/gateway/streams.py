@@ -1,0 +1,74 @@
+"""Streamed frames: drained to the newest, and the newest passed on.
+
+Owns: what becomes of the others: superseded ones are counted, refused ones counted and reported.
+Must not know: requests with an answer.
+
+The newest is the holder's newest: what others send is refused, and supersedes nothing.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import zmq
+
+from etd.errors import Refused
+from etd.gateway.frames import FrameDesk
+from etd.gateway.lease import StandingLease
+from etd.gateway.letters import letter_of, read_frame
+from etd.gateway.sockets import Socket
+from etd.protocol import FrameRequest
+
+#: At most this many are read in one turn; ZeroMQ and the kernel keep the rest, bounded.
+FRAMES_A_TURN = 64
+
+Refusals = list[tuple[int | None, Refused]]
+
+
+class Streams:
+    """One PULL socket."""
+
+    def __init__(self, socket: Socket, desk: FrameDesk, counters: Counter[str]) -> None:
+        self._socket = socket
+        self._desk = desk
+        self._counters = counters
+
+    def drain(self) -> Refusals:
+        """Pass the newest on; returns those that were refused, with their seq if it was read."""
+        refusals: Refusals = []
+        newest: tuple[FrameRequest, StandingLease] | None = None
+        for _ in range(FRAMES_A_TURN):
+            try:
+                letter = letter_of(self._socket.recv_multipart(zmq.NOBLOCK, copy=False))
+            except zmq.Again:
+                break
+            seq = None
+            try:
+                frame = read_frame(letter)
+                seq = frame.seq
+                lease = self._desk.check(frame, letter.uid)
+            except Refused as refusal:
+                refusals.append((seq, refusal))
+                continue
+            newest = self._newer(newest, (frame, lease))
+        if newest is not None:
+            try:
+                self._desk.pass_on(*newest, ref=0)
+            except Refused as refusal:
+                refusals.append((newest[0].seq, refusal))
+        return self._counted(refusals)
+
+    def _newer(
+        self,
+        before: tuple[FrameRequest, StandingLease] | None,
+        this: tuple[FrameRequest, StandingLease],
+    ) -> tuple[FrameRequest, StandingLease]:
+        if before is None:
+            return this
+        self._counters["superseded"] += 1
+        return this if this[0].seq > before[0].seq else before
+
+    def _counted(self, refusals: Refusals) -> Refusals:
+        for _, refusal in refusals:
+            self._counters[f"refused_{refusal.code}"] += 1
+        return refusals

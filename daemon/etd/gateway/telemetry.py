@@ -1,0 +1,109 @@
+"""What everybody may hear: two parts, a topic and an object.
+
+Owns: publishing, repeating `state`, greeting new subscribers with it, and the counts in it.
+Must not know: requests, leases.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import msgspec
+import zmq
+
+from etd.errors import Refused
+from etd.gateway.engine_link import EngineLink
+from etd.gateway.sockets import Socket
+from etd.link import Report
+from etd.protocol import RefusedReport, StateReport, Topic
+
+#: `state` is repeated this often, for those who came late.
+STATE_NS = 1_000_000_000
+#: Of new subscriptions, at most this many are read in one turn.
+_SUBSCRIPTIONS_A_TURN = 64
+
+_encoder = msgspec.json.Encoder()
+
+
+class Publisher:
+    """Never blocks: ZeroMQ drops for a subscriber that does not read, for nobody else."""
+
+    def __init__(self, socket: Socket, engine: EngineLink, counters: Counter[str]) -> None:
+        self._socket = socket
+        self._engine = engine
+        self._counters = counters
+        self._state_due_ns = 0
+        self._refused_here = 0
+        self._refused_by_engine = 0
+
+    def state(self, now_ns: int) -> StateReport:
+        """The engine's last word with this process's counts added; SAFE and gone without one.
+
+        `now_ns` in it is the engine's time of saying so: a stale report can be seen to be stale.
+        """
+        said = self._engine.state
+        if said is None:
+            return StateReport(
+                state="SAFE", now_ns=now_ns, engine="gone", counters=dict(self._counters)
+            )
+        return msgspec.structs.replace(said, counters=dict(Counter(said.counters) + self._counters))
+
+    def publish_state(self, now_ns: int) -> None:
+        self._state_due_ns = now_ns + STATE_NS
+        self._publish("state", self.state(now_ns))
+
+    def repeat_state(self, now_ns: int) -> None:
+        """Once a second, and at once for a new subscriber."""
+        if self._newcomers() or now_ns >= self._state_due_ns:
+            self.publish_state(now_ns)
+
+    def pass_on(self, report: Report, now_ns: int) -> None:
+        """What the engine reports, as it came, except for the counts."""
+        if report.state is not None:
+            self.publish_state(now_ns)
+        if report.refused is not None:
+            self._refused_by_engine = report.refused.count
+            self._publish("refused", msgspec.structs.replace(report.refused, count=self._refused))
+        for topic in ("scan", "contact", "halt"):
+            body = getattr(report, topic)
+            if body is not None:
+                self._publish(topic, body)
+
+    def refused_stream(self, refusals: list[tuple[int | None, Refused]], now_ns: int) -> None:
+        """Streamed frames (seq, why) refused here in one turn: one report for each code.
+
+        `count` goes up by all of them.
+        """
+        self._refused_here += len(refusals)
+        newest = {refusal.code: (seq, refusal) for seq, refusal in refusals}
+        for seq, refusal in newest.values():
+            report = RefusedReport(
+                now_ns=now_ns,
+                error=refusal.code,
+                reason=refusal.reason,
+                count=self._refused,
+                seq=seq,
+                electrode=refusal.electrode,
+            )
+            self._publish("refused", report)
+
+    def forget_engine(self) -> None:
+        """A new engine counts anew; what the old one refused stays refused."""
+        self._refused_here += self._refused_by_engine
+        self._refused_by_engine = 0
+
+    @property
+    def _refused(self) -> int:
+        return self._refused_here + self._refused_by_engine
+
+    def _newcomers(self) -> bool:
+        found = False
+        for _ in range(_SUBSCRIPTIONS_A_TURN):
+            try:
+                found |= self._socket.recv(zmq.NOBLOCK).startswith(b"\x01")
+            except zmq.Again:
+                break
+        return found
+
+    def _publish(self, topic: Topic, body: msgspec.Struct) -> None:
+        self._socket.send_multipart([topic.encode(), _encoder.encode(body)])
