@@ -86,13 +86,13 @@ class Array(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     def ring(self, electrode: int, ring_mm: float) -> tuple[int, ...]:
         """The electrodes within a quarter of `ring_mm` from the circle of that radius; may be
-        empty. The electrode itself is never among them.
+        empty. The electrode itself, at distance 0, is never among them.
         """
         slack_mm = RING_TOLERANCE * ring_mm
         return tuple(
             other
             for other in range(self.count)
-            if other != electrode and abs(self.distance_mm(electrode, other) - ring_mm) <= slack_mm
+            if abs(self.distance_mm(electrode, other) - ring_mm) <= slack_mm
         )
 
     def neighbors(self, electrode: int) -> tuple[int, ...]:

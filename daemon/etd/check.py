@@ -98,7 +98,7 @@ def _recognize_toml(path: Path) -> tuple[str, Callable[[], Answer]]:
         raise FileError(str(path), "", "it is nested too deep", "see docs/files.md") from error
     scores = {kind: len(keys & _own_keys(struct)) for kind, (struct, _) in _TOML_KINDS.items()}
     best = sorted(scores, key=lambda kind: scores[kind], reverse=True)
-    if scores[best[0]] < 2 or scores[best[0]] == scores[best[1]]:
+    if scores[best[0]] == scores[best[1]]:
         raise FileError(
             str(path),
             "",

@@ -68,6 +68,16 @@ def test_a_kind_is_known_by_content_whatever_the_file_is_called(
     assert summary in checked.summary
 
 
+def test_a_byte_order_mark_before_the_text_does_not_hide_the_kind(tmp_path: Path) -> None:
+    assert check_file(write(tmp_path, "something", "\ufeff" + PATTERN)).kind == "pattern"
+
+
+def test_one_key_of_its_own_is_enough_to_know_a_kind(tmp_path: Path) -> None:
+    checked = check_file(write(tmp_path, "a.toml", 'backend = "fake"'))
+    assert checked.kind == "configuration"
+    assert "missing required field" in str(checked.error)
+
+
 def test_a_file_with_a_typo_is_still_known_for_what_it_is(tmp_path: Path) -> None:
     checked = check_file(write(tmp_path, "a.toml", spoiled(ARRAY, "diameter_mm", "diametre_mm")))
     assert checked.kind == "array"

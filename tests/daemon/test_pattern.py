@@ -240,6 +240,11 @@ def test_radii_that_differ_are_taken_as_the_smallest(tmp_path: Path) -> None:
     assert mended == ("radii differ: all were taken as the smallest, 0.75 mm",)
 
 
+def test_an_electrode_smaller_than_the_radius_of_all_makes_all_small(tmp_path: Path) -> None:
+    points = [{"x": 0, "y": 0, "radius": 0.4}, {"x": 5, "y": 0}, {"x": 10, "y": 0}]
+    assert load_layout(tmp_path, electrodes=points)[0].diameter_mm == 0.8
+
+
 def test_a_bare_word_in_a_layout_is_mended_and_said(tmp_path: Path) -> None:
     text = json.dumps(LAYOUT | {"board": "on_board"})
     path = write(tmp_path, "layout.json", spoiled(text, '"on_board"', "on_board"))
