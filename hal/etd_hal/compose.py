@@ -11,10 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from etd_hal.boardfile import BoardFile, HalfBridgeLines, MachineFile
 from etd_hal.ports import Clock, Gpio, I2c, InputLine, LineSetup, Marker, Spi, SpiSetup
+
+if TYPE_CHECKING:
+    from etd_hal.fake.clock import BoardClock
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,15 +102,28 @@ def open_fake(
 ) -> Backend:
     """A fake board with a fingertip on it, in this process or behind a board process's socket.
 
-    `stepped` time passes only by being spent or slept; otherwise it follows the real clock.
+    `stepped` time passes only by being spent or slept, in one thread and without sockets;
+    otherwise it follows the real clock. A board process writes its own trace.
     Raises: BusError (`absent` without a board process, `busy` while another client has it).
     """
+    from etd_hal.fake.clock import LiveClock, SteppedClock
+    from etd_hal.linux.clock import LinuxClock
+
+    if board_socket is not None:
+        if stepped or trace is not None:
+            raise ValueError("a board process has live time and its own trace")
+        return _open_board_process(board, board_socket, LiveClock(LinuxClock()))
+    clock = SteppedClock() if stepped else LiveClock(LinuxClock())
+    return _open_in_process(board, electrodes, trace, clock)
+
+
+def _open_in_process(
+    board: BoardFile, electrodes: Sequence[int], trace: Path | None, clock: BoardClock
+) -> Backend:
     from etd_hal.fake.board import FakeBoard
-    from etd_hal.fake.clock import SteppedClock
     from etd_hal.fake.fingertip import fingertip_body
     from etd_hal.fake.trace import Trace
 
-    clock = SteppedClock()
     fake = FakeBoard(
         board,
         clock,
@@ -122,3 +138,10 @@ def open_fake(
         fake.close()
 
     return Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close)
+
+
+def _open_board_process(board: BoardFile, path: Path, clock: BoardClock) -> Backend:
+    from etd_hal.fake.remote import open_remote
+
+    ports = open_remote(path, clock, board, line_setup(board), spi_setup(board))
+    return Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)

@@ -14,7 +14,7 @@ from typing import Literal
 from etd_body.interface import Sides
 from etd_hal.boardfile import BoardFile
 from etd_hal.errors import BusError
-from etd_hal.fake.circuit import Circuit
+from etd_hal.fake.circuit import Circuit, Played
 from etd_hal.fake.clock import BoardClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.trace import Trace
@@ -113,15 +113,19 @@ class FakeSpi:
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         """See `ports.Spi`. The lock is free while the message waits: a stopper can get in."""
         calls = self._calls
-        steps = calls.circuit.play(calls.clock.begin_call(), message)
+        steps = calls.circuit.play(calls.clock.begin_message(), message)
         try:
             while True:
                 with calls.lock:
-                    t_ns = next(steps)
-                calls.clock.end_call(t_ns)
+                    until_ns = next(steps)
+                calls.clock.end_call(until_ns)
         except StopIteration as done:
-            reads: tuple[bytes, ...] = done.value
-            return reads
+            played: Played = done.value
+            calls.clock.end_call(played[1])
+            return played[0]
+        except BusError:
+            calls.clock.end_call(calls.circuit.now_ns())
+            raise
 
 
 class FakeGpio:

@@ -48,8 +48,8 @@ _SAFE_OFF_LINES = frozenset(("POL", "BL", "HV", "HEARTBEAT"))
 _RAIL_IS_UP_V = 30.0
 _MOST_VIOLATIONS = 100
 
-#: A call's answer: what it returns, and when it ends.
-Reads = tuple[bytes, ...]
+#: What a message read, one entry for each transfer with data, and when it ended.
+Played = tuple[tuple[bytes, ...], int]
 
 
 class Circuit:
@@ -80,7 +80,7 @@ class Circuit:
         self._spi: SpiSetup | None = None
         self._dac = Ad5452(1, self._path.set_code, self._complain)
         self._adc = Ad7276(1)
-        self.world = World(body, self._rail, self._faults, self._move_line, self._now_ns)
+        self.world = World(body, self._rail, self._faults, self._move_line, self.now_ns)
         self._i2c = self._make_i2c_chips()
         trace.begin(board, electrodes)
 
@@ -253,11 +253,11 @@ class Circuit:
 
     # SPI
 
-    def play(self, t_ns: int, message: Message) -> Generator[int, None, Reads]:
-        """Play a message: yields the times at which it waits, at last its end.
+    def play(self, t_ns: int, message: Message) -> Generator[int, None, Played]:
+        """Play a message; yields the times at which it stands still, as a stall does.
 
-        Between two times others may act; the message itself goes on whatever they do.
-        Raises: BusError, after the last yield where some of it was sent.
+        Meanwhile others may act. The message itself goes on whatever they do.
+        Raises: BusError (with `now_ns` as the end where some of it was sent).
         """
         setup = self._open_spi()
         self._check_size(message, setup)
@@ -273,10 +273,10 @@ class Circuit:
         for index, transfer in enumerate(message.transfers):
             for fault in faults:
                 if isinstance(fault, SpiStall) and fault.at_transfer == index:
-                    yield self._end(t_ns)
-                    t_ns = max(t_ns + fault.stall_us * 1_000, self._last_ns)
+                    self._end(t_ns)
+                    t_ns += fault.stall_us * 1_000
                     yield t_ns
-                    t_ns = max(t_ns, self._last_ns)
+                    t_ns = self._start(t_ns)
                 if isinstance(fault, SpiError) and fault.at_transfer == index:
                     detail = f"transfer {index} failed; the rest was not sent"
                     error = BusError(fault.kind, setup.device, "transfer", detail)
@@ -299,10 +299,10 @@ class Circuit:
             sent -= 1
             error = BusError("short", setup.device, "transfer", f"{sent} bytes were reported")
         self._trace.spi_done(t_ns, sent)
-        yield self._end(t_ns + pi4.MESSAGE_AFTER_NS)
+        end_ns = self._end(t_ns + pi4.MESSAGE_AFTER_NS)
         if error is not None:
             raise error
-        return tuple(reads)
+        return tuple(reads), end_ns
 
     def _open_spi(self) -> SpiSetup:
         if self._spi is None:
@@ -383,7 +383,8 @@ class Circuit:
             self._complain(self._last_ns, f"the DAC was left at code {self._path.code}")
         self._trace.close()
 
-    def _now_ns(self) -> int:
+    def now_ns(self) -> int:
+        """The time of the last thing that happened."""
         return self._last_ns
 
     def _start(self, t_ns: int) -> int:

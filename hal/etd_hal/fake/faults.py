@@ -7,14 +7,18 @@ All counts begin when the fault is put in: 1 is the next one.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Literal, TypeVar
+
+import msgspec
 
 from etd_hal.errors import BusErrorKind
 
 
-@dataclass(frozen=True, slots=True)
-class SpiError:
+class _Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Plain data, so that a fault can also be handed to a board process."""
+
+
+class SpiError(_Fault, frozen=True, tag=True):
     """A transfer fails: what comes after it is not sent, chip select goes inactive."""
 
     at_message: int = 1
@@ -22,8 +26,7 @@ class SpiError:
     kind: BusErrorKind = "io"
 
 
-@dataclass(frozen=True, slots=True)
-class SpiStall:
+class SpiStall(_Fault, frozen=True, tag=True):
     """The kernel takes the thread off the processor before a transfer; outputs stay as they are."""
 
     stall_us: int
@@ -31,29 +34,25 @@ class SpiStall:
     at_transfer: int = 1
 
 
-@dataclass(frozen=True, slots=True)
-class SpiShort:
+class SpiShort(_Fault, frozen=True, tag=True):
     """All is sent, but the kernel reports fewer bytes than that."""
 
     at_message: int = 1
 
 
-@dataclass(frozen=True, slots=True)
-class DacGain:
+class DacGain(_Fault, frozen=True, tag=True):
     """The current source makes this multiple of what it is told."""
 
     factor: float
 
 
-@dataclass(frozen=True, slots=True)
-class MisoStuck:
+class MisoStuck(_Fault, frozen=True, tag=True):
     """The ADC's data line does not move."""
 
     level: Literal[0, 1]
 
 
-@dataclass(frozen=True, slots=True)
-class I2cFailure:
+class I2cFailure(_Fault, frozen=True, tag=True):
     """Transactions with `address` fail, `times` times; None is for ever."""
 
     address: int
@@ -61,30 +60,26 @@ class I2cFailure:
     times: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class StuckLine:
+class StuckLine(_Fault, frozen=True, tag=True):
     """The board sees `level` on this line whatever is driven; `name` as in the board file."""
 
     name: str
     level: Literal[0, 1]
 
 
-@dataclass(frozen=True, slots=True)
-class LostClock:
+class LostClock(_Fault, frozen=True, tag=True):
     """The chain does not see one rising edge of CLK."""
 
     at_edge: int = 1
 
 
-@dataclass(frozen=True, slots=True)
-class LatchIgnored:
+class LatchIgnored(_Fault, frozen=True, tag=True):
     """The chain does not see one rising edge of LE."""
 
     at_edge: int = 1
 
 
-@dataclass(frozen=True, slots=True)
-class RailOff:
+class RailOff(_Fault, frozen=True, tag=True):
     """The rail is this multiple of what it should be: over or under voltage."""
 
     factor: float

@@ -1,0 +1,226 @@
+"""The board process: a fake board that outlives its clients.
+
+Owns: the socket, who holds the board, and that a call once received is executed and recorded
+whole. Must not know: what a call does (`circuit.py`), clocks (time comes with each call).
+
+    python -m etd_hal.fake.process --board FILE --socket PATH [--door PATH] [--trace FILE]
+
+One client at a time holds the lines; when it goes away, however it goes, they keep their levels
+and the next one may request them. `--door` is the second door, for tests: stop lines, contacts,
+faults.
+"""
+
+from __future__ import annotations
+
+import argparse
+import selectors
+import signal
+import socket
+import sys
+from collections.abc import Generator
+from pathlib import Path
+from typing import Literal, cast
+
+import msgspec
+
+from etd_body.electrode import Contact, ContactKind
+from etd_hal.boardfile import load_board
+from etd_hal.errors import BusError, EtdError
+from etd_hal.fake import wire
+from etd_hal.fake.circuit import Circuit, Played
+from etd_hal.fake.clock import START_NS
+from etd_hal.fake.fingertip import fingertip_body
+from etd_hal.fake.trace import Trace
+from etd_hal.ports import InputLine, LineSetup, Message, Pull, SpiSetup, Transfer
+
+_LISTEN_BACKLOG = 8
+
+
+class BoardServer:
+    """Answers one datagram with one datagram."""
+
+    def __init__(self, circuit: Circuit) -> None:
+        self._circuit = circuit
+        self._holder: socket.socket | None = None
+        self._playing: Generator[int, None, Played] | None = None
+
+    def answer(self, client: socket.socket, call: wire.Call | wire.Knock) -> wire.Answer:
+        """Execute a call. What is wrong with it is part of the answer."""
+        if isinstance(call, wire.Press | wire.Touch | wire.PutIn | wire.AskState):
+            return self._knock(call)
+        try:
+            if isinstance(call, wire.TakeLines):
+                return self._take_lines(client, call)
+            if client is not self._holder:
+                raise BusError("invalid", "the board process", "call", "request the lines first")
+            return self._call(call)
+        except BusError as error:
+            end_ns = self._circuit.now_ns()
+            return wire.Failed(end_ns, error.kind, error.device, error.operation, error.detail)
+
+    def left(self, client: socket.socket) -> None:
+        """A client is gone: its message runs to the end, its lines are free."""
+        if client is not self._holder:
+            return
+        if self._playing is not None:
+            try:
+                for _ in self._playing:
+                    pass
+            except BusError:
+                pass  # The one it was for is gone; the trace has what was sent.
+            self._playing = None
+        self._circuit.release()
+        self._holder = None
+
+    def _take_lines(self, client: socket.socket, call: wire.TakeLines) -> wire.Done:
+        board = self._circuit.board
+        if call.board != board.name:
+            detail = f"this is {board.name}, not {call.board}"
+            raise BusError("invalid", "the board process", "request", detail)
+        inputs = tuple(
+            InputLine(line, cast(Pull, pull), edges) for line, pull, edges in call.inputs
+        )
+        setup = LineSetup(call.outputs, inputs, call.consumer)
+        spi = SpiSetup(call.device, call.mode, call.speed_hz)
+        end_ns = self._circuit.request(call.t_ns, setup, spi)
+        self._holder = client
+        return wire.Done(end_ns)
+
+    def _call(self, call: wire.Call) -> wire.Answer:
+        circuit = self._circuit
+        match call:
+            case wire.Play():
+                transfers = tuple(Transfer(*transfer) for transfer in call.transfers)
+                self._playing = circuit.play(call.t_ns, Message(transfers))
+                return self._play_on()
+            case wire.Resume():
+                return self._play_on()
+            case wire.SetLines():
+                return wire.Done(circuit.set_lines(call.t_ns, call.changes))
+            case wire.GetLine():
+                level, end_ns = circuit.get_line(call.t_ns, call.line)
+                return wire.Done(end_ns, value=level)
+            case wire.TakeEdges():
+                edges, end_ns = circuit.take_edges(call.t_ns)
+                flat = tuple((edge.line, edge.value, edge.t_ns) for edge in edges)
+                return wire.Done(end_ns, edges=flat)
+            case wire.TransferI2c():
+                return self._transfer_i2c(call)
+            case wire.Mark():
+                circuit.mark(
+                    call.t_ns, cast(Literal["frame", "mark"], call.event), call.seq, call.tag
+                )
+                return wire.Done(call.t_ns)
+            case _:
+                raise BusError("invalid", "the board process", "call", f"unexpected: {call}")
+
+    def _play_on(self) -> wire.Answer:
+        if self._playing is None:
+            raise BusError("invalid", "the board process", "resume", "no message waits")
+        try:
+            return wire.Waits(next(self._playing))
+        except StopIteration as done:
+            self._playing = None
+            reads, end_ns = done.value
+            return wire.Done(end_ns, reads=reads)
+        except BusError:
+            self._playing = None
+            raise
+
+    def _transfer_i2c(self, call: wire.TransferI2c) -> wire.Answer:
+        answer, end_ns = self._circuit.i2c_transfer(
+            call.t_ns, call.address, call.write, call.read_length
+        )
+        if isinstance(answer, BusError):
+            return wire.Failed(end_ns, answer.kind, answer.device, answer.operation, answer.detail)
+        return wire.Done(end_ns, reads=(answer,))
+
+    def _knock(self, knock: wire.Knock) -> wire.Answer:
+        world = self._circuit.world
+        match knock:
+            case wire.Press(level=0):
+                world.press(knock.stop, knock.at_ns)
+            case wire.Press():
+                world.release(knock.stop, knock.at_ns)
+            case wire.Touch():
+                kind = cast(ContactKind, knock.kind)
+                contact = Contact(kind, knock.series_ohm, knock.parallel_ohm, knock.capacitance_nf)
+                world.touch(knock.electrode, contact)
+            case wire.PutIn():
+                world.put_in(knock.fault)
+            case wire.AskState():
+                pass
+        circuit = self._circuit
+        held = self._holder is not None
+        return wire.State(tuple(circuit.violations), circuit.dac_code, world.rail_v(), held)
+
+
+def serve(server: BoardServer, paths: list[Path]) -> None:
+    """Answer at `paths` for ever. A path appears when it is listened on."""
+    selector = selectors.DefaultSelector()
+    for path in paths:
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        early = path.with_name(path.name + ".new")
+        early.unlink(missing_ok=True)
+        listener.bind(str(early))
+        listener.listen(_LISTEN_BACKLOG)
+        early.rename(path)
+        selector.register(listener, selectors.EVENT_READ, "listener")
+    while True:
+        for key, _ in selector.select():
+            ready = cast(socket.socket, key.fileobj)
+            if key.data == "listener":
+                client, _ = ready.accept()
+                selector.register(client, selectors.EVENT_READ, "client")
+            elif not _answer_one(server, ready):
+                selector.unregister(ready)
+                server.left(ready)
+                ready.close()
+
+
+def _answer_one(server: BoardServer, client: socket.socket) -> bool:
+    """Answer one datagram; False when the client is gone."""
+    try:
+        datagram = client.recv(wire.MAX_DATAGRAM_BYTES)
+        if not datagram:
+            return False
+        client.send(wire.encode(server.answer(client, wire.decode_call(datagram))))
+    except (OSError, msgspec.MsgspecError):
+        return False
+    return True
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m etd_hal.fake.process", description=__doc__)
+    parser.add_argument("--board", type=Path, required=True, help="board file")
+    parser.add_argument("--socket", type=Path, required=True, help="where clients find the board")
+    parser.add_argument("--door", type=Path, help="where tests find the world")
+    parser.add_argument("--trace", type=Path, help="write the bus trace to this file")
+    parser.add_argument(
+        "--electrodes", help="chain outputs of the electrodes, with commas (default: all)"
+    )
+    chosen = parser.parse_args(arguments)
+    try:
+        board = load_board(chosen.board)
+    except EtdError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    outputs = range(board.switch.outputs)
+    electrodes = (
+        [int(text) for text in chosen.electrodes.split(",")] if chosen.electrodes else outputs
+    )
+    trace = Trace.to(chosen.trace) if chosen.trace else Trace()
+    body = fingertip_body(board, len(electrodes))
+    circuit = Circuit(board, body, electrodes, trace, (), start_ns=START_NS, seed=1)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    try:
+        serve(BoardServer(circuit), [path for path in (chosen.socket, chosen.door) if path])
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        circuit.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
