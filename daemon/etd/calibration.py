@@ -61,7 +61,12 @@ def current_of_level(limits: ElectrodeLimits, level: float, gamma: float) -> int
 
 
 def check_order(calibration: Calibration, file: str) -> Calibration:
-    """Threshold, comfortable and cap must rise. Raises: FileError."""
+    """Threshold, comfortable and cap must rise, and explicit returns must be there.
+
+    Raises: FileError.
+    """
+    if isinstance(calibration.returns, tuple):
+        _check_returns(calibration.returns, len(calibration.electrode), file)
     for index, one in enumerate(calibration.electrode):
         if not one.threshold_ua <= one.comfortable_ua <= one.cap_ua:
             raise FileError(
@@ -72,6 +77,25 @@ def check_order(calibration: Calibration, file: str) -> Calibration:
                 "comfortable lies between threshold and cap",
             )
     return calibration
+
+
+def _check_returns(returns: tuple[tuple[int, ...], ...], electrodes: int, file: str) -> None:
+    if len(returns) != electrodes:
+        raise FileError(
+            file,
+            "returns",
+            f"{len(returns)} lists for {electrodes} electrodes",
+            "give a list for each electrode",
+        )
+    for electrode, members in enumerate(returns):
+        others = set(range(electrodes)) - {electrode}
+        if len(set(members)) != len(members) or not others.issuperset(members):
+            raise FileError(
+                file,
+                f"returns[{electrode}]",
+                f"it names {list(members)}",
+                f"other electrodes, 0 to {electrodes - 1}, each once",
+            )
 
 
 def load_calibration(path: Path) -> Calibration:

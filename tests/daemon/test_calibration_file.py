@@ -39,10 +39,11 @@ def limits(draw: st.DrawFn) -> ElectrodeLimits:
 
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
-RETURNS = (
-    st.just("all")
-    | st.builds(Ring, st.floats(0.1, 100))
-    | st.lists(st.lists(st.integers(0, 255)).map(tuple)).map(tuple)
+#: The last one is for the four electrodes of `CALIBRATIONS`.
+RETURNS = st.one_of(
+    st.just("all"),
+    st.builds(Ring, st.floats(0.1, 100)),
+    st.just(((1, 2), (), (3,), (0, 1, 2))),
 )
 CALIBRATIONS = st.builds(
     Calibration,
@@ -55,7 +56,7 @@ CALIBRATIONS = st.builds(
     returns=RETURNS,
     date=st.dates(),
     program=TEXT,
-    electrode=st.lists(limits(), max_size=4).map(tuple),
+    electrode=st.lists(limits(), min_size=4, max_size=4).map(tuple),
     gamma=st.floats(0.5, 3.0),
 )
 
@@ -117,6 +118,11 @@ def test_the_least_level_is_at_the_threshold_and_half_of_it_half_way() -> None:
         ("rate_hz = 60.0", "rate_hz = nan", "rate_hz: it says nan"),
         ("width_us = 100", "width_us = 100.5", "width_us: it says 100.5"),
         ("date = 2025-01-15", 'date = "soon"', "date: it says 'soon'"),
+        ('"all"', "[[1], [2]]", "returns: 2 lists for 3 electrodes"),
+        ('"all"', "[[1], [2], [3]]", r"returns\[2\]: it names \[3\]"),
+        ('"all"', "[[1], [1], [0]]", r"returns\[1\]: it names \[1\]"),
+        ('"all"', "[[1], [0], [1, 1]]", r"returns\[2\]: it names \[1, 1\]"),
+        ('"all"', "[[-1], [0], [1]]", r"returns\[0\]: it names \[-1\]"),
         ("width_us", "width", "unknown field `width`"),
     ],
 )
