@@ -7,7 +7,7 @@ Must not know: what an op means (control), what a frame is (frames).
 from __future__ import annotations
 
 from collections import Counter
-from typing import cast
+from typing import Any
 
 import msgspec
 import zmq
@@ -24,7 +24,7 @@ from etd.gateway.sockets import Sockets
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
 from etd.gateway.waiting import Waiting, WaitingRoom
-from etd.link import ALIVE_NS, Answer, LeaseEnded, Report
+from etd.link import ALIVE_NS, Answer, LeaseEnded
 from etd.places import prepare_runtime
 from etd.protocol import Failure, Id, Request, Stop, Success
 from etd_hal.ports import Clock
@@ -92,8 +92,8 @@ class Gateway:
 
     def _wait(self, timeout_ms: int) -> None:
         due_ns = self._alive_due_ns if self._engine.is_connected else self._connect_due_ns
-        left_ms = max(0, (due_ns - self._clock.now_ns()) // 1_000_000)
-        watched: list[tuple[object, int]] = [
+        left_ms = max(0, -((self._clock.now_ns() - due_ns) // 1_000_000))
+        watched: list[tuple[Any, int]] = [
             (socket, zmq.POLLIN)
             for socket in (
                 self._sockets.control,
@@ -117,15 +117,16 @@ class Gateway:
             self._engine.stay_alive()
 
     def _answer_requests(self) -> None:
-        readable = self._read_requests()
+        """Every stop of this turn goes out before anything else is even refused."""
+        requests = self._read_requests()
         for is_stop in (True, False):
-            for request, letter in readable:
+            for request, letter in requests:
                 if isinstance(request, Stop) is is_stop:
                     self._answer(request, letter)
                     self._stay_in_touch()
 
-    def _read_requests(self) -> list[tuple[Request, Letter]]:
-        readable = []
+    def _read_requests(self) -> list[tuple[Request | Unreadable, Letter]]:
+        requests: list[tuple[Request | Unreadable, Letter]] = []
         for _ in range(REQUESTS_A_TURN):
             try:
                 parts = self._sockets.control.recv_multipart(zmq.NOBLOCK, copy=False)
@@ -133,13 +134,16 @@ class Gateway:
                 break
             letter = letter_of(parts)
             try:
-                readable.append((read_request(letter), letter))
+                requests.append((read_request(letter), letter))
             except Unreadable as refusal:
-                self.counters["malformed"] += 1
-                self._refuse(letter, refusal.id, refusal)
-        return readable
+                requests.append((refusal, letter))
+        return requests
 
-    def _answer(self, request: Request, letter: Letter) -> None:
+    def _answer(self, request: Request | Unreadable, letter: Letter) -> None:
+        if isinstance(request, Unreadable):
+            self.counters["malformed"] += 1
+            self._refuse(letter, request.id, request)
+            return
         try:
             reply = self._control.handle(request, letter, self._clock.now_ns())
         except Refused as refusal:
@@ -156,7 +160,7 @@ class Gateway:
             elif isinstance(message, LeaseEnded):
                 self._leases.end(message.lease)
             else:
-                self._publisher.pass_on(cast(Report, message), self._clock.now_ns())
+                self._publisher.pass_on(message, self._clock.now_ns())
         if self._engine.has_ended:
             self._lose_engine(self._clock.now_ns())
 

@@ -1,0 +1,169 @@
+"""A gateway with real sockets in a folder of its own, a scripted engine, and raw clients.
+
+Owns: stepping them, by hand or in a thread for clients that block. Must not know: what is tested.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import zmq
+from scripted_engine import ScriptedEngine
+
+from etd.client import clock
+from etd.gateway.config import GatewayConfig
+from etd.gateway.server import Gateway
+from etd.link import Greeting
+from etd.places import address_of
+
+#: Turns of 5 ms until something that should arrive counts as not arriving.
+PATIENCE = 400
+
+
+class HandClock:
+    """Time that a test moves."""
+
+    def __init__(self) -> None:
+        self.t_ns = 1_000_000_000_000
+
+    def now_ns(self) -> int:
+        return self.t_ns
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        self.t_ns = max(self.t_ns, deadline_ns)
+
+
+class RunningClock:
+    """CLOCK_MONOTONIC, for a gateway that serves clients which block."""
+
+    def now_ns(self) -> int:
+        return clock.now_ns()
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        clock.sleep_s((deadline_ns - clock.now_ns()) / 1e9)
+
+
+class GatewayRig:
+    """Stepped by the test: `until` gives gateway and engine turns while something is awaited."""
+
+    def __init__(self, facts: Greeting | None = None, **config: Any) -> None:
+        self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
+        root = Path(self._temporary.name)
+        self.folder = root / "run"
+        self.folder.mkdir(mode=0o750)
+        self.state_dir = root / "state"
+        self.clock = HandClock()
+        self.config = GatewayConfig(
+            **{
+                "name": "rig",
+                "runtime_folder": self.folder,
+                "state_dir": self.state_dir,
+                **config,
+            }
+        )
+        self.facts = facts
+        self.engine = ScriptedEngine(self.folder, facts)
+        self.gateway = Gateway(self.config, self.clock)
+        self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self.control = self.socket(zmq.DEALER, "control.sock")
+
+    def __enter__(self) -> Self:
+        self.until(lambda: self.call(op="status")["status"]["engine"] == "there")
+        self.engine.heard.clear()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.context.destroy(linger=0)
+        self.gateway.close()
+        self.engine.close()
+        self._temporary.cleanup()
+
+    @property
+    def address(self) -> str:
+        return address_of(self.folder)
+
+    def socket(self, kind: int, name: str) -> zmq.Socket[bytes]:
+        socket = self.context.socket(kind)
+        socket.connect(f"ipc://{self.folder / name}")
+        return socket
+
+    def step(self, turns: int = 1) -> None:
+        for _ in range(turns):
+            self.gateway.turn(5)
+            self.engine.turn()
+
+    def until(self, is_there: Callable[[], bool]) -> None:
+        """Step until `is_there`; fails if it does not come to be."""
+        for _ in range(PATIENCE):
+            if is_there():
+                return
+            self.step()
+        raise AssertionError("what was waited for did not happen")
+
+    def ask(self, data: bytes | str) -> dict[str, Any]:
+        """Any bytes to the control socket; the reply as it came."""
+        self.control.send(data.encode() if isinstance(data, str) else data)
+        return self.reply()
+
+    def reply(self, socket: zmq.Socket[bytes] | None = None) -> dict[str, Any]:
+        waiting = socket or self.control
+        self.until(lambda: bool(waiting.poll(0)))
+        reply = json.loads(waiting.recv_multipart()[-1])
+        assert isinstance(reply, dict)
+        return reply
+
+    def call(self, **request: Any) -> dict[str, Any]:
+        return self.ask(json.dumps(request))
+
+    def open(self) -> str:
+        """A lease, with limits."""
+        reply = self.call(
+            op="open", client="test", limits={"max_current_ua": 3000, "width_us": 100}
+        )
+        assert reply["ok"], reply
+        return str(reply["lease"])
+
+    def counter(self, name: str) -> int:
+        return int(self.call(op="status")["status"]["counters"].get(name, 0))
+
+
+class ServedRig(GatewayRig):
+    """The same in a thread of its own, for clients that block."""
+
+    def __init__(self, facts: Greeting | None = None, **config: Any) -> None:
+        super().__init__(facts, **config)
+        self.clock = RunningClock()  # type: ignore[assignment]
+        self.gateway.close()
+        self.gateway = Gateway(self.config, self.clock)
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._ending.set()
+        self._thread.join(10)
+        super().__exit__(kind, error, trace)
+
+    def _serve(self) -> None:
+        while not self._ending.is_set():
+            self.step()
