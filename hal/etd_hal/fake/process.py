@@ -156,7 +156,7 @@ class BoardServer:
 
 
 def serve(server: BoardServer, paths: list[Path]) -> None:
-    """Answer at `paths` for ever. A path appears when it is listened on."""
+    """Answer at `paths` for ever. Says "listening" when all are there."""
     selector = selectors.DefaultSelector()
     for path in paths:
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -164,8 +164,10 @@ def serve(server: BoardServer, paths: list[Path]) -> None:
         early.unlink(missing_ok=True)
         listener.bind(str(early))
         listener.listen(_LISTEN_BACKLOG)
-        early.rename(path)
+        early.rename(path)  # A path that is there is listened on.
         selector.register(listener, selectors.EVENT_READ, "listener")
+    sys.stdout.write("listening\n")
+    sys.stdout.flush()
     while True:
         for key, _ in selector.select():
             ready = cast(socket.socket, key.fileobj)

@@ -1,0 +1,78 @@
+"""A board process for tests, and its second door.
+
+Owns: starting and ending the process, and knocking at the door.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from etd_hal.boardfile import BoardFile
+from etd_hal.fake import wire
+from stepped_board import BOARDS
+
+HAL = Path(__file__).parent.parent / "hal"
+_ANSWERS_WITHIN_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class RunningBoard:
+    socket: Path
+    door: Path
+    trace: Path
+    process: subprocess.Popen[bytes]
+
+    def knock(self, knock: wire.Knock) -> wire.State:
+        """Do something to the world behind the board; the answer is the board's state."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as door:
+            door.settimeout(_ANSWERS_WITHIN_S)
+            door.connect(str(self.door))
+            door.send(wire.encode(knock))
+            answer = wire.decode_answer(door.recv(wire.MAX_DATAGRAM_BYTES))
+        assert isinstance(answer, wire.State)
+        return answer
+
+    def state(self) -> wire.State:
+        return self.knock(wire.AskState())
+
+
+@contextmanager
+def running_board(board: BoardFile, folder: Path) -> Iterator[RunningBoard]:
+    """A board process for a shipped board file, ended (with its trace closed) at the end."""
+    places = RunningBoard(
+        folder / "board.sock",
+        folder / "door.sock",
+        folder / "board.trace.jsonl",
+        _start(board, folder),
+    )
+    try:
+        yield places
+    finally:
+        places.process.terminate()
+        places.process.wait(_ANSWERS_WITHIN_S)
+        if places.process.stdout is not None:
+            places.process.stdout.close()
+
+
+def _start(board: BoardFile, folder: Path) -> subprocess.Popen[bytes]:
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "etd_hal.fake.process"),
+            *("--board", str(BOARDS / f"{board.name}.toml")),
+            *("--socket", str(folder / "board.sock")),
+            *("--door", str(folder / "door.sock")),
+            *("--trace", str(folder / "board.trace.jsonl")),
+        ],
+        stdout=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": str(HAL)},
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"listening\n"
+    return process
