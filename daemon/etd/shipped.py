@@ -47,8 +47,9 @@ def find(kind: Kind, name_or_path: str | Path) -> Path:
 
 
 def _is_path(name_or_path: str | Path) -> bool:
-    path = Path(name_or_path)
-    return isinstance(name_or_path, Path) or len(path.parts) > 1 or path.suffix != ""
+    if isinstance(name_or_path, Path):
+        return True
+    return "/" in name_or_path or "\\" in name_or_path or Path(name_or_path).suffix != ""
 
 
 def _existing(path: Path, kind: Kind) -> Path:

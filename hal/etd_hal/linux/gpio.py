@@ -136,14 +136,14 @@ def _edge(event: gpiod.EdgeEvent) -> Edge:
     return Edge(line=event.line_offset, value=value, t_ns=event.timestamp_ns)
 
 
-def find_chip(labels: Sequence[str]) -> Path:
+def find_chip(labels: Sequence[str], devices: Path = Path("/dev")) -> Path:
     """The device of the chip with one of these labels: its number moves between kernels.
 
     Raises: BusError (absent: none has such a label; permission: one could not be asked).
     """
     closed: list[Path] = []
     seen: list[str] = []
-    for path in sorted(Path("/dev").glob("gpiochip*")):
+    for path in sorted(devices.glob("gpiochip*")):
         try:
             with gpiod.Chip(str(path)) as chip:
                 seen.append(chip.get_info().label)

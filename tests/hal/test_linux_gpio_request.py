@@ -1,0 +1,135 @@
+"""Finding the chip and requesting its lines: what gpiod is asked, and what its answers become."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Self
+
+import pytest
+
+from etd_hal.errors import BusError
+from etd_hal.ports import InputLine, LineSetup
+from wire_kernel import HeldRequest
+
+gpiod = pytest.importorskip("gpiod", reason="gpiod is there on Linux only")
+
+from etd_hal.linux import gpio as linux_gpio  # noqa: E402
+
+SETUP = LineSetup(outputs=((23, 0), (4, 1)), inputs=(InputLine(17, "down", edges=True),))
+
+
+class ChipFile:
+    """A chip whose device is a plain file: its first line is the label, then LINE CONSUMER."""
+
+    def __init__(self, path: str) -> None:
+        label, *held = Path(path).read_text().splitlines()
+        if label in ("EACCES", "ENODEV"):
+            number = getattr(errno, label)
+            raise OSError(number, "as told")
+        self.label = label
+        self.held = dict(line.split() for line in held)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def get_info(self) -> SimpleNamespace:
+        return SimpleNamespace(label=self.label)
+
+    def get_line_info(self, line: int) -> SimpleNamespace:
+        used = str(line) in self.held
+        return SimpleNamespace(offset=line, used=used, consumer=self.held.get(str(line), ""))
+
+
+@dataclass
+class Kernel:
+    """Grants requests, or refuses those for the lines in `busy`."""
+
+    busy: set[int] = field(default_factory=set)
+    granted: list[HeldRequest] = field(default_factory=list)
+
+    def request_lines(self, path: str, consumer: str, config: dict[int, Any]) -> HeldRequest:
+        if self.busy & set(config):
+            raise OSError(errno.EBUSY, "as told")
+        self.granted.append(HeldRequest(10 + len(self.granted), list(config), {}))
+        return self.granted[-1]
+
+
+@pytest.fixture
+def kernel(monkeypatch: pytest.MonkeyPatch) -> Kernel:
+    kernel = Kernel()
+    monkeypatch.setattr(gpiod, "request_lines", kernel.request_lines)
+    monkeypatch.setattr(gpiod, "Chip", ChipFile)
+    return kernel
+
+
+@pytest.fixture
+def devices(tmp_path: Path) -> Callable[..., Path]:
+    def make(*chips: str) -> Path:
+        for number, text in enumerate(chips):
+            (tmp_path / f"gpiochip{number}").write_text(text)
+        return tmp_path
+
+    return make
+
+
+Devices = Callable[..., Path]
+
+
+def test_the_chip_is_found_by_its_label_whatever_its_number(
+    kernel: Kernel, devices: Devices
+) -> None:
+    folder = devices("raspberrypi-exp-gpio", "ENODEV", "pinctrl-bcm2711")
+    found = linux_gpio.find_chip(("pinctrl-bcm2711", "pinctrl-bcm2835"), folder)
+    assert found == folder / "gpiochip2"
+
+
+def test_without_the_label_the_labels_there_are_are_told(kernel: Kernel, devices: Devices) -> None:
+    with pytest.raises(BusError, match="there are one, two") as caught:
+        linux_gpio.find_chip(("pinctrl-bcm2711",), devices("one", "two"))
+    assert caught.value.kind == "absent"
+
+
+def test_no_chip_at_all_is_told(kernel: Kernel, devices: Devices) -> None:
+    with pytest.raises(BusError, match="no GPIO chip at all"):
+        linux_gpio.find_chip(("pinctrl-bcm2711",), devices())
+
+
+def test_a_chip_that_may_not_be_opened_is_a_matter_of_permission(
+    kernel: Kernel, devices: Devices
+) -> None:
+    with pytest.raises(BusError) as caught:
+        linux_gpio.find_chip(("pinctrl-bcm2711",), devices("EACCES", "other"))
+    assert caught.value.kind == "permission"
+
+
+def test_holders_are_those_of_the_lines_asked_for(kernel: Kernel, devices: Devices) -> None:
+    chip = devices("pinctrl-bcm2711\n4 etd\n9 other") / "gpiochip0"
+    assert linux_gpio.holders(chip, [4, 23]) == {4: "etd"}
+
+
+def test_outputs_are_one_request_in_the_order_given_and_inputs_another(kernel: Kernel) -> None:
+    driver = linux_gpio.open_gpio(Path("gpiochip0"), SETUP)
+    assert [request.offsets for request in kernel.granted] == [[23, 4], [17]]
+    driver.close()
+
+
+def test_when_the_inputs_are_busy_the_outputs_are_given_back(kernel: Kernel) -> None:
+    kernel.busy = {17}
+    with pytest.raises(BusError) as caught:
+        linux_gpio.open_gpio(Path("gpiochip0"), SETUP)
+    assert caught.value.kind == "busy"
+    assert kernel.granted[0].fd == -1
+
+
+def test_busy_outputs_leave_nothing_requested(kernel: Kernel) -> None:
+    kernel.busy = {4}
+    with pytest.raises(BusError) as caught:
+        linux_gpio.open_gpio(Path("gpiochip0"), SETUP)
+    assert caught.value.kind == "busy"
+    assert kernel.granted == []
