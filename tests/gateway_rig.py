@@ -14,13 +14,13 @@ from types import TracebackType
 from typing import Any, Self
 
 import zmq
-from scripted_engine import ScriptedEngine
 
 from etd.client import clock
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
 from etd.link import Greeting
 from etd.places import address_of
+from scripted_engine import ScriptedEngine
 
 #: Turns of 5 ms until something that should arrive counts as not arriving.
 PATIENCE = 400

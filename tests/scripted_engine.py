@@ -93,6 +93,7 @@ class ScriptedEngine:
         self._listener = Listener(folder)
         self._channels: tuple[Channel[ToEngine], Channel[NewFrame]] | None = None
         self._facts = facts or greeting()
+        self.is_running = True
         self.state: State = "SAFE"
         self.answer: Callable[[Command | NewFrame], Answer | None] = full_answer
         self.is_reading = True
@@ -100,7 +101,9 @@ class ScriptedEngine:
         self.alive = 0
 
     def turn(self) -> None:
-        """Accept, greet, read everything, answer it."""
+        """Accept, greet, read everything, answer it. Nothing, once closed."""
+        if not self.is_running:
+            return
         if self._channels is None:
             self._channels = self._listener.accept()
             if self._channels is None:
@@ -151,5 +154,8 @@ class ScriptedEngine:
         self._channels = None
 
     def close(self) -> None:
-        self.hang_up()
-        self._listener.close()
+        """As the end of the process. Idempotent."""
+        if self.is_running:
+            self.is_running = False
+            self.hang_up()
+            self._listener.close()

@@ -13,7 +13,7 @@ from typing import Any
 
 from etd.errors import Refused
 from etd.gateway import replies
-from etd.gateway.config import GatewayConfig, operator_uids
+from etd.gateway.config import GatewayConfig
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.frames import FrameDesk
 from etd.gateway.lease import LeaseView
@@ -62,6 +62,7 @@ class ControlDesk:
     def __init__(
         self,
         config: GatewayConfig,
+        operators: frozenset[int] | None,
         endpoints: Endpoints,
         engine: EngineLink,
         leases: LeaseView,
@@ -76,7 +77,7 @@ class ControlDesk:
         self._frames = frames
         self._publisher = publisher
         self._waiting = waiting
-        self._operators = operator_uids(config.operators)
+        self._operators = operators
         self._store = CalibrationStore(config.state_dir, config.shipped_calibrations)
         self._handlers: dict[type, Callable[[Any, Letter, int], Success | None]] = {
             Hello: self._hello,

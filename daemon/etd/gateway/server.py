@@ -13,7 +13,7 @@ import msgspec
 import zmq
 
 from etd.errors import Refused
-from etd.gateway.config import GatewayConfig, check_config
+from etd.gateway.config import GatewayConfig, check_config, operator_uids
 from etd.gateway.control import ControlDesk
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.exclusive import NameLock
@@ -45,6 +45,7 @@ class Gateway:
 
     def __init__(self, config: GatewayConfig, clock: Clock) -> None:
         check_config(config)
+        operators = operator_uids(config.operators)
         prepare_runtime(config.runtime_folder)
         self._clock = clock
         self._lock = NameLock(config.runtime_folder, config.name)
@@ -62,6 +63,7 @@ class Gateway:
         self._streams = Streams(self._sockets.frames, frames, self.counters)
         self._control = ControlDesk(
             config,
+            operators,
             self._sockets.endpoints,
             self._engine,
             self._leases,

@@ -1,0 +1,169 @@
+"""The gateway and its engine: signs of life, stop before all else, and an engine that ends.
+
+Owns: what the gateway says and does when the engine is there, stuck, or gone.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import zmq
+
+from etd.link import ArmBoard, Report, StopNow
+from etd.protocol import RefusedReport
+from gateway_rig import PATIENCE, GatewayRig
+from scripted_engine import ScriptedEngine
+
+
+def subscribe(rig: GatewayRig, *topics: str) -> zmq.Socket[bytes]:
+    socket = rig.context.socket(zmq.SUB)
+    for topic in (*topics, "state"):
+        socket.setsockopt(zmq.SUBSCRIBE, topic.encode())
+    socket.connect(f"ipc://{rig.folder}/telemetry.sock")
+    rig.until(lambda: bool(socket.poll(0)))
+    socket.recv_multipart()
+    return socket
+
+
+def heard(rig: GatewayRig, socket: zmq.Socket[bytes], topic: str) -> dict[str, Any]:
+    """The next report of this topic."""
+    while True:
+        rig.until(lambda: bool(socket.poll(0)))
+        got, body = socket.recv_multipart()
+        if got == topic.encode():
+            report = json.loads(body)
+            assert isinstance(report, dict)
+            return report
+
+
+def test_the_engine_hears_from_its_gateway_twenty_times_a_second() -> None:
+    with GatewayRig() as rig:
+        rig.step(3)
+        before = rig.engine.alive
+        for _ in range(10):
+            rig.clock.t_ns += 50_000_000
+            rig.step()
+        rig.step()
+
+        assert rig.engine.alive - before == 10
+
+
+def test_a_newcomer_is_greeted_with_state_at_once_and_then_each_second() -> None:
+    with GatewayRig() as rig:
+        socket = subscribe(rig)
+        rig.step(5)
+        assert not socket.poll(0)
+
+        rig.clock.t_ns += 1_000_000_000
+
+        assert heard(rig, socket, "state")["engine"] == "there"
+
+
+def test_a_stop_goes_out_before_what_came_earlier() -> None:
+    with GatewayRig() as rig:
+        for _ in range(PATIENCE):
+            rig.engine.heard.clear()
+            for _ in range(3):
+                rig.control.send(b'{"op":"arm"}')
+            rig.control.send(b'{"op":"stop","client":"me"}')
+            rig.gateway.turn(1000)
+            rig.engine.turn()
+            if len(rig.engine.heard) == 4:  # all four came in one turn
+                break
+            rig.until(lambda: len(rig.engine.heard) == 4)
+
+        assert isinstance(rig.engine.heard[0], StopNow)
+        assert rig.engine.heard[0].who == "me"
+        assert all(isinstance(command, ArmBoard) for command in rig.engine.heard[1:])
+
+
+def test_a_stop_that_the_engine_does_not_take_cuts_the_link() -> None:
+    with GatewayRig() as rig:
+        rig.engine.is_reading = False
+        channels = rig.gateway._engine._channels
+        assert channels is not None
+        while channels[0].send(ArmBoard()):
+            pass
+
+        reply = rig.call(op="stop")
+
+        assert reply["error"] == "engine_gone"
+        assert "link to it was cut" in reply["reason"]
+        rig.engine.is_reading = True
+        rig.until(lambda: not rig.engine.is_connected)
+
+
+def test_when_the_engine_ends_everybody_is_told_at_once() -> None:
+    with GatewayRig() as rig:
+        socket = subscribe(rig)
+        lease = rig.open()
+        rig.engine.answer = lambda _: None
+        rig.control.send(b'{"op":"arm","id":1}')
+        rig.until(lambda: len(rig.engine.heard) == 2)
+
+        rig.engine.close()
+
+        assert heard(rig, socket, "state")["engine"] == "gone"
+        reply = rig.reply()
+        assert (reply["id"], reply["error"]) == (1, "engine_gone")
+        for request in (
+            {"op": "hello"},
+            {"op": "keep", "lease": lease},
+            {"op": "arm"},
+            {"op": "frame", "lease": lease, "seq": 1, "level": [0] * 4},
+        ):
+            assert rig.call(**request)["error"] == "engine_gone"
+        status = rig.call(op="status")["status"]
+        assert (status["state"], status["engine"]) == ("SAFE", "gone")
+
+
+def test_a_stop_without_an_engine_is_answered_with_what_that_means_for_the_skin() -> None:
+    with GatewayRig() as rig:
+        rig.engine.close()
+        rig.until(lambda: rig.call(op="status")["status"]["engine"] == "gone")
+
+        reply = rig.call(op="stop")
+
+        assert reply["error"] == "engine_gone"
+        assert "nothing is being felt" in reply["reason"]
+
+
+def test_an_engine_that_comes_back_is_found_and_the_old_lease_is_not() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        rig.engine.close()
+        rig.until(lambda: rig.call(op="status")["status"]["engine"] == "gone")
+        rig.engine = ScriptedEngine(rig.folder)
+        rig.step(3)
+        assert rig.call(op="status")["status"]["engine"] == "gone", "not looked for all the time"
+
+        rig.clock.t_ns += 200_000_000
+
+        rig.until(lambda: rig.call(op="status")["status"]["engine"] == "there")
+        assert rig.call(op="keep", lease=lease)["error"] == "no_lease"
+
+
+def test_reports_of_the_engine_reach_subscribers_with_all_counts_added() -> None:
+    with GatewayRig() as rig:
+        socket = subscribe(rig, "refused")
+        rig.call(op="keep", lease="x")
+        rig.ask(b"nonsense")
+
+        rig.engine.report_state(refused_no_lease=4, begun=2)
+        counters = heard(rig, socket, "state")["counters"]
+        refused = RefusedReport(now_ns=1, error="expired", reason="old", count=3, seq=8)
+        rig.engine.say(Report(refused=refused))
+
+        assert counters["refused_no_lease"] == 5
+        assert (counters["begun"], counters["malformed"]) == (2, 1)
+        assert heard(rig, socket, "refused")["seq"] == 8
+
+
+def test_bytes_that_are_no_message_of_the_engines_end_the_link() -> None:
+    with GatewayRig() as rig:
+        rig.engine.say("no message")  # type: ignore[arg-type]
+
+        rig.until(lambda: rig.call(op="status")["status"]["engine"] == "gone")
+
+        assert rig.counter("engine_unreadable") == 1

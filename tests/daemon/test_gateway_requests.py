@@ -1,0 +1,367 @@
+"""Each op, from the socket to the engine and back.
+
+Owns: what is passed on, what is answered, and who may ask.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+
+from etd.errors import AlreadyRunning, FileError, HardwareMissing
+from etd.gateway.config import GatewayConfig
+from etd.gateway.server import Gateway
+from etd.gateway.sockets import check_version
+from etd.link import (
+    Answer,
+    ArmBoard,
+    ClearHalt,
+    CloseLease,
+    Command,
+    DisarmBoard,
+    KeepLease,
+    LeaseEnded,
+    MeasureContact,
+    NewFrame,
+    SetMark,
+)
+from etd.protocol import Clamp
+from gateway_rig import GatewayRig, HandClock
+from scripted_engine import greeting
+
+CALIBRATION: dict[str, Any] = {
+    "participant": "P01",
+    "body_site": "fingertip",
+    "array": "row-4",
+    "polarity": "anodic",
+    "width_us": 100,
+    "rate_hz": 60,
+    "returns": "all",
+    "date": "2024-05-01",
+    "program": "test",
+    "electrode": [{"threshold_ua": 900, "comfortable_ua": 1800, "cap_ua": 2500}] * 4,
+}
+
+
+def test_hello_tells_the_facts_and_the_other_endpoints() -> None:
+    with GatewayRig(default_calibration="me") as rig:
+        reply = rig.call(op="hello", id="h")
+
+        assert (reply["id"], reply["protocol"], reply["name"]) == ("h", 1, "rig")
+        assert reply["array"]["electrodes"] == 4
+        assert reply["endpoints"]["frames"] == f"ipc://{rig.folder}/frames.sock"
+        assert reply["now_ns"] == rig.clock.now_ns()
+        assert reply["default_calibration"] == "me"
+
+
+def test_a_request_socket_gets_its_empty_part_back() -> None:
+    with GatewayRig() as rig:
+        req = rig.socket(zmq.REQ, "control.sock")
+        req.send(b'{"op":"hello"}')
+        assert rig.reply(req)["ok"]
+
+
+def test_open_hands_out_a_token_that_only_the_engine_also_knows() -> None:
+    with GatewayRig() as rig:
+        reply = rig.call(op="open", client="a", limits={"max_current_ua": 900, "width_us": 50})
+
+        (opened,) = rig.engine.leases
+        assert len(reply["lease"]) == 32
+        assert (opened.lease, opened.client) == (reply["lease"], "a")
+        assert opened.limits is not None
+        assert opened.limits.max_current_ua == 900
+
+
+@pytest.mark.parametrize(
+    ("given", "code"),
+    [
+        ({}, "limits_missing"),
+        ({"limits": {"max_current_ua": 900}}, "bad_message"),
+        ({"calibration": "nobody"}, "not_found"),
+        (
+            {"calibration": "x", "limits": {"max_current_ua": 900, "width_us": 50}},
+            "bad_message",
+        ),
+    ],
+)
+def test_open_without_one_clear_limit_is_refused(given: dict[str, Any], code: str) -> None:
+    with GatewayRig() as rig:
+        assert rig.call(op="open", client="a", **given)["error"] == code
+        assert rig.engine.heard == []
+
+
+@pytest.mark.parametrize(
+    ("request_", "kind"),
+    [
+        ({"op": "keep"}, KeepLease),
+        ({"op": "disarm"}, DisarmBoard),
+        ({"op": "close"}, CloseLease),
+        ({"op": "measure"}, MeasureContact),
+        ({"op": "mark", "tag": 3}, SetMark),
+        ({"op": "arm"}, ArmBoard),
+        ({"op": "clear"}, ClearHalt),
+    ],
+)
+def test_each_op_becomes_its_command_and_is_answered(
+    request_: dict[str, Any], kind: type[Command]
+) -> None:
+    with GatewayRig() as rig:
+        lease = {} if request_["op"] in ("arm", "clear") else {"lease": rig.open()}
+        rig.engine.heard.clear()
+
+        reply = rig.call(**request_, **lease, id=1)
+
+        assert (reply["ok"], reply["id"]) == (True, 1)
+        assert [type(command) for command in rig.engine.heard] == [kind]
+
+
+def test_measure_and_mark_carry_what_the_engine_said() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        assert rig.call(op="measure", lease=lease)["contact"] == [True, True, False, None]
+        assert rig.call(op="mark", lease=lease)["marked_ns"] == 42
+
+
+def test_a_frame_comes_through_whole_and_its_clamps_come_back() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        clamp = Clamp(electrode=1, wanted_ua=900, got_ua=800, reason="cap", limited_by=1)
+        rig.engine.answer = lambda command: Answer(ref=command.ref, rate_hz=50.0, clamped=(clamp,))
+
+        reply = rig.call(
+            op="frame",
+            lease=lease,
+            seq=3,
+            current_ua=[0, 900, 0, 0],
+            returns={"ring_mm": 2.5},
+            ttl_ms=300,
+            strict=True,
+            tag=8,
+            sent_ns=5,
+        )
+
+        assert (reply["seq"], reply["rate_hz"]) == (3, 50.0)
+        assert reply["clamped"][0]["got_ua"] == 800
+        (sent,) = rig.engine.frames
+        assert sent.frame.current_ua == (0, 900, 0, 0)
+        assert (sent.frame.ttl_ms, sent.frame.strict, sent.frame.tag) == (300, True, 8)
+
+
+def test_a_refusal_of_the_engine_keeps_its_fields() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        rig.engine.answer = lambda command: Answer(
+            ref=command.ref,
+            error="too_fast",
+            reason="does not fit",
+            electrode=2,
+            achievable_hz=31.5,
+        )
+
+        reply = rig.call(op="frame", lease=lease, seq=1, level=[1, 1, 1, 1])
+
+        assert (reply["error"], reply["electrode"]) == ("too_fast", 2)
+        assert reply["achievable_hz"] == 31.5
+
+
+def test_a_lapsed_lease_is_no_lease() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        rig.engine.say(LeaseEnded(lease="another", why="closed"))
+        assert rig.call(op="keep", lease=lease)["ok"]
+
+        rig.engine.say(LeaseEnded(lease=lease, why="lapsed"))
+        rig.step(2)
+
+        assert rig.call(op="keep", lease=lease)["error"] == "no_lease"
+
+
+def test_without_a_lease_nothing_that_needs_one_is_passed_on() -> None:
+    with GatewayRig() as rig:
+        for op in ("keep", "disarm", "close", "measure", "mark"):
+            assert rig.call(op=op, lease="x")["error"] == "no_lease"
+        assert rig.engine.heard == []
+
+
+def test_too_many_requests_under_way_are_refused_and_a_stop_is_not() -> None:
+    with GatewayRig() as rig:
+        rig.engine.answer = lambda _: None
+        for index in range(33):
+            rig.control.send(json.dumps({"op": "arm", "id": index}).encode())
+
+        reply = rig.reply()
+        rig.engine.answer = lambda command: Answer(ref=command.ref)
+
+        assert (reply["id"], reply["error"]) == (32, "busy")
+        assert rig.call(op="stop", id="s")["ok"]
+
+
+def test_an_engine_that_never_answers_is_not_waited_for_for_ever() -> None:
+    with GatewayRig() as rig:
+        rig.engine.answer = lambda _: None
+        rig.control.send(b'{"op":"arm","id":1}')
+        rig.until(lambda: len(rig.engine.heard) == 1)
+        rig.clock.t_ns += 15_000_000_000
+
+        reply = rig.reply()
+
+        assert (reply["id"], reply["error"]) == (1, "engine_gone")
+
+
+def test_a_calibration_is_kept_given_back_and_opened(tmp_path: Path) -> None:
+    with GatewayRig() as rig:
+        kept = rig.call(op="calibration", do="set", name="p01", calibration=CALIBRATION)
+        got = rig.call(op="calibration", do="get", name="p01")["calibration"]
+
+        assert kept["names"] == ["p01"]
+        assert got["electrode"][0]["cap_ua"] == 2500
+        assert rig.call(op="open", client="a", calibration="p01")["ok"]
+        (opened,) = rig.engine.leases
+        assert opened.calibration is not None
+        assert opened.calibration.participant == "P01"
+        assert [path.name for path in (rig.state_dir / "calibrations").iterdir()] == ["p01.toml"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"array": "grid-8x8"}, "its array is grid-8x8, here it is row-4"),
+        ({"body_site": "forearm"}, "its body_site is forearm"),
+        ({"electrode": CALIBRATION["electrode"][:3]}, "number of electrodes is 3, here it is 4"),
+        (
+            {"electrode": [{"threshold_ua": 9, "comfortable_ua": 8, "cap_ua": 7}] * 4},
+            "do not rise",
+        ),
+    ],
+)
+def test_a_calibration_that_does_not_fit_is_not_kept(changed: dict[str, Any], said: str) -> None:
+    with GatewayRig() as rig:
+        reply = rig.call(
+            op="calibration", do="set", name="x", calibration={**CALIBRATION, **changed}
+        )
+
+        assert reply["error"] == "bad_calibration"
+        assert said in reply["reason"]
+        assert rig.call(op="calibration", do="list")["names"] == []
+
+
+def test_a_calibration_is_set_in_safe_only() -> None:
+    with GatewayRig() as rig:
+        rig.engine.state = "ARMED"
+        rig.engine.report_state()
+        rig.until(lambda: rig.call(op="status")["status"]["state"] == "ARMED")
+
+        reply = rig.call(op="calibration", do="set", name="x", calibration=CALIBRATION)
+
+        assert reply["error"] == "wrong_state"
+        assert "ARMED" in reply["reason"]
+
+
+def test_the_fakes_own_calibrations_are_offered_to_the_fake_only(tmp_path: Path) -> None:
+    shipped = Path(__file__).parents[2] / "config" / "calibrations"
+    with GatewayRig(shipped_calibrations=shipped) as rig:
+        assert "fake-fingertip" in rig.call(op="hello")["calibrations"]
+        assert rig.call(op="calibration", do="get", name="fake-fingertip")["ok"]
+        refused = rig.call(
+            op="calibration", do="set", name="fake-fingertip", calibration=CALIBRATION
+        )
+        assert refused["error"] == "bad_calibration"
+    with GatewayRig(greeting(backend="linux"), shipped_calibrations=shipped) as rig:
+        assert rig.call(op="hello")["calibrations"] == []
+        assert rig.call(op="open", client="a", calibration="fake-fingertip")["error"] == "not_found"
+
+
+def test_only_operators_arm_clear_and_set() -> None:
+    with GatewayRig(operators=(str(os.getuid() + 1),)) as rig:
+        for request in (
+            {"op": "arm"},
+            {"op": "clear"},
+            {"op": "calibration", "do": "set", "name": "x", "calibration": CALIBRATION},
+        ):
+            reply = rig.call(**request)
+            assert reply["error"] == "not_permitted"
+            assert str(os.getuid()) in reply["reason"]
+        assert rig.engine.heard == []
+        assert rig.call(op="stop")["ok"], "everybody may stop"
+    with GatewayRig(operators=(str(os.getuid()),)) as rig:
+        assert rig.call(op="arm")["ok"]
+
+
+def test_an_unknown_operator_is_refused_at_start(tmp_path: Path) -> None:
+    config = GatewayConfig(
+        name="x", runtime_folder=tmp_path, state_dir=tmp_path, operators=("nobody-of-that-name",)
+    )
+    with pytest.raises(FileError, match="no user 'nobody-of-that-name'"):
+        Gateway(config, HandClock())
+
+
+def test_tcp_is_refused_until_there_are_keys(tmp_path: Path) -> None:
+    config = GatewayConfig(
+        name="x", runtime_folder=tmp_path, state_dir=tmp_path, tcp="tcp://*:5560"
+    )
+    with pytest.raises(FileError, match="no keys"):
+        Gateway(config, HandClock())
+
+
+def test_a_second_daemon_of_the_name_is_refused_and_the_first_goes_on() -> None:
+    with GatewayRig() as rig:
+        with pytest.raises(AlreadyRunning, match="'rig' is already running"):
+            Gateway(rig.config, rig.clock)
+        assert rig.call(op="hello")["ok"]
+
+
+def test_a_name_is_free_again_after_its_daemon_was_killed_with_sockets_left_over() -> None:
+    with GatewayRig() as rig:
+        rig.gateway.close()
+        (rig.folder / "control.sock").touch()
+        rig.gateway = Gateway(rig.config, rig.clock)
+        rig.engine.hang_up()
+        assert rig.call(op="status")["ok"]
+
+
+def test_the_sockets_are_for_the_group_and_nobody_else() -> None:
+    with GatewayRig() as rig:
+        for name in ("control.sock", "frames.sock", "telemetry.sock"):
+            assert stat.S_IMODE((rig.folder / name).stat().st_mode) == 0o660
+        assert os.umask(0o022) == 0o022, "the process's own mask is as before"
+
+
+def test_a_runtime_folder_that_everybody_may_write_to_is_refused(tmp_path: Path) -> None:
+    tmp_path.chmod(0o777)
+    config = GatewayConfig(name="x", runtime_folder=tmp_path, state_dir=tmp_path)
+    with pytest.raises(FileError, match="everybody may write"):
+        Gateway(config, HandClock())
+
+
+def test_a_libzmq_with_known_flaws_is_refused() -> None:
+    with pytest.raises(HardwareMissing, match=r"4\.3\.3 has known flaws"):
+        check_version((4, 3, 3))
+
+
+def test_two_frames_in_order_keep_their_refs_apart() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        held: list[NewFrame] = []
+
+        def hold(command: Command | NewFrame) -> None:
+            assert isinstance(command, NewFrame)
+            held.append(command)
+
+        rig.engine.answer = hold
+        for seq in (1, 2):
+            rig.control.send(
+                json.dumps(
+                    {"op": "frame", "id": seq, "lease": lease, "seq": seq, "level": [0] * 4}
+                ).encode()
+            )
+        rig.until(lambda: len(held) == 2)
+        for frame in reversed(held):
+            rig.engine.say(Answer(ref=frame.ref, rate_hz=1.0))
+
+        assert [rig.reply()["id"] for _ in range(2)] == [2, 1]

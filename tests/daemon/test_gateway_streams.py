@@ -1,0 +1,86 @@
+"""Streamed frames: the newest is shown, and nothing goes missing without a count.
+
+Owns: superseding, refusing and reporting on the frames socket.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import zmq
+
+from etd.link import ArmBoard
+from gateway_rig import GatewayRig
+
+
+def frame(lease: str, seq: int, **extra: Any) -> bytes:
+    body = {"op": "frame", "lease": lease, "seq": seq, "level": [0, 0, 0, 1], **extra}
+    return json.dumps(body).encode()
+
+
+def test_of_the_frames_of_one_turn_the_newest_is_passed_on_and_the_rest_counted() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        stream = rig.socket(zmq.PUSH, "frames.sock")
+        for seq in range(1, 41):
+            stream.send(frame(lease, seq))
+
+        rig.until(lambda: bool(rig.engine.frames) and rig.engine.frames[-1].frame.seq == 40)
+
+        seqs = [sent.frame.seq for sent in rig.engine.frames]
+        assert seqs == sorted(seqs)
+        assert len(seqs) + rig.counter("superseded") == 40
+        assert all(sent.ref == 0 for sent in rig.engine.frames)
+
+
+def test_another_clients_frames_do_not_supersede_the_holders() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        mine = rig.socket(zmq.PUSH, "frames.sock")
+        other = rig.socket(zmq.PUSH, "frames.sock")
+        mine.send(frame(lease, 1))
+        for seq in range(2, 12):
+            other.send(frame("f" * 32, seq))
+
+        rig.until(lambda: rig.counter("refused_other_lease") == 10)
+
+        assert [sent.frame.seq for sent in rig.engine.frames] == [1]
+        assert rig.counter("superseded") == 0
+
+
+def test_a_refused_streamed_frame_is_reported_to_everybody() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        socket = rig.context.socket(zmq.SUB)
+        socket.setsockopt(zmq.SUBSCRIBE, b"refused")
+        socket.setsockopt(zmq.SUBSCRIBE, b"state")
+        socket.connect(f"ipc://{rig.folder}/telemetry.sock")
+        rig.until(lambda: bool(socket.poll(0)))
+        socket.setsockopt(zmq.UNSUBSCRIBE, b"state")
+        socket.recv_multipart()
+        stream = rig.socket(zmq.PUSH, "frames.sock")
+        stream.send(frame(lease, 4, level=[0, 0]))
+
+        rig.until(lambda: bool(socket.poll(0)))
+
+        topic, body = socket.recv_multipart()
+        report = json.loads(body)
+        assert topic == b"refused"
+        assert (report["error"], report["seq"], report["count"]) == ("bad_frame", 4, 1)
+        assert "2 values" in report["reason"]
+
+
+def test_frames_that_the_engine_does_not_take_are_counted_and_may_be_sent_again() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        rig.engine.is_reading = False
+        channels = rig.gateway._engine._channels
+        assert channels is not None
+        while channels[1].send(ArmBoard()):
+            pass
+        stream = rig.socket(zmq.PUSH, "frames.sock")
+        stream.send(frame(lease, 1))
+
+        rig.until(lambda: rig.gateway.counters["refused_busy"] == 1)
+        rig.engine.hang_up()
