@@ -51,11 +51,12 @@ class HalfBridgeSwitch:
     def prepare(self, selection: Selection, whole: bool) -> None:
         """With the outputs blanked: put the word into the chain and open the latch to it."""
         word = selection.alone
+        if self._chain.held == word and not whole:
+            # The latch holds it as well: every write ends with the latch open.
+            return
         if self._is_latch_open:
             self._gpio.set(self._close)
             self._is_latch_open = False
-        elif not whole and self._chain.held == word:
-            return
         write = self._chain.rewrite if whole else self._chain.write
         write(word, self._fall_and_open)
         self._is_latch_open = True

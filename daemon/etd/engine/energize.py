@@ -1,0 +1,135 @@
+"""From SAFE to a live board: supply on, rail there, contact measured; for `arm` and `measure`.
+
+Owns: the checks before, the waiting, and the probe scan. Must not know: sockets, frames, what is
+done with a live board. It is stepped from the engine's loop, so that a stop is heard in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from etd.array import Array
+from etd.engine.limits import path_of
+from etd.engine.plan import Visit
+from etd.engine.sensors import RailSensor
+from etd.engine.visits import Tools, Visitor
+from etd.errors import Refused
+from etd_hal.ports import Clock
+
+Goal = Literal["arm", "measure"]
+#: Where nothing watches the rail, it gets this long.
+UNWATCHED_SETTLE_NS = 500_000_000
+#: Of the monitor's rise time.
+_PATIENCE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Readiness:
+    """What stands in the way of a live board; empty strings and tuples where nothing does."""
+
+    unaccepted_guards: tuple[str, ...]
+    open_stops: tuple[str, ...]
+    is_wearer_stop_tried: bool
+    is_stopper_alive: bool
+
+
+def check_ready(ready: Readiness) -> None:
+    """Before the supply goes on. Raises: Refused (`arm_failed`), with what to do."""
+    if ready.unaccepted_guards:
+        raise Refused(
+            "arm_failed",
+            f"the board has no {', '.join(ready.unaccepted_guards)}: accept each by name in"
+            " accept_absent_guards of the configuration, or wire it",
+        )
+    if ready.open_stops:
+        raise Refused("arm_failed", f"{' and '.join(ready.open_stops)} open: release or plug it in")
+    if not ready.is_wearer_stop_tried:
+        raise Refused(
+            "arm_failed",
+            "the wearer's stop has not been tried: press and release it once, then arm",
+        )
+    if not ready.is_stopper_alive:
+        raise Refused("arm_failed", "the stopper thread has ended: restart the daemon")
+
+
+class Energizer:
+    """One way up; made when it begins, dropped when it ends."""
+
+    def __init__(
+        self, goal: Goal, ref: int, tools: Tools, rail: RailSensor, array: Array, clock: Clock
+    ) -> None:
+        self.goal: Goal = goal
+        self.ref = ref
+        self._tools = tools
+        self._rail = rail
+        self._array = array
+        self._clock = clock
+        self._begun_ns = clock.now_ns()
+
+    def begin(self) -> None:
+        """Supply on. Raises: Refused, if the rail is watched and not known; BusError."""
+        if self._rail.is_there and self._rail.rail_v(self._begun_ns) is None:
+            raise Refused(
+                "arm_failed",
+                f"the rail is not known ({self._rail.problem or 'no reading yet'}): check I2C",
+            )
+        self._tools.board.supply_on()
+
+    def is_rail_there(self, now_ns: int) -> bool:
+        """Raises: Refused (`arm_failed`) when it is too high, or does not come."""
+        monitor = self._tools.board.file.guards.rail_monitor
+        waited_ns = now_ns - self._begun_ns
+        if monitor == "absent":
+            is_switched = self._tools.board.file.guards.hv_enable != "absent"
+            return not is_switched or waited_ns >= UNWATCHED_SETTLE_NS
+        rail_v = self._rail.rail_v(now_ns)
+        if rail_v is not None and rail_v > monitor.high_v:
+            raise Refused("arm_failed", f"the rail is at {rail_v:.0f} V, above {monitor.high_v} V")
+        if rail_v is not None and rail_v >= monitor.low_v:
+            return True
+        if waited_ns > _PATIENCE * monitor.rise_ms * 1_000_000:
+            found = "unknown" if rail_v is None else f"at {rail_v:.0f} V"
+            raise Refused(
+                "arm_failed",
+                f"the rail is {found} after {waited_ns // 1_000_000} ms, it should be"
+                f" {monitor.low_v} to {monitor.high_v} V: check the supply",
+            )
+        return False
+
+    def measure_contact(self, visitor: Visitor, may_fire: Callable[[int], int | None]) -> bool:
+        """One probe pulse at each electrode; False if it was cut short.
+
+        Raises: BusError, GuardRefusal, BoardFault.
+        """
+        board, outputs = self._tools.board, self._array.outputs()
+        probes = sorted(
+            (self._probe(one) for one in range(self._array.count)),
+            key=lambda visit: outputs[visit.electrode],
+        )
+        for index, probe in enumerate(probes):
+            now_ns = self._clock.now_ns()
+            ceiling_ua = may_fire(now_ns)
+            if ceiling_ua is None:
+                return False
+            board.prepare(probe.selection, whole=index == 0)
+            visitor.visit(probe, ceiling_ua, now_ns)
+        board.release()
+        return True
+
+    def _probe(self, electrode: int) -> Visit:
+        """Weak and short; each electrode's path is the array's, capped by the probe alone."""
+        maxima, outputs = self._tools.maxima, self._array.outputs()
+        others = tuple(one for one in range(self._array.count) if one != electrode)
+        caps_ua = (maxima.probe_current_ua,) * self._array.count
+        return Visit(
+            electrode,
+            self._tools.board.selection(outputs[electrode], None),
+            maxima.probe_current_ua,
+            maxima.probe_width_us,
+            (True,),
+            1.0,
+            None,
+            path_of(electrode, caps_ua, others, 1.0),
+        )

@@ -1,0 +1,168 @@
+"""One visit of one electrode: stabilize, limit, ledger, fire, discharge, learn, report.
+
+Owns: the order of these, which is the order of safety: whatever a stabilizer asks, the limits and
+the ledger come after it, and nothing after them increases anything.
+Must not know: frames, schedules, sockets, states (beyond being called only when firing may go on).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from etd.engine.contact import ContactMap
+from etd.engine.ledger import Entry, Ledger
+from etd.engine.limits import Maxima, Path, last_word
+from etd.engine.opening import Opening
+from etd.engine.plan import Visit
+from etd.engine.reporting import Reporter
+from etd.errors import BoardFault
+from etd.stabilize.pipeline import Known, Stabilizer, Wish, ask_all
+from etd_hal.board import Board, Pulse, Shot
+
+#: Of the mean deviation from plan, by which drift is seen.
+_DRIFT_WEIGHT = 0.02
+
+
+@dataclass(slots=True)
+class Tools:
+    """What a visit works with; one set a lease."""
+
+    board: Board
+    maxima: Maxima
+    ledger: Ledger
+    opening: Opening
+    contact: ContactMap
+    reporter: Reporter
+    stabilizers: Sequence[Stabilizer] = ()
+
+
+class Visitor:
+    """See the module."""
+
+    def __init__(self, tools: Tools) -> None:
+        self._tools = tools
+        machine = tools.board.machine
+        self._halt_excess_ns = int(machine.halt_excess_us * 1_000)
+        self._drift_ns = machine.drift_us * 1_000
+        self._deviation_ns = 0.0
+
+    @property
+    def has_drifted(self) -> bool:
+        """Messages take longer or shorter than calibrated, on the mean: calibrate again."""
+        return abs(self._deviation_ns) > self._drift_ns
+
+    def forget_drift(self) -> None:
+        """After a calibration."""
+        self._deviation_ns = 0.0
+
+    def visit(self, visit: Visit, opening_ua: int, now_ns: int) -> bool:
+        """Visit, if limits and ledger let anything through; True if a pulse was fired.
+
+        Raises: BusError, GuardRefusal, BoardFault: the caller makes the board safe.
+        """
+        wish = self._wish(visit)
+        width_us = min(wish.width_us, visit.width_us)
+        current_ua = self._limited(visit, wish.current_ua, width_us, opening_ua, now_ns)
+        pulse = self._tools.board.pulse(current_ua, width_us)
+        if pulse.code == 0:
+            return False
+        entry = self._entry(visit, current_ua, width_us)
+        if self._tools.ledger.why_not(entry, now_ns) is not None:
+            self._tools.reporter.skipped(visit.electrode, "ledger")
+            return False
+        self._fire(visit, pulse, entry, current_ua, width_us)
+        return True
+
+    def _wish(self, visit: Visit) -> Wish:
+        tools, electrode = self._tools, visit.electrode
+        wish = Wish(visit.current_ua, visit.width_us)
+        if not tools.stabilizers:
+            return wish
+        contact = tools.contact
+        known = Known(
+            electrode,
+            contact.is_touched[electrode],
+            contact.resistance_ohm[electrode],
+            contact.voltage_v[electrode],
+        )
+        return ask_all(tools.stabilizers, wish, known)
+
+    def _limited(
+        self, visit: Visit, wanted_ua: int, width_us: int, opening_ua: int, now_ns: int
+    ) -> int:
+        tools, electrode = self._tools, visit.electrode
+        current_ua, clamp = last_word(
+            self._path(visit),
+            wanted_ua,
+            width_us,
+            tools.maxima,
+            opening_ua,
+            tools.opening.recontact_ua(electrode, now_ns),
+            tools.contact.is_touched[electrode] is False,
+        )
+        if clamp is not None:
+            tools.reporter.clamped(clamp)
+        return current_ua
+
+    def _path(self, visit: Visit) -> Path:
+        path = visit.path
+        if visit.returns is not None:
+            return path
+        share = self._tools.contact.largest_share(visit.electrode)
+        if share == path.share:
+            return path
+        return Path(path.electrode, path.cap_ua, path.return_cap_ua, path.return_electrode, share)
+
+    def _entry(self, visit: Visit, current_ua: int, width_us: int) -> Entry:
+        on_us = width_us * len(visit.phases)
+        share = 1.0
+        if visit.returns is None:
+            share = self._tools.contact.largest_share(visit.electrode)
+        return Entry(visit.electrode, current_ua * on_us, on_us, visit.returns, share)
+
+    def _fire(
+        self, visit: Visit, pulse: Pulse, entry: Entry, current_ua: int, width_us: int
+    ) -> None:
+        board = self._tools.board
+        first, *others = visit.phases
+        board.connect(visit.selection, first)
+        shot = board.fire(pulse, visit.selection, first, current_ua, width_us)
+        self._tools.ledger.book(entry, shot.begun_ns)
+        begun_ns = shot.begun_ns
+        self._check_duration(shot, pulse, entry)
+        for is_anodic in others:
+            board.flip(visit.selection, is_anodic)
+            shot = board.fire(pulse, visit.selection, is_anodic, current_ua, width_us)
+            self._check_duration(shot, pulse, entry)
+        board.discharge()
+        self._learn(visit, pulse, shot, begun_ns)
+
+    def _check_duration(self, shot: Shot, pulse: Pulse, entry: Entry) -> None:
+        """What a message took over its plan bounds what the current flowed too long."""
+        excess_ns = shot.excess_ns
+        self._deviation_ns += _DRIFT_WEIGHT * (excess_ns - self._deviation_ns)
+        if excess_ns <= 0:
+            return
+        excess_pc = math.ceil(pulse.told_ua * excess_ns / 1_000)
+        self._tools.ledger.book_excess(entry, excess_pc, shot.begun_ns)
+        if excess_ns > self._halt_excess_ns:
+            raise BoardFault(
+                f"message for electrode {entry.electrode}",
+                f"{excess_ns / 1_000:.0f} us over its plan",
+                f"at most {self._halt_excess_ns / 1_000:.0f} us",
+            )
+
+    def _learn(self, visit: Visit, pulse: Pulse, shot: Shot, begun_ns: int) -> None:
+        tools, electrode = self._tools, visit.electrode
+        if tools.contact.learn(electrode, pulse.told_ua, shot.voltage_v):
+            tools.opening.touched_again(electrode)
+        tools.reporter.fired(
+            electrode,
+            begun_ns,
+            pulse.told_ua,
+            round(pulse.shape.width_us, 2),
+            tools.contact.voltage_v[electrode] or 0.0,
+            tools.contact.resistance_ohm[electrode],
+        )

@@ -1,0 +1,206 @@
+"""An engine on the stepped fake, driven over its own link by a scripted gateway.
+
+Time passes only as the engine spends it. Everything that the engine does crosses the fake's
+wires, and the trace of it is at hand.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from etd.config import LoadedConfig, fake_config
+from etd.engine.engine import Engine
+from etd.frame import Frame
+from etd.link import (
+    Alive,
+    Answer,
+    ArmBoard,
+    Channel,
+    Command,
+    NewFrame,
+    OpenLease,
+    Report,
+    ToEngine,
+    ToGateway,
+)
+from etd.protocol import Limits
+from etd.stabilize.pipeline import Stabilizer
+from etd_hal.compose import Backend, line_setup, spi_setup
+from etd_hal.fake.board import FakeBoard
+from etd_hal.fake.clock import SteppedClock
+from etd_hal.fake.faults import Fault
+from etd_hal.fake.fingertip import fingertip_body
+from etd_hal.fake.trace import Trace
+
+LEASE = "a-lease"
+_ALIVE_NS = 50_000_000
+
+
+@dataclass
+class EngineRig:
+    """See the module; `make` builds one."""
+
+    engine: Engine
+    fake: FakeBoard
+    clock: SteppedClock
+    sink: io.BytesIO
+    commands: Channel[ToGateway]
+    frames: Channel[ToGateway]
+    answers: dict[int, Answer] = field(default_factory=dict)
+    reports: list[Report] = field(default_factory=list)
+    others: list[object] = field(default_factory=list)
+    is_gateway_alive: bool = True
+    #: Called before each turn with the time, for what the world does meanwhile.
+    meanwhile: Callable[[int], None] = lambda _: None
+    _ref: int = 0
+    _seq: int = 0
+    _alive_ns: int = 0
+
+    def turn(self) -> None:
+        now_ns = self.clock.now_ns()
+        self.meanwhile(now_ns)
+        if self.is_gateway_alive and now_ns - self._alive_ns >= _ALIVE_NS // 2:
+            self._alive_ns = now_ns
+            self.commands.send(Alive())
+        self._sense()
+        self.engine.turn()
+        self._listen()
+
+    def _sense(self) -> None:
+        """What the sensor thread does, in between."""
+        rail = self.engine.rail
+        if rail.is_there:
+            rail.end()
+            rail.begin()
+
+    def _listen(self) -> None:
+        while (message := self.commands.receive()) is not None:
+            if isinstance(message, Answer):
+                self.answers[message.ref] = message
+            elif isinstance(message, Report):
+                self.reports.append(message)
+            else:
+                self.others.append(message)
+
+    def run_ms(self, duration_ms: float) -> None:
+        """Turns until so much time has passed."""
+        until_ns = self.clock.now_ns() + int(duration_ms * 1e6)
+        while self.clock.now_ns() < until_ns:
+            self.turn()
+
+    def next_ref(self) -> int:
+        self._ref += 1
+        return self._ref
+
+    def ask(self, kind: Callable[..., Command], patience_ms: int = 3_000, **fields: Any) -> Answer:
+        """Send a command and wait for its answer."""
+        ref = self.next_ref()
+        assert self.commands.send(kind(ref=ref, **fields))
+        return self.wait_for(ref, patience_ms)
+
+    def wait_for(self, ref: int, patience_ms: int = 3_000) -> Answer:
+        until_ns = self.clock.now_ns() + patience_ms * 1_000_000
+        while ref not in self.answers:
+            assert self.clock.now_ns() < until_ns, "no answer"
+            self.turn()
+        return self.answers.pop(ref)
+
+    def open(self, max_current_ua: int = 3_000, width_us: int = 200) -> None:
+        answer = self.ask(
+            OpenLease,
+            lease=LEASE,
+            client="test",
+            limits=Limits(max_current_ua=max_current_ua, width_us=width_us),
+        )
+        assert answer.error is None, answer.reason
+
+    def try_wearer_stop(self) -> None:
+        """Press and release, as before the first arming."""
+        self.fake.world.press("wearer_stop")
+        self.run_ms(5)
+        self.fake.world.release("wearer_stop")
+        self.run_ms(5)
+
+    def arm(self) -> None:
+        if self.engine.loaded.board.guards.wearer_stop != "absent":
+            self.try_wearer_stop()
+        answer = self.ask(ArmBoard)
+        assert answer.error is None, answer.reason
+
+    def send(self, **fields: Any) -> int:
+        """A frame with a fresh seq; returns its ref."""
+        self._seq += 1
+        ref = self.next_ref()
+        frame = Frame(**{"lease": LEASE, "seq": self._seq, **fields})
+        assert self.frames.send(NewFrame(ref=ref, frame=frame))
+        return ref
+
+    def show(self, **fields: Any) -> Answer:
+        """A frame, and its answer."""
+        return self.wait_for(self.send(**fields))
+
+    def hold(self, duration_ms: float, **fields: Any) -> None:
+        """The same frame again and again, for so long."""
+        until_ns = self.clock.now_ns() + int(duration_ms * 1e6)
+        while self.clock.now_ns() < until_ns:
+            answer = self.show(**fields)
+            assert answer.error is None, answer.reason
+            self.run_ms(min(60.0, (until_ns - self.clock.now_ns()) / 1e6))
+
+    @property
+    def records(self) -> list[dict[str, Any]]:
+        """The trace so far, its header left out."""
+        return [json.loads(line) for line in self.sink.getvalue().splitlines()[1:]]
+
+    def body(self) -> list[dict[str, Any]]:
+        """The trace's body records so far."""
+        return [record for record in self.records if record.get("bus") == "body"]
+
+    @property
+    def state(self) -> str:
+        return self.engine.states.state
+
+
+def make(
+    board: str | None = None,
+    *,
+    electrodes: int | None = None,
+    array: str | None = None,
+    loaded: LoadedConfig | None = None,
+    faults: Sequence[Fault] = (),
+    stabilizers: Sequence[Stabilizer] = (),
+) -> EngineRig:
+    """An engine that has begun, with a gateway attached."""
+    loaded = loaded or fake_config(board=board, array=array, electrodes=electrodes)
+    clock = SteppedClock()
+    sink = io.BytesIO()
+    outputs = loaded.array.outputs()
+    fake = FakeBoard(
+        loaded.board,
+        clock,
+        fingertip_body(loaded.board, len(outputs)),
+        electrodes=outputs,
+        trace=Trace(sink),
+        faults=faults,
+    )
+    ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
+    backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
+    engine = Engine(loaded, backend, stabilizers=stabilizers)
+    engine.begin()
+    mine, theirs = (
+        socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2)
+    )
+    engine.attach(Channel(theirs[0], ToEngine), Channel(mine[0], NewFrame))
+    return EngineRig(
+        engine,
+        fake,
+        clock,
+        sink,
+        Channel(theirs[1], ToGateway),
+        Channel(mine[1], ToGateway),
+    )
