@@ -22,11 +22,9 @@ class Ad5452:
 
     def __init__(
         self,
-        mode: int,
         on_code: Callable[[int, int], None],
         complain: Callable[[int, str], None],
     ) -> None:
-        self._mode = mode
         self._on_code = on_code
         self._complain = complain
         self._register = 0
@@ -38,12 +36,12 @@ class Ad5452:
         """SYNC falls."""
         self._clocks = 0
 
-    def shift(self, data: bytes) -> None:
-        """Clock `data` in, most significant bit first."""
+    def shift(self, data: bytes, mode: int) -> None:
+        """Clock `data` in, most significant bit first, by a master in SPI mode `mode`."""
         bits = 8 * len(data)
         word = int.from_bytes(data, "big")
         last = word & 1
-        if self._samples_before_the_first_bit():
+        if self._samples_before_the_first_bit(mode):
             word = (self._data_level << (bits - 1)) | (word >> 1)
         self._register = ((self._register << bits) | word) & 0xFFFF
         self._data_level = last
@@ -64,7 +62,7 @@ class Ad5452:
         else:
             self._complain(t_ns, f"a DAC word with reserved control bits {control:02b}")
 
-    def _samples_before_the_first_bit(self) -> bool:
+    def _samples_before_the_first_bit(self, mode: int) -> bool:
         """Whether the master puts the first bit out on the very edge that the chip samples."""
         late = _SHIFTS_LATE_WHEN_RISING if self._rising else _SHIFTS_LATE_WHEN_FALLING
-        return self._mode == late
+        return mode == late

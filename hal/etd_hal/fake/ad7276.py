@@ -15,8 +15,7 @@ _POWER_DOWN_CLOCKS = range(2, 10)
 
 
 class Ad7276:
-    def __init__(self, mode: int) -> None:
-        self._mode = mode
+    def __init__(self) -> None:
         self._frame = 0
         self._clocks = 0
         self._powered_down = False
@@ -27,10 +26,10 @@ class Ad7276:
         self._frame = 0 if self._powered_down else code << 2
         self._powered_down = False
 
-    def shift(self, byte_count: int) -> bytes:
-        """What the master reads in the next `byte_count` bytes."""
+    def shift(self, byte_count: int, mode: int) -> bytes:
+        """What a master in SPI mode `mode` reads in the next `byte_count` bytes."""
         bits = 8 * byte_count
-        early = 1 if self._mode == _ONE_BIT_EARLY_MODE else 0
+        early = 1 if mode == _ONE_BIT_EARLY_MODE else 0
         long_frame = self._frame << (early + 48)
         shift = 64 - self._clocks - bits
         self._clocks += bits

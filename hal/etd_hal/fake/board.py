@@ -14,9 +14,10 @@ from typing import Literal
 from etd_body.interface import Sides
 from etd_hal.boardfile import BoardFile
 from etd_hal.errors import BusError
-from etd_hal.fake.circuit import Circuit, Played
+from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.clock import BoardClock
 from etd_hal.fake.faults import Fault
+from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable, World
 from etd_hal.ports import Changes, Edge, LineSetup, Message, SpiSetup

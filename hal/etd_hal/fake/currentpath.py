@@ -6,6 +6,7 @@ Must not know: buses, words, registers.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from etd_body.interface import Body, Side, Sides
@@ -29,7 +30,14 @@ class _Phase:
 
 class CurrentPath:
     def __init__(
-        self, board: BoardFile, body: Body, rail: Rail, faults: Faults, trace: Trace, sides: Sides
+        self,
+        board: BoardFile,
+        body: Body,
+        rail: Rail,
+        faults: Faults,
+        trace: Trace,
+        sides: Sides,
+        settle_switch: Callable[[int], None],
     ) -> None:
         self._source = board.source
         one_shot = board.guards.one_shot
@@ -39,6 +47,7 @@ class CurrentPath:
         self._faults = faults
         self._trace = trace
         self._sides = sides
+        self._settle_switch = settle_switch
         self._compliance_v = -1.0
         self._cut_at_ns: int | None = None
         self._cut = False
@@ -78,7 +87,8 @@ class CurrentPath:
         return min(max(code, 0), _ADC_CODES - 1)
 
     def settle(self, t_ns: int) -> None:
-        """Let the one-shot end a pulse that lasts too long, at the time it does."""
+        """What went on by itself until `t_ns`: relays on their way, the one-shot's end."""
+        self._settle_switch(t_ns)
         if self._cut_at_ns is not None and t_ns >= self._cut_at_ns:
             at_ns, self._cut_at_ns, self._cut = self._cut_at_ns, None, True
             self._drive(at_ns)

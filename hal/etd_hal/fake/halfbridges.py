@@ -55,6 +55,11 @@ class HalfBridgeChain:
         """The level of the last stage, which the chain's data output shows."""
         return self._register >> (self._outputs - 1)
 
+    @property
+    def shorted(self) -> bool:
+        """A half-bridge cannot."""
+        return False
+
     def settle(self, t_ns: int) -> None:
         """Half-bridges switch at once: nothing is ever under way."""
 

@@ -74,7 +74,7 @@ class Lines:
             raise BusError("invalid", _DEVICE, "get", f"line {line} was not requested")
         return self.level(line)
 
-    def input_changes(self, t_ns: int, line: int, value: int) -> bool:
+    def move_input(self, t_ns: int, line: int, value: int) -> bool:
         """The world drives an input; tells whether that is a change."""
         if not self.put(line, value):
             return False

@@ -27,9 +27,10 @@ from etd_body.electrode import Contact, ContactKind
 from etd_hal.boardfile import load_board
 from etd_hal.errors import BusError, EtdError
 from etd_hal.fake import wire
-from etd_hal.fake.circuit import Circuit, Played
+from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.clock import START_NS
 from etd_hal.fake.fingertip import fingertip_body
+from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
 from etd_hal.ports import InputLine, LineSetup, Message, Pull, SpiSetup, Transfer
 

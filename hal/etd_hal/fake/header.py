@@ -1,0 +1,148 @@
+"""The GPIO side of a board: which pin drives what, stop lines, and the rules of the switch.
+
+Owns: the order and time of line changes, and who breaks a rule by one.
+Must not know: SPI, I2C, what the current does.
+"""
+
+from __future__ import annotations
+
+from etd_hal.boardfile import BoardFile, Relays
+from etd_hal.fake import pi4
+from etd_hal.fake.currentpath import CurrentPath
+from etd_hal.fake.faults import Faults, StuckLine
+from etd_hal.fake.halfbridges import HalfBridgeChain
+from etd_hal.fake.lines import Lines
+from etd_hal.fake.rail import Rail
+from etd_hal.fake.relays import RelayChain
+from etd_hal.fake.timeline import Timeline
+from etd_hal.fake.trace import Trace
+from etd_hal.fake.world import StopLine
+from etd_hal.ports import Changes, Edge, LineSetup
+
+_SWITCH_LINES = ("POL", "DATA", "LE", "BL", "CLK")
+_SAFE_OFF_LINES = frozenset(("POL", "BL", "HV", "HEARTBEAT"))
+
+
+class Header:
+    def __init__(
+        self,
+        board: BoardFile,
+        switch: HalfBridgeChain | RelayChain,
+        path: CurrentPath,
+        rail: Rail,
+        faults: Faults,
+        timeline: Timeline,
+        trace: Trace,
+    ) -> None:
+        self._board = board
+        self._switch = switch
+        self._path = path
+        self._rail = rail
+        self._faults = faults
+        self._timeline = timeline
+        self._trace = trace
+        self._line_of = board.used_lines()
+        self._names = {line: name for name, line in self._line_of.items()}
+        self._lines = Lines(self._levels_at_power_up())
+        self._presses: list[tuple[int, int, int]] = []
+        timeline.before_call.append(self._follow_world)
+
+    def _levels_at_power_up(self) -> dict[int, int]:
+        """What the pulls make: POL high, BL low, the supply off, stop loops closed."""
+        levels = dict.fromkeys(self._line_of.values(), 0)
+        hv_enable = self._board.guards.hv_enable
+        for name in ("POL", "EMERGENCY_STOP", "WEARER_STOP"):
+            if name in self._line_of:
+                levels[self._line_of[name]] = 1
+        if hv_enable != "absent":
+            levels[hv_enable.line] = 1 - hv_enable.on
+        return levels
+
+    def request(self, t_ns: int, setup: LineSetup) -> int:
+        """Take the lines; initial levels go out in the order given. Raises: BusError."""
+        self._lines.request(setup)
+        t_ns = self._timeline.start(t_ns)
+        for line, value in setup.outputs:
+            self._put(t_ns, line, value, exempt=False)
+            t_ns += pi4.GPIO_NEXT_LINE_NS
+        return self._timeline.end(t_ns + pi4.GPIO_CALL_NS)
+
+    def release(self) -> None:
+        """Let go of the lines; outputs keep their levels."""
+        self._lines.release()
+
+    def set(self, t_ns: int, changes: Changes) -> int:
+        """Set outputs, one after another in ascending order. Raises: BusError."""
+        ordered = self._lines.ascending(changes)
+        t_ns = self._timeline.start(t_ns)
+        exempt = self._is_safe_off(changes)
+        at_ns = t_ns + pi4.GPIO_FIRST_LINE_NS
+        for line, value in ordered:
+            self._put(at_ns, line, value, exempt)
+            at_ns += pi4.GPIO_NEXT_LINE_NS
+        return self._timeline.end(t_ns + pi4.GPIO_CALL_NS)
+
+    def get(self, t_ns: int, line: int) -> tuple[int, int]:
+        """The level of a line, and when the call ends. Raises: BusError."""
+        t_ns = self._timeline.start(t_ns)
+        name = self._names.get(line, "")
+        if name == "READBACK":
+            self._lines.put(line, self._switch.data_out)
+        level = self._stuck(name, self._lines.read(line))
+        self._trace.gpio(t_ns + pi4.GPIO_FIRST_LINE_NS, line, level)
+        return level, self._timeline.end(t_ns + pi4.GPIO_CALL_NS)
+
+    def take_edges(self, t_ns: int) -> tuple[tuple[Edge, ...], int]:
+        """The edges since the last call, and when this one ends. Raises: BusError."""
+        t_ns = self._timeline.start(t_ns)
+        edges = self._lines.take_edges()
+        return edges, self._timeline.end(t_ns + pi4.GPIO_CALL_NS)
+
+    def move_stop(self, stop: StopLine, value: int, at_ns: int | None) -> None:
+        """The world opens (0) or closes (1) the loop of a stop line, now or at a time to come."""
+        line = self._line_of.get(stop.upper())
+        if line is None:
+            raise ValueError(f"{self._board.name} has no {stop}")
+        self._presses.append((self._timeline.now_ns if at_ns is None else at_ns, line, value))
+        self._presses.sort()
+
+    def _follow_world(self, t_ns: int) -> None:
+        while self._presses and self._presses[0][0] <= t_ns:
+            at_ns, line, value = self._presses.pop(0)
+            if self._lines.move_input(at_ns, line, value):
+                self._trace.gpio(max(at_ns, self._timeline.now_ns), line, value)
+
+    def _put(self, t_ns: int, line: int, value: int, exempt: bool) -> None:
+        """One output is driven: record it, tell what hangs on it, and check the rules."""
+        self._trace.gpio(t_ns, line, value)
+        if not self._lines.put(line, value):
+            return
+        name = self._names.get(line, "")
+        level = self._stuck(name, value)
+        if name in _SWITCH_LINES:
+            if self._path.code and not exempt:
+                what = f"{name} changed with the DAC at code {self._path.code}"
+                self._timeline.complain(t_ns, what)
+            self._switch.set(t_ns, name, level)
+        elif name == "HV":
+            hv_enable = self._board.guards.hv_enable
+            self._rail.enable(t_ns, hv_enable != "absent" and level == hv_enable.on)
+        elif name == "HEARTBEAT":
+            self._rail.beat(t_ns)
+        if self._switch.blanked_high and self._rail.enabled:
+            self._timeline.complain(t_ns, "BL 0 with POL 0 while the supply is on")
+
+    def _stuck(self, name: str, level: int) -> int:
+        for fault in self._faults.of(StuckLine):
+            if fault.name == name:
+                return fault.level
+        return level
+
+    def _is_safe_off(self, changes: Changes) -> bool:
+        """All on ground and the supply off: the one call that may come while current flows."""
+        named = {self._names.get(line, ""): value for line, value in changes}
+        if not set(named) <= _SAFE_OFF_LINES:
+            return False
+        if isinstance(self._board.switch, Relays):
+            return True
+        return named.get("POL") == 1 and named.get("BL") == 0

@@ -1,0 +1,87 @@
+"""The I2C bus of a board: rail monitor, set-point, and whatever sensors hang on the monitor.
+
+Owns: who answers at which address, and what goes wrong there.
+Must not know: registers (`i2cchips.py`), who asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from etd_hal.boardfile import BoardFile
+from etd_hal.errors import BusError
+from etd_hal.fake import pi4
+from etd_hal.fake.faults import I2C_TIMEOUT_NS, Faults
+from etd_hal.fake.i2cchips import Ads1115, I2cChip, Mcp4725
+from etd_hal.fake.rail import Rail
+from etd_hal.fake.timeline import Timeline
+from etd_hal.fake.trace import Trace
+
+
+class I2cBus:
+    def __init__(
+        self,
+        board: BoardFile,
+        rail: Rail,
+        faults: Faults,
+        sensor_v: Callable[[int, int], float],
+        timeline: Timeline,
+        trace: Trace,
+    ) -> None:
+        self._device = board.i2c
+        self._faults = faults
+        self._timeline = timeline
+        self._trace = trace
+        self._chips: dict[int, I2cChip] = {}
+        monitor = board.guards.rail_monitor
+        if monitor != "absent":
+            inputs = _Inputs(monitor.address, monitor.channel, monitor.divider, rail, sensor_v)
+            self._chips[monitor.address] = Ads1115(inputs.volts)
+        if board.rail_setpoint != "absent":
+            self._chips[board.rail_setpoint.address] = Mcp4725(rail.set_point)
+
+    def transfer(
+        self, t_ns: int, address: int, write: bytes, read_length: int
+    ) -> tuple[bytes | BusError, int]:
+        """The bytes read, or what went wrong; and when the transaction ends.
+
+        The board's time does not wait for it: it runs beside the other buses.
+        """
+        t_ns = self._timeline.start(t_ns)
+        fault = self._faults.i2c(address)
+        chip = self._chips.get(address)
+        if fault is not None or chip is None:
+            kind = "absent" if fault is None else fault.kind
+            lasts_ns = I2C_TIMEOUT_NS if kind == "timeout" else pi4.i2c_ns(0, 0)
+            self._timeline.end(t_ns)
+            device = f"{self._device}, address 0x{address:02x}"
+            return BusError(kind, device, "transfer"), t_ns + lasts_ns
+        if write:
+            chip.write(t_ns, write)
+        read = chip.read(t_ns, read_length) if read_length else b""
+        self._trace.i2c(t_ns, address, write, read)
+        self._timeline.end(t_ns)
+        return read, t_ns + pi4.i2c_ns(len(write), read_length)
+
+
+class _Inputs:
+    """The rail behind its divider on one input, sensors on the others."""
+
+    def __init__(
+        self,
+        address: int,
+        rail_channel: int,
+        divider: float,
+        rail: Rail,
+        sensor_v: Callable[[int, int], float],
+    ) -> None:
+        self._address = address
+        self._rail_channel = rail_channel
+        self._divider = divider
+        self._rail = rail
+        self._sensor_v = sensor_v
+
+    def volts(self, t_ns: int, channel: int) -> float:
+        if channel == self._rail_channel:
+            return self._rail.volts(t_ns) / self._divider
+        return self._sensor_v(self._address, channel)
