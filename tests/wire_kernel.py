@@ -27,6 +27,7 @@ class Spidev:
 
     requests: list[int] = field(default_factory=list)
     messages: list[list[SentTransfer]] = field(default_factory=list)
+    addresses: list[int] = field(default_factory=list)
     fail_errno: int = 0
     lose_bytes: int = 0
     is_open: bool = True
@@ -44,6 +45,7 @@ class Spidev:
         self.requests.append(request)
         size = request >> 16 & 0x3FFF
         assert size == len(buffer)
+        self.addresses.append(int.from_bytes(buffer[:8], "little"))
         message = [self._play(part) for part in struct.iter_unpack("<QQIIHBBBBBB", buffer)]
         self.messages.append(message)
         return sum(len(transfer.tx) for transfer in message) - self.lose_bytes

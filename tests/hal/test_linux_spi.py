@@ -62,6 +62,17 @@ def test_buffers_stay_where_they_are_while_thousands_of_messages_come_and_go() -
     assert all(message[0].tx == b"\x13\x30" for message in kernel.messages[1::2])
 
 
+def test_a_message_seen_before_goes_out_from_the_same_memory() -> None:
+    kernel = Spidev()
+    spi = opened(kernel)
+    spi.transfer(PULSE)
+    kept_elsewhere = [spi.transfer(Message((Transfer(bytes(64)),))) for _ in range(8)]
+    spi.transfer(PULSE)
+    assert len(kept_elsewhere) == 8
+    assert kernel.addresses[0] == kernel.addresses[-1]
+    assert len(set(kernel.addresses)) == 9
+
+
 def test_equal_messages_are_told_apart_and_each_is_answered() -> None:
     spi = opened(Spidev())
     one, same = Message((Transfer(b"\x01\x02"),)), Message((Transfer(b"\x01\x02"),))
