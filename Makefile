@@ -28,7 +28,7 @@ test: $(VENV)/ready-dev ## Everything that must hold: format, lint, types, impor
 	$(BIN)/ruff format --check $(ROOTS)
 	$(BIN)/ruff check $(ROOTS)
 	$(BIN)/mypy $(ROOTS)
-	$(BIN)/lint-imports
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/pytest
 
 bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)

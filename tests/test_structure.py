@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,15 @@ def test_only_the_linux_package_knows_devices_and_clocks() -> None:
 @pytest.mark.parametrize("port", ["spi", "gpio", "i2c", "clock"])
 def test_the_search_finds_the_imports_that_are_there(port: str) -> None:
     assert len(imported(LINUX / f"{port}.py") & ONLY_IN_LINUX) == 1
+
+
+def test_every_module_of_the_hal_is_under_the_contract_that_keeps_backends_apart() -> None:
+    linter = tomllib.loads((CLONE / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]
+    contract = next(one for one in linter["contracts"] if one["name"].startswith("only compose"))
+    hal = (CLONE / "hal" / "etd_hal").iterdir()
+    modules = {f"etd_hal.{path.stem}" for path in hal if not path.name.startswith("__")}
+    apart = {"etd_hal.compose", "etd_hal.fake", "etd_hal.linux"}
+    assert modules - apart == set(contract["source_modules"]) - {"etd"}
 
 
 def test_every_module_has_a_docstring() -> None:
