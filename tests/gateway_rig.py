@@ -20,6 +20,7 @@ from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
 from etd.link import Greeting
 from etd.places import address_of
+from etd_hal.ports import Clock
 from scripted_engine import ScriptedEngine
 
 #: Turns of 5 ms until something that should arrive counts as not arriving.
@@ -52,7 +53,9 @@ class RunningClock:
 class GatewayRig:
     """Stepped by the test: `until` gives gateway and engine turns while something is awaited."""
 
-    def __init__(self, facts: Greeting | None = None, **config: Any) -> None:
+    def __init__(
+        self, facts: Greeting | None = None, clock: Clock | None = None, **config: Any
+    ) -> None:
         self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
         root = Path(self._temporary.name)
         self.folder = root / "run"
@@ -69,7 +72,8 @@ class GatewayRig:
         )
         self.facts = facts
         self.engine = ScriptedEngine(self.folder, facts)
-        self.gateway = Gateway(self.config, self.clock)
+        self.running = clock or self.clock
+        self.gateway = Gateway(self.config, self.running)
         self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self.control = self.socket(zmq.DEALER, "control.sock")
 
@@ -142,10 +146,7 @@ class ServedRig(GatewayRig):
     """The same in a thread of its own, for clients that block."""
 
     def __init__(self, facts: Greeting | None = None, **config: Any) -> None:
-        super().__init__(facts, **config)
-        self.clock = RunningClock()  # type: ignore[assignment]
-        self.gateway.close()
-        self.gateway = Gateway(self.config, self.clock)
+        super().__init__(facts, RunningClock(), **config)
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve)
 
@@ -160,9 +161,18 @@ class ServedRig(GatewayRig):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self.pause()
+        super().__exit__(kind, error, trace)
+
+    def pause(self) -> None:
+        """Nobody is served until `resume`."""
         self._ending.set()
         self._thread.join(10)
-        super().__exit__(kind, error, trace)
+
+    def resume(self) -> None:
+        self._ending.clear()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
 
     def _serve(self) -> None:
         while not self._ending.is_set():

@@ -75,6 +75,8 @@ class Sockets:
             for socket in (self.control, self.frames):
                 socket.disable_monitor()
             self._context.destroy(linger=0)
+            for name in (CONTROL, FRAMES, TELEMETRY):  # libzmq leaves them
+                (self._folder / name).unlink(missing_ok=True)
 
     def _bound(self, kind: int, name: str, receive_hwm: int) -> Socket:
         socket = self._context.socket(kind)

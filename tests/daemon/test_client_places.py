@@ -1,0 +1,97 @@
+"""Where daemons are found by name.
+
+Owns: the order of system and user folders, and who counts as running.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from etd import places
+from etd.errors import FileError
+
+
+@pytest.fixture
+def folders(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A short root: the path of a Unix socket is bounded."""
+    with tempfile.TemporaryDirectory(prefix="etd-") as root:
+        monkeypatch.setattr(places, "SYSTEM_RUNTIME", Path(root) / "run")
+        monkeypatch.setattr(places, "SYSTEM_STATE", Path(root) / "lib")
+        monkeypatch.setenv("XDG_RUNTIME_DIR", f"{root}/user")
+        monkeypatch.setenv("XDG_STATE_HOME", f"{root}/state")
+        yield Path(root)
+
+
+def listen(folder: Path) -> socket.socket:
+    folder.mkdir(parents=True, exist_ok=True)
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind(str(folder / "control.sock"))
+    listening.listen()
+    return listening
+
+
+def test_a_user_has_folders_of_their_own(folders: Path) -> None:
+    assert places.runtime_folder("main") == folders / "user/etd/main"
+    assert places.state_folder("main") == folders / "state/etd/main"
+    assert places.control_address("main") == f"ipc://{folders}/user/etd/main/control.sock"
+
+
+def test_a_folder_that_systemd_laid_out_comes_first(folders: Path) -> None:
+    for kind in ("run", "lib"):
+        (folders / kind / "main").mkdir(parents=True)
+    assert places.runtime_folder("main") == folders / "run/main"
+    assert places.state_folder("main") == folders / "lib/main"
+    assert "user" in places.control_address("main"), "nobody has a socket there yet"
+    (folders / "run/main/control.sock").touch()
+    assert places.control_address("main") == f"ipc://{folders}/run/main/control.sock"
+
+
+def test_without_a_runtime_folder_of_the_session_the_temporary_one_serves(
+    folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders))
+    assert places.runtime_folder("x") == folders / f"etd-{os.getuid()}/x"
+
+    (folders / f"etd-{os.getuid()}").symlink_to("/")
+    monkeypatch.setattr(os, "getuid", lambda: 12345)
+    (folders / "etd-12345").mkdir()
+    with pytest.raises(FileError, match="belongs to somebody else"):
+        places.runtime_folder("x")
+
+
+def test_only_daemons_that_answer_are_running(folders: Path) -> None:
+    here = [listen(folders / where) for where in ("user/etd/main", "user/etd/b", "run/main")]
+    (folders / "user/etd/dead").mkdir()
+    left = listen(folders / "user/etd/dead")
+    left.close()
+
+    assert places.running_daemons() == ["b", "main"]
+    assert len(places.find_daemons()) == 3, "two of one name are two"
+    for listening in here:
+        listening.close()
+    assert places.running_daemons() == []
+
+
+def test_why_a_socket_cannot_be_reached_is_a_clause(folders: Path) -> None:
+    listen(folders / "user/etd/dead").close()
+    assert places.why_unreachable(folders / "none") == "there is no socket"
+    assert "left over" in str(places.why_unreachable(folders / "user/etd/dead/control.sock"))
+
+
+def test_a_path_too_long_for_a_socket_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="at most 107 bytes"):
+        places.prepare_runtime(tmp_path / ("x" * 100))
+    assert not (tmp_path / ("x" * 100)).exists()
+
+
+def test_a_runtime_folder_is_for_its_group(tmp_path: Path) -> None:
+    with tempfile.TemporaryDirectory() as root:
+        places.prepare_runtime(Path(root) / "main")
+        assert (Path(root) / "main").stat().st_mode & 0o777 == 0o750

@@ -1,0 +1,89 @@
+"""The gateway as a process of its own: how it begins, ends and dies.
+
+Owns: signals, the lock after a kill, and what the engine sees of it.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from etd import AlreadyRunning, Display
+from etd.gateway.config import GatewayConfig
+from etd.gateway.server import Gateway
+from etd.places import address_of
+from gateway_rig import HandClock
+from scripted_engine import ScriptedEngine
+
+_SCRIPT = """
+import sys
+from pathlib import Path
+from gateway_rig import RunningClock
+from etd.gateway.config import GatewayConfig
+from etd.gateway.process import run_gateway
+folder = Path(sys.argv[1])
+config = GatewayConfig(name="p", runtime_folder=folder, state_dir=folder / "state")
+sys.exit(run_gateway(config, RunningClock(), on_ready=lambda: print("ready", flush=True)))
+"""
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="etd-") as name:
+        yield Path(name)
+
+
+@contextmanager
+def process(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    environment = {"PYTHONPATH": ":".join(sys.path)}
+    with subprocess.Popen(
+        [sys.executable, "-c", _SCRIPT, str(folder)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+    ) as running:
+        assert running.stdout is not None
+        assert running.stdout.readline() == "ready\n"
+        try:
+            yield running
+        finally:
+            running.kill()
+
+
+@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGINT])
+def test_it_serves_until_it_is_told_to_end(folder: Path, ending: signal.Signals) -> None:
+    with process(folder) as running:
+        with Display(address=address_of(folder)) as display:
+            assert display.status().engine == "gone"
+        running.send_signal(ending)
+        assert running.wait(10) == 0
+    assert not (folder / "control.sock").exists()
+
+
+def test_a_second_process_of_the_name_is_refused_until_the_first_was_killed(folder: Path) -> None:
+    config = GatewayConfig(name="p", runtime_folder=folder, state_dir=folder / "state")
+    with process(folder) as running:
+        with pytest.raises(AlreadyRunning, match=f"process {running.pid} holds"):
+            Gateway(config, HandClock())
+        running.kill()
+        running.wait(10)
+    Gateway(config, HandClock()).close()
+
+
+def test_a_killed_gateway_is_seen_by_its_engine_at_once(folder: Path) -> None:
+    engine = ScriptedEngine(folder)
+    with process(folder) as running:
+        while not engine.alive:
+            engine.turn()
+        running.kill()
+        running.wait(10)
+        engine.turn()
+        assert not engine.is_connected
+    engine.close()
