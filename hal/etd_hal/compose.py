@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from etd_hal.fake.clock import BoardClock
 
 
+#: After its start, and for as long.
+_WEARER_TRIES_NS = 300_000_000
+
+
 @dataclass(frozen=True, slots=True)
 class Backend:
     """The ports of one board, and how to let go of them."""
@@ -31,6 +35,8 @@ class Backend:
     clock: Clock
     marker: Marker
     close: Callable[[], None]
+    #: How far the clock is behind CLOCK_MONOTONIC: a fake's may be.
+    lag_ns: Callable[[], int] = lambda: 0
 
 
 class NoMarker:
@@ -133,15 +139,41 @@ def _open_in_process(
     )
     ports = fake.request(line_setup(board), spi_setup(board))
 
+    if board.guards.wearer_stop != "absent":
+        # The fake's wearer does what every wearer does first: try the stop once.
+        fake.world.press("wearer_stop", clock.now_ns() + _WEARER_TRIES_NS)
+        fake.world.release("wearer_stop", clock.now_ns() + 2 * _WEARER_TRIES_NS)
+
     def close() -> None:
         ports.close()
         fake.close()
 
-    return Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close)
+    return Backend(
+        "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close, clock.lag_ns
+    )
 
 
 def _open_board_process(board: BoardFile, path: Path, clock: BoardClock) -> Backend:
     from etd_hal.fake.remote import open_remote
 
     ports = open_remote(path, clock, board, line_setup(board), spi_setup(board))
-    return Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
+    return Backend(
+        "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close, clock.lag_ns
+    )
+
+
+def set_up_realtime(priority: int, core: int | None) -> tuple[str, ...]:
+    """Make the calling thread real-time, and its process fit for it.
+
+    Returns a sentence for each thing that was not granted.
+    """
+    from etd_hal.linux.realtime import set_up
+
+    return set_up(priority, core)
+
+
+def set_up_urgent_thread(priority: int) -> str | None:
+    """Only the scheduling of the calling thread. Returns a sentence if it was not granted."""
+    from etd_hal.linux.realtime import scheduling
+
+    return scheduling(priority)

@@ -12,11 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import msgspec
-
 from etd.config import LoadedConfig
 from etd.engine import commands
 from etd.engine.contact import ContactMap
+from etd.engine.dialogue import Dialogue
 from etd.engine.duty import BusyClock
 from etd.engine.energize import Energizer, Goal, Readiness, check_ready
 from etd.engine.lease import Lease
@@ -29,10 +28,11 @@ from etd.engine.scan import Scanner
 from etd.engine.sensors import RailSensor
 from etd.engine.state import StateMachine
 from etd.engine.stopper import Stopper
+from etd.engine.telling import greeting, state_report
 from etd.engine.visits import Tools, Visitor
 from etd.errors import BoardFault, BusError, GuardRefusal, Refused
-from etd.link import SILENCE_NS, Answer, Channel, Greeting, LeaseEnded, NewFrame, Report, ToEngine
-from etd.protocol import ArrayFacts, BoardFacts, Halt, StateReport
+from etd.link import Answer, Channel, LeaseEnded, NewFrame, ToEngine
+from etd.protocol import Halt
 from etd.stabilize.pipeline import Stabilizer
 from etd_hal.board import Board
 from etd_hal.compose import Backend
@@ -54,7 +54,7 @@ class Engine:
         *,
         stabilizers: Sequence[Stabilizer] = (),
         not_granted: tuple[str, ...] = (),
-        feed_watchdog: Callable[[], None] = lambda: None,
+        feed_watchdog: Callable[[int], None] = lambda _: None,
     ) -> None:
         self.loaded = loaded
         self.clock = BusyClock(backend.clock)
@@ -62,16 +62,18 @@ class Engine:
         self.board = Board(loaded.board, loaded.machine, backend.spi, backend.gpio, self.clock)
         self.maxima = maxima_of(loaded.board, loaded.body_site)
         self.rail = RailSensor(loaded.board, backend.i2c, backend.clock)
+        self.backend = backend
+        self.not_granted = not_granted
+        self.last_silence: str | None = None
         self.stopper = Stopper(self.board, backend.clock)
         self.states = StateMachine()
+        self._dialogue = Dialogue()
         self.lease: Lease | None = None
         self.contact = ContactMap(loaded.array.count, loaded.board.source, loaded.body_site.contact)
-        self.reporter = Reporter(loaded.array.count, self._send)
+        self.reporter = Reporter(loaded.array.count, self._dialogue.send)
         self.opening = Opening(self.maxima.current_ua)
         self.scanner = Scanner(self.board, self.clock, self.marker, self.reporter)
         self.supply_changed: Callable[[bool], None] = lambda _: None
-        self._backend_name = backend.name
-        self._not_granted = not_granted
         self._feed_watchdog = feed_watchdog
         self._tools = Tools(
             self.board,
@@ -85,14 +87,10 @@ class Engine:
         self._visitor = Visitor(self._tools)
         self._planner: Planner | None = None
         self._energizer: Energizer | None = None
-        self._commands: Channel[ToEngine] | None = None
-        self._frames: Channel[NewFrame] | None = None
-        self._heard_ns = 0
         self._beaten_ns = 0
         self._told_ns = 0
         self._wearer_stop_was_open = False
         self._is_wearer_stop_tried = loaded.board.guards.wearer_stop == "absent"
-        self._last_silence: str | None = None
 
     def _ledger_bounds(self) -> Bounds:
         maxima = self.maxima
@@ -121,14 +119,14 @@ class Engine:
 
     def attach(self, commands_: Channel[ToEngine], frames: Channel[NewFrame]) -> None:
         """A gateway has connected."""
-        self._commands, self._frames = commands_, frames
-        self._heard_ns = self.clock.now_ns()
-        commands_.send(self._greeting())
-        self._tell_state(self._heard_ns)
+        now_ns = self.clock.now_ns()
+        self._dialogue.attach(commands_, frames, now_ns)
+        self._dialogue.send(greeting(self))
+        self._tell_state(now_ns)
 
     @property
     def has_gateway(self) -> bool:
-        return self._commands is not None
+        return self._dialogue.is_attached
 
     def turn(self) -> None:
         """One look at everything, then a scan or a short sleep. Never raises EtdError."""
@@ -188,27 +186,18 @@ class Engine:
         self._beat(now_ns)
         if now_ns - self._told_ns >= STATE_PERIOD_NS:
             self._tell_state(now_ns)
-        self._feed_watchdog()
+        self._feed_watchdog(now_ns)
 
     def _watch_gateway(self, now_ns: int) -> None:
-        channel = self._commands
-        if channel is None:
-            return
-        if not channel.is_open:
-            self._lose_gateway("the gateway is gone")
-        elif now_ns - self._heard_ns > SILENCE_NS and self.states.state in ("PROBE", "ARMED"):
+        why = self._dialogue.why_lost()
+        if why is not None:
+            self._dialogue.hang_up()
+            self.end_lease(why)
+        elif self._dialogue.is_silent(now_ns) and self.lease is not None:
             # What it said just before a stall of ours still lies in the queue.
             self._obey(now_ns)
-            if now_ns - self._heard_ns > SILENCE_NS:
+            if self._dialogue.is_silent(now_ns):
                 self.end_lease("the gateway is silent")
-
-    def _lose_gateway(self, why: str) -> None:
-        for channel in (self._commands, self._frames):
-            if channel is not None:
-                channel.close()
-        self._commands = self._frames = None
-        self._drop_energizer(why)
-        self.end_lease(why)
 
     def _watch_stops(self) -> None:
         is_live = self.states.state in ("PROBE", "ARMED")
@@ -233,26 +222,11 @@ class Engine:
             self.halt("fault", "rail", f"{rail_v:.0f} V, not {monitor.low_v} to {monitor.high_v} V")
 
     def _obey(self, now_ns: int) -> None:
-        while self._commands is not None:
-            try:
-                command = self._commands.receive()
-            except msgspec.DecodeError as error:
-                self._lose_gateway(f"the gateway spoke nonsense ({error})")
-                return
-            if command is None:
-                return
-            self._heard_ns = now_ns
+        for command in self._dialogue.commands(now_ns):
             commands.obey(self, command, now_ns)
 
     def _take_frames(self) -> None:
-        while self._frames is not None:
-            try:
-                message = self._frames.receive()
-            except msgspec.DecodeError as error:
-                self._lose_gateway(f"the gateway spoke nonsense ({error})")
-                return
-            if message is None:
-                return
+        for message in self._dialogue.frames():
             commands.take_frame(self, message, self.clock.now_ns())
 
     def _beat(self, now_ns: int) -> None:
@@ -349,7 +323,7 @@ class Engine:
 
     def _silence(self, why: str) -> None:
         problems = self.board.safe_off()
-        self._last_silence = why
+        self.last_silence = why
         self.supply_changed(False)
         self.scanner.silence()
         self.opening.restart()
@@ -408,70 +382,9 @@ class Engine:
         self._tell_gateway(answer)
 
     def _tell_gateway(self, message: Answer | LeaseEnded) -> None:
-        if self._commands is not None and not self._commands.send(message):
+        if not self._dialogue.send(message):
             self.reporter.counters["answers_dropped"] += 1
-
-    def _send(self, report: Report) -> bool:
-        return self._commands is not None and self._commands.send(report)
 
     def _tell_state(self, now_ns: int) -> None:
         self._told_ns = now_ns
-        self.reporter.state(self.state_report(now_ns))
-
-    def state_report(self, now_ns: int) -> StateReport:
-        """What `status` shows."""
-        timing = self.board.timing
-        return StateReport(
-            state=self.states.state,
-            now_ns=now_ns,
-            engine="there",
-            halt=self.states.halt,
-            holder=None if self.lease is None else self.lease.client,
-            ceiling_ua=self.opening.ceiling_ua,
-            rail_v=self.rail.rail_v(now_ns),
-            supply_on=self.board.is_supply_on,
-            absent_guards=self.loaded.board.absent_guards,
-            not_granted=self._not_granted,
-            counters=dict(self.reporter.counters),
-            busy_percent=round(self.clock.busy_percent, 1),
-            timing=msgspec.structs.asdict(timing)
-            if isinstance(timing, msgspec.Struct)
-            else {
-                "word_us": round(timing.word_us, 3),
-                "delay_extra_us": round(timing.delay_extra_us, 3),
-                "message_us": round(timing.message_us, 3),
-                "spread_us": round(timing.spread_us, 3),
-            },
-            last_disarm=self._last_silence,
-        )
-
-    def _greeting(self) -> Greeting:
-        loaded = self.loaded
-        board, source = loaded.board, loaded.board.source
-        return Greeting(
-            board=BoardFacts(
-                name=board.name,
-                backend=self._backend_name,
-                machine=loaded.machine.name,
-                full_scale_ua=source.full_scale_ua,
-                resolution_ua=source.full_scale_ua / (source.codes - 1),
-                leak_ohm=source.leak_ohm,
-                compliance_v=source.compliance_v,
-                rest_us=board.rest_us,
-                states=self.board.switch.states,
-                present_guards=board.present_guards,
-                absent_guards=board.absent_guards,
-            ),
-            array=ArrayFacts(
-                name=loaded.array.name,
-                electrodes=loaded.array.count,
-                x_mm=loaded.array.x_mm,
-                y_mm=loaded.array.y_mm,
-                diameter_mm=loaded.array.diameter_mm,
-            ),
-            body_site=loaded.body_site.name,
-            maxima=self.maxima.facts(),
-            default_width_us=loaded.body_site.defaults.width_us,
-            default_rate_hz=loaded.body_site.defaults.rate_hz,
-            default_polarity=loaded.body_site.defaults.polarity,
-        )
+        self.reporter.state(state_report(self, now_ns))

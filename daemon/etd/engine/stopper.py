@@ -7,6 +7,7 @@ frames, SPI. The message itself cannot be stopped; its outputs can be disconnect
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from etd.errors import EtdError
 from etd_hal.board import OVERDUE_NS, Board
@@ -39,9 +40,11 @@ class Stopper:
 class StopperThread(threading.Thread):
     """Looks twice a millisecond while the supply is on, else waits."""
 
-    def __init__(self, stopper: Stopper) -> None:
+    def __init__(self, stopper: Stopper, prepare: Callable[[], object] = lambda: None) -> None:
+        """`prepare` is called in the thread first: it must be more urgent than what it watches."""
         super().__init__(name="etd-stopper", daemon=True)
         self._stopper = stopper
+        self._prepare = prepare
         self._awake = threading.Event()
         self._pause = threading.Event()
         self._is_ending = False
@@ -54,6 +57,7 @@ class StopperThread(threading.Thread):
             self._awake.clear()
 
     def run(self) -> None:
+        self._prepare()
         while not self._is_ending:
             self._awake.wait()
             self._stopper.look()

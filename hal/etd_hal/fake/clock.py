@@ -30,6 +30,10 @@ class BoardClock(Protocol):
 
     def sleep_until_ns(self, deadline_ns: int) -> None: ...
 
+    def lag_ns(self) -> int:
+        """How far it is behind the real clock."""
+        ...
+
     def begin_call(self) -> int:
         """The time at which a port call starts."""
         ...
@@ -64,6 +68,10 @@ class SteppedClock:
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         self._move_to(deadline_ns)
+
+    def lag_ns(self) -> int:
+        """There is no real clock beside it."""
+        return 0
 
     def spend(self, duration_ns: int) -> None:
         """Let time pass, as computing does."""

@@ -31,7 +31,7 @@ def set_up(priority: int, core: int | None) -> tuple[str, ...]:
     Returns a sentence for each thing that was not granted, with what would grant it.
     """
     refusals = (
-        _scheduling(priority),
+        scheduling(priority),
         _affinity(core),
         _timer_slack(),
         _memory(),
@@ -40,7 +40,8 @@ def set_up(priority: int, core: int | None) -> tuple[str, ...]:
     return tuple(sentence for sentence in refusals if sentence)
 
 
-def _scheduling(priority: int) -> str | None:
+def scheduling(priority: int) -> str | None:
+    """SCHED_FIFO for the calling thread; a sentence if it was not granted."""
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
     if policy == os.SCHED_FIFO and os.sched_getparam(0).sched_priority >= priority:
         return None

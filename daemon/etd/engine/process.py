@@ -1,0 +1,126 @@
+"""The engine as a process: threads, signals, and the loop that ends in the safe state.
+
+Owns: the order of starting and ending. Must not know: what a turn does, which backend there is.
+
+The side threads start before the main thread asks for its core and its priority, so that they
+inherit neither. However the loop ends, the board is made safe first and everything else after.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+from etd.config import LoadedConfig
+from etd.engine.engine import Engine
+from etd.engine.sensors import SensorThread
+from etd.engine.stopper import StopperThread
+from etd.link import Listener
+from etd.notify import Notifier
+from etd_hal.compose import Backend, set_up_realtime, set_up_urgent_thread
+
+_ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+#: The watchdog is fed this many times within its period.
+_FEEDINGS = 4
+
+
+def run_engine(
+    loaded: LoadedConfig,
+    backend: Backend,
+    folder: Path,
+    on_ready: Callable[[], None] = lambda: None,
+) -> int:
+    """Drive the board until SIGTERM, SIGINT or SIGHUP. Main thread only.
+
+    `folder` is the daemon's runtime folder, where the gateway finds the link. Returns the exit
+    status: 0, or 1 when the board could not be made safe at the end.
+    Raises: AlreadyRunning, BoardFault, BusError; the board has been made safe then.
+    """
+    listener = Listener(folder)
+    notifier = Notifier()
+    engine = Engine(loaded, backend, feed_watchdog=_Feeder(notifier))
+    try:
+        engine.begin()
+        problems = _drive(engine, listener, notifier, on_ready)
+    finally:
+        # Whatever happened: `end` never raises, and is harmless when it ran already.
+        engine.end()
+        backend.close()
+        listener.close()
+        notifier.close()
+    for problem in problems:
+        print(f"etd engine: not safe: {problem}", file=sys.stderr)  # noqa: T201
+    return 1 if problems else 0
+
+
+def _drive(
+    engine: Engine, listener: Listener, notifier: Notifier, on_ready: Callable[[], None]
+) -> tuple[str, ...]:
+    asked_to_end: list[int] = []
+
+    def note(number: int, _: FrameType | None) -> None:
+        asked_to_end.append(number)
+
+    before = {ending: signal.signal(ending, note) for ending in _ENDINGS}
+    sensors = SensorThread(engine.rail)
+    stopper = StopperThread(engine.stopper, _urgency(engine.loaded))
+    engine.supply_changed = stopper.watch
+    try:
+        sensors.start()
+        stopper.start()
+        engine.not_granted = _realtime(engine.loaded)
+        notifier.ready(f"SAFE, {engine.loaded.board.name} on {engine.backend.name}")
+        on_ready()
+        while not asked_to_end:
+            _greet(engine, listener)
+            engine.turn()
+    finally:
+        # First of all, and again by the caller: it costs nothing.
+        problems = engine.end()
+        notifier.stopping()
+        stopper.end()
+        sensors.end()
+        for ending, handler in before.items():
+            signal.signal(ending, handler)
+    return problems
+
+
+def _greet(engine: Engine, listener: Listener) -> None:
+    """One gateway at a time; the next one waits until this one is gone."""
+    if engine.has_gateway:
+        return
+    channels = listener.accept()
+    if channels is not None:
+        engine.attach(*channels)
+
+
+def _realtime(loaded: LoadedConfig) -> tuple[str, ...]:
+    wanted = loaded.config.engine
+    if wanted.priority == "none":
+        return ("real-time scheduling was not asked for (engine.priority is none)",)
+    return set_up_realtime(wanted.priority, None if wanted.core == "any" else wanted.core)
+
+
+def _urgency(loaded: LoadedConfig) -> Callable[[], object]:
+    """The stopper stands above the scan thread."""
+    priority = loaded.config.engine.priority
+    if priority == "none":
+        return lambda: None
+    return lambda: set_up_urgent_thread(priority + 1)
+
+
+class _Feeder:
+    """Feeds systemd's watchdog from the scan loop itself, not more often than it must."""
+
+    def __init__(self, notifier: Notifier) -> None:
+        self._notifier = notifier
+        self._period_ns = (notifier.watchdog_ns or 0) // _FEEDINGS
+        self._fed_ns = 0
+
+    def __call__(self, now_ns: int) -> None:
+        if self._period_ns and now_ns - self._fed_ns >= self._period_ns:
+            self._fed_ns = now_ns
+            self._notifier.alive()
