@@ -11,6 +11,8 @@ from typing import Any, Self
 
 import pytest
 
+from etd_hal import linux
+from etd_hal.boardfile import load_board
 from etd_hal.errors import BusError
 from etd_hal.ports import InputLine, LineSetup
 from wire_kernel import HeldRequest
@@ -19,6 +21,7 @@ gpiod = pytest.importorskip("gpiod", reason="gpiod is there on Linux only")
 
 from etd_hal.linux import gpio as linux_gpio  # noqa: E402
 
+KAJIMOTO = Path(__file__).parents[2] / "config" / "boards" / "kajimoto-hv507.toml"
 SETUP = LineSetup(outputs=((23, 0), (4, 1)), inputs=(InputLine(17, "down", edges=True),))
 
 
@@ -69,7 +72,10 @@ def kernel(monkeypatch: pytest.MonkeyPatch) -> Kernel:
 
 
 @pytest.fixture
-def devices(tmp_path: Path) -> Callable[..., Path]:
+def devices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
+    """Lays out the chips of a machine."""
+    monkeypatch.setattr(linux_gpio, "DEVICES", tmp_path)
+
     def make(*chips: str) -> Path:
         for number, text in enumerate(chips):
             (tmp_path / f"gpiochip{number}").write_text(text)
@@ -85,26 +91,29 @@ def test_the_chip_is_found_by_its_label_whatever_its_number(
     kernel: Kernel, devices: Devices
 ) -> None:
     folder = devices("raspberrypi-exp-gpio", "ENODEV", "pinctrl-bcm2711")
-    found = linux_gpio.find_chip(("pinctrl-bcm2711", "pinctrl-bcm2835"), folder)
+    found = linux_gpio.find_chip(("pinctrl-bcm2711", "pinctrl-bcm2835"))
     assert found == folder / "gpiochip2"
 
 
 def test_without_the_label_the_labels_there_are_are_told(kernel: Kernel, devices: Devices) -> None:
+    devices("one", "two")
     with pytest.raises(BusError, match="there are one, two") as caught:
-        linux_gpio.find_chip(("pinctrl-bcm2711",), devices("one", "two"))
+        linux_gpio.find_chip(("pinctrl-bcm2711",))
     assert caught.value.kind == "absent"
 
 
 def test_no_chip_at_all_is_told(kernel: Kernel, devices: Devices) -> None:
+    devices()
     with pytest.raises(BusError, match="no GPIO chip at all"):
-        linux_gpio.find_chip(("pinctrl-bcm2711",), devices())
+        linux_gpio.find_chip(("pinctrl-bcm2711",))
 
 
 def test_a_chip_that_may_not_be_opened_is_a_matter_of_permission(
     kernel: Kernel, devices: Devices
 ) -> None:
+    devices("EACCES", "other")
     with pytest.raises(BusError) as caught:
-        linux_gpio.find_chip(("pinctrl-bcm2711",), devices("EACCES", "other"))
+        linux_gpio.find_chip(("pinctrl-bcm2711",))
     assert caught.value.kind == "permission"
 
 
@@ -131,5 +140,22 @@ def test_busy_outputs_leave_nothing_requested(kernel: Kernel) -> None:
     kernel.busy = {4}
     with pytest.raises(BusError) as caught:
         linux_gpio.open_gpio(Path("gpiochip0"), SETUP)
+    assert caught.value.kind == "busy"
+    assert kernel.granted == []
+
+
+def test_the_lines_can_be_had_when_all_else_is_gone(kernel: Kernel, devices: Devices) -> None:
+    devices("pinctrl-bcm2835")
+    driver = linux.open_lines(load_board(KAJIMOTO), SETUP)
+    assert kernel.granted[0].offsets == [23, 4]
+    driver.close()
+
+
+def test_lines_that_somebody_holds_are_told_by_function_and_holder(
+    kernel: Kernel, devices: Devices
+) -> None:
+    devices("pinctrl-bcm2711\n4 etd")
+    with pytest.raises(BusError, match=r"POL \(4\) is held by 'etd'") as caught:
+        linux.open_lines(load_board(KAJIMOTO), SETUP)
     assert caught.value.kind == "busy"
     assert kernel.granted == []

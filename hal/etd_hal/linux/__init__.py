@@ -10,6 +10,7 @@ The ports that `open_ports` returns have a `close` each.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from etd_hal.boardfile import BoardFile, MachineFile
@@ -41,13 +42,38 @@ def open_ports(board: BoardFile, machine: MachineFile, lines: LineSetup) -> Port
     spi = _opened(problems, lambda: _open_spi(board))
     i2c = None if board.i2c == "absent" else _opened(problems, lambda: _open_i2c(board))
     # The lines last: requesting them drives them, so only when nothing else is in the way.
-    gpio = _opened(problems, lambda: _open_gpio(board, lines, request=not problems))
+    gpio = None
+    if problems:
+        _opened(problems, lambda: _free_lines(board, lines))
+    else:
+        gpio = _opened(problems, lambda: open_lines(board, lines))
     if problems or spi is None or gpio is None:
-        for port in (spi, i2c, gpio):
+        for port in (spi, i2c):
             if port is not None:
                 port.close()
         raise HardwareMissing(tuple(problems))
     return spi, gpio, i2c, LinuxClock()
+
+
+def open_lines(board: BoardFile, lines: LineSetup) -> LinuxGpio:
+    """The lines alone, driven from the request on: what is left to do when SPI is gone.
+
+    Raises: BusError (busy, with who holds them; absent, permission); ModuleNotFoundError.
+    """
+    from etd_hal.linux.gpio import open_gpio
+
+    return open_gpio(_free_lines(board, lines), lines)
+
+
+def _free_lines(board: BoardFile, lines: LineSetup) -> Path:
+    """The chip, if nobody holds one of the lines. Raises: BusError."""
+    from etd_hal.linux.gpio import find_chip, holders
+
+    chip = find_chip(board.gpio_chip_labels)
+    held = holders(chip, _all_lines(lines))
+    if held:
+        raise BusError("busy", str(chip), "requesting lines", who_holds(held, board))
+    return chip
 
 
 def _opened(problems: list[str], open_one: Callable[[], T]) -> T | None:
@@ -80,17 +106,6 @@ def _open_i2c(board: BoardFile) -> LinuxI2c:
     from etd_hal.linux.i2c import open_i2c
 
     return open_i2c(board.i2c)
-
-
-def _open_gpio(board: BoardFile, lines: LineSetup, *, request: bool) -> LinuxGpio | None:
-    """The requested lines, or None if they were only to be looked at. Raises: BusError."""
-    from etd_hal.linux.gpio import find_chip, holders, open_gpio
-
-    chip = find_chip(board.gpio_chip_labels)
-    held = holders(chip, _all_lines(lines))
-    if held:
-        raise BusError("busy", str(chip), "requesting lines", who_holds(held, board))
-    return open_gpio(chip, lines) if request else None
 
 
 def _all_lines(lines: LineSetup) -> tuple[int, ...]:

@@ -24,6 +24,9 @@ from etd_hal.ports import Changes, Edge, InputLine, LineSetup, Pull
 #: As fcntl.ioctl: file descriptor, request number, buffer.
 Ioctl = Callable[[int, int, bytearray], int]
 
+#: Where chips are looked for.
+DEVICES = Path("/dev")
+
 #: What gpiod takes: by line number (it would take names and groups of lines as well).
 Settings = dict[Iterable[int | str] | int | str, gpiod.LineSettings | None]
 
@@ -136,14 +139,14 @@ def _edge(event: gpiod.EdgeEvent) -> Edge:
     return Edge(line=event.line_offset, value=value, t_ns=event.timestamp_ns)
 
 
-def find_chip(labels: Sequence[str], devices: Path = Path("/dev")) -> Path:
+def find_chip(labels: Sequence[str]) -> Path:
     """The device of the chip with one of these labels: its number moves between kernels.
 
     Raises: BusError (absent: none has such a label; permission: one could not be asked).
     """
     closed: list[Path] = []
     seen: list[str] = []
-    for path in sorted(devices.glob("gpiochip*")):
+    for path in sorted(DEVICES.glob("gpiochip*")):
         try:
             with gpiod.Chip(str(path)) as chip:
                 seen.append(chip.get_info().label)
