@@ -44,6 +44,7 @@ def test_everything_that_is_missing_is_listed_at_once_with_what_to_do() -> None:
     assert "/dev/i2c-none" in i2c
     assert "raspi-config" in i2c
     assert "no-such-chip" in gpio
+    assert "gpio_chip_labels" in gpio
 
 
 def test_a_board_without_i2c_does_not_ask_for_it() -> None:

@@ -39,14 +39,16 @@ def open_ports(board: BoardFile, machine: MachineFile, lines: LineSetup) -> Port
     wrong_machine = this_machine.problem(machine)
     if wrong_machine:
         problems.append(wrong_machine)
-    spi = _opened(problems, lambda: _open_spi(board))
-    i2c = None if board.i2c == "absent" else _opened(problems, lambda: _open_i2c(board))
+    spi = _opened(problems, lambda: _open_spi(board), _SWITCH_ON)
+    i2c = None
+    if board.i2c != "absent":
+        i2c = _opened(problems, lambda: _open_i2c(board), _SWITCH_ON)
     # The lines last: requesting them drives them, so only when nothing else is in the way.
     gpio = None
     if problems:
-        _opened(problems, lambda: _free_lines(board, lines))
+        _opened(problems, lambda: _free_lines(board, lines), _OTHER_CHIP)
     else:
-        gpio = _opened(problems, lambda: open_lines(board, lines))
+        gpio = _opened(problems, lambda: open_lines(board, lines), _OTHER_CHIP)
     if problems or spi is None or gpio is None:
         for port in (spi, i2c):
             if port is not None:
@@ -76,18 +78,21 @@ def _free_lines(board: BoardFile, lines: LineSetup) -> Path:
     return chip
 
 
-def _opened(problems: list[str], open_one: Callable[[], T]) -> T | None:
+def _opened(problems: list[str], open_one: Callable[[], T], if_absent: str) -> T | None:
     try:
         return open_one()
     except ModuleNotFoundError as error:
         problems.append(f"the Python package {error.name} is not installed: pip install 'etd[pi]'")
     except BusError as error:
-        problems.append(f"{error}: {_ADVICE.get(error.kind, 'see the kernel log (dmesg)')}")
+        advice = if_absent if error.kind == "absent" else _ADVICE.get(error.kind, _LOOK)
+        problems.append(f"{error}; {advice}")
     return None
 
 
+_SWITCH_ON = "switch the bus on (raspi-config, Interface Options), or correct the board file"
+_OTHER_CHIP = "the board file's gpio_chip_labels name the chip of the 40-pin header: correct them"
+_LOOK = "the kernel log (dmesg) may say why"
 _ADVICE = {
-    "absent": "switch the bus on (raspi-config, Interface Options), or correct the board file",
     "busy": "end the program that holds them (`etd stop` and `systemctl stop` for a daemon)",
     "gone": "look whether the device is still there, and its driver loaded",
     "permission": "join the groups gpio, spi and i2c (sudo adduser NAME GROUP), log in again",
