@@ -98,6 +98,15 @@ def project_texts() -> list[Path]:
     return [path for path in files if "__pycache__" not in path.parts]
 
 
+def test_every_link_between_our_texts_leads_somewhere() -> None:
+    texts = [*CLONE.glob("*.md"), *(CLONE / "docs").rglob("*.md")]
+    link = re.compile(r"\]\((?!https?:|#)([^)#\s]+)")
+    found = [(text, target) for text in texts for target in link.findall(text.read_text("utf-8"))]
+    assert len(found) > 10
+    broken = [f"{name(text)}: {to}" for text, to in found if not (text.parent / to).exists()]
+    assert broken == []
+
+
 def test_nothing_points_to_a_folder_of_one_persons_machine() -> None:
     private = re.compile(rb"(?<![\w.])/(home|root|Users|work|mnt)/\w")
     found = [name(path) for path in project_texts() if private.search(path.read_bytes())]
