@@ -20,7 +20,7 @@ from typing import Generic, TypeVar
 import msgspec
 
 from etd.calibration import Calibration
-from etd.errors import AlreadyRunning, ErrorCode
+from etd.errors import AlreadyRunning, ErrorCode, Refused
 from etd.frame import Frame, Polarity
 from etd.protocol import (
     ArrayFacts,
@@ -150,6 +150,17 @@ class Answer(_Message, frozen=True, kw_only=True):
     contact: Contact | None = None
     marked_ns: int | None = None
     sync: bool = False
+
+    @classmethod
+    def refusing(cls, ref: int, refusal: Refused) -> Answer:
+        """To what was not accepted."""
+        return cls(
+            ref=ref,
+            error=refusal.code,
+            reason=refusal.reason,
+            electrode=refusal.electrode,
+            achievable_hz=refusal.achievable_hz,
+        )
 
 
 class LeaseEnded(_Message, frozen=True, kw_only=True):

@@ -25,6 +25,9 @@ T = TypeVar("T")
 #: Of any 100 ms the loop may be busy for at most this part; see `engine/duty.py`.
 BUSY_PART = 0.8
 
+#: A plan leaves this much of its period for what comes in between: heartbeat, reports.
+RESERVE = 0.98
+
 #: Anodic phases are True.
 PHASES: dict[Polarity, tuple[bool, ...]] = {
     "anodic": (True,),
@@ -102,6 +105,7 @@ class Planner:
         if frame.strict and clamped:
             self._refuse_strict(clamped[0])
         rate_hz, thinned = self._rate(frame, visits)
+        self._check_array_mean(visits, rate_hz)
         return Plan(frame, visits, rate_hz, int(1e9 / rate_hz), clamped, thinned)
 
     # --- visits ----------------------------------------------------------------------------
@@ -122,7 +126,6 @@ class Planner:
             if wanted_ua[one] > 0
         ]
         visits.sort(key=lambda visit: visit.selection.output)
-        self._check_array_mean(visits)
         return tuple(visits)
 
     def _calibration_for_levels(self) -> Calibration:
@@ -194,8 +197,10 @@ class Planner:
                     electrode,
                 )
 
-    def _check_array_mean(self, visits: Sequence[Visit]) -> None:
-        mean_ua = sum(
+    def _check_array_mean(self, visits: Sequence[Visit], rate_hz: float) -> None:
+        """At the rate that the scan will have; a lower one slows all down alike."""
+        slower = rate_hz / max((one.rate_hz for one in visits), default=rate_hz)
+        mean_ua = slower * sum(
             one.current_ua * one.width_us * len(one.phases) * one.rate_hz for one in visits
         )
         most_ua = self._rules.maxima.array_mean_current_ua
@@ -297,7 +302,7 @@ class Planner:
             slots_us += cost.slot_us
             busy_us += cost.busy_us
             before = output
-        return min(1e6 / slots_us, BUSY_PART * 1e6 / busy_us)
+        return RESERVE * min(1e6 / slots_us, BUSY_PART * 1e6 / busy_us)
 
 
 def _check_conditions(frame: Frame, calibration: Calibration) -> None:

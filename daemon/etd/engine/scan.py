@@ -26,8 +26,10 @@ class Standing:
         self.expires_ns = expires_ns
         self.next_ns = now_ns
         self.is_begun = False
-        # All are due in the first scan.
-        self._phase = [1.0 - visit.rate_hz / plan.rate_hz for visit in plan.visits]
+        # The fastest is due in every scan, a slower one in its share of them; all in the first.
+        fastest_hz = max((visit.rate_hz for visit in plan.visits), default=1.0)
+        self._share = [visit.rate_hz / fastest_hz for visit in plan.visits]
+        self._phase = [1.0 - share for share in self._share]
         pulses = plan.frame.pulses
         self._left = None if pulses is None else [pulses] * len(plan.visits)
 
@@ -42,7 +44,7 @@ class Standing:
         """The visits of the scan that begins now, with their places in the plan."""
         found = []
         for place, visit in enumerate(self.plan.visits):
-            self._phase[place] += visit.rate_hz / self.plan.rate_hz
+            self._phase[place] += self._share[place]
             if self._phase[place] < 1.0 - _ALMOST:
                 continue
             self._phase[place] -= 1.0

@@ -1,0 +1,282 @@
+"""What may be asked of a live board: the lease, the way up, and every way to silence.
+
+Owns: the states and the lease; the parts that a daemon drives its board with; all that leads into
+SAFE and HALTED. Must not know: who asks (`commands.py`), when (`engine.py`), ZeroMQ, files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from etd.config import LoadedConfig
+from etd.engine.contact import ContactMap
+from etd.engine.dialogue import Dialogue
+from etd.engine.duty import BusyClock
+from etd.engine.energize import Energizer, Goal, Readiness, check_ready
+from etd.engine.lease import Lease
+from etd.engine.ledger import Bounds, Ledger
+from etd.engine.limits import maxima_of
+from etd.engine.opening import Opening
+from etd.engine.plan import Planner, Rules
+from etd.engine.reporting import Reporter
+from etd.engine.scan import Scanner
+from etd.engine.sensors import RailSensor
+from etd.engine.state import StateMachine
+from etd.engine.stopper import Stopper
+from etd.engine.visits import Tools, Visitor
+from etd.errors import BoardFault, Refused
+from etd.link import Answer, LeaseEnded
+from etd.protocol import Halt, StateReport
+from etd.stabilize.pipeline import Stabilizer
+from etd_hal.board import Board
+from etd_hal.compose import Backend
+from etd_hal.cost import CostModel
+
+
+class Core:
+    """See the module. `Engine` adds the loop."""
+
+    def __init__(
+        self,
+        loaded: LoadedConfig,
+        backend: Backend,
+        *,
+        stabilizers: Sequence[Stabilizer] = (),
+    ) -> None:
+        self.loaded = loaded
+        self.clock = BusyClock(backend.clock)
+        self.marker = backend.marker
+        self.board = Board(loaded.board, loaded.machine, backend.spi, backend.gpio, self.clock)
+        self.maxima = maxima_of(loaded.board, loaded.body_site)
+        self.rail = RailSensor(loaded.board, backend.i2c, backend.clock)
+        self.backend = backend
+        self.not_granted: tuple[str, ...] = ()
+        self.last_silence: str | None = None
+        self.stopper = Stopper(self.board, backend.clock)
+        self.states = StateMachine()
+        self._dialogue = Dialogue()
+        self.lease: Lease | None = None
+        self.contact = ContactMap(loaded.array.count, loaded.board.source, loaded.body_site.contact)
+        self.reporter = Reporter(loaded.array.count, self._dialogue.send)
+        self.opening = Opening(self.maxima.current_ua)
+        self.scanner = Scanner(self.board, self.clock, self.marker, self.reporter)
+        self.supply_changed: Callable[[bool], None] = lambda _: None
+        self._tools = Tools(
+            self.board,
+            self.maxima,
+            Ledger(loaded.array.count, self._ledger_bounds()),
+            self.opening,
+            self.contact,
+            self.reporter,
+            stabilizers,
+        )
+        self._visitor = Visitor(self._tools)
+        self._planner: Planner | None = None
+        self._energizer: Energizer | None = None
+        self._told_ns = 0
+        self._is_wearer_stop_tried = loaded.board.guards.wearer_stop == "absent"
+
+    def _ledger_bounds(self) -> Bounds:
+        maxima = self.maxima
+        return Bounds(
+            mean_current_ua=maxima.mean_current_ua,
+            pulses=maxima.rate_hz,
+            on_us=maxima.on_us_per_s,
+            array_mean_current_ua=maxima.array_mean_current_ua,
+            array_on_us=maxima.array_on_us_per_s,
+        )
+
+    # --- life ------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Make the board safe, calibrate its timing. Raises: BoardFault, BusError."""
+        problems = self.board.safe_off()
+        if problems:
+            raise BoardFault("start", "; ".join(problems), "a board that can be made safe")
+        self.board.calibrate()
+
+    def end(self) -> tuple[str, ...]:
+        """Leave the board safe, whatever state it is in; what did not work, as sentences."""
+        self.scanner.silence()
+        self.states.safe()
+        return self.board.safe_off()
+
+    # --- the way up --------------------------------------------------------------------------
+
+    def begin_lease(self, lease: Lease) -> None:
+        """A new person, perhaps: everything starts from zero."""
+        self.lease = lease
+        self.opening.restart()
+        self.planner_of_lease()
+
+    def planner_of_lease(self) -> None:
+        """Plans follow the person's limits and the calibrated timing."""
+        if self.lease is None:
+            self._planner = None
+            return
+        rules = Rules(self.loaded.array, self.loaded.body_site, self.maxima, self.lease.person)
+        cost = CostModel(self.loaded.board, self.loaded.machine, self.board.timing)
+        self._planner = Planner(self.board, rules, cost)
+
+    @property
+    def planner(self) -> Planner:
+        """Raises: Refused (`no_lease`)."""
+        if self._planner is None:
+            raise Refused("no_lease", "no lease stands")
+        return self._planner
+
+    def energize(self, goal: Goal, ref: int) -> None:
+        """Begin the way up. Raises: Refused; the answer to `ref` comes when it ends."""
+        self.states.need("SAFE")
+        if self.lease is None:
+            raise Refused("no_lease", "no lease stands: an application opens one, then arm")
+        if self._energizer is not None:
+            raise Refused("wrong_state", f"{self._energizer.goal} is under way")
+        check_ready(self._readiness())
+        energizer = Energizer(goal, ref, self._tools, self.rail, self.loaded.array, self.clock)
+        self.states.probe()
+        self.board.guard.permit(self.maxima.probe_current_ua)
+        self.supply_changed(True)
+        self._energizer = energizer
+        try:
+            energizer.begin()
+        except Refused:
+            self._energizer = None
+            self.make_safe("the rail is not known")
+            raise
+
+    def _readiness(self) -> Readiness:
+        stops = self.board.stops()
+        return Readiness(
+            self.loaded.unaccepted_guards,
+            tuple(name for name, is_open in stops.items() if is_open),
+            self._is_wearer_stop_tried,
+            not self.stopper.has_acted,
+        )
+
+    def _climb(
+        self, energizer: Energizer, now_ns: int, may_fire: Callable[[int], int | None]
+    ) -> None:
+        try:
+            if not energizer.is_rail_there(now_ns):
+                return
+        except Refused as refusal:
+            self._energizer = None
+            self.make_safe(refusal.reason)
+            self.answer(Answer.refusing(energizer.ref, refusal))
+            return
+        if not energizer.measure_contact(self._visitor, may_fire):
+            return
+        self._energizer = None
+        contact = self.reporter.contact(self.contact, self.clock.now_ns())
+        if energizer.goal == "measure":
+            self.make_safe("measured")
+        else:
+            self.states.arm()
+            self.opening.restart()
+            self.board.guard.permit(self.maxima.current_ua)
+            self._tell_state(self.clock.now_ns())
+        self.answer(Answer(ref=energizer.ref, contact=contact))
+
+    # --- the way down ------------------------------------------------------------------------
+
+    def make_safe(self, why: str) -> None:
+        """Silence, supply off, SAFE; a board that cannot be made safe halts."""
+        if self.states.state in ("PROBE", "ARMED"):
+            self._silence(why)
+            self.states.safe()
+            self._tell_state(self.clock.now_ns())
+
+    def _silence(self, why: str) -> None:
+        problems = self.board.safe_off()
+        self.last_silence = why
+        self.supply_changed(False)
+        self.scanner.silence()
+        self.opening.restart()
+        self.contact.forget()
+        self._drop_energizer(why)
+        self.reporter.scan_report(self.clock.now_ns(), 0, is_due=True)
+        if problems:
+            self._latch("fault", "safe_off", "; ".join(problems))
+
+    def _drop_energizer(self, why: str) -> None:
+        energizer, self._energizer = self._energizer, None
+        if energizer is not None:
+            self.answer(Answer(ref=energizer.ref, error="arm_failed", reason=f"cut short: {why}"))
+
+    def end_lease(self, why: str) -> None:
+        """Lapsed, closed, or lost with its gateway: silence, SAFE, no holder."""
+        self.make_safe(why)
+        lease, self.lease = self.lease, None
+        self.planner_of_lease()
+        if lease is not None:
+            self.reporter.counters[f"leases_ended_{why.split()[-1]}"] += 1
+            self._tell_gateway(LeaseEnded(lease=lease.token, why=why))
+
+    def halt(self, cause: str, who: str, detail: str) -> None:
+        """Silence at once, and HALTED until `clear`. The first cause stands."""
+        if self.states.state == "HALTED":
+            self.board.safe_off()
+            return
+        self._silence(f"halted by {cause}")
+        self._latch(cause, who, detail)
+        self.end_lease("halted")
+
+    def _latch(self, cause: str, who: str, detail: str) -> None:
+        halt = Halt(cause=cause, who=who, detail=detail, t_ns=self.clock.now_ns())
+        if self.states.stop(halt):
+            self.reporter.halt(halt)
+            self._tell_state(halt.t_ns)
+
+    def clear(self) -> None:
+        """Leave HALTED. Raises: Refused, while a stop line is open or the board is not safe."""
+        if self.states.state == "HALTED":
+            open_stops = [name for name, is_open in self.board.stops().items() if is_open]
+            if open_stops:
+                raise Refused("halted", f"{' and '.join(open_stops)} still open: release it first")
+            problems = self.board.safe_off()
+            if problems:
+                raise Refused("halted", f"the board is not safe: {'; '.join(problems)}")
+        self.states.clear()
+        self.stopper.has_acted = False
+        self._tell_state(self.clock.now_ns())
+
+    # --- telling -----------------------------------------------------------------------------
+
+    def answer(self, answer: Answer) -> None:
+        """To the gateway, if it is there."""
+        self._tell_gateway(answer)
+
+    def _tell_gateway(self, message: Answer | LeaseEnded) -> None:
+        if not self._dialogue.send(message):
+            self.reporter.counters["answers_dropped"] += 1
+
+    def _tell_state(self, now_ns: int) -> None:
+        self._told_ns = now_ns
+        self.reporter.state(self.state_report(now_ns))
+
+    def state_report(self, now_ns: int) -> StateReport:
+        """What `status` shows."""
+        timing = self.board.timing
+        return StateReport(
+            state=self.states.state,
+            now_ns=now_ns,
+            engine="there",
+            halt=self.states.halt,
+            holder=None if self.lease is None else self.lease.client,
+            ceiling_ua=self.opening.ceiling_ua,
+            rail_v=self.rail.rail_v(now_ns),
+            supply_on=self.board.is_supply_on,
+            absent_guards=self.loaded.board.absent_guards,
+            not_granted=self.not_granted,
+            counters=dict(self.reporter.counters),
+            busy_percent=round(self.clock.busy_percent, 1),
+            clock_lag_us=self.backend.lag_ns() // 1_000,
+            timing={
+                "word_us": round(timing.word_us, 3),
+                "delay_extra_us": round(timing.delay_extra_us, 3),
+                "message_us": round(timing.message_us, 3),
+                "spread_us": round(timing.spread_us, 3),
+            },
+            last_disarm=self.last_silence,
+        )
