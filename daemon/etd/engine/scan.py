@@ -78,7 +78,6 @@ class Scanner:
         if self.standing is not None and self.standing.is_begun:
             self._reporter.frame_ended()
         self.standing = None
-        self._is_rewritten = False
 
     def expire(self, now_ns: int) -> None:
         """Let go of a frame whose time is over."""
