@@ -1,0 +1,172 @@
+"""The fake's time, against a real clock that a test moves by hand."""
+
+from __future__ import annotations
+
+import threading
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etd_hal.fake.clock import LiveClock, SteppedClock
+
+MS = 1_000_000
+
+
+class HandClock:
+    """A real clock that stands still unless slept on; sleeps wake `late_ns` late."""
+
+    def __init__(self, late_ns: int = 0) -> None:
+        self.t_ns = 5_000 * MS
+        self.late_ns = late_ns
+
+    def now_ns(self) -> int:
+        return self.t_ns
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        if deadline_ns > self.t_ns:
+            self.t_ns = deadline_ns + self.late_ns
+
+
+class TestSteppedClock:
+    def test_time_passes_only_by_being_spent_or_slept(self) -> None:
+        clock = SteppedClock(start_ns=100)
+        assert (clock.now_ns(), clock.now_ns()) == (100, 100)
+        clock.spend(50)
+        clock.sleep_until_ns(400)
+        assert clock.now_ns() == 400
+
+    def test_a_sleep_into_the_past_changes_nothing(self) -> None:
+        clock = SteppedClock(start_ns=100)
+        clock.sleep_until_ns(20)
+        assert clock.now_ns() == 100
+
+    def test_actions_run_at_their_times_in_order(self) -> None:
+        clock = SteppedClock(start_ns=0)
+        seen: list[tuple[str, int]] = []
+        clock.at(70, lambda: seen.append(("late", clock.now_ns())))
+        clock.at(30, lambda: seen.append(("first", clock.now_ns())))
+        clock.at(30, lambda: seen.append(("second", clock.now_ns())))
+        clock.sleep_until_ns(69)
+        assert seen == [("first", 30), ("second", 30)]
+        clock.spend(1)
+        assert seen[2] == ("late", 70)
+
+
+class TestLiveClock:
+    def test_a_call_lasts_exactly_as_long_as_the_model_says(self) -> None:
+        real = HandClock(late_ns=37_000)
+        clock = LiveClock(real)
+        begun_ns = clock.begin_message()
+        real.t_ns += 60_000
+        clock.end_call(begun_ns + 112_062)
+        assert clock.now_ns() - begun_ns == 112_062
+
+    def test_waking_late_shows_as_lag_and_the_next_sleep_takes_it_back(self) -> None:
+        real = HandClock(late_ns=300_000)
+        clock = LiveClock(real)
+        clock.end_call(clock.begin_message() + 100_000)
+        assert clock.lag_ns() == 300_000
+        real.late_ns = 0
+        clock.sleep_until_ns(clock.now_ns() + 500_000)
+        assert clock.lag_ns() == 0
+
+    def test_a_stall_is_given_up_at_the_next_sleep_and_counted(self) -> None:
+        real = HandClock()
+        clock = LiveClock(real)
+        clock.end_call(clock.begin_message() + 100_000)
+        real.t_ns += 50 * MS
+        assert clock.lag_ns() == 50 * MS
+        clock.sleep_until_ns(clock.now_ns() + 1 * MS)
+        assert (clock.lag_ns(), clock.jumps) == (0, 1)
+
+    def test_a_thread_that_never_sleeps_gets_on_too(self) -> None:
+        real = HandClock()
+        clock = LiveClock(real)
+        clock.begin_message()
+        real.t_ns += 150 * MS
+        assert clock.now_ns() == real.t_ns
+        assert clock.jumps == 1
+
+    def test_a_moment_without_processor_does_not_lengthen_a_message(self) -> None:
+        real = HandClock()
+        clock = LiveClock(real)
+        begun_ns = clock.now_ns()
+        real.t_ns += 40 * MS
+        clock.end_call(clock.begin_message() + 100_000)
+        real.t_ns += 40 * MS
+        assert clock.now_ns() - begun_ns == 100_000
+
+    def test_another_threads_sleep_does_not_move_time(self) -> None:
+        real = HandClock()
+        clock = LiveClock(real)
+        begun_ns = clock.begin_message()
+        clock.end_call(begun_ns + 100_000)
+        seen: list[int] = []
+
+        def sleep_while_the_player_goes_on(deadline_ns: int) -> None:
+            real.t_ns = max(real.t_ns, deadline_ns)
+            seen.append(clock.now_ns() - begun_ns)
+            if len(seen) == 2:
+                real.sleep_until_ns = lambda _deadline_ns: None  # type: ignore[method-assign]
+                clock.end_call(begun_ns + 21 * MS)
+
+        def sensor() -> None:
+            real.sleep_until_ns = sleep_while_the_player_goes_on  # type: ignore[method-assign]
+            clock.sleep_until_ns(begun_ns + 20 * MS)
+            seen.append(clock.now_ns() - begun_ns)
+
+        thread = threading.Thread(target=sensor)
+        thread.start()
+        thread.join(5.0)
+        assert seen == [100_000, 100_000, 21 * MS]
+
+    def test_a_side_call_takes_time_only_for_who_makes_it(self) -> None:
+        real = HandClock()
+        clock = LiveClock(real)
+        begun_ns = clock.begin_message()
+        clock.end_side_call(begun_ns + 2 * MS)
+        assert clock.now_ns() == begun_ns
+        assert real.t_ns == begun_ns + 2 * MS
+
+    def test_while_the_player_sleeps_others_see_time_go_on(self) -> None:
+        real = HandClock()
+        clock = LiveClock(real)
+        clock.begin_message()
+        start_ns = clock.now_ns()
+        seen: list[int] = []
+
+        def sleep_and_look(deadline_ns: int) -> None:
+            real.t_ns = deadline_ns - 1 * MS
+            seen.append(clock.now_ns() - start_ns)
+            real.t_ns = deadline_ns
+
+        real.sleep_until_ns = sleep_and_look  # type: ignore[method-assign]
+        clock.sleep_until_ns(start_ns + 8 * MS)
+        assert seen == [7 * MS]
+
+    @given(
+        st.lists(
+            st.tuples(
+                st.sampled_from(["call", "sleep", "compute", "side"]), st.integers(0, 200 * MS)
+            ),
+            max_size=30,
+        ),
+        st.integers(0, 20 * MS),
+    )
+    def test_it_never_leads_and_never_goes_back(
+        self, steps: list[tuple[str, int]], late_ns: int
+    ) -> None:
+        real = HandClock(late_ns)
+        clock = LiveClock(real)
+        before_ns = clock.now_ns()
+        for kind, duration_ns in steps:
+            if kind == "call":
+                clock.end_call(clock.begin_message() + duration_ns)
+            elif kind == "side":
+                clock.end_side_call(clock.begin_call() + duration_ns)
+            elif kind == "sleep":
+                clock.sleep_until_ns(clock.now_ns() + duration_ns)
+            else:
+                real.t_ns += duration_ns
+            assert before_ns <= clock.now_ns() <= real.t_ns
+            before_ns = clock.now_ns()
