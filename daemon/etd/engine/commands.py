@@ -9,7 +9,7 @@ from __future__ import annotations
 from etd.engine.core import Core
 from etd.engine.lease import Lease, check_holder, check_seq
 from etd.engine.limits import limits_of_calibration, limits_of_numbers
-from etd.errors import Refused
+from etd.errors import BoardFault, BusError, GuardRefusal, Refused
 from etd.link import (
     Alive,
     Answer,
@@ -37,6 +37,9 @@ def obey(core: Core, command: ToEngine, now_ns: int) -> None:
         answer = _done(core, command, now_ns)
     except Refused as refusal:
         answer = Answer.refusing(command.ref, refusal)
+    except (BusError, BoardFault, GuardRefusal) as fault:
+        core.halt("fault", type(fault).__name__, str(fault))
+        answer = Answer(ref=command.ref, error="halted", reason=str(fault))
     if answer is not None and command.ref:
         core.answer(answer)
 

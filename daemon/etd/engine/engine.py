@@ -11,6 +11,7 @@ are looked at before any queue is read: after a stall nothing stale is shown.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import islice
 
 from etd.config import LoadedConfig
 from etd.engine import commands
@@ -24,6 +25,8 @@ from etd_hal.compose import Backend
 
 #: Between two looks when nothing is due; the heartbeat's monostable wants edges as well.
 TICK_NS = 1_000_000
+#: Planning takes time that the heartbeat cannot spare; the rest waits for the next turn.
+_FRAMES_A_TURN = 4
 #: Edges come this often within the monostable's window.
 _BEATS_PER_WINDOW = 4
 
@@ -59,10 +62,9 @@ class Engine(Core):
 
     def turn(self) -> None:
         """One look at everything, then a scan or a short sleep. Never raises EtdError."""
-        now_ns = self.clock.now_ns()
-        self._watch(now_ns)
-        self._take_frames()
         try:
+            self._watch(self.clock.now_ns())
+            self._take_frames()
             self._work(self.clock.now_ns())
         except (BusError, GuardRefusal, BoardFault) as fault:
             self.halt("fault", type(fault).__name__, str(fault))
@@ -155,7 +157,7 @@ class Engine(Core):
             commands.obey(self, command, now_ns)
 
     def _take_frames(self) -> None:
-        for message in self._dialogue.frames():
+        for message in islice(self._dialogue.frames(), _FRAMES_A_TURN):
             commands.take_frame(self, message, self.clock.now_ns())
 
     def _beat(self, now_ns: int) -> None:

@@ -38,7 +38,7 @@ class Standing:
 
     @property
     def has_had_its_pulses(self) -> bool:
-        return self._left is not None and not any(self._left)
+        return self.is_begun and self._left is not None and not any(self._left)
 
     def due(self) -> list[tuple[int, Visit]]:
         """The visits of the scan that begins now, with their places in the plan."""
@@ -103,10 +103,8 @@ class Scanner:
             now_ns = self._rested()
             ceiling_ua = may_fire(now_ns)
             if ceiling_ua is None or self.standing is not standing:
-                break
-            if standing.has_expired(now_ns):
-                self.silence()
-                break
+                self._board.release()
+                return
             self._board.prepare(visit.selection)
             if visitor.visit(visit, ceiling_ua, now_ns):
                 standing.was_fired(place)
