@@ -34,6 +34,18 @@ def test_of_the_frames_of_one_turn_the_newest_is_passed_on_and_the_rest_counted(
         assert all(sent.ref == 0 for sent in rig.engine.frames)
 
 
+def test_a_frame_that_is_older_than_the_one_before_it_is_never_passed_on() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        stream = rig.socket(zmq.PUSH, "frames.sock")
+        for seq in (5, 4):
+            stream.send(frame(lease, seq))
+
+        rig.until(lambda: rig.counter("superseded") + rig.counter("refused_old_seq") == 1)
+
+        assert [sent.frame.seq for sent in rig.engine.frames] == [5]
+
+
 def test_another_clients_frames_do_not_supersede_the_holders() -> None:
     with GatewayRig() as rig:
         lease = rig.open()
