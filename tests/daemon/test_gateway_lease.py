@@ -25,10 +25,10 @@ def test_a_lease_belongs_to_the_user_who_opened_it() -> None:
 def test_only_the_lease_that_ended_is_forgotten() -> None:
     view = LeaseView()
     view.begin("new", "me", uid=1)
-    view.end("old")
+    view.end("old", "lapsed")
     assert view.check("new", 1).token == "new"
-    view.end("new")
-    with pytest.raises(Refused, match="no lease stands"):
+    view.end("new", "halted")
+    with pytest.raises(Refused, match="the last one ended: halted"):
         view.check("new", 1)
 
 

@@ -158,7 +158,7 @@ class ControlDesk:
         lease = self._held(request.lease, letter)
 
         def closed(_: Answer) -> Success:
-            self._leases.end(lease)
+            self._leases.end(lease, "closed")
             return Success(ok=True, now_ns=0, id=request.id)
 
         command = CloseLease(ref=self._waiting.next_ref(), lease=lease)

@@ -25,19 +25,22 @@ class LeaseView:
 
     def __init__(self) -> None:
         self.standing: StandingLease | None = None
+        self._why_none = "none was opened yet"
 
     def begin(self, token: str, client: str, uid: int | None) -> None:
         """The engine has granted it."""
         self.standing = StandingLease(token, client, uid)
 
-    def end(self, token: str) -> None:
+    def end(self, token: str, why: str) -> None:
         """The engine says that this one stands no longer. Another one is not touched."""
         if self.standing is not None and self.standing.token == token:
             self.standing = None
+            self._why_none = f"the last one ended: {why}"
 
     def forget(self) -> None:
         """The engine is gone, and every lease with it."""
-        self.standing = None
+        if self.standing is not None:
+            self.end(self.standing.token, "the engine is gone")
 
     def check(self, token: str, uid: int | None) -> StandingLease:
         """The lease with this token, if it stands and belongs to this user.
@@ -46,7 +49,7 @@ class LeaseView:
         """
         lease = self.standing
         if lease is None:
-            raise Refused("no_lease", "no lease stands (it has lapsed, or never did): open one")
+            raise Refused("no_lease", f"no lease stands ({self._why_none}): open one")
         if not hmac.compare_digest(lease.token.encode(), token.encode()):
             raise Refused("other_lease", f"the lease belongs to {lease.client!r} now")
         if lease.uid != uid:

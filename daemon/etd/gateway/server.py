@@ -160,7 +160,7 @@ class Gateway:
             if isinstance(message, Answer):
                 self._settle(message)
             elif isinstance(message, LeaseEnded):
-                self._leases.end(message.lease)
+                self._leases.end(message.lease, message.why)
             else:
                 self._publisher.pass_on(message, self._clock.now_ns())
         if self._engine.has_ended:
