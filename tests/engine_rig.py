@@ -60,6 +60,7 @@ class EngineRig:
     _ref: int = 0
     _seq: int = 0
     _alive_ns: int = 0
+    _engine_ends: tuple[Channel[ToEngine] | Channel[NewFrame], ...] = ()
 
     def turn(self) -> None:
         now_ns = self.clock.now_ns()
@@ -152,6 +153,13 @@ class EngineRig:
             assert answer.error is None, answer.reason
             self.run_ms(min(60.0, (until_ns - self.clock.now_ns()) / 1e6))
 
+    def close(self) -> tuple[str, ...]:
+        """The engine's end, and the fake's; what did not work, and what must never be done."""
+        problems = (*self.engine.end(), *self.fake.violations)
+        for channel in (self.commands, self.frames, *self._engine_ends):
+            channel.close()
+        return problems
+
     @property
     def records(self) -> list[dict[str, Any]]:
         """The trace so far, its header left out."""
@@ -192,10 +200,10 @@ def make(
     backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
     engine = Engine(loaded, backend, stabilizers=stabilizers)
     engine.begin()
-    mine, theirs = (
-        socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2)
-    )
-    engine.attach(Channel(theirs[0], ToEngine), Channel(mine[0], NewFrame))
+    mine, theirs = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
+    to_engine: Channel[ToEngine] = Channel(theirs[0], ToEngine)
+    frames: Channel[NewFrame] = Channel(mine[0], NewFrame)
+    engine.attach(to_engine, frames)
     return EngineRig(
         engine,
         fake,
@@ -203,4 +211,5 @@ def make(
         sink,
         Channel(theirs[1], ToGateway),
         Channel(mine[1], ToGateway),
+        _engine_ends=(to_engine, frames),
     )

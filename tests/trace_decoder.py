@@ -1,0 +1,314 @@
+"""A bus trace decoded from its SPI and GPIO events alone: which electrode got what, and when.
+
+Owns: the reading of a trace as an oscilloscope on the wires would show it. It imports nothing of
+the project: whatever the program believes about itself does not count here.
+Must not know: `body` and `engine` records, beyond the `frame` remarks that group the pulses.
+
+Facts used. AD5452: 16 bits a chip select, C1 C0 D11..D0 X X, output updated when chip select
+rises. HV507 and HV513: shift on CLK rising, latch transparent while LE is high; BL 0 POL 1 all
+low, BL 0 POL 0 all high, BL 1 POL 1 the latch, BL 1 POL 0 its inverse; a high output is on the
+source, a low one on ground. 74HC595: shift on CLK rising, copied on LE rising; relays follow
+within ton and toff.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+Record = dict[str, Any]
+DAC_BITS = 16
+HALF_BRIDGES = ("HV507", "HV513")
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The trace's first line."""
+
+    switch: str
+    outputs: int
+    lines: dict[str, int]
+    full_scale_ua: float
+    codes: int
+    electrodes: tuple[int, ...]
+    on_bit: int = 0
+    return_bit: int = 1
+    ton_ns: int = 0
+    toff_ns: int = 0
+
+    @classmethod
+    def of(cls, header: Record) -> Facts:
+        assert header["etd_trace"] == 1, "not a trace of version 1"
+        return cls(
+            header["switch"],
+            header["outputs"],
+            dict(header["lines"]),
+            header["full_scale_ua"],
+            header["codes"],
+            tuple(header["electrodes"]),
+            header.get("on_bit", 0),
+            header.get("return_bit", 1),
+            header.get("ton_us", 0) * 1_000,
+            header.get("toff_us", 0) * 1_000,
+        )
+
+    def current_ua(self, code: int) -> float:
+        return code * self.full_scale_ua / (self.codes - 1)
+
+
+@dataclass(frozen=True)
+class Phase:
+    """An unbroken stretch of one DAC code through one state of the switch.
+
+    `source` and `ground` are outputs; `electrode` the one that stands alone on its side (the
+    source's, with one on each), None where none does or no electrode hangs there. `seq`, `tag`
+    and `scan` (counted from 0 through the whole trace) are those of the last `frame` remark.
+    """
+
+    electrode: int | None
+    source: frozenset[int] = field(repr=False)
+    ground: frozenset[int] = field(repr=False)
+    is_anodic: bool
+    code: int
+    current_ua: float
+    from_ns: int
+    to_ns: int
+    seq: int | None
+    tag: int | None
+    scan: int | None
+
+    @property
+    def width_us(self) -> float:
+        return (self.to_ns - self.from_ns) / 1_000
+
+    @property
+    def charge_pc(self) -> float:
+        return self.current_ua * self.width_us
+
+
+@dataclass
+class Shifter:
+    """A chain of stages; a stage that was never written since power-up is not known."""
+
+    stages: int
+    bits: int = 0
+    known: int = 0
+
+    def shift(self, bit: int) -> None:
+        full = (1 << self.stages) - 1
+        self.bits = (self.bits << 1 | bit) & full
+        self.known = (self.known << 1 | 1) & full
+
+    @property
+    def is_known(self) -> bool:
+        return self.known == (1 << self.stages) - 1
+
+
+@dataclass
+class Wires:
+    """Levels, chain and latch as the events so far have left them."""
+
+    facts: Facts
+    level: dict[str, int] = field(default_factory=dict)
+    latch: int | None = None
+    #: When the outputs were last copied, and what they were before (relays only).
+    copied_ns: int = 0
+    latch_before: int | None = None
+
+    def __post_init__(self) -> None:
+        self.is_relays = self.facts.switch not in HALF_BRIDGES
+        stages = self.facts.outputs * (2 if self.is_relays else 1)
+        self.chain = Shifter(stages)
+        self._names = {line: name for name, line in self.facts.lines.items()}
+
+    def name(self, line: int) -> str:
+        return self._names.get(line, f"line {line}")
+
+    def change(self, t_ns: int, line: int, value: int) -> bool:
+        """One gpio event; True if the level is another one now."""
+        name = self.name(line)
+        was = self.level.get(name)
+        self.level[name] = value
+        if was == value:
+            return False
+        rises = value == 1 and was == 0
+        if name == "CLK" and rises:
+            self.chain.shift(self.level.get("DATA", 0))
+        if self.is_relays:
+            if name == "LE" and rises:
+                self._copy(t_ns)
+        elif self.level.get("LE") == 1:
+            self.latch = self.chain.bits if self.chain.is_known else None
+        return True
+
+    def _copy(self, t_ns: int) -> None:
+        self.latch_before, self.copied_ns = self.latch, t_ns
+        self.latch = self.chain.bits if self.chain.is_known else None
+
+    def sides(self) -> tuple[frozenset[int], frozenset[int]] | None:
+        """(source, ground) as outputs; None while it cannot be known."""
+        if self.is_relays:
+            return self._relay_sides()
+        blanked, direct = self.level.get("BL") == 0, self.level.get("POL") == 1
+        if blanked:
+            high = 0 if direct else (1 << self.facts.outputs) - 1
+        elif self.latch is None:
+            return None
+        else:
+            high = self.latch if direct else ~self.latch
+        everybody = range(self.facts.outputs)
+        source = frozenset(one for one in everybody if high >> one & 1)
+        return source, frozenset(everybody) - source
+
+    def _relay_sides(self) -> tuple[frozenset[int], frozenset[int]] | None:
+        if self.latch is None:
+            return None
+        facts, word = self.facts, self.latch
+        everybody = range(facts.outputs)
+        return (
+            frozenset(one for one in everybody if word >> 2 * one + facts.on_bit & 1),
+            frozenset(one for one in everybody if word >> 2 * one + facts.return_bit & 1),
+        )
+
+
+@dataclass
+class Dac:
+    """What the DAC makes of its chip select; `bits` since it fell."""
+
+    code: int = 0
+    word: int = 0
+    bits: int = 0
+
+    def transfer(self, sent: bytes) -> None:
+        self.word = int.from_bytes(sent, "big") if sent else self.word
+        self.bits += 8 * len(sent)
+
+    def chip_select(self, is_active: bool) -> None:
+        if is_active:
+            self.bits = 0
+        elif self.bits:
+            self.code = self.word >> 2 & 0xFFF
+
+
+class Decoder:
+    """Fed with the events of a trace in order; `phases` grows."""
+
+    def __init__(self, facts: Facts) -> None:
+        self.facts = facts
+        self.wires = Wires(facts)
+        self.dac = Dac()
+        self.phases: list[Phase] = []
+        self._electrode_of = {output: one for one, output in enumerate(facts.electrodes)}
+        self._frame: tuple[int | None, int | None] = (None, None)
+        self._scan: int | None = None
+        self._since_ns = 0
+
+    def take(self, record: Record) -> None:
+        t_ns, bus, event = record["t_ns"], record["bus"], record.get("event")
+        if bus == "gpio":
+            before_sides = self.wires.sides() if self.dac.code else None
+            self.wires.change(t_ns, record["line"], record["value"])
+            if self.dac.code and self.wires.sides() != before_sides:
+                self._cut(t_ns, self.dac.code, before_sides)
+        elif bus == "spi" and event == "transfer":
+            self.dac.transfer(bytes.fromhex(record["tx"]))
+        elif bus == "spi" and event == "cs":
+            before = self.dac.code
+            self.dac.chip_select(record["active"])
+            if self.dac.code != before:
+                self._cut(t_ns, before, self.wires.sides() if before else None)
+        elif bus == "engine" and event == "frame":
+            self._frame = (record["seq"], record["tag"])
+            self._scan = 0 if self._scan is None else self._scan + 1
+
+    def _cut(
+        self, t_ns: int, code: int, sides: tuple[frozenset[int], frozenset[int]] | None
+    ) -> None:
+        """What went on until now with `code` is a phase of its own, if it is one at all."""
+        since_ns, self._since_ns = self._since_ns, t_ns
+        if not code:
+            return
+        source, ground = sides if sides is not None else (frozenset(), frozenset())
+        output, is_anodic = _odd_one_out(source, ground)
+        electrode = None if output is None else self._electrode_of.get(output)
+        seq, tag = self._frame
+        self.phases.append(
+            Phase(
+                electrode,
+                source,
+                ground,
+                is_anodic,
+                code,
+                self.facts.current_ua(code),
+                since_ns,
+                t_ns,
+                seq,
+                tag,
+                self._scan,
+            )
+        )
+
+
+def _odd_one_out(source: frozenset[int], ground: frozenset[int]) -> tuple[int | None, bool]:
+    if len(source) == 1 and ground:
+        return next(iter(source)), True
+    if len(ground) == 1 and source:
+        return next(iter(ground)), False
+    return None, True
+
+
+def read(path: Path) -> list[Record]:
+    """The lines of a trace file, its header first."""
+    return parse(path.read_bytes())
+
+
+def parse(data: bytes) -> list[Record]:
+    return [json.loads(line) for line in data.splitlines()]
+
+
+def decode(trace: Iterable[Record]) -> list[Phase]:
+    """All phases of a trace, in order of time."""
+    records = iter(trace)
+    decoder = Decoder(Facts.of(next(records)))
+    for record in records:
+        decoder.take(record)
+    return decoder.phases
+
+
+def by_frame(phases: Iterable[Phase]) -> dict[int, list[Phase]]:
+    """The phases of each frame, by seq; those before the first frame are left out."""
+    found: dict[int, list[Phase]] = {}
+    for phase in phases:
+        if phase.seq is not None:
+            found.setdefault(phase.seq, []).append(phase)
+    return found
+
+
+def visits(phases: Iterable[Phase]) -> Iterator[tuple[Phase, ...]]:
+    """Phases that belong together: one after another on the same electrode, the other way round,
+    in the same scan.
+    """
+    pending: Phase | None = None
+    for phase in phases:
+        if pending is None:
+            pending = phase
+        elif _is_second(pending, phase):
+            yield pending, phase
+            pending = None
+        else:
+            yield (pending,)
+            pending = phase
+    if pending is not None:
+        yield (pending,)
+
+
+def _is_second(first: Phase, second: Phase) -> bool:
+    return (
+        first.source == second.ground
+        and first.ground == second.source
+        and first.scan == second.scan
+        and first.seq == second.seq
+    )
