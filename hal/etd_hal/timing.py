@@ -11,6 +11,7 @@ are at most 10 us: the kernel busy-waits up to 10 us and sleeps above (spi_delay
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +29,11 @@ _REPEATS = 7
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """The delays of a pulse and what they make: never wider than asked, by less than 1 us."""
+    """The delays of a pulse and what they make.
+
+    Never wider than asked, and narrower by less than 1 us; only where one word and nothing else
+    fits is it narrower by up to the overhead of a delay.
+    """
 
     delays_us: tuple[int, ...]
     has_end_sample: bool
@@ -50,7 +55,7 @@ class Timing:
 
         Raises: BoardFault if one word alone takes longer.
         """
-        words = 2 if width_us >= 2 * self.word_us + 1 else 1
+        words = 2 if width_us >= 2 * self.word_us + max(1.0, self.delay_extra_us) else 1
         left_us = width_us - words * self.word_us
         if left_us < 0:
             raise BoardFault(
@@ -61,12 +66,14 @@ class Timing:
         return Shape(delays, words == 2, held_us, self.message_us + held_us)
 
     def _delays(self, left_us: float) -> tuple[int, ...]:
-        whole = int(left_us // (LONGEST_DELAY_US + self.delay_extra_us))
-        rest_us = left_us - whole * (LONGEST_DELAY_US + self.delay_extra_us)
-        holds = (LONGEST_DELAY_US,) * whole
-        if rest_us < self.delay_extra_us:
-            return holds
-        return (*holds, int(rest_us - self.delay_extra_us))
+        """The fewest delays that can fill `left_us`, together as long as whole us allow."""
+        count = math.ceil(left_us / (LONGEST_DELAY_US + self.delay_extra_us))
+        held_us = math.floor(left_us - count * self.delay_extra_us)
+        if held_us < 0:
+            return ()
+        whole, rest_us = divmod(held_us, LONGEST_DELAY_US)
+        filled = (LONGEST_DELAY_US,) * whole + ((rest_us,) if whole < count else ())
+        return filled + (0,) * (count - len(filled))
 
 
 def pulse_message(code: int, shape: Shape) -> Message:
