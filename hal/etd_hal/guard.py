@@ -11,9 +11,9 @@ through; the guard compares that with what the bytes would do. The one path arou
 
 Rules for SPI: 2-byte words with control bits 00; at most 32 words and 511 transfers; no delay
 above 10 us; ends in zero; one level besides zero, and it only falls. For a message that is not
-silent: permitted in this state; approved, for just these outputs; worst-case width and charge
-within the maxima; not more often than the rate; outputs un-blanked, latch closed, one output
-alone on its side and at least one on the other.
+silent: permitted in this state; approved, this one pulse, for just these outputs; worst-case width
+and charge within the maxima; not more often than the rate; outputs un-blanked, latch closed, one
+output alone on its side and at least one on the other.
 The rules for GPIO are in `watch.py`, with the decoding of the switch.
 """
 
@@ -58,7 +58,8 @@ class Guard:
         self._permitted_ua = 0
         self._approval: Approval | None = None
         self._fired_ns: dict[int, deque[int]] = {}
-        self._counted: Approval | None = None
+        #: The first phase of a visit, until the one that reverses it.
+        self._first_phase: Approval | None = None
         self.switch: SwitchWatch = (
             RelayWatch(board.switch, clock)
             if isinstance(board.switch, Relays)
@@ -73,13 +74,12 @@ class Guard:
         self._approval = None
 
     def approve(self, approval: Approval) -> None:
-        """For the messages up to the next approval."""
+        """For the next pulse, and that one only."""
         self._approval = approval
-        self._counted = None
 
     def forget(self, levels: Changes) -> None:
         """After safe_off: these levels are known, the registers are not."""
-        self._approval = None
+        self._approval = self._first_phase = None
         self.switch.forget(levels)
 
     def check(self, message: Message) -> None:
@@ -109,7 +109,7 @@ class Guard:
                 codes.append(_code_in(transfer.tx))
             if any(codes):
                 held_us += transfer.delay_us
-                held_transfers += 1
+                held_transfers += not transfer.tx
         self._check_codes(codes)
         words = sum(1 for code in codes if code)
         machine = self._machine
@@ -152,10 +152,14 @@ class Guard:
             )
         self.switch.check_selection(approval)
         self._check_rate(approval)
+        self._approval = None
 
     def _check_rate(self, approval: Approval) -> None:
-        """Visits of one output in any second; the two phases of a biphasic pulse are one visit."""
-        if self._counted is approval:
+        """Visits of one output in any second. A pulse and the next one, if that reverses it on
+        the same outputs, are the two phases of one visit.
+        """
+        first, self._first_phase = self._first_phase, None
+        if first is not None and _reverses(approval, first):
             return
         now_ns = self._clock.now_ns()
         # The visited output is the one alone on its side; with one on each side, both are alike.
@@ -168,7 +172,11 @@ class Guard:
                 "rate", f"{len(fired_ns) + 1} pulses in a second", f"{self._board.maxima.rate_hz}"
             )
         fired_ns.append(now_ns)
-        self._counted = approval
+        self._first_phase = approval
+
+
+def _reverses(second: Approval, first: Approval) -> bool:
+    return (second.source, second.ground) == (first.ground, first.source)
 
 
 def _code_in(sent: bytes) -> int:
