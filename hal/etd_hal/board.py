@@ -90,12 +90,14 @@ class Board:
 
         Raises: CannotSelect, where the board has no open state, or an output is not there.
         """
-        everybody = (1 << self.file.switch.outputs) - 1
-        others = everybody & ~(1 << output)
-        wanted = others if returns is None else sum(1 << one for one in returns)
+        outputs = self.file.switch.outputs
         for one in (output, *(returns or ())):
-            if not 0 <= one < self.file.switch.outputs:
-                raise CannotSelect(one, "selected", f"the board has {self.file.switch.outputs}")
+            if not 0 <= one < outputs:
+                raise CannotSelect(one, "selected", f"the board has {outputs}")
+        others = ((1 << outputs) - 1) & ~(1 << output)
+        wanted = others if returns is None else _bits(returns)
+        if wanted & ~others:
+            raise CannotSelect(output, "selected", "it is among its own returns")
         if not wanted:
             raise CannotSelect(output, "selected", "it has no return")
         if wanted != others and not self.switch.can_choose_returns:
@@ -302,6 +304,13 @@ class Board:
         self.guard.forget(self._safe_changes)
         self.switch.forget()
         self.switch.clear()
+
+
+def _bits(outputs: tuple[int, ...]) -> int:
+    found = 0
+    for output in outputs:
+        found |= 1 << output
+    return found
 
 
 def _tried(step: Callable[[], None]) -> str | None:
