@@ -379,8 +379,6 @@ def _check_guards(board: BoardFile, file: str) -> None:
             raise FileError(
                 file, "guards.rail_monitor", "off_v, low_v, high_v do not rise", "order them"
             )
-        if guards.hv_enable == "absent":
-            return
     if guards.heartbeat != "absent" and guards.hv_enable == "absent":
         raise FileError(
             file,
