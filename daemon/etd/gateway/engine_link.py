@@ -16,11 +16,9 @@ from etd import link
 from etd.errors import Refused
 from etd.link import (
     Alive,
-    Answer,
     Channel,
     Command,
     Greeting,
-    LeaseEnded,
     NewFrame,
     Report,
     StopNow,
@@ -114,7 +112,7 @@ class EngineLink:
             self._channels[0].close()
             raise Refused("engine_gone", _STOP_CUT)
 
-    def receive(self) -> Iterator[Answer | LeaseEnded | Report]:
+    def receive(self) -> Iterator[link.ToGateway]:
         """What the engine has said, a greeting and a state taken note of on the way."""
         for _ in range(MESSAGES_A_TURN):
             message = self._next()
@@ -122,7 +120,6 @@ class EngineLink:
                 return
             if isinstance(message, Greeting):
                 self._greeting = message
-                continue
             if isinstance(message, Report) and message.state is not None:
                 self.state = message.state
             yield message

@@ -18,13 +18,14 @@ from etd.gateway.control import ControlDesk
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.exclusive import NameLock
 from etd.gateway.frames import FrameDesk
+from etd.gateway.journal import Journal
 from etd.gateway.lease import LeaseView
 from etd.gateway.letters import Letter, Unreadable, letter_of, read_request
 from etd.gateway.sockets import Sockets
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
 from etd.gateway.waiting import Waiting, WaitingRoom
-from etd.link import ALIVE_NS, Answer, LeaseEnded
+from etd.link import ALIVE_NS, Answer, Greeting, LeaseEnded, Report
 from etd.places import prepare_runtime
 from etd.protocol import Failure, Id, Request, Stop, Success
 from etd_hal.ports import Clock
@@ -71,6 +72,7 @@ class Gateway:
             self._publisher,
             self._waiting,
         )
+        self._journal = Journal(config.name)
         self._alive_due_ns = 0
         self._connect_due_ns = 0
 
@@ -85,12 +87,15 @@ class Gateway:
         self._give_up_on(self._waiting.take_late(now_ns), "the engine did not answer within 15 s")
         self.counters.update(self._sockets.disconnects())
         self._publisher.repeat_state(now_ns)
+        self._journal.lease(self._leases.standing)
+        self._journal.refusals(self.counters, now_ns)
 
     def close(self) -> None:
         """Idempotent. The engine sees the link end and falls silent."""
         self._engine.hang_up()
         self._sockets.close()
         self._lock.close()
+        self._journal.close()
 
     def _wait(self, timeout_ms: int) -> None:
         due_ns = self._alive_due_ns if self._engine.is_connected else self._connect_due_ns
@@ -161,10 +166,17 @@ class Gateway:
                 self._settle(message)
             elif isinstance(message, LeaseEnded):
                 self._leases.end(message.lease, message.why)
+            elif isinstance(message, Greeting):
+                self._journal.engine_found(message)
             else:
-                self._publisher.pass_on(message, self._clock.now_ns())
+                self._pass_on(message)
         if self._engine.has_ended:
             self._lose_engine(self._clock.now_ns())
+
+    def _pass_on(self, report: Report) -> None:
+        if report.state is not None:
+            self._journal.state(report.state)
+        self._publisher.pass_on(report, self._clock.now_ns())
 
     def _settle(self, answer: Answer) -> None:
         waiting = self._waiting.take(answer.ref)
@@ -190,6 +202,8 @@ class Gateway:
             self._publisher.refused_stream(refusals, self._clock.now_ns())
 
     def _lose_engine(self, now_ns: int) -> None:
+        if self._engine.is_there:
+            self._journal.engine_lost()
         self._engine.hang_up()
         self._leases.forget()
         self._publisher.forget_engine()

@@ -1,0 +1,128 @@
+"""The log: who held the lease, what the board's state was, why it fell silent, what was refused.
+
+Owns: which events are worth a line, and lines that never block a turn: they go through a bounded
+queue to a thread that writes, and what does not fit is counted and told. Must not know: sockets.
+
+The engine itself writes nothing: its scan thread must not wait for a disk or a full pipe.
+"""
+
+from __future__ import annotations
+
+import logging
+import logging.handlers
+import queue
+import sys
+from collections import Counter
+from typing import TextIO
+
+from etd.gateway.lease import StandingLease
+from etd.link import Greeting
+from etd.protocol import StateReport
+
+_ROOM = 1_000
+#: Refusals are summed up at most this often.
+SUM_UP_NS = 10_000_000_000
+
+
+class _Queue(logging.handlers.QueueHandler):
+    """Drops what does not fit, and counts it."""
+
+    dropped = 0
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        try:
+            self.queue.put_nowait(record)
+        except queue.Full:
+            self.dropped += 1
+
+
+class _Writer(logging.handlers.QueueListener):
+    """Writes in a thread of its own."""
+
+    def enqueue_sentinel(self) -> None:
+        # At the end there is time to wait for room.
+        self.queue.put(self._sentinel)  # type: ignore[attr-defined]
+
+
+class Journal:
+    """One line an event, to `stream`; under systemd that is the journal."""
+
+    def __init__(self, name: str, stream: TextIO = sys.stderr) -> None:
+        room: queue.Queue[logging.LogRecord] = queue.Queue(_ROOM)
+        writing = logging.StreamHandler(stream)
+        writing.setFormatter(logging.Formatter(f"etd {name}: %(message)s"))
+        self._queue = _Queue(room)
+        self._writer = _Writer(room, writing)
+        self._log = logging.Logger("etd.journal", logging.INFO)
+        self._log.addHandler(self._queue)
+        self._state = ""
+        self._holder: StandingLease | None = None
+        self._refused: Counter[str] = Counter()
+        self._summed_ns = 0
+        self._is_closed = False
+        self._writer.start()
+
+    @property
+    def dropped(self) -> int:
+        """Lines that did not fit since the last summary."""
+        return self._queue.dropped
+
+    def close(self) -> None:
+        """Write what is there. Idempotent."""
+        if not self._is_closed:
+            self._is_closed = True
+            self._writer.stop()
+
+    def engine_found(self, greeting: Greeting) -> None:
+        board = greeting.board
+        absent = ", ".join(board.absent_guards) or "none"
+        self._log.info(
+            "engine there: %s (%s), %d electrodes; absent guards: %s",
+            board.name,
+            board.backend,
+            greeting.array.electrodes,
+            absent,
+        )
+
+    def engine_lost(self) -> None:
+        self._state = ""
+        self._log.error("engine gone: nothing is felt; a new one comes up in SAFE")
+
+    def state(self, report: StateReport) -> None:
+        """Every change of state, with its cause."""
+        if report.state == self._state:
+            return
+        self._state = report.state
+        if report.halt is not None:
+            halt = report.halt
+            self._log.error("HALTED by %s (%s): %s", halt.cause, halt.who, halt.detail)
+        elif report.state == "SAFE" and report.last_disarm:
+            self._log.info("SAFE: %s", report.last_disarm)
+        else:
+            self._log.info("%s", report.state)
+        for sentence in report.not_granted if report.state == "SAFE" else ():
+            self._log.warning("%s", sentence)
+
+    def lease(self, standing: StandingLease | None) -> None:
+        """Whoever holds it now; only a change is a line."""
+        if standing is self._holder:
+            return
+        before, self._holder = self._holder, standing
+        if before is not None:
+            self._log.info("lease of %r ended", before.client)
+        if standing is not None:
+            self._log.info("lease opened by %r (user %s)", standing.client, standing.uid)
+
+    def refusals(self, counters: Counter[str], now_ns: int) -> None:
+        """What was refused or dropped since the last summary, in one line."""
+        if now_ns - self._summed_ns < SUM_UP_NS:
+            return
+        self._summed_ns = now_ns
+        news = counters - self._refused
+        self._refused = Counter(counters)
+        if news:
+            told = ", ".join(f"{count} {what}" for what, count in sorted(news.items()))
+            self._log.info("since the last summary: %s", told)
+        if self._queue.dropped:
+            self._log.warning("%d lines of this log did not fit", self._queue.dropped)
+            self._queue.dropped = 0

@@ -1,0 +1,90 @@
+"""The log of a daemon: a line an event, and never a wait."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections import Counter
+
+from etd.gateway.journal import SUM_UP_NS, Journal
+from etd.gateway.lease import StandingLease
+from etd.protocol import Halt, StateReport
+
+
+def report(state: str, **fields: object) -> StateReport:
+    return StateReport(state=state, now_ns=1, engine="there", **fields)  # type: ignore[arg-type]
+
+
+def lines_of(journal: Journal, stream: io.StringIO) -> list[str]:
+    journal.close()
+    return stream.getvalue().splitlines()
+
+
+def test_each_change_of_state_is_one_line_with_its_cause() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    halt = Halt(cause="stop", who="operator", detail="asked to stop", t_ns=1)
+    for said in (
+        report("SAFE"),
+        report("SAFE"),
+        report("ARMED"),
+        report("HALTED", halt=halt),
+        report("SAFE", last_disarm="lapsed"),
+    ):
+        journal.state(said)
+    assert lines_of(journal, stream) == [
+        "etd main: SAFE",
+        "etd main: ARMED",
+        "etd main: HALTED by stop (operator): asked to stop",
+        "etd main: SAFE: lapsed",
+    ]
+
+
+def test_a_lease_is_told_when_it_begins_and_when_it_ends() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    lease = StandingLease("t", "player", 1000)
+    for standing in (lease, lease, None):
+        journal.lease(standing)
+    assert lines_of(journal, stream) == [
+        "etd main: lease opened by 'player' (user 1000)",
+        "etd main: lease of 'player' ended",
+    ]
+
+
+def test_refusals_are_summed_up_and_not_told_one_by_one() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    counters = Counter({"malformed": 1})
+    journal.refusals(counters, SUM_UP_NS)
+    counters["malformed"] += 5
+    journal.refusals(counters, SUM_UP_NS + 1)
+    journal.refusals(counters, 2 * SUM_UP_NS)
+    assert lines_of(journal, stream) == [
+        "etd main: since the last summary: 1 malformed",
+        "etd main: since the last summary: 5 malformed",
+    ]
+
+
+class Blocked(io.StringIO):
+    """Takes nothing until it is let go: a journal that hangs."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.let_go = threading.Event()
+
+    def write(self, text: str) -> int:
+        self.let_go.wait(10)
+        return super().write(text)
+
+
+def test_a_log_that_cannot_be_written_drops_lines_and_tells_how_many() -> None:
+    stream = Blocked()
+    journal = Journal("main", stream)
+    for state in ("SAFE", "ARMED") * 1_000:
+        journal.state(report(state))
+    stream.let_go.set()
+    journal.close()
+    told = stream.getvalue().splitlines()
+    assert 1_000 <= len(told) <= 1_002
+    assert journal.dropped == 2_000 - len(told)
