@@ -24,6 +24,8 @@ from etd_hal.fake.faults import (
     SpiStall,
     StuckLine,
 )
+from etd_hal.fake.timeline import Timeline
+from etd_hal.fake.trace import Trace
 from etd_hal.ports import Edge, Message, Transfer
 from stepped_board import SteppedBoard, shipped_board, stepped_board
 
@@ -290,6 +292,18 @@ class TestCurrent:
         assert delivered[0] < delivered[1] < delivered[2]
         assert delivered[2] < 2_442 * 250
 
+    def test_the_one_shot_is_ready_again_for_the_next_pulse(self) -> None:
+        rig = stepped_board("reference-hv507", faults=[SpiStall(5_000)])
+        hand = Hand(rig)
+        hand.supply_on()
+        hand.select(0)
+        for _ in range(3):
+            hand.spi.transfer(pulse(1_000, *[PAUSE] * 8))
+            rig.clock.spend(2 * MS)
+        cut, first, second = (record["current_ua"] for record in rig.events("body"))
+        assert cut < first / 10
+        assert first == pytest.approx(second, rel=0.05)
+
 
 class TestSupply:
     def test_a_board_without_enable_line_has_its_supply_on(self) -> None:
@@ -438,6 +452,11 @@ class TestViolations:
         rig.backend.gpio.set(((hand.lines.POL, 1), (hand.lines.BL, 0), (guards.hv_enable.line, 0)))
         assert rig.fake.violations == []
 
+    def test_safe_off_may_not_move_the_chain_too(self) -> None:
+        rig, hand = self.leave_dac_on()
+        rig.backend.gpio.set(((hand.lines.DATA, 1), (hand.lines.POL, 1), (hand.lines.BL, 0)))
+        assert len(rig.fake.violations) == 2
+
     def test_all_outputs_high_while_the_supply_is_on(self) -> None:
         rig = stepped_board()
         rig.backend.gpio.set(((Hand(rig).lines.POL, 0),))
@@ -455,14 +474,19 @@ class TestViolations:
 
     def test_cs_change_on_the_last_transfer(self) -> None:
         rig = stepped_board()
-        rig.backend.spi.transfer(Message((Transfer(word(0), cs_change=True),)))
+        rig.backend.spi.transfer(Message((Transfer(word(9), cs_change=True),)))
         assert "last transfer" in rig.fake.violations[0]
+        assert rig.fake.dac_code == 0
 
-    def test_both_relays_of_one_electrode_under_voltage(self) -> None:
+    @pytest.mark.parametrize(("supply", "violations"), [(True, 1), (False, 0)])
+    def test_both_relays_of_one_electrode_under_voltage(
+        self, supply: bool, violations: int
+    ) -> None:
         rig = stepped_board("feetthrough-relay")
         board: BoardFile = rig.board
         lines, hv_enable = board.switch.lines, board.guards.hv_enable
         assert hv_enable != "absent"
+        level = hv_enable.on if supply else 1 - hv_enable.on
         bits = [0] * (2 * board.switch.outputs)
         for pair in ([0, 0], [1, 1]):
             bits[-2:] = pair
@@ -470,11 +494,11 @@ class TestViolations:
                 rig.backend.gpio.set(((lines.DATA, bit), (lines.CLK, 1)))
                 rig.backend.gpio.set(((lines.CLK, 0),))
             rig.backend.gpio.set(((lines.LE, 1),))
-            rig.backend.gpio.set(((lines.LE, 0), (hv_enable.line, hv_enable.on)))
+            rig.backend.gpio.set(((lines.LE, 0), (hv_enable.line, level)))
             rig.clock.spend(200 * MS)
             rig.backend.gpio.get(lines.LE)
-        assert len(rig.fake.violations) == 1
-        assert "both relays" in rig.fake.violations[0]
+        told = [what for what in rig.fake.violations if "both relays" in what]
+        assert len(rig.fake.violations) == len(told) == violations
 
 
 class TestFaults:
@@ -561,3 +585,9 @@ class TestFaults:
 def test_an_electrode_on_an_output_that_is_not_there_is_refused() -> None:
     with pytest.raises(ValueError, match="output 64"):
         stepped_board(electrodes=[64])
+
+
+def test_a_call_that_comes_with_an_earlier_time_is_put_after_what_happened() -> None:
+    timeline = Timeline(1_000, Trace())
+    timeline.end(5_000)
+    assert timeline.start(4_000) == 5_000

@@ -107,7 +107,7 @@ class TestLiveClock:
             real.t_ns = max(real.t_ns, deadline_ns)
             seen.append(clock.now_ns() - begun_ns)
             if len(seen) == 2:
-                real.sleep_until_ns = lambda _deadline_ns: None  # type: ignore[method-assign]
+                del real.sleep_until_ns
                 clock.end_call(begun_ns + 21 * MS)
 
         def sensor() -> None:
@@ -119,6 +119,21 @@ class TestLiveClock:
         thread.start()
         thread.join(5.0)
         assert seen == [100_000, 100_000, 21 * MS]
+
+    def test_while_a_call_waits_others_do_not_see_its_end_yet(self) -> None:
+        real = HandClock()
+        clock = LiveClock(real)
+        begun_ns = clock.begin_message()
+        seen: list[int] = []
+
+        def wait_and_look(deadline_ns: int) -> None:
+            real.t_ns = deadline_ns - 40_000
+            seen.append(clock.now_ns() - begun_ns)
+            real.t_ns = deadline_ns
+
+        real.sleep_until_ns = wait_and_look  # type: ignore[method-assign]
+        clock.end_call(begun_ns + 100_000)
+        assert seen == [60_000]
 
     def test_a_side_call_takes_time_only_for_who_makes_it(self) -> None:
         real = HandClock()

@@ -74,6 +74,8 @@ def request_when_free(board: BoardFile, running: RunningBoard) -> None:
     for _ in range(1_000):
         if not running.state().held:
             break
+    else:
+        pytest.fail("the lines are still held")
     open_fake(board, electrodes=range(64), board_socket=running.socket).close()
 
 

@@ -42,7 +42,7 @@ class Trace:
 
     def __init__(self, file: BinaryIO | None = None) -> None:
         self._file = file
-        self._events: list[tuple[int, bytes]] = []
+        self._events: list[bytes] = []
         self._wanted = file is not None
 
     @classmethod
@@ -57,17 +57,17 @@ class Trace:
     def gpio(self, t_ns: int, line: int, value: int) -> None:
         if self._wanted:
             text = b'{"t_ns": %d, "bus": "gpio", "line": %d, "value": %d}\n'
-            self._events.append((t_ns, text % (t_ns, line, value)))
+            self._events.append(text % (t_ns, line, value))
 
     def spi_message(self, t_ns: int, transfers: int) -> None:
         if self._wanted:
             text = b'{"t_ns": %d, "bus": "spi", "event": "message", "transfers": %d}\n'
-            self._events.append((t_ns, text % (t_ns, transfers)))
+            self._events.append(text % (t_ns, transfers))
 
     def spi_cs(self, t_ns: int, active: bool) -> None:
         if self._wanted:
             text = b'{"t_ns": %d, "bus": "spi", "event": "cs", "active": %s}\n'
-            self._events.append((t_ns, text % (t_ns, b"true" if active else b"false")))
+            self._events.append(text % (t_ns, b"true" if active else b"false"))
 
     def spi_transfer(self, t_ns: int, tx: bytes, rx: bytes, delay_us: int, cs_change: bool) -> None:
         if self._wanted:
@@ -77,24 +77,24 @@ class Trace:
             )
             change = b"true" if cs_change else b"false"
             words = (tx.hex().encode(), rx.hex().encode())
-            self._events.append((t_ns, text % (t_ns, *words, delay_us, change)))
+            self._events.append(text % (t_ns, *words, delay_us, change))
 
     def spi_done(self, t_ns: int, byte_count: int) -> None:
         if self._wanted:
             text = b'{"t_ns": %d, "bus": "spi", "event": "done", "bytes": %d}\n'
-            self._events.append((t_ns, text % (t_ns, byte_count)))
+            self._events.append(text % (t_ns, byte_count))
 
     def i2c(self, t_ns: int, address: int, tx: bytes, rx: bytes) -> None:
         if self._wanted:
             text = b'{"t_ns": %d, "bus": "i2c", "addr": %d, "tx": "%s", "rx": "%s"}\n'
             words = (tx.hex().encode(), rx.hex().encode())
-            self._events.append((t_ns, text % (t_ns, address, *words)))
+            self._events.append(text % (t_ns, address, *words))
 
     def engine(self, t_ns: int, event: str, seq: int, tag: int | None) -> None:
         if self._wanted:
             text = b'{"t_ns": %d, "bus": "engine", "event": "%s", "seq": %d, "tag": %s}\n'
             tag_text = b"null" if tag is None else b"%d" % tag
-            self._events.append((t_ns, text % (t_ns, event.encode(), seq, tag_text)))
+            self._events.append(text % (t_ns, event.encode(), seq, tag_text))
 
     def body(
         self,
@@ -110,21 +110,16 @@ class Trace:
                 b' "asked_ua": %d, "current_ua": %d}\n'
             )
             values = (to_ns, electrode, from_ns, to_ns, asked_ua, current_ua)
-            self._events.append((to_ns, text % values))
+            self._events.append(text % values)
 
     def write(self) -> None:
-        """Put the events of one call on file, in order of time."""
+        """Put the events of one call on file. They were collected in order of time."""
         if self._file is None or not self._events:
             return
-        self._events.sort(key=_time_of)
-        self._file.write(b"".join([text for _, text in self._events]))
+        self._file.write(b"".join(self._events))
         self._events.clear()
 
     def close(self) -> None:
         self.write()
         if self._file is not None:
             self._file.close()
-
-
-def _time_of(event: tuple[int, bytes]) -> int:
-    return event[0]
