@@ -25,6 +25,11 @@ Positive = Annotated[float, Meta(gt=0, le=100_000)]
 
 T = TypeVar("T")
 
+#: Header lines that a bus device has for itself, chip selects included.
+_BUS_LINES = {"spidev0": (7, 8, 9, 10, 11), "spidev1": (18, 19, 20, 21), "i2c-1": (2, 3)}
+#: Outputs of one chip: a chain has whole chips.
+_OUTPUTS_A_CHIP = {"HV507": 64, "HV513": 8, "74HC595": 4}
+
 #: In every report and in `accept_absent_guards`, in this order.
 GUARDS = (
     "emergency_stop",
@@ -290,6 +295,7 @@ def _value_at(data: object, key: str) -> str:
 def load_board(path: Path) -> BoardFile:
     """Read and check a board file. Raises: FileError."""
     board = load_toml(path, BoardFile)
+    _check_chain(board, str(path))
     _check_lines(board, str(path))
     _check_current_path(board, str(path))
     _check_guards(board, str(path))
@@ -305,11 +311,43 @@ def load_machine(path: Path) -> MachineFile:
             raise FileError(
                 str(path), key, f"low {bounds.low} is above high {bounds.high}", "swap them"
             )
+    for key, bounds in (("word_us", machine.word_us), ("delay_extra_us", machine.delay_extra_us)):
+        worst_us: float = getattr(machine, f"guard_{key}")
+        if worst_us < bounds.high:
+            raise FileError(
+                str(path),
+                f"guard_{key}",
+                f"{worst_us} is below the high end of {key} ({bounds.high})",
+                "the guard reckons with the worst case: give at least that",
+            )
     return machine
 
 
+def _check_chain(board: BoardFile, file: str) -> None:
+    outputs, a_chip = board.switch.outputs, _OUTPUTS_A_CHIP[board.switch.chip]
+    if outputs % a_chip:
+        raise FileError(
+            file,
+            "switch.outputs",
+            f"{outputs} is not a whole number of chips with {a_chip} each",
+            "give all outputs of the chain, wired or not: old bits would stay in the rest of it",
+        )
+
+
+def _bus_lines(board: BoardFile) -> dict[int, str]:
+    """The lines that SPI and I2C have taken, by the names of their devices."""
+    devices = (board.source.spi, board.i2c)
+    return {
+        line: device
+        for device in devices
+        for bus, lines in _BUS_LINES.items()
+        if Path(device).stem == bus
+        for line in lines
+    }
+
+
 def _check_lines(board: BoardFile, file: str) -> None:
-    taken: dict[int, str] = {}
+    taken = _bus_lines(board)
     for function, line in board.used_lines().items():
         if line in taken:
             raise FileError(
