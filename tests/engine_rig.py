@@ -170,6 +170,11 @@ class EngineRig:
         return [record for record in self.records if record.get("bus") == "body"]
 
     @property
+    def last_seq(self) -> int:
+        """Of the last frame sent."""
+        return self._seq
+
+    @property
     def state(self) -> str:
         return self.engine.states.state
 

@@ -200,14 +200,13 @@ class Rules:
         self._check_rest(t_ns, source, ground)
 
     def _check_rest(self, t_ns: int, source: frozenset[int], ground: frozenset[int]) -> None:
-        """Between two pulses; the second phase of a biphasic one follows at once, turned round."""
-        if self._zero_ns is None:
+        """Before each pulse, but for the second phase of a biphasic one: the other way round."""
+        self._follow_rest(t_ns)
+        if self._zero_ns is None or self._rested_ns >= self._rest_ns:
+            self._is_second = False
             return
         self._is_second = self._zero_sides == (ground, source) and not self._is_second
-        if self._is_second:
-            return
-        self._follow_rest(t_ns)
-        if self._rested_ns < self._rest_ns:
+        if not self._is_second:
             self._broken(t_ns, f"a pulse after a rest of {self._rested_ns / 1e3:.0f} us")
 
     def _follow_rest(self, t_ns: int) -> None:

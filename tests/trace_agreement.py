@@ -1,0 +1,124 @@
+"""What a decoded trace must agree with: the body's records, the engine's reports, the frames sent.
+
+Owns: the comparison, assertion by assertion. Must not know: how any of the three came about.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from etd.protocol import Scan
+from trace_decoder import Facts, Phase, Record, by_frame, decode, visits
+
+WIDTH_TOLERANCE_US = 1.0
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A frame as it was sent, by the seq it had."""
+
+    seq: int
+    current_ua: Sequence[int]
+    width_us: int
+    phases: tuple[bool, ...] = (True,)
+
+    @property
+    def active(self) -> set[int]:
+        return {one for one, current in enumerate(self.current_ua) if current > 0}
+
+
+def one_code_ua(facts: Facts) -> float:
+    return facts.full_scale_ua / (facts.codes - 1)
+
+
+def check_body(trace: Sequence[Record]) -> None:
+    """Each phase of the wires is a record of the body, and the other way round."""
+    phases = decode(trace)
+    told = [
+        (one["electrode"], one["from_ns"], one["to_ns"], one["asked_ua"])
+        for one in trace[1:]
+        if one["bus"] == "body"
+    ]
+    decoded = [
+        (
+            one.electrode,
+            one.from_ns,
+            one.to_ns,
+            round(one.current_ua) * (1 if one.is_anodic else -1),
+        )
+        for one in phases
+    ]
+    assert decoded == told
+
+
+def check_what_passes(trace: Sequence[Record]) -> None:
+    """What passes the skin is part of what the source is told, and flows the same way."""
+    for one in trace[1:]:
+        if one["bus"] == "body":
+            assert abs(one["current_ua"]) <= abs(one["asked_ua"]) + 1
+            assert one["current_ua"] * one["asked_ua"] >= 0
+
+
+def check_frame(sent: Sent, phases: Sequence[Phase], facts: Facts) -> None:
+    """Exactly the active electrodes, each with its current, width and phases."""
+    assert {one.electrode for one in phases} == sent.active
+    pulses = list(visits(phases))
+    assert {tuple(one.is_anodic for one in pulse) for pulse in pulses} == {sent.phases}
+    for phase in phases:
+        assert phase.electrode is not None
+        asked_ua = sent.current_ua[phase.electrode]
+        assert asked_ua - one_code_ua(facts) < phase.current_ua <= asked_ua
+        assert sent.width_us - WIDTH_TOLERANCE_US < phase.width_us <= sent.width_us
+
+
+def check_frames(sent: Iterable[Sent], trace: Sequence[Record]) -> None:
+    """Every frame that was sent, and no other from the first of them on."""
+    facts, by_seq = Facts.of(trace[0]), {one.seq: one for one in sent}
+    all_frames = by_frame(decode(trace)).items()
+    found = {seq: phases for seq, phases in all_frames if seq >= min(by_seq)}
+    assert found.keys() == {seq for seq, one in by_seq.items() if one.active}
+    for seq, phases in found.items():
+        check_frame(by_seq[seq], phases, facts)
+
+
+def check_returns(phases: Iterable[Phase], facts: Facts, returns: dict[int, set[int]]) -> None:
+    """The electrodes opposite to each stimulated one are just its returns."""
+    electrode_of = {output: one for one, output in enumerate(facts.electrodes)}
+    for phase in phases:
+        assert phase.electrode is not None
+        opposite = phase.ground if phase.is_anodic else phase.source
+        assert {electrode_of[output] for output in opposite} == returns[phase.electrode]
+
+
+def check_reports(trace: Sequence[Record], scans: Iterable[Scan]) -> int:
+    """What the reports say was fired last, the wires say too. Returns how many were compared."""
+    facts, compared = Facts.of(trace[0]), 0
+    last = _LastPulses(by_frame(decode(trace)))
+    for scan in scans:
+        for electrode, (current_ua, width_us) in enumerate(
+            zip(scan.fired.current_ua, scan.fired.width_us, strict=True)
+        ):
+            phase = last.before(scan.seq, electrode, scan.now_ns)
+            if phase is None:
+                assert current_ua == 0
+                continue
+            compared += 1
+            assert abs(phase.current_ua - current_ua) <= one_code_ua(facts)
+            assert abs(phase.width_us - width_us) <= WIDTH_TOLERANCE_US
+    return compared
+
+
+class _LastPulses:
+    def __init__(self, frames: dict[int, list[Phase]]) -> None:
+        self._phases: dict[tuple[int, int], list[Phase]] = {}
+        for seq, phases in frames.items():
+            for phase in phases:
+                assert phase.electrode is not None
+                self._phases.setdefault((seq, phase.electrode), []).append(phase)
+
+    def before(self, seq: int, electrode: int, t_ns: int) -> Phase | None:
+        phases = self._phases.get((seq, electrode), [])
+        place = bisect.bisect_left(phases, t_ns, key=lambda phase: phase.to_ns)
+        return phases[place - 1] if place else None
