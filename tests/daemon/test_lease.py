@@ -1,0 +1,51 @@
+"""The one lease on the engine's clock."""
+
+from __future__ import annotations
+
+import pytest
+
+from etd.engine.lease import LEASE_NS, Lease, check_holder, check_seq
+from etd.engine.limits import PersonLimits
+from etd.errors import Refused
+
+NOW_NS = 7_000_000_000
+
+
+def lease() -> Lease:
+    made = Lease("mine", "player", PersonLimits((1_000,), 100, None), 0)
+    made.renew(NOW_NS)
+    return made
+
+
+def test_a_lease_lasts_one_second_from_its_renewal() -> None:
+    assert LEASE_NS == 1_000_000_000
+    assert not lease().has_lapsed(NOW_NS + 999_999_999)
+    assert lease().has_lapsed(NOW_NS + 1_000_000_000)
+
+
+def test_the_holder_is_known_by_the_token() -> None:
+    held = lease()
+    assert check_holder(held, "mine") is held
+
+
+def test_another_token_is_told_who_holds_it() -> None:
+    with pytest.raises(Refused, match="player") as refusal:
+        check_holder(lease(), "yours")
+    assert refusal.value.code == "other_lease"
+
+
+def test_without_a_lease_everybody_is_told_so() -> None:
+    with pytest.raises(Refused) as refusal:
+        check_holder(None, "mine")
+    assert refusal.value.code == "no_lease"
+
+
+def test_seq_must_rise() -> None:
+    held = lease()
+    check_seq(held, 0)
+    held.last_seq = 5
+    check_seq(held, 6)
+    for seq in (5, 4, 0):
+        with pytest.raises(Refused, match=f"seq {seq}") as refusal:
+            check_seq(held, seq)
+        assert refusal.value.code == "old_seq"

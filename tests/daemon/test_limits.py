@@ -1,0 +1,265 @@
+"""The maxima, a person's caps, and the last word on one pulse."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from engine_parts import (
+    array,
+    board_file,
+    board_with,
+    body_site,
+    calibration,
+    maxima_with,
+    site_with,
+)
+from etd import bodysite
+from etd.calibration import ElectrodeLimits
+from etd.engine.limits import (
+    Path,
+    last_word,
+    limits_of_calibration,
+    limits_of_numbers,
+    maxima_of,
+    path_of,
+)
+from etd.errors import Refused
+from etd.protocol import Limits
+
+HIGH = 10_000
+
+
+def test_the_hard_ceilings_are_these_and_no_file_can_move_them() -> None:
+    assert bodysite.MAX_CURRENT_UA == 10_000
+    assert bodysite.MAX_WIDTH_US == 200
+    assert bodysite.MAX_CHARGE_NC == 2_000
+    assert bodysite.MAX_RATE_HZ == 200
+    assert bodysite.MAX_MEAN_CURRENT_UA == 120
+    assert bodysite.MAX_ARRAY_MEAN_CURRENT_UA == 8_000
+
+
+def test_the_shipped_fingertip_has_the_design_figures() -> None:
+    maxima = maxima_of(board_file(), body_site())
+    assert maxima.uncalibrated_current_ua == 3_000
+    assert maxima.charge_pc == 500_000
+    assert maxima.rate_hz == 120
+    assert maxima.mean_current_ua == 30
+
+
+@pytest.mark.parametrize(
+    ("key", "maximum", "unit"),
+    [
+        ("current_ua", "current_ua", 1),
+        ("width_us", "width_us", 1),
+        ("charge_nc", "charge_pc", 1_000),
+        ("rate_hz", "rate_hz", 1),
+        ("mean_current_ua", "mean_current_ua", 1),
+        ("array_mean_current_ua", "array_mean_current_ua", 1),
+    ],
+)
+def test_a_maximum_is_the_smallest_of_code_board_and_site(
+    key: str, maximum: str, unit: int
+) -> None:
+    low = {"current_ua": 400, "width_us": 60}.get(key, 7)
+    by_board = maxima_of(board_with(**{key: low}), body_site())
+    by_site = maxima_of(board_file(), site_with(**{key: low}))
+    assert getattr(by_board, maximum) == low * unit
+    assert getattr(by_site, maximum) == low * unit
+
+
+def test_files_that_got_past_their_loaders_still_meet_the_ceilings_of_the_code() -> None:
+    most = {
+        "current_ua": 99_000,
+        "width_us": 900,
+        "charge_nc": 9_000,
+        "rate_hz": 999,
+        "mean_current_ua": 999,
+        "array_mean_current_ua": 99_000,
+    }
+    site = site_with(**most, on_us_per_s=10**6, array_on_us_per_s=10**7)
+    maxima = maxima_of(board_with(**most), site)
+    assert maxima.current_ua == 10_000
+    assert maxima.width_us == 200
+    assert maxima.charge_pc == 2_000_000
+    assert maxima.rate_hz == 200
+    assert maxima.mean_current_ua == 120
+    assert maxima.array_mean_current_ua == 8_000
+    assert maxima.on_us_per_s == 2 * 200 * 200
+    assert maxima.array_on_us_per_s == 800_000
+
+
+def test_neither_the_probe_nor_the_uncalibrated_bound_is_above_the_current() -> None:
+    maxima = maxima_of(board_with(current_ua=60, probe_current_ua=300), body_site())
+    assert maxima.probe_current_ua == 60
+    assert maxima.uncalibrated_current_ua == 60
+    assert maxima_of(board_with(width_us=30), body_site()).probe_width_us == 30
+
+
+def test_clients_are_told_the_maxima_in_the_units_of_the_protocol() -> None:
+    facts = maxima_of(board_file(), body_site()).facts()
+    assert facts.charge_nc == 500
+    assert facts.current_ua == 8_000
+    assert facts.array_mean_current_ua == 2_000
+
+
+# --- a person's caps ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "code", "said"),
+    [
+        ({"array": "grid-8x8"}, "bad_calibration", "array grid-8x8"),
+        ({"body_site": "forearm"}, "bad_calibration", "body site forearm"),
+        ({"width_us": 200, "rate_hz": 130.0}, "over_maximum", "130.0 Hz"),
+    ],
+)
+def test_a_calibration_for_something_else_is_refused(
+    changes: dict[str, object], code: str, said: str
+) -> None:
+    maxima = maxima_of(board_file(), body_site())
+    with pytest.raises(Refused, match=said) as refusal:
+        limits_of_calibration(calibration(**changes), maxima, "grid-4x4", 16, "fingertip")
+    assert refusal.value.code == code
+
+
+def test_a_calibration_with_fewer_electrodes_is_refused() -> None:
+    maxima = maxima_of(board_file(), body_site())
+    with pytest.raises(Refused, match="number of electrodes 15") as refusal:
+        limits_of_calibration(calibration(15), maxima, "grid-4x4", 16, "fingertip")
+    assert refusal.value.code == "bad_calibration"
+
+
+def test_a_calibration_wider_than_the_site_allows_is_refused() -> None:
+    maxima = maxima_with(width_us=99)
+    with pytest.raises(Refused, match="100 us"):
+        limits_of_calibration(calibration(), maxima, "grid-4x4", 16, "fingertip")
+
+
+@pytest.mark.parametrize(
+    ("one", "code"),
+    [
+        ((2_000, 1_000, 3_000), "bad_calibration"),
+        ((1_000, 3_001, 3_000), "bad_calibration"),
+        ((1_000, 2_000, 8_001), "over_maximum"),
+    ],
+)
+def test_an_electrode_out_of_order_or_above_the_maximum_is_refused_by_number(
+    one: tuple[int, int, int], code: str
+) -> None:
+    threshold_ua, comfortable_ua, cap_ua = one
+    electrodes = list(calibration().electrode)
+    electrodes[5] = ElectrodeLimits(
+        threshold_ua=threshold_ua, comfortable_ua=comfortable_ua, cap_ua=cap_ua
+    )
+    maxima = maxima_of(board_file(), body_site())
+    with pytest.raises(Refused) as refusal:
+        limits_of_calibration(
+            calibration(electrode=tuple(electrodes)), maxima, "grid-4x4", 16, "fingertip"
+        )
+    assert refusal.value.code == code
+    assert refusal.value.electrode == 5
+
+
+def test_a_calibration_gives_each_electrode_its_own_cap() -> None:
+    electrodes = [
+        ElectrodeLimits(threshold_ua=1, comfortable_ua=2, cap_ua=100 + one) for one in range(16)
+    ]
+    person = limits_of_calibration(
+        calibration(electrode=tuple(electrodes)),
+        maxima_of(board_file(), body_site()),
+        array().name,
+        16,
+        "fingertip",
+    )
+    assert person.caps_ua == tuple(range(100, 116))
+    assert person.calibration is not None
+
+
+def test_numbers_cap_all_electrodes_alike() -> None:
+    person = limits_of_numbers(Limits(max_current_ua=3_000, width_us=150), maxima_with(), 4)
+    assert person.caps_ua == (3_000,) * 4
+    assert person.width_us == 150
+    assert person.calibration is None
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        (Limits(max_current_ua=3_001, width_us=100), "3001.*3000"),
+        (Limits(max_current_ua=1_000, width_us=200), "200.*150"),
+    ],
+)
+def test_numbers_above_what_the_uncalibrated_get_are_refused(limits: Limits, said: str) -> None:
+    with pytest.raises(Refused, match=said) as refusal:
+        limits_of_numbers(limits, maxima_with(width_us=150), 4)
+    assert refusal.value.code == "over_maximum"
+
+
+# --- the last word --------------------------------------------------------------------------------
+
+
+def path(cap_ua: int = HIGH, return_cap_ua: int = HIGH, share: float = 1.0) -> Path:
+    return Path(3, cap_ua, return_cap_ua, 9, share)
+
+
+def test_a_path_is_as_weak_as_its_weakest_return() -> None:
+    found = path_of(0, (5_000, 4_000, 900, 1_000), (1, 2, 3), 0.5)
+    assert found == Path(0, 5_000, 900, 2, 0.5)
+
+
+def test_what_is_within_all_bounds_passes_as_it_is() -> None:
+    assert last_word(path(), 2_000, 100, maxima_with(), 8_000, None, False) == (2_000, None)
+
+
+def test_exactly_the_bound_is_no_clamp() -> None:
+    assert last_word(path(cap_ua=900), 900, 100, maxima_with(), HIGH, None, False) == (900, None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "got_ua", "reason", "limited_by"),
+    [
+        ({"path": path(cap_ua=900)}, 900, "cap", 3),
+        ({"path": path(return_cap_ua=800)}, 800, "return_cap", 9),
+        ({"path": path(return_cap_ua=800, share=0.5)}, 1_600, "return_cap", 9),
+        ({"width_us": 200}, 2_500, "charge", 3),
+        ({"opening_ua": 700}, 700, "opening", 3),
+        ({"recontact_ua": 600}, 600, "recontact", 3),
+        ({"is_open": True}, 300, "contact_open", 3),
+    ],
+)
+def test_the_smallest_bound_wins_and_says_whose_it_is(
+    changes: dict[str, object], got_ua: int, reason: str, limited_by: int
+) -> None:
+    asked: dict[str, object] = {
+        "path": path(),
+        "wanted_ua": 4_000,
+        "width_us": 100,
+        "maxima": maxima_with(),
+        "opening_ua": HIGH,
+        "recontact_ua": None,
+        "is_open": False,
+        **changes,
+    }
+    got, clamp = last_word(**asked)  # type: ignore[arg-type]
+    assert got == got_ua
+    assert clamp is not None
+    assert msgspec.structs.astuple(clamp) == (3, 4_000, got_ua, reason, limited_by)
+
+
+def test_of_several_bounds_the_smallest_is_named() -> None:
+    got, clamp = last_word(
+        path(cap_ua=900, return_cap_ua=500), 4_000, 200, maxima_with(), 450, 440, True
+    )
+    assert got == 300
+    assert clamp is not None
+    assert clamp.reason == "contact_open"
+
+
+def test_a_share_never_lets_a_return_carry_more_than_its_cap() -> None:
+    for others in range(1, 256):
+        got, _ = last_word(
+            path(return_cap_ua=97, share=1.0 / others), HIGH, 20, maxima_with(), HIGH, None, False
+        )
+        assert got / others <= 97
+        assert got in (HIGH, 97 * others, 97 * others - 1)
