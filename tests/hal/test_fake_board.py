@@ -26,7 +26,7 @@ from etd_hal.fake.faults import (
 )
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
-from etd_hal.ports import Edge, Message, Transfer
+from etd_hal.ports import Edge, InputLine, LineSetup, Message, Transfer
 from stepped_board import SteppedBoard, shipped_board, stepped_board
 
 MS = 1_000_000
@@ -371,6 +371,16 @@ class TestStopLines:
         assert rig.backend.gpio.get(17) == 0
         rig.fake.world.release("emergency_stop")
         assert rig.backend.gpio.get(17) == 1
+
+    def test_a_line_without_edges_asked_for_has_none(self) -> None:
+        rig = stepped_board("reference-hv507")
+        rig.backend.close()
+        asked = line_setup(rig.board)
+        quiet = tuple(InputLine(entry.line, entry.pull) for entry in asked.inputs)
+        ports = rig.fake.request(LineSetup(asked.outputs, quiet), spi_setup(rig.board))
+        rig.fake.world.press("emergency_stop")
+        assert ports.gpio.edges() == ()
+        assert ports.gpio.get(17) == 0
 
     def test_a_board_without_a_stop_says_so(self) -> None:
         with pytest.raises(ValueError, match="no wearer_stop"):
