@@ -1,36 +1,23 @@
-"""The fake board as a whole: time, trace, limits, and the rules it watches."""
+"""The fake board as a whole: time, current, supply, stop lines, and who holds it."""
 
 from __future__ import annotations
 
-import itertools
-
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
+from board_hand import MS, PAUSE, Hand, pulse
 from etd_body.electrode import load
 from etd_body.minimal import MinimalBody
-from etd_hal.boardfile import BoardFile, HalfBridgeLines
 from etd_hal.compose import line_setup, spi_setup
 from etd_hal.errors import BusError
 from etd_hal.fake.faults import (
-    DacGain,
-    I2cFailure,
-    LostClock,
-    MisoStuck,
     RailOff,
-    SpiError,
-    SpiShort,
     SpiStall,
-    StuckLine,
 )
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
-from etd_hal.ports import Edge, InputLine, LineSetup, Message, Transfer
-from stepped_board import SteppedBoard, shipped_board, stepped_board
+from etd_hal.ports import Edge, InputLine, LineSetup, Transfer
+from stepped_board import shipped_board, stepped_board
 
-MS = 1_000_000
-PAUSE = Transfer(delay_us=10)
 ALL_BOARDS = [
     "kajimoto-hv507",
     "reference-hv507",
@@ -38,62 +25,6 @@ ALL_BOARDS = [
     "etactilekit-hv513-x8",
     "feetthrough-relay",
 ]
-
-
-def word(code: int) -> bytes:
-    return (code << 2 & 0x3FFC).to_bytes(2, "big")
-
-
-def pulse(code: int, *pauses: Transfer) -> Message:
-    return Message((Transfer(word(code), cs_change=True), *pauses, Transfer(word(0))))
-
-
-class Hand:
-    """Moves a board's lines as a driver would, without one."""
-
-    def __init__(self, rig: SteppedBoard) -> None:
-        self.rig = rig
-        self.gpio = rig.backend.gpio
-        self.spi = rig.backend.spi
-        lines = rig.board.switch.lines
-        assert isinstance(lines, HalfBridgeLines)
-        self.lines = lines
-
-    def select(self, output: int, polarity: int = 1) -> None:
-        lines = self.lines
-        for stage in reversed(range(self.rig.board.switch.outputs)):
-            self.gpio.set(((lines.DATA, int(stage == output)), (lines.CLK, 1)))
-            self.gpio.set(((lines.CLK, 0),))
-        self.gpio.set(((lines.LE, 1),))
-        self.gpio.set(((lines.LE, 0),))
-        self.gpio.set(((lines.BL, 1),))
-        if not polarity:
-            self.gpio.set(((lines.POL, 0),))
-
-    def discharge(self) -> None:
-        self.gpio.set(((self.lines.POL, 1),))
-        self.gpio.set(((self.lines.BL, 0),))
-
-    def supply_on(self) -> None:
-        """Enable the supply, set it to nominal, and keep it beating until it is up."""
-        guards, board = self.rig.board.guards, self.rig.board
-        assert guards.hv_enable != "absent"
-        if board.rail_setpoint != "absent":
-            assert self.rig.backend.i2c is not None
-            code = board.rail_setpoint.code.to_bytes(2, "big")
-            self.rig.backend.i2c.transfer(board.rail_setpoint.address, code, 0)
-        self.gpio.set(((guards.hv_enable.line, guards.hv_enable.on),))
-        self.beat(500 * MS)
-
-    def beat(self, duration_ns: int) -> None:
-        heartbeat = self.rig.board.guards.heartbeat
-        assert heartbeat != "absent"
-        until_ns = self.rig.clock.now_ns() + duration_ns
-        for level in itertools.cycle((1, 0)):
-            self.gpio.set(((heartbeat.line, level),))
-            self.rig.clock.spend(10 * MS)
-            if self.rig.clock.now_ns() >= until_ns:
-                return
 
 
 class TestTime:
@@ -127,124 +58,6 @@ class TestTime:
         (first, second) = rig.events("gpio")[-2:]
         assert (first["line"], second["line"]) == (lines.DATA, lines.CLK)
         assert second["t_ns"] - first["t_ns"] == 50
-
-
-class TestTrace:
-    def test_the_header_is_the_documented_one(self) -> None:
-        rig = stepped_board(electrodes=[5, 3, 60])
-        header = rig.trace_lines()[0]
-        assert list(header) == [
-            *("etd_trace", "board", "switch", "outputs", "lines"),
-            *("full_scale_ua", "codes", "electrodes"),
-        ]
-        assert header["lines"] == {"POL": 4, "DATA": 5, "LE": 22, "BL": 23, "CLK": 24}
-        assert (header["switch"], header["electrodes"]) == ("HV507", [5, 3, 60])
-
-    def test_a_relay_board_adds_how_to_read_its_stages(self) -> None:
-        header = stepped_board("feetthrough-relay").trace_lines()[0]
-        assert list(header)[-5:] == [
-            "bits_per_electrode",
-            "on_bit",
-            "return_bit",
-            "ton_us",
-            "toff_us",
-        ]
-        assert set(header["lines"]) == {"DATA", "LE", "CLK", "HV"}
-
-    def test_the_reference_board_names_its_guards_lines(self) -> None:
-        lines = stepped_board("reference-hv507").trace_lines()[0]["lines"]
-        assert set(lines) == {
-            *("POL", "DATA", "LE", "BL", "CLK", "HV", "HEARTBEAT"),
-            *("READBACK", "EMERGENCY_STOP", "WEARER_STOP", "SYNC"),
-        }
-
-    @pytest.mark.parametrize("name", ALL_BOARDS)
-    def test_the_levels_of_the_request_come_first_in_its_order(self, name: str) -> None:
-        rig = stepped_board(name)
-        events = [(event["line"], event["value"]) for event in rig.trace_lines()[1:]]
-        assert events == list(line_setup(rig.board).outputs)
-
-    def test_a_message_is_written_step_by_step(self) -> None:
-        rig = stepped_board()
-        Hand(rig).spi.transfer(pulse(0, Transfer(delay_us=7)))
-        events = rig.events("spi")
-        assert [list(event) for event in events] == [
-            ["t_ns", "bus", "event", "transfers"],
-            ["t_ns", "bus", "event", "active"],
-            ["t_ns", "bus", "event", "tx", "rx", "delay_us", "cs_change"],
-            ["t_ns", "bus", "event", "active"],
-            ["t_ns", "bus", "event", "active"],
-            ["t_ns", "bus", "event", "tx", "rx", "delay_us", "cs_change"],
-            ["t_ns", "bus", "event", "tx", "rx", "delay_us", "cs_change"],
-            ["t_ns", "bus", "event", "active"],
-            ["t_ns", "bus", "event", "bytes"],
-        ]
-        assert [event["active"] for event in events if event["event"] == "cs"] == [
-            *(True, False, True, False)
-        ]
-        assert events[0]["transfers"] == 3
-        assert events[2]["cs_change"] is True
-        assert (events[5]["tx"], events[5]["rx"], events[5]["delay_us"]) == ("", "", 7)
-        assert events[-1]["bytes"] == 4
-
-    @pytest.mark.parametrize(("output", "polarity"), [(3, 1), (3, 0), (63, 1)])
-    def test_each_phase_has_the_bodys_account(self, output: int, polarity: int) -> None:
-        rig = stepped_board(electrodes=range(63, -1, -1))
-        hand = Hand(rig)
-        hand.select(output, polarity)
-        before_pc = rig.body.charge_pc(63 - output)
-        hand.spi.transfer(pulse(1_228, *[PAUSE] * 8))
-        (record,) = rig.events("body")
-        rises = [event["t_ns"] for event in rig.events("spi") if event.get("active") is False]
-        sign = 1 if polarity else -1
-        width_us = (rises[1] - rises[0]) / 1_000
-        assert record["electrode"] == 63 - output
-        assert (record["from_ns"], record["to_ns"], record["t_ns"]) == (*rises, rises[1])
-        assert record["asked_ua"] == sign * round(1_228 * 10_000 / 4_095)
-        charge_pc = record["current_ua"] * width_us
-        assert charge_pc == pytest.approx(rig.body.charge_pc(63 - output) - before_pc, rel=0.01)
-        assert 0 < record["current_ua"] * sign < record["asked_ua"] * sign
-
-    def test_repeating_the_code_for_an_end_sample_is_one_phase(self) -> None:
-        rig = stepped_board()
-        hand = Hand(rig)
-        hand.select(0)
-        again = Transfer(word(500), cs_change=True)
-        reads = hand.spi.transfer(Message((again, PAUSE, again, Transfer(word(0)))))
-        assert len(rig.events("body")) == 1
-        samples = [int.from_bytes(read, "big") >> 2 for read in reads]
-        assert samples[0] == 0 < samples[1] < samples[2]
-
-    def test_an_engines_mark_stands_between_the_calls(self) -> None:
-        rig = stepped_board()
-        rig.backend.marker.mark("frame", 7, 3)
-        rig.backend.marker.mark("mark", 8, None)
-        assert [list(event.values())[1:] for event in rig.events("engine")] == [
-            ["engine", "frame", 7, 3],
-            ["engine", "mark", 8, None],
-        ]
-
-    @given(st.lists(st.integers(0, 5), max_size=12))
-    def test_events_are_in_order_of_time_whatever_is_called(self, calls: list[int]) -> None:
-        rig = stepped_board("reference-hv507")
-        lines = Hand(rig).lines
-        for call in calls:
-            match call:
-                case 0:
-                    rig.backend.spi.transfer(pulse(0, PAUSE))
-                case 1:
-                    rig.backend.gpio.set(((lines.DATA, 1), (lines.CLK, 1)))
-                case 2:
-                    rig.backend.gpio.edges()
-                case 3:
-                    assert rig.backend.i2c is not None
-                    rig.backend.i2c.transfer(0x48, b"\x00", 2)
-                case 4:
-                    rig.fake.world.press("wearer_stop", rig.clock.now_ns() + 6_000)
-                case _:
-                    rig.fake.world.release("wearer_stop")
-        times = [event["t_ns"] for event in rig.trace_lines()[1:]]
-        assert times == sorted(times)
 
 
 class TestCurrent:
@@ -426,170 +239,6 @@ class TestHolding:
         with pytest.raises(BusError) as raised:
             rig.fake.request(line_setup(rig.board), wrong)
         assert raised.value.kind == "absent"
-
-
-class TestViolations:
-    def test_a_clean_pulse_breaks_no_rule(self) -> None:
-        rig = stepped_board()
-        hand = Hand(rig)
-        for polarity in (1, 0):
-            hand.select(5, polarity)
-            hand.spi.transfer(pulse(2_000, *[PAUSE] * 4))
-            hand.discharge()
-        rig.fake.close()
-        assert rig.fake.violations == []
-
-    def leave_dac_on(self) -> tuple[SteppedBoard, Hand]:
-        rig = stepped_board("reference-hv507", faults=[SpiError(at_transfer=2)])
-        hand = Hand(rig)
-        hand.supply_on()
-        hand.select(5)
-        with pytest.raises(BusError):
-            hand.spi.transfer(pulse(1_000, PAUSE))
-        assert rig.fake.dac_code == 1_000
-        return rig, hand
-
-    def test_a_switch_line_that_changes_with_the_dac_on(self) -> None:
-        rig, hand = self.leave_dac_on()
-        rig.backend.gpio.set(((hand.lines.DATA, 1), (hand.lines.BL, 1)))
-        assert len(rig.fake.violations) == 1
-        assert "DATA changed with the DAC at code 1000" in rig.fake.violations[0]
-
-    def test_safe_off_may_come_while_current_flows(self) -> None:
-        rig, hand = self.leave_dac_on()
-        guards = rig.board.guards
-        assert guards.hv_enable != "absent"
-        rig.backend.gpio.set(((hand.lines.POL, 1), (hand.lines.BL, 0), (guards.hv_enable.line, 0)))
-        assert rig.fake.violations == []
-
-    def test_safe_off_may_not_move_the_chain_too(self) -> None:
-        rig, hand = self.leave_dac_on()
-        rig.backend.gpio.set(((hand.lines.DATA, 1), (hand.lines.POL, 1), (hand.lines.BL, 0)))
-        assert len(rig.fake.violations) == 2
-
-    def test_all_outputs_high_while_the_supply_is_on(self) -> None:
-        rig = stepped_board()
-        rig.backend.gpio.set(((Hand(rig).lines.POL, 0),))
-        assert "BL 0 with POL 0" in rig.fake.violations[0]
-
-    def test_a_dac_that_is_left_on(self) -> None:
-        rig, _ = self.leave_dac_on()
-        rig.fake.close()
-        assert "left at code 1000" in rig.fake.violations[-1]
-
-    def test_a_reserved_dac_word(self) -> None:
-        rig = stepped_board()
-        rig.backend.spi.transfer(Message((Transfer(b"\x40\x00"),)))
-        assert "reserved" in rig.fake.violations[0]
-
-    def test_cs_change_on_the_last_transfer(self) -> None:
-        rig = stepped_board()
-        rig.backend.spi.transfer(Message((Transfer(word(9), cs_change=True),)))
-        assert "last transfer" in rig.fake.violations[0]
-        assert rig.fake.dac_code == 0
-
-    @pytest.mark.parametrize(("supply", "violations"), [(True, 1), (False, 0)])
-    def test_both_relays_of_one_electrode_under_voltage(
-        self, supply: bool, violations: int
-    ) -> None:
-        rig = stepped_board("feetthrough-relay")
-        board: BoardFile = rig.board
-        lines, hv_enable = board.switch.lines, board.guards.hv_enable
-        assert hv_enable != "absent"
-        level = hv_enable.on if supply else 1 - hv_enable.on
-        bits = [0] * (2 * board.switch.outputs)
-        for pair in ([0, 0], [1, 1]):
-            bits[-2:] = pair
-            for bit in bits:
-                rig.backend.gpio.set(((lines.DATA, bit), (lines.CLK, 1)))
-                rig.backend.gpio.set(((lines.CLK, 0),))
-            rig.backend.gpio.set(((lines.LE, 1),))
-            rig.backend.gpio.set(((lines.LE, 0), (hv_enable.line, level)))
-            rig.clock.spend(200 * MS)
-            rig.backend.gpio.get(lines.LE)
-        told = [what for what in rig.fake.violations if "both relays" in what]
-        assert len(rig.fake.violations) == len(told) == violations
-
-
-class TestFaults:
-    def test_after_an_spi_error_the_rest_is_not_sent(self) -> None:
-        rig = stepped_board(faults=[SpiError(at_message=2, at_transfer=1)])
-        hand = Hand(rig)
-        hand.spi.transfer(pulse(0))
-        begun_ns = rig.clock.now_ns()
-        with pytest.raises(BusError) as raised:
-            hand.spi.transfer(pulse(700))
-        assert raised.value.kind == "io"
-        assert rig.fake.dac_code == 700
-        assert rig.clock.now_ns() > begun_ns
-        assert rig.events("spi")[-1]["bytes"] == 2
-
-    def test_a_short_return_is_an_error_though_all_was_sent(self) -> None:
-        rig = stepped_board(faults=[SpiShort()])
-        with pytest.raises(BusError) as raised:
-            Hand(rig).spi.transfer(pulse(700))
-        assert raised.value.kind == "short"
-        assert rig.fake.dac_code == 0
-
-    def test_a_stall_lengthens_the_pulse_and_lets_others_act(self) -> None:
-        rig = stepped_board(faults=[SpiStall(2_000)])
-        hand = Hand(rig)
-        hand.select(0)
-        stop_ns = rig.clock.now_ns() + 1 * MS
-        blanked = ((hand.lines.POL, 1), (hand.lines.BL, 0))
-        rig.clock.at(stop_ns, lambda: hand.gpio.set(blanked))
-        hand.spi.transfer(pulse(1_000, PAUSE))
-        rises = [event["t_ns"] for event in rig.events("spi") if event.get("active") is False]
-        blank_ns = rig.events("gpio")[-1]["t_ns"]
-        assert rises[0] < blank_ns < rises[1]
-        assert rises[1] - rises[0] > 2 * MS
-        assert rig.fake.violations == []
-
-    def test_a_gain_error_passes_more_than_the_word_says(self) -> None:
-        currents = []
-        for faults in ([], [DacGain(1.5)]):
-            rig = stepped_board(faults=faults)
-            hand = Hand(rig)
-            hand.select(0)
-            hand.spi.transfer(pulse(500, *[PAUSE] * 8))
-            currents.append(rig.events("body")[0])
-        assert currents[0]["asked_ua"] == currents[1]["asked_ua"]
-        assert currents[1]["current_ua"] == pytest.approx(1.5 * currents[0]["current_ua"], rel=0.01)
-
-    @pytest.mark.parametrize(("level", "read"), [(0, b"\x00\x00"), (1, b"\xff\xff")])
-    def test_a_stuck_data_line_reads_the_same_for_ever(self, level: int, read: bytes) -> None:
-        rig = stepped_board(faults=[MisoStuck(1 if level else 0)])
-        assert set(rig.backend.spi.transfer(pulse(100, PAUSE))) == {read}
-
-    def test_a_stuck_blank_line_does_not_select(self) -> None:
-        rig = stepped_board(faults=[StuckLine("BL", 0)])
-        grounded = rig.fake.sides
-        Hand(rig).select(3)
-        assert rig.fake.sides is grounded
-
-    @pytest.mark.parametrize("kind", ["absent", "io", "timeout"])
-    def test_i2c_fails_as_often_as_it_is_told(self, kind: str) -> None:
-        rig = stepped_board(
-            "reference-hv507",
-            faults=[I2cFailure(0x48, kind, times=2)],  # type: ignore[arg-type]
-        )
-        i2c = rig.backend.i2c
-        assert i2c is not None
-        begun_ns = rig.clock.now_ns()
-        for _ in range(2):
-            with pytest.raises(BusError) as raised:
-                i2c.transfer(0x48, b"\x00", 2)
-            assert raised.value.kind == kind
-        assert (rig.clock.now_ns() - begun_ns > 1_900 * MS) is (kind == "timeout")
-        assert len(i2c.transfer(0x48, b"\x00", 2)) == 2
-
-    def test_a_fault_can_be_put_in_and_taken_out_while_the_board_runs(self) -> None:
-        rig = stepped_board()
-        rig.fake.world.put_in(LostClock())
-        rig.fake.world.put_in(MisoStuck(1))
-        assert rig.backend.spi.transfer(pulse(0))[0] == b"\xff\xff"
-        rig.fake.world.take_out(MisoStuck(1))
-        assert rig.backend.spi.transfer(pulse(0))[0] == b"\x00\x00"
 
 
 def test_an_electrode_on_an_output_that_is_not_there_is_refused() -> None:
