@@ -106,7 +106,7 @@ def planner(
     layout: Array | None = None,
     can_choose: bool = True,
 ) -> Planner:
-    """For a person with these caps, on Kajimoto's board with 16 electrodes unless told otherwise."""
+    """For a person with these caps; Kajimoto's board, 16 electrodes unless told otherwise."""
     board, site, layout = board or board_file(), site or body_site(), layout or array()
     maxima = maxima_of(board, site)
     if calibrated is not None:

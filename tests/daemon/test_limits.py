@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 import pytest
 
@@ -115,7 +117,7 @@ def test_clients_are_told_the_maxima_in_the_units_of_the_protocol() -> None:
     ],
 )
 def test_a_calibration_for_something_else_is_refused(
-    changes: dict[str, object], code: str, said: str
+    changes: dict[str, Any], code: str, said: str
 ) -> None:
     maxima = maxima_of(board_file(), body_site())
     with pytest.raises(Refused, match=said) as refusal:

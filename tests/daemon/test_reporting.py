@@ -1,0 +1,184 @@
+"""What the engine tells: every frame begun, exactly once as ended, whatever is dropped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine_parts import frame
+from etd.engine.reporting import Reporter
+from etd.link import Report
+from etd.protocol import Clamp, Halt, Scan
+
+MS = 1_000_000
+START_NS = 2_000 * MS
+
+
+@dataclass
+class Listener:
+    """Takes reports while it is listening, drops them otherwise."""
+
+    is_listening: bool = True
+    reports: list[Report] = field(default_factory=list)
+
+    def send(self, report: Report) -> bool:
+        if self.is_listening:
+            self.reports.append(report)
+        return self.is_listening
+
+    @property
+    def scans(self) -> list[Scan]:
+        return [one.scan for one in self.reports if one.scan is not None]
+
+
+def reporter() -> tuple[Reporter, Listener]:
+    listener = Listener()
+    return Reporter(4, listener.send), listener
+
+
+def test_a_scan_report_tells_the_frame_and_what_was_fired() -> None:
+    made, listener = reporter()
+    made.frame_begun(frame(seq=7, tag=3), START_NS)
+    made.scan_begun()
+    made.fired(2, START_NS + 5, 1_000, 99.7, 28.5, 50_000)
+    made.fired(2, START_NS + 9, 1_100, 99.7, 29.5, 50_100)
+    made.scan_report(START_NS + 10, 1_500)
+    (scan,) = listener.scans
+    (shown,) = scan.shown
+    assert (shown.seq, shown.tag, shown.begun_ns, shown.ended) == (7, 3, START_NS, False)
+    assert (shown.first_ns, shown.last_ns) == (START_NS + 5, START_NS + 9)
+    assert (scan.seq, scan.tag, scan.scans, scan.ceiling_ua) == (7, 3, 1, 1_500)
+    assert scan.fired.current_ua == (0, 0, 1_100, 0)
+    assert scan.fired.width_us == (0.0, 0.0, 99.7, 0.0)
+    assert scan.fired.voltage_v == (None, None, 29.5, None)
+    assert scan.fired.resistance_ohm == (None, None, 50_100, None)
+
+
+def test_a_frame_without_a_pulse_has_no_times() -> None:
+    made, listener = reporter()
+    made.frame_begun(frame(seq=7), START_NS)
+    made.scan_report(START_NS, 0)
+    assert (listener.scans[0].shown[0].first_ns, listener.scans[0].shown[0].last_ns) == (None, None)
+
+
+def test_nothing_new_is_not_told_again() -> None:
+    made, listener = reporter()
+    made.scan_report(START_NS, 0)
+    made.frame_begun(frame(), START_NS)
+    made.scan_report(START_NS, 0)
+    made.scan_report(START_NS + 500 * MS, 0)
+    assert len(listener.scans) == 1
+
+
+def test_reports_come_at_most_thirty_times_a_second() -> None:
+    made, listener = reporter()
+    for step in range(1_000):
+        made.scan_begun()
+        made.scan_report(START_NS + step * MS, 0)
+    assert 29 <= len(listener.scans) <= 31
+    assert sum(scan.scans for scan in listener.scans) >= 960
+
+
+def test_a_silence_is_told_at_once() -> None:
+    made, listener = reporter()
+    made.frame_begun(frame(), START_NS)
+    made.scan_report(START_NS, 0)
+    made.frame_ended()
+    made.scan_report(START_NS + 1, 0, is_due=True)
+    assert listener.scans[-1].shown[0].ended
+
+
+def test_a_new_frame_forgets_what_the_one_before_fired() -> None:
+    made, listener = reporter()
+    made.frame_begun(frame(seq=1), START_NS)
+    made.fired(2, START_NS, 1_000, 99.7, 28.5, 50_000)
+    made.frame_begun(frame(seq=2), START_NS + 1)
+    made.scan_report(START_NS + 2, 0)
+    assert listener.scans[0].fired.current_ua == (0, 0, 0, 0)
+    assert [one.seq for one in listener.scans[0].shown] == [1, 2]
+
+
+def test_clamps_and_skipped_pulses_are_told_once_by_electrode_and_reason() -> None:
+    made, listener = reporter()
+    for got_ua in (800, 700):
+        made.clamped(
+            Clamp(electrode=1, wanted_ua=900, got_ua=got_ua, reason="opening", limited_by=1)
+        )
+    made.clamped(Clamp(electrode=1, wanted_ua=900, got_ua=500, reason="cap", limited_by=1))
+    made.skipped(3, "ledger")
+    made.skipped(3, "ledger")
+    made.skipped(None, "overrun")
+    made.scan_begun()
+    made.scan_report(START_NS, 0)
+    made.scan_begun()
+    made.scan_report(START_NS + 100 * MS, 0)
+    first, second = listener.scans
+    assert [(one.reason, one.got_ua) for one in first.clamped] == [("opening", 700), ("cap", 500)]
+    assert [(one.electrode, one.reason, one.pulses) for one in first.thinned] == [
+        (3, "ledger", 2),
+        (None, "overrun", 1),
+    ]
+    assert (second.clamped, second.thinned) == ((), ())
+    assert made.counters["clamped"] == 3
+    assert made.counters["thinned_ledger"] == 2
+
+
+def test_what_was_dropped_comes_with_the_next_report_and_is_counted() -> None:
+    made, listener = reporter()
+    listener.is_listening = False
+    made.frame_begun(frame(seq=1), START_NS)
+    made.clamped(Clamp(electrode=1, wanted_ua=9, got_ua=5, reason="cap", limited_by=1))
+    made.scan_report(START_NS, 0)
+    made.frame_begun(frame(seq=2), START_NS + 1)
+    listener.is_listening = True
+    made.scan_report(START_NS + 100 * MS, 0)
+    (scan,) = listener.scans
+    assert [(one.seq, one.ended) for one in scan.shown] == [(1, True), (2, False)]
+    assert len(scan.clamped) == 1
+    assert scan.dropped_reports == 1
+
+
+def test_other_reports_that_are_dropped_are_counted_too() -> None:
+    made, listener = reporter()
+    listener.is_listening = False
+    made.halt(Halt(cause="stop", who="me", detail="", t_ns=START_NS))
+    assert made.counters["reports_dropped"] == 1
+
+
+actions = st.lists(
+    st.one_of(
+        st.just("begin"),
+        st.just("end"),
+        st.just("report"),
+        st.just("deaf"),
+        st.just("hear"),
+        st.just("due"),
+    ),
+    max_size=60,
+)
+
+
+@given(actions, st.lists(st.integers(1, 50), min_size=60, max_size=60))
+def test_every_frame_begun_is_told_exactly_once_as_ended(
+    steps: list[str], gaps_ms: list[int]
+) -> None:
+    made, listener = reporter()
+    begun, now_ns = 0, START_NS
+    for step, gap_ms in zip(steps, gaps_ms, strict=False):
+        now_ns += gap_ms * MS
+        if step == "begin":
+            made.frame_begun(frame(seq=begun), now_ns)
+            begun += 1
+        elif step == "end":
+            made.frame_ended()
+        elif step in ("report", "due"):
+            made.scan_report(now_ns, 0, is_due=step == "due")
+        else:
+            listener.is_listening = step == "hear"
+    listener.is_listening = True
+    made.frame_ended()
+    made.scan_report(now_ns + 100 * MS, 0)
+    ended = [one.seq for scan in listener.scans for one in scan.shown if one.ended]
+    assert ended == list(range(begun))
