@@ -299,6 +299,7 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     busy_percent: float = 0.0
     clock_lag_us: int = 0
     timing: dict[str, float] = {}
+    machine: tuple[str, ...] = ()
     last_disarm: str | None = None
 
 

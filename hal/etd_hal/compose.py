@@ -14,7 +14,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from etd_hal.boardfile import BoardFile, HalfBridgeLines, MachineFile
-from etd_hal.ports import Clock, Gpio, I2c, InputLine, LineSetup, Marker, Spi, SpiSetup
+from etd_hal.errors import BusError, HardwareMissing
+from etd_hal.ports import (
+    Clock,
+    Gpio,
+    I2c,
+    InputLine,
+    LineSetup,
+    Marker,
+    Message,
+    Spi,
+    SpiSetup,
+)
 
 if TYPE_CHECKING:
     from etd_hal.fake.clock import BoardClock
@@ -37,6 +48,8 @@ class Backend:
     close: Callable[[], None]
     #: How far the clock is behind CLOCK_MONOTONIC: a fake's may be.
     lag_ns: Callable[[], int] = lambda: 0
+    #: What is worth knowing of the machine, a sentence each.
+    facts: tuple[str, ...] = ()
 
 
 class NoMarker:
@@ -44,6 +57,13 @@ class NoMarker:
 
     def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
         pass
+
+
+class NoSpi:
+    """Where SPI is gone, and the board must be made safe without it."""
+
+    def transfer(self, message: Message) -> tuple[bytes, ...]:  # noqa: ARG002
+        raise BusError("absent", "SPI", "transfer", "the DAC cannot be reached: cut the supply")
 
 
 def line_setup(board: BoardFile) -> LineSetup:
@@ -86,6 +106,7 @@ def spi_setup(board: BoardFile) -> SpiSetup:
 def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
     """The kernel's drivers. Raises: HardwareMissing, listing all that is missing."""
     from etd_hal.linux import open_ports
+    from etd_hal.linux.machine import facts as machine_facts
 
     spi, gpio, i2c, clock = open_ports(board, machine, line_setup(board))
 
@@ -95,7 +116,22 @@ def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
             if closing is not None:
                 closing()
 
-    return Backend("linux", spi, gpio, i2c, clock, NoMarker(), close)
+    return Backend("linux", spi, gpio, i2c, clock, NoMarker(), close, facts=machine_facts())
+
+
+def open_linux_lines(board: BoardFile) -> Backend:
+    """The lines alone, for a board that must be made safe while its SPI is gone.
+
+    Raises: HardwareMissing (the lines cannot be had either).
+    """
+    from etd_hal.linux import open_lines
+    from etd_hal.linux.clock import LinuxClock
+
+    try:
+        gpio = open_lines(board, line_setup(board))
+    except (BusError, ModuleNotFoundError) as error:
+        raise HardwareMissing((str(error),)) from error
+    return Backend("linux", NoSpi(), gpio, None, LinuxClock(), NoMarker(), gpio.close)
 
 
 def open_fake(
@@ -177,3 +213,10 @@ def set_up_urgent_thread(priority: int) -> str | None:
     from etd_hal.linux.realtime import scheduling
 
     return scheduling(priority)
+
+
+def system_clock() -> Clock:
+    """CLOCK_MONOTONIC, for a process that has no board."""
+    from etd_hal.linux.clock import LinuxClock
+
+    return LinuxClock()

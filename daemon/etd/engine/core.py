@@ -278,5 +278,6 @@ class Core:
                 "message_us": round(timing.message_us, 3),
                 "spread_us": round(timing.spread_us, 3),
             },
+            machine=self.backend.facts,
             last_disarm=self.last_silence,
         )
