@@ -4,6 +4,7 @@
     ├── Refused            a frame or a request was not accepted: code, reason, electrode
     ├── DaemonGone         nobody answers at that address: address
     ├── AlreadyRunning     a daemon of that name holds the lock: name, holder
+    ├── PartEnded          a process of the daemon ended by itself: part, how, status
     └── PatternError       a pattern file cannot be played: file, frame, reason
 
 Owns: what can be wrong with a frame, a request or a daemon. `ErrorCode` is the closed list of the
@@ -35,6 +36,7 @@ __all__ = [
     "FileError",
     "GuardRefusal",
     "HardwareMissing",
+    "PartEnded",
     "PatternError",
     "Refused",
 ]
@@ -102,6 +104,18 @@ class AlreadyRunning(EtdError):
         super().__init__(
             f"a daemon named {name!r} is already running ({what}): stop it, or give another --name"
         )
+
+
+class PartEnded(EtdError):
+    """Engine or gateway ended without having been asked to. Fields: part, how, status (to exit
+    with: the part's own, or 1 if a signal ended it).
+    """
+
+    def __init__(self, part: str, how: str, status: int) -> None:
+        self.part = part
+        self.how = how
+        self.status = status
+        super().__init__(f"the {part} ended ({how}), so the daemon is ended as a whole")
 
 
 class PatternError(EtdError):

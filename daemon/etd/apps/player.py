@@ -1,0 +1,248 @@
+"""The loop that plays a pattern: each frame for its time, as telemetry tells it.
+
+Owns: waiting for the operator, holding the first frame until the opening is there, when the next
+one is due, and what is renewed meanwhile. Must not know: files, the terminal, whose daemon it is.
+
+A frame counts as shown from the start of its first scan, which telemetry tells. The engine's
+clock may lag behind the client's (a fake's does): time is counted on the engine's.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from etd.apps.steps import Step, Tell, silent
+from etd.client import Display, FrameOptions, Telemetry, clock
+from etd.errors import DaemonGone, Refused
+from etd.protocol import Clamp, FrameReply, Halt, Scan
+
+_MS = 1_000_000
+#: A frame lives so much longer than it is shown: the next one is to find it standing.
+SLACK_MS = 250
+MAX_TTL_MS = 1_000
+#: A frame that stands on is sent again when it has less than this left.
+_RENEW_NS = 400 * _MS
+_KEEP_NS = 300 * _MS
+#: An accepted frame is begun at once, and telemetry comes 30 times a second.
+_BEGUN_WITHIN_NS = 3_000 * _MS
+#: The opening rises 5 uA in a millisecond; a fake on a busy machine is slower.
+_OPENING_UA_PER_S = 5_000
+_OPENING_SLACK_S = 15.0
+
+
+@dataclass(slots=True)
+class Summary:
+    """What became of it: frames shown, the last clamp of each electrode and reason (those of the
+    opening are no loss: the first frame is held meanwhile), pulses not fired by reason, and the
+    lowest rate that a frame was slowed down to.
+    """
+
+    frames: int = 0
+    clamped: dict[tuple[int, str], Clamp] = field(default_factory=dict)
+    clamped_frames: set[int] = field(default_factory=set)
+    thinned: Counter[str] = field(default_factory=Counter)
+    slowed_to_hz: float | None = None
+    opening_s: float = 0.0
+    played_s: float = 0.0
+
+
+@dataclass(slots=True)
+class _Standing:
+    """A step that has been sent, once or more. Times of the client's clock, but `begun_ns`."""
+
+    step: Step
+    seqs: set[int]
+    sent_ns: int
+    expires_ns: int
+    begun_ns: int | None = None
+
+    @property
+    def due_ns(self) -> int | None:
+        """When it has had its time, on the engine's clock."""
+        return None if self.begun_ns is None else self.begun_ns + self.step.duration_ms * _MS
+
+
+class Player:
+    """Plays steps on a display. `on_frame` hears how many frames have been shown.
+
+    Raises, from its methods: Refused (naming the frame; `halted`), DaemonGone.
+    """
+
+    def __init__(
+        self, display: Display, steps: Sequence[Step], on_frame: Callable[[int], None]
+    ) -> None:
+        self._display = display
+        self._steps = steps
+        self._on_frame = on_frame
+        self._lag_ns = 0
+        self._scan: Scan | None = None
+        self._is_open = False
+        self._kept_ns = 0
+        self.summary = Summary()
+
+    def wait_until_armed(self, tell: Tell) -> None:
+        """Hold the lease until the operator has armed it. A silent frame is the question."""
+        question = silent(self._steps[0], 0)
+        is_told = False
+        with self._display.telemetry("state") as reports:
+            while True:
+                try:
+                    self._send(question, SLACK_MS)
+                except Refused as refusal:
+                    if refusal.code != "not_armed":
+                        raise
+                else:
+                    return
+                if not is_told:
+                    tell("waiting for the operator: `etd arm`")
+                    is_told = True
+                self._display.keep()
+                reports.receive(_KEEP_NS / 1e9)
+
+    def play(self, repeat: int = 1) -> Summary:
+        """Blocks until the last frame has had its time; the skin is silent then."""
+        with self._display.telemetry("scan", "halt") as reports:
+            self._hold_until_open(reports)
+            begun_ns = clock.now_ns()
+            for index in range(repeat):
+                for step in self._steps[1:] if index == 0 else self._steps:
+                    self._finish(reports, self._stand(step))
+            self.summary.played_s = (clock.now_ns() - begun_ns) / 1e9
+            self._send(silent(self._steps[-1], 0), SLACK_MS)
+        return self.summary
+
+    # --- standing ----------------------------------------------------------------------------
+
+    def _hold_until_open(self, reports: Telemetry) -> None:
+        """The first frame, until the ceiling is above every current of the pattern and takes
+        nothing away; then for its own time.
+        """
+        most_ua = max(step.largest_ua for step in self._steps)
+        within_s = most_ua / _OPENING_UA_PER_S + _OPENING_SLACK_S
+        begun_ns = clock.now_ns()
+        standing = self._stand(self._steps[0])
+        while not self._has_opened(standing, most_ua):
+            if clock.now_ns() - begun_ns > within_s * 1e9:
+                raise Refused(
+                    "wrong_state", f"the opening is not at {most_ua} uA after {within_s:.0f} s"
+                )
+            self._wait(reports, standing)
+        self._is_open = True
+        self.summary.opening_s = (clock.now_ns() - begun_ns) / 1e9
+        standing.begun_ns = self._engine_ns()
+        self._finish(reports, standing)
+
+    def _has_opened(self, standing: _Standing, most_ua: int) -> bool:
+        scan = self._scan
+        if scan is None or scan.seq not in standing.seqs or scan.ceiling_ua < most_ua:
+            return False
+        return not any(clamp.reason == "opening" for clamp in scan.clamped)
+
+    def _finish(self, reports: Telemetry, standing: _Standing) -> None:
+        """Return when it has been shown for its time."""
+        while (due_ns := standing.due_ns) is None or self._engine_ns() < due_ns:
+            if due_ns is None and clock.now_ns() - standing.sent_ns > _BEGUN_WITHIN_NS:
+                self._say_why_not_shown(standing.step)
+            self._wait(reports, standing)
+        if standing.step.ends_frame:
+            self.summary.frames += 1
+            self._on_frame(self.summary.frames)
+
+    def _wait(self, reports: Telemetry, standing: _Standing) -> None:
+        """Until telemetry comes or something is due; then do what is due."""
+        due_ns = standing.due_ns
+        wake_ns = min(self._kept_ns + _KEEP_NS, standing.expires_ns - _RENEW_NS)
+        if due_ns is not None:
+            wake_ns = min(max(wake_ns, clock.now_ns()), due_ns + self._lag_ns)
+        item = reports.receive(max(0.001, (wake_ns - clock.now_ns()) / 1e9))
+        if item is not None:
+            self._hear(item[1], standing)
+        if self._must_renew(standing):
+            self._renew(standing)
+        elif clock.now_ns() - self._kept_ns >= _KEEP_NS:
+            self._display.keep()
+            self._kept_ns = clock.now_ns()
+
+    def _must_renew(self, standing: _Standing) -> bool:
+        if standing.expires_ns - clock.now_ns() >= _RENEW_NS:
+            return False
+        due_ns = standing.due_ns
+        return due_ns is None or due_ns + self._lag_ns > standing.expires_ns
+
+    def _engine_ns(self) -> int:
+        """The engine's time now, or a little less."""
+        return clock.now_ns() - self._lag_ns
+
+    # --- telemetry ---------------------------------------------------------------------------
+
+    def _hear(self, report: object, standing: _Standing) -> None:
+        if isinstance(report, Halt):
+            raise Refused("halted", f"halted by {report.cause} ({report.who}: {report.detail})")
+        if isinstance(report, Scan):
+            self._scan = report
+            self._lag_ns = max(0, clock.now_ns() - report.now_ns)
+            for shown in report.shown:
+                if shown.seq in standing.seqs and standing.begun_ns is None and self._is_open:
+                    standing.begun_ns = shown.begun_ns
+            self._count(report)
+
+    def _count(self, scan: Scan) -> None:
+        for clamp in scan.clamped:
+            if self._is_open or clamp.reason != "opening":
+                self.summary.clamped[clamp.electrode, clamp.reason] = clamp
+                self.summary.clamped_frames.add(-1 if scan.tag is None else scan.tag)
+        for thinned in scan.thinned:
+            self.summary.thinned[thinned.reason] += thinned.pulses
+
+    def _say_why_not_shown(self, step: Step) -> None:
+        report = self._display.status()
+        if report.state != "ARMED":
+            raise Refused("not_armed", f"the state is {report.state} ({report.last_disarm})")
+        raise DaemonGone(
+            self._display.address, f"frame {step.options.get('tag')} was accepted and not begun"
+        )
+
+    # --- sending -----------------------------------------------------------------------------
+
+    def _stand(self, step: Step) -> _Standing:
+        ttl_ms = min(MAX_TTL_MS, step.duration_ms + SLACK_MS)
+        if not self._is_open:
+            ttl_ms = MAX_TTL_MS
+        sent_ns = clock.now_ns()
+        reply = self._send(step, ttl_ms)
+        return _Standing(step, {reply.seq}, sent_ns, sent_ns + ttl_ms * _MS)
+
+    def _renew(self, standing: _Standing) -> None:
+        """A new frame on the wire, the same for the skin: its time goes on."""
+        again = self._stand(standing.step)
+        standing.seqs |= again.seqs
+        standing.sent_ns, standing.expires_ns = again.sent_ns, again.expires_ns
+
+    def _send(self, step: Step, ttl_ms: int) -> FrameReply:
+        options: FrameOptions = {**step.options, "ttl_ms": ttl_ms}
+        try:
+            if step.kind == "level":
+                reply = self._display.show(step.numbers, **options)
+            else:
+                reply = self._display.show_current(step.numbers, **options)
+        except Refused as refusal:
+            raise _named(refusal, step) from refusal
+        self._kept_ns = clock.now_ns()
+        for thinned in reply.thinned:
+            if thinned.rate_hz is not None:
+                lowest_hz = self.summary.slowed_to_hz or thinned.rate_hz
+                self.summary.slowed_to_hz = min(lowest_hz, thinned.rate_hz)
+        return reply
+
+
+def _named(refusal: Refused, step: Step) -> Refused:
+    """The same refusal, with the frame it is about and what would help."""
+    advice = ""
+    if refusal.code == "too_fast":
+        lower = "" if refusal.achievable_hz is None else f" {int(refusal.achievable_hz)}"
+        by_rate = f"--max-rate{lower} or " if step.kind == "current_ua" else ""
+        advice = f"; play it with {by_rate}--thin"
+    reason = f"frame {step.options.get('tag')}: {refusal.reason}{advice}"
+    return Refused(refusal.code, reason, refusal.electrode, refusal.achievable_hz)

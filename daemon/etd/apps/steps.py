@@ -1,0 +1,183 @@
+"""From a pattern to what is sent: numbers and options of each frame, and how long it is up.
+
+Owns: fractions of a current or of a calibrated range, rates and polarities, and what of a file
+cannot be played as asked. Must not know: sockets, time, the terminal.
+
+By levels, everything but the levels is the calibration's: a level means nothing without the
+conditions that it was found under.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from etd.calibration import Calibration, current_of_level
+from etd.client import FrameOptions
+from etd.errors import Refused
+from etd.frame import Polarity
+from etd.pattern import Pattern, PatternFrame
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Currents:
+    """Play levels as fractions of `current_ua`, for `width_us`, at the file's rate and polarity."""
+
+    current_ua: int
+    width_us: int
+    default_rate_hz: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manner:
+    """How a pattern is played; `polarity` None leaves it to the file."""
+
+    level: float = 1.0
+    currents: Currents | None = None
+    polarity: Polarity | None = None
+    returns: Literal["all"] | Mapping[str, float] | None = None
+    max_rate_hz: float | None = None
+    is_thinned: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One frame as it is sent, `duration_ms` long. `largest_ua` is the most that it asks for.
+
+    A frame of the file that ends in silence makes two steps; the second one `ends_frame`.
+    """
+
+    kind: Literal["level", "current_ua"]
+    numbers: tuple[float, ...]
+    options: FrameOptions
+    duration_ms: int
+    largest_ua: int
+    ends_frame: bool = True
+
+
+def steps_of(
+    pattern: Pattern, manner: Manner, electrodes: int, calibration: Calibration | None, tell: Tell
+) -> list[Step]:
+    """All steps of a pattern on an array of `electrodes`. `tell` hears what is played otherwise
+    than the file asks. Raises: Refused, for what cannot be played.
+    """
+    if pattern.electrodes != electrodes:
+        raise Refused(
+            "bad_frame",
+            f"the pattern is for {pattern.electrodes} electrodes, this array has {electrodes}",
+        )
+    if manner.currents is not None:
+        _tell_lower_rates(pattern, manner, tell)
+    elif calibration is not None:
+        _check_polarity(pattern, manner, calibration)
+        _check_rate(pattern, manner, calibration, tell)
+    return [
+        step
+        for tag, frame in enumerate(pattern.frames)
+        for step in _frame_steps(tag, frame, manner, calibration)
+    ]
+
+
+def silent(step: Step, duration_ms: int) -> Step:
+    """The same frame with nothing felt."""
+    return Step(
+        kind=step.kind,
+        numbers=(0,) * len(step.numbers),
+        options=step.options,
+        duration_ms=duration_ms,
+        largest_ua=0,
+    )
+
+
+def _frame_steps(
+    tag: int, frame: PatternFrame, manner: Manner, calibration: Calibration | None
+) -> list[Step]:
+    options: FrameOptions = {"tag": tag}
+    if manner.returns is not None:
+        options["returns"] = manner.returns
+    if manner.is_thinned:
+        options["thin"] = True
+    if manner.currents is None:
+        step = _level_step(frame, manner.level, options, calibration)
+    else:
+        step = _current_step(frame, manner, manner.currents, options)
+    return [step] if step.ends_frame else [step, silent(step, frame.off_ms)]
+
+
+def _level_step(
+    frame: PatternFrame, level: float, options: FrameOptions, calibration: Calibration | None
+) -> Step:
+    numbers = tuple(one * level for one in frame.level)
+    largest_ua = 0
+    if calibration is not None:
+        limits = zip(calibration.electrode, numbers, strict=True)
+        largest_ua = max(current_of_level(one, lvl, calibration.gamma) for one, lvl in limits)
+    return Step(
+        kind="level",
+        numbers=numbers,
+        options=options,
+        duration_ms=frame.duration_ms,
+        largest_ua=largest_ua,
+        ends_frame=not frame.off_ms,
+    )
+
+
+def _current_step(
+    frame: PatternFrame, manner: Manner, currents: Currents, options: FrameOptions
+) -> Step:
+    rate_hz = frame.rate_hz or currents.default_rate_hz
+    options["rate_hz"] = min(rate_hz, manner.max_rate_hz or rate_hz)
+    options["width_us"] = currents.width_us
+    polarity = manner.polarity or frame.polarity
+    if polarity is not None:
+        options["polarity"] = polarity
+    numbers = tuple(round(level * currents.current_ua) for level in frame.level)
+    return Step(
+        kind="current_ua",
+        numbers=numbers,
+        options=options,
+        duration_ms=frame.duration_ms,
+        largest_ua=max(numbers),
+        ends_frame=not frame.off_ms,
+    )
+
+
+def _tell_lower_rates(pattern: Pattern, manner: Manner, tell: Tell) -> None:
+    most_hz = manner.max_rate_hz
+    if most_hz is None:
+        return
+    faster = sum(1 for frame in pattern.frames if (frame.rate_hz or 0.0) > most_hz)
+    if faster:
+        tell(f"{faster} frames ask for more than {most_hz:g} Hz and are played at {most_hz:g} Hz")
+
+
+def _check_polarity(pattern: Pattern, manner: Manner, calibration: Calibration) -> None:
+    asked = {manner.polarity or frame.polarity for frame in pattern.frames}
+    others = sorted(one for one in asked if one is not None and one != calibration.polarity)
+    if others:
+        raise Refused(
+            "bad_frame",
+            f"{others[0]} pulses are asked for, and the calibration was made with"
+            f" {calibration.polarity} ones: play with --current-ua and --width-us, or with a"
+            f" calibration made with {others[0]} pulses",
+        )
+
+
+def _check_rate(pattern: Pattern, manner: Manner, calibration: Calibration, tell: Tell) -> None:
+    rate_hz = calibration.rate_hz
+    if manner.max_rate_hz is not None and rate_hz > manner.max_rate_hz:
+        raise Refused(
+            "bad_frame",
+            f"levels are played at the {rate_hz:g} Hz that they were calibrated at, which is more"
+            f" than --max-rate {manner.max_rate_hz:g}: play with --current-ua and --width-us",
+        )
+    asked = {frame.rate_hz for frame in pattern.frames}
+    others = sorted(one for one in asked if one is not None and one != rate_hz)
+    if others:
+        tell(
+            f"the file asks for {', '.join(f'{one:g}' for one in others)} Hz; levels are played at"
+            f" the {rate_hz:g} Hz that they were calibrated at (with --current-ua: at the file's)"
+        )

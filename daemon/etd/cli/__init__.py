@@ -1,0 +1,141 @@
+"""The `etd` command: one verb a module, loaded when it is asked for.
+
+Owns: which verbs there are, how errors become a sentence and an exit status, and what Ctrl-C
+does. Must not know: what any verb does. It imports nothing but the standard library and the tree
+of errors, so that `etd safe` works when hardly anything else does.
+
+A verb is a module with NAME, HELP, EPILOG (an example), `add_arguments(parser)` and `run(args)`,
+which returns the exit status. Exit status: 0 done, 1 the answer is no, 2 used wrongly, 3 the
+hardware or the daemon is not there, 130 ended by Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+
+from etd.errors import BusError, DaemonGone, EtdError, HardwareMissing, PartEnded, Refused
+from etd.version import __version__
+
+VERBS = (
+    "run",
+    "demo",
+    "demo",
+    "play",
+    "status",
+    "arm",
+    "disarm",
+    "stop",
+    "clear",
+    "monitor",
+    "measure",
+    "check",
+    "safe",
+)
+
+DONE, NO, USED_WRONGLY, NOT_THERE, INTERRUPTED = 0, 1, 2, 3, 130
+
+_EPILOG = """
+first steps, without any hardware:
+  etd demo                            a moving pattern on the fake board, as a live picture
+  etd run --board fake                a daemon to write programs against; ends with Ctrl-C
+  etd play FILE --board fake          a pattern file, on a fake of its own
+
+exit status: 0 done, 1 the answer is no, 2 used wrongly, 3 the hardware or the daemon is not there
+`etd VERB --help` explains each, with an example.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The entry point; returns the exit status. Raises: SystemExit (0, 2) for --help and misuse."""
+    given = list(sys.argv[1:] if argv is None else argv)
+    verb = given[0] if given and given[0] in VERBS else None
+    parser = _parser((verb,) if verb else VERBS)
+    args = parser.parse_args(given)
+    if verb is None:
+        parser.print_help()
+        return USED_WRONGLY
+    return _answered(args)
+
+
+def _parser(verbs: Sequence[str]) -> argparse.ArgumentParser:
+    """Knows all verbs for the help screen, and only the one that is asked for otherwise."""
+    parser = argparse.ArgumentParser(
+        prog="etd",
+        description="Drive an electro-tactile display.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"etd {__version__}")
+    adding = parser.add_subparsers(title="verbs", metavar="VERB")
+    for verb in verbs:
+        module = importlib.import_module(f"etd.cli.{verb}")
+        _add_verb(adding, module)
+    return parser
+
+
+def _add_verb(
+    adding: argparse._SubParsersAction[argparse.ArgumentParser], module: ModuleType
+) -> None:
+    parser = adding.add_parser(
+        module.NAME,
+        help=module.HELP,
+        description=f"{module.HELP[0].upper()}{module.HELP[1:]}.",
+        epilog=getattr(module, "EPILOG", None),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    module.add_arguments(parser)
+    parser.set_defaults(run=module.run)
+
+
+def _answered(args: argparse.Namespace) -> int:
+    """Run the verb; what went wrong becomes one sentence (or one JSON object) and a status."""
+    try:
+        status = args.run(args)
+        sys.stdout.flush()
+    except EtdError as error:
+        _tell(error, as_json=getattr(args, "json", False))
+        return status_of(error)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever was reading has gone (`etd monitor | head`): nobody is left to be told.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return NO
+    else:
+        return int(status)
+
+
+def status_of(error: EtdError) -> int:
+    """3 where something is not there, 1 where the answer is no."""
+    if isinstance(error, PartEnded):
+        return error.status
+    if isinstance(error, DaemonGone | HardwareMissing):
+        return NOT_THERE
+    if isinstance(error, BusError) and error.kind in ("absent", "busy", "gone", "permission"):
+        return NOT_THERE
+    if isinstance(error, Refused) and error.code == "engine_gone":
+        return NOT_THERE
+    return NO
+
+
+def _tell(error: EtdError, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps({"ok": False, "error": code_of(error), "reason": str(error)}))
+    else:
+        print(f"etd: {error}", file=sys.stderr)
+
+
+def code_of(error: EtdError) -> str:
+    """The protocol's code for a refusal; otherwise the kind of error, in the same style."""
+    if isinstance(error, Refused):
+        return error.code
+    kind = type(error).__name__
+    return "".join(f"_{one.lower()}" if one.isupper() else one for one in kind).removeprefix("_")

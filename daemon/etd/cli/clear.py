@@ -1,0 +1,38 @@
+"""`etd clear`: leave HALTED, by hand.
+
+Owns: the printed answer. Must not know: what a halt is latched by.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from etd.cli import options
+from etd.client import Display
+
+NAME = "clear"
+HELP = "lift a halt, once its cause has been looked at"
+EPILOG = """
+example:
+  etd status     why it is halted
+  etd clear      back to SAFE; then an application opens a lease, and `etd arm`
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_name(parser)
+    options.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Raises: Refused (nothing to clear, a stop line still open), DaemonGone."""
+    with Display(args.name, client="etd clear") as display:
+        halt = display.status().halt
+        display.clear()
+    cause = "" if halt is None else f"{halt.cause} ({halt.who})"
+    if args.json:
+        print(json.dumps({"ok": True, "was_halted_by": cause}))
+    else:
+        print(f"cleared: it was halted by {cause}; the state is SAFE")
+    return 0

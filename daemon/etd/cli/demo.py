@@ -1,0 +1,118 @@
+"""`etd demo`: a moving pattern on a fake board, through real processes and sockets.
+
+Owns: the loop of showing and drawing. Must not know: the pattern (apps.demo_pattern), the picture
+(live). It brings its own daemon, and has no way to name a running one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from pathlib import Path
+
+from etd.apps.demo_pattern import SweepingBar
+from etd.apps.monitor import Monitor
+from etd.cli import options
+from etd.cli.live import Drawn, Plain, picture_of
+from etd.cli.private_daemon import private_daemon
+from etd.client import Display, clock
+from etd.client.telemetry import Telemetry
+from etd.config import fake_config
+from etd.protocol import FrameReply
+
+NAME = "demo"
+HELP = "show a moving pattern on a fake board: no hardware, and nobody's skin"
+EPILOG = """
+examples:
+  etd demo
+  etd demo --seconds 10 --array hexagon-61
+  etd demo --board feetthrough-relay --trace bus.jsonl
+"""
+#: A new frame this often.
+_FRAME_NS = 50_000_000
+#: On an array without a calibration of the fake's body, a level of 1 is this.
+_CURRENT_UA, _WIDTH_US = 2_000, 100
+_ARM_WITHIN_S = 20.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_seconds(parser)
+    parser.add_argument("--board", metavar="NAME", help="a shipped board (default: kajimoto-hv507)")
+    parser.add_argument("--array", help="a shipped array, or a file (eTactileKit's layouts too)")
+    parser.add_argument("--trace", type=Path, metavar="FILE", help="record the fake's buses")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ends with `--seconds` or Ctrl-C, status 0. Raises: FileError, PartEnded, Refused."""
+    loaded = fake_config(args.board, args.array)
+    has_calibration = loaded.config.default_calibration is not None
+    with private_daemon("demo", loaded, args.trace) as address:
+        with _display(address, has_calibration) as display:
+            demo = _Demo(display, has_calibration)
+            with contextlib.suppress(KeyboardInterrupt):
+                demo.run(args.seconds)
+            print(demo.summary())
+    return 0
+
+
+def _display(address: str, has_calibration: bool) -> Display:
+    if has_calibration:
+        return Display(address=address, client="etd demo")
+    return Display(
+        address=address, client="etd demo", max_current_ua=_CURRENT_UA, width_us=_WIDTH_US
+    )
+
+
+class _Demo:
+    """A frame every 50 ms, and what telemetry says of it."""
+
+    def __init__(self, display: Display, has_calibration: bool) -> None:
+        facts = display.facts
+        self._display = display
+        self._has_calibration = has_calibration
+        self._bar = SweepingBar(facts.array.x_mm, facts.array.y_mm)
+        self._monitor = Monitor(facts)
+        self._rate_hz: float | None = None
+        self._begun_ns = clock.now_ns()
+        self._frames = 0
+
+    def run(self, seconds: float | None) -> None:
+        """For so long, or until Ctrl-C."""
+        facts = self._display.facts
+        title = (
+            f"etd demo (backend: {facts.board.backend}; {facts.board.name}, {facts.array.name}):"
+            " a bar sweeps across the skin; Ctrl-C ends it"
+        )
+        with self._display.telemetry() as reports, picture_of(self._monitor, title) as picture:
+            self._display.arm(_ARM_WITHIN_S)
+            self._begun_ns = clock.now_ns()
+            while seconds is None or self._seconds() < seconds:
+                reply = self._show(self._bar.levels(self._seconds()))
+                self._rate_hz = reply.rate_hz
+                self._frames += 1
+                self._listen(reports, picture, self._begun_ns + self._frames * _FRAME_NS)
+
+    def summary(self) -> str:
+        """One line."""
+        status = self._display.status()
+        pulses = status.counters.get("pulses", 0)
+        return (
+            f"{self._frames} frames and {pulses} pulses in {self._seconds():.1f} s on the fake"
+            f" {self._display.facts.board.name}; ceiling {status.ceiling_ua} uA"
+        )
+
+    def _show(self, levels: list[float]) -> FrameReply:
+        if self._has_calibration:
+            return self._display.show(levels, thin=True)
+        currents_ua = [int(level * _CURRENT_UA) for level in levels]
+        return self._display.show_current(currents_ua, width_us=_WIDTH_US, thin=True)
+
+    def _listen(self, reports: Telemetry, picture: Plain | Drawn, until_ns: int) -> None:
+        while (left_ns := until_ns - clock.now_ns()) > 0:
+            item = reports.receive(left_ns / 1e9)
+            if item is not None:
+                self._monitor.hear(item[1])
+            picture.draw(self._rate_hz)
+
+    def _seconds(self) -> float:
+        return (clock.now_ns() - self._begun_ns) / 1e9

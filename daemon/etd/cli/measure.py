@@ -1,0 +1,61 @@
+"""`etd measure`: what touches the skin, and with how many ohms.
+
+Owns: the table and the picture. Must not know: how contact is measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import msgspec
+
+from etd.apps.picture import Picture
+from etd.cli import options
+from etd.client import Display
+from etd.protocol import MeasureReply
+
+NAME = "measure"
+HELP = "measure the contact of every electrode with probe pulses that are not felt"
+EPILOG = """
+example:
+  etd measure          a picture of the array, and a line for each electrode
+  etd measure --json   {"ok", "contact", "resistance_ohm", "voltage_v"}
+
+The supply is enabled for it, and switched off again. Exit status 1: nothing touches.
+"""
+#: The smallest limits a lease can have: probes are bounded by the board, not by these.
+_LIMIT_UA, _LIMIT_US = 50, 20
+_TIMEOUT_S = 20.0
+_SIGNS = {True: "#", False: ".", None: "?"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_name(parser)
+    options.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Raises: Refused (somebody else's lease, a check before the supply), DaemonGone."""
+    with Display(
+        args.name, client="etd measure", max_current_ua=_LIMIT_UA, width_us=_LIMIT_US
+    ) as display:
+        found = display.measure(_TIMEOUT_S)
+        array = display.facts.array
+    if args.json:
+        print(msgspec.json.encode(found).decode())
+    else:
+        picture = Picture(array.x_mm, array.y_mm)
+        print("\n".join(picture.rows([_SIGNS[one] for one in found.contact])))
+        print("\n".join(_lines(found)))
+    return 0 if any(found.contact) else 1
+
+
+def _lines(found: MeasureReply) -> list[str]:
+    touching = sum(one is True for one in found.contact)
+    lines = [f"# touches, . does not, ? not known: {touching} of {len(found.contact)} touch"]
+    for electrode, contact in enumerate(found.contact):
+        ohm, volt = found.resistance_ohm[electrode], found.voltage_v[electrode]
+        resistance = "" if ohm is None else f"{ohm:>9} ohm"
+        voltage = "" if volt is None else f"{volt:6.1f} V"
+        lines.append(f"{electrode:>4}  {_SIGNS[contact]} {resistance:>13} {voltage:>8}")
+    return lines

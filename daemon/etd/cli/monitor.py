@@ -1,0 +1,72 @@
+"""`etd monitor`: what the daemon reports, live.
+
+Owns: which of the three forms it takes: picture, lines, JSON lines. Must not know: what the
+reports mean.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+
+import msgspec
+
+from etd.apps.monitor import Monitor
+from etd.cli import options
+from etd.cli.live import picture_of
+from etd.client import Display, clock
+from etd.client.telemetry import Telemetry
+
+NAME = "monitor"
+HELP = "show live what is fired, and why not more"
+EPILOG = """
+examples:
+  etd monitor                        the array as it fires
+  etd monitor | tee session.txt      a line a second
+  etd monitor --json --seconds 10    all telemetry, as JSON lines {"topic", "report"}
+
+It only listens: it needs no lease and changes nothing.
+"""
+_TURN_S = 0.05
+#: `state` comes each second: after this long there is nobody.
+_SILENT_S = 5.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_name(parser)
+    options.add_seconds(parser)
+    options.add_json(parser, "JSON lines")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ends with `--seconds` or Ctrl-C, status 0. Raises: DaemonGone, Refused (`engine_gone`)."""
+    end_ns = None if args.seconds is None else clock.now_ns() + int(args.seconds * 1e9)
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        Display(args.name, client="etd monitor") as display,
+        display.telemetry(timeout_s=_SILENT_S) as reports,
+    ):
+        if args.json:
+            _print_lines(reports, end_ns)
+        else:
+            _draw(display, reports, end_ns)
+    return 0
+
+
+def _print_lines(reports: Telemetry, end_ns: int | None) -> None:
+    for topic, report in reports:
+        print(msgspec.json.encode({"topic": topic, "report": report}).decode(), flush=True)
+        if end_ns is not None and clock.now_ns() >= end_ns:
+            return
+
+
+def _draw(display: Display, reports: Telemetry, end_ns: int | None) -> None:
+    facts = display.facts
+    monitor = Monitor(facts)
+    title = f"etd {facts.name} (backend: {facts.board.backend}; {facts.board.name})"
+    with picture_of(monitor, title) as picture:
+        while end_ns is None or clock.now_ns() < end_ns:
+            item = reports.receive(_TURN_S)
+            if item is not None:
+                monitor.hear(item[1])
+            picture.draw()

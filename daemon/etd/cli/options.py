@@ -1,0 +1,75 @@
+"""Options that several verbs share, spelled and explained once.
+
+Owns: `--name`, `--json`, `--seconds`, and what `--board fake[:BOARD]` means. Must not know: verbs.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import NamedTuple
+
+from etd.places import DEFAULT_NAME
+
+
+def add_name(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--name", default=DEFAULT_NAME, help="the daemon's name (default: %(default)s)"
+    )
+
+
+def add_json(parser: argparse.ArgumentParser, what: str = "one JSON object") -> None:
+    parser.add_argument("--json", action="store_true", help=f"answer with {what}, errors too")
+
+
+def add_seconds(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--seconds", type=positive, metavar="N", help="end after so long (default: with Ctrl-C)"
+    )
+
+
+def add_returns(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--returns",
+        type=returns,
+        metavar="all|ring:MM",
+        help="who carries the current back: all others, or those on a ring around each electrode"
+        " (boards with relays)",
+    )
+
+
+def positive(text: str) -> float:
+    """A number above 0. Raises: ArgumentTypeError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
+    return value
+
+
+def returns(text: str) -> str | dict[str, float]:
+    """`all`, or `ring:MM`. Raises: ArgumentTypeError."""
+    if text == "all":
+        return text
+    kind, _, radius = text.partition(":")
+    if kind != "ring":
+        raise argparse.ArgumentTypeError(f"{text!r} is neither all nor ring:MM (ring:5.0)")
+    return {"ring_mm": positive(radius)}
+
+
+class FakeBoard(NamedTuple):
+    """What `--board fake[:BOARD]` asks for; `board` None: whichever fits."""
+
+    board: str | None
+
+
+def fake_board(text: str) -> FakeBoard:
+    """`fake` or `fake:BOARD`. Raises: ArgumentTypeError."""
+    kind, _, board = text.partition(":")
+    if kind != "fake":
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: only a fake board is named here (fake, or fake:BOARD); a real one is named"
+            " in the configuration"
+        )
+    return FakeBoard(board or None)

@@ -1,0 +1,246 @@
+"""`etd play FILE`: a pattern file, frame by frame, on a daemon or on a fake of its own.
+
+Owns: which daemon plays it, who arms it, what is told while it plays and at its end.
+Must not know: when the next frame is due (apps.player), what is sent (apps.steps).
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import get_args
+
+import msgspec
+
+from etd.apps.player import Player, Summary
+from etd.apps.steps import Currents, Manner, steps_of
+from etd.calibration import Calibration
+from etd.cli import options
+from etd.cli.private_daemon import private_daemon
+from etd.cli.terminal import progress_of
+from etd.client import Display
+from etd.config import fake_config
+from etd.errors import FileError, Refused
+from etd.frame import Polarity
+from etd.pattern import Pattern, load_pattern
+
+NAME = "play"
+HELP = "play a pattern file of ours or of eTactileKit"
+EPILOG = """
+examples:
+  etd play wave.json --board fake                  on a fake of its own; --trace FILE records it
+  etd play wave.json --calibration P01             on the running daemon; the operator arms it
+  etd play wave.json --calibration P01 --level 0.5
+  etd play wave.json --current-ua 1500 --width-us 100 --max-rate 60
+
+Levels are those of the calibration, at the rate and polarity it was made with. With --current-ua a
+level of 1 is that current, at the file's rate and polarity, and no more than that is asked for.
+"""
+ARM_WITHIN_S = 20.0
+
+
+class Played(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer with `--json`."""
+
+    ok: bool
+    file: str
+    backend: str
+    frames: int
+    clamped_frames: int
+    clamped: list[object]
+    thinned: dict[str, int]
+    slowed_to_hz: float | None
+    opening_s: float
+    played_s: float
+    told: list[str]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, metavar="FILE", help="the pattern")
+    options.add_name(parser)
+    parser.add_argument(
+        "--board",
+        type=options.fake_board,
+        metavar="fake[:BOARD]",
+        help="play on a fake board, with a daemon that ends with this command",
+    )
+    parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
+    parser.add_argument("--trace", type=Path, metavar="FILE", help="with --board fake: record it")
+    parser.add_argument("--calibration", metavar="NAME", help="default: the daemon's own")
+    parser.add_argument("--level", type=_level, metavar="L", help="level 1 of the file is this one")
+    parser.add_argument("--current-ua", type=int, metavar="I", help="level 1 of the file is I uA")
+    parser.add_argument("--width-us", type=int, metavar="W", help="with --current-ua")
+    parser.add_argument("--polarity", choices=get_args(Polarity), help="in place of the file's")
+    options.add_returns(parser)
+    parser.add_argument("--max-rate", type=options.positive, metavar="HZ", help="no faster than HZ")
+    parser.add_argument("--thin", action="store_true", help="slow down frames that do not fit")
+    parser.add_argument("--repeat", type=_times, default=1, metavar="N", help="so many times")
+    parser.add_argument("--arm", action="store_true", help="arm it, as an operator may")
+    options.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Raises: PatternError, FileError, Refused, DaemonGone, PartEnded."""
+    _check_combinations(args)
+    pattern, told = load_pattern(args.file)
+    teller = _Teller(list(told), is_quiet=args.json)
+    with _address(args, pattern) as address, _display(args, address) as display:
+        backend = display.facts.board.backend
+        steps = steps_of(
+            pattern, _manner(args, display), display.electrodes, _calibration(args, display), teller
+        )
+        with progress_of(len(pattern.frames) * args.repeat, is_quiet=args.json) as on_frame:
+            player = Player(display, steps, on_frame)
+            _arm(args, display, player, teller)
+            summary = player.play(args.repeat)
+    _answer(args, backend, summary, teller)
+    return 0
+
+
+class _Teller:
+    """Sentences go to stderr at once, and into the JSON answer at the end."""
+
+    def __init__(self, told: list[str], is_quiet: bool) -> None:
+        self.told: list[str] = []
+        self._is_quiet = is_quiet
+        for sentence in told:
+            self(sentence)
+
+    def __call__(self, sentence: str) -> None:
+        self.told.append(sentence)
+        if not self._is_quiet:
+            print(sentence, file=sys.stderr)
+
+
+# --- which daemon ------------------------------------------------------------------------------
+
+
+def _check_combinations(args: argparse.Namespace) -> None:
+    """Raises: FileError for options that do not go together."""
+    if args.board is None and (args.array or args.trace):
+        option = "--array" if args.array else "--trace"
+        raise FileError(option, "", "it goes with --board fake", "a running daemon has its own")
+    if (args.current_ua is None) != (args.width_us is None):
+        raise FileError(
+            "--current-ua", "", "a current needs a width, and a width a current", "give both"
+        )
+    if args.current_ua is not None and (args.level or args.calibration):
+        raise FileError(
+            "--current-ua", "", "--level and --calibration are the other way", "give one of the two"
+        )
+
+
+@contextmanager
+def _address(args: argparse.Namespace, pattern: Pattern) -> Iterator[str | None]:
+    """The control address of the fake's own daemon; None for the running one."""
+    if args.board is None:
+        yield None
+        return
+    loaded = fake_config(args.board.board, args.array, pattern.electrodes)
+    with private_daemon("play", loaded, args.trace) as address:
+        yield address
+
+
+def _display(args: argparse.Namespace, address: str | None) -> Display:
+    return Display(
+        args.name,
+        address=address,
+        client=f"etd play {args.file.name}",
+        calibration=args.calibration,
+        max_current_ua=args.current_ua,
+        width_us=args.width_us,
+    )
+
+
+def _manner(args: argparse.Namespace, display: Display) -> Manner:
+    currents = None
+    if args.current_ua is not None:
+        currents = Currents(args.current_ua, args.width_us, display.facts.default_rate_hz)
+    return Manner(
+        level=1.0 if args.level is None else args.level,
+        currents=currents,
+        polarity=args.polarity,
+        returns=args.returns,
+        max_rate_hz=args.max_rate,
+        is_thinned=args.thin,
+    )
+
+
+def _calibration(args: argparse.Namespace, display: Display) -> Calibration | None:
+    """What levels mean here. Raises: Refused (`limits_missing`)."""
+    if args.current_ua is not None:
+        return None
+    name = args.calibration or display.facts.default_calibration
+    if name is None:
+        raise Refused(
+            "limits_missing",
+            "nothing says what a level means for this person: name a --calibration"
+            f" ({', '.join(display.facts.calibrations) or 'there are none yet'}), or give"
+            " --current-ua and --width-us",
+        )
+    return display.calibration(name)
+
+
+def _arm(
+    args: argparse.Namespace, display: Display, player: Player, tell: Callable[[str], None]
+) -> None:
+    """The fake's skin is nobody's; everybody else's waits for the operator."""
+    if args.board is not None or args.arm:
+        display.arm(ARM_WITHIN_S)
+    else:
+        player.wait_until_armed(tell)
+
+
+# --- what is told ------------------------------------------------------------------------------
+
+
+def _answer(args: argparse.Namespace, backend: str, summary: Summary, teller: _Teller) -> None:
+    if args.json:
+        played = Played(
+            ok=True,
+            file=str(args.file),
+            backend=backend,
+            frames=summary.frames,
+            clamped_frames=len(summary.clamped_frames),
+            clamped=list(summary.clamped.values()),
+            thinned=dict(summary.thinned),
+            slowed_to_hz=summary.slowed_to_hz,
+            opening_s=round(summary.opening_s, 3),
+            played_s=round(summary.played_s, 3),
+            told=teller.told,
+        )
+        print(msgspec.json.encode(played).decode())
+        return
+    for clamp in summary.clamped.values():
+        print(
+            f"clamped: electrode {clamp.electrode} asked for {clamp.wanted_ua} uA and got"
+            f" {clamp.got_ua} uA ({clamp.reason} of electrode {clamp.limited_by})"
+        )
+    print(_last_line(args, backend, summary))
+
+
+def _last_line(args: argparse.Namespace, backend: str, summary: Summary) -> str:
+    slowed = "" if summary.slowed_to_hz is None else f", slowed to {summary.slowed_to_hz:.1f} Hz"
+    thinned = ", ".join(f"{count} ({reason})" for reason, count in summary.thinned.items())
+    return (
+        f"{args.file.name}: {summary.frames} frames in {summary.played_s:.1f} s on {backend},"
+        f" after {summary.opening_s:.1f} s of opening; {len(summary.clamped_frames)} frames clamped"
+        f"{slowed}; pulses not fired: {thinned or 'none'}"
+    )
+
+
+def _level(text: str) -> float:
+    with contextlib.suppress(ValueError):
+        if 0 < float(text) <= 1:
+            return float(text)
+    raise argparse.ArgumentTypeError(f"{text!r} is not above 0 and at most 1")
+
+
+def _times(text: str) -> int:
+    if text.isdecimal() and 0 < int(text) <= 1_000_000:
+        return int(text)
+    raise argparse.ArgumentTypeError(f"{text!r} is not a number of times")

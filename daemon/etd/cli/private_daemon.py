@@ -1,0 +1,59 @@
+"""A daemon of one's own on the fake board: real processes, real sockets, in a private folder.
+
+Owns: the folder, and that both processes have ended when the `with` ends. Must not know: what is
+played on it. It cannot touch a real board: the children are told `--board fake`.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from etd.cli.two_processes import TwoProcesses
+from etd.config import LoadedConfig
+from etd.errors import DaemonGone, PartEnded, Refused
+from etd.places import prepare_runtime
+
+
+@contextmanager
+def private_daemon(name: str, loaded: LoadedConfig, trace: Path | None = None) -> Iterator[str]:
+    """The control address of a daemon that is ready. `loaded` comes from `fake_config`.
+
+    What the two processes say is shown only if one of them ends meanwhile.
+    Raises: PartEnded then (also in place of what the client says of it), DaemonGone if it does
+    not become ready, FileError.
+    """
+    with tempfile.TemporaryDirectory(prefix="etd-") as temporary:
+        folder = Path(temporary)
+        prepare_runtime(folder)
+        arguments = _arguments(name, loaded, folder, trace)
+        with open(folder / "log", "w+", encoding="utf-8") as log:
+            try:
+                with TwoProcesses(arguments, folder, log) as both:
+                    both.wait_until_ready()
+                    with _death_explains(both):
+                        yield both.address
+            except PartEnded:
+                log.seek(0)
+                sys.stderr.write(log.read())
+                raise
+
+
+@contextmanager
+def _death_explains(both: TwoProcesses) -> Iterator[None]:
+    """A client that is refused or not answered because a part died: that is the reason to tell."""
+    try:
+        yield
+    except (DaemonGone, Refused):
+        both.check()
+        raise
+
+
+def _arguments(name: str, loaded: LoadedConfig, folder: Path, trace: Path | None) -> list[str]:
+    config = loaded.config
+    arguments = ["--name", name, "--folder", str(folder)]
+    arguments += ["--board", f"fake:{config.board}", "--array", config.array]
+    return arguments if trace is None else [*arguments, "--trace", str(trace)]

@@ -1,0 +1,230 @@
+"""`etd run`: the daemon, as two processes, or one of the two in the foreground.
+
+Owns: which configuration holds, which backend is opened, and what is said when it is ready or
+ends. Must not know: what engine and gateway do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from etd.cli import options
+from etd.cli.two_processes import PARTS, TwoProcesses
+from etd.config import LoadedConfig, fake_config, load_config
+from etd.errors import AlreadyRunning, FileError, PartEnded
+from etd.places import CONTROL, prepare_runtime, runtime_folder, state_folder, why_unreachable
+from etd.shipped import config_dir
+from etd_hal.compose import Backend, open_fake, open_linux, system_clock
+
+NAME = "run"
+HELP = "run the daemon: engine and gateway, until Ctrl-C"
+EPILOG = """
+examples:
+  etd run --board fake                    no hardware: write a program against it
+  etd run --board fake --trace bus.jsonl  and record everything that crosses its buses
+  etd run --config my.toml                a board of yours, without installing a service
+
+As a service (systemd), each part is a unit: etd run --part engine, etd run --part gateway.
+"""
+
+CONFIG_FOLDER = Path("/etc/etd")
+_ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_name(parser)
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--config", type=Path, metavar="FILE", help="default: /etc/etd/NAME.toml")
+    what.add_argument(
+        "--board",
+        type=options.fake_board,
+        metavar="fake[:BOARD]",
+        help="a fake board in place of hardware, with a configuration of its own",
+    )
+    parser.add_argument(
+        "--array", help="with --board fake: a shipped array, or a file (eTactileKit's layouts too)"
+    )
+    parser.add_argument(
+        "--trace", type=Path, metavar="FILE", help="record the fake's buses, as JSON lines"
+    )
+    parser.add_argument(
+        "--board-socket", type=Path, metavar="PATH", help="use the fake board process at PATH"
+    )
+    parser.add_argument("--part", choices=PARTS, help="run one part in the foreground")
+    parser.add_argument(
+        "--folder", type=Path, metavar="DIR", help="keep sockets and calibrations in DIR"
+    )
+    parser.add_argument("--lifeline", action="store_true", help="end when standard input ends")
+    options.add_seconds(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Raises: FileError, AlreadyRunning, HardwareMissing, PartEnded and what a part raises."""
+    loaded = loaded_config(args)
+    _check_fake_only(args, loaded)
+    folder = args.folder if args.folder is not None else runtime_folder(args.name)
+    prepare_runtime(folder)
+    if args.part is None:
+        return _run_both(args, loaded, folder)
+    if args.lifeline:
+        _end_with_standard_input()
+    if args.part == "gateway":
+        return _run_gateway(args, loaded, folder)
+    return _run_engine(args, loaded, folder)
+
+
+def loaded_config(args: argparse.Namespace) -> LoadedConfig:
+    """Raises: FileError; for a configuration that is not there it teaches the fake."""
+    if args.board is not None:
+        return fake_config(args.board.board, args.array)
+    if args.array is not None:
+        raise FileError("--array", "", "it goes with --board fake", "name it in the configuration")
+    path = args.config or CONFIG_FOLDER / f"{args.name}.toml"
+    if not path.is_file():
+        raise FileError(
+            str(path),
+            "",
+            "there is no such configuration",
+            "without hardware: etd run --board fake; with hardware: `sudo make install` makes one,"
+            " or name yours with --config",
+        )
+    return load_config(path)
+
+
+def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
+    if args.trace is not None and args.board_socket is not None:
+        raise FileError(
+            "--trace", "", "a board process writes its own trace", "give --trace to that process"
+        )
+    if loaded.config.backend == "linux" and (args.trace or args.board_socket):
+        raise FileError(
+            "--trace" if args.trace else "--board-socket",
+            "",
+            "real buses cannot be recorded or replaced",
+            "leave it out, or run with --board fake",
+        )
+
+
+# --- both parts ------------------------------------------------------------------------------
+
+
+def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
+    if why_unreachable(folder / CONTROL) is None:
+        raise AlreadyRunning(args.name, f"it answers at {folder / CONTROL}")
+    for sentence in loaded.mended:
+        print(f"mended: {sentence}", file=sys.stderr)
+    try:
+        with _endings() as wakeup, TwoProcesses(_arguments(args, folder), folder) as both:
+            both.wait_until_ready()
+            print(_ready_line(args.name, loaded, both.address), flush=True)
+            both.wait(args.seconds, wakeup)
+    except PartEnded as ended:
+        _make_safe_after(ended, args, loaded)
+        raise
+    return 0
+
+
+def _arguments(args: argparse.Namespace, folder: Path) -> list[str]:
+    """What the parts are told: the same again."""
+    arguments = ["--name", args.name, "--folder", str(folder)]
+    if args.board is not None:
+        arguments += ["--board", f"fake:{args.board.board or ''}"]
+    for key in ("config", "array", "trace", "board_socket"):
+        value = getattr(args, key)
+        if value is not None:
+            arguments += [f"--{key.replace('_', '-')}", str(value)]
+    return arguments
+
+
+def _ready_line(name: str, loaded: LoadedConfig, address: str) -> str:
+    return (
+        f"etd {name} is ready (backend: {loaded.config.backend}; board {loaded.board.name},"
+        f" array {loaded.array.name}, {loaded.array.count} electrodes) at {address}"
+    )
+
+
+@contextmanager
+def _endings() -> Iterator[socket.socket]:
+    """A socket that can be read once this process has been told to end."""
+    reading, writing = socket.socketpair()
+    writing.setblocking(False)
+    with reading, writing:
+        before_fd = signal.set_wakeup_fd(writing.fileno())
+        before = {ending: signal.signal(ending, lambda *_: None) for ending in _ENDINGS}
+        try:
+            yield reading
+        finally:
+            for ending, handler in before.items():
+                signal.signal(ending, handler)
+            signal.set_wakeup_fd(before_fd)
+
+
+def _make_safe_after(ended: PartEnded, args: argparse.Namespace, loaded: LoadedConfig) -> None:
+    """An engine that was killed could not do it itself; the fake in its process died with it."""
+    is_there = loaded.config.backend == "linux" or args.board_socket is not None
+    if ended.part != "engine" or not ended.how.startswith("killed") or not is_there:
+        return
+    command = [sys.executable, "-m", "etd", "safe", "--name", args.name]
+    if args.config is not None:
+        command += ["--config", str(args.config)]
+    if args.board_socket is not None:
+        command += ["--board", loaded.config.board, "--board-socket", str(args.board_socket)]
+        command += ["--machine", loaded.config.machine]
+    subprocess.run(command, check=False)
+
+
+# --- one part --------------------------------------------------------------------------------
+
+
+def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
+    from etd.engine.process import run_engine
+
+    return run_engine(loaded, _open_backend(args, loaded), folder)
+
+
+def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
+    """Raises: HardwareMissing, BusError."""
+    if loaded.config.backend == "linux":
+        return open_linux(loaded.board, loaded.machine)
+    return open_fake(
+        loaded.board,
+        electrodes=loaded.array.outputs(),
+        trace=args.trace,
+        board_socket=args.board_socket,
+    )
+
+
+def _run_gateway(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
+    from etd.gateway.config import GatewayConfig
+    from etd.gateway.process import run_gateway
+    from etd.notify import Notifier
+
+    config = GatewayConfig(
+        name=args.name,
+        runtime_folder=folder,
+        state_dir=state_folder(args.name) if args.folder is None else folder / "state",
+        shipped_calibrations=config_dir() / "calibrations",
+        default_calibration=loaded.config.default_calibration,
+        operators=loaded.config.operators,
+    )
+    with contextlib.closing(Notifier()) as notifier:
+        return run_gateway(config, system_clock(), lambda: notifier.ready("serving clients"))
+
+
+def _end_with_standard_input() -> None:
+    def wait() -> None:
+        while os.read(0, 64):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, name="lifeline", daemon=True).start()

@@ -1,0 +1,135 @@
+"""`etd safe`: the board into its safe state, without a daemon.
+
+Owns: finding the board file, and saying what was done. Must not know: anything beyond the HAL; it
+imports the HAL, the shipped files' folder and the standard library, so that it works after
+anything that may have gone wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from etd.errors import BusError, FileError
+from etd.shipped import Kind, find
+from etd_hal.board import Board
+from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
+from etd_hal.compose import Backend, open_fake, open_linux
+
+NAME = "safe"
+HELP = "put the board into its safe state, without a daemon"
+EPILOG = """
+examples:
+  etd safe                                      the board of /etc/etd/main.toml
+  etd safe --board reference-hv507 --machine pi4
+
+Outputs off, supply off, DAC at zero, nothing selected; each step is tried, and checked. systemd
+runs it after every end of the engine. While an engine runs, the lines are its: use `etd stop`.
+
+exit status: 0 safe, 1 something did not work, 3 the hardware is not there or is in use
+"""
+
+_CONFIG_FOLDER = Path("/etc/etd")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--name", default="main", help="the daemon's name (default: %(default)s)")
+    parser.add_argument("--config", type=Path, metavar="FILE", help="default: /etc/etd/NAME.toml")
+    parser.add_argument("--board", metavar="FILE", help="a board file, or a shipped board's name")
+    parser.add_argument("--machine", metavar="FILE", help="a machine file, or a shipped one's name")
+    parser.add_argument(
+        "--board-socket", type=Path, metavar="PATH", help="the fake board process at PATH"
+    )
+    parser.add_argument("--json", action="store_true", help="answer with one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Raises: FileError, HardwareMissing, BusError."""
+    settings = _settings(args)
+    if settings.backend == "fake" and args.board_socket is None:
+        return _answer(args, "fake", "", (), "the fake board ended with its engine: nothing to do")
+    board = load_board(settings.path("boards", settings.board))
+    machine = load_machine(settings.path("machines", settings.machine))
+    backend = _open(board, machine, args.board_socket)
+    try:
+        problems = Board(board, machine, backend.spi, backend.gpio, backend.clock).safe_off()
+    finally:
+        backend.close()
+    supply = "" if "hv_enable" in board.absent_guards else ", supply off"
+    done = f"{board.name}: outputs off{supply}, DAC at zero, nothing selected"
+    return _answer(args, backend.name, board.name, problems, done)
+
+
+@dataclass(frozen=True, slots=True)
+class _Settings:
+    """What `etd.toml` or the options say of the board; names of files count from `folder`."""
+
+    backend: str
+    board: str
+    machine: str
+    folder: Path
+
+    def path(self, kind: Kind, name: str) -> Path:
+        path = Path(name)
+        return find(kind, self.folder / path if len(path.parts) > 1 or path.suffix else name)
+
+
+def _settings(args: argparse.Namespace) -> _Settings:
+    backend = "fake" if args.board_socket is not None else "linux"
+    if args.board is not None and args.machine is not None:
+        return _Settings(backend, args.board, args.machine, Path.cwd())
+    if args.board is not None:
+        raise FileError("--board", "", "the machine is missing", "give --machine too (pi4, pi3)")
+    path = args.config or _CONFIG_FOLDER / f"{args.name}.toml"
+    said = _read(path)
+    for key in ("backend", "board", "machine"):
+        if not isinstance(said.get(key), str):
+            raise FileError(str(path), key, "it is missing", "`etd check` tells what is wrong")
+    return _Settings(
+        backend if args.board_socket is not None else said["backend"],
+        said["board"],
+        args.machine or said["machine"],
+        path.resolve().parent,
+    )
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FileError(
+            str(path), "", f"it cannot be read ({error})", "name the board: --board, --machine"
+        ) from error
+
+
+def _open(board: BoardFile, machine: MachineFile, board_socket: Path | None) -> Backend:
+    if board_socket is None:
+        return open_linux(board, machine)
+    outputs = range(board.switch.outputs)
+    try:
+        return open_fake(board, electrodes=outputs, board_socket=board_socket)
+    except BusError as error:
+        if error.kind != "busy":
+            raise
+        advice = f"{error.detail}; an engine is running: `etd stop` makes it silent"
+        raise BusError("busy", error.device, error.operation, advice) from error
+
+
+def _answer(
+    args: argparse.Namespace, backend: str, board: str, problems: tuple[str, ...], done: str
+) -> int:
+    if args.json:
+        answer = {"ok": not problems, "backend": backend, "board": board, "problems": problems}
+        print(json.dumps(answer))
+    elif problems:
+        for problem in problems:
+            print(f"NOT SAFE: {problem}", file=sys.stderr)
+        print("cut the supply by hand; every other step was carried out", file=sys.stderr)
+    else:
+        print(f"safe ({backend}): {done}")
+    return 1 if problems else 0

@@ -1,0 +1,96 @@
+"""`etd status`: what the daemon is doing, what it lacks, what it counts.
+
+Owns: the printed answer. Must not know: how any of it came about.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import msgspec
+
+from etd.cli import options
+from etd.client import Display
+from etd.errors import Refused
+from etd.protocol import HelloReply, StateReport
+
+NAME = "status"
+HELP = "tell what the daemon is doing, and what it lacks"
+EPILOG = """
+example:
+  etd status          state, holder of the lease, board, absent guards, counters
+  etd status --json   the same as one JSON object: {"ok", "status", "facts"}
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_name(parser)
+    options.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit status 3: nobody answers, or the engine is gone. Raises: DaemonGone."""
+    with Display(args.name, client="etd status") as display:
+        report = display.status()
+        facts = _facts(display)
+    if args.json:
+        print(msgspec.json.encode({"ok": True, "status": report, "facts": facts}).decode())
+    else:
+        print("\n".join(_lines(args.name, report, facts)))
+    return 0 if report.engine == "there" else 3
+
+
+def _facts(display: Display) -> HelloReply | None:
+    try:
+        return display.facts
+    except Refused:
+        return None
+
+
+def _lines(name: str, report: StateReport, facts: HelloReply | None) -> list[str]:
+    rows = [("daemon", f"{name}: {_state(report)}")]
+    if facts is not None:
+        rows += _rows_of_facts(facts)
+    rows += [
+        ("lease", f"held by {report.holder}" if report.holder else "free"),
+        ("ceiling", f"{report.ceiling_ua} uA"),
+        ("supply", _supply(report)),
+        ("absent guards", ", ".join(report.absent_guards) or "none"),
+        *(("not granted", sentence) for sentence in report.not_granted),
+        ("busy", f"{report.busy_percent:.0f} %"),
+    ]
+    if report.last_disarm:
+        rows.append(("last silence", report.last_disarm))
+    if report.counters:
+        counts = ", ".join(f"{key} {count}" for key, count in sorted(report.counters.items()))
+        rows.append(("counted", counts))
+    return [f"{label:14} {text}" for label, text in rows]
+
+
+def _state(report: StateReport) -> str:
+    if report.engine == "gone":
+        return "the engine is gone, so nothing is driven (systemctl status etd-engine@NAME)"
+    if report.halt is not None:
+        halt = report.halt
+        return f"HALTED by {halt.cause} ({halt.who}: {halt.detail}); look, then `etd clear`"
+    return report.state
+
+
+def _rows_of_facts(facts: HelloReply) -> list[tuple[str, str]]:
+    board, array = facts.board, facts.array
+    maxima = facts.maxima
+    return [
+        ("board", f"{board.name} on {board.machine} (backend: {board.backend})"),
+        ("array", f"{array.name}, {array.electrodes} electrodes, {facts.body_site}"),
+        (
+            "maxima",
+            f"{maxima.current_ua} uA ({maxima.uncalibrated_current_ua} uA uncalibrated),"
+            f" {maxima.width_us} us, {maxima.charge_nc:g} nC a pulse, {maxima.rate_hz:g} Hz",
+        ),
+        ("calibrations", ", ".join(facts.calibrations) or "none"),
+    ]
+
+
+def _supply(report: StateReport) -> str:
+    rail = "" if report.rail_v is None else f", rail {report.rail_v:.0f} V"
+    return f"{'on' if report.supply_on else 'off'}{rail}"

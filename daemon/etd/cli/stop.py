@@ -1,0 +1,112 @@
+"""`etd stop`: silence, at once, latched; all daemons of this machine unless one is named.
+
+Owns: finding them, trying each whatever becomes of the others, and saying what is known of the
+skin where one does not answer. Must not know: how a daemon falls silent.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ThreadPoolExecutor
+
+import msgspec
+
+from etd.cli import options
+from etd.client import Display
+from etd.errors import DaemonGone, EtdError, Refused
+from etd.places import (
+    CONTROL,
+    DEFAULT_NAME,
+    SYSTEM_RUNTIME,
+    RunningDaemon,
+    address_of,
+    control_address,
+    find_daemons,
+    why_unreachable,
+)
+
+NAME = "stop"
+HELP = "make the skin silent at once, and latch it until `etd clear`"
+EPILOG = """
+example:
+  etd stop               every daemon of this machine
+  etd stop --name left   that one
+
+It needs no lease and no operate rights, and never waits behind other requests. It is no
+replacement for a hardware stop: see docs/hardware.md.
+"""
+_TIMEOUT_S = 1.0
+_LEFT_OVER = "nobody listens any more"
+
+
+class Stopped(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of one daemon; `error` None: it is silent and HALTED."""
+
+    name: str
+    address: str
+    error: str | None = None
+    is_there: bool = True
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--name", help="this daemon alone (default: all)")
+    options.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit status 3: one did not answer (or there is none). 1: one refused."""
+    daemons = _all_daemons() if args.name is None else _named(args.name)
+    with ThreadPoolExecutor(max_workers=len(daemons)) as pool:
+        answers = list(pool.map(_stop, daemons))
+    all_good = all(one.error is None for one in answers)
+    if args.json:
+        print(msgspec.json.encode({"ok": all_good, "daemons": answers}).decode())
+    else:
+        print("\n".join(_line(one) for one in answers))
+    if all_good:
+        return 0
+    return 1 if all(one.is_there for one in answers) else 3
+
+
+def _named(name: str) -> list[RunningDaemon]:
+    return [RunningDaemon(name, control_address(name))]
+
+
+def _all_daemons() -> list[RunningDaemon]:
+    """Those that answer, and those of the system that this user may not ask."""
+    found = find_daemons()
+    addresses = {daemon.address for daemon in found}
+    for control in sorted(SYSTEM_RUNTIME.glob(f"*/{CONTROL}")):
+        address = address_of(control.parent)
+        why = why_unreachable(control)
+        if address not in addresses and why is not None and not why.startswith(_LEFT_OVER):
+            found.append(RunningDaemon(control.parent.name, address))
+    return found or _named(DEFAULT_NAME)
+
+
+def _stop(daemon: RunningDaemon) -> Stopped:
+    try:
+        with Display(address=daemon.address, client="etd stop", timeout_s=_TIMEOUT_S) as display:
+            display.stop()
+    except EtdError as error:
+        is_there = not isinstance(error, DaemonGone) and not _is_engine_gone(error)
+        return Stopped(
+            name=daemon.name, address=daemon.address, error=str(error), is_there=is_there
+        )
+    return Stopped(name=daemon.name, address=daemon.address)
+
+
+def _is_engine_gone(error: EtdError) -> bool:
+    return isinstance(error, Refused) and error.code == "engine_gone"
+
+
+def _line(one: Stopped) -> str:
+    if one.error is None:
+        return f"{one.name}: silent, HALTED until `etd clear`"
+    return (
+        f"{one.name}: NOT STOPPED: {one.error}\n"
+        "  What the skin is then: without a gateway the engine is silent after 250 ms; without an\n"
+        "  engine nothing is fired any more. If anything is still felt: the hardware stop, the\n"
+        f"  supply's plug; then `systemctl stop etd-engine@{one.name}` and"
+        f" `etd safe --name {one.name}`."
+    )
