@@ -48,8 +48,11 @@ class HalfBridgeWatch:
         self.forget(())
 
     def forget(self, levels: Changes) -> None:
-        """The start, and after safe_off: register and latch unknown, outputs blanked."""
-        self._level = {self._data: 0, self._clk: 0, self._le: 0, self._bl: 0, self._pol: 1}
+        """The start, and after safe_off: register and latch unknown, outputs blanked.
+
+        CLK counts as high, so that only a rise that surely was one shifts the picture.
+        """
+        self._level = {self._data: 0, self._clk: 1, self._le: 0, self._bl: 0, self._pol: 1}
         if self._hv is not None:
             self._level[self._hv[0]] = 1 - self._hv[1]
         self._level.update({line: value for line, value in levels if line in self._watched})
@@ -127,8 +130,11 @@ class RelayWatch:
         self.forget(())
 
     def forget(self, levels: Changes) -> None:
-        """The start, and after safe_off: nothing is known; relays may be closed."""
-        self._level = dict.fromkeys((self._data, self._clk, self._le), 0)
+        """The start, and after safe_off: nothing is known; relays may be closed.
+
+        CLK and LE count as high, so that only a rise that surely was one counts.
+        """
+        self._level = {self._data: 0, self._clk: 1, self._le: 1}
         self._level.update({line: value for line, value in levels if line in self._level})
         self._register = 0
         self._unknown_stages = self._stages

@@ -43,6 +43,7 @@ class Chain:
         The caller sees to it that the latch is closed. Raises: BusError.
         """
         held = self.held
+        self._ensure_low(held)
         clocks = self._stages if held is None else self._fewest(held, wanted)
         if clocks == 0:
             if last_fall is not None:
@@ -60,6 +61,7 @@ class Chain:
         Raises: BusError; BoardFault if what comes out is not what went in a scan ago.
         """
         held, self.held = self.held, None
+        self._ensure_low(held)
         checks = self._bits_to_check(held)
         for position in range(self._stages - 1, -1, -1):
             if position in checks and self._readback is not None:
@@ -67,6 +69,11 @@ class Chain:
             self._gpio.set(self._rise[wanted >> position & 1])
             self._gpio.set(last_fall if position == 0 and last_fall is not None else self._fall)
         self.held = wanted
+
+    def _ensure_low(self, held: int | None) -> None:
+        """A call that failed may have left CLK high, and the first rise would be none."""
+        if held is None:
+            self._gpio.set(self._fall)
 
     def _fewest(self, held: int, wanted: int) -> int:
         key = (held, wanted)

@@ -94,6 +94,9 @@ class RelaySwitch:
 
     def _latch(self, word: int) -> None:
         self._chain.write(word)
+        if self._latched is None:
+            # A call that failed may have left LE high, and the rise would copy nothing.
+            self._gpio.set(self._copied)
         self._latched = None
         self._gpio.set(self._copy)
         self._gpio.set(self._copied)
