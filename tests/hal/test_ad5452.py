@@ -1,0 +1,66 @@
+"""The DAC's word, against the datasheet: C1 C0, D11..D0, two bits that do not count."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etd_hal.chips import ad5452
+
+
+@pytest.mark.parametrize(
+    ("code", "sent"),
+    [(0, "0000"), (1, "0004"), (409, "0664"), (1228, "1330"), (2048, "2000"), (4095, "3ffc")],
+)
+def test_a_code_is_sent_most_significant_bit_first_above_two_unused_bits(
+    code: int, sent: str
+) -> None:
+    assert ad5452.word(code).hex() == sent
+
+
+@pytest.mark.parametrize("code", [-1, 4096, 0x3000, 0xFFFF])
+def test_a_code_that_the_dac_has_not_is_refused_and_never_masked(code: int) -> None:
+    with pytest.raises(ValueError, match=rf"DAC code {code} is outside 0\.\.4095"):
+        ad5452.word(code)
+
+
+@given(st.integers(0, 4095))
+def test_no_word_touches_the_control_bits(code: int) -> None:
+    sent = int.from_bytes(ad5452.word(code), "big")
+    assert sent & 0xC003 == 0
+    assert sent >> 2 == code
+
+
+@pytest.mark.parametrize(
+    ("current_ua", "full_scale_ua", "code"),
+    [
+        (0, 10_000, 0),
+        (2, 10_000, 0),
+        (3, 10_000, 1),
+        (3_000, 10_000, 1228),
+        (10_000, 10_000, 4095),
+        (10_000, 41_000, 998),
+        (41_000, 41_000, 4095),
+    ],
+)
+def test_a_current_becomes_the_code_below_it(
+    current_ua: int, full_scale_ua: int, code: int
+) -> None:
+    assert ad5452.code_for(current_ua, full_scale_ua) == code
+
+
+@given(st.integers(0, 50_000), st.integers(1_000, 50_000))
+def test_a_code_makes_no_more_than_asked_and_less_than_one_code_below_it(
+    current_ua: int, full_scale_ua: int
+) -> None:
+    code = ad5452.code_for(current_ua, full_scale_ua)
+    one_more = ad5452.current_of(code + 1, full_scale_ua)
+    assert ad5452.current_of(code, full_scale_ua) <= current_ua + 1e-6
+    assert one_more > current_ua - 1e-6
+
+
+@pytest.mark.parametrize("current_ua", [-1, 10_003])
+def test_a_current_outside_the_scale_ends_as_a_refused_word(current_ua: int) -> None:
+    with pytest.raises(ValueError, match="DAC code"):
+        ad5452.word(ad5452.code_for(current_ua, 10_000))
