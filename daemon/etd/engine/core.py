@@ -138,6 +138,7 @@ class Core:
         self.board.guard.permit(self.maxima.probe_current_ua)
         self.supply_changed(True)
         self._energizer = energizer
+        self._tell_state(self.clock.now_ns())
         try:
             energizer.begin()
         except Refused:
