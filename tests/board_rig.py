@@ -7,11 +7,12 @@ spent.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 
+from etd_body.interface import Sides
 from etd_hal.board import Board, Shot
 from etd_hal.boardfile import BoardFile, MachineFile, load_machine
 from etd_hal.errors import BusError
@@ -50,11 +51,15 @@ class FailingGpio:
 
     inner: Gpio
     fails: frozenset[int] = frozenset()
-    calls: int = 0
+    sent: list[Changes] = field(default_factory=list)
+
+    @property
+    def calls(self) -> int:
+        return len(self.sent)
 
     def set(self, changes: Changes) -> None:
-        number, self.calls = self.calls, self.calls + 1
-        if number in self.fails:
+        self.sent.append(changes)
+        if self.calls - 1 in self.fails:
             raise BusError("io", "the lines", "set")
         self.inner.set(changes)
 
@@ -84,6 +89,12 @@ class BoardRig:
     @property
     def file(self) -> BoardFile:
         return self.stepped.board
+
+    @property
+    def sides(self) -> Sides:
+        """What each electrode is connected to now, relays that were under way included."""
+        self.stepped.backend.gpio.edges()
+        return self.fake.sides
 
     def begin(self) -> None:
         """As a daemon does: safe, calibrated, supply on, permitted up to the maximum."""
