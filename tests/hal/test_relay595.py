@@ -174,24 +174,21 @@ def calls_at_the_copies(boards: Boards) -> list[int]:
     rig.visit(2, returns=(3,))
     before = rig.gpio.calls
     rig.visit(5, returns=(3,))
-    le = rig.file.switch.lines.LE
-    moving = [index for index, one in enumerate(rig.gpio.sent[before:]) if dict(one).keys() == {le}]
-    return sorted({index + near for index in moving for near in (-2, -1, 0, 1)})
+    sent, le = rig.gpio.sent[before:], rig.file.switch.lines.LE
+    moving = [index for index, changes in enumerate(sent) if dict(changes).keys() == {le}]
+    near = {index + offset for index in moving for offset in (-2, -1, 0, 1)}
+    return sorted(near & set(range(len(sent))))
 
 
 def test_after_any_failed_call_at_a_copy_safe_off_still_opens_the_relays(boards: Boards) -> None:
     calls = calls_at_the_copies(boards)
-    assert len(calls) > 8
+    assert len(calls) > 6
     for call in calls:
         rig = boards(NAME)
         rig.visit(2, returns=(3,))
         rig.gpio.fails = frozenset({rig.gpio.calls + call})
-        try:
+        with pytest.raises(BusError):
             rig.visit(5, returns=(3,))
-        except BusError:
-            pass
-        else:
-            assert call == calls[-1]
         assert rig.board.safe_off() == ()
         assert set(rig.sides) == {Side.OPEN}
 
