@@ -166,7 +166,13 @@ class Core:
             self.make_safe(refusal.reason)
             self.answer(Answer.refusing(energizer.ref, refusal))
             return
-        if not energizer.measure_contact(self._visitor, may_fire):
+
+        def may_probe(now_ns: int) -> int | None:
+            # A disarm and the next arm may both lie in the queue: that one has a rail to wait for.
+            ceiling_ua = may_fire(now_ns)
+            return ceiling_ua if self._energizer is energizer else None
+
+        if not energizer.measure_contact(self._visitor, may_probe):
             return
         self._energizer = None
         contact = self.reporter.contact(self.contact, self.clock.now_ns())
@@ -184,11 +190,16 @@ class Core:
     def make_safe(self, why: str) -> None:
         """Silence, supply off, SAFE; a board that cannot be made safe halts."""
         if self.states.state in ("PROBE", "ARMED"):
-            self._silence(why)
+            problems = self._silence(why)
             self.states.safe()
+            if problems:
+                self._latch("fault", "safe_off", "; ".join(problems))
+                self.end_lease("halted")
+                return
             self._tell_state(self.clock.now_ns())
 
-    def _silence(self, why: str) -> None:
+    def _silence(self, why: str) -> tuple[str, ...]:
+        """Returns what did not work, as sentences."""
         problems = self.board.safe_off()
         self.last_silence = why
         self.supply_changed(False)
@@ -197,8 +208,7 @@ class Core:
         self.contact.forget()
         self._drop_energizer(why)
         self.reporter.scan_report(self.clock.now_ns(), 0, is_due=True)
-        if problems:
-            self._latch("fault", "safe_off", "; ".join(problems))
+        return problems
 
     def _drop_energizer(self, why: str) -> None:
         energizer, self._energizer = self._energizer, None
@@ -219,8 +229,8 @@ class Core:
         if self.states.state == "HALTED":
             self.board.safe_off()
             return
-        self._silence(f"halted by {cause}")
-        self._latch(cause, who, detail)
+        problems = self._silence(f"halted by {cause}")
+        self._latch(cause, who, "; ".join((detail, *problems)))
         self.end_lease("halted")
 
     def _latch(self, cause: str, who: str, detail: str) -> None:
