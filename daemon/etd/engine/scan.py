@@ -16,6 +16,8 @@ from etd_hal.ports import Marker
 
 #: Rounding of rates may leave a visit this little short of due.
 _ALMOST = 1e-9
+#: In a pause the watch is kept this often.
+_LOOK_NS = 2_000_000
 
 
 class Standing:
@@ -100,8 +102,7 @@ class Scanner:
             self._board.prepare(due[0][1].selection, whole=True)
         self._is_rewritten = False
         for index, (place, visit) in enumerate(due):
-            now_ns = self._rested()
-            ceiling_ua = may_fire(now_ns)
+            now_ns, ceiling_ua = self._rested(may_fire)
             if ceiling_ua is None or self.standing is not standing:
                 self._board.release()
                 return
@@ -136,12 +137,18 @@ class Scanner:
             standing.next_ns = now_ns
             self._reporter.skipped(None, "overrun")
 
-    def _rested(self) -> int:
-        """The time now, after a pause if the loop has been too busy."""
+    def _rested(self, may_fire: Callable[[int], int | None]) -> tuple[int, int | None]:
+        """The time now and the ceiling, after a pause if the loop has been too busy. The watch is
+        kept all the while: heartbeat and stop lines cannot wait for a pause to end.
+        """
         now_ns = self._clock.now_ns()
+        ceiling_ua = may_fire(now_ns)
         pause_ns = self._clock.pause_until_ns(now_ns)
         if pause_ns is None:
-            return now_ns
+            return now_ns, ceiling_ua
         self._reporter.skipped(None, "processor")
-        self._clock.sleep_until_ns(pause_ns)
-        return self._clock.now_ns()
+        while ceiling_ua is not None and now_ns < pause_ns:
+            self._clock.sleep_until_ns(min(pause_ns, now_ns + _LOOK_NS))
+            now_ns = self._clock.now_ns()
+            ceiling_ua = may_fire(now_ns)
+        return now_ns, ceiling_ua
