@@ -103,19 +103,24 @@ def _mark(core: Core, command: SetMark, now_ns: int) -> Answer:
     return Answer(ref=command.ref, marked_ns=now_ns, sync=core.board.sync())
 
 
-def take_frame(core: Core, message: NewFrame, now_ns: int) -> None:
-    """Plan a frame, and show it from the next scan on; or say why not."""
+def take_frame(core: Core, message: NewFrame, now_ns: int, came_ns: int) -> None:
+    """Plan a frame, and show it from the next scan on; or say why not.
+
+    `came_ns`: the earliest that it may have come; the age of a frame without `sent_ns` counts
+    from there.
+    """
     frame = message.frame
     try:
         lease = check_holder(core.lease, frame.lease)
         check_seq(lease, frame.seq)
         core.states.need("ARMED")
-        begun_ns = _age_from(frame.sent_ns, now_ns)
+        begun_ns = _age_from(frame.sent_ns, now_ns, came_ns)
         expires_ns = begun_ns + frame.ttl_ms * 1_000_000
         if now_ns >= expires_ns:
+            how = "sent" if frame.sent_ns is not None else "unseen by a stalled engine, perhaps sent"
             raise Refused(
                 "expired",
-                f"sent {(now_ns - begun_ns) // 1_000_000} ms ago, its ttl is {frame.ttl_ms} ms",
+                f"{how} {(now_ns - begun_ns) // 1_000_000} ms ago, its ttl is {frame.ttl_ms} ms",
             )
         plan = core.planner.plan(frame, core.contact.largest_share(0))
     except Refused as refusal:
@@ -132,10 +137,10 @@ def take_frame(core: Core, message: NewFrame, now_ns: int) -> None:
         )
 
 
-def _age_from(sent_ns: int | None, now_ns: int) -> int:
+def _age_from(sent_ns: int | None, now_ns: int, came_ns: int) -> int:
     """When the frame's time began to count. Raises: Refused (`bad_frame`)."""
     if sent_ns is None:
-        return now_ns
+        return came_ns
     if sent_ns > now_ns + _AHEAD_NS:
         raise Refused(
             "bad_frame",

@@ -11,7 +11,6 @@ are looked at before any queue is read: after a stall nothing stale is shown.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import islice
 
 from etd.config import LoadedConfig
 from etd.engine import commands
@@ -25,8 +24,8 @@ from etd_hal.compose import Backend
 
 #: Between two looks when nothing is due; the heartbeat's monostable wants edges as well.
 TICK_NS = 1_000_000
-#: Planning takes time that the heartbeat cannot spare; the rest waits for the next turn.
-_FRAMES_A_TURN = 4
+#: Without a look for longer than this the engine was stalled: no visit takes as long.
+_STALL_NS = 50_000_000
 #: Edges come this often within the monostable's window.
 _BEATS_PER_WINDOW = 4
 
@@ -46,6 +45,9 @@ class Engine(Core):
         self._feed_watchdog = feed_watchdog
         self._beaten_ns = 0
         self._wearer_stop_was_open = False
+        self._looked_ns = self.clock.now_ns()
+        #: After a stall: since when nobody has looked at what lies in the queue of frames.
+        self._unseen_since_ns: int | None = None
 
     def attach(self, commands_: Channel[ToEngine], frames: Channel[NewFrame]) -> None:
         """A gateway has connected."""
@@ -107,10 +109,14 @@ class Engine(Core):
         return None
 
     def _watch(self, now_ns: int) -> None:
-        self._watch_gateway(now_ns)
+        if now_ns - self._looked_ns > _STALL_NS:
+            self._unseen_since_ns = self._looked_ns
+        self._looked_ns = now_ns
+        # Before anything is read: what lies in a queue must not renew what has lapsed.
         if self.lease is not None and self.lease.has_lapsed(now_ns):
             self.end_lease("lapsed")
         self.scanner.expire(now_ns)
+        self._watch_gateway(now_ns)
         self._watch_stops()
         self._watch_rail(now_ns)
         self._obey(now_ns)
@@ -157,8 +163,18 @@ class Engine(Core):
             commands.obey(self, command, now_ns)
 
     def _take_frames(self) -> None:
-        for message in islice(self._dialogue.frames(), _FRAMES_A_TURN):
-            commands.take_frame(self, message, self.clock.now_ns())
+        """All that lie there now. Planning takes time that the heartbeat cannot spare, so of those
+        that were streamed the newest wins.
+        """
+        lying = list(self._dialogue.frames())
+        newest = max((one.frame.seq for one in lying if not one.ref), default=-1)
+        for message in lying:
+            if message.ref or message.frame.seq == newest:
+                now_ns = self.clock.now_ns()
+                commands.take_frame(self, message, now_ns, self._unseen_since_ns or now_ns)
+            else:
+                self.reporter.counters["frames_superseded"] += 1
+        self._unseen_since_ns = None
 
     def _beat(self, now_ns: int) -> None:
         heartbeat = self.loaded.board.guards.heartbeat
