@@ -55,6 +55,8 @@ class EngineRig:
     reports: list[Report] = field(default_factory=list)
     others: list[object] = field(default_factory=list)
     is_gateway_alive: bool = True
+    #: False: the sensor thread hangs on its bus.
+    is_sensing: bool = True
     #: Called before each turn with the time, for what the world does meanwhile.
     meanwhile: Callable[[int], None] = lambda _: None
     _ref: int = 0
@@ -75,7 +77,7 @@ class EngineRig:
     def _sense(self) -> None:
         """What the sensor thread does, in between."""
         rail = self.engine.rail
-        if rail.is_there:
+        if rail.is_there and self.is_sensing:
             rail.end()
             rail.begin()
 
@@ -163,7 +165,11 @@ class EngineRig:
     @property
     def records(self) -> list[dict[str, Any]]:
         """The trace so far, its header left out."""
-        return [json.loads(line) for line in self.sink.getvalue().splitlines()[1:]]
+        return self.trace()[1:]
+
+    def trace(self) -> list[dict[str, Any]]:
+        """The whole trace so far, its header first."""
+        return [json.loads(line) for line in self.sink.getvalue().splitlines()]
 
     def body(self) -> list[dict[str, Any]]:
         """The trace's body records so far."""
@@ -187,8 +193,9 @@ def make(
     loaded: LoadedConfig | None = None,
     faults: Sequence[Fault] = (),
     stabilizers: Sequence[Stabilizer] = (),
+    wrap: Callable[[Backend], Backend] = lambda backend: backend,
 ) -> EngineRig:
-    """An engine that has begun, with a gateway attached."""
+    """An engine that has begun, with a gateway attached. `wrap` may put something before a port."""
     loaded = loaded or fake_config(board=board, array=array, electrodes=electrodes)
     clock = SteppedClock()
     sink = io.BytesIO()
@@ -203,7 +210,7 @@ def make(
     )
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
     backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
-    engine = Engine(loaded, backend, stabilizers=stabilizers)
+    engine = Engine(loaded, wrap(backend), stabilizers=stabilizers)
     engine.begin()
     mine, theirs = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
     to_engine: Channel[ToEngine] = Channel(theirs[0], ToEngine)

@@ -1,0 +1,168 @@
+"""What tests of the engine ask of a rig: what was felt, what the lines did, other configurations.
+
+Owns: questions to the trace, answered by the decoder of the tests; changed configurations.
+Must not know: what a test expects.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+
+from engine_rig import LEASE, EngineRig
+from etd.calibration import Calibration, ElectrodeLimits
+from etd.config import LoadedConfig, fake_config
+from etd.link import Answer, LeaseEnded, OpenLease
+from etd.protocol import Clamp, Halt, Scan, Shown, StateReport, Thinned
+from etd_hal.boardfile import Guards
+from trace_decoder import Phase, decode, parse
+
+MS = 1_000_000
+
+
+def phases(rig: EngineRig, since_ns: int = 0) -> list[Phase]:
+    """What flowed, decoded from the SPI and GPIO events."""
+    return [one for one in decode(parse(rig.sink.getvalue())) if one.from_ns >= since_ns]
+
+
+def felt_ua(rig: EngineRig, since_ns: int = 0) -> dict[int, float]:
+    """The largest current of each electrode."""
+    found: dict[int, float] = {}
+    for phase in phases(rig, since_ns):
+        assert phase.electrode is not None
+        found[phase.electrode] = max(found.get(phase.electrode, 0.0), phase.current_ua)
+    return found
+
+
+def moves(rig: EngineRig, name: str, since_ns: int = 0) -> list[tuple[int, int]]:
+    """(time, level) of one line, by its name in the trace's header."""
+    lines = rig.engine.loaded.board.used_lines()
+    return [
+        (one["t_ns"], one["value"])
+        for one in rig.records
+        if one["bus"] == "gpio" and one["line"] == lines[name] and one["t_ns"] >= since_ns
+    ]
+
+
+def dac_codes(rig: EngineRig, since_ns: int = 0) -> list[tuple[int, int]]:
+    """(time, code) of each word sent to the DAC."""
+    return [
+        (one["t_ns"], int(one["tx"], 16) >> 2)
+        for one in rig.records
+        if one.get("event") == "transfer" and one["tx"] and one["t_ns"] >= since_ns
+    ]
+
+
+def only(count: int, **wanted_ua: int) -> tuple[int, ...]:
+    """0 everywhere but at the named electrodes: only(16, e3=1000)."""
+    wanted = {int(name[1:]): value for name, value in wanted_ua.items()}
+    return tuple(wanted.get(one, 0) for one in range(count))
+
+
+# --- reports --------------------------------------------------------------------------------------
+
+
+def scans(rig: EngineRig) -> list[Scan]:
+    return [one.scan for one in rig.reports if one.scan is not None]
+
+
+def states(rig: EngineRig) -> list[StateReport]:
+    return [one.state for one in rig.reports if one.state is not None]
+
+
+def halts(rig: EngineRig) -> list[Halt]:
+    return [one.halt for one in rig.reports if one.halt is not None]
+
+
+def shown(rig: EngineRig) -> list[Shown]:
+    return [one for scan in scans(rig) for one in scan.shown]
+
+
+def clamps(rig: EngineRig) -> list[Clamp]:
+    return [one for scan in scans(rig) for one in scan.clamped]
+
+
+def thinned(rig: EngineRig) -> list[Thinned]:
+    return [one for scan in scans(rig) for one in scan.thinned]
+
+
+def ended_leases(rig: EngineRig) -> list[LeaseEnded]:
+    return [one for one in rig.others if isinstance(one, LeaseEnded)]
+
+
+# --- ways into it ---------------------------------------------------------------------------------
+
+
+def armed(rig: EngineRig, max_current_ua: int = 3_000) -> EngineRig:
+    rig.open(max_current_ua)
+    rig.arm()
+    return rig
+
+
+def fully_open(rig: EngineRig, current_ua: int = 3_000) -> EngineRig:
+    """Armed, with frames held until the opening has let `current_ua` through."""
+    armed(rig)
+    count = rig.engine.loaded.array.count
+    hold_ms = current_ua // 5 + 30
+    rig.hold(hold_ms, current_ua=only(count, e0=10), rate_hz=20.0)
+    return rig
+
+
+def calibration(rig: EngineRig, caps_ua: Sequence[int], **changes: Any) -> Calibration:
+    """For the rig's array, with these caps; threshold and comfortable are half of each."""
+    loaded = rig.engine.loaded
+    made = Calibration(
+        participant="P01",
+        body_site=loaded.body_site.name,
+        array=loaded.array.name,
+        polarity="anodic",
+        width_us=100,
+        rate_hz=60.0,
+        returns="all",
+        date=datetime.date(2025, 1, 15),
+        program="test",
+        electrode=tuple(
+            ElectrodeLimits(threshold_ua=cap // 2, comfortable_ua=cap // 2, cap_ua=cap)
+            for cap in caps_ua
+        ),
+    )
+    return msgspec.structs.replace(made, **changes)
+
+
+def open_calibrated(rig: EngineRig, made: Calibration) -> Answer:
+    return rig.ask(OpenLease, lease=LEASE, client="test", calibration=made)
+
+
+# --- configurations -------------------------------------------------------------------------------
+
+
+def config(
+    board: str = "kajimoto-hv507",
+    electrodes: int | None = 16,
+    *,
+    accepted: tuple[str, ...] | None = None,
+    guards: Guards | None = None,
+    machine: dict[str, Any] | None = None,
+    maxima: dict[str, int] | None = None,
+    **board_keys: Any,
+) -> LoadedConfig:
+    """The fake's configuration with some keys changed."""
+    loaded = fake_config(board=board, electrodes=electrodes)
+    changed = msgspec.structs.replace(loaded.board, **board_keys)
+    if guards is not None:
+        changed = msgspec.structs.replace(changed, guards=guards)
+    site = loaded.body_site
+    if maxima is not None:
+        site = msgspec.structs.replace(site, maxima=msgspec.structs.replace(site.maxima, **maxima))
+    accept = changed.absent_guards if accepted is None else accepted
+    return dataclasses.replace(
+        loaded,
+        config=msgspec.structs.replace(loaded.config, accept_absent_guards=accept),
+        board=changed,
+        body_site=site,
+        machine=msgspec.structs.replace(loaded.machine, **(machine or {})),
+    )
