@@ -152,24 +152,30 @@ class Player:
 
     def _wait(self, reports: Telemetry, standing: _Standing) -> None:
         """Until telemetry comes or something is due; then do what is due."""
-        due_ns = standing.due_ns
-        wake_ns = min(self._kept_ns + _KEEP_NS, standing.expires_ns - _RENEW_NS)
-        if due_ns is not None:
-            wake_ns = min(max(wake_ns, clock.now_ns()), due_ns + self._lag_ns)
-        item = reports.receive(max(0.001, (wake_ns - clock.now_ns()) / 1e9))
+        left_ns = self._wake_ns(standing) - clock.now_ns()
+        item = reports.receive(max(0.001, left_ns / 1e9))
         if item is not None:
             self._hear(item[1], standing)
-        if self._must_renew(standing):
+        now_ns = clock.now_ns()
+        if self._stands_on(standing) and now_ns >= standing.expires_ns - _RENEW_NS:
             self._renew(standing)
-        elif clock.now_ns() - self._kept_ns >= _KEEP_NS:
+        elif now_ns >= self._kept_ns + _KEEP_NS:
             self._display.keep()
-            self._kept_ns = clock.now_ns()
+            self._kept_ns = now_ns
 
-    def _must_renew(self, standing: _Standing) -> bool:
-        if standing.expires_ns - clock.now_ns() >= _RENEW_NS:
-            return False
-        due_ns = standing.due_ns
-        return due_ns is None or due_ns + self._lag_ns > standing.expires_ns
+    def _wake_ns(self, standing: _Standing) -> int:
+        moments_ns = [self._kept_ns + _KEEP_NS]
+        if standing.due_ns is not None:
+            moments_ns.append(standing.due_ns + self._lag_ns)
+        if self._stands_on(standing):
+            moments_ns.append(standing.expires_ns - _RENEW_NS)
+        return min(moments_ns)
+
+    def _stands_on(self, standing: _Standing) -> bool:
+        """It is to be felt for longer than it lives."""
+        if standing.due_ns is None:
+            return not self._is_open
+        return standing.due_ns + self._lag_ns > standing.expires_ns
 
     def _engine_ns(self) -> int:
         """The engine's time now, or a little less."""

@@ -25,7 +25,6 @@ from etd.version import __version__
 VERBS = (
     "run",
     "demo",
-    "demo",
     "play",
     "status",
     "arm",

@@ -46,12 +46,14 @@ def run(args: argparse.Namespace) -> int:
     """Ends with `--seconds` or Ctrl-C, status 0. Raises: FileError, PartEnded, Refused."""
     loaded = fake_config(args.board, args.array)
     has_calibration = loaded.config.default_calibration is not None
-    with private_daemon("demo", loaded, args.trace) as address:
-        with _display(address, has_calibration) as display:
-            demo = _Demo(display, has_calibration)
-            with contextlib.suppress(KeyboardInterrupt):
-                demo.run(args.seconds)
-            print(demo.summary())
+    with (
+        private_daemon("demo", loaded, args.trace) as address,
+        _display(address, has_calibration) as display,
+    ):
+        demo = _Demo(display, has_calibration)
+        with contextlib.suppress(KeyboardInterrupt):
+            demo.run(args.seconds)
+        print(demo.summary())
     return 0
 
 

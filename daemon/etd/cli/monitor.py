@@ -54,10 +54,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_lines(reports: Telemetry, end_ns: int | None) -> None:
-    for topic, report in reports:
-        print(msgspec.json.encode({"topic": topic, "report": report}).decode(), flush=True)
-        if end_ns is not None and clock.now_ns() >= end_ns:
-            return
+    while (left_s := _left_s(end_ns)) > 0:
+        item = reports.receive(min(left_s, _SILENT_S))
+        if item is not None:
+            line = {"topic": item[0], "report": item[1]}
+            print(msgspec.json.encode(line).decode(), flush=True)
+        elif left_s > _SILENT_S:
+            raise DaemonGone(reports.address, f"no telemetry for {_SILENT_S:g} s")
 
 
 def _draw(display: Display, reports: Telemetry, end_ns: int | None) -> None:

@@ -16,7 +16,6 @@ from etd.client import Display
 from etd.errors import DaemonGone, EtdError, Refused
 from etd.places import (
     CONTROL,
-    DEFAULT_NAME,
     SYSTEM_RUNTIME,
     RunningDaemon,
     address_of,
@@ -73,7 +72,10 @@ def _named(name: str) -> list[RunningDaemon]:
 
 
 def _all_daemons() -> list[RunningDaemon]:
-    """Those that answer, and those of the system that this user may not ask."""
+    """Those that answer, and those of the system that this user may not ask.
+
+    Raises: DaemonGone if there is none.
+    """
     found = find_daemons()
     addresses = {daemon.address for daemon in found}
     for control in sorted(SYSTEM_RUNTIME.glob(f"*/{CONTROL}")):
@@ -81,7 +83,9 @@ def _all_daemons() -> list[RunningDaemon]:
         why = why_unreachable(control)
         if address not in addresses and why is not None and not why.startswith(_LEFT_OVER):
             found.append(RunningDaemon(control.parent.name, address))
-    return found or _named(DEFAULT_NAME)
+    if not found:
+        raise DaemonGone("any socket that this user may reach", "no daemon answers")
+    return found
 
 
 def _stop(daemon: RunningDaemon) -> Stopped:
