@@ -117,7 +117,7 @@ def take_frame(core: Core, message: NewFrame, now_ns: int, came_ns: int) -> None
         begun_ns = _age_from(frame.sent_ns, now_ns, came_ns)
         expires_ns = begun_ns + frame.ttl_ms * 1_000_000
         if now_ns >= expires_ns:
-            how = "sent" if frame.sent_ns is not None else "unseen by a stalled engine, perhaps sent"
+            how = "sent" if frame.sent_ns is not None else "not seen in a stall, perhaps sent"
             raise Refused(
                 "expired",
                 f"{how} {(now_ns - begun_ns) // 1_000_000} ms ago, its ttl is {frame.ttl_ms} ms",
