@@ -23,6 +23,9 @@ I2cAddress = Annotated[int, Meta(ge=0x08, le=0x77)]
 #: Both ends of a range are bounded: infinity would switch off what compares with it.
 Positive = Annotated[float, Meta(gt=0, le=100_000)]
 
+#: The rail's monitor runs on 3.3 V and tells nothing above; a little less, to tell that it does.
+MONITOR_SEES_V = 0.98 * 3.3
+
 T = TypeVar("T")
 
 #: Header lines that a bus device has for itself, chip selects included.
@@ -416,6 +419,15 @@ def _check_guards(board: BoardFile, file: str) -> None:
         if not rail.off_v < rail.low_v < rail.high_v:
             raise FileError(
                 file, "guards.rail_monitor", "off_v, low_v, high_v do not rise", "order them"
+            )
+        if rail.high_v > MONITOR_SEES_V * rail.divider:
+            raise FileError(
+                file,
+                "guards.rail_monitor.high_v",
+                f"{rail.high_v} V are {rail.high_v / rail.divider:.2f} V at the monitor's input,"
+                f" which tells voltages up to {MONITOR_SEES_V:.2f} V",
+                "a larger divider, or a lower high_v: beyond its scale a rail that is too high"
+                " would look right",
             )
     if guards.heartbeat != "absent" and guards.hv_enable == "absent":
         raise FileError(
