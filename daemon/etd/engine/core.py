@@ -108,6 +108,7 @@ class Core:
         self.lease = lease
         self.opening.restart()
         self.planner_of_lease()
+        self._tell_state(self.clock.now_ns())
 
     def planner_of_lease(self) -> None:
         """Plans follow the person's limits and the calibrated timing."""
@@ -223,6 +224,7 @@ class Core:
         if lease is not None:
             self.reporter.counters[f"leases_ended_{why.split()[-1]}"] += 1
             self._tell_gateway(LeaseEnded(lease=lease.token, why=why))
+            self._tell_state(self.clock.now_ns())
 
     def halt(self, cause: str, who: str, detail: str) -> None:
         """Silence at once, and HALTED until `clear`. The first cause stands."""
