@@ -1,0 +1,221 @@
+"""Stop, stop lines, and the way out of a halt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from engine_rig import EngineRig
+from engine_scenes import (
+    MS,
+    armed,
+    dac_codes,
+    ended_leases,
+    fully_open,
+    halts,
+    moves,
+    phases,
+    states,
+)
+from etd.link import ArmBoard, ClearHalt, DisarmBoard, MeasureContact, OpenLease, StopNow
+from etd.protocol import Limits
+
+MakeRig = Callable[..., EngineRig]
+N = 16
+ALL = (1_000,) * N
+REFERENCE = "reference-hv507"
+
+
+def stop(rig: EngineRig, who: str = "operator") -> None:
+    assert rig.ask(StopNow, who=who).error is None
+
+
+def in_state(rig: EngineRig, state: str) -> EngineRig:
+    """Any of SAFE, PROBE, ARMED; PROBE waits for a rail that rises for half a second."""
+    rig.open()
+    rig.try_wearer_stop()
+    if state != "SAFE":
+        rig.commands.send(ArmBoard(ref=rig.next_ref()))
+        rig.run_ms(10 if state == "PROBE" else 700)
+    assert rig.state == state
+    return rig
+
+
+@pytest.mark.parametrize("state", ["SAFE", "PROBE", "ARMED"])
+def test_stop_halts_from_every_state(make_rig: MakeRig, state: str) -> None:
+    rig = in_state(make_rig(REFERENCE), state)
+    stop(rig)
+    assert rig.state == "HALTED"
+    (halt,) = halts(rig)
+    assert (halt.cause, halt.who) == ("stop", "operator")
+    assert states(rig)[-1].halt == halt
+    assert moves(rig, "HV")[-1][1] == 0
+    assert rig.fake.dac_code == 0
+    assert rig.engine.lease is None
+    assert ended_leases(rig)[-1].why == "halted"
+
+
+def test_stop_is_silent_within_one_pulse(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(electrodes=N), 1_000)
+    rig.show(current_ua=ALL, rate_hz=100.0, ttl_ms=1_000)
+    rig.run_ms(7)
+    asked_ns = rig.clock.now_ns()
+    rig.commands.send(StopNow(ref=0, who="operator"))
+    rig.run_ms(100)
+    assert phases(rig)[-1].to_ns < asked_ns + MS
+    assert all(code == 0 for _, code in dac_codes(rig, asked_ns + MS))
+
+
+def test_a_stop_in_the_middle_of_a_scan_is_heard_before_the_next_pulse(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(electrodes=N), 1_000)
+    asked_ns = rig.clock.now_ns() + 3 * MS
+    rig.clock.at(asked_ns, lambda: rig.commands.send(StopNow(ref=0, who="operator")))
+    rig.show(current_ua=ALL, rate_hz=60.0, ttl_ms=1_000)
+    rig.run_ms(100)
+    assert any(one.from_ns < asked_ns for one in phases(rig) if one.current_ua > 900)
+    assert phases(rig)[-1].from_ns < asked_ns + MS
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda rig: rig.ask(ArmBoard),
+        lambda rig: rig.ask(
+            OpenLease, lease="b", client="b", limits=Limits(max_current_ua=100, width_us=50)
+        ),
+    ],
+)
+def test_a_halt_is_latched(make_rig: MakeRig, ask: Callable[[EngineRig], object]) -> None:
+    rig = armed(make_rig(electrodes=N))
+    stop(rig)
+    answer = ask(rig)
+    assert answer.error == "halted"  # type: ignore[attr-defined]
+    assert "clear" in answer.reason  # type: ignore[attr-defined]
+    rig.run_ms(3_000)
+    assert rig.state == "HALTED"
+
+
+def test_what_needs_the_lease_finds_none_after_a_halt(make_rig: MakeRig) -> None:
+    rig = armed(make_rig(electrodes=N))
+    stop(rig)
+    for command in (DisarmBoard, MeasureContact):
+        assert rig.ask(command, lease="a-lease").error == "no_lease"
+    assert rig.show(current_ua=ALL).error == "no_lease"
+
+
+def test_the_first_cause_stands(make_rig: MakeRig) -> None:
+    rig = armed(make_rig(electrodes=N))
+    stop(rig, "the first")
+    stop(rig, "the second")
+    assert [one.who for one in halts(rig)] == ["the first"]
+    assert rig.engine.states.halt == halts(rig)[0]
+
+
+def test_clear_leads_to_safe_and_open_and_arm_are_needed_after(make_rig: MakeRig) -> None:
+    rig = armed(make_rig(electrodes=N))
+    stop(rig)
+    assert rig.ask(ClearHalt).error is None
+    assert rig.state == "SAFE"
+    assert rig.ask(ArmBoard).error == "no_lease"
+    rig.open()
+    assert rig.show(current_ua=ALL).error == "not_armed"
+    assert rig.ask(ArmBoard).error is None
+    assert rig.state == "ARMED"
+
+
+def test_there_is_nothing_to_clear_while_nothing_is_halted(make_rig: MakeRig) -> None:
+    rig = armed(make_rig(electrodes=N))
+    assert rig.ask(ClearHalt).error == "wrong_state"
+    assert rig.state == "ARMED"
+
+
+# --- stop lines -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("line", ["emergency_stop", "wearer_stop"])
+def test_a_stop_line_while_armed_is_silent_within_one_pulse_and_halts(
+    make_rig: MakeRig, line: str
+) -> None:
+    rig = fully_open(make_rig(REFERENCE), 1_000)
+    pressed_ns = rig.clock.now_ns() + 6 * MS
+    rig.fake.world.press(line, pressed_ns)  # type: ignore[arg-type]
+    rig.show(current_ua=(1_000,) * 64, rate_hz=20.0, ttl_ms=1_000)
+    rig.run_ms(50)
+    fired = [one for one in phases(rig) if one.current_ua > 900]
+    assert 5 < len(fired) < 30
+    assert pressed_ns - MS < fired[-1].from_ns < pressed_ns + MS
+    (halt,) = halts(rig)
+    assert (halt.cause, halt.who) == (line, line)
+    hv_ns, hv = moves(rig, "HV")[-1]
+    assert hv == 0
+    assert hv_ns < pressed_ns + MS
+    assert {level for _, level in moves(rig, "BL", pressed_ns + MS)} <= {0}
+    assert {code for _, code in dac_codes(rig, hv_ns)} == {0}
+
+
+@pytest.mark.parametrize("line", ["emergency_stop", "wearer_stop"])
+def test_a_stop_line_between_two_scans_halts_within_milliseconds(
+    make_rig: MakeRig, line: str
+) -> None:
+    rig = armed(make_rig(REFERENCE))
+    rig.fake.world.press(line)  # type: ignore[arg-type]
+    rig.run_ms(3)
+    assert rig.state == "HALTED"
+
+
+@pytest.mark.parametrize("line", ["emergency_stop", "wearer_stop"])
+def test_a_stop_line_in_probe_halts_and_the_arm_is_answered(make_rig: MakeRig, line: str) -> None:
+    rig = in_state(make_rig(REFERENCE), "PROBE")
+    ref = rig._ref
+    rig.fake.world.press(line)  # type: ignore[arg-type]
+    answer = rig.wait_for(ref)
+    assert answer.error == "arm_failed"
+    assert line in answer.reason
+    assert rig.state == "HALTED"
+    assert moves(rig, "HV")[-1][1] == 0
+
+
+def test_a_press_that_is_over_at_once_still_halts(make_rig: MakeRig) -> None:
+    rig = armed(make_rig(REFERENCE))
+    now_ns = rig.clock.now_ns()
+    rig.fake.world.press("wearer_stop", now_ns + 1_000)
+    rig.fake.world.release("wearer_stop", now_ns + 2_000)
+    rig.run_ms(5)
+    assert rig.state == "HALTED"
+
+
+def test_a_stop_line_in_safe_halts_nothing_but_nothing_is_armed(make_rig: MakeRig) -> None:
+    rig = in_state(make_rig(REFERENCE), "SAFE")
+    rig.fake.world.press("emergency_stop")
+    rig.run_ms(5)
+    assert rig.state == "SAFE"
+    answer = rig.ask(ArmBoard)
+    assert answer.error == "arm_failed"
+    assert "emergency_stop open" in answer.reason
+    assert rig.state == "SAFE"
+
+
+@pytest.mark.parametrize("line", ["emergency_stop", "wearer_stop"])
+def test_a_halt_is_not_cleared_while_a_stop_line_is_open(make_rig: MakeRig, line: str) -> None:
+    rig = armed(make_rig(REFERENCE))
+    rig.fake.world.press(line)  # type: ignore[arg-type]
+    rig.run_ms(5)
+    answer = rig.ask(ClearHalt)
+    assert answer.error == "halted"
+    assert f"{line} still open" in answer.reason
+    assert rig.state == "HALTED"
+    rig.fake.world.release(line)  # type: ignore[arg-type]
+    rig.run_ms(5)
+    assert rig.ask(ClearHalt).error is None
+
+
+def test_a_stop_is_heard_behind_a_flood_of_frames(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(electrodes=N), 1_000)
+    for _ in range(200):
+        rig.send(current_ua=ALL, ttl_ms=1_000)
+    asked_ns = rig.clock.now_ns()
+    rig.commands.send(StopNow(ref=0, who="operator"))
+    rig.run_ms(20)
+    assert rig.state == "HALTED"
+    assert [one for one in phases(rig, asked_ns) if one.from_ns > asked_ns + MS] == []
