@@ -278,12 +278,11 @@ class Board:
         Returns what did not work, as sentences; every step is tried even if one before it failed.
         The caller may still be in the middle of a visit.
         """
-        steps: tuple[Callable[[], None], ...] = (
-            self.blank_now,
-            self._zero_dac,
-            self._check_node,
-            self._deselect,
-        )
+        verify: tuple[Callable[[], None], ...] = (self._check_node, self._deselect)
+        if self.switch.can_choose_returns:
+            # Until its relays open, charged skin stays on the node and looks like current.
+            verify = (self._deselect, self._check_node)
+        steps = (self.blank_now, self._zero_dac, *verify)
         problems = tuple(problem for step in steps if (problem := _tried(step)))
         self._rest_until_ns = self._clock.now_ns() + self._rest_ns
         if self.file.guards.hv_enable != "absent":
@@ -293,17 +292,17 @@ class Board:
     def _zero_dac(self) -> None:
         self._bare_spi.transfer(self._zero)
 
-    def _check_node(self) -> None:
-        received = self._bare_spi.transfer(self._zero)
-        node_v = ad7276.code_of(received[0]) * self._node_v
-        if node_v > _IDLE_NODE_V:
-            raise BoardFault("node with the DAC at zero", f"{node_v:.0f} V", f"{_IDLE_NODE_V} V")
-
     def _deselect(self) -> None:
         self.guard.permit(0)
         self.guard.forget(self._safe_changes)
         self.switch.forget()
         self.switch.clear()
+
+    def _check_node(self) -> None:
+        received = self._bare_spi.transfer(self._zero)
+        node_v = ad7276.code_of(received[0]) * self._node_v
+        if node_v > _IDLE_NODE_V:
+            raise BoardFault("node with the DAC at zero", f"{node_v:.0f} V", f"{_IDLE_NODE_V} V")
 
 
 def _bits(outputs: tuple[int, ...]) -> int:
