@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+from collections.abc import Iterator
 
 import msgspec
 
@@ -15,7 +16,9 @@ from etd.apps.monitor import Monitor
 from etd.cli import options
 from etd.cli.live import picture_of
 from etd.client import Display, clock
-from etd.client.telemetry import Telemetry
+from etd.client.telemetry import Item, Telemetry
+from etd.errors import DaemonGone
+from etd.protocol import HelloReply
 
 NAME = "monitor"
 HELP = "show live what is fired, and why not more"
@@ -44,32 +47,40 @@ def run(args: argparse.Namespace) -> int:
     with (
         contextlib.suppress(KeyboardInterrupt),
         Display(args.name, client="etd monitor") as display,
-        display.telemetry(timeout_s=_SILENT_S) as reports,
+        display.telemetry() as reports,
     ):
+        heard = _heard(reports, end_ns, display.address)
         if args.json:
-            _print_lines(reports, end_ns)
+            _print_lines(heard)
         else:
-            _draw(display, reports, end_ns)
+            _draw(display.facts, heard)
     return 0
 
 
-def _print_lines(reports: Telemetry, end_ns: int | None) -> None:
-    while (left_s := _left_s(end_ns)) > 0:
-        item = reports.receive(min(left_s, _SILENT_S))
+def _heard(reports: Telemetry, end_ns: int | None, address: str) -> Iterator[Item | None]:
+    """What comes, or None a few times a second. Raises: DaemonGone, when nothing comes."""
+    heard_ns = clock.now_ns()
+    while end_ns is None or clock.now_ns() < end_ns:
+        item = reports.receive(_TURN_S)
+        if item is not None:
+            heard_ns = clock.now_ns()
+        elif clock.now_ns() - heard_ns > _SILENT_S * 1e9:
+            raise DaemonGone(address, f"no telemetry for {_SILENT_S:g} s")
+        yield item
+
+
+def _print_lines(heard: Iterator[Item | None]) -> None:
+    for item in heard:
         if item is not None:
             line = {"topic": item[0], "report": item[1]}
             print(msgspec.json.encode(line).decode(), flush=True)
-        elif left_s > _SILENT_S:
-            raise DaemonGone(reports.address, f"no telemetry for {_SILENT_S:g} s")
 
 
-def _draw(display: Display, reports: Telemetry, end_ns: int | None) -> None:
-    facts = display.facts
+def _draw(facts: HelloReply, heard: Iterator[Item | None]) -> None:
     monitor = Monitor(facts)
     title = f"etd {facts.name} (backend: {facts.board.backend}; {facts.board.name})"
     with picture_of(monitor, title) as picture:
-        while end_ns is None or clock.now_ns() < end_ns:
-            item = reports.receive(_TURN_S)
+        for item in heard:
             if item is not None:
                 monitor.hear(item[1])
             picture.draw()

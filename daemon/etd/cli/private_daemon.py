@@ -47,8 +47,9 @@ def _death_explains(both: TwoProcesses) -> Iterator[None]:
     """A client that is refused or not answered because a part died: that is the reason to tell."""
     try:
         yield
-    except (DaemonGone, Refused):
-        both.check()
+    except (DaemonGone, Refused) as error:
+        if isinstance(error, DaemonGone) or error.code == "engine_gone":
+            both.check_dying()
         raise
 
 

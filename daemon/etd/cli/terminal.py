@@ -28,8 +28,8 @@ def check_rich() -> None:
 
 @contextmanager
 def progress_of(total: int, is_quiet: bool) -> Iterator[Callable[[int], None]]:
-    """A function to be called with the number that is done: a bar on a terminal, a line for each
-    tenth elsewhere, nothing when quiet.
+    """A function to be called with the number that is done: a bar on a terminal, elsewhere a line
+    for the first and for each tenth, nothing when quiet.
     """
     if is_quiet:
         yield lambda _: None
@@ -46,5 +46,5 @@ def progress_of(total: int, is_quiet: bool) -> Iterator[Callable[[int], None]]:
 
 
 def _line(done: int, total: int) -> None:
-    if done * 10 // total != (done - 1) * 10 // total:
+    if done == 1 or done * 10 // total != (done - 1) * 10 // total:
         print(f"{done} of {total} frames", flush=True)

@@ -31,6 +31,8 @@ PARTS = ("engine", "gateway")
 READY_WITHIN_S = 20.0
 #: From being asked to having ended; the engine makes the board safe meanwhile.
 _END_WITHIN_S = 5.0
+#: Between a part's sockets closing and its end as a process.
+_DYING_S = 1.0
 
 
 class Part:
@@ -137,6 +139,11 @@ class TwoProcesses:
             self.check()
             if is_woken:
                 return
+
+    def check_dying(self) -> None:
+        """As `check`, for when a client was told that a part is gone: it may be dying just now."""
+        self._look(_DYING_S)
+        self.check()
 
     def check(self) -> None:
         """Raises: PartEnded if one of the two has ended."""

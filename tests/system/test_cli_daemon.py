@@ -1,0 +1,167 @@
+"""`etd run` and what an operator does with a running daemon, as processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+from command_rig import Command, CommandRig, command_rig, wait_for_end
+from etd.client import Display
+from etd.places import address_of
+
+
+@pytest.fixture
+def rig() -> Iterator[CommandRig]:
+    with command_rig() as made:
+        yield made
+
+
+def display(rig: CommandRig) -> Display:
+    return Display(address=address_of(rig.folder / "run" / "etd" / "main"), client="test")
+
+
+def wait_for_state(rig: CommandRig, wanted: str, within_s: float) -> None:
+    with display(rig) as watching, watching.telemetry("state", timeout_s=within_s) as reports:
+        for _, report in reports:
+            if getattr(report, "state", None) == wanted:
+                return
+
+
+def test_the_first_line_says_that_it_is_a_fake(rig: CommandRig) -> None:
+    command = rig.start("run", "--board", "fake", "--array", "pad-8", "--seconds", "0.1")
+    line = command.line()
+    assert "backend: fake" in line
+    assert "8 electrodes" in line
+    assert str(rig.folder / "run" / "etd" / "main" / "control.sock") in line
+    assert command.ended().status == 0
+
+
+def test_a_second_daemon_of_the_name_is_refused_and_leaves_the_first_alone(
+    rig: CommandRig,
+) -> None:
+    with rig.daemon():
+        second = rig.run("run", "--board", "fake")
+        assert second.status == 1
+        assert "already running" in second.err
+        assert rig.run("status", "--json").answer["status"]["state"] == "SAFE"
+
+
+def test_stop_halts_until_it_is_cleared(rig: CommandRig) -> None:
+    with rig.daemon():
+        stopped = rig.run("stop", "--json")
+        assert stopped.status == 0
+        assert [one["name"] for one in stopped.answer["daemons"]] == ["main"]
+        status = rig.run("status")
+        assert "HALTED by stop (etd stop" in status.out
+        refused = rig.run("measure", "--json")
+        assert (refused.status, refused.answer["error"]) == (1, "halted")
+        assert rig.run("clear").status == 0
+        assert rig.run("clear", "--json").answer["error"] == "wrong_state"
+
+
+def test_measure_finds_all_electrodes_on_the_fakes_skin(rig: CommandRig) -> None:
+    with rig.daemon("--array", "pad-8"):
+        told = rig.run("measure")
+        assert told.status == 0
+        assert "8 of 8 touch" in told.out
+        answer = rig.run("measure", "--json").answer
+        assert answer["contact"] == [True] * 8
+        assert all(10_000 < ohm < 500_000 for ohm in answer["resistance_ohm"])
+        assert rig.run("status", "--json").answer["status"]["state"] == "SAFE"
+
+
+def test_monitor_prints_telemetry_as_json_lines(rig: CommandRig) -> None:
+    with rig.daemon():
+        told = rig.run("monitor", "--json", "--seconds", "0.3")
+    lines = [json.loads(line) for line in told.out.splitlines()]
+    assert told.status == 0
+    assert {line["topic"] for line in lines} == {"state"}
+    assert lines[0]["report"]["state"] == "SAFE"
+
+
+def test_monitor_prints_lines_where_there_is_no_terminal(rig: CommandRig) -> None:
+    with rig.daemon():
+        told = rig.run("monitor", "--seconds", "1.3")
+    assert told.status == 0
+    assert told.out.splitlines()[1].startswith("SAFE, ceiling 0 uA, silent")
+
+
+def test_arm_without_a_lease_says_that_an_application_comes_first(rig: CommandRig) -> None:
+    with rig.daemon():
+        armed = rig.run("arm")
+    assert armed.status == 1
+    assert "no lease stands" in armed.err
+
+
+def test_disarm_needs_the_lease_of_somebody(rig: CommandRig) -> None:
+    with rig.daemon():
+        assert "etd stop" in rig.run("disarm").err
+        foreign = rig.run("disarm", "--lease", "not-a-lease", "--json")
+        assert (foreign.status, foreign.answer["error"]) == (1, "no_lease")
+
+
+def kill(command: Command, part: str) -> None:
+    os.kill(command.children()[part], signal.SIGKILL)
+
+
+@pytest.mark.parametrize("part", ["engine", "gateway"])
+def test_when_one_part_dies_the_other_ends_and_it_says_which(rig: CommandRig, part: str) -> None:
+    command = rig.start("run", "--board", "fake")
+    command.line()
+    parts = list(command.children().values())
+    kill(command, part)
+    said = command.ended()
+    assert said.status == 1
+    assert f"the {part} ended (killed by SIGKILL)" in said.err
+    wait_for_end(parts)
+    assert rig.run("status").status == 3
+
+
+def test_both_parts_end_when_the_command_is_killed(rig: CommandRig) -> None:
+    command = rig.start("run", "--board", "fake")
+    command.line()
+    parts = list(command.children().values())
+    assert len(parts) == 2
+    command.signal(signal.SIGKILL)
+    wait_for_end(parts)
+
+
+def test_a_failing_part_ends_the_command_with_its_own_status(rig: CommandRig) -> None:
+    absent = rig.run("run", "--board", "fake", "--board-socket", str(rig.folder / "none.sock"))
+    assert absent.status == 3
+    assert "no board process answers" in absent.err
+
+
+def test_without_a_configuration_it_teaches_the_fake(rig: CommandRig) -> None:
+    refused = rig.run("run", "--config", str(rig.folder / "none.toml"))
+    assert refused.status == 1
+    assert "etd run --board fake" in refused.err
+
+
+@pytest.mark.parametrize("verb", ["status", "arm", "clear", "measure", "monitor", "stop"])
+def test_without_a_daemon_the_status_is_3(rig: CommandRig, verb: str) -> None:
+    asked = rig.run(verb, "--name", "nobody", "--json")
+    assert asked.status == 3
+    assert asked.answer["ok"] is False
+
+
+def test_play_waits_for_the_operator_and_a_killed_client_leaves_silence(rig: CommandRig) -> None:
+    pattern = rig.folder / "long.json"
+    pattern.write_text(
+        '{"etd_pattern": 1, "electrodes": 8, "frames": [{"duration_ms": 600000, "active": [3]}]}'
+    )
+    with rig.daemon("--array", "pad-8"):
+        playing = rig.start("play", str(pattern))
+        playing.line_with("waiting for the operator")
+        assert rig.run("arm", "--json").answer == {"ok": True, "holder": "etd play long.json"}
+        wait_for_state(rig, "ARMED", 5.0)
+        playing.signal(signal.SIGKILL)
+        # The lease lapses after a second; `state` is repeated each second.
+        wait_for_state(rig, "SAFE", 3.0)
+        status = rig.run("status", "--json").answer["status"]
+        assert status["holder"] is None
+        assert status["last_disarm"] == "lapsed"
