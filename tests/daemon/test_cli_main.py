@@ -1,0 +1,183 @@
+"""The command as a whole: its verbs, its exit statuses, and what it may import.
+
+Owns: nothing of any verb.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from etd import cli
+from etd.errors import (
+    AlreadyRunning,
+    BoardFault,
+    BusError,
+    DaemonGone,
+    EtdError,
+    FileError,
+    HardwareMissing,
+    PartEnded,
+    PatternError,
+    Refused,
+)
+
+
+def test_the_help_screen_names_every_verb_and_an_example(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--help"])
+    told = capsys.readouterr().out
+    assert ended.value.code == 0
+    assert all(f"    {verb} " in told for verb in cli.VERBS)
+    assert "etd play FILE --board fake" in told
+
+
+@pytest.mark.parametrize("verb", cli.VERBS)
+def test_every_verb_explains_itself_with_an_example(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([verb, "--help"])
+    assert ended.value.code == 0
+    told = capsys.readouterr().out
+    assert f"usage: etd {verb}" in told
+    if verb != "check":
+        assert "example" in told
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["fly"],
+        ["status", "--nam", "main"],
+        ["run", "--board", "kajimoto-hv507"],
+        ["run", "--board", "fake", "--config", "etd.toml"],
+        ["run", "--part", "both"],
+        ["demo", "--seconds", "0"],
+        ["demo", "--seconds", "nan"],
+        ["play"],
+        ["play", "x.json", "--level", "1.5"],
+        ["play", "x.json", "--polarity", "both"],
+        ["play", "x.json", "--returns", "some"],
+        ["play", "x.json", "--returns", "ring:-1"],
+        ["play", "x.json", "--repeat", "0"],
+        ["play", "x.json", "--current-ua", "1.5", "--width-us", "100"],
+    ],
+)
+def test_bad_usage_ends_with_status_2(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(arguments)
+    assert ended.value.code == 2
+    assert "usage: etd" in capsys.readouterr().err
+
+
+def test_without_a_verb_it_shows_help_and_status_2(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([]) == 2
+    assert "first steps" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (Refused("no_lease", "none"), 1),
+        (Refused("engine_gone", "gone"), 3),
+        (FileError("f", "k", "v", "a"), 1),
+        (PatternError("f", 3, "r"), 1),
+        (AlreadyRunning("main", "x"), 1),
+        (BoardFault("what", "1", "2"), 1),
+        (DaemonGone("ipc:///x", "nobody"), 3),
+        (HardwareMissing(("no board",)), 3),
+        (BusError("busy", "x", "request"), 3),
+        (BusError("absent", "x", "open"), 3),
+        (BusError("io", "x", "transfer"), 1),
+        (PartEnded("engine", "exit status 3", 3), 3),
+        (PartEnded("engine", "killed by SIGKILL", 1), 1),
+    ],
+)
+def test_the_status_tells_not_there_from_no(error: EtdError, status: int) -> None:
+    assert cli.status_of(error) == status
+
+
+def test_an_error_is_one_sentence_on_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["disarm"]) == 1
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith("etd: only the holder of the lease disarms")
+    assert len(told.err.splitlines()) == 1
+
+
+def test_with_json_an_error_is_one_object_on_standard_output(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["disarm", "--json"]) == 1
+    told = capsys.readouterr()
+    assert told.err == ""
+    answer = json.loads(told.out)
+    assert (answer["ok"], answer["error"]) == (False, "no_lease")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["play", "x.json", "--current-ua", "1000"], "a current needs a width"),
+        (["play", "x.json", "--array", "pad-8"], "goes with --board fake"),
+        (["play", "x.json", "--trace", "t.jsonl"], "goes with --board fake"),
+        (
+            ["play", "x.json", "--current-ua", "9", "--width-us", "50", "--calibration", "P01"],
+            "give one of the two",
+        ),
+        (["run", "--array", "pad-8"], "goes with --board fake"),
+        (
+            ["run", "--board", "fake", "--trace", "t", "--board-socket", "s"],
+            "writes its own trace",
+        ),
+        (["run", "--name", "no/name", "--board", "fake"], "no/name"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(arguments) == 1
+    assert sentence in capsys.readouterr().err
+
+
+def test_real_buses_are_not_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shipped = Path(cli.__file__).parents[3] / "config" / "etd.toml"
+    config = tmp_path / "etd.toml"
+    config.write_text(shipped.read_text(encoding="utf-8"), encoding="utf-8")
+    assert cli.main(["run", "--config", str(config), "--trace", "t.jsonl"]) == 1
+    assert "real buses cannot be recorded" in capsys.readouterr().err
+
+
+IMPORTED_BY_SAFE = """
+import json, sys
+from etd.cli import main
+main(["safe", "--board", "no-such-board", "--machine", "pi4"])
+print(json.dumps(list(sys.modules)))
+"""
+IMPORTED_BY_NOTHING = "import json, sys; print(json.dumps(list(sys.modules)))"
+
+
+def modules_of(program: str) -> set[str]:
+    ran = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=30
+    )
+    return set(json.loads(ran.stdout))
+
+
+def test_safe_needs_the_hal_and_the_standard_library_only() -> None:
+    # What is loaded anyway (an editable install's finder, say) is not the command's.
+    loaded = modules_of(IMPORTED_BY_SAFE) - modules_of(IMPORTED_BY_NOTHING)
+    ours = {name for name in loaded if name.split(".")[0] == "etd"}
+    assert ours == {"etd", "etd.cli", "etd.cli.safe", "etd.errors", "etd.shipped", "etd.version"}
+    packages = {name.split(".")[0] for name in loaded} - sys.stdlib_module_names
+    # msgspec takes typing_extensions where it is installed, and does without where it is not.
+    assert packages - {"typing_extensions"} == {"etd", "etd_hal", "msgspec"}

@@ -1,0 +1,95 @@
+"""`etd safe` on a board process: after an engine was killed, and while one is running."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from board_process import RunningBoard, running_board
+from command_rig import CommandRig, command_rig
+from etd.shipped import find
+from etd_hal.boardfile import load_board
+
+BOARD = "kajimoto-hv507"
+
+
+@pytest.fixture
+def rig() -> Iterator[CommandRig]:
+    with command_rig() as made:
+        yield made
+
+
+@pytest.fixture
+def board(rig: CommandRig) -> Iterator[RunningBoard]:
+    with running_board(load_board(find("boards", BOARD)), rig.folder) as running:
+        yield running
+
+
+def safe(rig: CommandRig, board: RunningBoard) -> tuple[str, ...]:
+    return ("safe", "--board", BOARD, "--machine", "pi4", "--board-socket", str(board.socket))
+
+
+def last_levels(trace: Path, lines: dict[int, str]) -> dict[str, int]:
+    """The level of each line after all that the trace tells."""
+    found: dict[str, int] = {}
+    for text in trace.read_text().splitlines():
+        event = json.loads(text)
+        if event.get("bus") == "gpio" and event["line"] in lines:
+            found[lines[event["line"]]] = event["value"]
+    return found
+
+
+def test_a_board_that_nobody_holds_is_made_safe(rig: CommandRig, board: RunningBoard) -> None:
+    made = rig.run(*safe(rig, board), "--json")
+    assert made.status == 0, made.err
+    assert made.answer == {"ok": True, "backend": "fake", "board": BOARD, "problems": []}
+    assert last_levels(board.trace, {4: "POL", 23: "BL"}) == {"POL": 1, "BL": 0}
+
+
+def test_while_an_engine_runs_it_asks_for_stop(rig: CommandRig, board: RunningBoard) -> None:
+    with rig.daemon("--board-socket", str(board.socket)):
+        refused = rig.run(*safe(rig, board))
+    assert refused.status == 3
+    assert "etd stop" in refused.err
+
+
+def test_after_a_killed_engine_the_daemon_makes_the_board_safe_itself(
+    rig: CommandRig, board: RunningBoard
+) -> None:
+    command = rig.start("run", "--board", "fake", "--board-socket", str(board.socket))
+    command.line()
+    os.kill(command.children()["engine"], signal.SIGKILL)
+    said = command.ended()
+    assert said.status == 1
+    assert "safe (fake): kajimoto-hv507: outputs off" in said.out
+    assert board.state().dac_code == 0
+    assert not board.state().held
+
+
+def test_without_a_board_process_the_status_is_3(rig: CommandRig) -> None:
+    absent = rig.run(
+        *("safe", "--board", BOARD, "--machine", "pi4"),
+        *("--board-socket", str(rig.folder / "none.sock"), "--json"),
+    )
+    assert absent.status == 3
+    assert absent.answer["error"] == "bus_error"
+
+
+def test_the_board_is_found_through_the_configuration(rig: CommandRig, board: RunningBoard) -> None:
+    config = rig.folder / "etd.toml"
+    config.write_text(f'backend = "linux"\nboard = "{BOARD}"\nmachine = "pi4"\n')
+    made = rig.run("safe", "--config", str(config), "--board-socket", str(board.socket))
+    assert made.status == 0, made.err
+
+
+def test_a_configuration_without_a_board_says_so(rig: CommandRig) -> None:
+    config = rig.folder / "etd.toml"
+    config.write_text('backend = "linux"\nmachine = "pi4"\n')
+    refused = rig.run("safe", "--config", str(config))
+    assert refused.status == 1
+    assert "board: it is missing" in refused.err
