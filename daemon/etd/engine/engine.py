@@ -116,6 +116,9 @@ class Engine(Core):
         if self.lease is not None and self.lease.has_lapsed(now_ns):
             self.end_lease("lapsed")
         self.scanner.expire(now_ns)
+        if self.scanner.standing is None:
+            # Before a frame is taken: what lies between two frames is not counted as standing.
+            self.opening.hold()
         self._watch_gateway(now_ns)
         self._watch_stops()
         self._watch_rail(now_ns)
