@@ -34,8 +34,8 @@ from etd_hal.fake.faults import (
     SpiStall,
     StuckLine,
 )
-from etd_hal.guard import Approval
 from etd_hal.ports import Changes, Edge, Gpio
+from etd_hal.watch import Approval
 from trace_decoder import parse
 from trace_rules import violations
 

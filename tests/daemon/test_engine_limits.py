@@ -1,0 +1,201 @@
+"""Limits on the wires: caps, returns, ledger, and whatever a stabilizer asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from engine_rig import EngineRig
+from engine_scenes import (
+    MS,
+    calibration,
+    clamps,
+    config,
+    felt_ua,
+    fully_open,
+    only,
+    open_calibrated,
+    phases,
+    thinned,
+)
+from etd.stabilize.pipeline import Known, Wish, ask_all
+
+MakeRig = Callable[..., EngineRig]
+N = 16
+STEP_UA = 10_000 / 4_095
+
+
+def caps(**only_ua: int) -> list[int]:
+    """4 mA everywhere but at the named electrodes."""
+    changed = {int(name[1:]): value for name, value in only_ua.items()}
+    return [changed.get(one, 4_000) for one in range(N)]
+
+
+def calibrated(rig: EngineRig, caps_ua: list[int], open_ua: int = 3_000) -> EngineRig:
+    """Armed with these caps, the opening wide enough."""
+    assert open_calibrated(rig, calibration(rig, caps_ua)).error is None
+    rig.arm()
+    rig.hold(open_ua // 5 + 30, current_ua=only(N, e0=10), rate_hz=20.0)
+    return rig
+
+
+def test_an_electrode_never_gets_more_than_its_own_cap(make_rig: MakeRig) -> None:
+    rig = calibrated(make_rig(electrodes=N), caps(e3=700))
+    answer = rig.show(current_ua=only(N, e3=2_000, e4=2_000))
+    assert [(one.electrode, one.got_ua, one.reason) for one in answer.clamped] == [(3, 700, "cap")]
+    rig.run_ms(60)
+    felt = felt_ua(rig)
+    assert 700 - STEP_UA < felt[3] <= 700
+    assert 2_000 - STEP_UA < felt[4] <= 2_000
+    told = [one for one in clamps(rig) if one.reason == "cap"]
+    assert {(one.electrode, one.wanted_ua, one.got_ua, one.limited_by) for one in told} == {
+        (3, 2_000, 700, 3)
+    }
+
+
+def test_a_level_is_felt_between_threshold_and_comfortable(make_rig: MakeRig) -> None:
+    rig = calibrated(make_rig(electrodes=N), caps())
+    since_ns = rig.clock.now_ns()
+    rig.show(level=tuple(1.0 if one == 5 else 0.0 for one in range(N)))
+    rig.run_ms(30)
+    assert felt_ua(rig, since_ns) == {5: pytest.approx(2_000, abs=STEP_UA)}
+
+
+def test_through_all_others_a_weak_return_counts_by_the_share_it_may_carry(
+    make_rig: MakeRig,
+) -> None:
+    rig = calibrated(make_rig(electrodes=N), caps(e3=100))
+    since_ns = rig.clock.now_ns()
+    rig.show(current_ua=only(N, e5=3_000), pulses=2)
+    rig.run_ms(40)
+    assert felt_ua(rig, since_ns)[5] == pytest.approx(1_500, abs=STEP_UA)
+    told = [one for one in clamps(rig) if one.reason == "return_cap"]
+    assert {(one.electrode, one.limited_by, one.got_ua) for one in told} == {(5, 3, 1_500)}
+
+
+def test_the_fewer_are_touched_the_more_each_of_them_counts(make_rig: MakeRig) -> None:
+    rig = make_rig(electrodes=N)
+    for electrode in range(8, N):
+        rig.fake.world.lift(electrode)
+    calibrated(rig, caps(e3=100))
+    since_ns = rig.clock.now_ns()
+    rig.show(current_ua=only(N, e5=3_000), pulses=2)
+    rig.run_ms(40)
+    assert felt_ua(rig, since_ns)[5] == pytest.approx(700, abs=STEP_UA)
+
+
+def test_in_an_explicit_set_the_weakest_return_caps_as_if_it_were_alone(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig(loaded=config("feetthrough-relay", 16))
+    calibrated(rig, caps(e3=600))
+    since_ns = rig.clock.now_ns()
+    sets = ((3, 4), *((0,),) * 15)
+    answer = rig.show(current_ua=only(N, e0=900), returns=sets, pulses=1, rate_hz=10.0)
+    assert [(one.got_ua, one.limited_by) for one in answer.clamped] == [(600, 3)]
+    rig.run_ms(40)
+    (phase,) = phases(rig, since_ns)
+    assert phase.current_ua == pytest.approx(600, abs=STEP_UA)
+    assert phase.source == {0}
+    assert phase.ground == {3, 4}
+
+
+def test_strict_is_refused_instead_of_clamped_and_nothing_is_felt(make_rig: MakeRig) -> None:
+    rig = calibrated(make_rig(electrodes=N), caps(e3=700))
+    rig.run_ms(250)
+    since_ns = rig.clock.now_ns()
+    answer = rig.show(current_ua=only(N, e3=2_000), strict=True)
+    assert (answer.error, answer.electrode) == ("over_limit", 3)
+    rig.run_ms(50)
+    assert phases(rig, since_ns) == []
+
+
+# --- ledger ---------------------------------------------------------------------------------------
+
+
+def test_a_pulse_that_does_not_fit_the_ledger_is_not_fired_and_is_told(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(loaded=config(maxima={"on_us_per_s": 2_000})), 1_000)
+    rig.run_ms(1_100 - 230)
+    since_ns = rig.clock.now_ns()
+    rig.hold(900, current_ua=only(N, e5=500), width_us=100, rate_hz=100.0)
+    fired = [one for one in phases(rig, since_ns) if one.electrode == 5]
+    assert len(fired) == 20
+    told = [one for one in thinned(rig) if one.reason == "ledger"]
+    assert {one.electrode for one in told} == {5}
+    assert sum(one.pulses for one in told) > 60
+
+
+def test_the_window_of_the_ledger_goes_on_across_frames_and_leases(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(loaded=config(maxima={"on_us_per_s": 2_000})), 1_000)
+    rig.hold(400, current_ua=only(N, e5=500), width_us=100, rate_hz=100.0)
+    since_ns = rig.clock.now_ns()
+    rig.hold(300, current_ua=only(N, e5=400), width_us=90, rate_hz=100.0)
+    fired = [one for one in phases(rig, since_ns) if one.electrode == 5]
+    assert fired == []
+
+
+def test_the_charge_that_an_electrode_gets_in_any_second_is_within_its_mean_current(
+    make_rig: MakeRig,
+) -> None:
+    rig = fully_open(make_rig(loaded=config(maxima={"mean_current_ua": 4})), 1_000)
+    for width_us, rate_hz in ((100, 40.0), (50, 79.0), (99, 39.0)):
+        rig.hold(500, current_ua=only(N, e5=1_000), width_us=width_us, rate_hz=rate_hz)
+    fired = [one for one in phases(rig) if one.electrode == 5]
+    for last in fired:
+        second = [one for one in fired if 0 <= last.from_ns - one.from_ns < 1_000 * MS]
+        assert sum(one.charge_pc for one in second) <= 4_000_000
+
+
+# --- stabilizers ----------------------------------------------------------------------------------
+
+
+@dataclass
+class Times:
+    """Wishes for a multiple of what it is given, and for a longer pulse."""
+
+    factor: float
+    width_us: int = 200
+
+    def ask(self, wish: Wish, known: Known) -> Wish:
+        assert known.electrode in range(N)
+        return Wish(int(wish.current_ua * self.factor), self.width_us)
+
+
+def test_stabilizers_ask_one_after_another() -> None:
+    known = Known(3, True, 50_000, 30.0)
+    assert ask_all((), Wish(100, 50), known) == Wish(100, 50)
+    assert ask_all((Times(2), Times(3, 60)), Wish(100, 50), known) == Wish(600, 60)
+
+
+def test_whatever_a_stabilizer_asks_for_the_limits_have_the_last_word(make_rig: MakeRig) -> None:
+    rig = make_rig(electrodes=N, stabilizers=[Times(50)])
+    calibrated(rig, caps(e3=700), 4_000)
+    since_ns = rig.clock.now_ns()
+    rig.show(current_ua=only(N, e3=100, e4=500), width_us=100)
+    rig.run_ms(60)
+    felt = felt_ua(rig, since_ns)
+    assert felt[3] == pytest.approx(700, abs=STEP_UA)
+    assert felt[4] == pytest.approx(4_000, abs=STEP_UA + 60)
+    assert max(one.width_us for one in phases(rig, since_ns)) <= 100
+
+
+def test_a_stabilizer_may_ask_for_less(make_rig: MakeRig) -> None:
+    rig = make_rig(electrodes=N, stabilizers=[Times(0.5, 60)])
+    fully_open(rig, 1_000)
+    since_ns = rig.clock.now_ns()
+    rig.show(current_ua=only(N, e4=900), width_us=100)
+    rig.run_ms(60)
+    assert felt_ua(rig, since_ns)[4] == pytest.approx(450, abs=STEP_UA)
+    assert max(one.width_us for one in phases(rig, since_ns)) <= 60
+    assert not [one for one in clamps(rig) if one.electrode == 4]
+
+
+def test_a_stabilizer_that_asks_for_nothing_is_silence(make_rig: MakeRig) -> None:
+    rig = make_rig(electrodes=N, stabilizers=[Times(0)])
+    fully_open(rig, 500)
+    since_ns = rig.clock.now_ns()
+    rig.show(current_ua=only(N, e4=900))
+    rig.run_ms(60)
+    assert phases(rig, since_ns) == []
