@@ -128,25 +128,32 @@ def test_with_json_an_error_is_one_object_on_standard_output(
     ("arguments", "sentence"),
     [
         (["play", "x.json", "--current-ua", "1000"], "a current needs a width"),
-        (["play", "x.json", "--array", "pad-8"], "goes with --board fake"),
-        (["play", "x.json", "--trace", "t.jsonl"], "goes with --board fake"),
+        (["play", "x.json", "--array", "pad-8"], "go with --board fake"),
+        (["play", "x.json", "--trace", "t.jsonl"], "go with --board fake"),
         (
             ["play", "x.json", "--current-ua", "9", "--width-us", "50", "--calibration", "P01"],
-            "give one of the two",
+            "one of the two",
         ),
         (["run", "--array", "pad-8"], "goes with --board fake"),
         (
             ["run", "--board", "fake", "--trace", "t", "--board-socket", "s"],
             "writes its own trace",
         ),
-        (["run", "--name", "no/name", "--board", "fake"], "no/name"),
+        (["safe", "--board", "kajimoto-hv507"], "--board needs --machine"),
     ],
 )
-def test_options_that_do_not_go_together_are_refused(
+def test_options_that_do_not_go_together_are_misuse(
     arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.main(arguments) == 1
+    with pytest.raises(SystemExit) as ended:
+        cli.main(arguments)
+    assert ended.value.code == 2
     assert sentence in capsys.readouterr().err
+
+
+def test_a_name_that_cannot_be_a_folder_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run", "--name", "no/name", "--board", "fake"]) == 1
+    assert "no/name" in capsys.readouterr().err
 
 
 def test_real_buses_are_not_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

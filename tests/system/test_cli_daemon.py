@@ -165,3 +165,30 @@ def test_play_waits_for_the_operator_and_a_killed_client_leaves_silence(rig: Com
         status = rig.run("status", "--json").answer["status"]
         assert status["holder"] is None
         assert status["last_disarm"] == "lapsed"
+
+
+def test_a_stop_ends_what_is_being_played(rig: CommandRig) -> None:
+    pattern = rig.folder / "long.json"
+    pattern.write_text(
+        '{"etd_pattern": 1, "electrodes": 8, "frames": [{"duration_ms": 600000, "active": [3]}]}'
+    )
+    with rig.daemon("--array", "pad-8"):
+        playing = rig.start("play", str(pattern), "--arm")
+        wait_for_state(rig, "ARMED", 5.0)
+        assert rig.run("stop").status == 0
+        said = playing.ended()
+        assert said.status == 1
+        assert "halted by stop (etd stop: asked to stop)" in said.err
+
+
+def test_somebody_elses_lease_is_respected(rig: CommandRig) -> None:
+    pattern = rig.folder / "short.json"
+    pattern.write_text(
+        '{"etd_pattern": 1, "electrodes": 8, "frames": [{"duration_ms": 10, "active": [3]}]}'
+    )
+    with rig.daemon("--array", "pad-8"):
+        holding = rig.start("play", str(pattern))
+        holding.line_with("waiting for the operator")
+        refused = rig.run("measure", "--json")
+        assert (refused.status, refused.answer["error"]) == (1, "other_lease")
+        assert "etd play short.json" in refused.answer["reason"]

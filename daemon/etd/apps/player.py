@@ -89,7 +89,7 @@ class Player:
         with self._display.telemetry("state") as reports:
             while True:
                 try:
-                    self._send(question, SLACK_MS)
+                    self._show(question, SLACK_MS)
                 except Refused as refusal:
                     if refusal.code != "not_armed":
                         raise
@@ -227,12 +227,8 @@ class Player:
         standing.sent_ns, standing.expires_ns = again.sent_ns, again.expires_ns
 
     def _send(self, step: Step, ttl_ms: int) -> FrameReply:
-        options: FrameOptions = {**step.options, "ttl_ms": ttl_ms}
         try:
-            if step.kind == "level":
-                reply = self._display.show(step.numbers, **options)
-            else:
-                reply = self._display.show_current(step.numbers, **options)
+            reply = self._show(step, ttl_ms)
         except Refused as refusal:
             raise _named(refusal, step) from refusal
         self._kept_ns = clock.now_ns()
@@ -241,6 +237,12 @@ class Player:
                 lowest_hz = self.summary.slowed_to_hz or thinned.rate_hz
                 self.summary.slowed_to_hz = min(lowest_hz, thinned.rate_hz)
         return reply
+
+    def _show(self, step: Step, ttl_ms: int) -> FrameReply:
+        options: FrameOptions = {**step.options, "ttl_ms": ttl_ms}
+        if step.kind == "level":
+            return self._display.show(step.numbers, **options)
+        return self._display.show_current(step.numbers, **options)
 
 
 def _named(refusal: Refused, step: Step) -> Refused:

@@ -5,8 +5,8 @@ does. Must not know: what any verb does. It imports nothing but the standard lib
 of errors, so that `etd safe` works when hardly anything else does.
 
 A verb is a module with NAME, HELP, EPILOG (an example), `add_arguments(parser)` and `run(args)`,
-which returns the exit status. Exit status: 0 done, 1 the answer is no, 2 used wrongly, 3 the
-hardware or the daemon is not there, 130 ended by Ctrl-C.
+which returns the exit status: 0 done, 1 the answer is no, 2 used wrongly, 3 the hardware or the
+daemon is not there, 130 ended by Ctrl-C. `args.misused(sentence)` ends with status 2.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def _add_verb(
         allow_abbrev=False,
     )
     module.add_arguments(parser)
-    parser.set_defaults(run=module.run)
+    parser.set_defaults(run=module.run, misused=parser.error)
 
 
 def _answered(args: argparse.Namespace) -> int:

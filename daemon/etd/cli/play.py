@@ -24,7 +24,7 @@ from etd.cli.private_daemon import private_daemon
 from etd.cli.terminal import progress_of
 from etd.client import Display
 from etd.config import fake_config
-from etd.errors import FileError, Refused
+from etd.errors import Refused
 from etd.frame import Polarity
 from etd.pattern import Pattern, load_pattern
 
@@ -120,18 +120,13 @@ class _Teller:
 
 
 def _check_combinations(args: argparse.Namespace) -> None:
-    """Raises: FileError for options that do not go together."""
+    """Options that do not go together end with status 2."""
     if args.board is None and (args.array or args.trace):
-        option = "--array" if args.array else "--trace"
-        raise FileError(option, "", "it goes with --board fake", "a running daemon has its own")
+        args.misused("--array and --trace go with --board fake: a running daemon has its own")
     if (args.current_ua is None) != (args.width_us is None):
-        raise FileError(
-            "--current-ua", "", "a current needs a width, and a width a current", "give both"
-        )
+        args.misused("--current-ua and --width-us go together: a current needs a width")
     if args.current_ua is not None and (args.level or args.calibration):
-        raise FileError(
-            "--current-ua", "", "--level and --calibration are the other way", "give one of the two"
-        )
+        args.misused("--level and --calibration, or --current-ua and --width-us: one of the two")
 
 
 @contextmanager

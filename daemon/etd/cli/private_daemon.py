@@ -6,16 +6,20 @@ played on it. It cannot touch a real board: the children are told `--board fake`
 
 from __future__ import annotations
 
+import signal
 import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 from etd.cli.two_processes import TwoProcesses
 from etd.config import LoadedConfig
 from etd.errors import DaemonGone, PartEnded, Refused
 from etd.places import prepare_runtime
+
+_ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
@@ -26,7 +30,7 @@ def private_daemon(name: str, loaded: LoadedConfig, trace: Path | None = None) -
     Raises: PartEnded then (also in place of what the client says of it), DaemonGone if it does
     not become ready, FileError.
     """
-    with tempfile.TemporaryDirectory(prefix="etd-") as temporary:
+    with _termination_as_ctrl_c(), tempfile.TemporaryDirectory(prefix="etd-") as temporary:
         folder = Path(temporary)
         prepare_runtime(folder)
         arguments = _arguments(name, loaded, folder, trace)
@@ -40,6 +44,21 @@ def private_daemon(name: str, loaded: LoadedConfig, trace: Path | None = None) -
                 log.seek(0)
                 sys.stderr.write(log.read())
                 raise
+
+
+@contextmanager
+def _termination_as_ctrl_c() -> Iterator[None]:
+    """Being asked to end must not leave the folder behind."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {ending: signal.signal(ending, interrupt) for ending in _ENDINGS}
+    try:
+        yield
+    finally:
+        for ending, handler in before.items():
+            signal.signal(ending, handler)
 
 
 @contextmanager

@@ -88,7 +88,7 @@ def loaded_config(args: argparse.Namespace) -> LoadedConfig:
     if args.board is not None:
         return fake_config(args.board.board, args.array)
     if args.array is not None:
-        raise FileError("--array", "", "it goes with --board fake", "name it in the configuration")
+        args.misused("--array goes with --board fake: otherwise the configuration names it")
     path = args.config or CONFIG_FOLDER / f"{args.name}.toml"
     if not path.is_file():
         raise FileError(
@@ -103,9 +103,7 @@ def loaded_config(args: argparse.Namespace) -> LoadedConfig:
 
 def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
     if args.trace is not None and args.board_socket is not None:
-        raise FileError(
-            "--trace", "", "a board process writes its own trace", "give --trace to that process"
-        )
+        args.misused("a board process writes its own trace: give --trace to that process")
     if loaded.config.backend == "linux" and (args.trace or args.board_socket):
         raise FileError(
             "--trace" if args.trace else "--board-socket",

@@ -84,7 +84,7 @@ def _settings(args: argparse.Namespace) -> _Settings:
     if args.board is not None and args.machine is not None:
         return _Settings(backend, args.board, args.machine, Path.cwd())
     if args.board is not None:
-        raise FileError("--board", "", "the machine is missing", "give --machine too (pi4, pi3)")
+        args.misused("--board needs --machine: pi4, or pi3 for a Raspberry Pi 3 or Zero 2 W")
     path = args.config or _CONFIG_FOLDER / f"{args.name}.toml"
     said = _read(path)
     for key in ("backend", "board", "machine"):
@@ -102,8 +102,9 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else str(error)
         raise FileError(
-            str(path), "", f"it cannot be read ({error})", "name the board: --board, --machine"
+            str(path), "", f"it cannot be read ({why})", "name the board: --board and --machine"
         ) from error
 
 
