@@ -1,0 +1,194 @@
+"""Whatever is sent, touched, pressed or asked for: nobody gets more than was allowed, and all that
+was taken away is told. The judge is the oracle, by the wires.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from engine_oracle import Oracle
+from etd.bodysite import SiteMaxima
+from etd.engine.plan import PHASES
+from etd.frame import Ring
+from story_teller import Setting, Teller
+from trace_rules import violations
+
+ELECTRODES = 8
+REST_US = 200
+#: One visit: a jump through the whole chain, the rest, two phases; relays take their time.
+HALF_BRIDGE_SLOT_NS = 1_500_000
+RELAY_SLOT_NS = 15_000_000
+SLOTS = {
+    "kajimoto-hv507": HALF_BRIDGE_SLOT_NS,
+    "reference-hv507": HALF_BRIDGE_SLOT_NS,
+    "feetthrough-relay": RELAY_SLOT_NS,
+}
+
+
+class Step(NamedTuple):
+    """A verb of the teller's, and what it is told."""
+
+    verb: str
+    told: dict[str, Any]
+
+
+stories = settings(
+    deadline=None,
+    max_examples=40,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+
+
+def maxima() -> st.SearchStrategy[SiteMaxima]:
+    """From wide open to so tight that hardly anything fits."""
+    return st.builds(
+        SiteMaxima,
+        uncalibrated_current_ua=st.just(3_000),
+        current_ua=st.sampled_from([400, 3_000, 8_000]),
+        width_us=st.sampled_from([100, 200]),
+        charge_nc=st.sampled_from([20, 100, 500]),
+        rate_hz=st.sampled_from([15, 40, 120]),
+        mean_current_ua=st.sampled_from([1, 4, 30]),
+        array_mean_current_ua=st.sampled_from([3, 20, 2_000]),
+        on_us_per_s=st.sampled_from([1_000, 3_000, 24_000]),
+        array_on_us_per_s=st.sampled_from([3_000, 500_000]),
+    )
+
+
+def caps(most_ua: int) -> st.SearchStrategy[tuple[int, ...]]:
+    generous = st.integers(most_ua // 2, most_ua)
+    return st.one_of(
+        st.tuples(*[st.integers(50, most_ua)] * ELECTRODES), st.tuples(*[generous] * ELECTRODES)
+    )
+
+
+electrodes = st.integers(0, ELECTRODES - 1)
+
+
+@st.composite
+def return_sets(draw: st.DrawFn) -> tuple[tuple[int, ...], ...]:
+    """Two returns at least: of one against one, the wires cannot say who is stimulated."""
+
+    def others(one: int) -> st.SearchStrategy[list[int]]:
+        return st.lists(electrodes.filter(lambda it: it != one), min_size=2, unique=True)
+
+    return tuple(tuple(draw(others(one))) for one in range(ELECTRODES))
+
+
+@st.composite
+def frames(draw: st.DrawFn, most: SiteMaxima, can_choose_returns: bool) -> Step:
+    """Any frame that passes the gateway. Most ask for what is allowed, or for little more."""
+    fields: dict[str, Any] = {
+        "ttl_ms": draw(st.sampled_from([1, 20, 120, 300])),
+        "thin": draw(st.sampled_from([True, True, False])),
+        "strict": draw(st.sampled_from([False, False, False, True])),
+        "pulses": draw(st.sampled_from([None, None, 1, 3])),
+    }
+    if draw(st.sampled_from([False, False, False, True])):
+        levels = st.sampled_from([0.0, 0.2, 1.0])
+        fields["level"] = draw(st.tuples(*[levels] * ELECTRODES))
+    else:
+        fields |= draw(currents(most))
+        if can_choose_returns:
+            fields["returns"] = draw(
+                st.one_of(st.none(), st.just(Ring(ring_mm=5.0)), return_sets())
+            )
+    return Step(
+        "frame",
+        {
+            "fields": {key: value for key, value in fields.items() if value is not None},
+            "is_streamed": draw(st.booleans()),
+            "repeats": draw(st.sampled_from([1, 1, 2, 8])),
+            "pause_ms": draw(st.sampled_from([1, 15, 100, 150])),
+        },
+    )
+
+
+@st.composite
+def currents(draw: st.DrawFn, most: SiteMaxima) -> dict[str, Any]:
+    """Around what the maxima leave for one electrode at some width and rate."""
+    width_us = draw(st.sampled_from([20, 50, 100, most.width_us]))
+    rate_hz = draw(st.sampled_from([5.0, 15.0, 40.0, 120.0]))
+    polarity = draw(st.sampled_from(list(PHASES)))
+    pulse_us_per_s = width_us * min(rate_hz, most.rate_hz) * len(PHASES[polarity])
+    room_ua = int(
+        min(
+            most.current_ua,
+            most.charge_nc * 1_000 / width_us,
+            most.mean_current_ua * 1e6 / pulse_us_per_s,
+            most.array_mean_current_ua * 1e6 / pulse_us_per_s,
+        )
+    )
+    asked = st.one_of(st.just(0), st.just(0), st.integers(100, max(101, room_ua)))
+    current_ua = draw(st.tuples(*[asked] * ELECTRODES))
+    if draw(st.sampled_from([False] * 7 + [True])):
+        current_ua = (8_000, *current_ua[1:])
+    return {
+        "current_ua": current_ua,
+        "width_us": width_us,
+        "polarity": polarity,
+        "rate_hz": rate_hz
+        if draw(st.sampled_from([False] * 7 + [True]))
+        else min(rate_hz, float(most.rate_hz)),
+    }
+
+
+def step(verb: str, **choices: st.SearchStrategy[Any]) -> st.SearchStrategy[Step]:
+    return st.builds(Step, st.just(verb), st.fixed_dictionaries(choices))
+
+
+def steps(board: str, most: SiteMaxima) -> st.SearchStrategy[Step]:
+    lines = st.sampled_from(["wearer_stop", "emergency_stop"])
+    frame = frames(most, can_choose_returns=board == "feetthrough-relay")
+    others = [
+        step("lift", electrode=electrodes),
+        step("touch", electrode=electrodes),
+        step("wait", duration_ms=st.sampled_from([1, 30, 300])),
+        step("stall", duration_ms=st.sampled_from([20, 150, 240, 400])),
+        *(step(verb) for verb in ("arm", "disarm", "close", "measure", "stop", "clear")),
+        step("press", line=lines),
+        step("release", line=lines),
+    ]
+    if board == "reference-hv507":
+        factors, times_ms = st.sampled_from([0.3, 0.95, 1.2]), st.sampled_from([5, 200])
+        others.append(step("disturb_rail", factor=factors, duration_ms=times_ms))
+    person = step("new_person", caps_ua=caps(most.current_ua))
+    return st.integers(0, 9).flatmap(
+        lambda kind: frame if kind < 6 else person if kind == 6 else st.one_of(*others)
+    )
+
+
+@st.composite
+def whole_stories(draw: st.DrawFn, board: str) -> tuple[Setting, tuple[int, ...], list[Step]]:
+    most = draw(maxima())
+    setting = Setting(board, ELECTRODES, most, SLOTS[board])
+    told = draw(st.lists(steps(board, most), min_size=1, max_size=14))
+    return setting, draw(caps(most.current_ua)), told
+
+
+def judged(teller: Teller, caps_ua: tuple[int, ...], told: list[Step]) -> Oracle:
+    """Tell a story from an armed engine on, and judge it."""
+    teller.open(caps_ua)
+    teller.arm()
+    for verb, choices in told:
+        getattr(teller, verb)(**choices)
+    trace = teller.end()
+    assert violations(trace, REST_US) == []
+    oracle = Oracle(teller.story, trace)
+    oracle.check_all()
+    return oracle
+
+
+@pytest.mark.parametrize("board", list(SLOTS))
+def test_nobody_ever_gets_more_than_allowed_and_all_that_is_taken_away_is_told(board: str) -> None:
+    @stories
+    @given(story=whole_stories(board))
+    def any_story(story: tuple[Setting, tuple[int, ...], list[Step]]) -> None:
+        setting, caps_ua, told = story
+        judged(Teller(setting), caps_ua, told)
+
+    any_story()

@@ -1,0 +1,376 @@
+"""What an engine may have done, judged from the wires by rules of its own.
+
+Owns: its own reckoning of limits, shares, windows, opening, expiry and reports. It takes what
+was fired from the decoded trace, who was touched from what the test did to the world, and what
+was told from the reports. Must not know: the engine's limits, ledger, opening, contact map.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from etd.link import Report
+from etd.protocol import Clamp, Scan
+from trace_decoder import Facts, Phase, Record, decode, visits
+
+SECOND_NS = 1_000_000_000
+RISE_UA, RISE_NS = 50, 10_000_000
+#: `told_ua` is rounded down to whole uA, charges to whole pC.
+ROUNDING_PC = 1.0
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The maxima that were in force: the smallest of code, board and body site, by hand."""
+
+    charge_pc: int
+    rate_hz: int
+    mean_current_ua: int
+    on_us_per_s: int
+    array_mean_current_ua: int
+    array_on_us_per_s: int
+    probe_current_ua: int
+    probe_width_us: int
+    #: The longest that one visit can take from the look at the clock to its last phase.
+    slot_ns: int
+
+
+@dataclass(frozen=True)
+class SentFrame:
+    """A frame that was accepted, and what it asked for. `returns` None: all others."""
+
+    seq: int
+    current_ua: Sequence[int]
+    width_us: int
+    sent_ns: int
+    ttl_ms: int
+    returns: tuple[tuple[int, ...], ...] | None
+    pulses: int | None
+
+    @property
+    def expires_ns(self) -> int:
+        return self.sent_ns + self.ttl_ms * 1_000_000
+
+
+@dataclass
+class Story:
+    """What a test did and heard, in order of time."""
+
+    bounds: Bounds
+    electrodes: int
+    frames: dict[int, SentFrame] = field(default_factory=dict)
+    refused: set[int] = field(default_factory=set)
+    #: (time, caps): each lease's, from its opening on.
+    caps: list[tuple[int, tuple[int, ...]]] = field(default_factory=list)
+    #: (time, electrode, touched)
+    contacts: list[tuple[int, int, bool]] = field(default_factory=list)
+    presses: list[int] = field(default_factory=list)
+    #: (time, electrode, current, width): what a stabilizer asked for, where there was one.
+    wishes: list[tuple[int, int, int, int]] = field(default_factory=list)
+    reports: list[Report] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Visit:
+    """One pulse, with all its phases."""
+
+    phases: tuple[Phase, ...]
+    electrode: int
+    state: str
+    frame: SentFrame | None
+    caps_ua: tuple[int, ...]
+    #: How many others were known to be touched, and whether this one was known to be open.
+    touched_others: int
+    is_known_open: bool
+
+    @property
+    def begun_ns(self) -> int:
+        return self.phases[0].from_ns
+
+    @property
+    def current_ua(self) -> float:
+        return max(one.current_ua for one in self.phases)
+
+    @property
+    def charge_pc(self) -> float:
+        return sum(one.charge_pc for one in self.phases)
+
+    @property
+    def on_us(self) -> float:
+        return sum(one.width_us for one in self.phases)
+
+    @property
+    def returns(self) -> tuple[int, ...] | None:
+        if self.frame is None or self.frame.returns is None:
+            return None
+        return self.frame.returns[self.electrode]
+
+    @property
+    def share(self) -> float:
+        return 1.0 if self.returns is not None else 1.0 / max(1, self.touched_others)
+
+
+class Oracle:
+    """Judges one story by its trace."""
+
+    def __init__(self, story: Story, trace: Sequence[Record]) -> None:
+        self.story = story
+        self.facts = Facts.of(trace[0])
+        self.trace = trace
+        self.states = [
+            (one.state.now_ns, one.state.state) for one in story.reports if one.state is not None
+        ]
+        self.scans = [one.scan for one in story.reports if one.scan is not None]
+        self.visits = list(self._visits())
+
+    @property
+    def code_ua(self) -> float:
+        return self.facts.full_scale_ua / (self.facts.codes - 1)
+
+    def _state_at(self, t_ns: int) -> str:
+        place = bisect_right(self.states, t_ns, key=lambda one: one[0])
+        return self.states[place - 1][1] if place else "SAFE"
+
+    def _visits(self) -> Iterator[Visit]:
+        """Follows who was touched, as far as the pulses could tell."""
+        known: dict[int, bool] = {}
+        touched = [True] * self.story.electrodes
+        changes = iter(sorted(self.story.contacts))
+        change = next(changes, None)
+        before_ns = 0
+        for phases in visits(decode(self.trace)):
+            begun_ns = phases[0].from_ns
+            while change is not None and change[0] <= begun_ns:
+                touched[change[1]] = change[2]
+                change = next(changes, None)
+            if self._was_safe(before_ns, begun_ns):
+                known.clear()
+            before_ns = begun_ns
+            visit = self._visit(phases, known)
+            opposite = [one for one in self._opposite(visit) if one != visit.electrode]
+            yield visit
+            known[visit.electrode] = touched[visit.electrode] and any(
+                touched[one] for one in opposite
+            )
+
+    def _opposite(self, visit: Visit) -> Iterable[int]:
+        return range(self.story.electrodes) if visit.returns is None else visit.returns
+
+    def _was_safe(self, from_ns: int, to_ns: int) -> bool:
+        return any(from_ns < t_ns <= to_ns and state in ("SAFE", "HALTED", "PROBE")
+                   for t_ns, state in self.states)  # fmt: skip
+
+    def _visit(self, phases: tuple[Phase, ...], known: dict[int, bool]) -> Visit:
+        electrode, begun_ns = phases[0].electrode, phases[0].from_ns
+        assert electrode is not None, "a pulse with no electrode alone on its side"
+        state = self._state_at(begun_ns)
+        others = sum(is_touched for one, is_touched in known.items() if one != electrode)
+        frame = self.story.frames.get(phases[0].seq or -1) if state == "ARMED" else None
+        caps = [caps for t_ns, caps in self.story.caps if t_ns <= begun_ns]
+        return Visit(
+            phases, electrode, state, frame, caps[-1], others, known.get(electrode) is False
+        )
+
+    # --- the judgments ---------------------------------------------------------------------------
+
+    def check_all(self) -> None:
+        for visit in self.visits:
+            self.check_state(visit)
+            self.check_caps(visit)
+            self.check_charge(visit)
+        self.check_windows()
+        self.check_expiry()
+        self.check_opening()
+        self.check_stops()
+        self.check_clamps_are_told()
+        self.check_thinning_is_told()
+
+    def check_state(self, visit: Visit) -> None:
+        """Probes in PROBE, frames in ARMED, nothing in SAFE and HALTED."""
+        assert visit.state in ("PROBE", "ARMED")
+        if visit.state == "PROBE":
+            assert visit.current_ua <= self.story.bounds.probe_current_ua
+            assert all(one.width_us <= self.story.bounds.probe_width_us for one in visit.phases)
+        else:
+            assert visit.frame is not None, "a pulse of a frame that nobody sent"
+            assert visit.phases[0].seq not in self.story.refused
+
+    def check_caps(self, visit: Visit) -> None:
+        """Its own cap, and those of its returns."""
+        if visit.state != "ARMED":
+            return
+        assert visit.current_ua <= visit.caps_ua[visit.electrode]
+        returns = visit.returns
+        if returns is None:
+            returns = tuple(one for one in range(self.story.electrodes) if one != visit.electrode)
+        smallest_ua = min(visit.caps_ua[one] for one in returns)
+        assert visit.current_ua * visit.share <= smallest_ua + 1e-6
+        if visit.is_known_open:
+            assert visit.current_ua <= self.story.bounds.probe_current_ua
+
+    def check_charge(self, visit: Visit) -> None:
+        """Of each phase."""
+        for phase in visit.phases:
+            assert phase.charge_pc <= self.story.bounds.charge_pc + ROUNDING_PC
+
+    def check_windows(self) -> None:
+        """Over every second that ends with a pulse."""
+        bounds = self.story.bounds
+        most_pc = bounds.mean_current_ua * 1e6
+        for last, visit in enumerate(self.visits):
+            window = self._second_before(last)
+            charge_pc, pulses, on_us = _sums(window, self.story.electrodes)
+            assert max(charge_pc.values()) <= most_pc + ROUNDING_PC * len(window)
+            assert pulses[visit.electrode] <= bounds.rate_hz
+            assert on_us[visit.electrode] <= bounds.on_us_per_s
+            assert sum(one.charge_pc for one in window) <= bounds.array_mean_current_ua * 1e6
+            assert sum(one.on_us for one in window) <= bounds.array_on_us_per_s
+
+    def _second_before(self, last: int) -> list[Visit]:
+        begun_ns = self.visits[last].begun_ns
+        first = bisect_right(
+            self.visits, begun_ns - SECOND_NS, hi=last + 1, key=lambda one: one.begun_ns
+        )
+        return self.visits[first : last + 1]
+
+    def check_expiry(self) -> None:
+        """A frame past its time gets at most the pulse that was being made."""
+        late: Counter[int] = Counter()
+        for visit in self.visits:
+            frame = visit.frame
+            if frame is not None and visit.begun_ns >= frame.expires_ns:
+                late[frame.seq] += 1
+                assert visit.begun_ns < frame.expires_ns + self.story.bounds.slot_ns
+        assert all(count == 1 for count in late.values())
+
+    def check_opening(self) -> None:
+        """From zero after arming, 0.5 mA per 100 ms of frames standing."""
+        for visit in self.visits:
+            if visit.state == "ARMED":
+                standing_ns = self._standing_ns(self._armed_ns(visit.begun_ns), visit.begun_ns)
+                steps = math.ceil(standing_ns / RISE_NS)
+                assert visit.current_ua <= steps * RISE_UA
+
+    def _armed_ns(self, t_ns: int) -> int:
+        place = bisect_right(self.states, t_ns, key=lambda one: one[0]) - 1
+        while place and self.states[place - 1][1] == "ARMED":
+            place -= 1
+        return self.states[place][0]
+
+    def _standing_ns(self, from_ns: int, to_ns: int) -> int:
+        """How long a frame was up between two times, by the frames' own times."""
+        total_ns, counted_ns = 0, from_ns
+        for frame in sorted(self.story.frames.values(), key=lambda one: one.sent_ns):
+            begin_ns = max(frame.sent_ns, counted_ns)
+            end_ns = min(frame.expires_ns + self.story.bounds.slot_ns, to_ns)
+            if end_ns > begin_ns:
+                total_ns += end_ns - begin_ns
+                counted_ns = end_ns
+        return total_ns
+
+    def check_stops(self) -> None:
+        """After a stop line opened, the pulse under way is the last until the next way up."""
+        for pressed_ns in self.story.presses:
+            after = [one for one in self.visits if one.begun_ns > pressed_ns]
+            if after and after[0].begun_ns > pressed_ns + self.story.bounds.slot_ns:
+                assert self._went_up(pressed_ns, after[0].begun_ns)
+            if len(after) > 1:
+                assert self._went_up(pressed_ns, after[1].begun_ns)
+
+    def _went_up(self, from_ns: int, to_ns: int) -> bool:
+        ups = [t_ns for t_ns, state in self.states if state in ("SAFE", "HALTED", "PROBE")]
+        return any(from_ns <= t_ns <= to_ns for t_ns in ups)
+
+    # --- what was told -----------------------------------------------------------------------
+
+    def _report_after(self, t_ns: int) -> Scan | None:
+        place = bisect_left(self.scans, t_ns, key=lambda scan: scan.now_ns)
+        return self.scans[place] if place < len(self.scans) else None
+
+    def _asked_ua(self, visit: Visit) -> int:
+        """What was wanted of this pulse when the limits saw it."""
+        assert visit.frame is not None
+        wished = [
+            one
+            for one in self.story.wishes
+            if one[1] == visit.electrode and one[0] <= visit.begun_ns
+        ]
+        return wished[-1][2] if wished else visit.frame.current_ua[visit.electrode]
+
+    def check_clamps_are_told(self) -> None:
+        """Who got less than was asked for is named in the next report, with what it got."""
+        for visit in self.visits:
+            if visit.state != "ARMED" or visit.current_ua > self._asked_ua(visit) - self.code_ua:
+                continue
+            told = self._report_after(visit.begun_ns)
+            assert told is not None
+            clamps = [one for one in told.clamped if one.electrode == visit.electrode]
+            assert clamps, f"electrode {visit.electrode} was clamped, and nobody was told"
+            assert all(_makes_sense(one) for one in clamps)
+
+    def check_thinning_is_told(self) -> None:
+        """Of each scan but a frame's last, every active electrode got a pulse, or is named."""
+        for electrode, from_ns, to_ns in self._missing():
+            named: set[int | None] = set()
+            for scan in self._reports_about(from_ns, to_ns):
+                named |= {one.electrode for one in scan.clamped}
+                named |= {one.electrode for one in scan.thinned}
+            assert electrode in named, f"electrode {electrode} had no pulse, and nobody was told"
+
+    def _reports_about(self, from_ns: int, to_ns: int) -> Iterator[Scan]:
+        """Those from one time to the first after another."""
+        for scan in self.scans[bisect_left(self.scans, from_ns, key=lambda scan: scan.now_ns) :]:
+            yield scan
+            if scan.now_ns >= to_ns:
+                return
+
+    def _missing(self) -> Iterator[tuple[int, int, int]]:
+        """Electrodes that a scan left out, and when it began and the next one did."""
+        by_scan: dict[int, set[int]] = defaultdict(set)
+        for visit in self.visits:
+            if visit.phases[0].scan is not None:
+                by_scan[visit.phases[0].scan].add(visit.electrode)
+        fired: dict[int, Counter[int]] = defaultdict(Counter)
+        remarks = _scan_remarks(self.trace)
+        for index, (remark, following) in enumerate(pairwise(remarks)):
+            seq = remark["seq"]
+            frame = self.story.frames[seq]
+            for electrode, current_ua in enumerate(frame.current_ua):
+                if electrode in by_scan[index]:
+                    fired[seq][electrode] += 1
+                elif _is_due(frame, current_ua, fired[seq][electrode]) and following["seq"] == seq:
+                    yield electrode, remark["t_ns"], following["t_ns"]
+
+
+def _is_due(frame: SentFrame, current_ua: int, fired: int) -> bool:
+    return current_ua > 0 and (frame.pulses is None or fired < frame.pulses)
+
+
+def _makes_sense(clamp: Clamp) -> bool:
+    return 0 <= clamp.got_ua < clamp.wanted_ua and clamp.limited_by >= 0
+
+
+def _scan_remarks(trace: Sequence[Record]) -> list[Record]:
+    return [one for one in trace[1:] if one["bus"] == "engine" and one["event"] == "frame"]
+
+
+def _sums(
+    window: Sequence[Visit], electrodes: int
+) -> tuple[dict[int, float], Counter[int], dict[int, float]]:
+    """Charge carried (as stimulated one and as return), pulses, and time with current."""
+    charge_pc = dict.fromkeys(range(electrodes), 0.0)
+    on_us = dict.fromkeys(range(electrodes), 0.0)
+    pulses = Counter(visit.electrode for visit in window)
+    for visit in window:
+        charge_pc[visit.electrode] += visit.charge_pc
+        on_us[visit.electrode] += visit.on_us
+        returns = visit.returns if visit.returns is not None else range(electrodes)
+        for one in returns:
+            if one != visit.electrode:
+                charge_pc[one] += visit.charge_pc * visit.share
+    return charge_pc, pulses, on_us

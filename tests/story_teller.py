@@ -1,0 +1,266 @@
+"""A story told to an engine on the stepped fake, and written down for the oracle.
+
+Owns: the verbs of a story, and what the oracle has to know of each. Must not know: judgments.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+import engine_rig
+from engine_oracle import Bounds, SentFrame, Story
+from engine_rig import LEASE
+from etd.bodysite import SiteMaxima
+from etd.calibration import Calibration, ElectrodeLimits, current_of_level
+from etd.config import LoadedConfig, fake_config
+from etd.frame import Frame, Returns, Ring
+from etd.link import (
+    ArmBoard,
+    ClearHalt,
+    CloseLease,
+    DisarmBoard,
+    MeasureContact,
+    OpenLease,
+    StopNow,
+)
+from etd.stabilize.pipeline import Known, Wish
+from etd_body.electrode import skin
+from etd_hal.fake.faults import RailOff
+from etd_hal.fake.world import StopLine
+from etd_hal.ports import Clock
+
+_LEVEL_WIDTH_US, _LEVEL_RATE_HZ = 80, 20.0
+
+
+class Asker:
+    """A stabilizer that asks for what it was told to ask, one wish after another."""
+
+    def __init__(self, wishes: Sequence[Wish]) -> None:
+        self.wishes = wishes
+        self.clock: Clock | None = None
+        self.asked: list[tuple[int, int, int, int]] = []
+
+    def ask(self, wish: Wish, known: Known) -> Wish:
+        assert self.clock is not None
+        mine = self.wishes[len(self.asked) % len(self.wishes)]
+        now_ns = self.clock.now_ns()
+        self.asked.append((now_ns, known.electrode, mine.current_ua, mine.width_us))
+        return mine
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A board with electrodes on it, and what nobody gets more of there."""
+
+    board: str
+    electrodes: int
+    maxima: SiteMaxima
+    slot_ns: int
+
+    def loaded(self) -> LoadedConfig:
+        loaded = fake_config(board=self.board, electrodes=self.electrodes)
+        site = msgspec.structs.replace(loaded.body_site, maxima=self.maxima)
+        return LoadedConfig(
+            config=loaded.config,
+            board=loaded.board,
+            machine=loaded.machine,
+            array=loaded.array,
+            body_site=site,
+            source=loaded.source,
+        )
+
+    def bounds(self) -> Bounds:
+        """By hand: no shipped board allows less than this body site, probes apart."""
+        most = self.maxima
+        return Bounds(
+            charge_pc=most.charge_nc * 1_000,
+            rate_hz=most.rate_hz,
+            mean_current_ua=most.mean_current_ua,
+            on_us_per_s=most.on_us_per_s,
+            array_mean_current_ua=most.array_mean_current_ua,
+            array_on_us_per_s=most.array_on_us_per_s,
+            probe_current_ua=min(300, most.current_ua),
+            probe_width_us=50,
+            slot_ns=self.slot_ns,
+        )
+
+
+class Teller:
+    """Each verb does something to the engine or its world, whatever state they are in."""
+
+    def __init__(self, setting: Setting, wishes: Sequence[Wish] = ()) -> None:
+        self._asker = Asker(wishes)
+        self.rig = engine_rig.make(
+            loaded=setting.loaded(), stabilizers=(self._asker,) if wishes else ()
+        )
+        self._asker.clock = self.rig.clock
+        self.story = Story(setting.bounds(), setting.electrodes)
+        self._calibration: Calibration | None = None
+
+    @property
+    def now_ns(self) -> int:
+        return self.rig.clock.now_ns()
+
+    def open(self, caps_ua: Sequence[int]) -> None:
+        """A lease for somebody with these caps."""
+        loaded = self.rig.engine.loaded
+        calibration = Calibration(
+            participant="P",
+            body_site=loaded.body_site.name,
+            array=loaded.array.name,
+            polarity="anodic",
+            width_us=min(_LEVEL_WIDTH_US, loaded.body_site.maxima.width_us),
+            rate_hz=min(_LEVEL_RATE_HZ, loaded.body_site.maxima.rate_hz),
+            returns="all",
+            date=datetime.date(2025, 1, 1),
+            program="test",
+            electrode=tuple(
+                ElectrodeLimits(threshold_ua=cap // 4, comfortable_ua=cap // 2, cap_ua=cap)
+                for cap in caps_ua
+            ),
+        )
+        before_ns = self.now_ns
+        answer = self.rig.ask(OpenLease, lease=LEASE, client="t", calibration=calibration)
+        if answer.error is None:
+            self.story.caps.append((before_ns, tuple(caps_ua)))
+            self._calibration = calibration
+
+    def close(self) -> None:
+        self.rig.ask(CloseLease, lease=LEASE)
+
+    def arm(self) -> None:
+        if self.rig.engine.loaded.board.guards.wearer_stop != "absent":
+            self.press("wearer_stop")
+            self.rig.run_ms(3)
+            self.release("wearer_stop")
+            self.rig.run_ms(3)
+        self.rig.ask(ArmBoard)
+
+    def disarm(self) -> None:
+        self.rig.ask(DisarmBoard, lease=LEASE)
+
+    def measure(self) -> None:
+        self.rig.ask(MeasureContact, lease=LEASE)
+
+    def stop(self) -> None:
+        self.rig.ask(StopNow, who="somebody")
+
+    def clear(self) -> None:
+        self.rig.ask(ClearHalt)
+
+    def wait(self, duration_ms: int) -> None:
+        self.rig.run_ms(duration_ms)
+
+    def stall(self, duration_ms: int) -> None:
+        """The whole engine gets no processor for so long."""
+        self.rig.clock.spend(duration_ms * 1_000_000)
+
+    def lift(self, electrode: int) -> None:
+        self.story.contacts.append((self.now_ns, electrode, False))
+        self.rig.fake.world.lift(electrode)
+
+    def touch(self, electrode: int) -> None:
+        self.story.contacts.append((self.now_ns, electrode, True))
+        self.rig.fake.world.touch(electrode, skin())
+
+    def press(self, line: StopLine) -> None:
+        if getattr(self.rig.engine.loaded.board.guards, line) != "absent":
+            self.story.presses.append(self.now_ns)
+            self.rig.fake.world.press(line)
+
+    def release(self, line: StopLine) -> None:
+        if getattr(self.rig.engine.loaded.board.guards, line) != "absent":
+            self.rig.fake.world.release(line)
+
+    def disturb_rail(self, factor: float, duration_ms: int) -> None:
+        fault = RailOff(factor)
+        self.rig.fake.world.put_in(fault)
+        self.rig.run_ms(duration_ms)
+        self.rig.fake.world.take_out(fault)
+
+    def new_person(self, caps_ua: Sequence[int]) -> None:
+        """Whatever was, somebody else is armed now, unless the world will not have it."""
+        self.release("emergency_stop")
+        self.release("wearer_stop")
+        self.close()
+        self.clear()
+        self.open(caps_ua)
+        self.arm()
+
+    def frame(self, fields: dict[str, Any], is_streamed: bool, repeats: int, pause_ms: int) -> None:
+        """The same frame some times, with a pause after each."""
+        for _ in range(repeats):
+            self.one_frame(is_streamed, **fields)
+            self.wait(pause_ms)
+
+    def one_frame(self, is_streamed: bool = False, **fields: Any) -> None:
+        """A frame, whether it is accepted or not."""
+        sent_ns = self.now_ns
+        seq = self.rig.last_seq + 1
+        frame = Frame(lease=LEASE, seq=seq, sent_ns=sent_ns, **fields)
+        if is_streamed:
+            before = self.rig.engine.reporter.counters["frames_refused"]
+            self._stream(frame)
+            error = self.rig.engine.reporter.counters["frames_refused"] > before
+        else:
+            answer = self.rig.show(sent_ns=sent_ns, **fields)
+            error = answer.error is not None
+            assert bool(answer.reason) == error, "a refusal has a reason"
+        if error:
+            self.story.refused.add(seq)
+        else:
+            self.story.frames[seq] = self._sent(frame, sent_ns)
+
+    def _stream(self, frame: Frame) -> None:
+        self.rig.send(sent_ns=frame.sent_ns, **_given(frame))
+        self.rig.turn()
+        self.rig.turn()
+
+    def _sent(self, frame: Frame, sent_ns: int) -> SentFrame:
+        assert self._calibration is not None
+        current_ua = frame.current_ua
+        if current_ua is None:
+            assert frame.level is not None
+            limits = self._calibration.electrode
+            current_ua = tuple(
+                current_of_level(one, level, self._calibration.gamma)
+                for one, level in zip(limits, frame.level, strict=True)
+            )
+        width_us = frame.width_us if isinstance(frame.width_us, int) else _LEVEL_WIDTH_US
+        return SentFrame(
+            frame.seq,
+            current_ua,
+            width_us,
+            sent_ns,
+            frame.ttl_ms,
+            self._returns(frame.returns),
+            frame.pulses,
+        )
+
+    def _returns(self, returns: Returns | None) -> tuple[tuple[int, ...], ...] | None:
+        array = self.rig.engine.loaded.array
+        if isinstance(returns, Ring):
+            return tuple(array.ring(one, returns.ring_mm) for one in range(array.count))
+        return returns if isinstance(returns, tuple) else None
+
+    def end(self) -> list[dict[str, Any]]:
+        """Let everything be told, and the engine end; the trace."""
+        self.close()
+        self.rig.run_ms(60)
+        problems = self.rig.close()
+        assert problems == ()
+        self.story.reports = self.rig.reports
+        self.story.wishes = self._asker.asked
+        return self.rig.trace()
+
+
+def _given(frame: Frame) -> dict[str, Any]:
+    fields = msgspec.structs.asdict(frame)
+    for key in ("lease", "seq", "sent_ns"):
+        del fields[key]
+    return {key: value for key, value in fields.items() if value is not None}
