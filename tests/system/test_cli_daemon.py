@@ -43,10 +43,14 @@ def test_the_first_line_says_that_it_is_a_fake(rig: CommandRig) -> None:
 def test_a_second_daemon_of_the_name_is_refused_and_leaves_the_first_alone(
     rig: CommandRig,
 ) -> None:
-    with rig.daemon():
-        second = rig.run("run", "--board", "fake")
+    trace = rig.folder / "trace.jsonl"
+    with rig.daemon("--trace", str(trace)):
+        recorded = trace.read_bytes()
+        second = rig.run("run", "--board", "fake", "--trace", str(trace))
         assert second.status == 1
         assert "already running" in second.err
+        assert trace.read_bytes().startswith(recorded)
+        assert recorded.startswith(b'{"etd_trace"')
         assert rig.run("status", "--json").answer["status"]["state"] == "SAFE"
 
 
