@@ -104,8 +104,9 @@ class Player:
     def play(self, repeat: int = 1) -> Summary:
         """Blocks until the last frame has had its time; the skin is silent then."""
         with self._display.telemetry("scan", "halt") as reports:
-            self._hold_until_open(reports)
+            standing = self._hold_until_open(reports)
             begun_ns = clock.now_ns()
+            self._finish(reports, standing)
             for index in range(repeat):
                 for step in self._steps[1:] if index == 0 else self._steps:
                     self._finish(reports, self._stand(step))
@@ -115,9 +116,9 @@ class Player:
 
     # --- standing ----------------------------------------------------------------------------
 
-    def _hold_until_open(self, reports: Telemetry) -> None:
+    def _hold_until_open(self, reports: Telemetry) -> _Standing:
         """The first frame, until the ceiling is above every current of the pattern and takes
-        nothing away; then for its own time.
+        nothing away. Its time counts from then on.
         """
         most_ua = max(step.largest_ua for step in self._steps)
         within_s = most_ua / _OPENING_UA_PER_S + _OPENING_SLACK_S
@@ -132,7 +133,7 @@ class Player:
         self._is_open = True
         self.summary.opening_s = (clock.now_ns() - begun_ns) / 1e9
         standing.begun_ns = self._engine_ns()
-        self._finish(reports, standing)
+        return standing
 
     def _has_opened(self, standing: _Standing, most_ua: int) -> bool:
         scan = self._scan

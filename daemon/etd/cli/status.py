@@ -92,5 +92,7 @@ def _rows_of_facts(facts: HelloReply) -> list[tuple[str, str]]:
 
 
 def _supply(report: StateReport) -> str:
+    if "hv_enable" in report.absent_guards:
+        return "on whenever the board has power (it has no hv_enable)"
     rail = "" if report.rail_v is None else f", rail {report.rail_v:.0f} V"
     return f"{'on' if report.supply_on else 'off'}{rail}"
