@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -170,12 +171,24 @@ from etd.cli import main
 main(["safe", "--board", "no-such-board", "--machine", "pi4"])
 print(json.dumps(list(sys.modules)))
 """
+IMPORTED_BY_ENGINE = """
+import json, sys
+from etd.cli import main
+folder = sys.argv[1]
+part = ["run", "--board", "fake", "--part", "engine", "--folder", folder]
+main([*part, "--board-socket", folder + "/none"])
+print(json.dumps(list(sys.modules)))
+"""
 IMPORTED_BY_NOTHING = "import json, sys; print(json.dumps(list(sys.modules)))"
 
 
-def modules_of(program: str) -> set[str]:
+def modules_of(program: str, *arguments: str) -> set[str]:
     ran = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=30
+        [sys.executable, "-c", program, *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=30,
     )
     return set(json.loads(ran.stdout))
 
@@ -188,3 +201,11 @@ def test_safe_needs_the_hal_and_the_standard_library_only() -> None:
     packages = {name.split(".")[0] for name in loaded} - sys.stdlib_module_names
     # msgspec takes typing_extensions where it is installed, and does without where it is not.
     assert packages - {"typing_extensions"} == {"etd", "etd_hal", "msgspec"}
+
+
+def test_the_engine_part_holds_no_zeromq_and_no_network_side() -> None:
+    with tempfile.TemporaryDirectory(prefix="etd-") as folder:
+        loaded = modules_of(IMPORTED_BY_ENGINE, folder)
+    assert "etd.engine.process" in loaded
+    assert not [name for name in loaded if name.split(".")[0] in ("zmq", "rich")]
+    assert not [name for name in loaded if name.startswith(("etd.gateway", "etd.client"))]

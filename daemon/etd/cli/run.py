@@ -19,7 +19,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from etd.cli import options
-from etd.cli.two_processes import PARTS, TwoProcesses
 from etd.config import LoadedConfig, fake_config, load_config
 from etd.errors import AlreadyRunning, FileError, PartEnded
 from etd.places import CONTROL, prepare_runtime, runtime_folder, state_folder, why_unreachable
@@ -38,6 +37,7 @@ As a service (systemd), each part is a unit: etd run --part engine, etd run --pa
 """
 
 CONFIG_FOLDER = Path("/etc/etd")
+PARTS = ("engine", "gateway")
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -117,6 +117,9 @@ def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
 
 
 def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
+    # Here and below: no part loads what only another one needs. The engine holds no ZeroMQ.
+    from etd.cli.two_processes import TwoProcesses
+
     if why_unreachable(folder / CONTROL) is None:
         raise AlreadyRunning(args.name, f"it answers at {folder / CONTROL}")
     for sentence in loaded.mended:
