@@ -77,9 +77,9 @@ def _done(core: Core, command: ToEngine, now_ns: int) -> Answer | None:
 
 
 def _open(core: Core, command: OpenLease, now_ns: int) -> None:
-    core.states.need("SAFE")
     if core.lease is not None:
         raise Refused("other_lease", f"the lease is held by {core.lease.client!r}")
+    core.states.need("SAFE")
     loaded = core.loaded
     if command.calibration is not None:
         person = limits_of_calibration(
