@@ -63,7 +63,9 @@ def first_fault(rig: EngineRig) -> str:
 def one_scan(board: str = "kajimoto-hv507") -> EngineRig:
     """Open for 0.5 mA, and silent; the next frame is one scan of three electrodes."""
     rig = engine_rig.make(loaded=config(board, 32 if board == "feetthrough-relay" else 16))
-    return fully_open(rig, 400)
+    fully_open(rig, 400)
+    rig.run_ms(205)
+    return rig
 
 
 def show_three(rig: EngineRig, polarity: str = "anodic") -> None:
