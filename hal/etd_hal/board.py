@@ -134,9 +134,16 @@ class Board:
             raise BoardFault("timing", "not calibrated", "a calibration at start")
         return self._timing
 
-    def calibrate(self) -> Timing:
-        """Time messages at DAC code 0 on this machine, and check. Raises: BoardFault, BusError."""
-        self._timing = calibrate(self._time_message, self.machine)
+    def calibrate(self, meanwhile: Callable[[], None] = lambda: None) -> Timing:
+        """Time messages at DAC code 0 on this machine, and check. `meanwhile` is called before
+        each: it takes some 20 ms in all, and a heartbeat may be due. Raises: BoardFault, BusError.
+        """
+
+        def duration_ns(message: Message) -> int:
+            meanwhile()
+            return self._time_message(message)
+
+        self._timing = calibrate(duration_ns, self.machine)
         self._pulses.clear()
         return self._timing
 

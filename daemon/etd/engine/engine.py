@@ -91,7 +91,7 @@ class Engine(Core):
         self.clock.sleep_until_ns(deadline_ns)
 
     def _calibrate_again(self) -> None:
-        self.board.calibrate()
+        self.board.calibrate(lambda: self._beat(self.clock.now_ns()))
         self._visitor.forget_drift()
         self.reporter.counters["recalibrated"] += 1
         self.planner_of_lease()
