@@ -9,11 +9,12 @@ It stands between the board and the ports: `guard.spi` and `guard.gpio` are the 
 through; the guard compares that with what the bytes would do. The one path around it is
 `Board.safe_off`, which can only switch off.
 
-Rules for SPI: 2-byte words with control bits 00; at most 32 words and 511 transfers; no delay
-above 10 us; ends in zero; one level besides zero, and it only falls. For a message that is not
-silent: permitted in this state; approved, this one pulse, for just these outputs; worst-case width
-and charge within the maxima; not more often than the rate; outputs un-blanked, latch closed, one
-output alone on its side and at least one on the other.
+Rules for SPI: 2-byte words with control bits 00, each under a chip select of its own, which
+changes after words only; at most 32 words and 511 transfers; no delay above 10 us; ends in zero;
+one level besides zero, and it only falls. For a message that is not silent: permitted in this
+state; approved, this one pulse, for just these outputs; worst-case width and charge within the
+maxima; not more often than the rate; outputs un-blanked, latch closed, one output alone on its
+side and at least one on the other.
 The rules for GPIO are in `watch.py`, with the decoding of the switch.
 """
 
@@ -102,11 +103,17 @@ class Guard:
         codes: list[int] = []
         held_us = 0
         held_transfers = 0
+        is_word_waiting = False
         for transfer in transfers:
             if not 0 <= transfer.delay_us <= _LONGEST_DELAY_US:
                 raise GuardRefusal("delay", f"{transfer.delay_us} us", f"{_LONGEST_DELAY_US} us")
             if transfer.tx:
+                if is_word_waiting:
+                    raise GuardRefusal("chip select", "two words under one", "one word each")
                 codes.append(_code_in(transfer.tx))
+                is_word_waiting = not transfer.cs_change
+            elif transfer.cs_change:
+                raise GuardRefusal("chip select", "changed after a delay", "after a word only")
             if any(codes):
                 held_us += transfer.delay_us
                 held_transfers += not transfer.tx
