@@ -148,6 +148,15 @@ def test_a_whole_prepare_rewrites_even_the_same_selection(boards: Boards) -> Non
     assert len(rig.body()) == 2
 
 
+def test_a_whole_prepare_rewrites_open_relays_too(boards: Boards) -> None:
+    rig = boards(NAME)
+    rig.visit(2, returns=(3,))
+    rig.board.release()
+    before = len(rig.records())
+    rig.visit(2, returns=(3,), whole=True)
+    assert len(rig.times("CLK", 1, before)) >= 64
+
+
 def test_what_power_up_left_in_the_register_is_opened_before_the_supply(boards: Boards) -> None:
     rig = boards(NAME, begun=False)
     assert set(rig.sides) != {Side.OPEN}
