@@ -60,6 +60,8 @@ def test_a_new_window_begins_from_zero_and_the_last_one_is_told() -> None:
     assert round(clock.busy_percent, 1) == 60.0
     stepped.spend(79 * MS)
     assert clock.pause_until_ns(clock.now_ns()) is None
+    stepped.spend(1 * MS)
+    assert clock.pause_until_ns(clock.now_ns()) is not None
 
 
 def test_it_tells_the_time_of_the_clock_it_counts_for() -> None:

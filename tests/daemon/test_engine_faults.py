@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 import engine_rig
-from engine_rig import EngineRig
+from engine_rig import LEASE, EngineRig
 from engine_scenes import (
     MS,
     armed,
@@ -21,7 +21,7 @@ from engine_scenes import (
     phases,
     states,
 )
-from etd.link import ArmBoard, ClearHalt, StopNow
+from etd.link import ArmBoard, ClearHalt, DisarmBoard, StopNow
 from etd_hal.compose import Backend
 from etd_hal.errors import BusError, GuardRefusal
 from etd_hal.fake.faults import (
@@ -199,10 +199,21 @@ def test_spi_that_never_comes_back_is_told_and_the_stop_s_cause_stands() -> None
     rig.close()
 
 
-def test_a_board_that_cannot_be_disarmed_halts_and_its_lease_is_over() -> None:
+def lapse(rig: EngineRig) -> None:
+    rig.run_ms(1_100)
+
+
+def disarm(rig: EngineRig) -> None:
+    rig.ask(DisarmBoard, lease=LEASE)
+
+
+@pytest.mark.parametrize("way", [lapse, disarm])
+def test_a_board_that_cannot_be_disarmed_halts_and_its_lease_is_over(
+    way: Callable[[EngineRig], None],
+) -> None:
     rig = armed(engine_rig.make(electrodes=N))
     rig.fake.world.put_in(SpiError(1))
-    rig.run_ms(1_100)
+    way(rig)
     assert first_fault(rig) == "safe_off"
     assert rig.ask(ClearHalt).error is None
     assert rig.ask(ArmBoard).error == "no_lease"

@@ -63,6 +63,7 @@ def test_stop_is_silent_within_one_pulse(make_rig: MakeRig) -> None:
     asked_ns = rig.clock.now_ns()
     rig.commands.send(StopNow(ref=0, who="operator"))
     rig.run_ms(100)
+    assert rig.engine.opening.ceiling_ua == 0
     assert phases(rig)[-1].to_ns < asked_ns + MS
     assert all(code == 0 for _, code in dac_codes(rig, asked_ns + MS))
 
