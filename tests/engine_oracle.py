@@ -344,7 +344,16 @@ class Oracle:
                 if electrode in by_scan[index]:
                     fired[seq][electrode] += 1
                 elif _is_due(frame, current_ua, fired[seq][electrode]) and following["seq"] == seq:
-                    yield electrode, remark["t_ns"], following["t_ns"]
+                    times = remark["t_ns"], following["t_ns"]
+                    if not self._wished_for_nothing(electrode, *times):
+                        yield electrode, *times
+
+    def _wished_for_nothing(self, electrode: int, from_ns: int, to_ns: int) -> bool:
+        """A stabilizer that asks for less than one code is not clamped: it has its wish."""
+        return any(
+            one == electrode and from_ns <= t_ns <= to_ns and current_ua < self.code_ua
+            for t_ns, one, current_ua, _ in self.story.wishes
+        )
 
 
 def _is_due(frame: SentFrame, current_ua: int, fired: int) -> bool:

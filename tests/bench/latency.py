@@ -12,7 +12,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.modelled import CURRENT_UA, ELECTRODES, WIDTH_US
@@ -40,6 +40,8 @@ class LatencyFigures:
     p50_us: float
     p99_us: float
     p999_us: float
+    #: Why the engine halted under it, if it did: then the figures are of the time before.
+    halted: str = ""
 
 
 def measure(samples: int, flood_s: float) -> tuple[LatencyFigures, LatencyFigures]:
@@ -53,8 +55,8 @@ def measure(samples: int, flood_s: float) -> tuple[LatencyFigures, LatencyFigure
         with display.telemetry("scan") as telemetry:
             idle = _idle(display, telemetry, samples)
             flooded = _flooded(display, telemetry, flood_s)
-        assert display.status().halt is None, "the engine halted: the figures are not of a display"
-    return idle, flooded
+        halt = display.status().halt
+    return idle, flooded if halt is None else replace(flooded, halted=halt.detail)
 
 
 @contextmanager

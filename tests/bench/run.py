@@ -156,7 +156,8 @@ def _latency_table(found: list[latency.LatencyFigures]) -> Table:
         table.add_column(column, justify="left" if not column else "right")
     for one in found:
         times = (f"{us / 1_000:.2f} ms" for us in (one.p50_us, one.p99_us, one.p999_us))
-        table.add_row(one.load, str(one.sent), str(one.shown), *times)
+        load = f"{one.load}; halted: {one.halted}" if one.halted else one.load
+        table.add_row(load, str(one.sent), str(one.shown), *times)
     return table
 
 

@@ -40,9 +40,12 @@ class WallClock:
     def __init__(self) -> None:
         self.real = LinuxClock()
         self.behind_ns = 0
+        #: While a message lasts, time ends with it: nobody shall see it overdue.
+        self.message_ends_ns: int | None = None
 
     def now_ns(self) -> int:
-        return self.real.now_ns() - self.behind_ns
+        ends_ns, now_ns = self.message_ends_ns, self.real.now_ns() - self.behind_ns
+        return now_ns if ends_ns is None else min(ends_ns, now_ns)
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         self.real.sleep_until_ns(deadline_ns)
@@ -57,10 +60,11 @@ class WallSpi:
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         clock = self._clock
-        end_ns = clock.now_ns() + message_ns(message)
-        while (over_ns := clock.now_ns() - end_ns) < 0:
+        clock.message_ends_ns = end_ns = clock.now_ns() + message_ns(message)
+        while clock.now_ns() < end_ns:
             pass
-        clock.behind_ns += over_ns
+        clock.behind_ns = clock.real.now_ns() - end_ns
+        clock.message_ends_ns = None
         words = sum(1 for one in message.transfers if one.tx)
         return (b"\0\0", *(SAMPLE,) * (words - 1))
 
