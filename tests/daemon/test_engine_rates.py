@@ -114,10 +114,12 @@ def test_the_achievable_rate_is_achieved_on_every_board(
     assert not [one for one in thinned(rig) if one.reason in ("overrun", "processor")]
 
 
-def test_a_scan_that_came_late_is_told_and_nothing_is_made_up_for(make_rig: MakeRig) -> None:
-    rig = fully_open(
-        make_rig(electrodes=N, loaded=config(machine={"halt_excess_us": 90_000.0})), 500
-    )
+@pytest.mark.parametrize("drift_us", [1.5, 90_000.0])
+def test_a_scan_that_came_late_is_told_and_nothing_is_made_up_for(
+    make_rig: MakeRig, drift_us: float
+) -> None:
+    machine = {"halt_excess_us": 90_000.0, "drift_us": drift_us}
+    rig = fully_open(make_rig(loaded=config(machine=machine)), 500)
     rig.fake.world.put_in(SpiStall(60_000, at_message=5, at_transfer=0))
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=only(N, e3=400), rate_hz=100.0, ttl_ms=500)
