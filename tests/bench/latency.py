@@ -10,9 +10,9 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from bench.modelled import CURRENT_UA, ELECTRODES, WIDTH_US
@@ -26,13 +26,20 @@ _READY_WITHIN_NS = 20_000_000_000
 _LIMIT_UA = 1_000
 #: Idle frames are this far apart, so that the display has fallen silent in between.
 _PAUSE_S = 0.04
+_IDLE_ROUND, _IDLE_ROUNDS = 50, 20
+_FLOOD_ROUND_S, _FLOOD_ROUNDS = 1.0, 10
+_OPENING_S = 0.4
+#: Reports of the last frames of a round come within this time.
+_LATE_S = 0.1
 _RATE_HZ = 60.0
 _ONE = (CURRENT_UA, *(0,) * (ELECTRODES - 1))
 
 
 @dataclass(frozen=True)
 class LatencyFigures:
-    """Of the frames that were shown, in us."""
+    """Of the frames that were shown, in us. `cut_short`: rounds at whose end the display was no
+    longer armed (a machine so busy that a part was silent, or a message overdue), and why.
+    """
 
     load: str
     sent: int
@@ -40,23 +47,21 @@ class LatencyFigures:
     p50_us: float
     p99_us: float
     p999_us: float
-    #: Why the engine halted under it, if it did: then the figures are of the time before.
-    halted: str = ""
+    cut_short: int
+    why: str
 
 
-def measure(samples: int, flood_s: float) -> tuple[LatencyFigures, LatencyFigures]:
+def measure(is_quick: bool) -> tuple[LatencyFigures, LatencyFigures]:
     """Idle, then under a flood."""
     with (
         _processes() as address,
         Display(address=address, max_current_ua=_LIMIT_UA, width_us=WIDTH_US) as display,
     ):
-        display.arm()
-        display.hold_current(_ONE, seconds=0.4, width_us=WIDTH_US, rate_hz=_RATE_HZ)
-        with display.telemetry("scan") as telemetry:
-            idle = _idle(display, telemetry, samples)
-            flooded = _flooded(display, telemetry, flood_s)
-        halt = display.status().halt
-    return idle, flooded if halt is None else replace(flooded, halted=halt.detail)
+        rounds = (1, 1) if is_quick else (_IDLE_ROUNDS, _FLOOD_ROUNDS)
+        idle = _Rounds(display, _idle).run(rounds[0])
+        flooded = _Rounds(display, _flood).run(rounds[1])
+    rate = flooded.sent / (rounds[1] * _FLOOD_ROUND_S)
+    return idle.figures("idle"), flooded.figures(f"flood of {rate:.0f} frames/s")
 
 
 @contextmanager
@@ -103,61 +108,83 @@ def _wait_for_engine(folder: Path) -> None:
     raise TimeoutError("the gateway has found no engine")
 
 
-def _idle(display: Display, telemetry: Telemetry, samples: int) -> LatencyFigures:
-    """One frame of one pulse at a time."""
-    sent_ns: dict[int, int] = {}
-    found: dict[int, int] = {}
-    for tag in range(samples):
-        _send(display, sent_ns, tag)
+class _Rounds:
+    """One way of sending, in rounds that each begin armed and open."""
+
+    def __init__(self, display: Display, send_round: Callable[[_Rounds, Telemetry], None]) -> None:
+        self.display = display
+        self._send_round = send_round
+        self._sent_ns: dict[int, int] = {}
+        self._first_ns: dict[int, int] = {}
+        self._cut_short: list[str] = []
+
+    @property
+    def sent(self) -> int:
+        return len(self._sent_ns)
+
+    def run(self, rounds: int) -> _Rounds:
+        for _ in range(rounds):
+            self._open_up()
+            with self.display.telemetry("scan") as telemetry:
+                self._send_round(self, telemetry)
+                self.collect(telemetry, _LATE_S)
+            status = self.display.status()
+            if status.state != "ARMED":
+                self._cut_short.append(status.last_disarm or status.state)
+        return self
+
+    def _open_up(self) -> None:
+        """Whatever was, it is armed now."""
+        status = self.display.status()
+        if status.halt is not None:
+            self.display.clear()
+        if status.state != "ARMED":
+            self.display.arm()
+        self.display.hold_current(_ONE, seconds=_OPENING_S, width_us=WIDTH_US, rate_hz=_RATE_HZ)
+
+    def send(self) -> None:
+        """One frame of one pulse, marked by how many there were before."""
+        tag = len(self._sent_ns)
+        self._sent_ns[tag] = clock.now_ns()
+        self.display.stream_current(_ONE, width_us=WIDTH_US, rate_hz=_RATE_HZ, pulses=1, tag=tag)
+
+    def collect(self, telemetry: Telemetry, timeout_s: float) -> None:
+        """The first pulse of each frame, from all reports that come within `timeout_s`."""
+        while (item := telemetry.receive(timeout_s)) is not None:
+            report = item[1]
+            assert isinstance(report, Scan)
+            for shown in report.shown:
+                if shown.tag is not None and shown.first_ns is not None:
+                    self._first_ns[shown.tag] = shown.first_ns
+            timeout_s = 0.0
+
+    def figures(self, load: str) -> LatencyFigures:
+        taken_us = sorted(
+            (first_ns - self._sent_ns[tag]) / 1_000 for tag, first_ns in self._first_ns.items()
+        )
+        assert taken_us, "no frame was shown in any round: this machine is too busy to measure on"
+        p50_us, p99_us, p999_us = (_percentile(taken_us, part) for part in (0.5, 0.99, 0.999))
+        why = "; ".join(sorted(set(self._cut_short)))
+        return LatencyFigures(
+            load, self.sent, len(taken_us), p50_us, p99_us, p999_us, len(self._cut_short), why
+        )
+
+
+def _idle(rounds: _Rounds, telemetry: Telemetry) -> None:
+    """One frame at a time."""
+    for _ in range(_IDLE_ROUND):
+        rounds.send()
         deadline_ns = clock.now_ns() + int(_PAUSE_S * 1e9)
         while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
-            _collect(telemetry, found, left_s)
-    return _figures("idle", sent_ns, found)
+            rounds.collect(telemetry, left_s)
 
 
-def _flooded(display: Display, telemetry: Telemetry, flood_s: float) -> LatencyFigures:
+def _flood(rounds: _Rounds, telemetry: Telemetry) -> None:
     """As many frames as the client can send; newest wins."""
-    sent_ns: dict[int, int] = {}
-    found: dict[int, int] = {}
-    tag, until_ns = 1_000_000, clock.now_ns() + int(flood_s * 1e9)
+    until_ns = clock.now_ns() + int(_FLOOD_ROUND_S * 1e9)
     while clock.now_ns() < until_ns:
-        _send(display, sent_ns, tag)
-        _collect(telemetry, found, 0.0)
-        tag += 1
-    _collect(telemetry, found, 0.2)
-    load = f"flood of {len(sent_ns) / flood_s:.0f} frames/s"
-    return _figures(load, sent_ns, found)
-
-
-def _send(display: Display, sent_ns: dict[int, int], tag: int) -> None:
-    sent_ns[tag] = clock.now_ns()
-    display.stream_current(_ONE, width_us=WIDTH_US, rate_hz=_RATE_HZ, pulses=1, tag=tag)
-
-
-def _collect(telemetry: Telemetry, first_ns: dict[int, int], timeout_s: float) -> None:
-    """All reports that are there, or come within `timeout_s`: the first pulse of each frame."""
-    while (item := telemetry.receive(timeout_s)) is not None:
-        report = item[1]
-        assert isinstance(report, Scan)
-        for shown in report.shown:
-            if shown.tag is not None and shown.first_ns is not None:
-                first_ns[shown.tag] = shown.first_ns
-        timeout_s = 0.0
-
-
-def _figures(load: str, sent_ns: dict[int, int], first_ns: dict[int, int]) -> LatencyFigures:
-    taken_us = sorted(
-        (first_ns[tag] - sent_ns[tag]) / 1_000 for tag in first_ns.keys() & sent_ns.keys()
-    )
-    assert taken_us, "no frame was shown"
-    return LatencyFigures(
-        load,
-        len(sent_ns),
-        len(taken_us),
-        _percentile(taken_us, 0.5),
-        _percentile(taken_us, 0.99),
-        _percentile(taken_us, 0.999),
-    )
+        rounds.send()
+        rounds.collect(telemetry, 0.0)
 
 
 def _percentile(ordered: list[float], part: float) -> float:

@@ -156,7 +156,7 @@ def _latency_table(found: list[latency.LatencyFigures]) -> Table:
         table.add_column(column, justify="left" if not column else "right")
     for one in found:
         times = (f"{us / 1_000:.2f} ms" for us in (one.p50_us, one.p99_us, one.p999_us))
-        load = f"{one.load}; halted: {one.halted}" if one.halted else one.load
+        load = f"{one.load} ({one.cut_short} cut short: {one.why})" if one.cut_short else one.load
         table.add_row(load, str(one.sent), str(one.shown), *times)
     return table
 
@@ -170,7 +170,7 @@ def main() -> int:
     figures: dict[str, Any] = {
         "scans": comparisons,
         "processor": processor.measure(10 if args.quick else 100),
-        "latency": list(latency.measure(20, 1.0) if args.quick else latency.measure(1_000, 10.0)),
+        "latency": list(latency.measure(args.quick)),
     }
     bounds = [bound for comparison in comparisons for bound in comparison.bounds()]
     if args.json:
