@@ -94,6 +94,17 @@ def ended_leases(rig: EngineRig) -> list[LeaseEnded]:
     return [one for one in rig.others if isinstance(one, LeaseEnded)]
 
 
+def first_fault(rig: EngineRig) -> str:
+    """Who, of the first halt; there must have been one."""
+    assert rig.state == "HALTED"
+    assert rig.engine.lease is None
+    halt = rig.engine.states.halt
+    assert halt is not None
+    assert halts(rig)[0] == halt
+    assert halt.cause == "fault"
+    return halt.who
+
+
 # --- ways into it ---------------------------------------------------------------------------------
 
 
