@@ -119,7 +119,7 @@ def fully_open(rig: EngineRig, current_ua: int = 3_000) -> EngineRig:
     armed(rig)
     count = rig.engine.loaded.array.count
     hold_ms = current_ua // 5 + 30
-    rig.hold(hold_ms, current_ua=only(count, e0=10), rate_hz=20.0)
+    rig.hold(hold_ms, current_ua=only(count, e0=20), rate_hz=20.0)
     return rig
 
 

@@ -407,6 +407,13 @@ def _check_current_path(board: BoardFile, file: str) -> None:
             f"{board.maxima.probe_current_ua} uA is above current_ua",
             "a probe is weaker than a stimulus",
         )
+    if board.maxima.probe_width_us > board.maxima.width_us:
+        raise FileError(
+            file,
+            "maxima.probe_width_us",
+            f"{board.maxima.probe_width_us} us is above width_us",
+            "a probe is no wider than a stimulus",
+        )
     if isinstance(board.switch, Relays) and board.switch.on_bit == board.switch.return_bit:
         raise FileError(
             file,

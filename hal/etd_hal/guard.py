@@ -66,7 +66,7 @@ class Guard:
             if isinstance(board.switch, Relays)
             else HalfBridgeWatch(board.switch, _hv_line(board))
         )
-        self.spi: Spi = _GuardedSpi(self, spi)
+        self.spi = GuardedSpi(self, spi, clock)
         self.gpio: Gpio = _GuardedGpio(self.switch, gpio)
 
     def permit(self, current_ua: int) -> None:
@@ -93,6 +93,10 @@ class Guard:
             self._verdicts[message] = decoded
         if decoded.code:
             self._check_pulse(decoded)
+
+    def lets_width_pass(self, message: Message) -> bool:
+        """Whether its worst case is within the width that the board allows. Nothing is sent."""
+        return self._decode(message).longest_us <= self._board.maxima.width_us * _TOLERANCE
 
     def _decode(self, message: Message) -> Decoded:
         transfers = message.transfers
@@ -203,14 +207,24 @@ def _hv_line(board: BoardFile) -> tuple[int, int] | None:
     return None if enable == "absent" else (enable.line, enable.on)
 
 
-class _GuardedSpi:
-    def __init__(self, guard: Guard, spi: Spi) -> None:
+class GuardedSpi:
+    """The port that fires. It notes when the last message began and ended: the guard's own work
+    is not the message's time.
+    """
+
+    def __init__(self, guard: Guard, spi: Spi, clock: Clock) -> None:
         self._guard = guard
         self._spi = spi
+        self._clock = clock
+        self.begun_ns = 0
+        self.ended_ns = 0
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         self._guard.check(message)
-        return self._spi.transfer(message)
+        self.begun_ns = self._clock.now_ns()
+        received = self._spi.transfer(message)
+        self.ended_ns = self._clock.now_ns()
+        return received
 
 
 class _GuardedGpio:

@@ -125,6 +125,7 @@ def test_of_streamed_frames_that_lie_there_together_the_newest_is_shown_and_the_
     make_rig: MakeRig,
 ) -> None:
     rig = fully_open(make_rig(electrodes=N), 500)
+    rig.run_ms(30)
     for seq in range(1_000, 1_040):
         rig.frames.send(
             NewFrame(ref=0, frame=Frame(lease=LEASE, seq=seq, current_ua=only(N, e3=400)))

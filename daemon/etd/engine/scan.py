@@ -114,6 +114,8 @@ class Scanner:
     def show(self, plan: Plan, expires_ns: int, now_ns: int) -> None:
         """From the next start of a scan on, which is at once when no frame stands."""
         before = self.standing
+        if before is not None and not before.is_begun:
+            self._reporter.superseded()
         self.silence()
         self.standing = Standing(plan, expires_ns, now_ns, before)
 
@@ -126,7 +128,11 @@ class Scanner:
     def expire(self, now_ns: int) -> None:
         """Let go of a frame whose time is over."""
         standing = self.standing
-        if standing is not None and (standing.has_expired(now_ns) or standing.has_had_its_pulses):
+        if standing is None:
+            return
+        if standing.has_expired(now_ns) and not standing.is_begun:
+            self._reporter.never_shown(standing.plan.frame, now_ns)
+        if standing.has_expired(now_ns) or standing.has_had_its_pulses:
             self.silence()
 
     def scan(self, visitor: Visitor, may_fire: Callable[[int], int | None]) -> None:
@@ -183,11 +189,11 @@ class Scanner:
         now_ns = self._clock.now_ns()
         ceiling_ua = may_fire(now_ns)
         pause_ns = self._clock.pause_until_ns(now_ns)
-        if pause_ns is None:
-            return now_ns, ceiling_ua
-        self._reporter.skipped(None, "processor")
-        while ceiling_ua is not None and now_ns < pause_ns:
+        if pause_ns is not None:
+            self._reporter.skipped(None, "processor")
+        while ceiling_ua is not None and pause_ns is not None:
             self._clock.sleep_until_ns(min(pause_ns, now_ns + _LOOK_NS))
             now_ns = self._clock.now_ns()
             ceiling_ua = may_fire(now_ns)
+            pause_ns = self._clock.pause_until_ns(now_ns)
         return now_ns, ceiling_ua
