@@ -22,9 +22,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
-from etd.client import Display, clock
+import zmq
+
+from etd.client import clock
+from etd.client.telemetry import Telemetry
 from etd.errors import DaemonGone, PartEnded
-from etd.places import address_of
+from etd.places import TELEMETRY, address_of, sibling_address
 
 PARTS = ("engine", "gateway")
 #: From start to ready; an engine takes a second or two on a small machine.
@@ -186,8 +189,11 @@ class TwoProcesses:
         return wakeup is not None and wakeup in found
 
     def _wait_for_link(self, deadline_ns: int) -> None:
-        """The gateway looks for its engine a few times a second."""
-        with Display(address=self.address) as display, display.telemetry("state") as reports:
+        """The gateway looks for its engine a few times a second. Only listened to: a request now
+        would be refused, and counted.
+        """
+        telemetry = sibling_address(self.address, TELEMETRY)
+        with zmq.Context() as context, Telemetry(context, telemetry, ("state",)) as reports:
             while (item := reports.receive(max(0.0, _left_s(deadline_ns)))) is not None:
                 if getattr(item[1], "engine", None) == "there":
                     return
