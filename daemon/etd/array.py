@@ -17,8 +17,8 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from etd_hal.boardfile import load_toml
 from etd_hal.errors import FileError
+from etd_hal.tomlfile import load_toml
 
 #: Beyond this no array reaches; the bounds also keep NaN out, as all bounds on numbers here do.
 Mm = Annotated[float, Meta(ge=-500.0, le=500.0)]

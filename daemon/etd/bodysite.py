@@ -17,8 +17,8 @@ import msgspec
 from msgspec import Meta
 
 from etd.frame import Polarity
-from etd_hal.boardfile import load_toml
 from etd_hal.errors import FileError
+from etd_hal.tomlfile import load_toml
 
 #: Hard ceilings: constants of the code, not of any file.
 MAX_CURRENT_UA = 10_000

@@ -18,8 +18,8 @@ import msgspec
 from msgspec import Meta
 
 from etd.frame import Polarity, Returns, Ring
-from etd_hal.boardfile import load_toml
 from etd_hal.errors import FileError
+from etd_hal.tomlfile import load_toml
 
 Ua = Annotated[int, Meta(ge=0, le=10_000)]
 

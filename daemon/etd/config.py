@@ -19,8 +19,9 @@ from etd.array import ARRAY_FOR_COUNT, Array, array_for_count, check_fits, load_
 from etd.bodysite import BodySite, load_body_site
 from etd.etactilekit import read_layout
 from etd.shipped import Kind, find
-from etd_hal.boardfile import GUARDS, BoardFile, MachineFile, load_board, load_machine, load_toml
+from etd_hal.boardfile import GUARDS, BoardFile, MachineFile, load_board, load_machine
 from etd_hal.errors import FileError
+from etd_hal.tomlfile import load_toml
 
 Backend = Literal["linux", "fake"]
 #: The name of a shipped file, or a path: absolute, or from the folder of the file that names it.

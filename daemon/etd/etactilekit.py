@@ -19,8 +19,8 @@ from msgspec import Meta
 from etd.array import MAX_ELECTRODES, Array, Mm, check_array
 from etd.errors import PatternError
 from etd.jsonfile import read_json
-from etd_hal.boardfile import convert
 from etd_hal.errors import FileError
+from etd_hal.tomlfile import convert
 
 #: Smaller than in any layout of the kit (0.75 to 1.2 mm); a small electrode is the strict case.
 ASSUMED_RADIUS_MM = 0.5

@@ -19,8 +19,8 @@ from etd.array import MAX_ELECTRODES
 from etd.errors import PatternError
 from etd.frame import Level, Polarity, RateHz
 from etd.jsonfile import read_json
-from etd_hal.boardfile import convert
 from etd_hal.errors import FileError
+from etd_hal.tomlfile import convert
 
 MAX_FRAMES = 20_000
 #: Ten minutes: a frame that stands longer is a mistake in the unit.

@@ -7,14 +7,14 @@ Must not know: how a chip is driven, who is wearing the board.
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
 from etd_hal.errors import FileError
+from etd_hal.tomlfile import load_toml
 
 Absent = Literal["absent"]
 #: A line of the 40-pin header.
@@ -25,8 +25,6 @@ Positive = Annotated[float, Meta(gt=0, le=100_000)]
 
 #: The rail's monitor runs on 3.3 V and tells nothing above; a little less, to tell that it does.
 MONITOR_SEES_V = 0.98 * 3.3
-
-T = TypeVar("T")
 
 #: Header lines that a bus device has for itself, chip selects included.
 _BUS_LINES = {"spidev0": (7, 8, 9, 10, 11), "spidev1": (18, 19, 20, 21), "i2c-1": (2, 3)}
@@ -249,7 +247,7 @@ class MachineFile(_Strict, frozen=True):
     #: Largest spread of repeated messages (90th percentile less median) at calibration.
     spread_us: Positive
     #: A single message this much over its plan halts the daemon.
-    halt_excess_us: Positive
+    halt_excess_us: Annotated[float, Meta(gt=0, le=2_000)]
     #: A mean deviation beyond this asks for a new calibration.
     drift_us: Positive
     #: One GPIO set call, and the processor time of a visit: for planning only.
@@ -258,50 +256,6 @@ class MachineFile(_Strict, frozen=True):
     #: The guard's own worst case for the two constants above: never the calibrated ones.
     guard_word_us: Positive
     guard_delay_extra_us: Positive
-
-
-def load_toml(path: Path, kind: type[T]) -> T:
-    """Read `path` into `kind`. Raises: FileError, naming file, key, value and what is allowed."""
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FileError(str(path), "", "there is no such file", "name one that exists") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(str(path), "", f"it cannot be read ({error})", "check it") from error
-    except tomllib.TOMLDecodeError as error:
-        raise FileError(str(path), "", f"it is not TOML ({error})", "correct the line") from error
-    return convert(data, kind, str(path))
-
-
-def convert(data: object, kind: type[T], file: str) -> T:
-    """Check `data` against `kind`; msgspec's path becomes the key that the sentence names."""
-    try:
-        return msgspec.convert(data, kind)
-    except msgspec.ValidationError as error:
-        what, _, where = str(error).partition(" - at ")
-        key = where.strip("`").removeprefix("$.").removeprefix("$")
-        raise FileError(file, key, *_sentences(data, key, what)) from error
-
-
-def _sentences(data: object, key: str, what: str) -> tuple[str, str]:
-    """What the file says there, and what is allowed."""
-    if "unknown field" in what:
-        return what[0].lower() + what[1:], "remove it, or correct its name"
-    if "missing required field" in what:
-        return what[0].lower() + what[1:], "write it: nothing here has a default"
-    return _value_at(data, key), what
-
-
-def _value_at(data: object, key: str) -> str:
-    for part in key.replace("[", ".[").split(".") if key else []:
-        if isinstance(data, dict) and part in data:
-            data = data[part]
-        elif isinstance(data, list) and part[1:-1].isdigit():
-            data = data[int(part[1:-1])]
-        else:
-            return "the value there"
-    text = repr(data)
-    return f"it says {text}" if len(text) <= 60 else "the table there"
 
 
 def load_board(path: Path) -> BoardFile:

@@ -10,7 +10,7 @@ import pytest
 
 from etd.bodysite import BodySite, load_body_site, passes_yardstick, yardstick_nc
 from etd.errors import FileError
-from etd_hal.boardfile import convert
+from etd_hal.tomlfile import convert
 from files_by_hand import CONFIG, spoiled, write
 
 FINGERTIP = (CONFIG / "bodysites" / "fingertip.toml").read_text(encoding="utf-8")

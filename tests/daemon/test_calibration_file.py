@@ -21,7 +21,7 @@ from etd.calibration import (
 from etd.errors import FileError
 from etd.frame import Ring
 from etd.shipped import find, names
-from etd_hal.boardfile import convert
+from etd_hal.tomlfile import convert
 from files_by_hand import CALIBRATION, spoiled, write
 
 

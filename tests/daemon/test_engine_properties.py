@@ -199,7 +199,7 @@ def test_nobody_ever_gets_more_than_allowed_and_all_that_is_taken_away_is_told(b
 
 
 wishes = st.lists(
-    st.builds(Wish, st.integers(0, 200_000), st.integers(1, 400)), min_size=1, max_size=5
+    st.builds(Wish, st.integers(0, 200_000), st.integers(20, 400)), min_size=1, max_size=5
 )
 
 

@@ -110,9 +110,10 @@ class Core:
 
     def end(self) -> tuple[str, ...]:
         """Leave the board safe, whatever state it is in; what did not work, as sentences."""
+        problems = self.board.safe_off()
         self.scanner.silence()
         self.states.safe()
-        return self.board.safe_off()
+        return problems
 
     # --- the way up --------------------------------------------------------------------------
 
@@ -154,7 +155,9 @@ class Core:
         if self._energizer is not None:
             raise Refused("wrong_state", f"{self._energizer.goal} is under way")
         check_ready(self._readiness())
-        energizer = Energizer(goal, ref, self._tools, self.rail, self.loaded.array, self.clock)
+        person = self.lease.person
+        array, rail = self.loaded.array, self.rail
+        energizer = Energizer(goal, ref, self._tools, rail, array, person, self.clock)
         self.states.probe()
         self.board.guard.permit(self.maxima.probe_current_ua)
         self.supply_changed(True)
@@ -251,7 +254,7 @@ class Core:
         if self.states.state == "HALTED":
             self.board.safe_off()
             return
-        problems = self._silence(f"halted by {cause}")
+        problems = self._silence(f"halted by {cause}: {detail}")
         self._latch(cause, who, "; ".join((detail, *problems)))
         self.end_lease("halted")
 

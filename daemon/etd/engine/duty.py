@@ -17,6 +17,8 @@ from etd_hal.ports import SPIN_NS, Clock
 WINDOW_NS = 100_000_000
 #: Of any window, at least so much is slept.
 _SLEEP_NS = round((1.0 - BUSY_PART) * WINDOW_NS)
+#: A shorter one would be spun for the most part, and never catch up.
+_SHORTEST_PAUSE_NS = 1_000_000
 
 
 class BusyClock:
@@ -40,6 +42,7 @@ class BusyClock:
         if slept_ns > 0:
             self._sleeps.append((deadline_ns - SPIN_NS, slept_ns))
             self._slept_ns += slept_ns
+            self._forget(deadline_ns)
 
     @property
     def busy_percent(self) -> float:
@@ -50,6 +53,13 @@ class BusyClock:
         """When too little of the last 100 ms was slept: the time to sleep to, and then to ask
         again, because older sleep leaves the window meanwhile. None: go on.
         """
+        self._forget(now_ns)
+        missing_ns = _SLEEP_NS - self._slept_ns
+        if missing_ns <= 0:
+            return None
+        return now_ns + max(missing_ns, _SHORTEST_PAUSE_NS) + SPIN_NS
+
+    def _forget(self, now_ns: int) -> None:
         sleeps, oldest_ns = self._sleeps, now_ns - WINDOW_NS
         # A sleep that reaches into the window counts with the part that lies in it.
         while sleeps and sleeps[0][0] - sleeps[0][1] < oldest_ns:
@@ -58,6 +68,4 @@ class BusyClock:
             if end_ns > oldest_ns:
                 sleeps.appendleft((end_ns, end_ns - oldest_ns))
                 self._slept_ns += end_ns - oldest_ns
-                break
-        missing_ns = _SLEEP_NS - self._slept_ns
-        return None if missing_ns <= 0 else now_ns + missing_ns + SPIN_NS
+                return

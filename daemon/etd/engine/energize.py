@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from etd.array import Array
-from etd.engine.limits import path_of
+from etd.engine.limits import PersonLimits, path_of
 from etd.engine.plan import Visit
 from etd.engine.sensors import RailSensor
 from etd.engine.visits import Tools, Visitor
@@ -21,6 +21,8 @@ from etd_hal.ports import Clock
 Goal = Literal["arm", "measure"]
 #: Where nothing watches the rail, it gets this long.
 UNWATCHED_SETTLE_NS = 500_000_000
+#: The sensor thread reads every few tens of milliseconds; a stuck bus blocks for a second.
+FIRST_READING_NS = 1_500_000_000
 #: Of the monitor's rise time.
 _PATIENCE = 2
 
@@ -58,27 +60,56 @@ class Energizer:
     """One way up; made when it begins, dropped when it ends."""
 
     def __init__(
-        self, goal: Goal, ref: int, tools: Tools, rail: RailSensor, array: Array, clock: Clock
+        self,
+        goal: Goal,
+        ref: int,
+        tools: Tools,
+        rail: RailSensor,
+        array: Array,
+        person: PersonLimits,
+        clock: Clock,
     ) -> None:
         self.goal: Goal = goal
         self.ref = ref
         self._tools = tools
         self._rail = rail
         self._array = array
+        self._person = person
         self._clock = clock
+        self._is_on = False
         self._begun_ns = clock.now_ns()
 
     def begin(self) -> None:
-        """Supply on. Raises: Refused, if the rail is watched and not known; BusError."""
-        if self._rail.is_there and self._rail.rail_v(self._begun_ns) is None:
-            raise Refused(
-                "arm_failed",
-                f"the rail is not known ({self._rail.problem or 'no reading yet'}): check I2C",
-            )
+        """Supply on, once the rail is known where it is watched.
+
+        Raises: Refused, if it cannot be known; BusError.
+        """
+        if not self._rail.is_there or self._rail.rail_v(self._begun_ns) is not None:
+            self._switch_on(self._begun_ns)
+        elif self._rail.problem:
+            self._refuse_unknown()
+
+    def _switch_on(self, now_ns: int) -> None:
         self._tools.board.supply_on()
+        self._is_on = True
+        self._begun_ns = now_ns
+
+    def _refuse_unknown(self) -> None:
+        why = self._rail.problem or "no reading yet"
+        raise Refused("arm_failed", f"the rail is not known ({why}): check I2C")
+
+    def _await_reading(self, now_ns: int) -> None:
+        """The sensor thread has just begun: its first reading is on the way."""
+        if self._rail.rail_v(now_ns) is not None:
+            self._switch_on(now_ns)
+        elif self._rail.problem or now_ns - self._begun_ns > FIRST_READING_NS:
+            self._refuse_unknown()
 
     def is_rail_there(self, now_ns: int) -> bool:
-        """Raises: Refused (`arm_failed`) when it is too high, or does not come."""
+        """Raises: Refused (`arm_failed`) when it is too high, or does not come; BusError."""
+        if not self._is_on:
+            self._await_reading(now_ns)
+            return False
         monitor = self._tools.board.file.guards.rail_monitor
         waited_ns = now_ns - self._begun_ns
         if monitor == "absent":
@@ -114,22 +145,26 @@ class Energizer:
             if ceiling_ua is None:
                 return False
             board.prepare(probe.selection, whole=index == 0)
-            visitor.probe(probe, ceiling_ua, now_ns)
+            visitor.probe(probe, ceiling_ua, now_ns, lambda: self._may_still(may_fire))
         board.release()
         return True
 
+    def _may_still(self, may_fire: Callable[[int], int | None]) -> bool:
+        return may_fire(self._clock.now_ns()) is not None
+
     def _probe(self, electrode: int) -> Visit:
-        """Weak and short; each electrode's path is the array's, capped by the probe alone."""
-        maxima, outputs = self._tools.maxima, self._array.outputs()
+        """Weak and short: the probe bound, or the person's limits where they are below it."""
+        maxima, person = self._tools.maxima, self._person
+        outputs = self._array.outputs()
         others = tuple(one for one in range(self._array.count) if one != electrode)
-        caps_ua = (maxima.probe_current_ua,) * self._array.count
+        path = path_of(electrode, person.caps_ua, others, 1.0)
         return Visit(
             electrode,
             self._tools.board.selection(outputs[electrode], None),
-            maxima.probe_current_ua,
-            maxima.probe_width_us,
+            min(maxima.probe_current_ua, path.cap_ua),
+            min(maxima.probe_width_us, person.width_us),
             (True,),
             1.0,
             None,
-            path_of(electrode, caps_ua, others, 1.0),
+            path,
         )

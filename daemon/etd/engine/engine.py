@@ -11,6 +11,7 @@ are looked at before any queue is read: after a stall nothing stale is shown.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import islice
 
 from etd.config import LoadedConfig
 from etd.engine import commands
@@ -26,6 +27,8 @@ from etd_hal.compose import Backend
 TICK_NS = 1_000_000
 #: Without a look for longer than this the engine was stalled: no visit takes as long.
 _STALL_NS = 50_000_000
+#: Whatever lies there, a pulse is not held up by more; the rest is read before the next one.
+_COMMANDS_A_LOOK = 64
 #: Edges come this often within the monostable's window.
 _BEATS_PER_WINDOW = 4
 
@@ -87,6 +90,7 @@ class Engine(Core):
             return
         if self._visitor.has_drifted:
             self._calibrate_again()
+        self._look_at_stop_levels()
         self.scanner.scan(self._visitor, self._may_fire)
 
     def _sleep_until(self, deadline_ns: int) -> None:
@@ -154,6 +158,13 @@ class Engine(Core):
         if self.stopper.has_acted and is_live:
             self.halt("fault", "stopper", "an SPI message was overdue; its outputs were cut off")
 
+    def _look_at_stop_levels(self) -> None:
+        """Once a scan, for an edge that may have been lost."""
+        for name, is_open in self.board.stops().items():
+            if is_open:
+                self.halt(name, name, "the stop line is open")
+                return
+
     def _watch_rail(self, now_ns: int) -> None:
         monitor = self.loaded.board.guards.rail_monitor
         if monitor == "absent" or self.states.state != "ARMED":
@@ -165,7 +176,7 @@ class Engine(Core):
             self.halt("fault", "rail", f"{rail_v:.0f} V, not {monitor.low_v} to {monitor.high_v} V")
 
     def _obey(self, now_ns: int) -> None:
-        for command in self._dialogue.commands(now_ns):
+        for command in islice(self._dialogue.commands(now_ns), _COMMANDS_A_LOOK):
             commands.obey(self, command, now_ns)
 
     def _take_frames(self) -> None:

@@ -64,6 +64,10 @@ class Standing:
         self._scanned_ns = now_ns
         self.next_ns = (now_ns if late_ns > _LATE_NS else self.next_ns) + self.plan.period_ns
 
+    def was_paused(self, pause_ns: int) -> None:
+        """What is still to come of this scan is later by so much, and so are the next ones."""
+        self.next_ns += pause_ns
+
     def end_scan(self, now_ns: int) -> bool:
         """True if it came to its end too late for the next one, which then begins now; but a
         period from now after a stall, because electrodes may just have been visited.
@@ -150,16 +154,27 @@ class Scanner:
             self._board.prepare(due[0][1].selection, whole=True)
         self._is_rewritten = False
         for index, (place, visit) in enumerate(due):
-            now_ns, ceiling_ua = self._rested(may_fire)
+            now_ns, ceiling_ua = self._rested(standing, may_fire)
             if ceiling_ua is None or self.standing is not standing:
                 self._board.release()
                 return
             self._board.prepare(visit.selection)
-            if visitor.visit(visit, ceiling_ua, now_ns):
+            if visitor.visit(
+                visit, ceiling_ua, now_ns, lambda: self._may_still(standing, may_fire)
+            ):
                 standing.was_fired(place)
             if index + 1 < len(due):
                 self._board.prepare(due[index + 1][1].selection)
         self._end(standing)
+
+    def _may_still(self, standing: Standing, may_fire: Callable[[int], int | None]) -> bool:
+        """Asked when all is connected. Where that takes milliseconds, everything is looked at
+        again; where it is done in one call, the frame's time is enough.
+        """
+        now_ns = self._clock.now_ns()
+        if self._board.switch.can_choose_returns and may_fire(now_ns) is None:
+            return False
+        return self.standing is standing and not standing.has_expired(now_ns)
 
     def _begin(self, standing: Standing) -> None:
         now_ns = self._clock.now_ns()
@@ -182,13 +197,15 @@ class Scanner:
         if standing.end_scan(self._clock.now_ns()):
             self._reporter.skipped(None, "overrun")
 
-    def _rested(self, may_fire: Callable[[int], int | None]) -> tuple[int, int | None]:
+    def _rested(
+        self, standing: Standing, may_fire: Callable[[int], int | None]
+    ) -> tuple[int, int | None]:
         """The time now and the ceiling, after a pause if the loop has been too busy. The watch is
         kept all the while: heartbeat and stop lines cannot wait for a pause to end.
         """
         now_ns = self._clock.now_ns()
         ceiling_ua = may_fire(now_ns)
-        pause_ns = self._clock.pause_until_ns(now_ns)
+        pause_ns, begun_ns = self._clock.pause_until_ns(now_ns), now_ns
         if pause_ns is not None:
             self._reporter.skipped(None, "processor")
         while ceiling_ua is not None and pause_ns is not None:
@@ -196,4 +213,5 @@ class Scanner:
             now_ns = self._clock.now_ns()
             ceiling_ua = may_fire(now_ns)
             pause_ns = self._clock.pause_until_ns(now_ns)
+        standing.was_paused(now_ns - begun_ns)
         return now_ns, ceiling_ua

@@ -8,7 +8,7 @@ Must not know: frames, schedules, sockets, states (beyond being called only when
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from etd.engine.contact import ContactMap
@@ -58,32 +58,55 @@ class Visitor:
         """After a calibration."""
         self._deviation_ns = 0.0
 
-    def visit(self, visit: Visit, opening_ua: int, now_ns: int) -> bool:
+    def visit(
+        self, visit: Visit, opening_ua: int, now_ns: int, may_still: Callable[[], bool]
+    ) -> bool:
         """Visit, if limits and ledger let anything through; True if a pulse was fired.
+
+        `may_still` is asked once more when all is connected: the rest before takes 0.2 ms, and
+        relays take milliseconds.
 
         Raises: BusError, GuardRefusal, BoardFault: the caller makes the board safe.
         """
         wish = self._wish(visit)
-        return self._let_through(visit, wish, opening_ua, now_ns)
+        return self._let_through(visit, wish, opening_ua, now_ns, may_still)
 
-    def probe(self, visit: Visit, opening_ua: int, now_ns: int) -> bool:
+    def probe(
+        self, visit: Visit, opening_ua: int, now_ns: int, may_still: Callable[[], bool]
+    ) -> bool:
         """The same for a probe, about which nobody is asked."""
         wish = Wish(visit.current_ua, visit.width_us)
-        return self._let_through(visit, wish, opening_ua, now_ns)
+        return self._let_through(visit, wish, opening_ua, now_ns, may_still)
 
-    def _let_through(self, visit: Visit, wish: Wish, opening_ua: int, now_ns: int) -> bool:
-        width_us = wish.width_us
-        current_ua, clamp = self._limited(visit, wish.current_ua, width_us, opening_ua, now_ns)
-        pulse = self._tools.board.pulse(current_ua, width_us)
+    def _let_through(
+        self,
+        visit: Visit,
+        wish: Wish,
+        opening_ua: int,
+        now_ns: int,
+        may_still: Callable[[], bool],
+    ) -> bool:
+        electrode, reporter = visit.electrode, self._tools.reporter
+        current_ua, clamp = self._limited(visit, wish, opening_ua, now_ns)
+        pulse = self._tools.board.pulse(current_ua, wish.width_us)
+        entry = self._entry(visit, current_ua, wish.width_us)
         if pulse.code == 0:
-            if clamp is None and wish.current_ua > 0:
-                self._tools.reporter.skipped(visit.electrode, "resolution")
+            if clamp is not None:
+                reporter.clamped(clamp)
+            elif wish.current_ua > 0:
+                reporter.skipped(electrode, "resolution")
             return False
-        entry = self._entry(visit, current_ua, width_us)
         if self._tools.ledger.why_not(entry, now_ns) is not None:
-            self._tools.reporter.skipped(visit.electrode, "ledger")
+            reporter.skipped(electrode, "ledger")
             return False
-        self._fire(visit, pulse, entry, current_ua, width_us)
+        self._tools.board.connect(visit.selection, visit.phases[0])
+        if not may_still():
+            self._tools.board.discharge()
+            return False
+        self._fire(visit, pulse, entry, current_ua, wish.width_us)
+        if clamp is not None:
+            # Told with its pulse: a report may have gone out while relays moved.
+            reporter.clamped(clamp)
         return True
 
     def _wish(self, visit: Visit) -> Wish:
@@ -109,21 +132,18 @@ class Visitor:
         return asked
 
     def _limited(
-        self, visit: Visit, wanted_ua: int, width_us: int, opening_ua: int, now_ns: int
+        self, visit: Visit, wish: Wish, opening_ua: int, now_ns: int
     ) -> tuple[int, Clamp | None]:
         tools, electrode = self._tools, visit.electrode
-        current_ua, clamp = last_word(
+        return last_word(
             self._path(visit),
-            wanted_ua,
-            width_us,
+            wish.current_ua,
+            wish.width_us,
             tools.maxima,
             opening_ua,
             tools.opening.recontact_ua(electrode, now_ns),
             tools.contact.is_touched[electrode] is False,
         )
-        if clamp is not None:
-            tools.reporter.clamped(clamp)
-        return current_ua, clamp
 
     def _path(self, visit: Visit) -> Path:
         path = visit.path
@@ -146,7 +166,6 @@ class Visitor:
     ) -> None:
         board = self._tools.board
         first, *others = visit.phases
-        board.connect(visit.selection, first)
         shot = board.fire(pulse, visit.selection, first, current_ua, width_us)
         self._tools.ledger.book(entry, shot.begun_ns)
         begun_ns = shot.begun_ns
