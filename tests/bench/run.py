@@ -69,7 +69,9 @@ class Comparison:
         return [
             at_most(f"{rest}: bus calls per pulse", calls, MOST_CALLS_PER_PULSE),
             at_most(
-                f"{rest}: scan over limit", self.scan.ratio, MOST_OVER_LIMIT[self.scan.rest_us]
+                f"{rest}: scan over limit, rewrite of the chain included",
+                self.scan.ratio_with_rewrite,
+                MOST_OVER_LIMIT[self.scan.rest_us],
             ),
             at_least(
                 f"{rest}: usual script over scan",

@@ -89,8 +89,8 @@ class TestSource:
         ("old", "new", "key"),
         [
             ("mode = 1 ", "mode = 3 ", "mode"),
-            ("speed_hz = 10_400_000", "speed_hz = 3_900_000", "speed_hz"),
-            ("speed_hz = 10_400_000", "speed_hz = 48_000_001", "speed_hz"),
+            ("speed_hz = 20_800_000", "speed_hz = 3_900_000", "speed_hz"),
+            ("speed_hz = 20_800_000", "speed_hz = 48_000_001", "speed_hz"),
             ("full_scale_ua = 10_000", "full_scale_ua = 50_001", "full_scale_ua"),
             ("codes = 4096", "codes = 1024", "codes"),
             ("leak_ohm = 66_000", "leak_ohm = 9_999", "leak_ohm"),

@@ -21,7 +21,7 @@ from stepped_board import shipped_board
 Boards = Callable[..., BoardRig]
 
 #: On the fake: chip select falls, three microseconds, 18 clocks, rises, and the gap of 10 us.
-FAKE_WORD_US = 0.4 + 3.0 + 18 / 10.4 + 0.7 + 10.0
+FAKE_WORD_US = 0.4 + 3.0 + 18 / 20.8 + 0.7 + 10.0
 FAKE = Timing(word_us=FAKE_WORD_US, delay_extra_us=0.3, message_us=13.831, spread_us=0.0)
 
 timings = st.builds(
@@ -66,13 +66,13 @@ class TestShape:
     @pytest.mark.parametrize(
         ("width_us", "delays_us", "has_end_sample"),
         [
-            (16, (), False),
-            (20, (3,), False),
-            (32, (10, 5), False),
-            (33, (1,), True),
-            (50, (10, 7), True),
-            (100, (10,) * 6 + (6,), True),
-            (200, (10,) * 16 + (3,), True),
+            (15, (), False),
+            (20, (4,), False),
+            (30, (10, 4), False),
+            (33, (2,), True),
+            (50, (10, 9), True),
+            (100, (10,) * 6 + (7,), True),
+            (200, (10,) * 16 + (4,), True),
         ],
     )
     def test_on_the_modelled_machine_a_width_is_so_many_delays(
@@ -94,8 +94,8 @@ class TestShape:
 
     def test_a_width_below_one_word_is_refused_with_the_shortest_there_is(self) -> None:
         with pytest.raises(BoardFault, match="shortest pulse") as caught:
-            FAKE.shape(15)
-        assert caught.value.measured == "15.8 us for one word"
+            FAKE.shape(14)
+        assert caught.value.measured == "15.0 us for one word"
 
 
 class TestMessage:
