@@ -1,0 +1,130 @@
+"""Small promises of the engine that no other file is about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from engine_rig import EngineRig
+from engine_scenes import MS, config, fully_open, only, phases
+from etd.stabilize.pipeline import Known, Wish
+
+MakeRig = Callable[..., EngineRig]
+N = 16
+
+
+@dataclass
+class Asks:
+    """A stabilizer that always asks for the same."""
+
+    wish: Wish
+
+    def ask(self, wish: Wish, known: Known) -> Wish:
+        return self.wish
+
+
+@pytest.mark.parametrize("wish", [Wish(-1, 100), Wish(500, 0), Wish(500, 19)])
+def test_an_impossible_wish_is_counted_and_the_frames_own_pulse_is_given(
+    make_rig: MakeRig, wish: Wish
+) -> None:
+    rig = fully_open(make_rig(electrodes=N, stabilizers=[Asks(wish)]), 500)
+    since_ns = rig.clock.now_ns()
+    rig.show(current_ua=only(N, e3=400), pulses=1)
+    rig.run_ms(30)
+    (fired,) = phases(rig, since_ns)
+    assert fired.current_ua == pytest.approx(400, abs=2.5)
+    assert rig.engine.reporter.counters["impossible_wishes"] >= 1
+    assert rig.state == "ARMED"
+
+
+def test_a_wish_for_more_width_than_its_slot_is_cut_and_counted(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(electrodes=N, stabilizers=[Asks(Wish(400, 200))]), 500)
+    since_ns = rig.clock.now_ns()
+    rig.show(current_ua=only(N, e3=400), width_us=50, pulses=1)
+    rig.run_ms(30)
+    (fired,) = phases(rig, since_ns)
+    assert fired.width_us <= 50.0
+    assert rig.engine.reporter.counters["width_wishes_cut"] >= 1
+
+
+def test_probes_stay_within_the_limits_of_the_person(make_rig: MakeRig) -> None:
+    rig = make_rig(electrodes=N)
+    rig.open(max_current_ua=50, width_us=20)
+    since_ns = rig.clock.now_ns()
+    rig.arm()
+    fired = phases(rig, since_ns)
+    assert len(fired) == N
+    assert max(one.current_ua for one in fired) <= 50
+    assert max(one.width_us for one in fired) <= 20
+
+
+def test_a_stop_line_whose_edge_was_lost_is_seen_by_its_level(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig("reference-hv507"), 500)
+    rig.show(current_ua=only(64, e3=400), ttl_ms=1_000)
+    rig.run_ms(40)
+    rig.fake.world.press("emergency_stop")
+    rig.engine.board.stop_edges()
+    rig.run_ms(40)
+    assert rig.state == "HALTED"
+    halt = rig.engine.states.halt
+    assert halt is not None
+    assert (halt.cause, halt.detail) == ("emergency_stop", "the stop line is open")
+
+
+def test_a_frame_that_expires_while_relays_move_is_not_fired(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(loaded=config("feetthrough-relay", N)), 500)
+    rig.run_ms(250)
+    since_ns = rig.clock.now_ns()
+    answer = rig.show(current_ua=only(N, e3=400), rate_hz=10.0, ttl_ms=1)
+    assert answer.error is None, answer.reason
+    rig.run_ms(60)
+    assert phases(rig, since_ns) == []
+
+
+def test_an_accepted_frame_that_is_never_shown_is_told(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(electrodes=N), 500)
+    rig.show(current_ua=only(N, e3=400), rate_hz=5.0, ttl_ms=1_000)
+    rig.run_ms(20)
+    assert rig.show(current_ua=only(N, e3=400), rate_hz=5.0, ttl_ms=5).error is None
+    rig.run_ms(60)
+    (told,) = [one.refused for one in rig.reports if one.refused is not None]
+    assert told.error == "expired"
+    assert "5 ms" in told.reason
+
+
+def test_what_the_guard_would_refuse_on_this_machine_is_refused_when_asked_for(
+    make_rig: MakeRig,
+) -> None:
+    slow = {"guard_word_us": 60.0, "guard_delay_extra_us": 3.0}
+    rig = make_rig(loaded=config(machine=slow))
+    widest_us = rig.engine.maxima.width_us
+    assert 50 < widest_us < 200
+    assert any(str(widest_us) in one for one in rig.engine.limitations)
+    rig.open(width_us=widest_us)
+    rig.arm()
+    rig.hold(130, current_ua=only(64, e0=20), rate_hz=20.0, width_us=50)
+    refused = rig.show(current_ua=only(64, e3=400), width_us=widest_us + 1)
+    assert refused.error == "over_maximum"
+    since_ns = rig.clock.now_ns()
+    assert rig.show(current_ua=only(64, e3=400), width_us=widest_us, pulses=1).error is None
+    rig.run_ms(30)
+    assert len(phases(rig, since_ns)) == 1
+    assert rig.state == "ARMED"
+
+
+def test_a_board_that_is_gone_for_good_keeps_no_core_busy(make_rig: MakeRig) -> None:
+    rig = make_rig("reference-hv507")
+    before_ns = rig.clock.now_ns()
+    rig.engine.board.stop_edges = _gone  # type: ignore[method-assign]
+    for _ in range(20):
+        rig.engine.turn()
+    assert rig.state == "HALTED"
+    assert rig.clock.now_ns() - before_ns >= 20 * MS
+
+
+def _gone() -> tuple[tuple[str, bool], ...]:
+    from etd_hal.errors import BusError
+
+    raise BusError("gone", "the header", "edges")
