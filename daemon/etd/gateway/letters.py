@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import zmq
@@ -38,6 +38,19 @@ class Unreadable(Refused):
     def __init__(self, refusal: Refused, id: Id | None) -> None:  # noqa: A002 (the wire's word)
         self.id = id
         super().__init__(refusal.code, refusal.reason, refusal.electrode)
+
+
+R = TypeVar("R", bound=Refused)
+
+
+def without_frames(refusal: R) -> R:
+    """The refusal, to be kept for the rest of a turn.
+
+    Its traceback, and that of the error before it, lead to the frame that keeps it. Such a circle
+    holds the bytes of a whole turn until the garbage collector comes by: a flood fills memory so.
+    """
+    refusal.__context__ = None
+    return refusal.with_traceback(None)
 
 
 class _Envelope(msgspec.Struct):

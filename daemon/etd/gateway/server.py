@@ -20,7 +20,7 @@ from etd.gateway.exclusive import NameLock
 from etd.gateway.frames import FrameDesk
 from etd.gateway.journal import Journal
 from etd.gateway.lease import LeaseView
-from etd.gateway.letters import Letter, Unreadable, letter_of, read_request
+from etd.gateway.letters import Letter, Unreadable, letter_of, read_request, without_frames
 from etd.gateway.sockets import Sockets
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
@@ -36,6 +36,13 @@ REQUESTS_A_TURN = 64
 CONNECT_NS = 200_000_000
 
 _encoder = msgspec.json.Encoder()
+
+
+def _read(letter: Letter) -> Request | Unreadable:
+    try:
+        return read_request(letter)
+    except Unreadable as refusal:
+        return without_frames(refusal)
 
 
 class Gateway:
@@ -140,10 +147,7 @@ class Gateway:
             except zmq.Again:
                 break
             letter = letter_of(parts)
-            try:
-                requests.append((read_request(letter), letter))
-            except Unreadable as refusal:
-                requests.append((refusal, letter))
+            requests.append((_read(letter), letter))
         return requests
 
     def _answer(self, request: Request | Unreadable, letter: Letter) -> None:

@@ -46,8 +46,9 @@ class Sockets:
         self._folder = folder
         self._context: zmq.Context[Socket] = zmq.Context()
         try:
-            self.control = self._bound(zmq.ROUTER, CONTROL, receive_hwm=64)
-            self.frames = self._bound(zmq.PULL, FRAMES, receive_hwm=4)
+            # Messages of 64 KiB, and so many for each connection: a flood fills them all.
+            self.control = self._bound(zmq.ROUTER, CONTROL, receive_hwm=2)
+            self.frames = self._bound(zmq.PULL, FRAMES, receive_hwm=1)
             self.telemetry = self._bound(zmq.XPUB, TELEMETRY, receive_hwm=64)
         except BaseException:
             self._context.destroy(linger=0)
@@ -85,7 +86,7 @@ class Sockets:
             (zmq.BACKLOG, 16),
             (zmq.HANDSHAKE_IVL, 1_000),
             (zmq.RCVHWM, receive_hwm),
-            (zmq.SNDHWM, 256),
+            (zmq.SNDHWM, 64),
             (zmq.MAXMSGSIZE, MAX_SUBSCRIPTION_BYTES if kind == zmq.XPUB else MAX_MESSAGE_BYTES),
         ):
             socket.setsockopt(option, value)

@@ -15,7 +15,7 @@ import zmq
 from etd.errors import Refused
 from etd.gateway.frames import FrameDesk
 from etd.gateway.lease import StandingLease
-from etd.gateway.letters import letter_of, read_frame
+from etd.gateway.letters import letter_of, read_frame, without_frames
 from etd.gateway.sockets import Socket
 from etd.protocol import FrameRequest
 
@@ -48,7 +48,7 @@ class Streams:
                 seq = frame.seq
                 lease = self._desk.check(frame, letter.uid)
             except Refused as refusal:
-                refusals.append((seq, refusal))
+                refusals.append((seq, without_frames(refusal)))
                 continue
             newest = self._newer(newest, (frame, lease))
         if newest is not None:
