@@ -146,6 +146,23 @@ def test_a_message_over_the_size_limit_ends_only_the_connection_that_sent_it(
     big.close()
 
 
+@pytest.mark.parametrize(("kind", "name"), [(zmq.DEALER, "control"), (zmq.PUSH, "frames")])
+def test_of_one_connection_a_few_messages_are_kept_while_nobody_reads(
+    rig: GatewayRig, kind: int, name: str
+) -> None:
+    with rig.context.socket(kind) as flooding:
+        flooding.setsockopt(zmq.LINGER, 0)
+        flooding.setsockopt(zmq.SNDHWM, 1)
+        flooding.connect(f"ipc://{rig.folder}/{name}.sock")
+        taken = 0
+        while taken < 100 and flooding.poll(200, zmq.POLLOUT):
+            flooding.send(b"x" * 60_000)
+            taken += 1
+
+    assert taken < 12, "its own queue and the kernel's buffer keep some, the gateway two"
+    rig.until(lambda: not rig.gateway._sockets.control.poll(0))
+
+
 def test_a_message_of_exactly_the_size_limit_is_read(rig: GatewayRig) -> None:
     data = b'{"op":"hello","x":"'.ljust(MAX_MESSAGE_BYTES - 2, b"a") + b'"}'
 
