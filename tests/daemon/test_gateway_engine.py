@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import pytest
 import zmq
 
 from etd.link import ArmBoard, Report, StopNow
@@ -92,6 +93,24 @@ def test_a_stop_that_the_engine_does_not_take_cuts_the_link() -> None:
         assert "link to it was cut" in reply["reason"]
         rig.engine.is_reading = True
         rig.until(lambda: not rig.engine.is_connected)
+
+
+@pytest.mark.parametrize("op", ["arm", "stop", "frame"])
+def test_what_is_asked_in_the_turn_in_which_the_engine_ends_is_told_that_it_is_gone(
+    op: str,
+) -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        rig.engine.hang_up()
+        frame = {"lease": lease, "seq": 1, "level": [0] * 4} if op == "frame" else {}
+        rig.control.send(json.dumps({"op": op, **frame}).encode())
+        assert rig.gateway._sockets.control.poll(5_000)
+
+        rig.gateway._answer_requests()  # the link's end has not been read yet
+
+        reply = rig.reply()
+        assert reply["error"] == "engine_gone"
+        assert "nothing is being felt" in reply["reason"]
 
 
 def test_when_the_engine_ends_everybody_is_told_at_once() -> None:

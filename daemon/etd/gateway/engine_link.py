@@ -91,25 +91,34 @@ class EngineLink:
 
     def command(self, command: Command) -> None:
         """Raises: Refused (`engine_gone`, `busy`)."""
-        self.greeting()
-        if self._channels is None or not self._channels[0].send(command):
-            raise Refused("busy", "the engine has not taken earlier commands yet: send again")
+        self._send(0, command, "commands")
 
     def frame(self, frame: NewFrame) -> None:
         """Raises: Refused (`engine_gone`, `busy`)."""
+        self._send(1, frame, "frames")
+
+    def _send(self, which: int, message: Command | NewFrame, kind: str) -> None:
         self.greeting()
-        if self._channels is None or not self._channels[1].send(frame):
-            raise Refused("busy", "the engine has not taken earlier frames yet: send again")
+        channel = self._open_channel(which)
+        if not channel.send(message):
+            self._open_channel(which)  # it may have found out just now that the engine is gone
+            raise Refused("busy", f"the engine has not taken earlier {kind} yet: send again")
+
+    def _open_channel(self, which: int) -> Channel[link.ToGateway]:
+        """Raises: Refused (`engine_gone`), also between the engine's end and `hang_up`."""
+        if self._channels is None or not self._channels[which].is_open:
+            raise Refused("engine_gone", _GONE)
+        return self._channels[which]
 
     def stop(self, stop: StopNow) -> None:
         """Get it through, or cut the link: the engine falls silent without its gateway.
 
         Raises: Refused (`engine_gone`).
         """
-        if self._channels is None:
-            raise Refused("engine_gone", _GONE)
-        if not self._channels[0].send(stop):
-            self._channels[0].close()
+        commands = self._open_channel(0)
+        if not commands.send(stop):
+            self._open_channel(0)
+            commands.close()
             raise Refused("engine_gone", _STOP_CUT)
 
     def receive(self) -> Iterator[link.ToGateway]:
