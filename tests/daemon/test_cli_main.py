@@ -5,6 +5,7 @@ Owns: nothing of any verb.
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
@@ -113,6 +114,17 @@ def test_an_error_is_one_sentence_on_standard_error(capsys: pytest.CaptureFixtur
     assert told.out == ""
     assert told.err.startswith("etd: only the holder of the lease disarms")
     assert len(told.err.splitlines()) == 1
+
+
+def test_a_late_frame_is_told_as_a_sentence(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def late(_: argparse.Namespace) -> int:
+        raise Refused("expired", "sent 300 ms ago, its ttl is 200 ms")
+
+    monkeypatch.setattr("etd.cli.disarm.run", late)
+    assert cli.main(["disarm"]) == 1
+    assert "a frame came too late, and was not felt: sent 300 ms ago" in capsys.readouterr().err
 
 
 def test_with_json_an_error_is_one_object_on_standard_output(

@@ -129,7 +129,14 @@ def _tell(error: EtdError, as_json: bool) -> None:
     if as_json:
         print(json.dumps({"ok": False, "error": code_of(error), "reason": str(error)}))
     else:
-        print(f"etd: {error}", file=sys.stderr)
+        print(f"etd: {_sentence(error)}", file=sys.stderr)
+
+
+def _sentence(error: EtdError) -> str:
+    """The engine's reason for `expired` is two times, for programs: people are told what of."""
+    if isinstance(error, Refused) and error.code == "expired":
+        return f"a frame came too late, and was not felt: {error}"
+    return str(error)
 
 
 def code_of(error: EtdError) -> str:

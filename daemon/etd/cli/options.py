@@ -73,3 +73,8 @@ def fake_board(text: str) -> FakeBoard:
             " in the configuration"
         )
     return FakeBoard(board or None)
+
+
+def any_board_faked(text: str) -> FakeBoard:
+    """As `fake_board`, for a verb that has fakes only: BOARD alone is a fake too."""
+    return fake_board(text) if text.partition(":")[0] == "fake" else FakeBoard(text)
