@@ -90,9 +90,7 @@ def selftest_rig(
     )
     if on_skin:
         body = fingertip_body(loaded.board, count)
-    fake = FakeBoard(
-        loaded.board, clock, body, electrodes=loaded.array.outputs(), faults=faults
-    )
+    fake = FakeBoard(loaded.board, clock, body, electrodes=loaded.array.outputs(), faults=faults)
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
     backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
     hand = FakeHand(fake.world, clock, real_load_ohm or load_ohm)

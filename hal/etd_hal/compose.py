@@ -8,6 +8,7 @@ Must not know: configuration files other than board and machine, frames, people.
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -184,7 +185,7 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
 
 
 def open_fake_bench(
-    board: BoardFile, *, electrodes: Sequence[int], load_ohm: float | None, trace: Path | None
+    board: BoardFile, *, electrodes: Sequence[int], load_ohm: float | None
 ) -> Bench:
     """A fake board on a bench: nobody touches it, and a hand can put a resistor on it."""
     from etd_body.electrode import OPEN_CONTACT
@@ -192,7 +193,6 @@ def open_fake_bench(
     from etd_hal.fake.board import FakeBoard
     from etd_hal.fake.clock import LiveClock
     from etd_hal.fake.hand import FakeHand
-    from etd_hal.fake.trace import Trace
     from etd_hal.linux.clock import LinuxClock
 
     clock = LiveClock(LinuxClock())
@@ -201,16 +201,10 @@ def open_fake_bench(
         leak_ohm=board.source.leak_ohm,
         compliance_v=board.source.compliance_v,
     )
-    recorded = Trace.to(trace) if trace is not None else None
-    fake = FakeBoard(board, clock, body, electrodes=electrodes, trace=recorded)
+    fake = FakeBoard(board, clock, body, electrodes=electrodes)
     ports = fake.request(line_setup(board), spi_setup(board))
-
-    def close() -> None:
-        ports.close()
-        fake.close()
-
     backend = Backend(
-        "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close, clock.lag_ns
+        "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close, clock.lag_ns
     )
     return Bench(backend, fake.world.host, FakeHand(fake.world, clock, load_ohm))
 
@@ -276,3 +270,10 @@ def system_clock() -> Clock:
     from etd_hal.linux.clock import LinuxClock
 
     return LinuxClock()
+
+
+def wall_time() -> datetime.datetime:
+    """UTC, for what is kept with a date."""
+    from etd_hal.linux import clock
+
+    return clock.wall_time()

@@ -66,6 +66,13 @@ class Bed:
         self._beaten_ns = 0
 
     @property
+    def free(self) -> list[int]:
+        """The electrodes that nothing should be connected to."""
+        load = self.asked.load
+        taken = () if load is None else (load.first, load.second)
+        return [one for one in range(self.loaded.array.count) if one not in taken]
+
+    @property
     def i2c(self) -> I2c:
         """Raises: BoardFault on a board without; the board file's rules keep it from happening."""
         if self._i2c is None:

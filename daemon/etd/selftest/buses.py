@@ -159,16 +159,16 @@ def _check_stop(bed: Bed, log: Log, name: StopName) -> None:
         log.absent(name)
         return
     if stops[name]:
-        log.judge(name, False, "open", "closed", "release it, or plug it in: an open loop is a stop")
+        log.judge(
+            name, False, "open", "closed", "release it, or plug it in: an open loop is a stop"
+        )
         return
     if bed.operator is None:
         log.skip(name, "closed; nobody is there to press it", "run it without --no-operator")
         return
     bed.operator.press(name)
     is_seen = bed.wait_until(lambda: bed.board.stops()[name], _OPERATOR_WITHIN_MS)
-    is_closed = is_seen and bed.wait_until(
-        lambda: not bed.board.stops()[name], _RELEASED_WITHIN_MS
-    )
+    is_closed = is_seen and bed.wait_until(lambda: not bed.board.stops()[name], _RELEASED_WITHIN_MS)
     measured = "pressed and released" if is_closed else "pressed, and it stays open"
     log.judge(
         name,

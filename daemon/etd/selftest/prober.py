@@ -4,12 +4,15 @@ Owns: every pulse of a self-test; how strong a probe is; the ramp up to it.
 Must not know: what is concluded from a pulse.
 
 Nobody says that no person is on the board, so a probe asks for a third of the board file's probe
-bound: a source that makes three times what it is told still stays within it. One that makes more
-shows at the first, weakest pulse of the ramp, because no skin lets the node rise above what the
-current makes across the leak alone.
+bound: a source that makes three times what it is told still stays within it. The ramp up to it
+begins at an eighth of that, where a source 24 times too strong would still be within the bound, and
+goes on only while the node reads as with nothing connected. Skin of 50 k takes so much of the
+current that only a source twice to three times too strong could pass for an open electrode.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from etd.engine.ledger import Bounds, Entry, Ledger
 from etd.engine.limits import PC_PER_NC, maxima_of
@@ -22,9 +25,18 @@ from etd_hal.errors import BoardFault, GuardRefusal
 _PART = 3
 #: The ramp's steps, as divisors of the probe.
 _RAMP = (8, 4, 2, 1)
-#: What the node may be above its open voltage before the ramp ends; the ADC's step is added.
-_RAMP_MARGIN = 1.2
+#: What the node may be of its open voltage while the ramp goes on; the ADC's steps are added.
+_LEAST, _MOST = 0.6, 1.2
 _RAMP_CODES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """How far it came, and what the node read there."""
+
+    is_good: bool
+    measured: str
+    expected: str
 
 
 class Prober:
@@ -80,17 +92,23 @@ class Prober:
         source = self._bed.file.source
         return min(told_ua * (leak_ohm or source.leak_ohm) / 1e6, float(source.compliance_v))
 
-    def ramp(self, electrode: int) -> None:
-        """Up to the probe. Raises: BoardFault when the node rises above its open voltage."""
+    def ramp(self, electrode: int, is_supplied: bool = True) -> Ramp:
+        """Up to the probe at an open electrode, as far as the node reads what it should.
+
+        Without a supply nothing lifts the node: then only too much counts.
+        Raises: BusError, BoardFault, GuardRefusal.
+        """
+        slack_v = _RAMP_CODES * self._bed.file.source.node_uv_per_code / 1e6
         for divisor in _RAMP:
-            asked_ua = self.probe_ua // divisor
-            told_ua, shot = self._fire(electrode, asked_ua, True)
-            slack_v = _RAMP_CODES * self._bed.file.source.node_uv_per_code / 1e6
-            most_v = self.open_v(told_ua) * _RAMP_MARGIN + slack_v
-            if shot.voltage_v > most_v:
-                raise BoardFault(
-                    "source", f"{shot.voltage_v:.2f} V at {told_ua} uA", f"at most {most_v:.2f} V"
-                )
+            told_ua, shot = self._fire(electrode, self.probe_ua // divisor, True)
+            open_v = self.open_v(told_ua)
+            least_v = open_v * _LEAST - slack_v if is_supplied else 0.0
+            most_v = open_v * _MOST + slack_v
+            is_good = least_v <= shot.voltage_v <= most_v
+            measured = f"{shot.voltage_v:.2f} V at {told_ua} uA"
+            if not is_good:
+                break
+        return Ramp(is_good, measured, f"{max(0.0, least_v):.2f} to {most_v:.2f} V")
 
     def probe(self, electrode: int, is_anodic: bool = True) -> tuple[int, Shot]:
         """(told_ua, shot) of the weak probe. Raises: BusError, BoardFault, GuardRefusal."""

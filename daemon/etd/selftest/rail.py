@@ -13,6 +13,7 @@ from collections.abc import Callable
 from etd.selftest.bed import MS, Bed
 from etd.selftest.buses import check_idle
 from etd.selftest.log import Log
+from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
 from etd_hal.boardfile import RailMonitor
 
@@ -58,6 +59,9 @@ def _check_by_monitor(bed: Bed, log: Log, monitor: RailMonitor) -> None:
         _check_heartbeat(bed, log, monitor)
 
 
+_ENABLE_ADVICE = (
+    "the enable line does not switch the supply, or its store has no bleeder: cut the supply"
+)
 _RAIL_ADVICE = "look at the supply, its set-point and the monitor's divider"
 
 
@@ -109,7 +113,7 @@ def _check_enable(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
         took_ms is not None,
         _fell(bed, monitor, took_ms),
         f"below {monitor.off_v} V within {monitor.fall_ms} ms of the enable line's end",
-        "the enable line does not switch the supply, or its store has no bleeder: cut the supply",
+        _ENABLE_ADVICE,
     )
     return is_good and _check_rise(bed, log, monitor, "rise_again")
 
@@ -164,52 +168,40 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
 
 def _check_by_node(bed: Bed, log: Log, prober: Prober) -> None:
     """Without a monitor: the supply is there when a probe can lift the node."""
-    gone = "a probe lifts the node no more"
-    # Before each first probe with a supply that may be there.
-    prober.ramp(0)
-    is_off = log.judge(
-        "off",
-        _wait_for_node(bed, prober, is_there=False),
-        *_node(prober),
-        "the supply is on although its enable is off",
-    )
-    if not is_off:
+    if not check_ramp(bed, log, prober, "off_ramp", is_supplied=False):
         return
+    is_off = _judge_gone(bed, log, prober, "off", "the supply is on though its enable is off")
+    if is_off and _check_node_rises(bed, log, prober, "rise"):
+        bed.board.supply_off()
+        is_off = _judge_gone(bed, log, prober, "hv_enable", _ENABLE_ADVICE)
+        if is_off:
+            _check_node_rises(bed, log, prober, "rise_again")
+
+
+def _check_node_rises(bed: Bed, log: Log, prober: Prober, name: str) -> bool:
+    """Nothing is connected before the node was seen idle with the supply behind it."""
     bed.board.supply_on()
     bed.wait_ms(_UNWATCHED_RISE_MS)
-    prober.ramp(0)
-    log.judge(
-        "rise",
-        _wait_for_node(bed, prober, is_there=True),
-        *_node(prober),
-        _RAIL_ADVICE,
-    )
-    bed.board.supply_off()
-    is_good = log.judge(
-        "hv_enable",
-        _wait_for_node(bed, prober, is_there=False),
-        f"looked for {_UNWATCHED_MS} ms: {gone}",
-        gone,
-        "the enable line does not switch the supply, or its store has no bleeder: cut the supply",
-    )
-    bed.board.supply_on()
-    if is_good:
-        log.judge(
-            "rise_again", _wait_for_node(bed, prober, is_there=True), *_node(prober), _RAIL_ADVICE
-        )
+    check_idle(bed, log, f"{name}_idle")
+    return not log.stage_failed and check_ramp(bed, log, prober, name)
 
 
-def _node(prober: Prober) -> tuple[str, str]:
+def _judge_gone(bed: Bed, log: Log, prober: Prober, name: str, advice: str) -> bool:
+    """A probe of the open node again and again, until it lifts it no more, or time is over."""
     bound_v = prober.open_v(prober.probe_ua) * _NODE_GONE
-    return f"a probe of {prober.probe_ua} uA was looked at", f"{bound_v:.2f} V is the bound"
+    read_v = 0.0
 
-
-def _wait_for_node(bed: Bed, prober: Prober, is_there: bool) -> bool:
-    bound_v = prober.open_v(prober.probe_ua) * _NODE_GONE
-    until_ns = bed.clock.now_ns() + _UNWATCHED_MS * MS
-    while bed.clock.now_ns() < until_ns:
-        _, shot = prober.probe(0)
-        if (shot.voltage_v > bound_v) == is_there:
-            return True
+    def look() -> bool:
+        nonlocal read_v
+        read_v = prober.probe(bed.free[0])[1].voltage_v
         bed.wait_ms(_LOOK_EVERY_MS)
-    return False
+        return read_v < bound_v
+
+    is_good = bed.wait_until(look, _UNWATCHED_MS)
+    return log.judge(
+        name,
+        is_good,
+        f"{read_v:.2f} V at {prober.probe_ua} uA",
+        f"below {bound_v:.2f} V within {_UNWATCHED_MS} ms",
+        advice,
+    )

@@ -33,7 +33,7 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
             log.skip(name, "no load was found", "--dummy-load OHM --load-electrodes A,B")
     else:
         _check_steps(bed, log, prober, load)
-        _check_compliance(bed, log, prober, load)
+        _check_compliance(bed, log, prober)
     _check_one_shot(bed, log)
 
 
@@ -48,7 +48,9 @@ def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
     told_ua = [float(told) for told, _ in shots]
     made_ua = [shot.voltage_v / beside_ohm * 1e6 for _, shot in shots]
     gain, zero_ua = statistics.linear_regression(told_ua, made_ua)
-    off_ua = max(abs(made - gain * told - zero_ua) for told, made in zip(told_ua, made_ua))
+    off_ua = max(
+        abs(made - gain * told - zero_ua) for told, made in zip(told_ua, made_ua, strict=True)
+    )
     step_ua = source.node_uv_per_code / beside_ohm
     log.judge(
         "steps",
@@ -93,7 +95,7 @@ def _check_bits(bed: Bed, log: Log, shots: list[Shot]) -> None:
     )
 
 
-def _check_compliance(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
+def _check_compliance(bed: Bed, log: Log, prober: Prober) -> None:
     """Into an open electrode: the node stops at the compliance."""
     source = bed.file.source
     wanted_ua = int(source.compliance_v * _INTO_COMPLIANCE / bed.leak_ohm * 1e6)
@@ -104,8 +106,7 @@ def _check_compliance(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> No
             "measure the rail by hand",
         )
         return
-    free = next(x for x in range(bed.loaded.array.count) if x not in (load.first, load.second))
-    _, shot = prober.into_load(free, wanted_ua)
+    _, shot = prober.into_load(bed.free[0], wanted_ua)
     full_scale_v = (_CODES - 1) * source.node_uv_per_code / 1e6
     log.judge(
         "compliance",

@@ -99,6 +99,5 @@ def _put_back(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
         f"the load is between electrodes {load.first} and {load.second} again",
         "put it back, and begin again",
     )
-    free = [x for x in range(bed.loaded.array.count) if x not in (load.first, load.second)]
-    is_alone = check_alone(bed, log, read_map(bed, prober), free, "nothing_else")
+    is_alone = check_alone(bed, log, read_map(bed, prober), bed.free, "nothing_else")
     bed.is_load_confirmed = is_back and is_alone

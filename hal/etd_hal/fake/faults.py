@@ -252,9 +252,7 @@ class Faults:
         if not self._counts:
             return 0
         return sum(
-            fault.late_us
-            for fault in self.of(SpiJitter)
-            if self._count(fault) % fault.every == 0
+            fault.late_us for fault in self.of(SpiJitter) if self._count(fault) % fault.every == 0
         )
 
     def edge_is_lost(self, kind: type[LostClock] | type[LatchIgnored]) -> bool:
