@@ -16,13 +16,13 @@ from etd.selftest.run import run
 from etd_body.electrode import OPEN_CONTACT
 from etd_body.minimal import MinimalBody
 from etd_hal.bench import Hand, StopName
-from etd_hal.boardfile import BoardFile
 from etd_hal.compose import Backend, Bench, line_setup, spi_setup
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.hand import FakeHand
+from etd_hal.ports import Message, Spi
 
 LOAD_OHM = 47_000
 DATE = datetime.datetime(2026, 3, 4, 5, 6, tzinfo=datetime.UTC)
@@ -37,6 +37,39 @@ class LazyHand:
     def clip(self, first: int, second: int) -> None:
         pass
 
+    def stand_back(self) -> None:
+        pass
+
+
+class ChargeWatch:
+    """The Spi port, with the body's own account taken around each message."""
+
+    def __init__(self, inner: Spi, body: MinimalBody) -> None:
+        self._inner = inner
+        self._body = body
+        self._before = self._charges_pc()
+        #: The most that any electrode got in one message, or between two.
+        self.most_pc = 0.0
+
+    def transfer(self, message: Message) -> tuple[bytes, ...]:
+        self.look()
+        try:
+            return self._inner.transfer(message)
+        finally:
+            self.look()
+
+    def look(self) -> None:
+        """Take the account up to now."""
+        now = self._charges_pc()
+        self.most_pc = max(
+            self.most_pc, *(after - before for before, after in zip(self._before, now, strict=True))
+        )
+        self._before = now
+
+    def _charges_pc(self) -> list[float]:
+        body = self._body
+        return [body.absolute_charge_pc(one) for one in range(body.electrode_count)]
+
 
 @dataclass
 class SelftestRig:
@@ -49,15 +82,22 @@ class SelftestRig:
     bench: Bench
     hand: Hand | None
     asked: Asked
+    watch: ChargeWatch
 
     def run(self) -> Report:
         return run(Bed(self.loaded, self.bench, self.hand, self.asked), DATE)
 
+    def rail_v_after_a_while(self) -> float:
+        """What is left of the rail when a supply that is off has had its time to fall."""
+        self.clock.spend(4_000_000_000)
+        self.bench.backend.gpio.edges()
+        return self.fake.world.rail_v()
+
     @property
     def most_charge_nc(self) -> float:
-        """What the electrode that got the most got in all, by the body's own account."""
-        charges = [self.body.absolute_charge_pc(one) for one in range(self.body.electrode_count)]
-        return max(charges) / 1_000
+        """Of one pulse at one electrode, by the body's own account."""
+        self.watch.look()
+        return self.watch.most_pc / 1_000
 
 
 def bad(report: Report) -> list[tuple[str, str]]:
@@ -69,7 +109,6 @@ def selftest_rig(
     board: str = "reference-hv507",
     *,
     faults: Sequence[Fault] = (),
-    file: BoardFile | None = None,
     load_ohm: int | None = LOAD_OHM,
     real_load_ohm: float | None = None,
     leak_factor: float = 1.0,
@@ -81,7 +120,6 @@ def selftest_rig(
     """A board on a bench: nothing on it but, with `load_ohm`, a resistor between 1 and 2."""
     loaded = fake_config(board)
     clock = SteppedClock()
-    file = file or loaded.board
     count = loaded.array.count
     body = MinimalBody(
         (OPEN_CONTACT,) * count,
@@ -92,7 +130,8 @@ def selftest_rig(
         body = fingertip_body(loaded.board, count)
     fake = FakeBoard(loaded.board, clock, body, electrodes=loaded.array.outputs(), faults=faults)
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
-    backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
+    watch = ChargeWatch(ports.spi, body)
+    backend = Backend("fake", watch, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
     hand = FakeHand(fake.world, clock, real_load_ohm or load_ohm)
     load = None
     if load_ohm is not None:
@@ -107,4 +146,5 @@ def selftest_rig(
         Bench(backend, fake.world.host, hand),
         operator if has_operator else None,
         Asked(load, one_shot_us),
+        watch,
     )

@@ -49,7 +49,7 @@ class Host(Protocol):
 
 
 class Hand(Protocol):
-    """Who stands at the board and does what is asked; both calls return at once."""
+    """Who stands at the board and does what is asked; each call returns at once."""
 
     def press(self, stop: StopName) -> None:
         """Press a stop and release it."""
@@ -57,4 +57,8 @@ class Hand(Protocol):
 
     def clip(self, first: int, second: int) -> None:
         """Connect the dummy load between these two electrodes, and to nothing else."""
+        ...
+
+    def stand_back(self) -> None:
+        """Hands off: what comes next can be felt."""
         ...

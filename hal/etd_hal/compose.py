@@ -187,15 +187,17 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
 def open_fake_bench(
     board: BoardFile, *, electrodes: Sequence[int], load_ohm: float | None
 ) -> Bench:
-    """A fake board on a bench: nobody touches it, and a hand can put a resistor on it."""
+    """A fake board on a bench: nobody touches it, and a hand can put a resistor on it.
+
+    One thread drives it and nobody else looks at the clock, so time only steps.
+    """
     from etd_body.electrode import OPEN_CONTACT
     from etd_body.minimal import MinimalBody
     from etd_hal.fake.board import FakeBoard
-    from etd_hal.fake.clock import LiveClock
+    from etd_hal.fake.clock import SteppedClock
     from etd_hal.fake.hand import FakeHand
-    from etd_hal.linux.clock import LinuxClock
 
-    clock = LiveClock(LinuxClock())
+    clock = SteppedClock()
     body = MinimalBody(
         (OPEN_CONTACT,) * len(electrodes),
         leak_ohm=board.source.leak_ohm,

@@ -157,6 +157,11 @@ class _Operator:
         if self._hand is not None:
             self._hand.clip(first, second)
 
+    def stand_back(self) -> None:
+        self._table.ask("HANDS OFF the board: strong pulses go into the load now")
+        if self._hand is not None:
+            self._hand.stand_back()
+
 
 def _tell(args: argparse.Namespace, report: Report, kept: Path) -> None:
     if args.json:

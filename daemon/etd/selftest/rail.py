@@ -180,6 +180,7 @@ def _check_by_node(bed: Bed, log: Log, prober: Prober) -> None:
 
 def _check_node_rises(bed: Bed, log: Log, prober: Prober, name: str) -> bool:
     """Nothing is connected before the node was seen idle with the supply behind it."""
+    bed.board.release()
     bed.board.supply_on()
     bed.wait_ms(_UNWATCHED_RISE_MS)
     check_idle(bed, log, f"{name}_idle")

@@ -21,6 +21,8 @@ _LINEARITY = 0.03
 #: To be well into the compliance with nothing connected.
 _INTO_COMPLIANCE = 1.3
 _CODES = 4_096
+#: To read the sentence, and to take the hands away.
+_STAND_BACK_MS = 5_000
 #: A one-shot's own tolerance.
 _ONE_SHOT_TOLERANCE = 0.2
 
@@ -32,9 +34,16 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
         for name in ("steps", "linearity", "zero", "adc_bits", "compliance"):
             log.skip(name, "no load was found", "--dummy-load OHM --load-electrodes A,B")
     else:
+        _clear_the_board(bed)
         _check_steps(bed, log, prober, load)
         _check_compliance(bed, log, prober)
     _check_one_shot(bed, log)
+
+
+def _clear_the_board(bed: Bed) -> None:
+    if bed.operator is not None:
+        bed.operator.stand_back()
+        bed.wait_ms(_STAND_BACK_MS)
 
 
 def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:

@@ -92,10 +92,11 @@ def _put_back(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
         return
     bed.operator.clip(load.first, load.second)
     walk = _Walk(bed, prober, load)
+    is_there = walk.wait_for([load.second]) is not None
     is_back = log.judge(
         "load_back",
-        walk.wait_for([load.second]) is not None,
-        f"looked for {_WITHIN_MS // 1_000} s",
+        is_there,
+        "it is back" if is_there else f"not seen there within {_WITHIN_MS // 1_000} s",
         f"the load is between electrodes {load.first} and {load.second} again",
         "put it back, and begin again",
     )

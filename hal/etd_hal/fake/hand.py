@@ -37,3 +37,6 @@ class FakeHand:
         self._on = (first, second)
         for electrode in self._on:
             self._world.touch(electrode, load(self._load_ohm / 2))
+
+    def stand_back(self) -> None:
+        """It never touches an electrode."""
