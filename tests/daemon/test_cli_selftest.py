@@ -37,7 +37,8 @@ def test_a_skip_is_status_1_and_says_what_to_do(
 ) -> None:
     assert cli.main(FULL) == 1
     told = capsys.readouterr().out
-    assert "SKIP source: steps: no load was found" in told
+    assert "SKIP probe: load_agrees, probe: leak" in told
+    assert "     --dummy-load OHM --load-electrodes A,B\n" in told
     assert "NOT PASSED: 9 failed or were skipped" in told
     report = load(state)
     assert report is not None

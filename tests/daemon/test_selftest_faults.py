@@ -33,6 +33,7 @@ from etd_hal.fake.faults import (
     SpiJitter,
     SpiMode,
     SpiShort,
+    SpiStall,
     StuckLine,
     SwitchOutput,
 )
@@ -128,6 +129,13 @@ PROBE = [
     Case("an output on ground", ALL, [SwitchOutput(2, "ground")], "probe", "load_agrees"),
     Case("solder between two", ALL, [Bridge(5, 6)], "probe", "nothing_else"),
     Case("solder between two, relays", RELAY, [Bridge(5, 6)], "probe", "nothing_else"),
+    Case(
+        "the kernel holds a pulse up",
+        ALL,
+        [SpiStall(500, at_message=150)],
+        "probe",
+        "length_of_a_message",
+    ),
     Case("SPI says short", ALL, [SpiShort(at_message=160)], "probe", "bus"),
 ]
 STRONG = [

@@ -17,7 +17,7 @@ from etd.cli.selftest_table import Quiet, Table, table_of
 from etd.config import LoadedConfig
 from etd.places import selftest_file
 from etd.selftest.bed import Asked, Bed, DummyLoad
-from etd.selftest.report import Report, save
+from etd.selftest.report import Check, Report, save
 from etd.selftest.run import run as run_stages
 from etd_hal.bench import Hand, StopName
 from etd_hal.compose import Bench, open_fake_bench, open_linux_bench, wall_time
@@ -170,13 +170,24 @@ def _tell(args: argparse.Namespace, report: Report, kept: Path) -> None:
         return
     bad = [check for check in report.checks if not check.is_good]
     for check in bad:
-        print(f"{check.result.upper()} {check.title}: {check.measured}")
-        if check.advice:
-            print(f"     {check.advice}")
+        if check.result == "fail":
+            print(f"FAIL {check.title}: {check.measured}\n     {check.advice}")
+    for advice, names in _skipped(bad).items():
+        print(f"SKIP {', '.join(names)}\n     {advice}")
     if report.absent_guards:
         print(f"this board has no {', '.join(report.absent_guards)}")
-    print("not seen by any check: " + "; ".join(report.not_seen))
+    for sentence in report.not_seen:
+        print(f"not seen by any check: {sentence}")
     passed = "passed" if report.passed else f"NOT PASSED: {len(bad)} failed or were skipped"
     print(
         f"{report.board} on {report.machine} (backend: {report.backend}): {passed}; kept in {kept}"
     )
+
+
+def _skipped(checks: list[Check]) -> dict[str, list[str]]:
+    """What is to be done, and what was skipped for want of it."""
+    found: dict[str, list[str]] = {}
+    for check in checks:
+        if check.result == "skip":
+            found.setdefault(check.advice, []).append(check.title)
+    return found
