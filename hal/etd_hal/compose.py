@@ -176,10 +176,11 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
 
     Its lines are let go of once, to see what becomes of them: they are at harmless levels then.
     """
+    # What is missing is told by this, packages included: only then are they imported.
+    open_linux(board, machine).close()
     from etd_hal.linux.gpio import find_chip, keeps_driving
     from etd_hal.linux.host import LinuxHost
 
-    open_linux(board, machine).close()
     keeps_pins = keeps_driving(find_chip(board.gpio_chip_labels), line_setup(board))
     return Bench(open_linux(board, machine), LinuxHost(machine, keeps_pins), None)
 

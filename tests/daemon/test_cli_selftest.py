@@ -88,11 +88,7 @@ def test_a_load_that_cannot_be_is_used_wrongly(
     assert not state.exists()
 
 
-def test_hardware_that_is_not_there_is_status_3(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_hardware_that_is_not_there_is_status_3(capsys: pytest.CaptureFixture[str]) -> None:
     shipped = Path(__file__).parents[2] / "config" / "etd.toml"
-    text = shipped.read_text().replace('machine = "pi4"', 'machine = "pi3"')
-    (tmp_path / "etd.toml").write_text(text)
-    assert cli.main(["selftest", "--config", str(tmp_path / "etd.toml")]) == 3
+    assert cli.main(["selftest", "--config", str(shipped)]) == 3
     assert "hardware cannot be used" in capsys.readouterr().err

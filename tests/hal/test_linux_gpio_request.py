@@ -46,7 +46,11 @@ class ChipFile:
 
     def get_line_info(self, line: int) -> SimpleNamespace:
         used = str(line) in self.held
-        return SimpleNamespace(offset=line, used=used, consumer=self.held.get(str(line), ""))
+        out = gpiod.line.Direction.OUTPUT
+        is_driven = self.label == "pins that stay" and line == 4
+        direction = out if is_driven else gpiod.line.Direction.INPUT
+        consumer = self.held.get(str(line), "")
+        return SimpleNamespace(offset=line, used=used, consumer=consumer, direction=direction)
 
 
 @dataclass
@@ -159,3 +163,21 @@ def test_lines_that_somebody_holds_are_told_by_function_and_holder(
         linux.open_lines(load_board(KAJIMOTO), SETUP)
     assert caught.value.kind == "busy"
     assert kernel.granted == []
+
+
+@pytest.mark.parametrize(
+    ("label", "stay"), [("pins that stay", True), ("pins that become inputs", False)]
+)
+def test_what_becomes_of_outputs_is_seen_by_letting_go_of_them_once(
+    kernel: Kernel, devices: Devices, label: str, stay: bool
+) -> None:
+    chip = devices(label) / "gpiochip0"
+    assert linux_gpio.keeps_driving(chip, SETUP) is stay
+    assert [request.fd for request in kernel.granted] == [-1, -1]
+
+
+def test_a_chip_that_goes_meanwhile_is_told(kernel: Kernel, devices: Devices) -> None:
+    chip = devices("ENODEV") / "gpiochip0"
+    with pytest.raises(BusError) as caught:
+        linux_gpio.keeps_driving(chip, SETUP)
+    assert caught.value.kind == "gone"
