@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import pytest
 
+from etd.selftest import buses, probe, rail, switches, timing
 from etd.selftest.bed import Bed
+from etd.selftest.log import Log
+from etd.selftest.prober import Prober
 from etd.selftest.report import Check, Report
 from etd.selftest.run import STAGES, run
 from etd_hal.boardfile import GUARDS
-from etd_hal.fake.faults import Bridge, LineCut
-from selftest_rig import DATE, LOAD_OHM, bad, selftest_rig
+from etd_hal.errors import GuardRefusal
+from etd_hal.fake.faults import Bridge, LineCut, SwitchOutput
+from selftest_rig import DATE, LOAD_OHM, SelftestRig, bad, selftest_rig
 
 BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513")
 
@@ -138,3 +142,46 @@ def test_an_error_ends_in_the_safe_state_all_the_same() -> None:
         run(bed, DATE, on_stage=interrupt)
     assert not bed.board.is_supply_on
     assert rig.rail_v_after_a_while() < 30
+
+
+def bed_after_rail(rig: SelftestRig, log: Log) -> tuple[Bed, Prober]:
+    """A bed as the probes find it: timed, the supply on."""
+    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+    prober = Prober(bed)
+    buses.check(bed, log)
+    timing.check(bed, log)
+    rail.check(bed, log, prober)
+    return bed, prober
+
+
+def test_nothing_strong_is_fired_before_the_load_was_found() -> None:
+    rig = selftest_rig()
+    bed, prober = bed_after_rail(rig, Log())
+    with pytest.raises(GuardRefusal, match="no load was found"):
+        prober.into_load(1, 301)
+    assert rig.most_charge_nc == 0.0
+    bed.board.safe_off()
+
+
+@pytest.mark.parametrize(
+    ("real_load_ohm", "is_confirmed"), [(47_000.0, True), (44_000.0, True), (60_000.0, False)]
+)
+def test_a_load_is_confirmed_by_its_resistance(real_load_ohm: float, is_confirmed: bool) -> None:
+    rig, log = selftest_rig(real_load_ohm=real_load_ohm), Log()
+    bed, prober = bed_after_rail(rig, log)
+    log.stage = "probe"
+    probe.check(bed, log, prober)
+    assert bed.is_load_confirmed is is_confirmed
+    bed.board.safe_off()
+
+
+def test_a_walk_that_did_not_find_every_switch_leaves_no_confirmed_load() -> None:
+    rig, log = selftest_rig(faults=[SwitchOutput(9, "open")]), Log()
+    bed, prober = bed_after_rail(rig, log)
+    log.stage = "probe"
+    probe.check(bed, log, prober)
+    assert bed.is_load_confirmed
+    log.stage = "switches"
+    switches.check(bed, log, prober)
+    assert not bed.is_load_confirmed
+    bed.board.safe_off()
