@@ -97,6 +97,7 @@ class CommandRig:
             **os.environ,
             "XDG_RUNTIME_DIR": str(folder / "run"),
             "XDG_STATE_HOME": str(folder / "state"),
+            "TMPDIR": str(folder),
         }
         (folder / "run").mkdir()
         self._started: list[subprocess.Popen[bytes]] = []

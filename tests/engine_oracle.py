@@ -179,10 +179,9 @@ class Oracle:
     # --- the judgments ---------------------------------------------------------------------------
 
     def check_all(self) -> None:
-        for visit in self.visits:
-            self.check_state(visit)
-            self.check_caps(visit)
-            self.check_charge(visit)
+        self.check_states()
+        self.check_caps()
+        self.check_charges()
         self.check_windows()
         self.check_expiry()
         self.check_opening()
@@ -190,8 +189,12 @@ class Oracle:
         self.check_clamps_are_told()
         self.check_thinning_is_told()
 
-    def check_state(self, visit: Visit) -> None:
+    def check_states(self) -> None:
         """Probes in PROBE, frames in ARMED, nothing in SAFE and HALTED."""
+        for visit in self.visits:
+            self._check_state(visit)
+
+    def _check_state(self, visit: Visit) -> None:
         assert visit.state in ("PROBE", "ARMED")
         if visit.state == "PROBE":
             assert visit.current_ua <= self.story.bounds.probe_current_ua
@@ -200,10 +203,13 @@ class Oracle:
             assert visit.frame is not None, "a pulse of a frame that nobody sent"
             assert visit.phases[0].seq not in self.story.refused
 
-    def check_caps(self, visit: Visit) -> None:
+    def check_caps(self) -> None:
         """Its own cap, and those of its returns."""
-        if visit.state != "ARMED":
-            return
+        for visit in self.visits:
+            if visit.state == "ARMED":
+                self._check_caps(visit)
+
+    def _check_caps(self, visit: Visit) -> None:
         assert visit.current_ua <= visit.caps_ua[visit.electrode]
         returns = visit.returns
         if returns is None:
@@ -213,9 +219,9 @@ class Oracle:
         if visit.is_known_open:
             assert visit.current_ua <= self.story.bounds.probe_current_ua
 
-    def check_charge(self, visit: Visit) -> None:
+    def check_charges(self) -> None:
         """Of each phase."""
-        for phase in visit.phases:
+        for phase in (phase for visit in self.visits for phase in visit.phases):
             assert phase.charge_pc <= self.story.bounds.charge_pc + ROUNDING_PC
 
     def check_windows(self) -> None:
@@ -344,7 +350,16 @@ class Oracle:
                 if electrode in by_scan[index]:
                     fired[seq][electrode] += 1
                 elif _is_due(frame, current_ua, fired[seq][electrode]) and following["seq"] == seq:
-                    yield electrode, remark["t_ns"], following["t_ns"]
+                    times = remark["t_ns"], following["t_ns"]
+                    if not self._wished_for_nothing(electrode, *times):
+                        yield electrode, *times
+
+    def _wished_for_nothing(self, electrode: int, from_ns: int, to_ns: int) -> bool:
+        """A stabilizer that asks for less than one code is not clamped: it has its wish."""
+        return any(
+            one == electrode and from_ns <= t_ns <= to_ns and current_ua < self.code_ua
+            for t_ns, one, current_ua, _ in self.story.wishes
+        )
 
 
 def _is_due(frame: SentFrame, current_ua: int, fired: int) -> bool:

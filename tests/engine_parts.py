@@ -116,7 +116,7 @@ def planner(
         person = PersonLimits(caps, maxima.width_us, None)
     return Planner(
         AnySelector(can_choose=can_choose),
-        Rules(layout, site, maxima, person),
+        Rules(layout, site, maxima, person, 10_000 / 4_095),
         CostModel(board, machine_file(), TIMING),
     )
 

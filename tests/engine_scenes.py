@@ -94,6 +94,17 @@ def ended_leases(rig: EngineRig) -> list[LeaseEnded]:
     return [one for one in rig.others if isinstance(one, LeaseEnded)]
 
 
+def first_fault(rig: EngineRig) -> str:
+    """Who, of the first halt; there must have been one."""
+    assert rig.state == "HALTED"
+    assert rig.engine.lease is None
+    halt = rig.engine.states.halt
+    assert halt is not None
+    assert halts(rig)[0] == halt
+    assert halt.cause == "fault"
+    return halt.who
+
+
 # --- ways into it ---------------------------------------------------------------------------------
 
 
@@ -108,7 +119,7 @@ def fully_open(rig: EngineRig, current_ua: int = 3_000) -> EngineRig:
     armed(rig)
     count = rig.engine.loaded.array.count
     hold_ms = current_ua // 5 + 30
-    rig.hold(hold_ms, current_ua=only(count, e0=10), rate_hz=20.0)
+    rig.hold(hold_ms, current_ua=only(count, e0=20), rate_hz=20.0)
     return rig
 
 

@@ -59,6 +59,8 @@ class EtdConfig(_Strict, frozen=True):
     #: User names that may arm, clear and store calibrations; empty: all who reach the socket.
     operators: tuple[Annotated[str, Meta(min_length=1, max_length=32)], ...]
     engine: EngineConfig
+    #: Refused while there are no keys.
+    tcp: str | None = None
     #: Offered to clients as the calibration to open with.
     default_calibration: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] | None = None
 
@@ -122,6 +124,7 @@ def fake_calibration_of(array: str) -> str | None:
 
 
 def _load_named(config: EtdConfig, folder: Path, source: str) -> LoadedConfig:
+    _check_no_tcp(config, source)
     array, mended = _read_array(_resolve("arrays", config.array, folder))
     loaded = LoadedConfig(
         config=config,
@@ -150,6 +153,17 @@ def _resolve(kind: Kind, name: str, folder: Path) -> Path:
         return find(kind, folder / path if len(path.parts) > 1 or path.suffix else name)
     except OSError as error:
         raise FileError(name, "", f"it cannot be read ({error})", "check it") from error
+
+
+def _check_no_tcp(config: EtdConfig, source: str) -> None:
+    if config.tcp is not None:
+        raise FileError(
+            source,
+            "tcp",
+            f"it says {config.tcp!r}",
+            "leave it out: this version has no keys, and without them nobody is let in over a"
+            " network; use the Unix sockets",
+        )
 
 
 def _check_guards(loaded: LoadedConfig) -> None:

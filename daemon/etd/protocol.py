@@ -234,7 +234,7 @@ class Thinned(msgspec.Struct, frozen=True, kw_only=True):
     """Pulses that were not fired, or a rate that was lowered."""
 
     electrode: int | None
-    reason: Literal["ledger", "rate", "processor", "overrun"]
+    reason: Literal["ledger", "rate", "processor", "overrun", "resolution"]
     pulses: int = 0
     rate_hz: float | None = None
 

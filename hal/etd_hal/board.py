@@ -132,16 +132,33 @@ class Board:
             raise BoardFault("timing", "not calibrated", "a calibration at start")
         return self._timing
 
-    def calibrate(self) -> Timing:
-        """Time messages at DAC code 0 on this machine, and check. Raises: BoardFault, BusError."""
-        self._timing = calibrate(self._time_message, self.machine)
+    def calibrate(self, meanwhile: Callable[[], None] = lambda: None) -> Timing:
+        """Time messages at DAC code 0 on this machine, and check. `meanwhile` is called before
+        each: it takes some 20 ms in all, and a heartbeat may be due. Raises: BoardFault, BusError.
+        """
+
+        def duration_ns(message: Message) -> int:
+            meanwhile()
+            return self._time_message(message)
+
+        self._timing = calibrate(duration_ns, self.machine)
         self._pulses.clear()
         return self._timing
 
+    def widest_us(self) -> int:
+        """The widest pulse that the guard lets pass on this machine, its worst case included.
+
+        At most the board's own maximum. Raises: BoardFault before the first calibration, or if
+        there is none at all.
+        """
+        for width_us in range(self.file.maxima.width_us, int(self.timing.word_us), -1):
+            if self.guard.lets_width_pass(pulse_message(1, self.timing.shape(width_us))):
+                return width_us
+        raise BoardFault("widest pulse", "none that the guard lets pass", "one word at least")
+
     def _time_message(self, message: Message) -> int:
-        begun_ns = self._clock.now_ns()
         self.guard.spi.transfer(message)
-        return self._clock.now_ns() - begun_ns
+        return self.guard.spi.ended_ns - self.guard.spi.begun_ns
 
     # --- one visit -------------------------------------------------------------------------
 
@@ -174,13 +191,12 @@ class Board:
                 width_us,
             )
         )
-        begun_ns = self._clock.now_ns()
-        self.message_due_ns = begun_ns + pulse.planned_ns
+        self.message_due_ns = self._clock.now_ns() + pulse.planned_ns
         try:
             received = self.guard.spi.transfer(pulse.message)
         finally:
             self.message_due_ns = 0
-        ended_ns = self._clock.now_ns()
+        begun_ns, ended_ns = self.guard.spi.begun_ns, self.guard.spi.ended_ns
         return Shot(
             begun_ns,
             ended_ns,

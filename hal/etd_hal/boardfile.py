@@ -280,7 +280,16 @@ def convert(data: object, kind: type[T], file: str) -> T:
     except msgspec.ValidationError as error:
         what, _, where = str(error).partition(" - at ")
         key = where.strip("`").removeprefix("$.").removeprefix("$")
-        raise FileError(file, key, _value_at(data, key), what) from error
+        raise FileError(file, key, *_sentences(data, key, what)) from error
+
+
+def _sentences(data: object, key: str, what: str) -> tuple[str, str]:
+    """What the file says there, and what is allowed."""
+    if "unknown field" in what:
+        return what[0].lower() + what[1:], "remove it, or correct its name"
+    if "missing required field" in what:
+        return what[0].lower() + what[1:], "write it: nothing here has a default"
+    return _value_at(data, key), what
 
 
 def _value_at(data: object, key: str) -> str:
@@ -397,6 +406,13 @@ def _check_current_path(board: BoardFile, file: str) -> None:
             "maxima.probe_current_ua",
             f"{board.maxima.probe_current_ua} uA is above current_ua",
             "a probe is weaker than a stimulus",
+        )
+    if board.maxima.probe_width_us > board.maxima.width_us:
+        raise FileError(
+            file,
+            "maxima.probe_width_us",
+            f"{board.maxima.probe_width_us} us is above width_us",
+            "a probe is no wider than a stimulus",
         )
     if isinstance(board.switch, Relays) and board.switch.on_bit == board.switch.return_bit:
         raise FileError(

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 #: After its start, and for as long.
-_WEARER_TRIES_NS = 300_000_000
+_WEARER_TRIES_NS = 20_000_000
 
 
 @dataclass(frozen=True, slots=True)

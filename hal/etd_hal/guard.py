@@ -9,11 +9,12 @@ It stands between the board and the ports: `guard.spi` and `guard.gpio` are the 
 through; the guard compares that with what the bytes would do. The one path around it is
 `Board.safe_off`, which can only switch off.
 
-Rules for SPI: 2-byte words with control bits 00; at most 32 words and 511 transfers; no delay
-above 10 us; ends in zero; one level besides zero, and it only falls. For a message that is not
-silent: permitted in this state; approved, this one pulse, for just these outputs; worst-case width
-and charge within the maxima; not more often than the rate; outputs un-blanked, latch closed, one
-output alone on its side and at least one on the other.
+Rules for SPI: 2-byte words with control bits 00, each under a chip select of its own, which
+changes after words only; at most 32 words and 511 transfers; no delay above 10 us; ends in zero;
+one level besides zero, and it only falls. For a message that is not silent: permitted in this
+state; approved, this one pulse, for just these outputs; worst-case width and charge within the
+maxima; not more often than the rate; outputs un-blanked, latch closed, one output alone on its
+side and at least one on the other.
 The rules for GPIO are in `watch.py`, with the decoding of the switch.
 """
 
@@ -65,7 +66,7 @@ class Guard:
             if isinstance(board.switch, Relays)
             else HalfBridgeWatch(board.switch, _hv_line(board))
         )
-        self.spi: Spi = _GuardedSpi(self, spi)
+        self.spi = GuardedSpi(self, spi, clock)
         self.gpio: Gpio = _GuardedGpio(self.switch, gpio)
 
     def permit(self, current_ua: int) -> None:
@@ -93,6 +94,10 @@ class Guard:
         if decoded.code:
             self._check_pulse(decoded)
 
+    def lets_width_pass(self, message: Message) -> bool:
+        """Whether its worst case is within the width that the board allows. Nothing is sent."""
+        return self._decode(message).longest_us <= self._board.maxima.width_us * _TOLERANCE
+
     def _decode(self, message: Message) -> Decoded:
         transfers = message.transfers
         if not transfers or len(transfers) > _MOST_TRANSFERS:
@@ -102,11 +107,17 @@ class Guard:
         codes: list[int] = []
         held_us = 0
         held_transfers = 0
+        is_word_waiting = False
         for transfer in transfers:
             if not 0 <= transfer.delay_us <= _LONGEST_DELAY_US:
                 raise GuardRefusal("delay", f"{transfer.delay_us} us", f"{_LONGEST_DELAY_US} us")
             if transfer.tx:
+                if is_word_waiting:
+                    raise GuardRefusal("chip select", "two words under one", "one word each")
                 codes.append(_code_in(transfer.tx))
+                is_word_waiting = not transfer.cs_change
+            elif transfer.cs_change:
+                raise GuardRefusal("chip select", "changed after a delay", "after a word only")
             if any(codes):
                 held_us += transfer.delay_us
                 held_transfers += not transfer.tx
@@ -196,14 +207,24 @@ def _hv_line(board: BoardFile) -> tuple[int, int] | None:
     return None if enable == "absent" else (enable.line, enable.on)
 
 
-class _GuardedSpi:
-    def __init__(self, guard: Guard, spi: Spi) -> None:
+class GuardedSpi:
+    """The port that fires. It notes when the last message began and ended: the guard's own work
+    is not the message's time.
+    """
+
+    def __init__(self, guard: Guard, spi: Spi, clock: Clock) -> None:
         self._guard = guard
         self._spi = spi
+        self._clock = clock
+        self.begun_ns = 0
+        self.ended_ns = 0
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         self._guard.check(message)
-        return self._spi.transfer(message)
+        self.begun_ns = self._clock.now_ns()
+        received = self._spi.transfer(message)
+        self.ended_ns = self._clock.now_ns()
+        return received
 
 
 class _GuardedGpio:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -21,8 +23,10 @@ from etd.link import (
 )
 from etd.shipped import find
 from etd_hal.boardfile import GUARDS, load_board
+from etd_hal.compose import Backend
 from etd_hal.errors import FileError
 from etd_hal.fake.faults import I2cFailure, RailOff, SpiStall
+from etd_hal.ports import Changes, Edge, Gpio
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -86,6 +90,34 @@ def test_the_wearer_s_stop_must_have_been_tried(make_rig: MakeRig) -> None:
     rig.fake.world.release("wearer_stop")
     rig.run_ms(5)
     assert rig.ask(ArmBoard).error is None
+
+
+@dataclass
+class PluggedIn:
+    """Lines on which only closing edges are seen: a stop that is plugged in, not pressed."""
+
+    gpio: Gpio
+
+    def set(self, changes: Changes) -> None:
+        self.gpio.set(changes)
+
+    def get(self, line: int) -> int:
+        return self.gpio.get(line)
+
+    def edges(self) -> tuple[Edge, ...]:
+        return tuple(edge for edge in self.gpio.edges() if edge.value == 1)
+
+
+def test_a_wearer_s_stop_that_was_only_plugged_in_has_not_been_tried(make_rig: MakeRig) -> None:
+    def wrap(backend: Backend) -> Backend:
+        return dataclasses.replace(backend, gpio=PluggedIn(backend.gpio))
+
+    rig = make_rig(REFERENCE, wrap=wrap)
+    rig.open()
+    rig.try_wearer_stop()
+    answer = rig.ask(ArmBoard)
+    assert answer.error == "arm_failed"
+    assert "press and release" in answer.reason
 
 
 @pytest.mark.parametrize("line", ["emergency_stop", "wearer_stop"])

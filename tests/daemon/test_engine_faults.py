@@ -1,9 +1,9 @@
-"""What goes wrong under the engine, and that the skin is silent then."""
+"""Rail, switch and lines that fail under the engine, and that the skin is silent then."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
 
@@ -12,286 +12,29 @@ from engine_rig import EngineRig
 from engine_scenes import (
     MS,
     armed,
-    config,
     dac_codes,
+    first_fault,
     fully_open,
     halts,
     moves,
-    only,
     phases,
-    states,
 )
-from etd.link import ArmBoard, ClearHalt, StopNow
+from etd.link import ArmBoard
 from etd_hal.compose import Backend
 from etd_hal.errors import BusError, GuardRefusal
 from etd_hal.fake.faults import (
     I2cFailure,
     LostClock,
-    MisoStuck,
     RailOff,
-    SpiError,
-    SpiShort,
-    SpiStall,
     StuckLine,
 )
 from etd_hal.ports import Changes, Edge, Gpio
 from etd_hal.watch import Approval
-from trace_decoder import parse
-from trace_rules import violations
 
 MakeRig = Callable[..., EngineRig]
 N = 16
-ALL = (1_000,) * N
 REFERENCE = "reference-hv507"
 MONITOR = 0x48
-
-
-def first_fault(rig: EngineRig) -> str:
-    """Who, of the first halt; there must have been one."""
-    assert rig.state == "HALTED"
-    assert rig.engine.lease is None
-    halt = rig.engine.states.halt
-    assert halt is not None
-    assert halts(rig)[0] == halt
-    assert halt.cause == "fault"
-    return halt.who
-
-
-# --- SPI ------------------------------------------------------------------------------------------
-
-
-def one_scan(board: str = "kajimoto-hv507") -> EngineRig:
-    """Open for 0.5 mA, and silent; the next frame is one scan of three electrodes."""
-    rig = engine_rig.make(loaded=config(board, 32 if board == "feetthrough-relay" else 16))
-    return fully_open(rig, 400)
-
-
-def show_three(rig: EngineRig, polarity: str = "anodic") -> None:
-    count = rig.engine.loaded.array.count
-    rig.send(
-        current_ua=only(count, e2=400, e3=400, e9=400),
-        width_us=50,
-        polarity=polarity,
-        pulses=1,
-        rate_hz=10.0,
-        ttl_ms=1_000,
-    )
-    rig.run_ms(25)
-
-
-def messages_of_the_scan(board: str, polarity: str) -> list[int]:
-    """How many transfers each SPI message of the scan has."""
-    rig = one_scan(board)
-    since_ns = rig.clock.now_ns()
-    show_three(rig, polarity)
-    found = [
-        one["transfers"]
-        for one in rig.records
-        if one.get("event") == "message" and one["t_ns"] > since_ns
-    ]
-    assert rig.close() == ()
-    return found
-
-
-def every_transfer() -> Iterator[tuple[str, str, int, int]]:
-    for board, polarity in (
-        ("kajimoto-hv507", "anodic"),
-        ("kajimoto-hv507", "biphasic"),
-        ("feetthrough-relay", "cathodic"),
-    ):
-        for message, transfers in enumerate(messages_of_the_scan(board, polarity), start=1):
-            for transfer in range(transfers):
-                yield board, polarity, message, transfer
-
-
-def assert_cut_off(rig: EngineRig, failed_ns: int) -> None:
-    """After the error the very next thing on the wires is the GPIO half of the safe state."""
-    after = [one for one in rig.records if one["t_ns"] > failed_ns and one["bus"] != "body"]
-    lines = rig.engine.loaded.board.used_lines()
-    after = [one for one in after if one.get("event") not in ("done", "cs")]
-    expected = [(lines["POL"], 1), (lines["BL"], 0)] if "BL" in lines else [(lines["HV"], 0)]
-    assert [(one["line"], one["value"]) for one in after[: len(expected)]] == expected
-    assert after[0]["t_ns"] - failed_ns < 100_000
-
-
-def broken_beside(rig: EngineRig, failed_ns: int) -> list[str]:
-    """The rules broken anywhere but in the message that failed."""
-    found = violations(parse(rig.sink.getvalue()), rig.engine.loaded.board.rest_us)
-    return [one for one in found if abs(int(one.split()[0]) - failed_ns) > 20_000]
-
-
-def failed_at_ns(rig: EngineRig) -> int:
-    """When the message that failed ended: the last one that had not all its transfers."""
-    counted: list[tuple[int, int, int]] = []
-    for one in rig.records:
-        if one.get("event") == "message":
-            counted.append((one["transfers"], 0, one["t_ns"]))
-        elif one.get("event") == "transfer":
-            transfers, seen, _ = counted[-1]
-            counted[-1] = (transfers, seen + 1, one["t_ns"])
-    short = [t_ns for transfers, seen, t_ns in counted if seen < transfers]
-    assert len(short) == 1
-    return short[0]
-
-
-def test_whichever_transfer_fails_the_skin_is_cut_off_at_once_and_it_halts() -> None:
-    tried = 0
-    for board, polarity, message, transfer in every_transfer():
-        rig = one_scan(board)
-        rig.fake.world.put_in(SpiError(message, transfer))
-        show_three(rig, polarity)
-        where = (board, polarity, message, transfer)
-        assert first_fault(rig) == "BusError", where
-        assert "transfer" in halts(rig)[0].detail
-        assert_cut_off(rig, failed_at_ns(rig))
-        assert rig.fake.dac_code == 0, where
-        assert rig.close() == (), where
-        assert broken_beside(rig, failed_at_ns(rig)) == [], where
-        tried += 1
-    assert tried > 40
-
-
-@pytest.mark.parametrize("kind", ["io", "timeout", "gone"])
-def test_the_kind_of_an_spi_error_is_told(kind: str) -> None:
-    rig = one_scan()
-    rig.fake.world.put_in(SpiError(2, 1, kind))  # type: ignore[arg-type]
-    show_three(rig)
-    assert first_fault(rig) == "BusError"
-    assert f"({kind})" in halts(rig)[0].detail
-    rig.close()
-
-
-def test_fewer_bytes_than_sent_halt(make_rig: MakeRig) -> None:
-    rig = fully_open(make_rig(electrodes=N), 500)
-    rig.fake.world.put_in(SpiShort(at_message=2))
-    rig.show(current_ua=ALL, pulses=1)
-    rig.run_ms(50)
-    assert first_fault(rig) == "BusError"
-
-
-@pytest.mark.parametrize("level", [0, 1])
-def test_an_adc_that_does_not_answer_halts_or_is_told_open(make_rig: MakeRig, level: int) -> None:
-    rig = fully_open(make_rig(electrodes=N), 500)
-    stuck = MisoStuck(level)  # type: ignore[arg-type]
-    rig.fake.world.put_in(stuck)
-    rig.show(current_ua=ALL, pulses=1)
-    rig.run_ms(50)
-    if level:
-        assert first_fault(rig) == "BoardFault"
-    rig.fake.world.take_out(stuck)
-
-
-def test_spi_that_never_comes_back_is_told_and_the_stop_s_cause_stands() -> None:
-    rig = fully_open(engine_rig.make(electrodes=N), 500)
-    for message in range(1, 200):
-        rig.fake.world.put_in(SpiError(message))
-    rig.ask(StopNow, who="operator")
-    halt = rig.engine.states.halt
-    assert halt is not None
-    assert (halt.cause, halt.who) == ("stop", "operator")
-    assert "transfer" in halt.detail
-    answer = rig.ask(ClearHalt)
-    assert answer.error == "halted"
-    assert "not safe" in answer.reason
-    assert moves(rig, "BL")[-1][1] == 0
-    rig.close()
-
-
-def test_a_board_that_cannot_be_disarmed_halts_and_its_lease_is_over() -> None:
-    rig = armed(engine_rig.make(electrodes=N))
-    rig.fake.world.put_in(SpiError(1))
-    rig.run_ms(1_100)
-    assert first_fault(rig) == "safe_off"
-    assert rig.ask(ClearHalt).error is None
-    assert rig.ask(ArmBoard).error == "no_lease"
-    rig.close()
-
-
-# --- messages that take too long ------------------------------------------------------------------
-
-
-def look_all_the_time(rig: EngineRig, for_ms: int) -> None:
-    """What the stopper's thread does."""
-    now_ns = rig.clock.now_ns()
-    for step in range(2 * for_ms):
-        rig.clock.at(now_ns + step * MS // 2, rig.engine.stopper.look)
-
-
-def test_an_overdue_message_is_cut_off_by_the_stopper_and_halts(make_rig: MakeRig) -> None:
-    rig = fully_open(make_rig(electrodes=N), 1_000)
-    rig.fake.world.put_in(SpiStall(50_000, at_message=2))
-    look_all_the_time(rig, 100)
-    since_ns = rig.clock.now_ns()
-    rig.show(current_ua=ALL, pulses=1)
-    rig.run_ms(100)
-    assert first_fault(rig) == "BoardFault"
-    flowed = [one for one in phases(rig, since_ns) if one.source and one.ground]
-    given_ns = max(one.to_ns - one.from_ns for one in flowed)
-    assert given_ns < 2_000_000
-    assert rig.engine.stopper.has_acted
-
-
-def test_what_the_stopper_did_is_a_halt_even_if_the_message_then_ends_in_time(
-    make_rig: MakeRig,
-) -> None:
-    rig = armed(make_rig(electrodes=N))
-    rig.engine.stopper.has_acted = True
-    rig.run_ms(3)
-    assert first_fault(rig) == "stopper"
-    assert rig.ask(ClearHalt).error is None
-    rig.open()
-    rig.arm()
-    assert rig.state == "ARMED"
-
-
-@pytest.mark.parametrize(("stall_us", "state"), [(250, "ARMED"), (320, "HALTED")])
-def test_beyond_its_bound_a_message_that_took_too_long_halts(
-    make_rig: MakeRig, stall_us: int, state: str
-) -> None:
-    rig = fully_open(make_rig(electrodes=N), 1_000)
-    rig.fake.world.put_in(SpiStall(stall_us, at_message=2))
-    rig.show(current_ua=ALL, pulses=1)
-    rig.run_ms(50)
-    assert rig.state == state
-    if state == "HALTED":
-        assert first_fault(rig) == "BoardFault"
-        assert "over its plan" in halts(rig)[0].detail
-
-
-def test_the_excess_is_charged_to_the_ledger(make_rig: MakeRig) -> None:
-    rig = fully_open(make_rig(electrodes=N), 1_000)
-    rig.run_ms(1_100 - 230)
-    rig.show(current_ua=only(N, e5=1_000), width_us=100, pulses=1)
-    rig.run_ms(60)
-    ledger = rig.engine._tools.ledger
-    before_pc = ledger.charge_pc(5, rig.clock.now_ns())
-    assert 95_000 < before_pc <= 101_000
-    rig.fake.world.put_in(SpiStall(200, at_message=1))
-    rig.show(current_ua=only(N, e5=1_000), width_us=100, pulses=1)
-    rig.run_ms(60)
-    added_pc = ledger.charge_pc(5, rig.clock.now_ns()) - before_pc
-    assert 290_000 < added_pc < 310_000
-    assert rig.state == "ARMED"
-
-
-def test_slow_drift_is_calibrated_away(make_rig: MakeRig) -> None:
-    rig = fully_open(make_rig(electrodes=N), 1_000)
-    for message in range(1, 400):
-        rig.fake.world.put_in(SpiStall(3, at_message=message))
-    rig.hold(400, current_ua=ALL, rate_hz=50.0)
-    assert rig.engine.reporter.counters["recalibrated"] >= 1
-    assert states(rig)
-    assert rig.state == "ARMED"
-
-
-def test_a_drift_out_of_bounds_halts(make_rig: MakeRig) -> None:
-    rig = fully_open(make_rig(electrodes=N), 1_000)
-    for message in range(1, 1_200):
-        rig.fake.world.put_in(SpiStall(60, at_message=message, at_transfer=0))
-    rig.show(current_ua=ALL, rate_hz=50.0, ttl_ms=1_000)
-    rig.run_ms(600)
-    assert first_fault(rig) == "BoardFault"
-    assert "overhead of a message" in halts(rig)[0].detail
 
 
 # --- supply and rail ------------------------------------------------------------------------------

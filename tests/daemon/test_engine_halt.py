@@ -63,12 +63,14 @@ def test_stop_is_silent_within_one_pulse(make_rig: MakeRig) -> None:
     asked_ns = rig.clock.now_ns()
     rig.commands.send(StopNow(ref=0, who="operator"))
     rig.run_ms(100)
+    assert rig.engine.opening.ceiling_ua == 0
     assert phases(rig)[-1].to_ns < asked_ns + MS
     assert all(code == 0 for _, code in dac_codes(rig, asked_ns + MS))
 
 
 def test_a_stop_in_the_middle_of_a_scan_is_heard_before_the_next_pulse(make_rig: MakeRig) -> None:
     rig = fully_open(make_rig(electrodes=N), 1_000)
+    rig.run_ms(250)
     asked_ns = rig.clock.now_ns() + 3 * MS
     rig.clock.at(asked_ns, lambda: rig.commands.send(StopNow(ref=0, who="operator")))
     rig.show(current_ua=ALL, rate_hz=60.0, ttl_ms=1_000)
@@ -138,6 +140,7 @@ def test_a_stop_line_while_armed_is_silent_within_one_pulse_and_halts(
     make_rig: MakeRig, line: str
 ) -> None:
     rig = fully_open(make_rig(REFERENCE), 1_000)
+    rig.run_ms(250)
     pressed_ns = rig.clock.now_ns() + 6 * MS
     rig.fake.world.press(line, pressed_ns)  # type: ignore[arg-type]
     rig.show(current_ua=(1_000,) * 64, rate_hz=20.0, ttl_ms=1_000)

@@ -14,6 +14,7 @@ from engine_oracle import Oracle
 from etd.bodysite import SiteMaxima
 from etd.engine.plan import PHASES
 from etd.frame import Ring
+from etd.stabilize.pipeline import Wish
 from story_teller import Setting, Teller
 from trace_rules import violations
 
@@ -166,7 +167,10 @@ def steps(board: str, most: SiteMaxima) -> st.SearchStrategy[Step]:
 def whole_stories(draw: st.DrawFn, board: str) -> tuple[Setting, tuple[int, ...], list[Step]]:
     most = draw(maxima())
     setting = Setting(board, ELECTRODES, most, SLOTS[board])
-    told = draw(st.lists(steps(board, most), min_size=1, max_size=14))
+    lifted = draw(st.sets(electrodes, max_size=ELECTRODES - 2))
+    told = [Step("lift", {"electrode": one}) for one in sorted(lifted)]
+    told.append(Step("new_person", {"caps_ua": draw(caps(most.current_ua))}))
+    told += draw(st.lists(steps(board, most), min_size=1, max_size=14))
     return setting, draw(caps(most.current_ua)), told
 
 
@@ -192,3 +196,17 @@ def test_nobody_ever_gets_more_than_allowed_and_all_that_is_taken_away_is_told(b
         judged(Teller(setting), caps_ua, told)
 
     any_story()
+
+
+wishes = st.lists(
+    st.builds(Wish, st.integers(0, 200_000), st.integers(1, 400)), min_size=1, max_size=5
+)
+
+
+@stories
+@given(story=whole_stories("kajimoto-hv507"), asked=wishes)
+def test_a_stabilizer_may_ask_for_anything_and_widens_no_limit(
+    story: tuple[Setting, tuple[int, ...], list[Step]], asked: list[Wish]
+) -> None:
+    setting, caps_ua, told = story
+    judged(Teller(setting, asked), caps_ua, told)

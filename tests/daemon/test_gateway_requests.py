@@ -301,14 +301,6 @@ def test_an_unknown_operator_is_refused_at_start(tmp_path: Path) -> None:
         Gateway(config, HandClock())
 
 
-def test_tcp_is_refused_until_there_are_keys(tmp_path: Path) -> None:
-    config = GatewayConfig(
-        name="x", runtime_folder=tmp_path, state_dir=tmp_path, tcp="tcp://*:5560"
-    )
-    with pytest.raises(FileError, match="no keys"):
-        Gateway(config, HandClock())
-
-
 def test_a_second_daemon_of_the_name_is_refused_and_the_first_goes_on() -> None:
     with GatewayRig() as rig:
         with pytest.raises(AlreadyRunning, match="'rig' is already running"):

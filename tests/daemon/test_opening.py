@@ -13,15 +13,14 @@ START_NS = 5_000 * MS
 
 def test_the_ceiling_starts_at_zero_and_rises_half_a_milliampere_in_100_ms() -> None:
     ramp = Ramp(8_000)
-    assert ramp.rise(START_NS) == 0
-    assert ramp.rise(START_NS + 100 * MS) == 500
-    assert ramp.rise(START_NS + 1_000 * MS) == 5_000
+    risen_ua = [ramp.rise(START_NS + 100 * step * MS) for step in range(11)]
+    assert risen_ua == [500 * step for step in range(11)]
 
 
 def test_the_ceiling_ends_at_the_top() -> None:
     ramp = Ramp(8_000)
-    ramp.rise(START_NS)
-    assert ramp.rise(START_NS + 60_000 * MS) == 8_000
+    risen_ua = [ramp.rise(START_NS + 100 * step * MS) for step in range(19)]
+    assert risen_ua[15:] == [7_500, 8_000, 8_000, 8_000]
     assert ramp.is_done
 
 
@@ -70,8 +69,8 @@ def test_many_small_looks_lose_nothing() -> None:
 
 def test_a_touch_after_none_ramps_that_electrode_alone() -> None:
     opening = Opening(8_000)
-    opening.rise(START_NS)
-    opening.rise(START_NS + 1_000 * MS)
+    for step in range(11):
+        opening.rise(START_NS + 100 * step * MS)
     opening.touched_again(4)
     assert opening.recontact_ua(4, START_NS + 1_000 * MS) == 0
     assert opening.recontact_ua(4, START_NS + 1_100 * MS) == 500
@@ -83,8 +82,19 @@ def test_a_ramp_that_has_reached_the_top_is_over() -> None:
     opening = Opening(1_000)
     opening.touched_again(4)
     opening.recontact_ua(4, START_NS)
+    opening.recontact_ua(4, START_NS + 100 * MS)
     assert opening.recontact_ua(4, START_NS + 200 * MS) == 1_000
     assert opening.recontact_ua(4, START_NS + 201 * MS) is None
+
+
+def test_neither_a_stall_nor_visits_far_apart_raise_a_ceiling_by_more_than_half_a_milliamp() -> (
+    None
+):
+    opening = Opening(8_000)
+    opening.touched_again(4)
+    for now_ns in (START_NS, START_NS + 3_000 * MS):
+        risen_ua = (opening.rise(now_ns), opening.recontact_ua(4, now_ns))
+    assert risen_ua == (500, 500)
 
 
 def test_holding_holds_the_single_ramps_too() -> None:

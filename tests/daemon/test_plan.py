@@ -376,7 +376,7 @@ def test_a_silent_frame_is_a_plan_without_visits() -> None:
 
 
 @given(
-    st.lists(st.integers(0, 10_000), min_size=N, max_size=N),
+    st.lists(st.just(0) | st.integers(3, 10_000), min_size=N, max_size=N),
     st.integers(20, 200),
     st.floats(0.1, 200.0),
     st.sampled_from(["anodic", "cathodic", "biphasic", "biphasic_cathodic_first"]),
@@ -405,3 +405,8 @@ def test_a_calibration_s_weak_electrode_caps_its_neighbor_s_ring() -> None:
     plan = made.plan(frame(current_ua=currents(e0=900), returns=Ring(ring_mm=2.0)))
     (clamp,) = plan.clamped
     assert (clamp.got_ua, clamp.reason, clamp.limited_by) == (300, "return_cap", 1)
+
+
+def test_less_than_one_step_of_the_source_is_refused_and_not_dropped() -> None:
+    assert plan_or_code(current_ua=(2,) + (0,) * (N - 1)) == "bad_frame"
+    assert isinstance(plan_or_code(current_ua=(3,) + (0,) * (N - 1)), Plan)

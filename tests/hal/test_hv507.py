@@ -127,6 +127,23 @@ def test_a_whole_prepare_shifts_every_stage(boards: Boards) -> None:
     assert rig.body()[-1]["electrode"] == 4
 
 
+def test_a_whole_prepare_shifts_every_stage_for_the_same_output_too(boards: Boards) -> None:
+    rig = boards()
+    rig.visit(3)
+    before = len(rig.records())
+    rig.visit(3, whole=True)
+    assert len(rig.times("CLK", 1, before)) == 64
+
+
+def test_clearing_shifts_every_stage_whatever_is_held(boards: Boards) -> None:
+    rig = boards()
+    rig.visit(3)
+    before = len(rig.records())
+    rig.board.switch.clear()
+    assert rig.story(before).count("CLK=1") == 64
+    assert "DATA=1" not in rig.story(before)
+
+
 def test_a_chosen_set_of_returns_names_the_output_that_cannot_be_open(boards: Boards) -> None:
     rig = boards()
     returns = tuple(one for one in range(64) if one not in (5, 41))

@@ -148,6 +148,15 @@ def test_a_whole_prepare_rewrites_even_the_same_selection(boards: Boards) -> Non
     assert len(rig.body()) == 2
 
 
+def test_a_whole_prepare_rewrites_open_relays_too(boards: Boards) -> None:
+    rig = boards(NAME)
+    rig.visit(2, returns=(3,))
+    rig.board.release()
+    before = len(rig.records())
+    rig.visit(2, returns=(3,), whole=True)
+    assert len(rig.times("CLK", 1, before)) >= 64
+
+
 def test_what_power_up_left_in_the_register_is_opened_before_the_supply(boards: Boards) -> None:
     rig = boards(NAME, begun=False)
     assert set(rig.sides) != {Side.OPEN}
@@ -191,6 +200,20 @@ def test_after_any_failed_call_at_a_copy_safe_off_still_opens_the_relays(boards:
             rig.visit(5, returns=(3,))
         assert rig.board.safe_off() == ()
         assert set(rig.sides) == {Side.OPEN}
+
+
+def test_after_a_failed_copy_the_selection_before_it_does_not_count_as_closed(
+    boards: Boards,
+) -> None:
+    first_copy = calls_at_the_copies(boards)[2]
+    rig = boards(NAME)
+    rig.visit(2, returns=(3,))
+    rig.gpio.fails = frozenset({rig.gpio.calls + first_copy})
+    with pytest.raises(BusError):
+        rig.visit(5, returns=(3,))
+    before = len(copied_words(rig))
+    rig.board.switch.connect(rig.board.selection(2, (3,)), True)
+    assert [word for _, word in copied_words(rig, before)] == [0, 0b10_01 << 4]
 
 
 def test_an_electrode_among_its_own_returns_cannot_be_selected(boards: Boards) -> None:

@@ -86,6 +86,12 @@ class TestShape:
         assert timing.shape(54).delays_us == (9, 0)
         assert timing.shape(54).width_us == 54.0
 
+    def test_there_is_no_end_sample_where_the_rest_could_not_be_filled(self) -> None:
+        timing = Timing(word_us=10.0, delay_extra_us=6.0, message_us=10.0, spread_us=0.0)
+        assert timing.shape(25).width_us == 25.0
+        assert not timing.shape(25).has_end_sample
+        assert timing.shape(26).has_end_sample
+
     def test_a_width_below_one_word_is_refused_with_the_shortest_there_is(self) -> None:
         with pytest.raises(BoardFault, match="shortest pulse") as caught:
             FAKE.shape(15)

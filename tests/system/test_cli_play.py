@@ -140,14 +140,19 @@ def test_a_file_with_frames_of_mixed_length_names_the_frame(rig: CommandRig) -> 
     assert "frame 4" in refused.answer["reason"]
 
 
-def test_ctrl_c_ends_playing_quietly_and_leaves_no_process(rig: CommandRig) -> None:
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_being_asked_to_end_leaves_no_process_and_no_folder(
+    rig: CommandRig, ending: signal.Signals
+) -> None:
     playing = rig.start("play", pattern(rig, SMALL), "--board", "fake", "--repeat", "1000000")
     playing.line()
     parts = list(playing.children().values())
-    playing.signal(signal.SIGINT)
+    assert len(list(rig.folder.glob("etd-*"))) == 1
+    playing.signal(ending)
     said = playing.ended()
     assert (said.status, said.err) == (130, "")
     wait_for_end(parts)
+    assert list(rig.folder.glob("etd-*")) == []
 
 
 def test_a_dead_engine_is_told_as_that(rig: CommandRig) -> None:

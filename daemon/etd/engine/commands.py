@@ -25,7 +25,6 @@ from etd.link import (
     StopNow,
     ToEngine,
 )
-from etd.protocol import RefusedReport
 
 #: A client on this machine reads the same clock; more than this ahead is not that clock.
 _AHEAD_NS = 100_000_000
@@ -77,9 +76,9 @@ def _done(core: Core, command: ToEngine, now_ns: int) -> Answer | None:
 
 
 def _open(core: Core, command: OpenLease, now_ns: int) -> None:
-    core.states.need("SAFE")
     if core.lease is not None:
         raise Refused("other_lease", f"the lease is held by {core.lease.client!r}")
+    core.states.need("SAFE")
     loaded = core.loaded
     if command.calibration is not None:
         person = limits_of_calibration(
@@ -151,18 +150,8 @@ def _age_from(sent_ns: int | None, now_ns: int, came_ns: int) -> int:
 
 
 def _tell_refusal(core: Core, message: NewFrame, refusal: Refused, now_ns: int) -> None:
-    core.reporter.counters["frames_refused"] += 1
     if message.ref:
+        core.reporter.counters["frames_refused"] += 1
         core.answer(Answer.refusing(message.ref, refusal))
-        return
-    core.reporter.refused(
-        RefusedReport(
-            now_ns=now_ns,
-            error=refusal.code,
-            reason=refusal.reason,
-            count=core.reporter.counters["frames_refused"],
-            seq=message.frame.seq,
-            electrode=refusal.electrode,
-            achievable_hz=refusal.achievable_hz,
-        )
-    )
+    else:
+        core.reporter.refused(message.frame, refusal, now_ns)

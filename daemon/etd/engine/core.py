@@ -6,6 +6,7 @@ SAFE and HALTED. Must not know: who asks (`commands.py`), when (`engine.py`), Ze
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 from etd.config import LoadedConfig
@@ -53,6 +54,7 @@ class Core:
         self.rail = RailSensor(loaded.board, backend.i2c, backend.clock)
         self.backend = backend
         self.not_granted: tuple[str, ...] = ()
+        self.limitations: tuple[str, ...] = ()
         self.last_silence: str | None = None
         self.stopper = Stopper(self.board, backend.clock)
         self.states = StateMachine()
@@ -96,6 +98,17 @@ class Core:
         if problems:
             raise BoardFault("start", "; ".join(problems), "a board that can be made safe")
         self.board.calibrate()
+        self._narrow_to(self.board.widest_us())
+
+    def _narrow_to(self, widest_us: int) -> None:
+        """What the guard would refuse on this machine is refused when it is asked for."""
+        if widest_us >= self.maxima.width_us:
+            return
+        self.limitations = (
+            f"pulses of more than {widest_us} us are refused: on this machine their worst case is"
+            " above what the guard lets pass",
+        )
+        self.maxima = dataclasses.replace(self.maxima, width_us=widest_us)
 
     def end(self) -> tuple[str, ...]:
         """Leave the board safe, whatever state it is in; what did not work, as sentences."""
@@ -117,7 +130,14 @@ class Core:
         if self.lease is None:
             self._planner = None
             return
-        rules = Rules(self.loaded.array, self.loaded.body_site, self.maxima, self.lease.person)
+        source = self.loaded.board.source
+        rules = Rules(
+            self.loaded.array,
+            self.loaded.body_site,
+            self.maxima,
+            self.lease.person,
+            source.full_scale_ua / (source.codes - 1),
+        )
         cost = CostModel(self.loaded.board, self.loaded.machine, self.board.timing)
         self._planner = Planner(self.board, rules, cost)
 
@@ -284,7 +304,7 @@ class Core:
             rail_v=self.rail.rail_v(now_ns),
             supply_on=self.board.is_supply_on,
             absent_guards=self.loaded.board.absent_guards,
-            not_granted=self.not_granted,
+            not_granted=(*self.not_granted, *self.limitations),
             counters=dict(self.reporter.counters),
             busy_percent=round(self.clock.busy_percent, 1),
             clock_lag_us=self.backend.lag_ns() // 1_000,

@@ -1,6 +1,6 @@
 """Never so busy that the kernel throttles the scan thread.
 
-Owns: the busy time of the loop in every 100 ms, and when it must pause. Must not know: what keeps
+Owns: the busy time of the loop in any 100 ms, and when it must pause. Must not know: what keeps
 it busy.
 
 A real-time thread that never sleeps is taken off the core by the kernel's throttle, at worst in
@@ -9,39 +9,55 @@ the middle of a message: 54 ms with the DAC on were measured. So the loop keeps 
 
 from __future__ import annotations
 
+from collections import deque
+
 from etd.engine.plan import BUSY_PART
 from etd_hal.ports import SPIN_NS, Clock
 
 WINDOW_NS = 100_000_000
+#: Of any window, at least so much is slept.
+_SLEEP_NS = round((1.0 - BUSY_PART) * WINDOW_NS)
 
 
 class BusyClock:
-    """The Clock that the scan thread uses, counting what it does not sleep.
+    """The Clock that the scan thread uses, counting what it sleeps.
 
     Of each sleep the last SPIN_NS are spun and count as busy.
     """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._begun_ns = clock.now_ns()
-        self._slept_ns = 0
-        self.busy_percent = 0.0
+        # (end, length) of each sleep in the window; before the start it slept.
+        self._sleeps: deque[tuple[int, int]] = deque([(clock.now_ns(), WINDOW_NS)])
+        self._slept_ns = WINDOW_NS
 
     def now_ns(self) -> int:
         return self._clock.now_ns()
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        begun_ns = self._clock.now_ns()
-        self._slept_ns += max(0, deadline_ns - begun_ns - SPIN_NS)
+        slept_ns = deadline_ns - self._clock.now_ns() - SPIN_NS
         self._clock.sleep_until_ns(deadline_ns)
+        if slept_ns > 0:
+            self._sleeps.append((deadline_ns - SPIN_NS, slept_ns))
+            self._slept_ns += slept_ns
+
+    @property
+    def busy_percent(self) -> float:
+        """Of the 100 ms before the last look."""
+        return 100.0 * max(0, WINDOW_NS - self._slept_ns) / WINDOW_NS
 
     def pause_until_ns(self, now_ns: int) -> int | None:
-        """When this window's share is used up: the time to sleep to. None: go on."""
-        elapsed_ns = now_ns - self._begun_ns
-        busy_ns = elapsed_ns - self._slept_ns
-        if elapsed_ns >= WINDOW_NS:
-            self.busy_percent = 100.0 * max(0, busy_ns) / elapsed_ns
-            self._begun_ns = now_ns
-            self._slept_ns = 0
-            return None
-        return None if busy_ns < BUSY_PART * WINDOW_NS else self._begun_ns + WINDOW_NS
+        """When too little of the last 100 ms was slept: the time to sleep to, and then to ask
+        again, because older sleep leaves the window meanwhile. None: go on.
+        """
+        sleeps, oldest_ns = self._sleeps, now_ns - WINDOW_NS
+        # A sleep that reaches into the window counts with the part that lies in it.
+        while sleeps and sleeps[0][0] - sleeps[0][1] < oldest_ns:
+            end_ns, length_ns = sleeps.popleft()
+            self._slept_ns -= length_ns
+            if end_ns > oldest_ns:
+                sleeps.appendleft((end_ns, end_ns - oldest_ns))
+                self._slept_ns += end_ns - oldest_ns
+                break
+        missing_ns = _SLEEP_NS - self._slept_ns
+        return None if missing_ns <= 0 else now_ns + missing_ns + SPIN_NS

@@ -118,7 +118,7 @@ class Energizer:
             if ceiling_ua is None:
                 return False
             board.prepare(probe.selection, whole=index == 0)
-            visitor.visit(probe, ceiling_ua, now_ns)
+            visitor.probe(probe, ceiling_ua, now_ns)
         board.release()
         return True
 

@@ -72,6 +72,8 @@ class Engine(Core):
             self._work(self.clock.now_ns())
         except (BusError, GuardRefusal, BoardFault) as fault:
             self.halt("fault", type(fault).__name__, str(fault))
+            # A board that is gone for good fails every turn: that must not keep a core busy.
+            self.clock.sleep_until_ns(self.clock.now_ns() + TICK_NS)
 
     def _work(self, now_ns: int) -> None:
         if self._energizer is not None:
@@ -82,6 +84,7 @@ class Engine(Core):
             self._sleep_until(now_ns + TICK_NS)
             return
         if now_ns < standing.next_ns:
+            self.opening.rise(now_ns)
             self._sleep_until(min(standing.next_ns, standing.expires_ns, now_ns + TICK_NS))
             return
         if self._visitor.has_drifted:
@@ -93,7 +96,7 @@ class Engine(Core):
         self.clock.sleep_until_ns(deadline_ns)
 
     def _calibrate_again(self) -> None:
-        self.board.calibrate()
+        self.board.calibrate(lambda: self._beat(self.clock.now_ns()))
         self._visitor.forget_drift()
         self.reporter.counters["recalibrated"] += 1
         self.planner_of_lease()
@@ -178,7 +181,7 @@ class Engine(Core):
                 now_ns = self.clock.now_ns()
                 commands.take_frame(self, message, now_ns, self._unseen_since_ns or now_ns)
             else:
-                self.reporter.counters["frames_superseded"] += 1
+                self.reporter.superseded()
         self._unseen_since_ns = None
 
     def _beat(self, now_ns: int) -> None:

@@ -10,6 +10,9 @@ from __future__ import annotations
 #: 0.5 mA per 100 ms, in steps that keep prepared pulses few.
 STEP_UA = 50
 STEP_NS = 10_000_000
+#: Between two calls no more than this counts: neither a stall, nor scans in which a re-contacted
+#: electrode was not visited, may show as a step of more than 0.5 mA.
+LONGEST_STEP_NS = 100_000_000
 
 
 class Ramp:
@@ -30,9 +33,10 @@ class Ramp:
         self._counted_ns = None
 
     def rise(self, now_ns: int) -> int:
-        """A frame stands: the ceiling in uA now."""
+        """In use: the ceiling in uA now."""
         if self._counted_ns is None:
             self._counted_ns = now_ns
+        self._counted_ns = max(self._counted_ns, now_ns - LONGEST_STEP_NS)
         steps = (now_ns - self._counted_ns) // STEP_NS
         self._counted_ns += steps * STEP_NS
         self.ceiling_ua = min(self._top_ua, self.ceiling_ua + steps * STEP_UA)

@@ -82,6 +82,8 @@ class Rules:
     site: BodySite
     maxima: Maxima
     person: PersonLimits
+    #: One step of the DAC.
+    resolution_ua: float
 
 
 class Planner:
@@ -162,6 +164,7 @@ class Planner:
         phases: tuple[bool, ...],
         rate_hz: float,
     ) -> Visit:
+        self._check_minimum(electrode, current_ua)
         self._check_maxima(electrode, current_ua, width_us, len(phases), rate_hz)
         returns = self._returns(frame, electrode)
         return Visit(
@@ -174,6 +177,15 @@ class Planner:
             returns,
             self._path(electrode, returns),
         )
+
+    def _check_minimum(self, electrode: int, current_ua: int) -> None:
+        if current_ua < self._rules.resolution_ua:
+            raise Refused(
+                "bad_frame",
+                f"electrode {electrode}: {current_ua} uA is less than one step of this board's"
+                f" source ({self._rules.resolution_ua:.1f} uA): send 0 for silence",
+                electrode,
+            )
 
     def _check_maxima(
         self, electrode: int, current_ua: int, width_us: int, phases: int, rate_hz: float

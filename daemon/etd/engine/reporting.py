@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from etd.engine.contact import ContactMap
+from etd.errors import Refused
 from etd.frame import Frame
 from etd.link import Report
 from etd.protocol import (
@@ -176,8 +177,28 @@ class Reporter:
     def halt(self, halt: Halt) -> None:
         self._tell(Report(halt=halt))
 
-    def refused(self, report: RefusedReport) -> None:
+    def refused(self, frame: Frame, refusal: Refused, now_ns: int) -> None:
+        """A frame that is not shown, where nobody waits for an answer."""
+        self.counters["frames_refused"] += 1
+        report = RefusedReport(
+            now_ns=now_ns,
+            error=refusal.code,
+            reason=refusal.reason,
+            count=self.counters["frames_refused"],
+            seq=frame.seq,
+            electrode=refusal.electrode,
+            achievable_hz=refusal.achievable_hz,
+        )
         self._tell(Report(refused=report))
+
+    def never_shown(self, frame: Frame, now_ns: int) -> None:
+        """Accepted, but its time was over before its first scan could begin."""
+        why = f"its ttl of {frame.ttl_ms} ms was over before the scan under way: give it longer"
+        self.refused(frame, Refused("expired", why), now_ns)
+
+    def superseded(self) -> None:
+        """A newer frame took the place of one that was not begun."""
+        self.counters["frames_superseded"] += 1
 
     def contact(self, contact: ContactMap, now_ns: int) -> Contact:
         """Told to all, and returned for the answer."""

@@ -16,6 +16,8 @@ from etd_hal.ports import Marker
 
 #: Rounding of rates may leave a visit this little short of due.
 _ALMOST = 1e-9
+#: A scan that begins this late has been held up: more than waking late explains.
+_LATE_NS = 2_000_000
 #: In a pause the watch is kept this often.
 _LOOK_NS = 2_000_000
 
@@ -23,17 +25,54 @@ _LOOK_NS = 2_000_000
 class Standing:
     """A plan on show, until it expires or has had its pulses."""
 
-    def __init__(self, plan: Plan, expires_ns: int, now_ns: int) -> None:
+    def __init__(
+        self, plan: Plan, expires_ns: int, now_ns: int, before: Standing | None = None
+    ) -> None:
+        """`before`: the one whose place it takes, if one stands. Rates go on across the two."""
         self.plan = plan
         self.expires_ns = expires_ns
-        self.next_ns = now_ns
         self.is_begun = False
+        #: When the scan began in which an electrode was last visited, and the last one of all.
+        self._fired_ns: dict[int, int] = {} if before is None else before._fired_ns
+        self._scanned_ns: int | None = None if before is None else before._scanned_ns
+        self.next_ns = now_ns
+        if before is not None and self._scanned_ns is not None:
+            due_ns = min(before.next_ns, self._scanned_ns + plan.period_ns)
+            self.next_ns = max(now_ns, due_ns)
         # The fastest is due in every scan, a slower one in its share of them; all in the first.
         fastest_hz = max((visit.rate_hz for visit in plan.visits), default=1.0)
         self._share = [visit.rate_hz / fastest_hz for visit in plan.visits]
-        self._phase = [1.0 - share for share in self._share]
+        self._phase = [
+            self._rested(visit, share) - share
+            for visit, share in zip(plan.visits, self._share, strict=True)
+        ]
         pulses = plan.frame.pulses
         self._left = None if pulses is None else [pulses] * len(plan.visits)
+
+    def _rested(self, visit: Visit, share: float) -> float:
+        """How much of its period an electrode has rested when this frame begins; 1 is all of it.
+        Less than half a scan short counts as all; the fastest are due in every scan.
+        """
+        fired_ns = self._fired_ns.get(visit.electrode)
+        if fired_ns is None or share > 1.0 - _ALMOST:
+            return 1.0
+        return min(1.0, (self.next_ns - fired_ns) * visit.rate_hz / 1e9 + share / 2)
+
+    def begin_scan(self, now_ns: int) -> None:
+        """The next one follows a period later; after a stall nothing is made up for."""
+        late_ns = now_ns - self.next_ns
+        self._scanned_ns = now_ns
+        self.next_ns = (now_ns if late_ns > _LATE_NS else self.next_ns) + self.plan.period_ns
+
+    def end_scan(self, now_ns: int) -> bool:
+        """True if it came to its end too late for the next one, which then begins now; but a
+        period from now after a stall, because electrodes may just have been visited.
+        """
+        late_ns = now_ns - self.next_ns
+        if late_ns <= 0:
+            return False
+        self.next_ns = now_ns + (self.plan.period_ns if late_ns > self.plan.period_ns else 0)
+        return True
 
     def has_expired(self, now_ns: int) -> bool:
         return now_ns >= self.expires_ns
@@ -55,6 +94,8 @@ class Standing:
         return found
 
     def was_fired(self, place: int) -> None:
+        if self._scanned_ns is not None:
+            self._fired_ns[self.plan.visits[place].electrode] = self._scanned_ns
         if self._left is not None:
             self._left[place] -= 1
 
@@ -71,9 +112,12 @@ class Scanner:
         self._is_rewritten = False
 
     def show(self, plan: Plan, expires_ns: int, now_ns: int) -> None:
-        """From the next start of a scan, which is at once."""
+        """From the next start of a scan on, which is at once when no frame stands."""
+        before = self.standing
+        if before is not None and not before.is_begun:
+            self._reporter.superseded()
         self.silence()
-        self.standing = Standing(plan, expires_ns, now_ns)
+        self.standing = Standing(plan, expires_ns, now_ns, before)
 
     def silence(self) -> None:
         """No frame stands any more."""
@@ -84,7 +128,11 @@ class Scanner:
     def expire(self, now_ns: int) -> None:
         """Let go of a frame whose time is over."""
         standing = self.standing
-        if standing is not None and (standing.has_expired(now_ns) or standing.has_had_its_pulses):
+        if standing is None:
+            return
+        if standing.has_expired(now_ns) and not standing.is_begun:
+            self._reporter.never_shown(standing.plan.frame, now_ns)
+        if standing.has_expired(now_ns) or standing.has_had_its_pulses:
             self.silence()
 
     def scan(self, visitor: Visitor, may_fire: Callable[[int], int | None]) -> None:
@@ -123,7 +171,7 @@ class Scanner:
                 self._board.sync()
         self._reporter.scan_begun()
         self._marker.mark("frame", frame.seq, frame.tag)
-        standing.next_ns += standing.plan.period_ns
+        standing.begin_scan(now_ns)
 
     def _end(self, standing: Standing) -> None:
         """Once a scan the whole chain is rewritten: here, where the last rest covers some of it."""
@@ -131,10 +179,7 @@ class Scanner:
             self._board.prepare(standing.plan.visits[0].selection, whole=True)
             self._is_rewritten = True
             self._board.release()
-        now_ns = self._clock.now_ns()
-        if standing.next_ns < now_ns:
-            # Late: the next one begins now, and nothing is made up for.
-            standing.next_ns = now_ns
+        if standing.end_scan(self._clock.now_ns()):
             self._reporter.skipped(None, "overrun")
 
     def _rested(self, may_fire: Callable[[int], int | None]) -> tuple[int, int | None]:
@@ -144,11 +189,11 @@ class Scanner:
         now_ns = self._clock.now_ns()
         ceiling_ua = may_fire(now_ns)
         pause_ns = self._clock.pause_until_ns(now_ns)
-        if pause_ns is None:
-            return now_ns, ceiling_ua
-        self._reporter.skipped(None, "processor")
-        while ceiling_ua is not None and now_ns < pause_ns:
+        if pause_ns is not None:
+            self._reporter.skipped(None, "processor")
+        while ceiling_ua is not None and pause_ns is not None:
             self._clock.sleep_until_ns(min(pause_ns, now_ns + _LOOK_NS))
             now_ns = self._clock.now_ns()
             ceiling_ua = may_fire(now_ns)
+            pause_ns = self._clock.pause_until_ns(now_ns)
         return now_ns, ceiling_ua

@@ -18,6 +18,7 @@ from etd.engine.opening import Opening
 from etd.engine.plan import Visit
 from etd.engine.reporting import Reporter
 from etd.errors import BoardFault
+from etd.protocol import Clamp
 from etd.stabilize.pipeline import Known, Stabilizer, Wish, ask_all
 from etd_hal.board import Board, Pulse, Shot
 
@@ -63,10 +64,20 @@ class Visitor:
         Raises: BusError, GuardRefusal, BoardFault: the caller makes the board safe.
         """
         wish = self._wish(visit)
-        width_us = min(wish.width_us, visit.width_us)
-        current_ua = self._limited(visit, wish.current_ua, width_us, opening_ua, now_ns)
+        return self._let_through(visit, wish, opening_ua, now_ns)
+
+    def probe(self, visit: Visit, opening_ua: int, now_ns: int) -> bool:
+        """The same for a probe, about which nobody is asked."""
+        wish = Wish(visit.current_ua, visit.width_us)
+        return self._let_through(visit, wish, opening_ua, now_ns)
+
+    def _let_through(self, visit: Visit, wish: Wish, opening_ua: int, now_ns: int) -> bool:
+        width_us = wish.width_us
+        current_ua, clamp = self._limited(visit, wish.current_ua, width_us, opening_ua, now_ns)
         pulse = self._tools.board.pulse(current_ua, width_us)
         if pulse.code == 0:
+            if clamp is None and wish.current_ua > 0:
+                self._tools.reporter.skipped(visit.electrode, "resolution")
             return False
         entry = self._entry(visit, current_ua, width_us)
         if self._tools.ledger.why_not(entry, now_ns) is not None:
@@ -87,11 +98,19 @@ class Visitor:
             contact.resistance_ohm[electrode],
             contact.voltage_v[electrode],
         )
-        return ask_all(tools.stabilizers, wish, known)
+        asked = ask_all(tools.stabilizers, wish, known)
+        if not asked.is_possible:
+            tools.reporter.counters["impossible_wishes"] += 1
+            return wish
+        if asked.width_us > visit.width_us:
+            # Its slot in the scan is no wider.
+            tools.reporter.counters["width_wishes_cut"] += 1
+            return Wish(asked.current_ua, visit.width_us)
+        return asked
 
     def _limited(
         self, visit: Visit, wanted_ua: int, width_us: int, opening_ua: int, now_ns: int
-    ) -> int:
+    ) -> tuple[int, Clamp | None]:
         tools, electrode = self._tools, visit.electrode
         current_ua, clamp = last_word(
             self._path(visit),
@@ -104,7 +123,7 @@ class Visitor:
         )
         if clamp is not None:
             tools.reporter.clamped(clamp)
-        return current_ua
+        return current_ua, clamp
 
     def _path(self, visit: Visit) -> Path:
         path = visit.path

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from etd.errors import FileError
-from etd.places import check_name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,20 +30,6 @@ class GatewayConfig:
     shipped_calibrations: Path | None = None
     default_calibration: str | None = None
     operators: tuple[str, ...] = ()
-    tcp: str | None = None
-
-
-def check_config(config: GatewayConfig) -> None:
-    """Raises: FileError for a name that cannot be, and for TCP."""
-    check_name(config.name)
-    if config.tcp is not None:
-        raise FileError(
-            "the configuration",
-            "tcp",
-            repr(config.tcp),
-            "leave it out: this version has no keys, and without them nobody is let in over a"
-            " network; use the Unix sockets",
-        )
 
 
 def operator_uids(operators: tuple[str, ...]) -> frozenset[int] | None:

@@ -13,7 +13,7 @@ import msgspec
 import zmq
 
 from etd.errors import Refused
-from etd.gateway.config import GatewayConfig, check_config, operator_uids
+from etd.gateway.config import GatewayConfig, operator_uids
 from etd.gateway.control import ControlDesk
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.exclusive import NameLock
@@ -26,7 +26,7 @@ from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
 from etd.gateway.waiting import Waiting, WaitingRoom
 from etd.link import ALIVE_NS, Answer, Greeting, LeaseEnded, Report
-from etd.places import prepare_runtime
+from etd.places import check_name, prepare_runtime
 from etd.protocol import Failure, Id, Request, Stop, Success
 from etd_hal.ports import Clock
 
@@ -45,7 +45,7 @@ class Gateway:
     """
 
     def __init__(self, config: GatewayConfig, clock: Clock) -> None:
-        check_config(config)
+        check_name(config.name)
         operators = operator_uids(config.operators)
         prepare_runtime(config.runtime_folder)
         self._clock = clock

@@ -10,6 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+#: No pulse is shorter, whoever asks.
+SHORTEST_US = 20
+
 
 @dataclass(frozen=True, slots=True)
 class Wish:
@@ -17,6 +20,11 @@ class Wish:
 
     current_ua: int
     width_us: int
+
+    @property
+    def is_possible(self) -> bool:
+        """A pulse at all; anything else is a mistake of the stabilizer's."""
+        return self.current_ua >= 0 and self.width_us >= SHORTEST_US
 
 
 @dataclass(frozen=True, slots=True)

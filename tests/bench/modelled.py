@@ -1,0 +1,124 @@
+"""A scan of 64 electrodes on the fake: its bus calls, and its time on the modelled Raspberry Pi 4.
+
+Owns: what is counted and timed, from the bus trace alone. Must not know: bounds, tables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import msgspec
+
+import engine_rig
+from etd.config import LoadedConfig, fake_config
+from etd.shipped import find
+from etd_hal.boardfile import load_machine
+from trace_decoder import Record
+
+ELECTRODES = 64
+WIDTH_US = 100
+CURRENT_UA = 400
+#: Far enough apart that each scan stands alone, whatever it takes.
+RATE_HZ = 10.0
+SCANS = 5
+#: The lines of one call change 50 ns apart; calls are microseconds apart.
+_SAME_CALL_NS = 1_000
+
+
+@dataclass(frozen=True)
+class ScanFigures:
+    """One scan, from its start until the last electrode has rested; the rewrite of the chain apart.
+
+    `rewrite_us` is what of it does not fit into the last rest.
+    """
+
+    rest_us: int
+    scan_us: float
+    rewrite_us: float
+    limit_us: float
+    calls_per_pulse: float
+    rewrite_calls: int
+
+    @property
+    def ratio(self) -> float:
+        return self.scan_us / self.limit_us
+
+    @property
+    def ratio_with_rewrite(self) -> float:
+        return (self.scan_us + self.rewrite_us) / self.limit_us
+
+
+def loaded_with(rest_us: int, machine: str = "pi4") -> LoadedConfig:
+    """The fake's own configuration, with another rest, and perhaps on another machine."""
+    loaded = fake_config(electrodes=ELECTRODES)
+    return replace(
+        loaded,
+        board=msgspec.structs.replace(loaded.board, rest_us=rest_us),
+        machine=load_machine(find("machines", machine)),
+    )
+
+
+def limit_us(rest_us: int) -> float:
+    """What no program can go below: the sum of widths and rests."""
+    return float(ELECTRODES * (WIDTH_US + rest_us))
+
+
+def engine_scan(rest_us: int) -> ScanFigures:
+    """All electrodes active, in scan order; the slowest of a few scans."""
+    rig = engine_rig.make(loaded=loaded_with(rest_us))
+    rig.open()
+    rig.arm()
+    rig.hold(
+        1_000 * SCANS / RATE_HZ,
+        current_ua=(CURRENT_UA,) * ELECTRODES,
+        width_us=WIDTH_US,
+        rate_hz=RATE_HZ,
+        ttl_ms=1_000,
+    )
+    problems = rig.close()
+    assert problems == ()
+    scans = [_figures(scan, rest_us) for scan in _whole_scans(rig.trace())]
+    return max(scans, key=lambda scan: scan.scan_us)
+
+
+def _whole_scans(trace: list[Record]) -> list[list[Record]]:
+    """The bus events from one scan's remark to the next one's, where all electrodes had a pulse."""
+    starts = [place for place, one in enumerate(trace) if one.get("event") == "frame"]
+    scans = [trace[begin:end] for begin, end in pairwise(starts)]
+    return [scan for scan in scans if _pulses(scan) == ELECTRODES]
+
+
+def _pulses(scan: list[Record]) -> int:
+    return sum(one.get("event") == "message" for one in scan)
+
+
+def _figures(scan: list[Record], rest_us: int) -> ScanFigures:
+    calls = _calls(scan)
+    messages = [place for place, (_, kind) in enumerate(calls) if kind == "message"]
+    # The first electrode's connecting, and the last one's discharge, enclose the pulses.
+    enclosed = messages[-1] + 1 - (messages[0] - 1) + 1
+    discharged_ns = calls[messages[-1] + 1][0]
+    rested_ns = discharged_ns + rest_us * 1_000
+    return ScanFigures(
+        rest_us,
+        (rested_ns - scan[0]["t_ns"]) / 1_000,
+        max(0, calls[-1][0] - rested_ns) / 1_000,
+        limit_us(rest_us),
+        enclosed / ELECTRODES,
+        len(calls) - enclosed,
+    )
+
+
+def _calls(scan: list[Record]) -> list[tuple[int, str]]:
+    """Port calls: messages, and groups of line changes that no two calls could be."""
+    calls: list[tuple[int, str]] = []
+    changed_ns = 0
+    for record in scan:
+        if record.get("event") == "message":
+            calls.append((record["t_ns"], "message"))
+        elif record["bus"] == "gpio":
+            if record["t_ns"] - changed_ns > _SAME_CALL_NS:
+                calls.append((record["t_ns"], "gpio"))
+            changed_ns = record["t_ns"]
+    return calls

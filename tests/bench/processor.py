@@ -1,0 +1,171 @@
+"""What the engine itself costs the processor for a pulse, on ports that cost nothing.
+
+Owns: ports that answer at once on a clock that only they move, and the time between pulses by a
+real clock. Must not know: what the figures are compared with.
+"""
+
+from __future__ import annotations
+
+import platform
+import socket
+import statistics
+from dataclasses import dataclass
+
+from bench.modelled import CURRENT_UA, ELECTRODES, WIDTH_US, loaded_with
+from etd.client import clock as real_clock
+from etd.engine.engine import Engine
+from etd.frame import Frame
+from etd.link import Alive, ArmBoard, Channel, NewFrame, OpenLease, ToEngine, ToGateway
+from etd.protocol import Limits
+from etd_hal.compose import Backend, NoMarker
+from etd_hal.ports import Changes, Edge, Message
+
+#: A Pi 4 core beside one of the machines that run tests: assumed, from published benchmarks.
+PI4_FACTOR = 4.0
+_REST_US = 200
+_WORD_NS, _DELAY_NS, _MESSAGE_NS = 16_000, 300, 10_000
+#: What a touched electrode of a fingertip answers (about 10 V).
+SAMPLE = (112 << 2).to_bytes(2, "big")
+_RATE_HZ = 40.0
+#: Above those of the opening.
+_FIRST_SEQ = 10_000
+_WARM_UP = 5
+
+
+@dataclass(frozen=True)
+class ProcessorFigures:
+    """Of one pulse, everything included that the loop does for it."""
+
+    machine: str
+    median_us: float
+    p99_us: float
+    pulses: int
+
+
+class FreeClock:
+    """Time that ports and sleeps move, and nothing else."""
+
+    def __init__(self) -> None:
+        self.t_ns = 1_000_000_000
+
+    def now_ns(self) -> int:
+        return self.t_ns
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        self.t_ns = max(self.t_ns, deadline_ns)
+
+
+class FreeSpi:
+    """Answers at once; notes the real time of every pulse."""
+
+    def __init__(self, clock: FreeClock) -> None:
+        self._clock = clock
+        self.begun_ns: list[int] = []
+
+    def transfer(self, message: Message) -> tuple[bytes, ...]:
+        self.begun_ns.append(real_clock.now_ns())
+        words = sum(1 for one in message.transfers if one.tx)
+        self._clock.t_ns += message_ns(message)
+        return (b"\0\0", *(SAMPLE,) * (words - 1))
+
+
+def message_ns(message: Message) -> int:
+    """How long a message lasts, by round figures of a Raspberry Pi 4."""
+    words = sum(1 for one in message.transfers if one.tx)
+    pauses = len(message.transfers) - words
+    held_ns = sum(one.delay_us for one in message.transfers) * 1_000
+    return _MESSAGE_NS + (words - 1) * _WORD_NS + pauses * _DELAY_NS + held_ns
+
+
+class FreeGpio:
+    """Changes nothing, at once."""
+
+    def set(self, changes: Changes) -> None:
+        pass
+
+    def get(self, line: int) -> int:
+        return 1
+
+    def edges(self) -> tuple[Edge, ...]:
+        return ()
+
+
+def measure(scans: int) -> ProcessorFigures:
+    """Pulses of `scans` scans of 64 electrodes, the first of them left out to warm up."""
+    clock = FreeClock()
+    spi = FreeSpi(clock)
+    engine, gateway, ends = _armed(clock, spi)
+    spi.begun_ns.clear()
+    periods_us: list[float] = []
+    for seq in range(_FIRST_SEQ, _FIRST_SEQ + _WARM_UP + scans):
+        gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
+        gateway[0].send(Alive())
+        spi.begun_ns.clear()
+        while len(spi.begun_ns) < ELECTRODES:
+            engine.turn()
+            _drain(gateway[0])
+        if seq >= _FIRST_SEQ + _WARM_UP:
+            between = zip(spi.begun_ns, spi.begun_ns[1:], strict=False)
+            periods_us += [(after - before) / 1_000 for before, after in between]
+        clock.t_ns += int(1e9 / _RATE_HZ)
+    engine.end()
+    for channel in ends:
+        channel.close()
+    periods_us.sort()
+    name = f"{platform.node()} ({platform.machine()}, Python {platform.python_version()})"
+    p99_us = periods_us[int(0.99 * (len(periods_us) - 1))]
+    return ProcessorFigures(name, statistics.median(periods_us), p99_us, len(periods_us))
+
+
+def _frame(seq: int) -> Frame:
+    return Frame(
+        lease="bench",
+        seq=seq,
+        current_ua=(CURRENT_UA,) * ELECTRODES,
+        width_us=WIDTH_US,
+        rate_hz=_RATE_HZ,
+        pulses=1,
+        ttl_ms=1_000,
+    )
+
+
+Ends = tuple[Channel[ToGateway], Channel[ToGateway]]
+
+
+def _armed(
+    clock: FreeClock, spi: FreeSpi
+) -> tuple[Engine, Ends, tuple[Channel[ToEngine] | Channel[NewFrame] | Channel[ToGateway], ...]]:
+    backend = Backend("fake", spi, FreeGpio(), None, clock, NoMarker(), lambda: None)
+    engine = Engine(loaded_with(_REST_US), backend)
+    engine.begin()
+    first, second = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
+    commands: Channel[ToEngine] = Channel(first[0], ToEngine)
+    frames: Channel[NewFrame] = Channel(second[0], NewFrame)
+    engine.attach(commands, frames)
+    gateway: Ends = (Channel(first[1], ToGateway), Channel(second[1], ToGateway))
+    limits = Limits(max_current_ua=3_000, width_us=200)
+    gateway[0].send(OpenLease(ref=1, lease="bench", client="bench", limits=limits))
+    gateway[0].send(ArmBoard(ref=2))
+    while engine.states.state != "ARMED":
+        engine.turn()
+        _drain(gateway[0])
+    _open_up(engine, gateway)
+    return engine, gateway, (commands, frames, *gateway)
+
+
+def _open_up(engine: Engine, gateway: Ends) -> None:
+    """Hold frames until the opening lets the current through."""
+    seq = 0
+    while engine.opening.ceiling_ua < CURRENT_UA:
+        gateway[0].send(Alive())
+        gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
+        for _ in range(20):
+            engine.turn()
+            _drain(gateway[0])
+        seq += 1
+    gateway[0].send(Alive())
+
+
+def _drain(channel: Channel[ToGateway]) -> None:
+    while channel.receive() is not None:
+        pass

@@ -1,0 +1,190 @@
+"""`make bench`: what the engine takes, beside the physical limit and what people use today.
+
+Owns: which figures are made, the bounds that are asserted, and how both are shown. Counts and
+modelled times are asserted (exit status 1 when a bound is passed); measured times are printed
+with the machine they were measured on.
+Must not know: how a figure is made.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+# Run as a script, from a clone: the benchmark and the test rigs stand beside one another.
+_TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(_TESTS)]
+
+from rich.console import Console  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from bench import latency, modelled, processor, usual_script  # noqa: E402
+from bench.modelled import ELECTRODES, WIDTH_US, ScanFigures  # noqa: E402
+
+#: {rest in us: the most that a scan may take, over the sum of widths and rests}
+MOST_OVER_LIMIT = {200: 1.10, 50: 1.20}
+MOST_CALLS_PER_PULSE = 6.0
+LEAST_OVER_SCRIPT = 4.0
+#: gpiod's own calls, assumed for a Pi 4: one line, and several lines.
+GPIOD_CALLS_US = (10.0, 15.0)
+#: The ESP32 kits: two words a pulse at 6.6 us each, as their sources have it; the rest as asked.
+ESP32_WORD_US = 6.6
+
+
+@dataclass(frozen=True)
+class Bound:
+    """One assertion."""
+
+    what: str
+    value: float
+    bound: float
+    is_met: bool
+
+
+def at_most(what: str, value: float, bound: float) -> Bound:
+    return Bound(what, round(value, 4), bound, value <= bound)
+
+
+def at_least(what: str, value: float, bound: float) -> Bound:
+    return Bound(what, round(value, 4), bound, value >= bound)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One rest: the engine's scan, and the others' at the same width and rest."""
+
+    scan: ScanFigures
+    script_us: float
+    script_calls_per_pulse: float
+    gpiod_us: tuple[float, ...]
+    esp32_us: float
+
+    def bounds(self) -> list[Bound]:
+        rest = f"rest {self.scan.rest_us} us"
+        calls = self.scan.calls_per_pulse
+        return [
+            at_most(f"{rest}: bus calls per pulse", calls, MOST_CALLS_PER_PULSE),
+            at_most(
+                f"{rest}: scan over limit", self.scan.ratio, MOST_OVER_LIMIT[self.scan.rest_us]
+            ),
+            at_least(
+                f"{rest}: usual script over scan",
+                self.script_us / (self.scan.scan_us + self.scan.rewrite_us),
+                LEAST_OVER_SCRIPT,
+            ),
+        ]
+
+
+def compare(rest_us: int) -> Comparison:
+    """All of the modelled figures for one rest."""
+    script = usual_script.UsualScript(rest_us).scan()
+    gpiod = [usual_script.UsualScript(rest_us, call_us).scan() for call_us in GPIOD_CALLS_US]
+    return Comparison(
+        modelled.engine_scan(rest_us),
+        script.scan_us,
+        script.calls_per_pulse,
+        tuple(one.scan_us for one in gpiod),
+        ELECTRODES * (2 * ESP32_WORD_US + WIDTH_US + rest_us),
+    )
+
+
+# --- for people --------------------------------------------------------------------------------
+
+
+def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None:
+    for comparison in figures["scans"]:
+        console.print(_scan_table(comparison))
+    console.print(_processor_table(figures["processor"]))
+    console.print(_latency_table(figures["latency"]))
+    for one in bounds:
+        verdict = "[green]met[/]" if one.is_met else "[red]MISSED[/]"
+        console.print(f"{verdict}  {one.what}: {one.value:g} (bound {one.bound:g})")
+
+
+def _scan_table(found: Comparison) -> Table:
+    scan = found.scan
+    table = Table(
+        title=f"{ELECTRODES} electrodes, {WIDTH_US} us, rest {scan.rest_us} us: modelled Pi 4"
+    )
+    for column in ("", "scan", "over limit", "over etd", "calls a pulse"):
+        table.add_column(column, justify="right" if column else "left")
+    whole_us = scan.scan_us + scan.rewrite_us
+
+    def row(who: str, took_us: float, calls: str = "") -> None:
+        limits, whole = took_us / scan.limit_us, took_us / whole_us
+        table.add_row(who, f"{took_us / 1_000:.2f} ms", f"{limits:.3f}", f"{whole:.2f}", calls)
+
+    row("widths and rests alone: the limit", scan.limit_us)
+    row("etd, rewrite of the chain apart", scan.scan_us, f"{scan.calls_per_pulse:.2f}")
+    row("etd, with the rewrite", whole_us, f"+ {scan.rewrite_calls} a scan")
+    row("usual script, raw calls (1)", found.script_us, f"{found.script_calls_per_pulse:.0f}")
+    for call_us, took_us in zip(GPIOD_CALLS_US, found.gpiod_us, strict=True):
+        row(f"usual script, gpiod, {call_us:g} us (2)", took_us)
+    row("ESP32 kits (3)", found.esp32_us)
+    table.caption = (
+        f"(1) time.sleep assumed to take {usual_script.OVERSLEEP_US} us more than asked"
+        " (2) cost of a call assumed"
+        f" (3) computed: 2 words of {ESP32_WORD_US} us, as stated by the kits, and nothing else"
+    )
+    return table
+
+
+def _processor_table(found: processor.ProcessorFigures) -> Table:
+    table = Table(
+        title="the engine's processor time for a pulse, measured here",
+        caption=f"here: {found.machine}; the factor is assumed",
+    )
+    for column in ("", "median", "p99"):
+        table.add_column(column, justify="left" if not column else "right")
+    factor = processor.PI4_FACTOR
+    table.add_row("here", f"{found.median_us:.1f} us", f"{found.p99_us:.1f} us")
+    table.add_row(
+        f"on a Pi 4, {factor:g} times slower",
+        f"{found.median_us * factor:.0f} us",
+        f"{found.p99_us * factor:.0f} us",
+    )
+    return table
+
+
+def _latency_table(found: list[latency.LatencyFigures]) -> Table:
+    table = Table(title="frame sent to first pulse: gateway and engine in processes, measured here")
+    for column in ("", "sent", "shown", "p50", "p99", "p99.9"):
+        table.add_column(column, justify="left" if not column else "right")
+    for one in found:
+        times = (f"{us / 1_000:.2f} ms" for us in (one.p50_us, one.p99_us, one.p999_us))
+        load = f"{one.load} ({one.cut_short} cut short: {one.why})" if one.cut_short else one.load
+        table.add_row(load, str(one.sent), str(one.shown), *times)
+    return table
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="bench", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
+    parser.add_argument("--quick", action="store_true", help="fewer samples of what is measured")
+    args = parser.parse_args()
+    comparisons = [compare(rest_us) for rest_us in MOST_OVER_LIMIT]
+    figures: dict[str, Any] = {
+        "scans": comparisons,
+        "processor": processor.measure(10 if args.quick else 100),
+        "latency": list(latency.measure(args.quick)),
+    }
+    bounds = [bound for comparison in comparisons for bound in comparison.bounds()]
+    if args.json:
+        plain = {
+            "scans": [asdict(one) for one in comparisons],
+            "processor": asdict(figures["processor"]),
+            "latency": [asdict(one) for one in figures["latency"]],
+            "bounds": [asdict(one) for one in bounds],
+        }
+        print(json.dumps(plain))
+    else:
+        show(Console(), figures, bounds)
+    return 0 if all(one.is_met for one in bounds) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

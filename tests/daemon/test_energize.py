@@ -1,0 +1,29 @@
+"""The checks before the supply goes on, each with what to do about it."""
+
+from __future__ import annotations
+
+import pytest
+
+from etd.engine.energize import Readiness, check_ready
+from etd.errors import Refused
+
+READY = Readiness((), (), True, True)
+
+
+def test_a_board_with_nothing_in_the_way_is_ready() -> None:
+    check_ready(READY)
+
+
+@pytest.mark.parametrize(
+    ("ready", "said"),
+    [
+        (Readiness(("readback", "heartbeat"), (), True, True), "readback, heartbeat: accept each"),
+        (Readiness((), ("emergency_stop", "wearer_stop"), True, True), "and wearer_stop open"),
+        (Readiness((), (), False, True), "press and release it once"),
+        (Readiness((), (), True, False), "restart the daemon"),
+    ],
+)
+def test_what_is_in_the_way_is_named_with_what_to_do(ready: Readiness, said: str) -> None:
+    with pytest.raises(Refused, match=said) as refusal:
+        check_ready(ready)
+    assert refusal.value.code == "arm_failed"

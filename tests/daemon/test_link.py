@@ -1,0 +1,176 @@
+"""The channel between gateway and engine: whole datagrams, never blocking, drops counted."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from etd.errors import AlreadyRunning
+from etd.frame import Frame
+from etd.link import (
+    ALIVE_NS,
+    MAX_DATAGRAM_BYTES,
+    SILENCE_NS,
+    Alive,
+    Answer,
+    Channel,
+    KeepLease,
+    Listener,
+    NewFrame,
+    ToEngine,
+    ToGateway,
+    connect,
+)
+
+Pair = tuple[Channel[ToEngine], Channel[ToGateway]]
+
+
+@pytest.fixture
+def pair() -> Iterator[Pair]:
+    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    engine: Channel[ToEngine] = Channel(ends[0], ToEngine)
+    gateway: Channel[ToGateway] = Channel(ends[1], ToGateway)
+    yield engine, gateway
+    engine.close()
+    gateway.close()
+
+
+def test_the_gateway_speaks_several_times_before_it_counts_as_silent() -> None:
+    assert SILENCE_NS == 250_000_000
+    assert SILENCE_NS >= 4 * ALIVE_NS
+
+
+def test_messages_arrive_whole_and_in_order(pair: Pair) -> None:
+    engine, gateway = pair
+    sent = [Alive(), KeepLease(ref=3, lease="a"), Alive(ref=9)]
+    assert all(gateway.send(one) for one in sent)
+    assert [engine.receive() for _ in sent] == sent
+    assert engine.receive() is None
+
+
+def test_an_answer_comes_back_as_it_was(pair: Pair) -> None:
+    engine, gateway = pair
+    answer = Answer(ref=3, error="too_fast", reason="so", electrode=4, achievable_hz=12.5)
+    assert engine.send(answer)
+    assert gateway.receive() == answer
+
+
+def test_the_largest_frame_fits() -> None:
+    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    frames: Channel[NewFrame] = Channel(ends[0], NewFrame)
+    gateway: Channel[ToGateway] = Channel(ends[1], ToGateway)
+    others = tuple(tuple(one for one in range(256) if one != each) for each in range(256))
+    frame = Frame(
+        lease="x" * 64,
+        seq=2**63 - 1,
+        current_ua=(10_000,) * 256,
+        width_us=(200,) * 256,
+        polarity=("biphasic_cathodic_first",) * 256,
+        rate_hz=(199.9,) * 256,
+        returns=others,
+    )
+    message = NewFrame(ref=2**31, frame=frame)
+    assert len(msgspec.msgpack.encode(message)) <= MAX_DATAGRAM_BYTES
+    assert gateway.send(message)
+    assert frames.receive() == message
+    frames.close()
+    gateway.close()
+
+
+def test_a_queue_that_is_full_drops_and_counts_and_never_blocks(pair: Pair) -> None:
+    engine, gateway = pair
+    taken = 0
+    while gateway.send(KeepLease(ref=taken, lease="a")):
+        taken += 1
+    assert gateway.dropped == 1
+    assert gateway.is_open
+    assert not gateway.send(Alive())
+    assert gateway.dropped == 2
+    for expected in range(taken):
+        received = engine.receive()
+        assert isinstance(received, KeepLease)
+        assert received.ref == expected
+    assert engine.receive() is None
+    assert gateway.send(Alive())
+
+
+def test_a_message_that_is_too_large_is_dropped_and_the_channel_lives(pair: Pair) -> None:
+    engine, gateway = pair
+    assert not gateway.send(KeepLease(lease="x" * 4_000_000))
+    assert (gateway.dropped, gateway.is_open) == (1, True)
+    assert gateway.send(Alive())
+    assert engine.receive() == Alive()
+
+
+def test_an_end_that_is_closed_is_noticed_by_both_ways(pair: Pair) -> None:
+    engine, gateway = pair
+    gateway.send(Alive())
+    gateway.close()
+    gateway.close()
+    assert engine.receive() == Alive()
+    assert engine.is_open
+    assert engine.receive() is None
+    assert not engine.is_open
+    assert not engine.send(Answer(ref=1))
+    assert not gateway.send(Alive())
+    assert gateway.receive() is None
+
+
+def test_sending_to_an_end_that_is_gone_closes(pair: Pair) -> None:
+    engine, gateway = pair
+    gateway.close()
+    assert not engine.send(Answer(ref=1))
+    assert not engine.is_open
+
+
+@pytest.mark.parametrize("nonsense", [b"\xff\xff", b"\x80", msgspec.msgpack.encode(Answer(ref=1))])
+def test_bytes_that_are_no_message_of_the_other_end_are_an_error(
+    pair: Pair, nonsense: bytes
+) -> None:
+    engine, gateway = pair
+    gateway._socket.send(nonsense)
+    with pytest.raises(msgspec.DecodeError):
+        engine.receive()
+
+
+def test_a_gateway_connects_to_both_sockets_of_the_engine(tmp_path: Path) -> None:
+    assert connect(tmp_path) is None
+    listener = Listener(tmp_path)
+    assert listener.accept() is None
+    mine = connect(tmp_path)
+    theirs = listener.accept()
+    assert mine is not None
+    assert theirs is not None
+    mine[0].send(Alive())
+    assert theirs[0].receive() == Alive()
+    frame = NewFrame(ref=1, frame=Frame(lease="a", seq=1, current_ua=(1,)))
+    mine[1].send(frame)
+    assert theirs[1].receive() == frame
+    for channel in (*mine, *theirs):
+        channel.close()
+    listener.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_engine_of_the_same_name_is_refused(tmp_path: Path) -> None:
+    listener = Listener(tmp_path)
+    with pytest.raises(AlreadyRunning, match=tmp_path.name):
+        Listener(tmp_path)
+    listener.close()
+
+
+def test_a_socket_left_by_a_dead_engine_is_taken_over(tmp_path: Path) -> None:
+    left = Listener(tmp_path)
+    for one in left._listening:
+        one.close()
+    assert len(list(tmp_path.iterdir())) == 2
+    listener = Listener(tmp_path)
+    mine = connect(tmp_path)
+    assert mine is not None
+    listener.close()
+    for channel in mine:
+        channel.close()
