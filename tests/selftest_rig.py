@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from etd.config import LoadedConfig, fake_config
 from etd.selftest.bed import Asked, Bed, DummyLoad
@@ -16,6 +16,7 @@ from etd.selftest.run import run
 from etd_body.electrode import OPEN_CONTACT
 from etd_body.minimal import MinimalBody
 from etd_hal.bench import Hand, StopName
+from etd_hal.boardfile import BoardFile
 from etd_hal.compose import Backend, Bench, line_setup, spi_setup
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
@@ -109,6 +110,7 @@ def selftest_rig(
     board: str = "reference-hv507",
     *,
     faults: Sequence[Fault] = (),
+    file: BoardFile | None = None,
     load_ohm: int | None = LOAD_OHM,
     real_load_ohm: float | None = None,
     leak_factor: float = 1.0,
@@ -119,6 +121,8 @@ def selftest_rig(
 ) -> SelftestRig:
     """A board on a bench: nothing on it but, with `load_ohm`, a resistor between 1 and 2."""
     loaded = fake_config(board)
+    if file is not None:
+        loaded = replace(loaded, board=file)
     clock = SteppedClock()
     count = loaded.array.count
     body = MinimalBody(

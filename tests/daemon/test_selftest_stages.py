@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import pytest
 
+from board_rig import changed
 from etd.selftest import buses, probe, rail, switches, timing
 from etd.selftest.bed import Bed
 from etd.selftest.log import Log
 from etd.selftest.prober import Prober
 from etd.selftest.report import Check, Report
 from etd.selftest.run import STAGES, run
-from etd_hal.boardfile import GUARDS
+from etd_hal.boardfile import GUARDS, Heartbeat
 from etd_hal.errors import GuardRefusal
-from etd_hal.fake.faults import Bridge, LineCut, SwitchOutput
+from etd_hal.fake.faults import (
+    Bridge,
+    Fault,
+    HeartbeatIgnored,
+    HeartbeatRearms,
+    LineCut,
+    SwitchOutput,
+)
 from selftest_rig import DATE, LOAD_OHM, SelftestRig, bad, selftest_rig
+from stepped_board import shipped_board
 
 BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513")
 
@@ -35,6 +44,36 @@ def test_a_board_in_order_passes_with_a_load_and_somebody_to_move_it(board: str)
     assert skipped(report) == []
     assert report.passed
     assert (report.board, report.date, report.dummy_load_ohm) == (board, DATE, LOAD_OHM)
+
+
+@pytest.mark.parametrize(
+    ("faults", "failed"),
+    [
+        ([], []),
+        ([HeartbeatIgnored()], [("rail", "heartbeat")]),
+        ([HeartbeatRearms()], [("rail", "heartbeat_latch")]),
+    ],
+)
+def test_a_heartbeat_is_proved_by_the_node_where_nobody_watches_the_rail(
+    faults: list[Fault], failed: list[tuple[str, str]]
+) -> None:
+    beating = Heartbeat(line=27, window_ms=20)
+    file = changed(shipped_board("feetthrough-relay"), "guards", heartbeat=beating)
+    report = selftest_rig("feetthrough-relay", file=file, faults=faults).run()
+    assert bad(report) == failed
+    assert report.passed is not bool(failed)
+
+
+@pytest.mark.parametrize("load_ohm", [10_000, 22_000, 68_000, 100_000])
+def test_any_load_in_the_range_will_do(load_ohm: int) -> None:
+    report = selftest_rig(load_ohm=load_ohm).run()
+    assert (bad(report), report.passed) == ([], True)
+
+
+def test_a_stack_of_256_electrodes_is_walked_as_well() -> None:
+    report = selftest_rig("etactilekit-hv513-x8").run()
+    assert (bad(report), report.passed) == ([], True)
+    assert by_name(report)["every_switch"].measured == "256 electrodes found"
 
 
 @pytest.mark.parametrize("board", BOARDS)

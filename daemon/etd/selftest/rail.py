@@ -62,6 +62,13 @@ def _check_by_monitor(bed: Bed, log: Log, monitor: RailMonitor) -> None:
 _ENABLE_ADVICE = (
     "the enable line does not switch the supply, or its store has no bleeder: cut the supply"
 )
+_GATE_ADVICE = (
+    "the gate does not act: the monostable, its coupling, and the way from it to the supply"
+)
+_LATCH_ADVICE = (
+    "the gate needs a latch that the enable's end clears: a program that hung and goes on would"
+    " have its supply back unasked"
+)
 _RAIL_ADVICE = "look at the supply, its set-point and the monitor's divider"
 
 
@@ -75,12 +82,10 @@ def _settled_off(bed: Bed, monitor: RailMonitor) -> float:
     return bed.rail_v()
 
 
-def _wait_for(
-    bed: Bed, is_there: Callable[[float], bool], within_ms: float, is_beating: bool = True
-) -> float | None:
+def _wait_for(bed: Bed, is_there: Callable[[float], bool], within_ms: float) -> float | None:
     """After how many ms the rail was where it should be; None if it was not in time."""
     begun_ns = bed.clock.now_ns()
-    while not is_there(bed.rail_v(is_beating)):
+    while not is_there(bed.rail_v()):
         if bed.clock.now_ns() - begun_ns > within_ms * MS:
             return None
         bed.watch_stops()
@@ -146,7 +151,7 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
         took_ms is not None,
         _fell(bed, monitor, took_ms),
         f"below {monitor.off_v} V within {within_ms} ms of the last beat, the enable being on",
-        "the gate does not act: the monostable, its coupling, and the way from it to the supply",
+        _GATE_ADVICE,
     )
     if not is_good:
         return
@@ -157,8 +162,7 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
         rail_v < monitor.off_v,
         f"{rail_v:.0f} V after beating again for {monitor.rise_ms} ms",
         "it stays off until the enable line was off",
-        "the gate needs a latch that the enable's end clears: a program that hung and goes on"
-        " would have its supply back unasked",
+        _LATCH_ADVICE,
     )
     bed.board.supply_off()
     bed.wait_ms(1)
@@ -174,8 +178,22 @@ def _check_by_node(bed: Bed, log: Log, prober: Prober) -> None:
     if is_off and _check_node_rises(bed, log, prober, "rise"):
         bed.board.supply_off()
         is_off = _judge_gone(bed, log, prober, "hv_enable", _ENABLE_ADVICE)
-        if is_off:
-            _check_node_rises(bed, log, prober, "rise_again")
+        if is_off and _check_node_rises(bed, log, prober, "rise_again"):
+            _check_heartbeat_by_node(bed, log, prober)
+
+
+def _check_heartbeat_by_node(bed: Bed, log: Log, prober: Prober) -> None:
+    """Silent until any store has run down; each look afterwards beats again, in vain."""
+    if bed.file.guards.heartbeat == "absent":
+        return
+    bed.wait_ms(_UNWATCHED_MS, is_beating=False)
+    if not _judge_gone(bed, log, prober, "heartbeat", _GATE_ADVICE):
+        return
+    bed.wait_ms(_UNWATCHED_RISE_MS)
+    if _judge_gone(bed, log, prober, "heartbeat_latch", _LATCH_ADVICE, within_ms=0):
+        bed.board.supply_off()
+        bed.wait_ms(1)
+        _check_node_rises(bed, log, prober, "rise_after_heartbeat")
 
 
 def _check_node_rises(bed: Bed, log: Log, prober: Prober, name: str) -> bool:
@@ -187,7 +205,14 @@ def _check_node_rises(bed: Bed, log: Log, prober: Prober, name: str) -> bool:
     return not log.stage_failed and check_ramp(bed, log, prober, name)
 
 
-def _judge_gone(bed: Bed, log: Log, prober: Prober, name: str, advice: str) -> bool:
+def _judge_gone(
+    bed: Bed,
+    log: Log,
+    prober: Prober,
+    name: str,
+    advice: str,
+    within_ms: int = _UNWATCHED_MS,
+) -> bool:
     """A probe of the open node again and again, until it lifts it no more, or time is over."""
     bound_v = prober.open_v(prober.probe_ua) * _NODE_GONE
     read_v = 0.0
@@ -198,11 +223,11 @@ def _judge_gone(bed: Bed, log: Log, prober: Prober, name: str, advice: str) -> b
         bed.wait_ms(_LOOK_EVERY_MS)
         return read_v < bound_v
 
-    is_good = bed.wait_until(look, _UNWATCHED_MS)
+    is_good = bed.wait_until(look, within_ms)
     return log.judge(
         name,
         is_good,
         f"{read_v:.2f} V at {prober.probe_ua} uA",
-        f"below {bound_v:.2f} V within {_UNWATCHED_MS} ms",
+        f"below {bound_v:.2f} V within {within_ms} ms",
         advice,
     )
