@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 
 from etd_hal.bench import Hand, Host
 from etd_hal.boardfile import BoardFile, HalfBridgeLines, MachineFile
-from etd_hal.errors import BusError, HardwareMissing
+from etd_hal.errors import BusError
 from etd_hal.ports import (
     Clock,
     Gpio,
@@ -72,10 +72,15 @@ class NoMarker:
 
 
 class NoSpi:
-    """Where SPI is gone, and the board must be made safe without it."""
+    """Where SPI cannot be opened, and the board must be made safe without it."""
+
+    def __init__(self, device: str, reason: str) -> None:
+        self._device = device
+        self._reason = reason
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:  # noqa: ARG002
-        raise BusError("absent", "SPI", "transfer", "the DAC cannot be reached: cut the supply")
+        """Raises: BusError (absent), always."""
+        raise BusError("absent", self._device, "reaching the DAC", self._reason)
 
 
 def line_setup(board: BoardFile) -> LineSetup:
@@ -131,19 +136,24 @@ def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
     return Backend("linux", spi, gpio, i2c, clock, NoMarker(), close, facts=machine_facts())
 
 
-def open_linux_lines(board: BoardFile) -> Backend:
-    """The lines alone, for a board that must be made safe while its SPI is gone.
+def open_linux_safe(board: BoardFile) -> tuple[Backend, tuple[str, ...]]:
+    """What is there, for a board that must be made safe: its lines, and SPI if that can be had.
 
-    Raises: HardwareMissing (the lines cannot be had either).
+    Returns the backend and a sentence for each thing that is missing; the lines are driven to
+    harmless levels already. Raises: HardwareMissing (the lines cannot be had).
     """
-    from etd_hal.linux import open_lines
+    from etd_hal.linux import open_to_make_safe
     from etd_hal.linux.clock import LinuxClock
 
-    try:
-        gpio = open_lines(board, line_setup(board))
-    except (BusError, ModuleNotFoundError) as error:
-        raise HardwareMissing((str(error),)) from error
-    return Backend("linux", NoSpi(), gpio, None, LinuxClock(), NoMarker(), gpio.close)
+    gpio, opened, problems = open_to_make_safe(board, line_setup(board))
+    spi = opened or NoSpi(board.source.spi, "SPI could not be opened")
+
+    def close() -> None:
+        gpio.close()
+        if opened is not None:
+            opened.close()
+
+    return Backend("linux", spi, gpio, None, LinuxClock(), NoMarker(), close), problems
 
 
 def open_fake(

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Self
 
 import pytest
 
@@ -15,7 +12,7 @@ from etd_hal import linux
 from etd_hal.boardfile import load_board
 from etd_hal.errors import BusError
 from etd_hal.ports import InputLine, LineSetup
-from wire_kernel import HeldRequest
+from gpiod_kernel import ChipFile, Kernel
 
 gpiod = pytest.importorskip("gpiod", reason="gpiod is there on Linux only")
 
@@ -23,48 +20,6 @@ from etd_hal.linux import gpio as linux_gpio  # noqa: E402
 
 KAJIMOTO = Path(__file__).parents[2] / "config" / "boards" / "kajimoto-hv507.toml"
 SETUP = LineSetup(outputs=((23, 0), (4, 1)), inputs=(InputLine(17, "down", edges=True),))
-
-
-class ChipFile:
-    """A chip whose device is a plain file: its first line is the label, then LINE CONSUMER."""
-
-    def __init__(self, path: str) -> None:
-        label, *held = Path(path).read_text().splitlines()
-        if label in ("EACCES", "ENODEV"):
-            number = getattr(errno, label)
-            raise OSError(number, "as told")
-        self.label = label
-        self.held = dict(line.split() for line in held)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def get_info(self) -> SimpleNamespace:
-        return SimpleNamespace(label=self.label)
-
-    def get_line_info(self, line: int) -> SimpleNamespace:
-        used = str(line) in self.held
-        out = gpiod.line.Direction.OUTPUT
-        is_driven = self.label == "pins that stay" and line == 4
-        direction = out if is_driven else gpiod.line.Direction.INPUT
-        consumer = self.held.get(str(line), "")
-        return SimpleNamespace(offset=line, used=used, consumer=consumer, direction=direction)
-
-
-@dataclass
-class Kernel:
-    """Grants requests, or refuses those for the lines in `busy`."""
-
-    busy: set[int] = field(default_factory=set)
-    granted: list[HeldRequest] = field(default_factory=list)
-
-    def request_lines(self, path: str, consumer: str, config: dict[int, Any]) -> HeldRequest:
-        if self.busy & set(config):
-            raise OSError(errno.EBUSY, "as told")
-        self.granted.append(HeldRequest(10 + len(self.granted), list(config), {}))
-        return self.granted[-1]
 
 
 @pytest.fixture
@@ -165,12 +120,22 @@ def test_lines_that_somebody_holds_are_told_by_function_and_holder(
     assert kernel.granted == []
 
 
+class ChipWithPins(ChipFile):
+    """Tells which way its lines point, once they were let go of."""
+
+    def get_line_info(self, line: int) -> SimpleNamespace:
+        ways = gpiod.line.Direction
+        stays = self.label == "pins that stay" and line == 4
+        return SimpleNamespace(offset=line, direction=ways.OUTPUT if stays else ways.INPUT)
+
+
 @pytest.mark.parametrize(
     ("label", "stay"), [("pins that stay", True), ("pins that become inputs", False)]
 )
 def test_what_becomes_of_outputs_is_seen_by_letting_go_of_them_once(
-    kernel: Kernel, devices: Devices, label: str, stay: bool
+    kernel: Kernel, devices: Devices, monkeypatch: pytest.MonkeyPatch, label: str, stay: bool
 ) -> None:
+    monkeypatch.setattr(gpiod, "Chip", ChipWithPins)
     chip = devices(label) / "gpiochip0"
     assert linux_gpio.keeps_driving(chip, SETUP) is stay
     assert [request.fd for request in kernel.granted] == [-1, -1]

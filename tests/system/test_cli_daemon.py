@@ -40,6 +40,13 @@ def test_the_first_line_says_that_it_is_a_fake(rig: CommandRig) -> None:
     assert command.ended().status == 0
 
 
+def test_nothing_is_refused_before_the_first_client_comes(rig: CommandRig) -> None:
+    with rig.daemon():
+        counters = rig.run("status", "--json").answer["status"]["counters"]
+    assert not [name for name in counters if name.startswith("refused")]
+    assert counters.get("control_disconnects", 0) <= 1, "that of `status` itself"
+
+
 def test_a_second_daemon_of_the_name_is_refused_and_leaves_the_first_alone(
     rig: CommandRig,
 ) -> None:

@@ -71,6 +71,35 @@ def test_after_a_killed_engine_the_daemon_makes_the_board_safe_itself(
     assert not board.state().held
 
 
+@pytest.mark.parametrize("ending", ["Ctrl-C", "SIGTERM", "the gateway's death"])
+def test_a_hung_engine_is_killed_at_the_end_and_the_board_is_made_safe_after_it(
+    rig: CommandRig, board: RunningBoard, ending: str
+) -> None:
+    command = rig.start("run", "--board", "fake", "--board-socket", str(board.socket))
+    command.line()
+    parts = command.children()
+    os.kill(parts["engine"], signal.SIGSTOP)
+    if ending == "the gateway's death":
+        os.kill(parts["gateway"], signal.SIGKILL)
+    else:
+        command.signal(signal.SIGINT if ending == "Ctrl-C" else signal.SIGTERM)
+    said = command.ended()
+    assert said.status == 1
+    assert "the engine ended (killed: it hung for 5 s): `etd safe` makes" in said.err
+    assert "safe (fake): kajimoto-hv507: outputs off" in said.out
+    assert not board.state().held
+
+
+def test_an_engine_that_ended_well_is_not_made_safe_again(
+    rig: CommandRig, board: RunningBoard
+) -> None:
+    said = rig.run(
+        "run", "--board", "fake", "--board-socket", str(board.socket), "--seconds", "0.1"
+    )
+    assert said.status == 0
+    assert "safe" not in said.out + said.err
+
+
 def test_without_a_board_process_the_status_is_3(rig: CommandRig) -> None:
     absent = rig.run(
         *("safe", "--board", BOARD, "--machine", "pi4"),

@@ -134,14 +134,19 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
         raise AlreadyRunning(args.name, f"it answers at {folder / CONTROL}")
     for sentence in loaded.mended:
         print(f"mended: {sentence}", file=sys.stderr)
-    try:
-        with _endings() as wakeup, TwoProcesses(_arguments(args, loaded, folder), folder) as both:
-            both.wait_until_ready()
-            print(_ready_line(args.name, loaded, both.address), flush=True)
-            both.wait(args.seconds, wakeup)
-    except PartEnded as ended:
-        _make_safe_after(ended, args, loaded)
-        raise
+    both = TwoProcesses(_arguments(args, loaded, folder), folder)
+    # A second Ctrl-C, too, finds the handlers of `_endings`: nothing breaks off the way to safety.
+    with _endings() as wakeup:
+        try:
+            with both:
+                both.wait_until_ready()
+                print(_ready_line(args.name, loaded, both.address), flush=True)
+                both.wait(args.seconds, wakeup)
+        finally:
+            ended = both.not_ended_well()
+            _make_safe_after(ended, args, loaded)
+    if ended:
+        raise ended[0]
     return 0
 
 
@@ -181,18 +186,30 @@ def _endings() -> Iterator[socket.socket]:
             signal.set_wakeup_fd(before_fd)
 
 
-def _make_safe_after(ended: PartEnded, args: argparse.Namespace, loaded: LoadedConfig) -> None:
-    """An engine that was killed could not do it itself; the fake in its process died with it."""
-    is_there = loaded.config.backend == "linux" or args.board_socket is not None
-    if ended.part != "engine" or not ended.how.startswith("killed") or not is_there:
+def _make_safe_after(
+    endings: tuple[PartEnded, ...], args: argparse.Namespace, loaded: LoadedConfig
+) -> None:
+    """An engine that was killed, by whomever, could not do it itself. The fake in its process died
+    with it; any other board outlives it.
+    """
+    outlives = loaded.config.backend == "linux" or args.board_socket is not None
+    killed = [one for one in endings if one.part == "engine" and one.how.startswith("killed")]
+    if not (killed and outlives):
         return
+    print(f"the engine ended ({killed[0].how}): `etd safe` makes the board safe", file=sys.stderr)
+    # A group of its own: Ctrl-C is for this process.
+    subprocess.run(_safe_command(args, loaded), check=False, process_group=0)
+
+
+def _safe_command(args: argparse.Namespace, loaded: LoadedConfig) -> list[str]:
     command = [sys.executable, "-m", "etd", "safe", "--name", args.name]
     if args.config is not None:
         command += ["--config", str(args.config)]
+    if args.board is not None:
+        command += ["--board", loaded.config.board, "--machine", loaded.config.machine]
     if args.board_socket is not None:
-        command += ["--board", loaded.config.board, "--board-socket", str(args.board_socket)]
-        command += ["--machine", loaded.config.machine]
-    subprocess.run(command, check=False)
+        command += ["--board-socket", str(args.board_socket)]
+    return command
 
 
 # --- one part --------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from etd.errors import BusError, FileError
 from etd.shipped import Kind, find
 from etd_hal.board import Board
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
-from etd_hal.compose import Backend, open_fake, open_linux
+from etd_hal.compose import Backend, open_fake, open_linux_safe
 
 NAME = "safe"
 HELP = "put the board into its safe state, without a daemon"
@@ -35,6 +35,7 @@ exit status: 0 safe, 1 something did not work, 3 the hardware is not there or is
 """
 
 _CONFIG_FOLDER = Path("/etc/etd")
+_ANY_MACHINE = "pi4"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,19 +50,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises: FileError, HardwareMissing, BusError."""
+    """Whatever else is missing, the lines are driven.
+
+    Raises: FileError (no board file), HardwareMissing (no lines), BusError (a board process).
+    """
     settings = _settings(args)
     if settings.backend == "fake" and args.board_socket is None:
         return _answer(args, "fake", "", (), "the fake board ended with its engine: nothing to do")
     board = load_board(settings.path("boards", settings.board))
-    machine = load_machine(settings.path("machines", settings.machine))
-    backend = _open(board, machine, args.board_socket)
+    machine = _machine(settings)
+    backend, missing = _open(board, args.board_socket)
     try:
-        problems = Board(board, machine, backend.spi, backend.gpio, backend.clock).safe_off()
+        failed = Board(board, machine, backend.spi, backend.gpio, backend.clock).safe_off()
     finally:
         backend.close()
     supply = "" if "hv_enable" in board.absent_guards else ", supply off"
     done = f"{board.name}: outputs off{supply}, DAC at zero, nothing selected"
+    problems = tuple(dict.fromkeys((*missing, *failed)))
     return _answer(args, backend.name, board.name, problems, done)
 
 
@@ -87,13 +92,13 @@ def _settings(args: argparse.Namespace) -> _Settings:
         args.misused("--board needs --machine: pi4, or pi3 for a Raspberry Pi 3 or Zero 2 W")
     path = args.config or _CONFIG_FOLDER / f"{args.name}.toml"
     said = _read(path)
-    for key in ("backend", "board", "machine"):
+    for key in ("backend", "board"):
         if not isinstance(said.get(key), str):
             raise FileError(str(path), key, "it is missing", "`etd check` tells what is wrong")
     return _Settings(
         backend if args.board_socket is not None else said["backend"],
         said["board"],
-        args.machine or said["machine"],
+        args.machine or str(said.get("machine", "(none is named)")),
         path.resolve().parent,
     )
 
@@ -108,12 +113,24 @@ def _read(path: Path) -> dict[str, Any]:
         ) from error
 
 
-def _open(board: BoardFile, machine: MachineFile, board_socket: Path | None) -> Backend:
+def _machine(settings: _Settings) -> MachineFile:
+    """The machine's file, or another's where there is none: the safe state fires nothing, so no
+    time in the file matters, and its lack must not keep the board from being made safe.
+    """
+    try:
+        return load_machine(settings.path("machines", settings.machine))
+    except FileError as error:
+        print(f"the machine's file is of no use, and not needed here: {error}", file=sys.stderr)
+        return load_machine(find("machines", _ANY_MACHINE))
+
+
+def _open(board: BoardFile, board_socket: Path | None) -> tuple[Backend, tuple[str, ...]]:
+    """The ports, and what is missing of them."""
     if board_socket is None:
-        return open_linux(board, machine)
+        return open_linux_safe(board)
     outputs = range(board.switch.outputs)
     try:
-        return open_fake(board, electrodes=outputs, board_socket=board_socket)
+        return open_fake(board, electrodes=outputs, board_socket=board_socket), ()
     except BusError as error:
         if error.kind != "busy":
             raise

@@ -22,9 +22,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
-from etd.client import Display, clock
+import zmq
+
+from etd.client import clock
+from etd.client.telemetry import Telemetry
 from etd.errors import DaemonGone, PartEnded
-from etd.places import address_of
+from etd.places import TELEMETRY, address_of, sibling_address
 
 PARTS = ("engine", "gateway")
 #: From start to ready; an engine takes a second or two on a small machine.
@@ -45,6 +48,7 @@ class Part:
     ) -> None:
         self.name = name
         self.is_ready = False
+        self._had_to_be_killed = False
         self._ready_path = folder / f"{name}.ready"
         self._ready_path.unlink(missing_ok=True)
         self.ready_socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -70,6 +74,8 @@ class Part:
     def error(self) -> PartEnded:
         """What there is to say when it has ended."""
         code = self.process.wait()
+        if self._had_to_be_killed:
+            return PartEnded(self.name, f"killed: it hung for {_END_WITHIN_S:g} s", 1)
         if code < 0:
             return PartEnded(self.name, f"killed by {signal.Signals(-code).name}", 1)
         return PartEnded(self.name, f"exit status {code}", code or 1)
@@ -79,6 +85,7 @@ class Part:
         try:
             self.process.wait(_END_WITHIN_S)
         except subprocess.TimeoutExpired:
+            self._had_to_be_killed = True
             self.process.kill()
             self.process.wait()
         if self.process.stdin is not None:
@@ -91,19 +98,22 @@ class Part:
 
 
 class TwoProcesses:
-    """In a `with`: both run; at its end both have ended."""
+    """In a `with`: both run; at its end both have ended. How, can be asked afterwards."""
 
     def __init__(self, arguments: Sequence[str], folder: Path, log: IO[str] | None = None) -> None:
         self.address = address_of(folder)
+        self._arguments = arguments
+        self._folder = folder
+        self._log = log
         self._parts: list[Part] = []
+
+    def __enter__(self) -> Self:
         try:
             for name in PARTS:
-                self._parts.append(Part(name, arguments, folder, log))
+                self._parts.append(Part(name, self._arguments, self._folder, self._log))
         except BaseException:
             self.end()
             raise
-
-    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -151,6 +161,10 @@ class TwoProcesses:
             if part.process.poll() is not None:
                 raise part.error()
 
+    def not_ended_well(self) -> tuple[PartEnded, ...]:
+        """Of those that have ended: by a signal, or with a status that is not 0; engine first."""
+        return tuple(part.error() for part in self._parts if part.process.poll())
+
     def end(self) -> None:
         """Both are asked at once, then waited for. Idempotent."""
         for part in self._parts:
@@ -175,8 +189,11 @@ class TwoProcesses:
         return wakeup is not None and wakeup in found
 
     def _wait_for_link(self, deadline_ns: int) -> None:
-        """The gateway looks for its engine a few times a second."""
-        with Display(address=self.address) as display, display.telemetry("state") as reports:
+        """The gateway looks for its engine a few times a second. Only listened to: a request now
+        would be refused, and counted.
+        """
+        telemetry = sibling_address(self.address, TELEMETRY)
+        with zmq.Context() as context, Telemetry(context, telemetry, ("state",)) as reports:
             while (item := reports.receive(max(0.0, _left_s(deadline_ns)))) is not None:
                 if getattr(item[1], "engine", None) == "there":
                     return

@@ -10,6 +10,7 @@ The ports that `open_ports` returns have a `close` each.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -57,10 +58,29 @@ def open_ports(board: BoardFile, machine: MachineFile, lines: LineSetup) -> Port
     return spi, gpio, i2c, LinuxClock()
 
 
-def open_lines(board: BoardFile, lines: LineSetup) -> LinuxGpio:
-    """The lines alone, driven from the request on: what is left to do when SPI is gone.
+def open_to_make_safe(
+    board: BoardFile, lines: LineSetup
+) -> tuple[LinuxGpio, LinuxSpi | None, tuple[str, ...]]:
+    """The outputs first, which drives them; then what else can be had, and a sentence for each
+    thing that cannot. No I2C, and no look at the machine: nothing will be fired.
 
-    Raises: BusError (busy, with who holds them; absent, permission); ModuleNotFoundError.
+    Raises: HardwareMissing (the outputs cannot be had, and so nothing can be done).
+    """
+    problems: list[str] = []
+    gpio = _opened(problems, lambda: open_lines(board, lines), _OTHER_CHIP)
+    if gpio is None and lines.inputs:
+        outputs = replace(lines, inputs=())
+        gpio = _opened([], lambda: open_lines(board, outputs), _OTHER_CHIP)
+    if gpio is None:
+        raise HardwareMissing(tuple(problems))
+    spi = _opened(problems, lambda: _open_spi(board), _SWITCH_ON)
+    return gpio, spi, tuple(problems)
+
+
+def open_lines(board: BoardFile, lines: LineSetup) -> LinuxGpio:
+    """The lines alone, driven from the request on.
+
+    Raises: BusError (busy, with who holds them; absent, permission); ImportError.
     """
     from etd_hal.linux.gpio import open_gpio
 
@@ -81,8 +101,8 @@ def _free_lines(board: BoardFile, lines: LineSetup) -> Path:
 def _opened(problems: list[str], open_one: Callable[[], T], if_absent: str) -> T | None:
     try:
         return open_one()
-    except ModuleNotFoundError as error:
-        problems.append(f"the Python package {error.name} is not installed: pip install 'etd[pi]'")
+    except ImportError as error:
+        problems.append(f"a Python package cannot be loaded ({error}): pip install 'etd[pi]'")
     except BusError as error:
         advice = if_absent if error.kind == "absent" else _ADVICE.get(error.kind, _LOOK)
         problems.append(f"{error}; {advice}")
