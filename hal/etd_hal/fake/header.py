@@ -9,7 +9,7 @@ from __future__ import annotations
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.fake import pi4
 from etd_hal.fake.currentpath import CurrentPath
-from etd_hal.fake.faults import Faults, StuckLine
+from etd_hal.fake.faults import Faults, LineCut, StuckLine
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.lines import Lines
 from etd_hal.fake.rail import Rail
@@ -118,6 +118,8 @@ class Header:
         if not self._lines.put(line, value):
             return
         name = self._names.get(line, "")
+        if any(cut.name == name for cut in self._faults.of(LineCut)):
+            return
         level = self._stuck(name, value)
         if name in _SWITCH_LINES:
             if self._path.code and not exempt:
