@@ -45,7 +45,7 @@ _SPI_TRANSFER = struct.Struct("=IIHBB")
 _I2C_MESSAGE = struct.Struct("=HHHH")
 _MOST_BYTES = 70_000
 #: How late the world's own doings (a stop line that is pressed) reach the inputs.
-_LOOKS_EVERY_S = 0.005
+_LOOKS_EVERY_NS = 5_000_000
 
 _ERRNO: dict[BusErrorKind, int] = {
     "absent": errno.EREMOTEIO,
@@ -92,7 +92,7 @@ class Answerer:
         self._board = board
         self._circuit = circuit
         self._fd = fd
-        self._now_ns = now_ns
+        self.now_ns = now_ns
         self._spi: SpiSetup | None = None
         lines = board.used_lines()
         self._stops = [lines[name] for name in ("EMERGENCY_STOP", "WEARER_STOP") if name in lines]
@@ -102,7 +102,7 @@ class Answerer:
 
     def follow_world(self) -> None:
         """The levels of the stop lines, as they are now, on the module's inputs."""
-        now_ns = self._now_ns()
+        now_ns = self.now_ns()
         levels = {line: self._circuit.sense(now_ns, line) for line in self._stops}
         if levels != self._levels:
             self._levels = levels
@@ -112,9 +112,16 @@ class Answerer:
         pairs = b"".join(_PAIR.pack(line, level) for line, level in levels.items())
         os.write(self._fd, _ANSWER.pack(0, 0) + pairs)
 
-    def take_event(self) -> None:
-        """Read one event, and answer it if it is a question."""
-        event = os.read(self._fd, _MOST_BYTES)
+    def take_events(self) -> None:
+        """Read events while there are any, and answer those that are questions."""
+        while True:
+            try:
+                event = os.read(self._fd, _MOST_BYTES)
+            except BlockingIOError:
+                return
+            self._take(event)
+
+    def _take(self, event: bytes) -> None:
         t_ns, number, kind, length = _EVENT.unpack_from(event)
         payload = event[_EVENT.size : _EVENT.size + length]
         if kind == _LINE_DRIVEN:
@@ -179,11 +186,12 @@ class Door:
 def serve(answerer: Answerer, fd: int, door: Door | None) -> None:
     """Answer for ever."""
     selector = selectors.DefaultSelector()
-    selector.register(fd, selectors.EVENT_READ, answerer.take_event)
+    selector.register(fd, selectors.EVENT_READ, answerer.take_events)
     if door is not None:
         selector.register(door.listener, selectors.EVENT_READ)
+    looked_ns = 0
     while True:
-        for key, _ in selector.select(_LOOKS_EVERY_S):
+        for key, _ in selector.select(_LOOKS_EVERY_NS / 1e9):
             if key.data is not None:
                 key.data()
             elif door is not None and key.fileobj is door.listener:
@@ -194,7 +202,9 @@ def serve(answerer: Answerer, fd: int, door: Door | None) -> None:
                 if not door.answer(client):
                     selector.unregister(client)
                     client.close()
-        answerer.follow_world()
+        if answerer.now_ns() - looked_ns >= _LOOKS_EVERY_NS:
+            looked_ns = answerer.now_ns()
+            answerer.follow_world()
 
 
 def _leave(_signal: int, _frame: FrameType | None) -> None:
@@ -213,7 +223,7 @@ def main() -> int:
     trace = Trace.to(chosen.trace) if chosen.trace else Trace()
     body = fingertip_body(board, len(outputs))
     circuit = Circuit(board, body, outputs, trace, (), start_ns=clock.now_ns(), seed=1)
-    fd = os.open("/dev/rig", os.O_RDWR)
+    fd = os.open("/dev/rig", os.O_RDWR | os.O_NONBLOCK)
     answerer = Answerer(board, circuit, fd, clock.now_ns)
     answerer.follow_world()
     door = Door(circuit, chosen.door) if chosen.door else None

@@ -38,9 +38,6 @@ MODULE_PARM_DESC(spi_stall_at, "the next message stands still before this transf
 static uint spi_stall_ms = 100;
 module_param(spi_stall_ms, uint, 0644);
 MODULE_PARM_DESC(spi_stall_ms, "for so long");
-static bool spi_short;
-module_param(spi_short, bool, 0644);
-MODULE_PARM_DESC(spi_short, "of the next message one byte less is reported than was sent");
 
 struct question {
 	u32 chip_select;
@@ -148,16 +145,6 @@ static int transfer_one(struct spi_controller *controller, struct spi_device *sp
 	return 0;
 }
 
-/* The core calls this when the message is over, before it reports how many bytes there were. */
-static int unprepare_message(struct spi_controller *controller, struct spi_message *message)
-{
-	if (spi_short && message->actual_length) {
-		message->actual_length--;
-		spi_short = false;
-	}
-	return 0;
-}
-
 /* Nothing hangs on it; but the core traces chip select only where there is one. */
 static void set_cs(struct spi_device *spi, bool is_high)
 {
@@ -180,7 +167,6 @@ static int spi_probe(struct platform_device *found)
 	controller->bits_per_word_mask = SPI_BPW_MASK(8);
 	controller->prepare_message = prepare_message;
 	controller->transfer_one = transfer_one;
-	controller->unprepare_message = unprepare_message;
 	controller->set_cs = set_cs;
 	error = devm_spi_register_controller(&found->dev, controller);
 	if (error)
