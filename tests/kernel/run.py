@@ -32,8 +32,8 @@ def machine(kernel: Path, initrd: Path, out: Path, more: str) -> list[str]:
     share = "security_model=none"
     return [
         "qemu-system-x86_64",
-        *("-M", "q35", "-accel", "tcg,thread=multi,tb-size=512", "-cpu", "max"),
-        *("-smp", "2", "-m", "2048"),
+        *("-M", "q35", "-accel", "tcg,thread=single,tb-size=512", "-icount", "shift=1", "-cpu", "max"),
+        *("-smp", "1", "-m", "2048"),
         *("-nodefaults", "-no-user-config", "-display", "none", "-no-reboot", "-monitor", "none"),
         *("-serial", f"file:{out / 'console'}", "-serial", "stdio"),
         *("-kernel", str(kernel), "-initrd", str(initrd)),

@@ -5,6 +5,7 @@ They are collected in the guest only, by name: `tests/kernel/test_guest.py` boot
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +15,12 @@ import pytest
 import kernel_trace
 from etd_hal.board import Board
 from etd_hal.compose import Backend, open_linux
-from guest_board import BOARD, MACHINE, Chips, running_chips
+from guest_board import BOARD, FIRST_PROCESSOR, MACHINE, Chips, running_chips
+
+
+@pytest.fixture(scope="session", autouse=True)
+def first_processor() -> None:
+    os.sched_setaffinity(0, FIRST_PROCESSOR)
 
 
 @pytest.fixture(scope="session")

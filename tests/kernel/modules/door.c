@@ -27,7 +27,8 @@
 
 #include "rig.h"
 
-#define MOST_WAITING 4096
+/* Few: what is still to be read when a message comes, lengthens that message's call. */
+#define MOST_WAITING 16
 #define LONGEST_WRITE 65536
 #define PATIENCE (20 * HZ)
 
@@ -93,7 +94,6 @@ static int put_event(enum rig_kind kind, const void *payload, size_t length, u32
 
 void rig_tell(enum rig_kind kind, const void *payload, size_t length)
 {
-	/* Bounded: an answerer that is stuck must not fill the memory. */
 	wait_event(tellers, READ_ONCE(waiting) < MOST_WAITING || !READ_ONCE(is_open));
 	mutex_lock(&lock);
 	if (is_open && put_event(kind, payload, length, 0))
