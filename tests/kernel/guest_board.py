@@ -23,7 +23,11 @@ from etd_hal.fake.trace import header
 TREE = Path(__file__).parents[2]
 BOARD_PATH = TREE / "config/boards/reference-hv507.toml"
 BOARD: BoardFile = load_board(BOARD_PATH)
-MACHINE: MachineFile = load_machine(TREE / "config/machines/rig.toml")
+IS_VIRTUAL_TIME = "User Mode Linux" in Path("/proc/cpuinfo").read_text()
+MACHINE_PATH = TREE / (
+    "tests/kernel/virtual-time.toml" if IS_VIRTUAL_TIME else "config/machines/rig.toml"
+)
+MACHINE: MachineFile = load_machine(MACHINE_PATH)
 _PARAMETERS = Path("/sys/module/rig/parameters")
 _DRIVERS = Path("/sys/bus/platform/drivers")
 WITHIN_S = 30.0

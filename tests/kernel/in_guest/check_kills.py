@@ -20,7 +20,7 @@ from daemon_scene import Daemon, running_daemon
 from etd.client import Display, clock
 from etd_hal.boardfile import load_board
 from etd_hal.fake.trace import header
-from guest_board import TREE, set_parameter
+from guest_board import MACHINE_PATH, TREE, set_parameter
 
 BOARD = load_board(TREE / "config/boards/kajimoto-hv507.toml")
 KILLS = int(os.environ.get("ETD_KILLS", "10"))
@@ -32,9 +32,8 @@ REST_US = BOARD.rest_us - 1
 def daemon() -> Iterator[Daemon]:
     set_parameter("alone", 1)
     kernel_trace.begin()
-    machine = TREE / "config/machines/rig.toml"
     try:
-        with running_daemon(BOARD.name, machine, BOARD.absent_guards) as running:
+        with running_daemon(BOARD.name, MACHINE_PATH, BOARD.absent_guards) as running:
             running.wait_until(engine="there", state="SAFE")
             yield running
     finally:

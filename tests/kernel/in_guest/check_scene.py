@@ -18,13 +18,12 @@ from guest_board import (
     ANSWERED_AFTER_US,
     BOARD,
     BOARD_PATH,
-    TREE,
+    MACHINE_PATH,
     Chips,
     set_parameter,
     trace_header,
 )
 
-MACHINE_PATH = TREE / "config/machines/rig.toml"
 #: Stamps are cut to whole microseconds.
 REST_US = BOARD.rest_us - 1
 
