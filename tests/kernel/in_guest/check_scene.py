@@ -18,6 +18,7 @@ from guest_board import (
     ANSWERED_AFTER_US,
     BOARD,
     BOARD_PATH,
+    IS_VIRTUAL_TIME,
     MACHINE_PATH,
     Chips,
     set_parameter,
@@ -30,7 +31,7 @@ REST_US = BOARD.rest_us - 1
 
 @pytest.fixture
 def daemon(chips: Chips) -> Iterator[Daemon]:
-    set_parameter("spi_answered_after_us", ANSWERED_AFTER_US)
+    set_parameter("spi_answered_after_us", 0 if IS_VIRTUAL_TIME else ANSWERED_AFTER_US)
     try:
         with running_daemon(str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards) as running:
             running.wait_until(engine="there", state="SAFE")
