@@ -17,13 +17,15 @@ import kernel_trace
 import trace_decoder
 import trace_rules
 from daemon_scene import Daemon, running_daemon
-from etd.client import Display, clock
+from etd.client import Display
 from etd_hal.boardfile import load_board
 from etd_hal.fake.trace import header
+from etd_hal.linux.clock import LinuxClock
 from guest_board import MACHINE_PATH, TREE, set_parameter
 
 BOARD = load_board(TREE / "config/boards/kajimoto-hv507.toml")
 KILLS = int(os.environ.get("ETD_KILLS", "10"))
+CLOCK = LinuxClock()
 #: Stamps are cut to whole microseconds.
 REST_US = BOARD.rest_us - 1
 
@@ -46,9 +48,7 @@ def scan_until_killed(daemon: Daemon, after_ns: int) -> int:
     with Display(address=daemon.address, max_current_ua=1_000, width_us=100) as display:
         display.arm()
         display.show_current(currents_ua, ttl_ms=1_000, rate_hz=5, thin=True)
-        kill_ns = clock.now_ns() + after_ns
-        while clock.now_ns() < kill_ns:
-            pass
+        CLOCK.sleep_until_ns(CLOCK.now_ns() + after_ns)
         return daemon.end_engine(signal.SIGKILL)
 
 

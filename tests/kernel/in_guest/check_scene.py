@@ -11,9 +11,10 @@ import kernel_trace
 import trace_decoder
 import trace_rules
 from daemon_scene import Daemon, running_daemon
-from etd.client import Display, clock
+from etd.client import Display
 from etd.errors import Refused
 from etd_hal.fake import wire
+from etd_hal.linux.clock import LinuxClock
 from guest_board import (
     ANSWERED_AFTER_US,
     BOARD,
@@ -25,6 +26,7 @@ from guest_board import (
     trace_header,
 )
 
+CLOCK = LinuxClock()
 #: Stamps are cut to whole microseconds.
 REST_US = BOARD.rest_us - 1
 
@@ -40,13 +42,11 @@ def daemon(chips: Chips) -> Iterator[Daemon]:
         set_parameter("spi_answered_after_us", 0)
 
 
-def try_wearer_stop(chips: Chips, daemon: Daemon) -> None:
+def try_wearer_stop(chips: Chips) -> None:
     """Pressed and released once, before the first arming of a session."""
     for level in (0, 1):
         chips.knock(wire.Press("wearer_stop", level))
-        deadline_ns = clock.now_ns() + 200_000_000
-        while clock.now_ns() < deadline_ns:
-            pass
+        CLOCK.sleep_until_ns(CLOCK.now_ns() + 200_000_000)
 
 
 def felt() -> list[trace_decoder.Phase]:
@@ -65,7 +65,7 @@ def test_a_frame_is_felt_where_and_as_strong_as_it_says_and_a_stop_ends_it(
     with Display(address=daemon.address, max_current_ua=1_000, width_us=100) as display:
         with pytest.raises(Refused, match="wearer's stop has not been tried"):
             display.arm()
-        try_wearer_stop(chips, daemon)
+        try_wearer_stop(chips)
         if display.status().state == "HALTED":
             display.clear()
         display.arm()
