@@ -56,7 +56,7 @@ def scan_until_killed(daemon: Daemon, after_ns: int) -> int:
 def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
     daemon: Daemon,
 ) -> None:
-    chance = random.Random(20_261_121)  # noqa: S311 - moments, not secrets
+    chance = random.Random(20_261_121)
     scanning = 0
     for _ in range(KILLS):
         killed_us = scan_until_killed(daemon, chance.randrange(20_000_000, 600_000_000)) / 1_000

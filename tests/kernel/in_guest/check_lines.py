@@ -11,7 +11,7 @@ from etd_hal.compose import Backend, line_setup, open_linux
 from etd_hal.errors import HardwareMissing
 from guest_board import BOARD, MACHINE, Chips, trace_header
 
-LINES = {name: line for name, line in BOARD.used_lines().items()}
+LINES = BOARD.used_lines()
 NAMES = {line: name for name, line in LINES.items()}
 
 

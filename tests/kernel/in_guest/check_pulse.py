@@ -28,9 +28,7 @@ def starts(message: list[Event]) -> list[Event]:
 
 def rises_us(message: list[Event]) -> list[int]:
     """When chip select rose: the DAC then takes its word."""
-    return [
-        event.t_us for event in message if event.name == "spi_set_cs" and not event.is_active
-    ]
+    return [event.t_us for event in message if event.name == "spi_set_cs" and not event.is_active]
 
 
 def test_the_words_are_sent_in_order_each_in_its_own_chip_select(ports: Backend) -> None:

@@ -69,7 +69,7 @@ def test_a_frame_is_felt_where_and_as_strong_as_it_says_and_a_stop_ends_it(
         if display.status().state == "HALTED":
             display.clear()
         display.arm()
-        display.hold_current(currents_ua, seconds=2.0, rate_hz=5, thin=True)
+        display.hold_current(currents_ua, seconds=0.6, rate_hz=5, thin=True)
         display.stop()
         assert display.status().state == "HALTED"
     daemon.end_engine(signal.SIGTERM)
