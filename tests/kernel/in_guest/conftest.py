@@ -23,7 +23,7 @@ def first_processor() -> None:
     os.sched_setaffinity(0, FIRST_PROCESSOR)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def all_chips() -> Iterator[Chips]:
     # A Unix socket's path has at most 107 bytes: not in pytest's folder.
     with tempfile.TemporaryDirectory(prefix="rig") as folder, running_chips(Path(folder)) as chips:
