@@ -23,6 +23,7 @@ _EVENTS = (
     "spi/spi_transfer_start",
     "spi/spi_transfer_stop",
     "spi/spi_set_cs",
+    "spi/spi_setup",
     "rig/rig_line",
 )
 _BUFFER_KB = 65_536

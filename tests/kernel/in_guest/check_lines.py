@@ -6,6 +6,7 @@ import pytest
 
 import kernel_trace
 import trace_decoder
+import trace_rules
 from etd_hal.board import Board
 from etd_hal.compose import Backend, line_setup, open_linux
 from etd_hal.errors import HardwareMissing
@@ -56,6 +57,22 @@ def test_a_selection_puts_one_output_on_the_source_and_all_others_on_ground(
     everybody = frozenset(range(64))
     assert wires.sides() == (frozenset({output}), everybody - {output})
     assert board.safe_off() == ()
+
+
+def test_on_the_way_into_inverse_polarity_and_out_nothing_is_ever_all_high(
+    board: Board,
+) -> None:
+    """Two calls in, because in one the lines' numbers would decide, and POL comes before BL."""
+    selection = board.selection(5, None)
+    kernel_trace.begin()
+    assert board.safe_off() == ()
+    board.supply_on()
+    board.prepare(selection, whole=True)
+    board.connect(selection, False)
+    board.discharge()
+    assert board.safe_off() == ()
+    records = kernel_trace.records(kernel_trace.events(), trace_header())
+    assert trace_rules.violations(records, BOARD.rest_us) == []
 
 
 def test_the_next_in_chain_order_takes_a_single_clock_line_by_line(board: Board) -> None:

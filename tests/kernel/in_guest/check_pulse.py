@@ -31,6 +31,12 @@ def rises_us(message: list[Event]) -> list[int]:
     return [event.t_us for event in message if event.name == "spi_set_cs" and not event.is_active]
 
 
+def test_the_bus_is_set_to_the_boards_mode_and_to_words_of_8_bits(ports: Backend) -> None:
+    setups = [event.rest for event in kernel_trace.events() if event.name == "spi_setup"]
+    assert "setup mode 1," in setups[-1]
+    assert "8 bits/w" in setups[-1]
+
+
 def test_the_words_are_sent_in_order_each_in_its_own_chip_select(ports: Backend) -> None:
     ports.spi.transfer(pulse_message(CODE, Shape((10, 10, 10), False, 0.0, 0.0)))
     message = only_message()
