@@ -7,9 +7,9 @@ from etd_hal.compose import Backend
 from etd_hal.timing import Shape, pulse_message
 from kernel_trace import Event
 
-#: 1234/4095 of 10 mA; a word is two zero bits, twelve of the code, two that do not count.
-CODE = 1_234
-WORD = bytes((1_234 >> 6, (1_234 & 0x3F) << 2))
+#: 1365/4095 of 10 mA; a word is two zero bits, twelve of the code, two that do not count.
+CODE = 1_365
+WORD = bytes((1_365 >> 6, (1_365 & 0x3F) << 2))
 ZERO = bytes(2)
 
 
