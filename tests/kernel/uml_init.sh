@@ -21,24 +21,24 @@ fail() {
 
 $busybox mount -t sysfs sysfs /sys
 $busybox mount -t devtmpfs devtmpfs /dev
-$busybox mount -t tmpfs tmpfs /mnt
-$busybox mkdir -p /mnt/upper /mnt/work /mnt/new
+$busybox mount -t tmpfs tmpfs /srv
+$busybox mkdir -p /srv/upper /srv/work /srv/new
 $busybox insmod "$module" || fail "the module does not load"
-$busybox mount -t overlay -o "lowerdir=/,upperdir=/mnt/upper,workdir=/mnt/work" \
-    overlay /mnt/new || fail "no layer over the root folder"
-$busybox mount -t proc proc /mnt/new/proc
-$busybox mount -t sysfs sysfs /mnt/new/sys
-$busybox mount -t devtmpfs devtmpfs /mnt/new/dev
-$busybox mkdir -p /mnt/new/dev/shm /mnt/new/dev/pts
-$busybox mount -t tmpfs tmpfs /mnt/new/dev/shm
-$busybox mount -t devpts devpts /mnt/new/dev/pts
-$busybox mount -t tmpfs tmpfs /mnt/new/run
-$busybox mount -t tracefs tracefs /mnt/new/sys/kernel/tracing
-$busybox mkdir -p /mnt/new/run/rig
-$busybox mount -t hostfs -o "$out" none /mnt/new/run/rig || fail "no shared folder"
+$busybox mount -t overlay -o "lowerdir=/,upperdir=/srv/upper,workdir=/srv/work" \
+    overlay /srv/new || fail "no layer over the root folder"
+$busybox mount -t proc proc /srv/new/proc
+$busybox mount -t sysfs sysfs /srv/new/sys
+$busybox mount -t devtmpfs devtmpfs /srv/new/dev
+$busybox mkdir -p /srv/new/dev/shm /srv/new/dev/pts
+$busybox mount -t tmpfs tmpfs /srv/new/dev/shm
+$busybox mount -t devpts devpts /srv/new/dev/pts
+$busybox mount -t tmpfs tmpfs /srv/new/run
+$busybox mount -t tracefs tracefs /srv/new/sys/kernel/tracing
+$busybox mkdir -p /srv/new/run/rig
+$busybox mount -t hostfs -o "$out" none /srv/new/run/rig || fail "no shared folder"
 $busybox ip link set lo up
 
-$busybox chroot /mnt/new /bin/sh /run/rig/command </dev/null >/mnt/new/run/rig/output 2>&1
-echo $? >/mnt/new/run/rig/status
+$busybox chroot /srv/new /bin/sh /run/rig/command </dev/null >/srv/new/run/rig/output 2>&1
+echo $? >/srv/new/run/rig/status
 $busybox sync
 $busybox poweroff -f
