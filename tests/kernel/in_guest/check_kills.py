@@ -52,7 +52,7 @@ def scan_until_killed(daemon: Daemon, after_ns: int) -> int:
         return daemon.end_engine(signal.SIGKILL)
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(100 + 20 * KILLS)
 def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
     daemon: Daemon,
 ) -> None:
