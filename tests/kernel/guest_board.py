@@ -34,6 +34,9 @@ WITHIN_S = 30.0
 #: What is looked at runs on the first processor, what answers and serves on the last.
 FIRST_PROCESSOR = {0}
 LAST_PROCESSOR = {max(os.sched_getaffinity(1))}
+#: What is looked at runs on the first processor, what answers and serves on the last.
+FIRST_PROCESSOR = {0}
+LAST_PROCESSOR = {max(os.sched_getaffinity(1))}
 #: Longer than the answerer takes for any message, so that it is the same for all.
 ANSWERED_AFTER_US = 3_000
 

@@ -16,13 +16,10 @@ from etd.errors import Refused
 from etd_hal.fake import wire
 from etd_hal.linux.clock import LinuxClock
 from guest_board import (
-    ANSWERED_AFTER_US,
     BOARD,
     BOARD_PATH,
-    IS_VIRTUAL_TIME,
     MACHINE_PATH,
     Chips,
-    set_parameter,
     trace_header,
 )
 
@@ -33,13 +30,9 @@ REST_US = BOARD.rest_us - 1
 
 @pytest.fixture
 def daemon(chips: Chips) -> Iterator[Daemon]:
-    set_parameter("spi_answered_after_us", 0 if IS_VIRTUAL_TIME else ANSWERED_AFTER_US)
-    try:
-        with running_daemon(str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards) as running:
-            running.wait_until(engine="there", state="SAFE")
-            yield running
-    finally:
-        set_parameter("spi_answered_after_us", 0)
+    with running_daemon(str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards) as running:
+        running.wait_until(engine="there", state="SAFE")
+        yield running
 
 
 def try_wearer_stop(chips: Chips) -> None:

@@ -6,8 +6,7 @@
  * taken then. After that it is played: the kernel's SPI core makes the order of transfers, the
  * delays and the chip select, and calls transfer_one() for the bits, which take the time that they
  * would take on a Pi. So the answerer's time lies before the pulse and not in it. It is still a
- * part of the call that sends the message, longer for a longer message: `spi_answered_after_us`
- * makes it the same for all.
+ * part of the call that sends the message, except where computing takes no time.
  *
  * What is asked is: u32 chip select, u32 mode, u32 number of transfers; then for each transfer
  * u32 length, u32 speed_hz, u16 delay_us, u8 cs_change, u8 0, and its bytes.
@@ -40,10 +39,6 @@ MODULE_PARM_DESC(spi_stall_at, "the next message stands still before this transf
 static uint spi_stall_ms = 100;
 module_param(spi_stall_ms, uint, 0644);
 MODULE_PARM_DESC(spi_stall_ms, "for so long");
-
-static uint spi_answered_after_us;
-module_param(spi_answered_after_us, uint, 0644);
-MODULE_PARM_DESC(spi_answered_after_us, "play a message so long after it came, or when answered");
 
 struct question {
 	u32 chip_select;
@@ -103,7 +98,6 @@ static size_t lay_out(struct spi_message *message, u8 *asked, size_t *data_bytes
 /* The core calls this once for each message, before chip select falls. */
 static int prepare_message(struct spi_controller *controller, struct spi_message *message)
 {
-	ktime_t played_at = ktime_add_us(ktime_get(), spi_answered_after_us);
 	size_t length, data_bytes;
 	u8 *asked = kmalloc(MOST_ASKED, GFP_KERNEL);
 	int error = -EMSGSIZE;
@@ -114,8 +108,6 @@ static int prepare_message(struct spi_controller *controller, struct spi_message
 	if (length)
 		error = rig_ask(RIG_SPI_MESSAGE, asked, length, answers, data_bytes);
 	kfree(asked);
-	while (spi_answered_after_us && ktime_before(ktime_get(), played_at))
-		cpu_relax();
 	answers_at = 0;
 	transfers_played = 0;
 	return error;
