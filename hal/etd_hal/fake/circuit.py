@@ -109,6 +109,17 @@ class Circuit:
     def take_edges(self, t_ns: int) -> tuple[tuple[Edge, ...], int]:
         return self._header.take_edges(t_ns)
 
+    def drive(self, t_ns: int, line: int, value: int) -> None:
+        """An output that somebody else's request holds: see `Header.drive`."""
+        self._header.drive(t_ns, line, value)
+
+    def sense(self, t_ns: int, line: int) -> int:
+        return self._header.sense(t_ns, line)
+
+    def configure_spi(self, spi: SpiSetup) -> None:
+        """Mode and speed of the messages to come. Raises: BusError (`absent`, `invalid`)."""
+        self._spi.open(spi)
+
     def play(self, t_ns: int, message: Message) -> Generator[int, None, Played]:
         return self._spi.play(t_ns, message)
 
