@@ -51,7 +51,6 @@ def run_engine(
         untested=why_not_armed(selftest, loaded.board, backend.name),
     )
     try:
-        engine.begin()
         problems = _drive(engine, listener, notifier, on_ready)
     finally:
         # Whatever happened: `end` never raises, and is harmless when it ran already.
@@ -79,7 +78,9 @@ def _drive(
     try:
         sensors.start()
         stopper.start()
+        # Timing is calibrated as it will be used: by a thread that is real-time already.
         engine.not_granted = _realtime(engine.loaded)
+        engine.begin()
         notifier.ready(f"SAFE, {engine.loaded.board.name} on {engine.backend.name}")
         on_ready()
         while not asked_to_end:
