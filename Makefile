@@ -14,12 +14,12 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench format install uninstall clean
+.PHONY: help demo test kernel-test bench format install uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
 demo: $(VENV)/ready-daemon ## A moving pattern on the fake board, live in the terminal (SECONDS=10: for so long)
 	$(BIN)/etd demo $(if $(SECONDS),--seconds $(SECONDS))
@@ -30,6 +30,9 @@ test: $(VENV)/ready-dev ## Everything that must hold: format, lint, types, impor
 	$(BIN)/mypy $(ROOTS)
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/pytest
+
+kernel-test: $(VENV)/ready-dev ## Our drivers against real Linux kernels, in virtual machines (docs/kernel-rig.md; ARGS='--guest uml')
+	$(BIN)/python tests/kernel/check.py $(ARGS)
 
 bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)
 	$(BIN)/python tests/bench/run.py $(ARGS)

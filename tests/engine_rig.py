@@ -194,6 +194,7 @@ def make(
     faults: Sequence[Fault] = (),
     stabilizers: Sequence[Stabilizer] = (),
     wrap: Callable[[Backend], Backend] = lambda backend: backend,
+    untested: str | None = None,
 ) -> EngineRig:
     """An engine that has begun, with a gateway attached. `wrap` may put something before a port."""
     loaded = loaded or fake_config(board=board, array=array, electrodes=electrodes)
@@ -210,7 +211,7 @@ def make(
     )
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
     backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
-    engine = Engine(loaded, wrap(backend), stabilizers=stabilizers)
+    engine = Engine(loaded, wrap(backend), stabilizers=stabilizers, untested=untested)
     engine.begin()
     mine, theirs = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
     to_engine: Channel[ToEngine] = Channel(theirs[0], ToEngine)

@@ -15,7 +15,7 @@ import re
 import socket
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from etd.errors import FileError
 
@@ -49,6 +49,16 @@ def state_folder(name: str) -> Path:
     """Where a daemon started now, by this user, keeps calibrations. Raises: FileError."""
     system = SYSTEM_STATE / check_name(name)
     return system if os.access(system, os.W_OK) else _user_state() / name
+
+
+def selftest_file(name: str, backend: Literal["linux", "fake"]) -> Path:
+    """Where the last self-test of this daemon's board is kept. Raises: FileError.
+
+    Beside the gateway's folder, not in it: the operator writes it, and the engine's user reads it.
+    """
+    if backend == "linux" and SYSTEM_STATE.is_dir():
+        return SYSTEM_STATE / f"{check_name(name)}.selftest.json"
+    return _user_state() / check_name(name) / f"selftest-{backend}.json"
 
 
 def control_address(name: str) -> str:

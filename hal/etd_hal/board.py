@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
+from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile, MachineFile, Relays
 from etd_hal.chips import ad5452, ad7276
 from etd_hal.chips.hv507 import HalfBridgeSwitch
@@ -29,8 +29,6 @@ OVERDUE_NS = 1_000_000
 _MAX_REMEMBERED = 2_048
 #: With the DAC at zero the node drains through the leak within microseconds.
 _IDLE_NODE_V = 5.0
-
-StopName = Literal["emergency_stop", "wearer_stop"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,13 @@ Must not know: configuration files other than board and machine, frames, people.
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from etd_hal.bench import Hand, Host
 from etd_hal.boardfile import BoardFile, HalfBridgeLines, MachineFile
 from etd_hal.errors import BusError
 from etd_hal.ports import (
@@ -50,6 +52,16 @@ class Backend:
     lag_ns: Callable[[], int] = lambda: 0
     #: What is worth knowing of the machine, a sentence each.
     facts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """A board as a self-test wants it: the ports, the machine, and (the fake's) hand."""
+
+    backend: Backend
+    host: Host
+    #: None where a person stands at the board.
+    hand: Hand | None
 
 
 class NoMarker:
@@ -169,6 +181,47 @@ def open_fake(
     return _open_in_process(board, electrodes, trace, clock)
 
 
+def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
+    """A real board. Raises: HardwareMissing, BusError.
+
+    Its lines are let go of once, to see what becomes of them: they are at harmless levels then.
+    """
+    # What is missing is told by this, packages included: only then are they imported.
+    open_linux(board, machine).close()
+    from etd_hal.linux.gpio import find_chip, keeps_driving
+    from etd_hal.linux.host import LinuxHost
+
+    keeps_pins = keeps_driving(find_chip(board.gpio_chip_labels), line_setup(board))
+    return Bench(open_linux(board, machine), LinuxHost(machine, keeps_pins), None)
+
+
+def open_fake_bench(
+    board: BoardFile, *, electrodes: Sequence[int], load_ohm: float | None
+) -> Bench:
+    """A fake board on a bench: nobody touches it, and a hand can put a resistor on it.
+
+    One thread drives it and nobody else looks at the clock, so time only steps.
+    """
+    from etd_body.electrode import OPEN_CONTACT
+    from etd_body.minimal import MinimalBody
+    from etd_hal.fake.board import FakeBoard
+    from etd_hal.fake.clock import SteppedClock
+    from etd_hal.fake.hand import FakeHand
+
+    clock = SteppedClock()
+    body = MinimalBody(
+        (OPEN_CONTACT,) * len(electrodes),
+        leak_ohm=board.source.leak_ohm,
+        compliance_v=board.source.compliance_v,
+    )
+    fake = FakeBoard(board, clock, body, electrodes=electrodes)
+    ports = fake.request(line_setup(board), spi_setup(board))
+    backend = Backend(
+        "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close, clock.lag_ns
+    )
+    return Bench(backend, fake.world.host, FakeHand(fake.world, clock, load_ohm))
+
+
 def _open_in_process(
     board: BoardFile, electrodes: Sequence[int], trace: Path | None, clock: BoardClock
 ) -> Backend:
@@ -230,3 +283,10 @@ def system_clock() -> Clock:
     from etd_hal.linux.clock import LinuxClock
 
     return LinuxClock()
+
+
+def wall_time() -> datetime.datetime:
+    """UTC, for what is kept with a date."""
+    from etd_hal.linux import clock
+
+    return clock.wall_time()

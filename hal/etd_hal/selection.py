@@ -74,6 +74,13 @@ class Switch(Protocol):
         """After an error, and after safe_off: the next `prepare` writes everything."""
         ...
 
+    def loop_back(self, sent: int) -> int:
+        """For a self-test: a word as long as the chain, and what came out of its end.
+
+        `clear` puts things right again. Raises BoardFault too, without a line to read it on.
+        """
+        ...
+
     @property
     def safe_changes(self) -> Changes:
         """The lines of this switch that make it safe in one call; may be none."""

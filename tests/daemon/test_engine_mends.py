@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NoReturn
 
 import pytest
 
 from engine_rig import EngineRig
 from engine_scenes import MS, config, fully_open, only, phases
 from etd.stabilize.pipeline import Known, Wish
+from etd_hal.errors import BusError
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -124,7 +126,5 @@ def test_a_board_that_is_gone_for_good_keeps_no_core_busy(make_rig: MakeRig) -> 
     assert rig.clock.now_ns() - before_ns >= 20 * MS
 
 
-def _gone() -> tuple[tuple[str, bool], ...]:
-    from etd_hal.errors import BusError
-
+def _gone() -> NoReturn:
     raise BusError("gone", "the header", "edges")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -117,3 +118,31 @@ def test_lines_that_somebody_holds_are_told_by_function_and_holder(
         linux.open_lines(load_board(KAJIMOTO), SETUP)
     assert caught.value.kind == "busy"
     assert kernel.granted == []
+
+
+class ChipWithPins(ChipFile):
+    """Tells which way its lines point, once they were let go of."""
+
+    def get_line_info(self, line: int) -> SimpleNamespace:
+        ways = gpiod.line.Direction
+        stays = self.label == "pins that stay" and line == 4
+        return SimpleNamespace(offset=line, direction=ways.OUTPUT if stays else ways.INPUT)
+
+
+@pytest.mark.parametrize(
+    ("label", "stay"), [("pins that stay", True), ("pins that become inputs", False)]
+)
+def test_what_becomes_of_outputs_is_seen_by_letting_go_of_them_once(
+    kernel: Kernel, devices: Devices, monkeypatch: pytest.MonkeyPatch, label: str, stay: bool
+) -> None:
+    monkeypatch.setattr(gpiod, "Chip", ChipWithPins)
+    chip = devices(label) / "gpiochip0"
+    assert linux_gpio.keeps_driving(chip, SETUP) is stay
+    assert [request.fd for request in kernel.granted] == [-1, -1]
+
+
+def test_a_chip_that_goes_meanwhile_is_told(kernel: Kernel, devices: Devices) -> None:
+    chip = devices("ENODEV") / "gpiochip0"
+    with pytest.raises(BusError) as caught:
+        linux_gpio.keeps_driving(chip, SETUP)
+    assert caught.value.kind == "gone"

@@ -21,7 +21,14 @@ from pathlib import Path
 from etd.cli import options
 from etd.config import LoadedConfig, fake_config, load_config
 from etd.errors import AlreadyRunning, FileError, PartEnded
-from etd.places import CONTROL, prepare_runtime, runtime_folder, state_folder, why_unreachable
+from etd.places import (
+    CONTROL,
+    prepare_runtime,
+    runtime_folder,
+    selftest_file,
+    state_folder,
+    why_unreachable,
+)
 from etd.shipped import config_dir
 from etd_hal.compose import Backend, open_fake, open_linux, system_clock
 
@@ -63,6 +70,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--part", choices=PARTS, help="run one part in the foreground")
     parser.add_argument(
         "--folder", type=Path, metavar="DIR", help="keep sockets and calibrations in DIR"
+    )
+    parser.add_argument(
+        "--selftest", type=Path, metavar="FILE", help="the self-test's report that arming looks at"
     )
     parser.add_argument("--lifeline", action="store_true", help="end when standard input ends")
     options.add_seconds(parser)
@@ -124,7 +134,7 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
         raise AlreadyRunning(args.name, f"it answers at {folder / CONTROL}")
     for sentence in loaded.mended:
         print(f"mended: {sentence}", file=sys.stderr)
-    both = TwoProcesses(_arguments(args, folder), folder)
+    both = TwoProcesses(_arguments(args, loaded, folder), folder)
     # A second Ctrl-C, too, finds the handlers of `_endings`: nothing breaks off the way to safety.
     with _endings() as wakeup:
         try:
@@ -140,9 +150,10 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
     return 0
 
 
-def _arguments(args: argparse.Namespace, folder: Path) -> list[str]:
+def _arguments(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> list[str]:
     """What the parts are told: the same again."""
     arguments = ["--name", args.name, "--folder", str(folder)]
+    arguments += ["--selftest", str(_selftest_file(args, loaded))]
     if args.board is not None:
         arguments += ["--board", f"fake:{args.board.board or ''}"]
     for key in ("config", "array", "trace", "board_socket"):
@@ -207,7 +218,17 @@ def _safe_command(args: argparse.Namespace, loaded: LoadedConfig) -> list[str]:
 def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
     from etd.engine.process import run_engine
 
-    return run_engine(loaded, _open_backend(args, loaded), folder)
+    selftest = _selftest_file(args, loaded)
+    return run_engine(loaded, _open_backend(args, loaded), folder, selftest)
+
+
+def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
+    """A fake in a folder of its own has its own; a board has one, whoever drives it."""
+    if args.selftest is not None:
+        return Path(args.selftest)
+    if args.folder is not None and loaded.config.backend == "fake":
+        return Path(args.folder) / "state" / "selftest-fake.json"
+    return selftest_file(args.name, loaded.config.backend)
 
 
 def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:

@@ -43,8 +43,10 @@ class Core:
         backend: Backend,
         *,
         stabilizers: Sequence[Stabilizer] = (),
+        untested: str | None = None,
     ) -> None:
         self.loaded = loaded
+        self._untested = untested
         self.clock = BusyClock(backend.clock)
         self.marker = backend.marker
         self.board = Board(loaded.board, loaded.machine, backend.spi, backend.gpio, self.clock)
@@ -177,6 +179,7 @@ class Core:
             tuple(name for name, is_open in stops.items() if is_open),
             self._is_wearer_stop_tried,
             not self.stopper.has_acted,
+            self._untested,
         )
 
     def _climb(

@@ -35,6 +35,8 @@ class Readiness:
     open_stops: tuple[str, ...]
     is_wearer_stop_tried: bool
     is_stopper_alive: bool
+    #: Why the last self-test does not allow it.
+    untested: str | None = None
 
 
 def check_ready(ready: Readiness) -> None:
@@ -45,6 +47,8 @@ def check_ready(ready: Readiness) -> None:
             f"the board has no {', '.join(ready.unaccepted_guards)}: accept each by name in"
             " accept_absent_guards of the configuration, or wire it",
         )
+    if ready.untested is not None:
+        raise Refused("arm_failed", ready.untested)
     if ready.open_stops:
         raise Refused("arm_failed", f"{' and '.join(ready.open_stops)} open: release or plug it in")
     if not ready.is_wearer_stop_tried:

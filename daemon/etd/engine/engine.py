@@ -43,8 +43,10 @@ class Engine(Core):
         *,
         stabilizers: Sequence[Stabilizer] = (),
         feed_watchdog: Callable[[int], None] = lambda _: None,
+        untested: str | None = None,
     ) -> None:
-        super().__init__(loaded, backend, stabilizers=stabilizers)
+        """`untested`: the sentence for which arming is refused, from the last self-test."""
+        super().__init__(loaded, backend, stabilizers=stabilizers, untested=untested)
         self._feed_watchdog = feed_watchdog
         self._beaten_ns = 0
         self._wearer_stop_was_open = False

@@ -20,6 +20,7 @@ from etd.engine.sensors import SensorThread
 from etd.engine.stopper import StopperThread
 from etd.link import Listener
 from etd.notify import Notifier
+from etd.selftest.report import why_not_armed
 from etd_hal.compose import Backend, set_up_realtime, set_up_urgent_thread
 
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -31,19 +32,25 @@ def run_engine(
     loaded: LoadedConfig,
     backend: Backend,
     folder: Path,
+    selftest: Path,
     on_ready: Callable[[], None] = lambda: None,
 ) -> int:
     """Drive the board until SIGTERM, SIGINT or SIGHUP. Main thread only.
 
-    `folder` is the daemon's runtime folder, where the gateway finds the link. Returns the exit
+    `folder` is the daemon's runtime folder, where the gateway finds the link; `selftest` is where
+    the last self-test's report is kept, read once, before anything is driven. Returns the exit
     status: 0, or 1 when the board could not be made safe at the end.
     Raises: AlreadyRunning, BoardFault, BusError; the board has been made safe then.
     """
     listener = Listener(folder)
     notifier = Notifier()
-    engine = Engine(loaded, backend, feed_watchdog=_Feeder(notifier))
+    engine = Engine(
+        loaded,
+        backend,
+        feed_watchdog=_Feeder(notifier),
+        untested=why_not_armed(selftest, loaded.board, backend.name),
+    )
     try:
-        engine.begin()
         problems = _drive(engine, listener, notifier, on_ready)
     finally:
         # Whatever happened: `end` never raises, and is harmless when it ran already.
@@ -71,7 +78,9 @@ def _drive(
     try:
         sensors.start()
         stopper.start()
+        # Timing is calibrated as it will be used: by a thread that is real-time already.
         engine.not_granted = _realtime(engine.loaded)
+        engine.begin()
         notifier.ready(f"SAFE, {engine.loaded.board.name} on {engine.backend.name}")
         on_ready()
         while not asked_to_end:

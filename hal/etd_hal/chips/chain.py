@@ -70,6 +70,24 @@ class Chain:
             self._gpio.set(last_fall if position == 0 and last_fall is not None else self._fall)
         self.held = wanted
 
+    def loop_back(self, sent: int) -> int:
+        """Shift `sent` through the whole chain, then zeros, and return what came out.
+
+        The caller sees to it that the latch is closed; the content is not known afterwards.
+        Raises: BusError; BoardFault on a board that does not read its chain back.
+        """
+        if self._readback is None:
+            raise BoardFault("switch register readback", "absent", "a line for it")
+        self.forget()
+        self.write(sent)
+        self.forget()
+        received = 0
+        for _ in range(self._stages):
+            received = received << 1 | self._gpio.get(self._readback)
+            self._gpio.set(self._rise[0])
+            self._gpio.set(self._fall)
+        return received
+
     def _ensure_low(self, held: int | None) -> None:
         """A call that failed may have left CLK high, and the first rise would be none."""
         if held is None:

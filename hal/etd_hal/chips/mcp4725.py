@@ -1,6 +1,6 @@
 """MCP4725, the 12-bit DAC that sets the rail.
 
-Owns: its fast write and its read. Must not know: what the volts do.
+Owns: its fast write and its reads. Must not know: what the volts do.
 
 The value in its EEPROM is the output at power-up and must be zero; nothing here writes it.
 """
@@ -28,3 +28,9 @@ def read(i2c: I2c, address: int) -> int:
     """The code that its output has now (the status byte comes first). Raises: BusError."""
     received = i2c.transfer(address, b"", 3)
     return received[1] << 4 | received[2] >> 4
+
+
+def read_power_up(i2c: I2c, address: int) -> int:
+    """The code that its EEPROM holds, which is its output after power-up. Raises: BusError."""
+    received = i2c.transfer(address, b"", 5)
+    return (received[3] & 0x0F) << 8 | received[4]

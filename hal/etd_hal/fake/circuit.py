@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Sequence
 
-from etd_body.interface import Sides
+from etd_body.interface import Side, Sides
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.errors import BusError
 from etd_hal.fake.currentpath import CurrentPath
-from etd_hal.fake.faults import Fault, Faults
+from etd_hal.fake.faults import Bridge, Fault, Faults
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.header import Header
 from etd_hal.fake.i2cbus import I2cBus
@@ -46,7 +46,7 @@ class Circuit:
         self.board = board
         self._trace = trace
         self._timeline = Timeline(start_ns, trace)
-        faulty = Faults(faults)
+        self._faults = faulty = Faults(faults)
         self._rail = Rail(board, faulty, start_ns)
         self._switch = self._make_switch(electrodes, faulty, seed)
         self._path = CurrentPath(
@@ -109,6 +109,17 @@ class Circuit:
     def take_edges(self, t_ns: int) -> tuple[tuple[Edge, ...], int]:
         return self._header.take_edges(t_ns)
 
+    def drive(self, t_ns: int, line: int, value: int) -> None:
+        """An output that somebody else's request holds: see `Header.drive`."""
+        self._header.drive(t_ns, line, value)
+
+    def sense(self, t_ns: int, line: int) -> int:
+        return self._header.sense(t_ns, line)
+
+    def configure_spi(self, spi: SpiSetup) -> None:
+        """Mode and speed of the messages to come. Raises: BusError (`absent`, `invalid`)."""
+        self._spi.open(spi)
+
     def play(self, t_ns: int, message: Message) -> Generator[int, None, Played]:
         return self._spi.play(t_ns, message)
 
@@ -141,10 +152,17 @@ class Circuit:
         return HalfBridgeChain(switch.outputs, electrodes, faults, self._outputs_changed, seed=seed)
 
     def _outputs_changed(self, t_ns: int, sides: Sides) -> None:
-        self._path.set_sides(t_ns, sides)
+        self._path.set_sides(t_ns, sides, self._is_bridged(sides))
 
     def _relays_moved(self, t_ns: int, sides: Sides, shorted: bool) -> None:
         if shorted and (self._path.code or self._rail.volts(t_ns) > _RAIL_IS_UP_V):
             what = "both relays of one electrode closed while current can flow"
             self._timeline.complain(t_ns, what)
-        self._path.set_sides(t_ns, sides, shorted)
+        self._path.set_sides(t_ns, sides, shorted or self._is_bridged(sides))
+
+    def _is_bridged(self, sides: Sides) -> bool:
+        """Solder leads from the source to ground."""
+        return any(
+            {sides[bridge.first], sides[bridge.second]} == {Side.SOURCE, Side.GROUND}
+            for bridge in self._faults.of(Bridge)
+        )

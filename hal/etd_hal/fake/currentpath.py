@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from etd_body.interface import Body, Side, Sides
 from etd_hal.boardfile import BoardFile
-from etd_hal.fake.faults import DacGain, Faults
+from etd_hal.fake.faults import AdcScale, DacGain, DacOffset, DacStuck, Faults
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.trace import Trace
 
@@ -83,6 +83,8 @@ class CurrentPath:
         self.settle(t_ns)
         self._follow_rail(t_ns)
         volts = 0.0 if self.shorted else self._body.node_voltage_v(t_ns)
+        for scale in self._faults.of(AdcScale):
+            volts *= scale.factor
         code = round(volts * 1_000_000 / self._source.node_uv_per_code)
         return min(max(code, 0), _ADC_CODES - 1)
 
@@ -95,11 +97,16 @@ class CurrentPath:
 
     def _drive(self, t_ns: int) -> None:
         self._follow_rail(t_ns)
-        current_ua = self.code * self._source.full_scale_ua / (self._source.codes - 1)
+        idle = self._cut or self.shorted
+        self._body.drive(t_ns, 0.0 if idle else self._current_ua(), self._sides)
+
+    def _current_ua(self) -> float:
+        """What the source really makes of the code."""
+        code = next((stuck.code for stuck in self._faults.of(DacStuck)), self.code)
+        current_ua = code * self._source.full_scale_ua / (self._source.codes - 1)
         for gain in self._faults.of(DacGain):
             current_ua *= gain.factor
-        idle = self._cut or self.shorted
-        self._body.drive(t_ns, 0.0 if idle else current_ua, self._sides)
+        return current_ua + sum(offset.offset_ua for offset in self._faults.of(DacOffset))
 
     def _follow_rail(self, t_ns: int) -> None:
         compliance_v = min(float(self._source.compliance_v), self._rail.volts(t_ns))

@@ -85,6 +85,105 @@ class RailOff(_Fault, frozen=True, tag=True):
     factor: float
 
 
+class DacOffset(_Fault, frozen=True, tag=True):
+    """The source makes so much more than it is told, at every code, zero included."""
+
+    offset_ua: float
+
+
+class DacStuck(_Fault, frozen=True, tag=True):
+    """The DAC's output stands at `code`, whatever is sent."""
+
+    code: int
+
+
+class AdcScale(_Fault, frozen=True, tag=True):
+    """The divider in front of the ADC is another one: readings are this multiple."""
+
+    factor: float
+
+
+class SpiMode(_Fault, frozen=True, tag=True):
+    """The bus runs in this mode, whatever was set."""
+
+    mode: Literal[0, 1, 2, 3]
+
+
+class SlowWords(_Fault, frozen=True, tag=True):
+    """Each word takes so much longer."""
+
+    extra_us: int
+
+
+class SpiJitter(_Fault, frozen=True, tag=True):
+    """Every so many messages the kernel comes late, before the first word."""
+
+    every: int
+    late_us: int
+
+
+class MonitorStuck(_Fault, frozen=True, tag=True):
+    """The rail monitor's input stands at what `rail_v` would make."""
+
+    rail_v: float
+
+
+class SetpointAtPowerUp(_Fault, frozen=True, tag=True):
+    """The set-point's EEPROM holds this code, given when the board is made."""
+
+    code: int
+
+
+class EnableStuck(_Fault, frozen=True, tag=True):
+    """The supply is on whatever its enable line says."""
+
+
+class RailStays(_Fault, frozen=True, tag=True):
+    """A supply that was switched off keeps its voltage: the bleeder is open."""
+
+
+class HeartbeatIgnored(_Fault, frozen=True, tag=True):
+    """The gate lets the supply through without any beat."""
+
+
+class HeartbeatRearms(_Fault, frozen=True, tag=True):
+    """The gate has no latch: the supply comes back by itself with the next beat."""
+
+
+class LineCut(_Fault, frozen=True, tag=True):
+    """The wire beyond the pin is cut: the pin moves, the board sees nothing; `name` as above."""
+
+    name: str
+
+
+class SwitchOutput(_Fault, frozen=True, tag=True):
+    """An output of the chain stays where it is: connected to nothing, the source or ground."""
+
+    output: int
+    side: Literal["open", "source", "ground"]
+
+
+class Bridge(_Fault, frozen=True, tag=True):
+    """A drop of solder between two electrodes: on opposite sides they short the source."""
+
+    first: int
+    second: int
+
+
+class MachineTrouble(_Fault, frozen=True, tag=True):
+    """Something is wrong with the machine that the board hangs on."""
+
+    kind: Literal[
+        "hot",
+        "package_missing",
+        "pins_kept",
+        "realtime_refused",
+        "throttled",
+        "under_voltage",
+        "wrong_model",
+    ]
+
+
 Fault = (
     SpiError
     | SpiStall
@@ -96,6 +195,22 @@ Fault = (
     | LostClock
     | LatchIgnored
     | RailOff
+    | DacOffset
+    | DacStuck
+    | AdcScale
+    | SpiMode
+    | SlowWords
+    | SpiJitter
+    | MonitorStuck
+    | SetpointAtPowerUp
+    | EnableStuck
+    | RailStays
+    | HeartbeatIgnored
+    | HeartbeatRearms
+    | LineCut
+    | SwitchOutput
+    | Bridge
+    | MachineTrouble
 )
 
 _F = TypeVar("_F")
@@ -130,6 +245,14 @@ class Faults:
             fault
             for fault in self.of(SpiError) + self.of(SpiStall) + self.of(SpiShort)
             if self._count(fault) == fault.at_message
+        )
+
+    def spi_late_us(self) -> int:
+        """Count a message for those faults that come again and again."""
+        if not self._counts:
+            return 0
+        return sum(
+            fault.late_us for fault in self.of(SpiJitter) if self._count(fault) % fault.every == 0
         )
 
     def edge_is_lost(self, kind: type[LostClock] | type[LatchIgnored]) -> bool:

@@ -15,7 +15,7 @@ import random
 from collections.abc import Callable, Sequence
 
 from etd_body.interface import Side, Sides
-from etd_hal.fake.faults import Faults, LatchIgnored, LostClock
+from etd_hal.fake.faults import Faults, LatchIgnored, LostClock, SwitchOutput
 
 _CACHED_SIDES = 4_096
 
@@ -42,7 +42,7 @@ class HalfBridgeChain:
         self._register = power_up.getrandbits(outputs)
         self._latch = power_up.getrandbits(outputs)
         self._high = 0
-        self._cache: dict[int, Sides] = {}
+        self._cache: dict[tuple[int, tuple[SwitchOutput, ...]], Sides] = {}
         self.sides = self._sides_of(0)
 
     @property
@@ -87,11 +87,14 @@ class HalfBridgeChain:
 
     def _sides_of(self, high: int) -> Sides:
         """One object for one state, as long as the cache lasts: the body caches by identity."""
-        found = self._cache.get(high)
+        stuck = self._faults.of(SwitchOutput)
+        found = self._cache.get((high, stuck))
         if found is None:
             if len(self._cache) >= _CACHED_SIDES:
                 self._cache.clear()
-            found = self._cache[high] = tuple(
-                Side.SOURCE if high >> output & 1 else Side.GROUND for output in self._electrodes
+            stays = {fault.output: Side[fault.side.upper()] for fault in stuck}
+            found = self._cache[high, stuck] = tuple(
+                stays.get(output, Side.SOURCE if high >> output & 1 else Side.GROUND)
+                for output in self._electrodes
             )
         return found

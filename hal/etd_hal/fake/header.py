@@ -9,7 +9,7 @@ from __future__ import annotations
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.fake import pi4
 from etd_hal.fake.currentpath import CurrentPath
-from etd_hal.fake.faults import Faults, StuckLine
+from etd_hal.fake.faults import Faults, LineCut, StuckLine
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.lines import Lines
 from etd_hal.fake.rail import Rail
@@ -98,6 +98,19 @@ class Header:
         edges = self._lines.take_edges()
         return edges, self._timeline.end(t_ns + pi4.GPIO_CALL_NS)
 
+    def drive(self, t_ns: int, line: int, value: int) -> None:
+        """One output changes on a bus that is not ours: a kernel's, which orders them itself."""
+        t_ns = self._timeline.start(t_ns)
+        self._put(t_ns, line, value, exempt=False)
+        self._timeline.end(t_ns)
+
+    def sense(self, t_ns: int, line: int) -> int:
+        """What a line of such a bus reads."""
+        self._timeline.start(t_ns)
+        if self._names.get(line) == "READBACK":
+            return self._stuck("READBACK", self._switch.data_out)
+        return self._stuck(self._names.get(line, ""), self._lines.level(line))
+
     def move_stop(self, stop: StopLine, value: int, at_ns: int | None) -> None:
         """The world opens (0) or closes (1) the loop of a stop line, now or at a time to come."""
         line = self._line_of.get(stop.upper())
@@ -118,6 +131,8 @@ class Header:
         if not self._lines.put(line, value):
             return
         name = self._names.get(line, "")
+        if any(cut.name == name for cut in self._faults.of(LineCut)):
+            return
         level = self._stuck(name, value)
         if name in _SWITCH_LINES:
             if self._path.code and not exempt:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from etd_hal.boardfile import BoardFile
 from etd_hal.errors import BusError
 from etd_hal.fake import pi4
-from etd_hal.fake.faults import I2C_TIMEOUT_NS, Faults
+from etd_hal.fake.faults import I2C_TIMEOUT_NS, Faults, MonitorStuck, SetpointAtPowerUp
 from etd_hal.fake.i2cchips import Ads1115, I2cChip, Mcp4725
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.timeline import Timeline
@@ -35,10 +35,13 @@ class I2cBus:
         self._chips: dict[int, I2cChip] = {}
         monitor = board.guards.rail_monitor
         if monitor != "absent":
-            inputs = _Inputs(monitor.address, monitor.channel, monitor.divider, rail, sensor_v)
+            inputs = _Inputs(
+                monitor.address, monitor.channel, monitor.divider, rail, sensor_v, faults
+            )
             self._chips[monitor.address] = Ads1115(inputs.volts)
         if board.rail_setpoint != "absent":
-            self._chips[board.rail_setpoint.address] = Mcp4725(rail.set_point)
+            stored = next((fault.code for fault in faults.of(SetpointAtPowerUp)), 0)
+            self._chips[board.rail_setpoint.address] = Mcp4725(rail.set_point, stored)
 
     def transfer(
         self, t_ns: int, address: int, write: bytes, read_length: int
@@ -74,7 +77,9 @@ class _Inputs:
         divider: float,
         rail: Rail,
         sensor_v: Callable[[int, int], float],
+        faults: Faults,
     ) -> None:
+        self._faults = faults
         self._address = address
         self._rail_channel = rail_channel
         self._divider = divider
@@ -83,5 +88,8 @@ class _Inputs:
 
     def volts(self, t_ns: int, channel: int) -> float:
         if channel == self._rail_channel:
-            return self._rail.volts(t_ns) / self._divider
+            rail_v = self._rail.volts(t_ns)
+            for stuck in self._faults.of(MonitorStuck):
+                rail_v = stuck.rail_v
+            return rail_v / self._divider
         return self._sensor_v(self._address, channel)

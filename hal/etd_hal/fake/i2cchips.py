@@ -98,16 +98,16 @@ class Ads1115:
 class Mcp4725:
     """A 12-bit DAC; `on_code(t_ns, code)` is called when its output changes.
 
-    The EEPROM holds what the output is after power-up: 0 here, as it must be on a real board.
+    The EEPROM holds what the output is after power-up: `stored`, which must be 0 on a real board.
     """
 
     _READY = 0x80
 
-    def __init__(self, on_code: Callable[[int, int], None]) -> None:
+    def __init__(self, on_code: Callable[[int, int], None], stored: int = 0) -> None:
         self._on_code = on_code
-        self._code = 0
+        self._code = stored
         self._power_down = 0
-        self._stored = 0
+        self._stored = stored
 
     def write(self, t_ns: int, data: bytes) -> None:
         if len(data) < 2:

@@ -48,7 +48,7 @@ class BoardServer:
     def answer(self, client: socket.socket, call: wire.Call | wire.Knock) -> wire.Answer:
         """Execute a call. What is wrong with it is part of the answer."""
         if isinstance(call, wire.Press | wire.Touch | wire.PutIn | wire.AskState):
-            return self._knock(call)
+            return knock_at(self._circuit, call, held=self._holder is not None)
         try:
             if isinstance(call, wire.TakeLines):
                 return self._take_lines(client, call)
@@ -136,24 +136,24 @@ class BoardServer:
             return wire.Failed(end_ns, answer.kind, answer.device, answer.operation, answer.detail)
         return wire.Done(end_ns, reads=(answer,))
 
-    def _knock(self, knock: wire.Knock) -> wire.Answer:
-        world = self._circuit.world
-        match knock:
-            case wire.Press(level=0):
-                world.press(knock.stop, knock.at_ns)
-            case wire.Press():
-                world.release(knock.stop, knock.at_ns)
-            case wire.Touch():
-                kind = cast(ContactKind, knock.kind)
-                contact = Contact(kind, knock.series_ohm, knock.parallel_ohm, knock.capacitance_nf)
-                world.touch(knock.electrode, contact)
-            case wire.PutIn():
-                world.put_in(knock.fault)
-            case wire.AskState():
-                pass
-        circuit = self._circuit
-        held = self._holder is not None
-        return wire.State(tuple(circuit.violations), circuit.dac_code, world.rail_v(), held)
+
+def knock_at(circuit: Circuit, knock: wire.Knock, *, held: bool) -> wire.State:
+    """Do to the world what comes through the second door; the answer is the board's state."""
+    world = circuit.world
+    match knock:
+        case wire.Press(level=0):
+            world.press(knock.stop, knock.at_ns)
+        case wire.Press():
+            world.release(knock.stop, knock.at_ns)
+        case wire.Touch():
+            kind = cast(ContactKind, knock.kind)
+            contact = Contact(kind, knock.series_ohm, knock.parallel_ohm, knock.capacitance_nf)
+            world.touch(knock.electrode, contact)
+        case wire.PutIn():
+            world.put_in(knock.fault)
+        case wire.AskState():
+            pass
+    return wire.State(tuple(circuit.violations), circuit.dac_code, world.rail_v(), held)
 
 
 def serve(server: BoardServer, paths: list[Path]) -> None:

@@ -3,7 +3,8 @@
 Owns: the rail's course in time. Must not know: who reads it.
 
 The rail follows its target with one time constant up and another down. A board without an enable
-line has its supply on from the start.
+line has its supply on from the start. A heartbeat that was lost while the supply was enabled is
+latched: the supply comes back only after the enable line was off.
 """
 
 from __future__ import annotations
@@ -11,7 +12,14 @@ from __future__ import annotations
 from math import exp
 
 from etd_hal.boardfile import BoardFile
-from etd_hal.fake.faults import Faults, RailOff
+from etd_hal.fake.faults import (
+    EnableStuck,
+    Faults,
+    HeartbeatIgnored,
+    HeartbeatRearms,
+    RailOff,
+    RailStays,
+)
 
 #: 272 nF into the 3 M feedback string of the kits' supply, where the file gives no other figure.
 _FALL_TAU_NS = 820_000_000
@@ -38,6 +46,8 @@ class Rail:
             None if guards.heartbeat == "absent" else guards.heartbeat.window_ms * 1_000_000
         )
         self._beat_until_ns = start_ns
+        self._has_beaten = False
+        self._is_latched_off = False
         self._setpoint_code = None if board.rail_setpoint == "absent" else board.rail_setpoint.code
         self._setpoint = 1.0 if self._setpoint_code is None else _LOWEST
         self._faults = faults
@@ -51,6 +61,8 @@ class Rail:
 
     def enable(self, t_ns: int, on: bool) -> None:
         self.volts(t_ns)
+        if on and not self._enabled:
+            self._has_beaten = self._is_latched_off = False
         self._enabled = on
 
     def beat(self, t_ns: int) -> None:
@@ -58,6 +70,7 @@ class Rail:
         if self._window_ns is not None:
             self.volts(t_ns)
             self._beat_until_ns = t_ns + self._window_ns
+            self._has_beaten = self._enabled
 
     def set_point(self, t_ns: int, code: int) -> None:
         """The set-point's DAC changes; the board file's code makes the nominal rail."""
@@ -69,12 +82,17 @@ class Rail:
         """The rail at `t_ns`; never earlier than asked before."""
         if self._window_ns is not None and self._t_ns < self._beat_until_ns < t_ns:
             self._follow(self._beat_until_ns)
+            rearms = bool(self._faults.of(HeartbeatRearms))
+            self._is_latched_off |= self._has_beaten and self._enabled and not rearms
         self._follow(t_ns)
         return self._volts
 
     def _follow(self, t_ns: int) -> None:
         target_v = self._target_v()
         gap_v = self._volts - target_v
+        if gap_v > 0 and self._faults.of(RailStays):
+            self._t_ns = max(t_ns, self._t_ns)
+            return
         tau_ns = self._rise_tau_ns if gap_v < 0 else self._fall_tau_ns
         self._volts = target_v + gap_v * exp(-max(0, t_ns - self._t_ns) / tau_ns)
         if abs(self._volts - target_v) < 0.01:
@@ -83,7 +101,10 @@ class Rail:
 
     def _target_v(self) -> float:
         beating = self._window_ns is None or self._t_ns < self._beat_until_ns
-        if not (self._enabled and beating):
+        beating = beating and not self._is_latched_off
+        beating = beating or bool(self._faults.of(HeartbeatIgnored))
+        enabled = self._enabled or bool(self._faults.of(EnableStuck))
+        if not (enabled and beating):
             return 0.0
         target_v = self._nominal_v * self._setpoint
         for fault in self._faults.of(RailOff):

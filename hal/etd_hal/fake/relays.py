@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 
 from etd_body.interface import Side, Sides
 from etd_hal.boardfile import Relays
-from etd_hal.fake.faults import Faults, LatchIgnored, LostClock
+from etd_hal.fake.faults import Faults, LatchIgnored, LostClock, SwitchOutput
 
 _CACHED_STATES = 4_096
 _SIDE_OF_PAIR = {(0, 0): Side.OPEN, (1, 0): Side.SOURCE, (0, 1): Side.GROUND, (1, 1): Side.SOURCE}
@@ -112,5 +112,8 @@ class RelayChain:
         return found
 
     def _side_of(self, closed: int, channel: int) -> Side:
+        for fault in self._faults.of(SwitchOutput):
+            if fault.output == channel:
+                return Side[fault.side.upper()]
         pair = closed >> 2 * channel
         return _SIDE_OF_PAIR[pair >> self._switch.on_bit & 1, pair >> self._switch.return_bit & 1]

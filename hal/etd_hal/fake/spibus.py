@@ -16,7 +16,15 @@ from etd_hal.fake import pi4
 from etd_hal.fake.ad5452 import Ad5452
 from etd_hal.fake.ad7276 import Ad7276
 from etd_hal.fake.currentpath import CurrentPath
-from etd_hal.fake.faults import Faults, MisoStuck, SpiError, SpiShort, SpiStall
+from etd_hal.fake.faults import (
+    Faults,
+    MisoStuck,
+    SlowWords,
+    SpiError,
+    SpiMode,
+    SpiShort,
+    SpiStall,
+)
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
 from etd_hal.ports import Message, SpiSetup, Transfer
@@ -68,6 +76,7 @@ class SpiBus:
         reads: list[bytes] = []
         sent_bytes = 0
         last = len(message.transfers) - 1
+        t_ns += self._faults.spi_late_us() * 1_000
         t_ns = self._select(t_ns + pi4.MESSAGE_BEFORE_NS)
         for index, transfer in enumerate(message.transfers):
             for fault in faults:
@@ -127,8 +136,10 @@ class SpiBus:
         read = b""
         if transfer.tx:
             t_ns += pi4.CS_TO_CLOCK_NS + pi4.clocking_ns(len(transfer.tx), setup.speed_hz)
-            self._dac.shift(transfer.tx, setup.mode)
-            read = self._adc.shift(len(transfer.tx), setup.mode)
+            t_ns += sum(slow.extra_us * 1_000 for slow in self._faults.of(SlowWords))
+            mode = next((fault.mode for fault in self._faults.of(SpiMode)), setup.mode)
+            self._dac.shift(transfer.tx, mode)
+            read = self._adc.shift(len(transfer.tx), mode)
             for stuck in self._faults.of(MisoStuck):
                 read = (b"\xff" if stuck.level else b"\x00") * len(transfer.tx)
         else:

@@ -6,14 +6,16 @@ Owns: the verbs of that door. Must not know: buses, words.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Protocol
 
 from etd_body.electrode import OPEN_CONTACT, Contact
 from etd_body.interface import Body
+from etd_hal.bench import StopName
 from etd_hal.fake.faults import Fault, Faults
+from etd_hal.fake.host import FakeHost
 from etd_hal.fake.rail import Rail
 
-StopLine = Literal["emergency_stop", "wearer_stop"]
+StopLine = StopName
 
 
 class Touchable(Body, Protocol):
@@ -41,6 +43,8 @@ class World:
         self._move_line = move_line
         self._now_ns = now_ns
         self._inputs_v: dict[tuple[int, int], float] = {}
+        #: The machine that the board hangs on.
+        self.host = FakeHost(faults)
 
     def press(self, stop: StopLine, at_ns: int | None = None) -> None:
         """Open the loop of a stop line; without a time at once."""

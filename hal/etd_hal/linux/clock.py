@@ -5,6 +5,7 @@ Owns: the only place that reads a clock. Must not know: what is waited for.
 
 from __future__ import annotations
 
+import datetime
 import time
 from collections.abc import Callable
 
@@ -33,3 +34,8 @@ class LinuxClock:
             self._sleep_s((remaining_ns - SPIN_NS) / 1e9)
         while self.now_ns() < deadline_ns:
             pass
+
+
+def wall_time() -> datetime.datetime:
+    """The date and time of day, for reports; nothing is ever timed with it."""
+    return datetime.datetime.now(datetime.UTC).replace(microsecond=0)

@@ -192,6 +192,20 @@ def open_gpio(chip: Path, setup: LineSetup) -> LinuxGpio:
     return LinuxGpio(str(chip), outputs, inputs)
 
 
+def keeps_driving(chip: Path, setup: LineSetup) -> bool:
+    """Request the lines, let go of them, and look whether an output is still one.
+
+    Raises: BusError.
+    """
+    open_gpio(chip, setup).close()
+    try:
+        with gpiod.Chip(str(chip)) as opened:
+            infos = [opened.get_line_info(line) for line, _ in setup.outputs]
+    except OSError as error:
+        raise BusError.of(error, str(chip), "looking at released lines") from error
+    return any(info.direction is gpiod_line.Direction.OUTPUT for info in infos)
+
+
 def _request(chip: Path, consumer: str, settings: Settings) -> gpiod.LineRequest:
     return gpiod.request_lines(str(chip), consumer=consumer, config=settings)
 

@@ -1,0 +1,193 @@
+"""`etd selftest`: may this board be put on a person?
+
+Owns: what is asked of the operator, what is printed, and where the report goes. Must not know:
+what is checked (etd.selftest).
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import msgspec
+
+from etd.cli import options
+from etd.cli.run import loaded_config
+from etd.cli.selftest_table import Quiet, Table, table_of
+from etd.config import LoadedConfig
+from etd.places import selftest_file
+from etd.selftest.bed import Asked, Bed, DummyLoad
+from etd.selftest.report import Check, Report, save
+from etd.selftest.run import run as run_stages
+from etd_hal.bench import Hand, StopName
+from etd_hal.compose import Bench, open_fake_bench, open_linux_bench, wall_time
+
+NAME = "selftest"
+HELP = "prove the board in stages of growing risk, before it meets a person"
+EPILOG = """
+examples:
+  etd selftest                                                the board of /etc/etd/main.toml
+  etd selftest --dummy-load 47000 --load-electrodes 0,1       all of it, with a resistor
+  etd selftest --board fake --dummy-load 47000 --load-electrodes 0,1
+
+Without --dummy-load nothing stronger than an imperceptible probe is fired, and what needs a load is
+skipped. With it you say that NO PERSON is connected: the resistor is between the two electrodes,
+and nothing else touches the array. The daemon must not run. docs/bring-up.md goes through it.
+
+A board is armed only after a self-test without a failure and without a skip.
+
+exit status: 0 all passed, 1 a check failed or was skipped, 2 used wrongly, 3 the hardware is not
+there or is in use
+"""
+
+#: Below, the ADC tells too little of it at a probe; above, the leak takes too much.
+LOAD_OHM = (10_000, 100_000)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_name(parser)
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--config", type=Path, metavar="FILE", help="default: /etc/etd/NAME.toml")
+    what.add_argument(
+        "--board", type=options.fake_board, metavar="fake[:BOARD]", help="a fake board on a bench"
+    )
+    parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
+    parser.add_argument(
+        "--dummy-load", type=_load_ohm, metavar="OHM", help="no person is connected, a resistor is"
+    )
+    parser.add_argument(
+        "--load-electrodes", type=_pair, metavar="A,B", help="the two electrodes it is between"
+    )
+    parser.add_argument(
+        "--one-shot-us",
+        type=int,
+        metavar="US",
+        help="what an oscilloscope showed of the one-shot: software cannot see it",
+    )
+    parser.add_argument(
+        "--no-operator", action="store_true", help="nobody is there: what needs a hand is skipped"
+    )
+    parser.add_argument(
+        "--report", type=Path, metavar="FILE", help="keep the report there too, for your records"
+    )
+    options.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Raises: FileError, HardwareMissing, BusError."""
+    loaded = loaded_config(args)
+    asked = _asked(args, loaded)
+    bench = _open(loaded, asked)
+    try:
+        report = _tested(args, loaded, bench, asked)
+    finally:
+        bench.backend.close()
+    kept = selftest_file(args.name, loaded.config.backend)
+    save(report, kept)
+    if args.report is not None:
+        save(report, args.report)
+    _tell(args, report, kept)
+    return 0 if report.passed else 1
+
+
+def _load_ohm(text: str) -> int:
+    low, high = LOAD_OHM
+    if not text.isdecimal() or not low <= int(text) <= high:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high} ohm")
+    return int(text)
+
+
+def _pair(text: str) -> tuple[int, int]:
+    parts = text.split(",")
+    if len(parts) != 2 or not all(part.isdecimal() for part in parts) or parts[0] == parts[1]:
+        raise argparse.ArgumentTypeError(f"{text!r} is not two electrodes (A,B)")
+    return int(parts[0]), int(parts[1])
+
+
+def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> Asked:
+    ohm, pair = args.dummy_load, args.load_electrodes
+    if (ohm is None) != (pair is None):
+        args.misused("--dummy-load and --load-electrodes go together")
+    if ohm is None:
+        return Asked(None, args.one_shot_us)
+    count = loaded.array.count
+    if max(pair) >= count:
+        args.misused(f"--load-electrodes: {loaded.array.name} has electrodes 0 to {count - 1}")
+    if count < 3:
+        args.misused("a load needs an array with a third electrode, that stays open")
+    return Asked(DummyLoad(ohm, *pair), args.one_shot_us)
+
+
+def _open(loaded: LoadedConfig, asked: Asked) -> Bench:
+    """Raises: HardwareMissing, BusError."""
+    if loaded.config.backend == "linux":
+        return open_linux_bench(loaded.board, loaded.machine)
+    load = asked.load
+    bench = open_fake_bench(
+        loaded.board,
+        electrodes=loaded.array.outputs(),
+        load_ohm=None if load is None else load.resistance_ohm,
+    )
+    if load is not None and bench.hand is not None:
+        bench.hand.clip(load.first, load.second)
+    return bench
+
+
+def _tested(args: argparse.Namespace, loaded: LoadedConfig, bench: Bench, asked: Asked) -> Report:
+    table = table_of(is_quiet=args.json)
+    operator = None if args.no_operator else _Operator(table, bench.hand)
+    bed = Bed(loaded, bench, operator, asked)
+    return run_stages(bed, wall_time(), table.check, table.stage)
+
+
+class _Operator:
+    """A person, told what to do; or the fake's hand, which does it."""
+
+    def __init__(self, table: Table | Quiet, hand: Hand | None) -> None:
+        self._table = table
+        self._hand = hand
+
+    def press(self, stop: StopName) -> None:
+        self._table.ask(f"press the {stop.replace('_', ' ')}, and release it")
+        if self._hand is not None:
+            self._hand.press(stop)
+
+    def clip(self, first: int, second: int) -> None:
+        self._table.ask(f"the load between electrode {first} and electrode {second}")
+        if self._hand is not None:
+            self._hand.clip(first, second)
+
+    def stand_back(self) -> None:
+        self._table.ask("HANDS OFF the board: strong pulses go into the load now")
+        if self._hand is not None:
+            self._hand.stand_back()
+
+
+def _tell(args: argparse.Namespace, report: Report, kept: Path) -> None:
+    if args.json:
+        answer = {"ok": report.passed, "kept": str(kept), "report": report}
+        print(msgspec.json.encode(answer).decode())
+        return
+    bad = [check for check in report.checks if not check.is_good]
+    for check in bad:
+        if check.result == "fail":
+            print(f"FAIL {check.title}: {check.measured}\n     {check.advice}")
+    for advice, names in _skipped(bad).items():
+        print(f"SKIP {', '.join(names)}\n     {advice}")
+    if report.absent_guards:
+        print(f"this board has no {', '.join(report.absent_guards)}")
+    for sentence in report.not_seen:
+        print(f"not seen by any check: {sentence}")
+    passed = "passed" if report.passed else f"NOT PASSED: {len(bad)} failed or were skipped"
+    print(
+        f"{report.board} on {report.machine} (backend: {report.backend}): {passed}; kept in {kept}"
+    )
+
+
+def _skipped(checks: list[Check]) -> dict[str, list[str]]:
+    """What is to be done, and what was skipped for want of it."""
+    found: dict[str, list[str]] = {}
+    for check in checks:
+        if check.result == "skip":
+            found.setdefault(check.advice, []).append(check.title)
+    return found

@@ -1,0 +1,123 @@
+"""The board under test: what is known of it, its ports, its load, who stands beside it.
+
+Owns: waiting (with the heartbeat beating and the stop lines watched), and reading the rail.
+Must not know: what is checked, reports, what is printed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from etd.config import LoadedConfig
+from etd_hal.bench import Hand
+from etd_hal.board import Board
+from etd_hal.chips import ads1115
+from etd_hal.compose import Bench
+from etd_hal.errors import BoardFault
+from etd_hal.ports import I2c
+
+MS = 1_000_000
+#: Edges come this often within the monostable's window.
+_BEATS_PER_WINDOW = 4
+_TICK_NS = 5 * MS
+
+
+@dataclass(frozen=True, slots=True)
+class DummyLoad:
+    """A resistor between two electrodes; whoever names it says that no person is connected."""
+
+    resistance_ohm: int
+    first: int
+    second: int
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What the operator said when starting the test."""
+
+    load: DummyLoad | None = None
+    #: What an oscilloscope showed of the one-shot; software cannot see it.
+    one_shot_us: int | None = None
+
+
+class Bed:
+    """See the module. `operator` None: nobody is there to be asked."""
+
+    def __init__(
+        self, loaded: LoadedConfig, bench: Bench, operator: Hand | None, asked: Asked
+    ) -> None:
+        self.loaded = loaded
+        self.file = loaded.board
+        self.host = bench.host
+        self.backend_name = bench.backend.name
+        self.clock = bench.backend.clock
+        self.gpio = bench.backend.gpio
+        self.operator = operator
+        self.asked = asked
+        self.board = Board(
+            loaded.board, loaded.machine, bench.backend.spi, bench.backend.gpio, self.clock
+        )
+        #: Set when the load was found where it should be, and nothing else anywhere.
+        self.is_load_confirmed = False
+        #: The leak as measured beside the load; the board file's until then.
+        self.leak_ohm = float(loaded.board.source.leak_ohm)
+        self._i2c = bench.backend.i2c
+        self._beaten_ns = 0
+
+    @property
+    def free(self) -> list[int]:
+        """The electrodes that nothing should be connected to."""
+        load = self.asked.load
+        taken = () if load is None else (load.first, load.second)
+        return [one for one in range(self.loaded.array.count) if one not in taken]
+
+    @property
+    def i2c(self) -> I2c:
+        """Raises: BoardFault on a board without; the board file's rules keep it from happening."""
+        if self._i2c is None:
+            raise BoardFault("I2C", "not open", "a bus for the chips that the board file names")
+        return self._i2c
+
+    def beat(self) -> None:
+        """One edge of the heartbeat, if it is time for one."""
+        heartbeat = self.file.guards.heartbeat
+        now_ns = self.clock.now_ns()
+        if heartbeat == "absent" or not self.board.is_supply_on:
+            return
+        if now_ns - self._beaten_ns >= heartbeat.window_ms * MS // _BEATS_PER_WINDOW:
+            self._beaten_ns = now_ns
+            self.board.beat()
+
+    def watch_stops(self) -> None:
+        """Raises: BoardFault when a stop line is open."""
+        for name, is_open in self.board.stops().items():
+            if is_open:
+                raise BoardFault(name, "open", "closed during the test")
+
+    def wait_ms(self, duration_ms: float, is_beating: bool = True) -> None:
+        """Sleep, with edges of the heartbeat in between."""
+        self.wait_until(lambda: False, duration_ms, is_beating)
+
+    def wait_until(
+        self, is_done: Callable[[], bool], within_ms: float, is_beating: bool = True
+    ) -> bool:
+        """Look again and again; False when it has not come true in time."""
+        until_ns = self.clock.now_ns() + int(within_ms * MS)
+        while not is_done():
+            now_ns = self.clock.now_ns()
+            if now_ns >= until_ns:
+                return False
+            self.clock.sleep_until_ns(min(until_ns, now_ns + _TICK_NS))
+            if is_beating:
+                self.beat()
+        return True
+
+    def rail_v(self, is_beating: bool = True) -> float:
+        """A fresh reading of the rail's monitor. Raises: BusError, BoardFault without a monitor."""
+        monitor = self.file.guards.rail_monitor
+        if monitor == "absent":
+            raise BoardFault("rail monitor", "absent", "one, to be asked")
+        ads1115.start(self.i2c, monitor.address, monitor.channel)
+        self.wait_ms(ads1115.CONVERSION_NS / MS, is_beating)
+        return ads1115.read_v(self.i2c, monitor.address) * monitor.divider

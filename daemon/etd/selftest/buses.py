@@ -1,0 +1,179 @@
+"""Stage 2, supply off where it can be: the lines, the chips on SPI and I2C, the stop lines.
+
+Owns: that everything answers and nothing is on. Must not know: pulses.
+"""
+
+from __future__ import annotations
+
+from etd.selftest.bed import Bed
+from etd.selftest.log import Log
+from etd_hal.bench import StopName
+from etd_hal.boardfile import HalfBridgeLines
+from etd_hal.chips import ad7276, ads1115, mcp4725
+from etd_hal.errors import BoardFault, BusError
+from etd_hal.timing import zero_message
+
+#: The node with the DAC at zero: the ADC's offset, and no more.
+IDLE_V = 1.0
+_ECHOES = 8
+_OPERATOR_WITHIN_MS = 20_000
+_RELEASED_WITHIN_MS = 5_000
+
+
+def check(bed: Bed, log: Log) -> None:
+    """Raises: BusError, BoardFault, GuardRefusal."""
+    problems = bed.board.safe_off()
+    if _check_echo(bed, log):
+        check_idle(bed, log, "idle_node")
+    log.judge(
+        "safe_state",
+        not problems,
+        "; ".join(problems) or "reached, and verified",
+        "outputs off, DAC at zero, nothing selected",
+        "look at the first thing that did not work; leave the supply off",
+    )
+    if log.stage_failed:
+        return
+    _check_lines(bed, log)
+    _check_monitor(bed, log)
+    _check_setpoint(bed, log)
+    _check_stop(bed, log, "emergency_stop")
+    _check_stop(bed, log, "wearer_stop")
+
+
+def _check_echo(bed: Bed, log: Log) -> bool:
+    """The ADC answers each word with two zeros, twelve bits, two zeros."""
+    advice = "MISO, chip select and SPI mode: 0xffff is a MISO that floats high or is cut"
+    try:
+        codes = _echoes(bed)
+    except BoardFault as fault:
+        return log.judge("spi_echo", False, fault.measured, fault.expected, advice)
+    return log.judge("spi_echo", True, f"{len(codes)} frames, codes up to {max(codes)}")
+
+
+def _echoes(bed: Bed) -> list[int]:
+    message = zero_message()
+    return [ad7276.code_of(bed.board.guard.spi.transfer(message)[0]) for _ in range(_ECHOES)]
+
+
+def check_idle(bed: Bed, log: Log, name: str) -> None:
+    """With the DAC at zero the node is drained by the leak. Raises: BusError, BoardFault."""
+    idle_v = max(_echoes(bed)) * bed.file.source.node_uv_per_code / 1e6
+    log.judge(
+        name,
+        idle_v <= IDLE_V,
+        f"{idle_v:.2f} V with the DAC at zero",
+        f"at most {IDLE_V} V",
+        "the DAC does not go to zero, or the source has an offset: cut the supply",
+    )
+
+
+def _check_lines(bed: Bed, log: Log) -> None:
+    """Each output of the header is moved, and read back at the pin."""
+    wrong = [name for name, level in _moves(bed) if not level]
+    log.judge(
+        "lines",
+        not wrong,
+        f"{', '.join(dict.fromkeys(wrong))} did not follow" if wrong else "each follows",
+        "each output reads back as it is driven",
+        "something else drives this line, or it is shorted: take the board off and look again",
+    )
+
+
+def _moves(bed: Bed) -> list[tuple[str, bool]]:
+    """(line, whether it followed); the DAC stands at zero throughout."""
+    board, used = bed.board, bed.file.used_lines()
+    found: list[tuple[str, bool]] = []
+
+    def look(name: str, level: int) -> None:
+        found.append((name, bed.gpio.get(used[name]) == level))
+
+    board.switch.clear()
+    for name in ("DATA", "CLK", "LE", "HEARTBEAT", "SYNC"):
+        if name in used:
+            for level in (1, 0):
+                board.guard.gpio.set(((used[name], level),))
+                look(name, level)
+    if isinstance(bed.file.switch.lines, HalfBridgeLines):
+        selection = board.selection(0, None)
+        board.switch.forget()
+        board.prepare(selection, whole=True)
+        for is_anodic in (True, False):
+            board.connect(selection, is_anodic)
+            look("BL", 1)
+            look("POL", int(is_anodic))
+            board.discharge()
+            look("BL", 0)
+            look("POL", 1)
+    board.switch.clear()
+    return found
+
+
+def _check_monitor(bed: Bed, log: Log) -> None:
+    monitor = bed.file.guards.rail_monitor
+    if monitor == "absent":
+        log.absent("rail_monitor")
+        return
+    expected = f"an ADS1115 at 0x{monitor.address:02x}"
+    try:
+        ads1115.start(bed.i2c, monitor.address, monitor.channel)
+        bed.wait_ms(ads1115.CONVERSION_NS / 1e6)
+        volts = ads1115.read_v(bed.i2c, monitor.address)
+    except BusError as error:
+        log.judge("rail_monitor", False, str(error), expected, _I2C_ADVICE[error.kind])
+        return
+    log.judge("rail_monitor", True, f"{volts:.3f} V at its input", expected)
+
+
+def _check_setpoint(bed: Bed, log: Log) -> None:
+    setpoint = bed.file.rail_setpoint
+    if setpoint == "absent":
+        return
+    expected = "an MCP4725 that starts at 0 and holds what it is given"
+    try:
+        stored = mcp4725.read_power_up(bed.i2c, setpoint.address)
+        mcp4725.write(bed.i2c, setpoint.address, setpoint.code)
+    except (BusError, BoardFault) as error:
+        kind = error.kind if isinstance(error, BusError) else "io"
+        log.judge("rail_setpoint", False, str(error), expected, _I2C_ADVICE[kind])
+        return
+    log.judge(
+        "rail_setpoint",
+        stored == 0,
+        f"code {stored} at power-up, {setpoint.code} now",
+        expected,
+        "write 0 into its EEPROM: the rail comes up at that code before any program runs",
+    )
+
+
+_I2C_ADVICE = dict.fromkeys(
+    ("absent", "busy", "gone", "invalid", "io", "permission", "short", "timeout", "too_long"),
+    "SDA, SCL, their pulls and the chip's supply; i2cdetect shows who answers",
+)
+
+
+def _check_stop(bed: Bed, log: Log, name: StopName) -> None:
+    """Closed, then seen to open, then closed again."""
+    stops = bed.board.stops()
+    if name not in stops:
+        log.absent(name)
+        return
+    if stops[name]:
+        log.judge(
+            name, False, "open", "closed", "release it, or plug it in: an open loop is a stop"
+        )
+        return
+    if bed.operator is None:
+        log.skip(name, "closed; nobody is there to press it", "run it without --no-operator")
+        return
+    bed.operator.press(name)
+    is_seen = bed.wait_until(lambda: bed.board.stops()[name], _OPERATOR_WITHIN_MS)
+    is_closed = is_seen and bed.wait_until(lambda: not bed.board.stops()[name], _RELEASED_WITHIN_MS)
+    measured = "pressed and released" if is_closed else "pressed, and it stays open"
+    log.judge(
+        name,
+        is_closed,
+        measured if is_seen else f"not seen to open within {_OPERATOR_WITHIN_MS // 1_000} s",
+        "seen to open, and closed again",
+        "measure the loop at the line: the contact must open it",
+    )

@@ -1,0 +1,58 @@
+"""The checks of a self-test as they are made, told to whoever shows progress.
+
+Owns: how a check is written down. Must not know: boards, files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from etd.selftest.report import Check, Result
+
+OnCheck = Callable[[Check], None]
+
+
+class Log:
+    """All checks so far; `stage` is the one that writes."""
+
+    def __init__(self, on_check: OnCheck = lambda _: None) -> None:
+        self.checks: list[Check] = []
+        self.stage = ""
+        self._on_check = on_check
+
+    @property
+    def stage_failed(self) -> bool:
+        return any(one.stage == self.stage and one.result == "fail" for one in self.checks)
+
+    def names(self, result: Result) -> list[tuple[str, str]]:
+        """(stage, name) of all checks with this result."""
+        return [(one.stage, one.name) for one in self.checks if one.result == result]
+
+    def judge(
+        self, name: str, is_good: bool, measured: str, expected: str = "", advice: str = ""
+    ) -> bool:
+        """Pass or fail; the advice is kept only where it is needed."""
+        if is_good:
+            self._add(name, "pass", measured, expected, "")
+        else:
+            self._add(name, "fail", measured, expected, advice)
+        return is_good
+
+    def skip(self, name: str, why: str, advice: str) -> None:
+        self._add(name, "skip", why, "", advice)
+
+    def absent(self, name: str) -> None:
+        """A guard that the board file declares absent."""
+        self._add(name, "absent", "the board file says absent", "", "")
+
+    def _add(self, name: str, result: Result, measured: str, expected: str, advice: str) -> None:
+        check = Check(
+            stage=self.stage,
+            name=name,
+            result=result,
+            measured=measured,
+            expected=expected,
+            advice=advice,
+        )
+        self.checks.append(check)
+        self._on_check(check)

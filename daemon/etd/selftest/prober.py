@@ -1,0 +1,162 @@
+"""One pulse at one electrode, within maxima, ledger and guard, and what the node said of it.
+
+Owns: every pulse of a self-test; how strong a probe is; the ramp up to it.
+Must not know: what is concluded from a pulse.
+
+Nobody says that no person is on the board, so a probe asks for a third of the board file's probe
+bound: a source that makes three times what it is told still stays within it. The ramp up to it
+begins at an eighth of that, where a source 24 times too strong would still be within the bound, and
+goes on only while the node reads as with nothing connected. Skin of 50 k takes so much of the
+current that only a source twice to three times too strong could pass for an open electrode.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd.engine.ledger import Bounds, Entry, Ledger
+from etd.engine.limits import PC_PER_NC, maxima_of
+from etd.selftest.bed import Bed
+from etd.selftest.report import ProbeBound
+from etd_hal.board import Shot
+from etd_hal.errors import BoardFault, GuardRefusal
+
+#: Told, of the bound.
+_PART = 3
+#: The ramp's steps, as divisors of the probe.
+_RAMP = (8, 4, 2, 1)
+#: What the node may be of its open voltage while the ramp goes on; the ADC's steps are added.
+_LEAST, _MOST = 0.6, 1.2
+_RAMP_CODES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """How far it came, and what the node read there."""
+
+    is_good: bool
+    measured: str
+    expected: str
+
+
+class Prober:
+    """See the module. One a self-test: the ledger remembers."""
+
+    def __init__(self, bed: Bed) -> None:
+        self._bed = bed
+        self._maxima = maxima_of(bed.file, bed.loaded.body_site)
+        maxima = self._maxima
+        self._ledger = Ledger(
+            bed.loaded.array.count,
+            Bounds(
+                mean_current_ua=maxima.mean_current_ua,
+                pulses=maxima.rate_hz,
+                on_us=maxima.on_us_per_s,
+                array_mean_current_ua=maxima.array_mean_current_ua,
+                array_on_us=maxima.array_on_us_per_s,
+            ),
+        )
+        self._outputs = bed.loaded.array.outputs()
+        self._is_chain_known = False
+
+    @property
+    def bound(self) -> ProbeBound:
+        maxima = self._maxima
+        return ProbeBound(
+            current_ua=maxima.probe_current_ua,
+            width_us=maxima.probe_width_us,
+            charge_nc=maxima.probe_current_ua * maxima.probe_width_us / PC_PER_NC,
+        )
+
+    @property
+    def probe_ua(self) -> int:
+        """What a probe asks for, whoever is connected."""
+        return self._maxima.probe_current_ua // _PART
+
+    @property
+    def load_probe_ua(self) -> int:
+        """What a probe into a load asks for: the whole bound."""
+        return self._maxima.probe_current_ua
+
+    @property
+    def width_us(self) -> int:
+        return self._maxima.probe_width_us
+
+    @property
+    def strongest_ua(self) -> int:
+        """Into a confirmed load, at `width_us`: what anybody may get here."""
+        return min(self._maxima.current_ua, self._maxima.charge_pc // self.width_us)
+
+    def open_v(self, told_ua: float, leak_ohm: float | None = None) -> float:
+        """The node's voltage with nothing connected."""
+        source = self._bed.file.source
+        return min(told_ua * (leak_ohm or source.leak_ohm) / 1e6, float(source.compliance_v))
+
+    def ramp(self, electrode: int, is_supplied: bool = True) -> Ramp:
+        """Up to the probe at an open electrode, as far as the node reads what it should.
+
+        Without a supply nothing lifts the node: then only too much counts.
+        Raises: BusError, BoardFault, GuardRefusal.
+        """
+        slack_v = _RAMP_CODES * self._bed.file.source.node_uv_per_code / 1e6
+        for divisor in _RAMP:
+            told_ua, shot = self._fire(electrode, self.probe_ua // divisor, True)
+            open_v = self.open_v(told_ua)
+            least_v = open_v * _LEAST - slack_v if is_supplied else 0.0
+            most_v = open_v * _MOST + slack_v
+            is_good = least_v <= shot.voltage_v <= most_v
+            measured = f"{shot.voltage_v:.2f} V at {told_ua} uA"
+            if not is_good:
+                break
+        return Ramp(is_good, measured, f"{max(0.0, least_v):.2f} to {most_v:.2f} V")
+
+    def probe(self, electrode: int, is_anodic: bool = True) -> tuple[int, Shot]:
+        """(told_ua, shot) of the weak probe. Raises: BusError, BoardFault, GuardRefusal."""
+        return self._fire(electrode, self.probe_ua, is_anodic)
+
+    def into_load(self, electrode: int, current_ua: int) -> tuple[int, Shot]:
+        """(told_ua, shot); above the probe only into a confirmed load. Raises: as `probe`."""
+        if current_ua > self.load_probe_ua and not self._bed.is_load_confirmed:
+            raise GuardRefusal(
+                "self-test", f"{current_ua} uA", f"{self.load_probe_ua} uA: no load was found"
+            )
+        return self._fire(electrode, min(current_ua, self.strongest_ua), True)
+
+    def forget_chain(self) -> None:
+        """After the chain was used for something else: the next pulse writes it whole."""
+        self._is_chain_known = False
+
+    def _fire(self, electrode: int, current_ua: int, is_anodic: bool) -> tuple[int, Shot]:
+        bed = self._bed
+        bed.watch_stops()
+        bed.beat()
+        self._book(electrode, current_ua)
+        selection = bed.board.selection(self._outputs[electrode], None)
+        pulse = bed.board.pulse(current_ua, self.width_us)
+        bed.board.guard.permit(current_ua)
+        bed.board.prepare(selection, whole=not self._is_chain_known)
+        self._is_chain_known = True
+        bed.board.connect(selection, is_anodic)
+        shot = bed.board.fire(pulse, selection, is_anodic, current_ua, self.width_us)
+        bed.board.discharge()
+        bed.board.guard.permit(0)
+        self._check_duration(shot)
+        return pulse.told_ua, shot
+
+    def _book(self, electrode: int, current_ua: int) -> None:
+        """Before it is fired, with every return as if it alone carried the current."""
+        now_ns = self._bed.clock.now_ns()
+        entry = Entry(electrode, current_ua * self.width_us, self.width_us, None, 1.0)
+        reason = self._ledger.why_not(entry, now_ns)
+        if reason is not None:
+            raise GuardRefusal("ledger", f"a pulse above the second's {reason}", "a slower test")
+        self._ledger.book(entry, now_ns)
+
+    def _check_duration(self, shot: Shot) -> None:
+        most_us = self._bed.loaded.machine.halt_excess_us
+        if shot.excess_ns > most_us * 1_000:
+            raise BoardFault(
+                "length of a message",
+                f"{shot.excess_ns / 1_000:.0f} us over its plan",
+                f"at most {most_us:.0f} us",
+            )

@@ -1,0 +1,233 @@
+"""Stage 5, no electrode connected: the supply comes, goes, and goes by itself without a heartbeat.
+
+Owns: the order in which the supply's guards are proved. Must not know: how volts are read.
+
+Where a monitor watches the rail it is asked. Where the supply can be switched and nobody watches
+it, the node tells: a probe lifts it only while the supply is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from etd.selftest.bed import MS, Bed
+from etd.selftest.buses import check_idle
+from etd.selftest.log import Log
+from etd.selftest.probe import check_ramp
+from etd.selftest.prober import Prober
+from etd_hal.boardfile import RailMonitor
+
+#: A supply that nobody watches gets this long to come, and to go.
+_UNWATCHED_MS = 10_000
+_UNWATCHED_RISE_MS = 500
+_LOOK_EVERY_MS = 50
+#: Of the node's open voltage: below it the supply is gone, above it it is there.
+_NODE_GONE = 0.1
+
+
+def check(bed: Bed, log: Log, prober: Prober) -> None:
+    """Ends with the supply on. Raises: BusError, BoardFault, GuardRefusal."""
+    guards = bed.file.guards
+    if guards.hv_enable == "absent":
+        log.absent("hv_enable")
+    if guards.rail_monitor == "absent":
+        if guards.hv_enable != "absent":
+            _check_by_node(bed, log, prober)
+    else:
+        _check_by_monitor(bed, log, guards.rail_monitor)
+    if guards.heartbeat == "absent":
+        log.absent("heartbeat")
+    if not log.stage_failed:
+        check_idle(bed, log, "idle_node_live")
+
+
+def _check_by_monitor(bed: Bed, log: Log, monitor: RailMonitor) -> None:
+    if bed.file.guards.hv_enable == "absent":
+        rail_v = bed.rail_v()
+        is_right = monitor.low_v <= rail_v <= monitor.high_v
+        log.judge("rail", is_right, f"{rail_v:.0f} V", _range(monitor), _RAIL_ADVICE)
+        return
+    rail_v = _settled_off(bed, monitor)
+    is_off = log.judge(
+        "off",
+        rail_v < monitor.off_v,
+        f"{rail_v:.1f} V",
+        f"below {monitor.off_v} V with the supply off",
+        "the supply is on although its enable is off, or the monitor's divider is another one",
+    )
+    if is_off and _check_rise(bed, log, monitor) and _check_enable(bed, log, monitor):
+        _check_heartbeat(bed, log, monitor)
+
+
+_ENABLE_ADVICE = (
+    "the enable line does not switch the supply, or its store has no bleeder: cut the supply"
+)
+_GATE_ADVICE = (
+    "the gate does not act: the monostable, its coupling, and the way from it to the supply"
+)
+_LATCH_ADVICE = (
+    "the gate needs a latch that the enable's end clears: a program that hung and goes on would"
+    " have its supply back unasked"
+)
+_RAIL_ADVICE = "look at the supply, its set-point and the monitor's divider"
+
+
+def _range(monitor: RailMonitor) -> str:
+    return f"{monitor.low_v} to {monitor.high_v} V"
+
+
+def _settled_off(bed: Bed, monitor: RailMonitor) -> float:
+    """What is left of a rail that may have been on before the test."""
+    _wait_for(bed, lambda rail_v: rail_v < monitor.off_v, monitor.fall_ms)
+    return bed.rail_v()
+
+
+def _wait_for(bed: Bed, is_there: Callable[[float], bool], within_ms: float) -> float | None:
+    """After how many ms the rail was where it should be; None if it was not in time."""
+    begun_ns = bed.clock.now_ns()
+    while not is_there(bed.rail_v()):
+        if bed.clock.now_ns() - begun_ns > within_ms * MS:
+            return None
+        bed.watch_stops()
+    return (bed.clock.now_ns() - begun_ns) / MS
+
+
+def _check_rise(bed: Bed, log: Log, monitor: RailMonitor, name: str = "rise") -> bool:
+    bed.board.supply_on()
+    bed.beat()
+    took_ms = _wait_for(bed, lambda rail_v: rail_v >= monitor.low_v, monitor.rise_ms)
+    bed.wait_ms(monitor.rise_ms)
+    rail_v = bed.rail_v()
+    is_right = took_ms is not None and monitor.low_v <= rail_v <= monitor.high_v
+    took = "not in time" if took_ms is None else f"after {took_ms:.0f} ms"
+    return log.judge(
+        name,
+        is_right,
+        f"{rail_v:.0f} V, in range {took}",
+        f"{_range(monitor)} within {monitor.rise_ms} ms",
+        _RAIL_ADVICE,
+    )
+
+
+def _check_enable(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
+    """Off by its line alone: the heartbeat goes on."""
+    bed.board.supply_off()
+    took_ms = _wait_falling(bed, monitor, monitor.fall_ms, bed.board.beat)
+    is_good = log.judge(
+        "hv_enable",
+        took_ms is not None,
+        _fell(bed, monitor, took_ms),
+        f"below {monitor.off_v} V within {monitor.fall_ms} ms of the enable line's end",
+        _ENABLE_ADVICE,
+    )
+    return is_good and _check_rise(bed, log, monitor, "rise_again")
+
+
+def _wait_falling(
+    bed: Bed, monitor: RailMonitor, within_ms: float, beat: Callable[[], None]
+) -> float | None:
+    begun_ns = bed.clock.now_ns()
+    while bed.rail_v(is_beating=False) >= monitor.off_v:
+        if bed.clock.now_ns() - begun_ns > within_ms * MS:
+            return None
+        beat()
+    return (bed.clock.now_ns() - begun_ns) / MS
+
+
+def _fell(bed: Bed, monitor: RailMonitor, took_ms: float | None) -> str:
+    if took_ms is None:
+        return f"still {bed.rail_v(is_beating=False):.0f} V"
+    return f"below {monitor.off_v} V after {took_ms:.0f} ms"
+
+
+def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
+    heartbeat = bed.file.guards.heartbeat
+    if heartbeat == "absent":
+        return
+    within_ms = heartbeat.window_ms + monitor.fall_ms
+    took_ms = _wait_falling(bed, monitor, within_ms, lambda: None)
+    is_good = log.judge(
+        "heartbeat",
+        took_ms is not None,
+        _fell(bed, monitor, took_ms),
+        f"below {monitor.off_v} V within {within_ms} ms of the last beat, the enable being on",
+        _GATE_ADVICE,
+    )
+    if not is_good:
+        return
+    bed.wait_ms(monitor.rise_ms)
+    rail_v = bed.rail_v()
+    log.judge(
+        "heartbeat_latch",
+        rail_v < monitor.off_v,
+        f"{rail_v:.0f} V after beating again for {monitor.rise_ms} ms",
+        "it stays off until the enable line was off",
+        _LATCH_ADVICE,
+    )
+    bed.board.supply_off()
+    bed.wait_ms(1)
+    if not log.stage_failed:
+        _check_rise(bed, log, monitor, "rise_after_heartbeat")
+
+
+def _check_by_node(bed: Bed, log: Log, prober: Prober) -> None:
+    """Without a monitor: the supply is there when a probe can lift the node."""
+    if not check_ramp(bed, log, prober, "off_ramp", is_supplied=False):
+        return
+    is_off = _judge_gone(bed, log, prober, "off", "the supply is on though its enable is off")
+    if is_off and _check_node_rises(bed, log, prober, "rise"):
+        bed.board.supply_off()
+        is_off = _judge_gone(bed, log, prober, "hv_enable", _ENABLE_ADVICE)
+        if is_off and _check_node_rises(bed, log, prober, "rise_again"):
+            _check_heartbeat_by_node(bed, log, prober)
+
+
+def _check_heartbeat_by_node(bed: Bed, log: Log, prober: Prober) -> None:
+    """Silent until any store has run down; each look afterwards beats again, in vain."""
+    if bed.file.guards.heartbeat == "absent":
+        return
+    bed.wait_ms(_UNWATCHED_MS, is_beating=False)
+    if not _judge_gone(bed, log, prober, "heartbeat", _GATE_ADVICE):
+        return
+    bed.wait_ms(_UNWATCHED_RISE_MS)
+    if _judge_gone(bed, log, prober, "heartbeat_latch", _LATCH_ADVICE, within_ms=0):
+        bed.board.supply_off()
+        bed.wait_ms(1)
+        _check_node_rises(bed, log, prober, "rise_after_heartbeat")
+
+
+def _check_node_rises(bed: Bed, log: Log, prober: Prober, name: str) -> bool:
+    """Nothing is connected before the node was seen idle with the supply behind it."""
+    bed.board.release()
+    bed.board.supply_on()
+    bed.wait_ms(_UNWATCHED_RISE_MS)
+    check_idle(bed, log, f"{name}_idle")
+    return not log.stage_failed and check_ramp(bed, log, prober, name)
+
+
+def _judge_gone(
+    bed: Bed,
+    log: Log,
+    prober: Prober,
+    name: str,
+    advice: str,
+    within_ms: int = _UNWATCHED_MS,
+) -> bool:
+    """A probe of the open node again and again, until it lifts it no more, or time is over."""
+    bound_v = prober.open_v(prober.probe_ua) * _NODE_GONE
+    read_v = 0.0
+
+    def look() -> bool:
+        nonlocal read_v
+        read_v = prober.probe(bed.free[0])[1].voltage_v
+        bed.wait_ms(_LOOK_EVERY_MS)
+        return read_v < bound_v
+
+    is_good = bed.wait_until(look, within_ms)
+    return log.judge(
+        name,
+        is_good,
+        f"{read_v:.2f} V at {prober.probe_ua} uA",
+        f"below {bound_v:.2f} V within {within_ms} ms",
+        advice,
+    )

@@ -1,0 +1,170 @@
+"""What a self-test found: each check, the report, its file, and whether it lets a board be armed.
+
+Owns: the format of a report, keeping it whole, and the sentence why a board may not be armed.
+Must not know: how anything is checked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from etd.errors import FileError
+from etd_hal.boardfile import BoardFile
+
+Result = Literal["pass", "fail", "skip", "absent"]
+
+#: What no check can see, whatever the board: a person has to, once (docs/bring-up.md).
+NOT_SEEN = (
+    "a wire of POL that is cut beyond the pin: either polarity loads the source alike",
+    "the current through the load itself: all figures lean on the load's value and on the divider",
+    "a source that fails short, and what the supply's store holds then",
+    "pulls: what the lines do while nobody drives them",
+)
+
+
+class Check(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One thing that was looked at. `advice` is empty where nothing is to be done."""
+
+    stage: str
+    name: str
+    result: Result
+    measured: str = ""
+    expected: str = ""
+    advice: str = ""
+
+    @property
+    def is_good(self) -> bool:
+        """A skip is never a pass; a guard that the board file declares absent is no failure."""
+        return self.result in ("pass", "absent")
+
+    @property
+    def title(self) -> str:
+        return f"{self.stage}: {self.name}"
+
+
+class ProbeBound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What no pulse exceeds while no dummy load was found; a third of it is what is asked for."""
+
+    current_ua: int
+    width_us: int
+    charge_nc: float
+
+
+class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A whole self-test, to be kept with a study's records. Lists are in the order of checking."""
+
+    etd_selftest: Literal[1] = 1
+    passed: bool
+    date: datetime.datetime
+    program: str
+    versions: dict[str, str]
+    backend: str
+    board: str
+    #: Of all that the board file says: another file is another board.
+    board_digest: str
+    machine: str
+    machine_facts: tuple[str, ...]
+    absent_guards: tuple[str, ...]
+    bound: ProbeBound
+    dummy_load_ohm: int | None
+    load_electrodes: tuple[int, int] | None
+    not_seen: tuple[str, ...]
+    checks: tuple[Check, ...]
+
+    @property
+    def first_bad(self) -> Check | None:
+        """A failed check before a skipped one."""
+        bad = [check for check in self.checks if not check.is_good]
+        return next((check for check in bad if check.result == "fail"), bad[0] if bad else None)
+
+
+def digest_of(board: BoardFile) -> str:
+    """Of everything that the file says, comments and order of keys apart."""
+    return hashlib.sha256(msgspec.json.encode(board, order="deterministic")).hexdigest()
+
+
+def to_json(report: Report) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
+
+
+def save(report: Report, path: Path) -> None:
+    """Whole or not at all: a power cut leaves the old one or the new one. Raises: FileError."""
+    try:
+        path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        _write_whole(path, to_json(report))
+    except OSError as error:
+        raise FileError(
+            str(path),
+            "",
+            f"the report cannot be kept ({error.strerror})",
+            "run it as the user who owns that folder (sudo on an installed system)",
+        ) from error
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    fd, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-")
+    try:
+        with os.fdopen(fd, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        # The engine's user reads what the operator wrote.
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(temporary)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def load(path: Path) -> Report | None:
+    """None where there is none. Raises: FileError for one that cannot be read."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Report)
+    except FileNotFoundError:
+        return None
+    except (OSError, msgspec.MsgspecError) as error:
+        raise FileError(
+            str(path), "", f"it is not a report of this program ({error})", "run etd selftest"
+        ) from error
+
+
+def why_not_armed(path: Path, board: BoardFile, backend: Literal["linux", "fake"]) -> str | None:
+    """The sentence for which arming is refused; None where the last self-test allows it.
+
+    A fake needs no self-test, because its skin is nobody's; but one that did not pass counts.
+    """
+    try:
+        report = load(path)
+    except FileError as error:
+        return str(error)
+    if report is None or report.board_digest != digest_of(board) or report.backend != backend:
+        if backend == "fake":
+            return None
+        if report is None:
+            return f"this board has not been tested (no {path}): run etd selftest"
+        return (
+            f"the last self-test was of {report.board} as its file was then, on {report.backend}:"
+            " run etd selftest again"
+        )
+    bad = report.first_bad
+    if report.passed and bad is None:
+        return None
+    what = "it was cut short" if bad is None else f"{bad.title} ({bad.result}) {bad.measured}"
+    return (
+        f"the self-test of {report.date:%Y-%m-%d %H:%M} did not pass: {what.strip()}: put it right,"
+        " and run etd selftest again"
+    )

@@ -1,0 +1,117 @@
+"""The stages in order of growing risk, and the way to the safe state after the last one.
+
+Owns: the order, when to stop, and the report. Must not know: what a stage looks at.
+"""
+
+from __future__ import annotations
+
+import datetime
+import sys
+from collections.abc import Callable
+
+from etd.selftest import buses, machine, probe, rail, register, source, switches, timing
+from etd.selftest.bed import Bed
+from etd.selftest.log import Log, OnCheck
+from etd.selftest.prober import Prober
+from etd.selftest.report import NOT_SEEN, Report, digest_of
+from etd.version import __version__
+from etd_hal.errors import BoardFault, BusError, CannotSelect, GuardRefusal
+
+#: In this order; the second of each tells people what comes.
+STAGES = (
+    ("machine", "the machine and its software"),
+    ("buses", "lines, chips and stops, supply off"),
+    ("register", "the chain of switches, blanked"),
+    ("timing", "messages at DAC code 0"),
+    ("rail", "the supply, no electrode connected"),
+    ("probe", "imperceptible probes: what is connected"),
+    ("switches", "imperceptible probes: every electrode"),
+    ("source", "strong pulses into the dummy load"),
+)
+
+
+def run(
+    bed: Bed,
+    date: datetime.datetime,
+    on_check: OnCheck = lambda _: None,
+    on_stage: Callable[[str, str], None] = lambda _name, _what: None,
+) -> Report:
+    """All stages, or as many as may be; the board is safe afterwards whatever happens."""
+    log = Log(on_check)
+    prober = Prober(bed)
+    stages = _stages(bed, log, prober)
+    try:
+        for index, (name, what) in enumerate(STAGES):
+            log.stage = name
+            on_stage(name, what)
+            _run_stage(log, stages[name])
+            if log.stage_failed:
+                _skip_rest(log, name, index)
+                break
+    finally:
+        problems = bed.board.safe_off()
+    log.stage = "end"
+    log.judge(
+        "safe_state",
+        not problems,
+        "; ".join(problems) or "reached, and verified",
+        "outputs off, supply off, DAC at zero",
+        "cut the supply by hand",
+    )
+    return _report(bed, prober, log, date)
+
+
+def _stages(bed: Bed, log: Log, prober: Prober) -> dict[str, Callable[[], None]]:
+    return {
+        "machine": lambda: machine.check(bed, log),
+        "buses": lambda: buses.check(bed, log),
+        "register": lambda: register.check(bed, log),
+        "timing": lambda: timing.check(bed, log),
+        "rail": lambda: rail.check(bed, log, prober),
+        "probe": lambda: probe.check(bed, log, prober),
+        "switches": lambda: switches.check(bed, log, prober),
+        "source": lambda: source.check(bed, log, prober),
+    }
+
+
+def _run_stage(log: Log, stage: Callable[[], None]) -> None:
+    """An error that a stage does not expect ends it, under the name of what raised it."""
+    try:
+        stage()
+    except (BusError, BoardFault, GuardRefusal, CannotSelect) as error:
+        log.judge(_name_of(error), False, str(error), "", "see what it says; then begin again")
+
+
+def _name_of(error: BusError | BoardFault | GuardRefusal | CannotSelect) -> str:
+    if isinstance(error, BoardFault):
+        return error.what.replace(" ", "_")
+    return {BusError: "bus", GuardRefusal: "guard"}.get(type(error), "selection")
+
+
+def _skip_rest(log: Log, failed: str, index: int) -> None:
+    for name, _ in STAGES[index + 1 :]:
+        log.stage = name
+        log.skip("all", f"{failed} failed", "put that right first")
+
+
+def _report(bed: Bed, prober: Prober, log: Log, date: datetime.datetime) -> Report:
+    load = bed.asked.load
+    versions = {"etd": __version__, "python": sys.version.split()[0]}
+    versions |= {name: version or "missing" for name, version in bed.host.packages().items()}
+    return Report(
+        passed=all(check.is_good for check in log.checks),
+        date=date,
+        program=f"etd {__version__}",
+        versions=versions,
+        backend=bed.backend_name,
+        board=bed.file.name,
+        board_digest=digest_of(bed.file),
+        machine=bed.loaded.machine.name,
+        machine_facts=bed.host.facts(),
+        absent_guards=bed.file.absent_guards,
+        bound=prober.bound,
+        dummy_load_ohm=None if load is None else load.resistance_ohm,
+        load_electrodes=None if load is None else (load.first, load.second),
+        not_seen=NOT_SEEN,
+        checks=tuple(log.checks),
+    )

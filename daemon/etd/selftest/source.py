@@ -1,0 +1,151 @@
+"""Stage 8, strong, into the dummy load alone: the source over its range.
+
+Owns: the steps, and what they must look like. Must not know: persons; without a confirmed load
+nothing here fires.
+"""
+
+from __future__ import annotations
+
+import statistics
+
+from etd.selftest.bed import Bed, DummyLoad
+from etd.selftest.log import Log
+from etd.selftest.probe import TOLERANCE
+from etd.selftest.prober import Prober
+from etd_hal.board import Shot
+
+_STEPS = 16
+#: Of the compliance: beyond it the source cannot follow.
+_HEADROOM = 0.8
+_LINEARITY = 0.03
+#: To be well into the compliance with nothing connected.
+_INTO_COMPLIANCE = 1.3
+_CODES = 4_096
+#: To read the sentence, and to take the hands away.
+_STAND_BACK_MS = 5_000
+#: A one-shot's own tolerance.
+_ONE_SHOT_TOLERANCE = 0.2
+
+
+def check(bed: Bed, log: Log, prober: Prober) -> None:
+    """Raises: BusError, BoardFault, GuardRefusal."""
+    load = bed.asked.load
+    if load is None or not bed.is_load_confirmed:
+        for name in ("steps", "linearity", "zero", "adc_bits", "compliance"):
+            log.skip(name, "no load was found", "--dummy-load OHM --load-electrodes A,B")
+    else:
+        _clear_the_board(bed)
+        _check_steps(bed, log, prober, load)
+        _check_compliance(bed, log, prober)
+    _check_one_shot(bed, log)
+
+
+def _clear_the_board(bed: Bed) -> None:
+    if bed.operator is not None:
+        bed.operator.stand_back()
+        bed.wait_ms(_STAND_BACK_MS)
+
+
+def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
+    """A straight line through equal steps, as told against as measured."""
+    beside_ohm = 1 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
+    source = bed.file.source
+    most_ua = min(prober.strongest_ua, int(source.compliance_v * _HEADROOM / beside_ohm * 1e6))
+    shots = [
+        prober.into_load(load.first, most_ua * step // _STEPS) for step in range(1, _STEPS + 1)
+    ]
+    told_ua = [float(told) for told, _ in shots]
+    made_ua = [shot.voltage_v / beside_ohm * 1e6 for _, shot in shots]
+    gain, zero_ua = statistics.linear_regression(told_ua, made_ua)
+    off_ua = max(
+        abs(made - gain * told - zero_ua) for told, made in zip(told_ua, made_ua, strict=True)
+    )
+    step_ua = source.node_uv_per_code / beside_ohm
+    log.judge(
+        "steps",
+        abs(gain - 1) <= TOLERANCE,
+        f"{gain * source.full_scale_ua / (source.codes - 1):.3f} uA a code, up to {most_ua} uA",
+        f"{source.full_scale_ua / (source.codes - 1):.3f} uA a code +-{TOLERANCE:.0%}",
+        f"full_scale_ua of this board is about {gain * source.full_scale_ua:.0f}: put that into a"
+        " board file of yours, and test again",
+    )
+    log.judge(
+        "linearity",
+        off_ua <= _LINEARITY * most_ua + step_ua,
+        f"at most {off_ua:.0f} uA off the line",
+        f"within {_LINEARITY:.0%} of {most_ua} uA",
+        "the source saturates: look at its mirror, and at the rail under load",
+    )
+    log.judge(
+        "zero",
+        abs(zero_ua) <= _LINEARITY * most_ua + step_ua,
+        f"{zero_ua:.0f} uA at code 0",
+        f"0 uA within {_LINEARITY:.0%} of {most_ua} uA",
+        "the source has an offset",
+    )
+    _check_bits(bed, log, [shot for _, shot in shots])
+
+
+def _check_bits(bed: Bed, log: Log, shots: list[Shot]) -> None:
+    """Each low bit of the ADC was seen at both levels; a word moved by one bit hides one."""
+    step_v = bed.file.source.node_uv_per_code / 1e6
+    codes = [round(shot.voltage_v / step_v) for shot in shots]
+    seen_1, seen_0 = 0, 0
+    for code in codes:
+        seen_1 |= code
+        seen_0 |= ~code
+    still = [bit for bit in range(6) if not (seen_1 & seen_0) >> bit & 1]
+    log.judge(
+        "adc_bits",
+        not still,
+        f"bits {still} never moved" if still else f"bits 0 to 5 move, {len(codes)} readings",
+        "each of the low bits at 0 and at 1",
+        "the ADC's word comes moved by a bit: use SPI mode 1, and look at the clock's edges",
+    )
+
+
+def _check_compliance(bed: Bed, log: Log, prober: Prober) -> None:
+    """Into an open electrode: the node stops at the compliance."""
+    source = bed.file.source
+    wanted_ua = int(source.compliance_v * _INTO_COMPLIANCE / bed.leak_ohm * 1e6)
+    if wanted_ua > prober.strongest_ua:
+        log.skip(
+            "compliance",
+            f"{wanted_ua} uA would be needed, {prober.strongest_ua} uA are allowed",
+            "measure the rail by hand",
+        )
+        return
+    _, shot = prober.into_load(bed.free[0], wanted_ua)
+    full_scale_v = (_CODES - 1) * source.node_uv_per_code / 1e6
+    log.judge(
+        "compliance",
+        abs(shot.voltage_v - source.compliance_v) <= TOLERANCE * source.compliance_v
+        and shot.voltage_v < full_scale_v,
+        f"{shot.voltage_v:.0f} V at {wanted_ua} uA with nothing connected",
+        f"{source.compliance_v} V +-{TOLERANCE:.0%}",
+        "the rail is not what the board file says; put the measured figure into compliance_v",
+    )
+
+
+def _check_one_shot(bed: Bed, log: Log) -> None:
+    """No message that the guard lets through lasts as long as a one-shot: a person has to look."""
+    one_shot = bed.file.guards.one_shot
+    if one_shot == "absent":
+        log.absent("one_shot")
+        return
+    seen_us = bed.asked.one_shot_us
+    if seen_us is None:
+        log.skip(
+            "one_shot",
+            f"it acts after {one_shot.on_us} us, and no message that may be sent is as long",
+            "hold the source on by hand, into the load, look at it with an oscilloscope, and say"
+            " what it showed: --one-shot-us US (docs/bring-up.md)",
+        )
+        return
+    log.judge(
+        "one_shot",
+        abs(seen_us - one_shot.on_us) <= _ONE_SHOT_TOLERANCE * one_shot.on_us,
+        f"{seen_us} us, seen by the operator on an oscilloscope",
+        f"{one_shot.on_us} us +-{_ONE_SHOT_TOLERANCE:.0%}",
+        "put it right: it is the only guard that is fast enough",
+    )

@@ -1,0 +1,89 @@
+"""The machine under a real board: its packages, its health, its pins, its rights.
+
+Owns: asking the kernel and the firmware of a Raspberry Pi for each. Must not know: boards, tests.
+`root` stands before every path, so that a test can lay out a machine.
+"""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+
+from etd_hal.bench import Health
+from etd_hal.boardfile import MachineFile
+from etd_hal.linux import machine as this_machine
+from etd_hal.linux.realtime import set_up
+
+_PACKAGES = ("msgspec", "gpiod", "spidev", "smbus2")
+_TEMPERATURE = "sys/class/thermal/thermal_zone0/temp"
+#: Bits 0..3 are of now: under-voltage, capped, throttled, soft temperature limit.
+_THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
+_SLOWER_NOW = 0b1110
+_UNDER_VOLTAGE_NOW = 0b0001
+_HWMON = "sys/class/hwmon"
+
+
+class LinuxHost:
+    """See `bench.Host`. `keeps_pins` was found out by letting go of the lines once."""
+
+    def __init__(
+        self, machine: MachineFile, keeps_pins: bool, root: Path = this_machine.ROOT
+    ) -> None:
+        self._machine = machine
+        self._keeps_pins = keeps_pins
+        self._root = root
+
+    def packages(self) -> dict[str, str | None]:
+        return {name: _version(name) for name in _PACKAGES}
+
+    def problem(self) -> str | None:
+        return this_machine.problem(self._machine, self._root)
+
+    def facts(self) -> tuple[str, ...]:
+        return this_machine.facts(self._root)
+
+    def health(self) -> Health:
+        bits = self._throttled_bits()
+        return Health(
+            temperature_c=self._temperature_c(),
+            is_throttled=None if bits is None else bool(bits & _SLOWER_NOW),
+            is_under_voltage=self._is_under_voltage(bits),
+        )
+
+    def keeps_pins(self) -> bool:
+        return self._keeps_pins
+
+    def set_up_realtime(self, priority: int, core: int | None) -> tuple[str, ...]:
+        return set_up(priority, core)
+
+    def _temperature_c(self) -> float | None:
+        text = self._read(_TEMPERATURE)
+        return int(text) / 1_000 if text.lstrip("-").isdigit() else None
+
+    def _throttled_bits(self) -> int | None:
+        text = self._read(_THROTTLED)
+        try:
+            return int(text, 16)
+        except ValueError:
+            return None
+
+    def _is_under_voltage(self, bits: int | None) -> bool | None:
+        if bits is not None:
+            return bool(bits & _UNDER_VOLTAGE_NOW)
+        for folder in sorted((self._root / _HWMON).glob("hwmon*")):
+            if self._read(f"{_HWMON}/{folder.name}/name") == "rpi_volt":
+                return self._read(f"{_HWMON}/{folder.name}/in0_lcrit_alarm") == "1"
+        return None
+
+    def _read(self, path: str) -> str:
+        try:
+            return (self._root / path).read_text(encoding="ascii").strip()
+        except (OSError, UnicodeDecodeError):
+            return ""
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None

@@ -1,0 +1,94 @@
+"""`etd selftest`: what it prints, where it keeps the report, its exit status."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from etd import cli
+from etd.selftest.report import load
+from etd.selftest.run import STAGES
+
+FULL = ["selftest", "--board", "fake", "--array", "grid-4x4"]
+LOAD = ["--dummy-load", "47000", "--load-electrodes", "0,5"]
+
+
+@pytest.fixture(autouse=True)
+def state(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return tmp_path / "etd" / "main" / "selftest-fake.json"
+
+
+def test_all_passed_is_status_0_and_absent_guards_are_named(
+    capsys: pytest.CaptureFixture[str], state: Path
+) -> None:
+    assert cli.main([*FULL, *LOAD]) == 0
+    told = capsys.readouterr().out
+    for number, (name, what) in enumerate(STAGES, start=1):
+        assert f"{number}/{len(STAGES)} {name}: {what}" in told
+    assert "this board has no emergency_stop, wearer_stop, hv_enable" in told
+    assert f"kajimoto-hv507 on pi4 (backend: fake): passed; kept in {state}" in told
+
+
+def test_a_skip_is_status_1_and_says_what_to_do(
+    capsys: pytest.CaptureFixture[str], state: Path
+) -> None:
+    assert cli.main(FULL) == 1
+    told = capsys.readouterr().out
+    assert "SKIP probe: load_agrees, probe: leak" in told
+    assert "     --dummy-load OHM --load-electrodes A,B\n" in told
+    assert "NOT PASSED: 9 failed or were skipped" in told
+    report = load(state)
+    assert report is not None
+    assert not report.passed
+
+
+def test_with_json_the_answer_is_one_object_and_prompts_go_elsewhere(
+    capsys: pytest.CaptureFixture[str], state: Path, tmp_path: Path
+) -> None:
+    kept = tmp_path / "study" / "board.json"
+    assert cli.main([*FULL, *LOAD, "--json", "--report", str(kept)]) == 0
+    told = capsys.readouterr()
+    answer = json.loads(told.out)
+    assert (answer["ok"], answer["kept"]) == (True, str(state))
+    assert answer["report"]["checks"][0]["stage"] == "machine"
+    assert "the load between electrode 0 and electrode 15" in told.err
+    assert kept.read_bytes() == state.read_bytes()
+
+
+def test_every_guard_of_the_reference_board_is_proved(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["selftest", "--board", "fake:reference-hv507", "--array", "grid-4x4", *LOAD]
+    assert cli.main([*arguments, "--one-shot-us", "250"]) == 0
+    told = capsys.readouterr().out
+    assert "-> press the emergency stop, and release it" in told
+    assert "absent" not in told
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--dummy-load", "47000"],
+        ["--load-electrodes", "0,1"],
+        ["--dummy-load", "9999", "--load-electrodes", "0,1"],
+        ["--dummy-load", "100001", "--load-electrodes", "0,1"],
+        ["--dummy-load", "47k", "--load-electrodes", "0,1"],
+        ["--dummy-load", "47000", "--load-electrodes", "1,1"],
+        ["--dummy-load", "47000", "--load-electrodes", "1"],
+        ["--dummy-load", "47000", "--load-electrodes", "0,16"],
+    ],
+)
+def test_a_load_that_cannot_be_is_used_wrongly(
+    arguments: list[str], capsys: pytest.CaptureFixture[str], state: Path
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*FULL, *arguments])
+    assert ended.value.code == 2
+    assert not state.exists()
+
+
+def test_hardware_that_is_not_there_is_status_3(capsys: pytest.CaptureFixture[str]) -> None:
+    shipped = Path(__file__).parents[2] / "config" / "etd.toml"
+    assert cli.main(["selftest", "--config", str(shipped)]) == 3
+    assert "hardware cannot be used" in capsys.readouterr().err

@@ -1,0 +1,226 @@
+"""The self-test as a whole: what passes, what is skipped, what is asked, and how it ends."""
+
+from __future__ import annotations
+
+import pytest
+
+from board_rig import changed
+from etd.selftest import buses, probe, rail, switches, timing
+from etd.selftest.bed import Bed
+from etd.selftest.log import Log
+from etd.selftest.prober import Prober
+from etd.selftest.report import Check, Report
+from etd.selftest.run import STAGES, run
+from etd_hal.boardfile import GUARDS, Heartbeat
+from etd_hal.errors import GuardRefusal
+from etd_hal.fake.faults import (
+    Bridge,
+    Fault,
+    HeartbeatIgnored,
+    HeartbeatRearms,
+    LineCut,
+    SwitchOutput,
+)
+from selftest_rig import DATE, LOAD_OHM, SelftestRig, bad, selftest_rig
+from stepped_board import shipped_board
+
+BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513")
+
+
+def by_name(report: Report) -> dict[str, Check]:
+    """The last check of each name."""
+    return {check.name: check for check in report.checks}
+
+
+def skipped(report: Report) -> list[str]:
+    return [check.name for check in report.checks if check.result == "skip"]
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_a_board_in_order_passes_with_a_load_and_somebody_to_move_it(board: str) -> None:
+    rig = selftest_rig(board)
+    report = rig.run()
+    assert bad(report) == []
+    assert skipped(report) == []
+    assert report.passed
+    assert (report.board, report.date, report.dummy_load_ohm) == (board, DATE, LOAD_OHM)
+
+
+@pytest.mark.parametrize(
+    ("faults", "failed"),
+    [
+        ([], []),
+        ([HeartbeatIgnored()], [("rail", "heartbeat")]),
+        ([HeartbeatRearms()], [("rail", "heartbeat_latch")]),
+    ],
+)
+def test_a_heartbeat_is_proved_by_the_node_where_nobody_watches_the_rail(
+    faults: list[Fault], failed: list[tuple[str, str]]
+) -> None:
+    beating = Heartbeat(line=27, window_ms=20)
+    file = changed(shipped_board("feetthrough-relay"), "guards", heartbeat=beating)
+    report = selftest_rig("feetthrough-relay", file=file, faults=faults).run()
+    assert bad(report) == failed
+    assert report.passed is not bool(failed)
+
+
+@pytest.mark.parametrize("load_ohm", [10_000, 22_000, 68_000, 100_000])
+def test_any_load_in_the_range_will_do(load_ohm: int) -> None:
+    report = selftest_rig(load_ohm=load_ohm).run()
+    assert (bad(report), report.passed) == ([], True)
+
+
+def test_a_stack_of_256_electrodes_is_walked_as_well() -> None:
+    report = selftest_rig("etactilekit-hv513-x8").run()
+    assert (bad(report), report.passed) == ([], True)
+    assert by_name(report)["every_switch"].measured == "256 electrodes found"
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_it_breaks_no_rule_and_leaves_the_board_at_zero(board: str) -> None:
+    rig = selftest_rig(board)
+    rig.run()
+    assert rig.fake.violations == []
+    assert rig.fake.dac_code == 0
+    if rig.loaded.board.guards.hv_enable != "absent":
+        assert rig.rail_v_after_a_while() < 30
+
+
+def test_stages_come_in_the_order_of_risk() -> None:
+    stages = list(dict.fromkeys(check.stage for check in selftest_rig().run().checks))
+    assert stages == [*(name for name, _ in STAGES), "end"]
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_each_guard_has_a_check_that_proves_it_or_names_it_absent(board: str) -> None:
+    rig = selftest_rig(board)
+    checks = by_name(rig.run())
+    absent = rig.loaded.board.absent_guards
+    found = {name: checks[name].result for name in GUARDS}
+    assert found == {name: "absent" if name in absent else "pass" for name in GUARDS}
+
+
+def test_without_a_load_what_needs_one_is_skipped_and_a_skip_is_no_pass() -> None:
+    rig = selftest_rig(load_ohm=None)
+    report = rig.run()
+    assert bad(report) == []
+    assert not report.passed
+    assert skipped(report) == [
+        "load_agrees",
+        "leak",
+        "ua_per_code",
+        "every_switch",
+        "steps",
+        "linearity",
+        "zero",
+        "adc_bits",
+        "compliance",
+    ]
+    assert rig.most_charge_nc == 0.0
+
+
+def test_without_an_operator_stops_and_switches_are_skipped() -> None:
+    report = selftest_rig(has_operator=False).run()
+    assert bad(report) == []
+    assert skipped(report) == ["emergency_stop", "wearer_stop", "every_switch"]
+    assert not report.passed
+
+
+def test_a_one_shot_that_nobody_looked_at_is_a_skip_with_the_reason() -> None:
+    report = selftest_rig(one_shot_us=None).run()
+    assert skipped(report) == ["one_shot"]
+    assert "no message that may be sent is as long" in by_name(report)["one_shot"].measured
+
+
+def test_strong_pulses_go_only_into_a_load_that_was_found() -> None:
+    with_load = selftest_rig()
+    with_load.run()
+    with_another = selftest_rig(real_load_ohm=60_000)
+    report = with_another.run()
+    assert with_load.most_charge_nc > 100
+    assert bad(report)[0] == ("probe", "load_agrees")
+    assert with_another.most_charge_nc <= report.bound.charge_nc
+
+
+def test_with_somebody_on_the_array_beside_the_load_the_first_weak_pulse_is_the_last() -> None:
+    rig = selftest_rig(on_skin=True)
+    report = rig.run()
+    assert bad(report) == [("probe", "ramp")]
+    assert rig.most_charge_nc < 1.0
+
+
+def test_a_load_that_is_on_a_bridge_is_not_found_to_be_alone() -> None:
+    report = selftest_rig(faults=[Bridge(1, 6)]).run()
+    assert bad(report) == [("probe", "nothing_else")]
+    assert by_name(report)["nothing_else"].measured.startswith("1 differ: 6 (")
+
+
+def test_an_emergency_stop_during_the_test_ends_it() -> None:
+    rig = selftest_rig()
+    rig.clock.at(rig.clock.now_ns() + 7_000_000_000, lambda: rig.fake.world.press("emergency_stop"))
+    report = rig.run()
+    assert [name for _, name in bad(report)] == ["emergency_stop"]
+    assert rig.fake.dac_code == 0
+
+
+def test_what_no_check_can_see_is_said_in_the_report() -> None:
+    report = selftest_rig(faults=[LineCut("POL")]).run()
+    assert report.passed
+    assert any("POL" in sentence for sentence in report.not_seen)
+
+
+def test_an_error_ends_in_the_safe_state_all_the_same() -> None:
+    rig = selftest_rig()
+    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+
+    def interrupt(name: str, _what: str) -> None:
+        if name == "probe":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(bed, DATE, on_stage=interrupt)
+    assert not bed.board.is_supply_on
+    assert rig.rail_v_after_a_while() < 30
+
+
+def bed_after_rail(rig: SelftestRig, log: Log) -> tuple[Bed, Prober]:
+    """A bed as the probes find it: timed, the supply on."""
+    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+    prober = Prober(bed)
+    buses.check(bed, log)
+    timing.check(bed, log)
+    rail.check(bed, log, prober)
+    return bed, prober
+
+
+def test_nothing_strong_is_fired_before_the_load_was_found() -> None:
+    rig = selftest_rig()
+    bed, prober = bed_after_rail(rig, Log())
+    with pytest.raises(GuardRefusal, match="no load was found"):
+        prober.into_load(1, 301)
+    assert rig.most_charge_nc == 0.0
+    bed.board.safe_off()
+
+
+@pytest.mark.parametrize(
+    ("real_load_ohm", "is_confirmed"), [(47_000.0, True), (44_000.0, True), (60_000.0, False)]
+)
+def test_a_load_is_confirmed_by_its_resistance(real_load_ohm: float, is_confirmed: bool) -> None:
+    rig, log = selftest_rig(real_load_ohm=real_load_ohm), Log()
+    bed, prober = bed_after_rail(rig, log)
+    log.stage = "probe"
+    probe.check(bed, log, prober)
+    assert bed.is_load_confirmed is is_confirmed
+    bed.board.safe_off()
+
+
+def test_a_walk_that_did_not_find_every_switch_leaves_no_confirmed_load() -> None:
+    rig, log = selftest_rig(faults=[SwitchOutput(9, "open")]), Log()
+    bed, prober = bed_after_rail(rig, log)
+    log.stage = "probe"
+    probe.check(bed, log, prober)
+    assert bed.is_load_confirmed
+    log.stage = "switches"
+    switches.check(bed, log, prober)
+    assert not bed.is_load_confirmed
+    bed.board.safe_off()

@@ -1,0 +1,66 @@
+"""The machine under a real board, as its kernel and firmware tell it; laid out in a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from board_rig import machine_file
+from etd_hal.bench import Health
+from etd_hal.linux.host import LinuxHost
+
+
+def host(root: Path, **files: str) -> LinuxHost:
+    """Files by a short name: temp, throttled, alarm."""
+    places = {
+        "temp": "sys/class/thermal/thermal_zone0/temp",
+        "throttled": "sys/devices/platform/soc/soc:firmware/get_throttled",
+        "name": "sys/class/hwmon/hwmon1/name",
+        "alarm": "sys/class/hwmon/hwmon1/in0_lcrit_alarm",
+    }
+    for name, text in files.items():
+        path = root / places[name]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return LinuxHost(machine_file(), keeps_pins=False, root=root)
+
+
+def test_a_raspberry_pi_in_order(tmp_path: Path) -> None:
+    found = host(tmp_path, temp="48312\n", throttled="0\n").health()
+    assert found == Health(temperature_c=48.312, is_throttled=False, is_under_voltage=False)
+
+
+@pytest.mark.parametrize(
+    ("bits", "is_throttled", "is_under_voltage"),
+    [("1", False, True), ("2", True, False), ("4", True, False), ("8", True, False)],
+)
+def test_what_is_wrong_now_counts(
+    tmp_path: Path, bits: str, is_throttled: bool, is_under_voltage: bool
+) -> None:
+    found = host(tmp_path, temp="48312", throttled=bits).health()
+    assert (found.is_throttled, found.is_under_voltage) == (is_throttled, is_under_voltage)
+
+
+def test_what_was_wrong_since_boot_does_not(tmp_path: Path) -> None:
+    found = host(tmp_path, throttled="f0000").health()
+    assert (found.is_throttled, found.is_under_voltage) == (False, False)
+
+
+@pytest.mark.parametrize(("alarm", "is_under_voltage"), [("0\n", False), ("1\n", True)])
+def test_where_the_firmware_does_not_tell_the_voltage_sensor_does(
+    tmp_path: Path, alarm: str, is_under_voltage: bool
+) -> None:
+    found = host(tmp_path, name="rpi_volt\n", alarm=alarm).health()
+    assert found == Health(None, None, is_under_voltage)
+
+
+def test_what_a_kernel_does_not_tell_is_not_known(tmp_path: Path) -> None:
+    assert host(tmp_path).health() == Health(None, None, None)
+    assert host(tmp_path, temp="hot", throttled="what").health() == Health(None, None, None)
+
+
+def test_packages_are_named_with_their_versions(tmp_path: Path) -> None:
+    packages = host(tmp_path).packages()
+    assert set(packages) == {"msgspec", "gpiod", "spidev", "smbus2"}
+    assert packages["msgspec"]

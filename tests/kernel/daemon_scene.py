@@ -1,0 +1,149 @@
+"""A whole daemon on the guest's real buses: engine, gateway, and `etd safe` after them.
+
+Owns: its configuration, its processes, waiting for what they say. Must not know: what is shown.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from etd.client import Display, clock
+from etd.errors import EtdError
+from etd.protocol import StateReport
+from guest_board import LAST_PROCESSOR, TREE, WITHIN_S
+
+CONFIG = """
+backend = "linux"
+board = "{board}"
+machine = "{machine}"
+array = "grid-8x8"
+body_site = "fingertip"
+accept_absent_guards = [{accepted}]
+operators = []
+
+[engine]
+core = 0
+priority = 80
+"""
+
+
+@dataclass
+class Daemon:
+    """Engine and gateway in one folder."""
+
+    folder: Path
+    config: Path
+    nursery: subprocess.Popen[str]
+    gateway: subprocess.Popen[bytes]
+    engine_pid: int = field(default=0)
+
+    @property
+    def address(self) -> str:
+        return f"ipc://{self.folder / 'control.sock'}"
+
+    def start_engine(self) -> None:
+        """Returns when it drives the board."""
+        assert self.nursery.stdin is not None
+        self.nursery.stdin.write("start\n")
+        self.nursery.stdin.flush()
+        said = self._said()
+        assert said.startswith("ready "), f"the engine does not start: {said!r}"
+        self.engine_pid = int(said.split()[1])
+
+    def end_engine(self, number: signal.Signals) -> int:
+        """Send a signal; when it was sent. Returns when the process is gone."""
+        os.kill(self.engine_pid, number)
+        sent_ns = clock.now_ns()
+        assert self._said() == "ended"
+        self.engine_pid = 0
+        return sent_ns
+
+    def _said(self) -> str:
+        assert self.nursery.stdout is not None
+        return self.nursery.stdout.readline().strip()
+
+    def wait_until(self, **fields: object) -> StateReport:
+        """The first state report in which these fields say so."""
+        deadline_ns = clock.now_ns() + int(WITHIN_S * 1e9)
+        said: object = None
+        while clock.now_ns() < deadline_ns:
+            try:
+                with Display(address=self.address) as display:
+                    said = report = display.status()
+            except EtdError as error:
+                said = error
+                continue
+            if all(getattr(report, key) == value for key, value in fields.items()):
+                return report
+        raise AssertionError(f"never {fields}: {said}")
+
+    def make_safe(self) -> subprocess.CompletedProcess[str]:
+        """`etd safe`, as the unit's ExecStopPost= runs it."""
+        return subprocess.run(
+            [sys.executable, "-m", "etd", "safe", "--config", str(self.config)],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=WITHIN_S,
+            check=False,
+        )
+
+
+@contextmanager
+def running_daemon(board: str, machine: Path, accepted: tuple[str, ...]) -> Iterator[Daemon]:
+    """A gateway, and engines on request; all ended at the end."""
+    with ExitStack() as stack:
+        # A Unix socket's path has at most 107 bytes: not in pytest's folder.
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="etd")))
+        config = folder / "etd.toml"
+        quoted = ", ".join(f'"{name}"' for name in accepted)
+        config.write_text(CONFIG.format(board=board, machine=machine, accepted=quoted))
+        nursery = subprocess.Popen(
+            [
+                *(sys.executable, str(TREE / "tests/kernel/engine_nursery.py")),
+                *(str(config), str(folder)),
+            ],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        stack.callback(_end, nursery)
+        gateway = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "etd", "run", "--part", "gateway"),
+                *("--config", str(config), "--folder", str(folder)),
+            ],
+            stdin=subprocess.DEVNULL,
+        )
+        stack.callback(_end, gateway)
+        os.sched_setaffinity(gateway.pid, LAST_PROCESSOR)
+        running = Daemon(folder, config, nursery, gateway)
+        running.start_engine()
+        try:
+            yield running
+        finally:
+            if running.engine_pid:
+                running.end_engine(signal.SIGTERM)
+
+
+def _end(process: subprocess.Popen[str] | subprocess.Popen[bytes]) -> None:
+    if process.stdin is not None:
+        process.stdin.close()
+    else:
+        process.terminate()
+    try:
+        process.wait(WITHIN_S)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+        if process.stdout is not None:
+            process.stdout.close()

@@ -1,0 +1,111 @@
+"""What the tests in the guest share: the chips behind the buses, and the kernel's other handles.
+
+Owns: starting the answerer, the module's parameters, unplugging. Must not know: what is tested.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
+from etd_hal.fake import wire
+from etd_hal.fake.trace import header
+
+TREE = Path(__file__).parents[2]
+BOARD_PATH = TREE / "config/boards/reference-hv507.toml"
+BOARD: BoardFile = load_board(BOARD_PATH)
+IS_VIRTUAL_TIME = "User Mode Linux" in Path("/proc/cpuinfo").read_text()
+MACHINE_PATH = TREE / (
+    "tests/kernel/virtual-time.toml" if IS_VIRTUAL_TIME else "config/machines/rig.toml"
+)
+MACHINE: MachineFile = load_machine(MACHINE_PATH)
+_PARAMETERS = Path("/sys/module/rig/parameters")
+_DRIVERS = Path("/sys/bus/platform/drivers")
+WITHIN_S = 30.0
+#: What is looked at runs on the first processor, what answers and serves on the last.
+FIRST_PROCESSOR = {0}
+LAST_PROCESSOR = {max(os.sched_getaffinity(1))}
+#: What is looked at runs on the first processor, what answers and serves on the last.
+FIRST_PROCESSOR = {0}
+LAST_PROCESSOR = {max(os.sched_getaffinity(1))}
+#: Longer than the answerer takes for any message, so that it is the same for all.
+ANSWERED_AFTER_US = 3_000
+
+
+def trace_header() -> dict[str, Any]:
+    """What the decoder needs to know of the board."""
+    found = json.loads(header(BOARD, range(BOARD.switch.outputs)))
+    assert isinstance(found, dict)
+    return found
+
+
+def set_parameter(name: str, value: int) -> None:
+    """A parameter of the module: its faults, mostly."""
+    (_PARAMETERS / name).write_text(str(value))
+
+
+@contextmanager
+def unplugged(bus: Literal["rig-gpio", "rig-spi", "rig-i2c"]) -> Iterator[None]:
+    """The bus's device goes away from its driver, and comes back."""
+    (_DRIVERS / bus / "unbind").write_text(bus)
+    try:
+        yield
+    finally:
+        (_DRIVERS / bus / "bind").write_text(bus)
+
+
+@dataclass(frozen=True)
+class Chips:
+    """The running answerer."""
+
+    door: Path
+    trace: Path
+    process: subprocess.Popen[bytes]
+
+    def knock(self, knock: wire.Knock) -> wire.State:
+        """Do something to the world behind the board; the answer is the board's state."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as door:
+            door.settimeout(WITHIN_S)
+            door.connect(str(self.door))
+            door.send(wire.encode(knock))
+            answer = wire.decode_answer(door.recv(wire.MAX_DATAGRAM_BYTES))
+        assert isinstance(answer, wire.State)
+        return answer
+
+    def state(self) -> wire.State:
+        return self.knock(wire.AskState())
+
+
+@contextmanager
+def running_chips(folder: Path) -> Iterator[Chips]:
+    """The answerer, for as long as it is needed."""
+    door, trace = folder / "door.sock", folder / "chips.trace.jsonl"
+    process = subprocess.Popen(
+        [
+            *(sys.executable, str(TREE / "tests/kernel/answerer.py"), "--board", str(BOARD_PATH)),
+            *("--door", str(door), "--trace", str(trace)),
+        ],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    try:
+        os.sched_setaffinity(process.pid, LAST_PROCESSOR)
+        assert process.stdout.readline() == b"answering\n", "the answerer does not start"
+        # It stands for hardware: nothing else makes it wait.
+        os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(50))
+        yield Chips(door, trace, process)
+        assert process.poll() is None, "the answerer has ended in between"
+    finally:
+        process.terminate()
+        process.wait(WITHIN_S)
+        process.stdout.close()

@@ -1,0 +1,60 @@
+"""How wide pulses are, in virtual time: what the kernel makes of what the calibration promised.
+
+Computing takes no time here, so what is measured is the kernel's own delays and the bits, to the
+microsecond and the same in every run. Tracing costs time: it is on before the calibration.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+import kernel_trace
+from etd_hal.board import Board
+from etd_hal.compose import Backend
+
+CURRENT_UA = 300
+PULSES = 200
+#: So that no electrode gets more pulses a second than the board allows.
+REST_NS = 6_000_000
+
+
+def widths_us() -> list[int]:
+    """Of every message with current: from the rise after its word to the rise after its zero."""
+    found = []
+    for message in kernel_trace.messages(kernel_trace.events()):
+        words = [event.tx for event in message if event.name == "spi_transfer_start" and event.tx]
+        rises = [
+            event.t_us for event in message if event.name == "spi_set_cs" and not event.is_active
+        ]
+        assert len(words) == len(rises)
+        if words[0] != bytes(2):
+            found.append(rises[-1] - rises[0])
+    return found
+
+
+@pytest.mark.parametrize("width_us", [20, 50, 100, 150, 200])
+def test_a_pulse_is_as_wide_as_asked_within_a_microsecond(
+    board: Board, ports: Backend, width_us: int
+) -> None:
+    board.calibrate()
+    board.supply_on()
+    board.guard.permit(CURRENT_UA)
+    selection = board.selection(7, None)
+    pulse = board.pulse(CURRENT_UA, width_us)
+    kernel_trace.begin()
+    for _ in range(PULSES):
+        board.prepare(selection, whole=False)
+        board.connect(selection, True)
+        board.fire(pulse, selection, True, CURRENT_UA, width_us)
+        board.discharge()
+        ports.clock.sleep_until_ns(ports.clock.now_ns() + REST_NS)
+    found = widths_us()
+    assert board.safe_off() == ()
+    counted = ", ".join(f"{count} x {one}" for one, count in sorted(Counter(found).items()))
+    print(f"asked {width_us} us, planned {pulse.shape.width_us:.2f} us, traced {counted}")
+    assert len(found) == PULSES
+    # Both stamps are cut to whole microseconds: a width may read one more or one less.
+    assert all(width_us - 2 <= one <= width_us + 1 for one in found), Counter(found)
+    assert width_us - 1 <= sum(found) / len(found) <= width_us

@@ -1,0 +1,57 @@
+"""For the checks that run in the guest: the chips behind its buses, and the ports on its drivers.
+
+They are collected in the guest only, by name: `tests/kernel/test_guest.py` boots it.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import kernel_trace
+from etd_hal.board import Board
+from etd_hal.compose import Backend, open_linux
+from guest_board import BOARD, FIRST_PROCESSOR, MACHINE, Chips, running_chips
+
+
+@pytest.fixture(scope="session", autouse=True)
+def first_processor() -> None:
+    os.sched_setaffinity(0, FIRST_PROCESSOR)
+
+
+@pytest.fixture(scope="module")
+def all_chips() -> Iterator[Chips]:
+    # A Unix socket's path has at most 107 bytes: not in pytest's folder.
+    with tempfile.TemporaryDirectory(prefix="rig") as folder, running_chips(Path(folder)) as chips:
+        yield chips
+
+
+@pytest.fixture
+def chips(all_chips: Chips) -> Iterator[Chips]:
+    """The chips, which must be left at zero and with no rule broken."""
+    before = len(all_chips.state().violations)
+    kernel_trace.begin()
+    yield all_chips
+    state = all_chips.state()
+    assert state.dac_code == 0
+    assert state.violations[before:] == ()
+
+
+@pytest.fixture
+def ports(chips: Chips) -> Iterator[Backend]:
+    """The shipped drivers on the guest's buses."""
+    opened = open_linux(BOARD, MACHINE)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def board(ports: Backend) -> Board:
+    """A board in its safe state; its timing is not calibrated."""
+    board = Board(BOARD, MACHINE, ports.spi, ports.gpio, ports.clock)
+    assert board.safe_off() == ()
+    return board

@@ -1,0 +1,149 @@
+"""Boots a guest, runs one command in it, and brings back what it said and its status.
+
+    .venv/bin/python tests/kernel/run.py [--timeout SECONDS] x86|uml COMMAND ...
+
+Owns: the guests' command lines, the shared folder, the time limit, the guest's end.
+Must not know: what the command does.
+
+x86 is a stock Debian kernel on an emulated processor whose clock counts instructions: a message
+takes what its instructions take, however busy this machine is. uml is User-Mode Linux with a
+clock that only sleeping moves. A guest that does not start, or ends without a status, is a
+failure with its console.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Literal
+
+import build_uml
+import build_x86
+from build_x86 import BUILD, HERE, TREE, RigFailure
+
+Guest = Literal["x86", "uml"]
+_TIMEOUT_S = 300
+#: 2 ns an instruction: about as fast as a Pi.
+_CLOCK = "shift=1"
+#: So much of the console is shown when something went wrong.
+_CONSOLE_TAIL = 4_000
+
+
+def x86(kernel: Path, initrd: Path, out: Path) -> list[str]:
+    """The emulator's command line. The first serial port is the console, the second the output.
+
+    One processor: the clock goes on while any of them computes.
+    """
+    share = "security_model=none"
+    return [
+        "qemu-system-x86_64",
+        *("-M", "q35", "-accel", "tcg,thread=single,tb-size=512", "-icount", _CLOCK),
+        *("-cpu", "max", "-smp", "1", "-m", "2048"),
+        *("-nodefaults", "-no-user-config", "-display", "none", "-no-reboot", "-monitor", "none"),
+        *("-serial", f"file:{out / 'console'}", "-serial", f"file:{out / 'output'}"),
+        *("-kernel", str(kernel), "-initrd", str(initrd)),
+        *("-append", "console=ttyS0 quiet panic=-1 mitigations=off tsc=reliable no_timer_check"),
+        *("-fsdev", f"local,id=f0,path=/,{share},readonly=on,multidevs=remap"),
+        *("-device", "virtio-9p-pci,fsdev=f0,mount_tag=hostroot"),
+        *("-fsdev", f"local,id=f1,path={out},{share}"),
+        *("-device", "virtio-9p-pci,fsdev=f1,mount_tag=out"),
+    ]
+
+
+def uml(linux: Path, module: Path, out: Path) -> list[str]:
+    """The kernel's own command line."""
+    return [
+        *(str(linux), "mem=1024M", "rootfstype=hostfs", "rootflags=/", "ro", "quiet"),
+        *(f"init={HERE / 'uml_init.sh'}", f"rig.out={out}", f"rig.module={module}"),
+        *("con0=null,fd:1", "con=null", "panic=-1", "time-travel=inf-cpu"),
+    ]
+
+
+def command_file(out: Path, command: list[str]) -> None:
+    """What the guest runs: the command, in the tree, with the tree's packages."""
+    folders = (TREE / "daemon", TREE / "hal", TREE / "tests", HERE, BUILD / "python")
+    paths = ":".join(shlex.quote(str(path)) for path in folders)
+    (out / "command").write_text(
+        f"cd {shlex.quote(str(TREE))}\n"
+        f"export PYTHONPATH={paths}\n"
+        f"export PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH\n"
+        "export HOME=/run PYTHONDONTWRITEBYTECODE=1 LC_ALL=C.UTF-8\n"
+        f"exec {shlex.join(command)}\n"
+    )
+
+
+def boot(guest: Guest, command: list[str], timeout_s: float) -> int:
+    """Run `command` in the guest and print what it said. Returns its exit status.
+
+    Raises: RigFailure (does not start, takes too long, ends without a status).
+    """
+    out = BUILD / guest / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    command_file(out, command)
+    if guest == "x86":
+        line = x86(*build_x86.build(sys.executable), out)
+    else:
+        line = uml(*build_uml.build(sys.executable), out)
+    ended = _run_machine(line, out, timeout_s)
+    output = out / "output"
+    if output.exists():
+        sys.stdout.write(output.read_text(errors="replace").replace("\r\n", "\n"))
+        sys.stdout.flush()
+    status = out / "status"
+    if not ended:
+        raise RigFailure(f"the guest was not done in {timeout_s} s\n{_console(out)}")
+    if not status.exists():
+        raise RigFailure(f"the guest ended without a status\n{_console(out)}")
+    return int(status.read_text())
+
+
+def _run_machine(line: list[str], out: Path, timeout_s: float) -> bool:
+    """Run it to its end; False if it had to be ended, which takes its whole process group."""
+    with (out / "said").open("wb") as said:
+        # A pipe, because User-Mode Linux does not take a file for its console.
+        machine = subprocess.Popen(
+            line,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env=os.environ | {"TMPDIR": "/dev/shm"},
+            start_new_session=True,
+        )
+        try:
+            told, _ = machine.communicate(timeout=timeout_s)
+        except subprocess.TimeoutExpired:
+            os.killpg(machine.pid, 9)
+            told, _ = machine.communicate()
+            said.write(told)
+            return False
+        said.write(told)
+    return True
+
+
+def _console(out: Path) -> str:
+    texts = [out / name for name in ("said", "console")]
+    told = "".join(text.read_text(errors="replace") for text in texts if text.exists())
+    return f"its console:\n{told[-_CONSOLE_TAIL:]}" if told else "and said nothing"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="run a command in a guest")
+    parser.add_argument("guest", choices=("x86", "uml"))
+    parser.add_argument("--timeout", type=float, default=_TIMEOUT_S, help="seconds")
+    parser.add_argument("command", nargs=argparse.REMAINDER)
+    chosen = parser.parse_args()
+    try:
+        return boot(chosen.guest, chosen.command, chosen.timeout)
+    except RigFailure as failure:
+        print(f"the kernel rig failed: {failure}", file=sys.stderr)
+        return 3
+
+
+if __name__ == "__main__":
+    sys.exit(main())

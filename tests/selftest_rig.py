@@ -1,0 +1,154 @@
+"""A self-test on the stepped fake: a bench, a hand that does what is asked, and the skin's account.
+
+Owns: how tests put a board, its faults and a load together. Time passes only as it is spent.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from etd.config import LoadedConfig, fake_config
+from etd.selftest.bed import Asked, Bed, DummyLoad
+from etd.selftest.report import Report
+from etd.selftest.run import run
+from etd_body.electrode import OPEN_CONTACT
+from etd_body.minimal import MinimalBody
+from etd_hal.bench import Hand, StopName
+from etd_hal.boardfile import BoardFile
+from etd_hal.compose import Backend, Bench, line_setup, spi_setup
+from etd_hal.fake.board import FakeBoard
+from etd_hal.fake.clock import SteppedClock
+from etd_hal.fake.faults import Fault
+from etd_hal.fake.fingertip import fingertip_body
+from etd_hal.fake.hand import FakeHand
+from etd_hal.ports import Message, Spi
+
+LOAD_OHM = 47_000
+DATE = datetime.datetime(2026, 3, 4, 5, 6, tzinfo=datetime.UTC)
+
+
+class LazyHand:
+    """Does nothing that it is asked for."""
+
+    def press(self, stop: StopName) -> None:
+        pass
+
+    def clip(self, first: int, second: int) -> None:
+        pass
+
+    def stand_back(self) -> None:
+        pass
+
+
+class ChargeWatch:
+    """The Spi port, with the body's own account taken around each message."""
+
+    def __init__(self, inner: Spi, body: MinimalBody) -> None:
+        self._inner = inner
+        self._body = body
+        self._before = self._charges_pc()
+        #: The most that any electrode got in one message, or between two.
+        self.most_pc = 0.0
+
+    def transfer(self, message: Message) -> tuple[bytes, ...]:
+        self.look()
+        try:
+            return self._inner.transfer(message)
+        finally:
+            self.look()
+
+    def look(self) -> None:
+        """Take the account up to now."""
+        now = self._charges_pc()
+        self.most_pc = max(
+            self.most_pc, *(after - before for before, after in zip(self._before, now, strict=True))
+        )
+        self._before = now
+
+    def _charges_pc(self) -> list[float]:
+        body = self._body
+        return [body.absolute_charge_pc(one) for one in range(body.electrode_count)]
+
+
+@dataclass
+class SelftestRig:
+    """See the module; `selftest_rig` makes one."""
+
+    loaded: LoadedConfig
+    fake: FakeBoard
+    body: MinimalBody
+    clock: SteppedClock
+    bench: Bench
+    hand: Hand | None
+    asked: Asked
+    watch: ChargeWatch
+
+    def run(self) -> Report:
+        return run(Bed(self.loaded, self.bench, self.hand, self.asked), DATE)
+
+    def rail_v_after_a_while(self) -> float:
+        """What is left of the rail when a supply that is off has had its time to fall."""
+        self.clock.spend(4_000_000_000)
+        self.bench.backend.gpio.edges()
+        return self.fake.world.rail_v()
+
+    @property
+    def most_charge_nc(self) -> float:
+        """Of one pulse at one electrode, by the body's own account."""
+        self.watch.look()
+        return self.watch.most_pc / 1_000
+
+
+def bad(report: Report) -> list[tuple[str, str]]:
+    """(stage, name) of what failed, in order."""
+    return [(one.stage, one.name) for one in report.checks if one.result == "fail"]
+
+
+def selftest_rig(
+    board: str = "reference-hv507",
+    *,
+    faults: Sequence[Fault] = (),
+    file: BoardFile | None = None,
+    load_ohm: int | None = LOAD_OHM,
+    real_load_ohm: float | None = None,
+    leak_factor: float = 1.0,
+    on_skin: bool = False,
+    has_operator: bool = True,
+    is_lazy: bool = False,
+    one_shot_us: int | None = 250,
+) -> SelftestRig:
+    """A board on a bench: nothing on it but, with `load_ohm`, a resistor between 1 and 2."""
+    loaded = fake_config(board)
+    if file is not None:
+        loaded = replace(loaded, board=file)
+    clock = SteppedClock()
+    count = loaded.array.count
+    body = MinimalBody(
+        (OPEN_CONTACT,) * count,
+        leak_ohm=loaded.board.source.leak_ohm * leak_factor,
+        compliance_v=loaded.board.source.compliance_v,
+    )
+    if on_skin:
+        body = fingertip_body(loaded.board, count)
+    fake = FakeBoard(loaded.board, clock, body, electrodes=loaded.array.outputs(), faults=faults)
+    ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
+    watch = ChargeWatch(ports.spi, body)
+    backend = Backend("fake", watch, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
+    hand = FakeHand(fake.world, clock, real_load_ohm or load_ohm)
+    load = None
+    if load_ohm is not None:
+        load = DummyLoad(load_ohm, 1, 2)
+        hand.clip(load.first, load.second)
+    operator: Hand | None = LazyHand() if is_lazy else hand
+    return SelftestRig(
+        loaded,
+        fake,
+        body,
+        clock,
+        Bench(backend, fake.world.host, hand),
+        operator if has_operator else None,
+        Asked(load, one_shot_us),
+        watch,
+    )
