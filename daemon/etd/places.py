@@ -10,6 +10,7 @@ and $XDG_STATE_HOME/etd/NAME (or ~/.local/state/etd/NAME).
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import socket
@@ -22,6 +23,8 @@ from etd.errors import FileError
 DEFAULT_NAME = "main"
 SYSTEM_RUNTIME = Path("/run/etd")
 SYSTEM_STATE = Path("/var/lib/etd")
+#: The sessions' runtime folders, one a user.
+USER_RUNTIMES = Path("/run/user")
 
 CONTROL = "control.sock"
 FRAMES = "frames.sock"
@@ -84,19 +87,31 @@ def sibling_address(control: str, socket_name: str) -> str:
     return f"ipc://{Path(control.removeprefix('ipc://')).with_name(socket_name)}"
 
 
-def running_daemons() -> list[str]:
-    """The names of all daemons that answer on this machine, each once, sorted."""
-    return sorted({daemon.name for daemon in find_daemons()})
-
-
 def find_daemons() -> list[RunningDaemon]:
-    """All daemons that answer on this machine, the system's first."""
-    found = []
-    for parent in (SYSTEM_RUNTIME, _user_runtime()):
-        for control in sorted(parent.glob(f"*/{CONTROL}")):
-            if why_unreachable(control) is None:
-                found.append(RunningDaemon(control.parent.name, address_of(control.parent)))
-    return found
+    """All daemons that answer on this machine, the system's first; for root, other users' too."""
+    return [
+        RunningDaemon(control.parent.name, address_of(control.parent))
+        for parent in _runtime_parents()
+        for control in sorted(parent.glob(f"*/{CONTROL}"))
+        if why_unreachable(control) is None
+    ]
+
+
+def _runtime_parents() -> list[Path]:
+    """The folders in which daemons have one each."""
+    parents = [SYSTEM_RUNTIME]
+    with contextlib.suppress(FileError):  # what somebody else put in our place hides no daemon
+        parents.append(_user_runtime())
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        parents += sorted(USER_RUNTIMES.glob("*/etd"))
+        parents += sorted(filter(_is_its_users, Path(tempfile.gettempdir()).glob("etd-*")))
+    return list(dict.fromkeys(parents))
+
+
+def _is_its_users(folder: Path) -> bool:
+    """Whether `etd-UID` is that user's."""
+    uid = folder.name.removeprefix("etd-")
+    return uid.isdecimal() and folder.lstat().st_uid == int(uid)
 
 
 def why_unreachable(path: Path) -> str | None:
@@ -104,8 +119,11 @@ def why_unreachable(path: Path) -> str | None:
     if not hasattr(socket, "AF_UNIX"):
         return "this system has no Unix sockets"
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.setblocking(False)
         try:
             probe.connect(os.fspath(path))
+        except BlockingIOError:
+            return None  # so many are connecting that this one would have to wait
         except FileNotFoundError:
             return "there is no socket"
         except ConnectionRefusedError:

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from etd import cli
+from etd.cli.stop import Stopped, lines_of
 from etd.errors import (
     AlreadyRunning,
     BoardFault,
@@ -162,6 +163,17 @@ def test_options_that_do_not_go_together_are_misuse(
         cli.main(arguments)
     assert ended.value.code == 2
     assert sentence in capsys.readouterr().err
+
+
+def test_stop_tells_two_daemons_of_one_name_apart() -> None:
+    answers = [
+        Stopped(name="main", address="ipc:///run/etd/main/control.sock"),
+        Stopped(name="main", address="ipc:///run/user/1000/etd/main/control.sock"),
+        Stopped(name="left", address="ipc:///run/etd/left/control.sock"),
+    ]
+    told = lines_of(answers)
+    assert told[1].startswith("main (ipc:///run/user/1000/etd/main/control.sock): silent")
+    assert told[2].startswith("left: silent")
 
 
 def test_a_name_that_cannot_be_a_folder_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

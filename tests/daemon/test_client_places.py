@@ -5,10 +5,12 @@ Owns: the order of system and user folders, and who counts as running.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -72,11 +74,60 @@ def test_only_daemons_that_answer_are_running(folders: Path) -> None:
     left = listen(folders / "user/etd/dead")
     left.close()
 
-    assert places.running_daemons() == ["b", "main"]
-    assert len(places.find_daemons()) == 3, "two of one name are two"
+    found = [daemon.name for daemon in places.find_daemons()]
+    assert found == ["main", "b", "main"], "two of one name are two, the system's first"
     for listening in here:
         listening.close()
-    assert places.running_daemons() == []
+    assert places.find_daemons() == []
+
+
+@pytest.mark.parametrize("user", [0, 4321])
+def test_root_finds_the_daemons_of_every_user_and_others_their_own(
+    folders: Path, monkeypatch: pytest.MonkeyPatch, user: int
+) -> None:
+    monkeypatch.setattr(places, "USER_RUNTIMES", folders / "sessions")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders / "tmp"))
+    monkeypatch.setattr(os, "geteuid", lambda: user)
+    here = [
+        listen(folders / where)
+        for where in (
+            "user/etd/own",
+            "sessions/1000/etd/theirs",
+            f"tmp/etd-{os.getuid()}/without-session",
+            f"tmp/etd-{os.getuid() + 1}/somebody-elses-trap",
+            "tmp/etd-x1/private",
+        )
+    ]
+    found = [daemon.name for daemon in places.find_daemons()]
+    assert found == (["own", "theirs", "without-session"] if user == 0 else ["own"])
+    for listening in here:
+        listening.close()
+
+
+def test_what_somebody_else_put_in_our_place_hides_no_daemon_of_the_system(
+    folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders))
+    monkeypatch.setattr(os, "getuid", lambda: 12345)
+    (folders / "etd-12345").mkdir()
+    with listen(folders / "run/main"):
+        assert [daemon.name for daemon in places.find_daemons()] == ["main"]
+
+
+def test_a_daemon_that_many_are_connecting_to_is_there_and_is_not_waited_for(
+    folders: Path,
+) -> None:
+    path = folders / "busy.sock"
+    with socket.socket(socket.AF_UNIX) as listening, ExitStack() as stack:
+        listening.bind(str(path))
+        listening.listen(0)
+        for _ in range(4):
+            waiting = stack.enter_context(socket.socket(socket.AF_UNIX))
+            waiting.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                waiting.connect(str(path))
+        assert places.why_unreachable(path) is None
 
 
 def test_why_a_socket_cannot_be_reached_is_a_clause(folders: Path) -> None:

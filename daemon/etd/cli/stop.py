@@ -7,6 +7,7 @@ skin where one does not answer. Must not know: how a daemon falls silent.
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
 import msgspec
@@ -28,7 +29,7 @@ NAME = "stop"
 HELP = "make the skin silent at once, and latch it until `etd clear`"
 EPILOG = """
 example:
-  etd stop               every daemon of this machine
+  etd stop               every daemon that you can reach; with sudo, every user's
   etd stop --name left   that one
 
 It needs no lease and no operate rights, and never waits behind other requests. It is no
@@ -61,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(msgspec.json.encode({"ok": all_good, "daemons": answers}).decode())
     else:
-        print("\n".join(_line(one) for one in answers))
+        print("\n".join(lines_of(answers)))
     if all_good:
         return 0
     return 1 if all(one.is_there for one in answers) else 3
@@ -104,11 +105,20 @@ def _is_engine_gone(error: EtdError) -> bool:
     return isinstance(error, Refused) and error.code == "engine_gone"
 
 
-def _line(one: Stopped) -> str:
+def lines_of(answers: list[Stopped]) -> list[str]:
+    """By name; by address too, where two users have daemons of one name."""
+    names = Counter(one.name for one in answers)
+    return [
+        _line(one, one.name if names[one.name] == 1 else f"{one.name} ({one.address})")
+        for one in answers
+    ]
+
+
+def _line(one: Stopped, called: str) -> str:
     if one.error is None:
-        return f"{one.name}: silent, HALTED until `etd clear`"
+        return f"{called}: silent, HALTED until `etd clear`"
     return (
-        f"{one.name}: NOT STOPPED: {one.error}\n"
+        f"{called}: NOT STOPPED: {one.error}\n"
         "  What the skin is then: without a gateway the engine is silent after 250 ms; without an\n"
         "  engine nothing is fired any more. If anything is still felt: the hardware stop, the\n"
         f"  supply's plug; then `systemctl stop etd-engine@{one.name}` and"
