@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 from etd.config import LoadedConfig, fake_config
 from etd.selftest.bed import Asked, Bed, DummyLoad
-from etd.selftest.report import Report
 from etd.selftest.run import run
+from etd.selftest_report import Report
 from etd_body.electrode import OPEN_CONTACT
 from etd_body.minimal import MinimalBody
 from etd_hal.bench import Hand, StopName

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from etd import cli
-from etd.selftest.report import load
 from etd.selftest.run import STAGES
+from etd.selftest_report import load
 
 FULL = ["selftest", "--board", "fake", "--array", "grid-4x4"]
 LOAD = ["--dummy-load", "47000", "--load-electrodes", "0,5"]

@@ -10,7 +10,7 @@ import pytest
 
 from engine_parts import board_file
 from etd.errors import FileError
-from etd.selftest.report import Check, Report, digest_of, load, save, to_json, why_not_armed
+from etd.selftest_report import Check, Report, digest_of, load, save, to_json, why_not_armed
 from etd_hal.boardfile import BoardFile
 from selftest_rig import selftest_rig
 

@@ -9,8 +9,8 @@ from etd.selftest import buses, probe, rail, switches, timing
 from etd.selftest.bed import Bed
 from etd.selftest.log import Log
 from etd.selftest.prober import Prober
-from etd.selftest.report import Check, Report
 from etd.selftest.run import STAGES, run
+from etd.selftest_report import Check, Report
 from etd_hal.boardfile import GUARDS, Heartbeat
 from etd_hal.errors import GuardRefusal
 from etd_hal.fake.faults import (

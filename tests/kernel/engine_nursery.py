@@ -17,7 +17,7 @@ from pathlib import Path
 
 from etd.config import LoadedConfig, load_config
 from etd.engine.process import run_engine
-from etd.selftest.report import ProbeBound, Report, digest_of, save
+from etd.selftest_report import ProbeBound, Report, digest_of, save
 from etd_hal.compose import open_linux
 
 

@@ -17,8 +17,8 @@ from etd.cli.selftest_table import Quiet, Table, table_of
 from etd.config import LoadedConfig
 from etd.places import selftest_file
 from etd.selftest.bed import Asked, Bed, DummyLoad
-from etd.selftest.report import Check, Report, save
 from etd.selftest.run import run as run_stages
+from etd.selftest_report import Check, Report, save
 from etd_hal.bench import Hand, StopName
 from etd_hal.compose import Bench, open_fake_bench, open_linux_bench, wall_time
 

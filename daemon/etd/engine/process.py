@@ -20,7 +20,7 @@ from etd.engine.sensors import SensorThread
 from etd.engine.stopper import StopperThread
 from etd.link import Listener
 from etd.notify import Notifier
-from etd.selftest.report import why_not_armed
+from etd.selftest_report import why_not_armed
 from etd_hal.compose import Backend, set_up_realtime, set_up_urgent_thread
 
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)

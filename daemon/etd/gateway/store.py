@@ -6,13 +6,11 @@ calibration allows; the engine checks that when one is opened.
 
 from __future__ import annotations
 
-import contextlib
-import os
-import tempfile
 from pathlib import Path
 
 from etd.calibration import Calibration, check_order, load_calibration, to_toml
 from etd.errors import FileError, Refused
+from etd.wholefile import write_whole
 
 
 class CalibrationStore:
@@ -49,7 +47,7 @@ class CalibrationStore:
             raise Refused("bad_calibration", str(error)) from error
         try:
             self._own.mkdir(mode=0o750, parents=True, exist_ok=True)
-            _write_whole(self._own / f"{name}.toml", to_toml(calibration).encode())
+            write_whole(self._own / f"{name}.toml", to_toml(calibration).encode(), mode=0o640)
         except OSError as error:
             raise Refused(
                 "bad_calibration", f"{name!r} could not be kept in {self._own}: {error.strerror}"
@@ -61,24 +59,3 @@ class CalibrationStore:
                 return folder / f"{name}.toml"
         known = ", ".join(self.names(with_shipped)) or "none"
         raise Refused("not_found", f"there is no calibration {name!r}; there are: {known}")
-
-
-def _write_whole(path: Path, data: bytes) -> None:
-    """Through a temporary file: a power cut leaves the old one or the new one."""
-    fd, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-")
-    try:
-        with os.fdopen(fd, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o640)
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(temporary)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from etd.selftest.report import Check, Result
+from etd.selftest_report import Check, Result
 
 OnCheck = Callable[[Check], None]
 

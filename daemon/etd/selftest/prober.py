@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from etd.engine.ledger import Bounds, Entry, Ledger
 from etd.engine.limits import PC_PER_NC, maxima_of
 from etd.selftest.bed import Bed
-from etd.selftest.report import ProbeBound
+from etd.selftest_report import ProbeBound
 from etd_hal.board import Shot
 from etd_hal.errors import BoardFault, GuardRefusal
 

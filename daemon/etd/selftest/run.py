@@ -13,7 +13,7 @@ from etd.selftest import buses, machine, probe, rail, register, source, switches
 from etd.selftest.bed import Bed
 from etd.selftest.log import Log, OnCheck
 from etd.selftest.prober import Prober
-from etd.selftest.report import NOT_SEEN, Report, digest_of
+from etd.selftest_report import NOT_SEEN, Report, digest_of
 from etd.version import __version__
 from etd_hal.errors import BoardFault, BusError, CannotSelect, GuardRefusal
 

@@ -6,17 +6,15 @@ Must not know: how anything is checked.
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 import hashlib
-import os
-import tempfile
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
 from etd.errors import FileError
+from etd.wholefile import write_whole
 from etd_hal.boardfile import BoardFile
 
 Result = Literal["pass", "fail", "skip", "absent"]
@@ -99,7 +97,7 @@ def save(report: Report, path: Path) -> None:
     """Whole or not at all: a power cut leaves the old one or the new one. Raises: FileError."""
     try:
         path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
-        _write_whole(path, to_json(report))
+        write_whole(path, to_json(report), mode=0o644)
     except OSError as error:
         raise FileError(
             str(path),
@@ -107,27 +105,6 @@ def save(report: Report, path: Path) -> None:
             f"the report cannot be kept ({error.strerror})",
             "run it as the user who owns that folder (sudo on an installed system)",
         ) from error
-
-
-def _write_whole(path: Path, data: bytes) -> None:
-    fd, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-")
-    try:
-        with os.fdopen(fd, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        # The engine's user reads what the operator wrote.
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(temporary)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 def load(path: Path) -> Report | None:
