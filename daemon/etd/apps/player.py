@@ -35,7 +35,7 @@ _OPENING_SLACK_S = 15.0
 @dataclass(slots=True)
 class Summary:
     """What became of it: frames shown, the last clamp of each electrode and reason (those of the
-    opening are no loss: the first frame is held meanwhile), pulses not fired by reason, and the
+    opening are no loss: the first frame is held meanwhile), what was thinned by reason, and the
     lowest rate that a frame was slowed down to.
     """
 

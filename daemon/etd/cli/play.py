@@ -218,13 +218,24 @@ def _answer(args: argparse.Namespace, backend: str, summary: Summary, teller: _T
     print(_last_line(args, backend, summary))
 
 
+#: What a count of the summary counts.
+_THINNED = {
+    "ledger": "pulses that the ledger did not allow",
+    "overrun": "scans that began late",
+    "processor": "pauses for the processor",
+    "resolution": "pulses below one step of the source",
+}
+
+
 def _last_line(args: argparse.Namespace, backend: str, summary: Summary) -> str:
     slowed = "" if summary.slowed_to_hz is None else f", slowed to {summary.slowed_to_hz:.1f} Hz"
-    thinned = ", ".join(f"{count} ({reason})" for reason, count in summary.thinned.items())
+    thinned = ", ".join(
+        f"{count} {_THINNED.get(reason, reason)}" for reason, count in summary.thinned.items()
+    )
     return (
         f"{args.file.name}: {summary.frames} frames in {summary.played_s:.1f} s on {backend},"
         f" after {summary.opening_s:.1f} s of opening; {len(summary.clamped_frames)} frames clamped"
-        f"{slowed}; pulses not fired: {thinned or 'none'}"
+        f"{slowed}; thinned: {thinned or 'nothing'}"
     )
 
 
