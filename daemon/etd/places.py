@@ -138,7 +138,8 @@ def why_unreachable(path: Path) -> str | None:
 def prepare_runtime(folder: Path) -> None:
     """Make the folder (mode 0750) if it is not there, and check that it can be trusted.
 
-    Raises: FileError if it is writable by everybody, or too long for a socket's path.
+    Raises: FileError if it cannot be made, is writable by everybody, or is too long for a
+    socket's path.
     """
     if len(os.fsencode(folder / TELEMETRY)) > MAX_SOCKET_PATH:
         raise FileError(
@@ -147,7 +148,15 @@ def prepare_runtime(folder: Path) -> None:
             "the path is too long for a Unix socket",
             f"at most {MAX_SOCKET_PATH} bytes with the socket's name: choose a shorter folder",
         )
-    folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+    try:
+        folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(
+            str(folder),
+            "",
+            f"this runtime folder cannot be made ({error.strerror})",
+            "set XDG_RUNTIME_DIR to a folder of yours, or give --folder",
+        ) from error
     if folder.stat().st_mode & 0o002:
         raise FileError(
             str(folder),

@@ -142,6 +142,12 @@ def test_a_path_too_long_for_a_socket_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / ("x" * 100)).exists()
 
 
+def test_a_runtime_folder_that_cannot_be_made_is_told_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(FileError, match="set XDG_RUNTIME_DIR"):
+        places.prepare_runtime(tmp_path / "file" / "main")
+
+
 def test_a_runtime_folder_is_for_its_group(tmp_path: Path) -> None:
     with tempfile.TemporaryDirectory() as root:
         places.prepare_runtime(Path(root) / "main")

@@ -54,6 +54,25 @@ exit status: 0 done, 1 the answer is no, 2 used wrongly, 3 the hardware or the d
 def main(argv: Sequence[str] | None = None) -> int:
     """The entry point; returns the exit status. Raises: SystemExit (0, 2) for --help and misuse."""
     given = list(sys.argv[1:] if argv is None else argv)
+    is_heard = _standard_streams()
+    try:
+        try:
+            status = _of_verb(given)
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever was reading has gone (`etd monitor | head`): nobody is left to be told.
+        _discard_output()
+        return NO
+    except OSError as error:
+        return _failed(error, as_json="--json" in given)
+    if not is_heard:
+        print("etd: standard output is closed, so the answer went nowhere", file=sys.stderr)
+        return status or NO
+    return status
+
+
+def _of_verb(given: Sequence[str]) -> int:
     verb = given[0] if given and given[0] in VERBS else None
     parser = _parser((verb,) if verb else VERBS)
     args = parser.parse_args(given)
@@ -61,6 +80,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help()
         return USED_WRONGLY
     return _answered(args)
+
+
+def _standard_streams() -> bool:
+    """Put the null device where a standard stream is closed: a socket or a device opened next
+    would take its number, and be written to. False if standard output was closed.
+    """
+    is_heard = sys.stdout is not None
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name, at in (("stdout", 1), ("stderr", 2)):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(at, "w", closefd=False))
+    return is_heard
 
 
 def _parser(verbs: Sequence[str]) -> argparse.ArgumentParser:
@@ -99,18 +132,28 @@ def _answered(args: argparse.Namespace) -> int:
     """Run the verb; what went wrong becomes one sentence (or one JSON object) and a status."""
     try:
         status = args.run(args)
-        sys.stdout.flush()
     except EtdError as error:
         _tell(error, as_json=getattr(args, "json", False))
         return status_of(error)
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:
-        # Whoever was reading has gone (`etd monitor | head`): nobody is left to be told.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return NO
     else:
         return int(status)
+
+
+def _failed(error: OSError, as_json: bool) -> int:
+    """The system's answer to a file, a folder or a socket. Standard output may be the one."""
+    try:
+        _tell(error, as_json)
+        sys.stdout.flush()
+    except OSError as lost:
+        _discard_output()
+        print(f"etd: standard output cannot be written ({lost.strerror})", file=sys.stderr)
+    return NO
+
+
+def _discard_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def status_of(error: EtdError) -> int:
@@ -126,23 +169,25 @@ def status_of(error: EtdError) -> int:
     return NO
 
 
-def _tell(error: EtdError, as_json: bool) -> None:
+def _tell(error: EtdError | OSError, as_json: bool) -> None:
     if as_json:
-        print(json.dumps({"ok": False, "error": code_of(error), "reason": str(error)}))
+        print(json.dumps({"ok": False, "error": code_of(error), "reason": _sentence(error)}))
     else:
         print(f"etd: {_sentence(error)}", file=sys.stderr)
 
 
-def _sentence(error: EtdError) -> str:
+def _sentence(error: EtdError | OSError) -> str:
     """The engine's reason for `expired` is two times, for programs: people are told what of."""
+    if isinstance(error, OSError):
+        return f"{error.filename or 'standard output, or a file'}: {error.strerror or error}"
     if isinstance(error, Refused) and error.code == "expired":
         return f"a frame came too late, and was not felt: {error}"
     return str(error)
 
 
-def code_of(error: EtdError) -> str:
+def code_of(error: EtdError | OSError) -> str:
     """The protocol's code for a refusal; otherwise the kind of error, in the same style."""
     if isinstance(error, Refused):
         return error.code
-    kind = type(error).__name__
+    kind = "OsError" if isinstance(error, OSError) else type(error).__name__
     return "".join(f"_{one.lower()}" if one.isupper() else one for one in kind).removeprefix("_")

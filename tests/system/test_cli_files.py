@@ -1,0 +1,92 @@
+"""What the system refuses, the command tells in one sentence: files, folders, standard output.
+
+Owns: the ways in which a folder or a stream is not what it should be.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from command_rig import WITHIN_S, CommandRig, command_rig
+
+
+@pytest.fixture
+def rig() -> Iterator[CommandRig]:
+    with command_rig() as made:
+        yield made
+
+
+def shell(rig: CommandRig, command: str) -> tuple[int, str]:
+    """The status and standard error of `etd COMMAND` in a shell."""
+    done = subprocess.run(
+        ["sh", "-c", f"{sys.executable} -m etd {command}"],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=rig.environment,
+        timeout=WITHIN_S,
+        check=False,
+    )
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("trace", "says"),
+    [
+        ("/dev/full", "No space left on device"),
+        ("/nonexistent/x", "/nonexistent/x: No such file or directory"),
+        ("/", "/: Is a directory"),
+    ],
+)
+@pytest.mark.parametrize("verb", [("demo",), ("run", "--board", "fake")], ids=["demo", "run"])
+def test_a_trace_that_cannot_be_written_is_told(
+    rig: CommandRig, verb: tuple[str, ...], trace: str, says: str
+) -> None:
+    told = rig.run(*verb, "--seconds", "1", "--trace", trace)
+    assert told.status == 1
+    assert says in told.err
+    assert "Traceback" not in told.err
+
+
+def test_a_runtime_folder_that_cannot_be_made_is_told(rig: CommandRig) -> None:
+    rig.environment["XDG_RUNTIME_DIR"] = "/proc/nope"
+    told = rig.run("run", "--board", "fake")
+    assert told.status == 1
+    assert told.err.count("\n") == 1
+    assert "cannot be made" in told.err
+
+
+@pytest.mark.parametrize(
+    "verb", ["--help", "check pattern.json", "check --json x", "status --json"]
+)
+def test_a_full_standard_output_is_told(rig: CommandRig, verb: str) -> None:
+    status, told = shell(rig, f"{verb} >/dev/full")
+    assert status == 1
+    assert told.count("\n") == 1
+    assert "standard output" in told
+    assert "No space left on device" in told
+
+
+def test_a_closed_standard_output_does_not_keep_it_from_being_done(rig: CommandRig) -> None:
+    with rig.daemon():
+        status, told = shell(rig, "stop >&-")
+        assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
+    assert status == 1
+    assert told == "etd: standard output is closed, so the answer went nowhere\n"
+
+
+def test_what_is_opened_next_does_not_become_a_closed_standard_output(rig: CommandRig) -> None:
+    trace = rig.folder / "trace.jsonl"
+    status, told = shell(rig, f"demo --seconds 0.5 --trace {trace} >&- 2>&- <&-")
+    assert (status, told) == (1, "")
+    assert [json.loads(line) for line in trace.read_text().splitlines()]
+
+
+def test_a_reader_that_leaves_is_no_error_to_tell(rig: CommandRig) -> None:
+    with rig.daemon():
+        status, told = shell(rig, "monitor --json --seconds 5 | head -n 1 >/dev/null")
+    assert (status, told) == (0, "")
