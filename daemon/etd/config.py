@@ -126,13 +126,17 @@ def fake_calibration_of(array: str) -> str | None:
 
 def _load_named(config: EtdConfig, folder: Path, source: str) -> LoadedConfig:
     _check_no_tcp(config, source)
-    array, mended = _read_array(_resolve("arrays", config.array, folder))
+
+    def named(kind: Kind, key: str) -> Path:
+        return _resolve(kind, getattr(config, key), folder, source, key)
+
+    array, mended = _read_array(named("arrays", "array"))
     loaded = LoadedConfig(
         config=config,
-        board=load_board(_resolve("boards", config.board, folder)),
-        machine=load_machine(_resolve("machines", config.machine, folder)),
+        board=load_board(named("boards", "board")),
+        machine=load_machine(named("machines", "machine")),
         array=array,
-        body_site=load_body_site(_resolve("bodysites", config.body_site, folder)),
+        body_site=load_body_site(named("bodysites", "body_site")),
         source=source,
         mended=mended,
     )
@@ -147,13 +151,18 @@ def _read_array(path: Path) -> tuple[Array, tuple[str, ...]]:
     return read_layout(path) if path.suffix == ".json" else (load_array(path), ())
 
 
-def _resolve(kind: Kind, name: str, folder: Path) -> Path:
-    """A path is one from `folder`; anything else is the name of a shipped file."""
+def _resolve(kind: Kind, name: str, folder: Path, source: str, key: str) -> Path:
+    """A path is one from `folder`; anything else is the name of a shipped file.
+
+    Raises: FileError, naming the file that names it.
+    """
     path = Path(name)
     try:
         return find(kind, folder / path if len(path.parts) > 1 or path.suffix else name)
+    except FileError as error:
+        raise FileError(source, key, f"it says {name!r}: {error.value}", error.allowed) from error
     except OSError as error:
-        raise FileError(name, "", f"it cannot be read ({error})", "check it") from error
+        raise FileError(source, key, f"{name!r} cannot be read ({error})", "check it") from error
 
 
 def _check_no_tcp(config: EtdConfig, source: str) -> None:

@@ -103,6 +103,16 @@ def test_a_spoiled_configuration_is_refused_by_key_and_value(
         load(tmp_path, spoiled(DAEMON, old, new))
 
 
+@pytest.mark.parametrize("wrong", ["kajimoto-hv506", "./mine.toml"])
+def test_a_board_that_is_not_there_is_refused_by_the_file_and_key_that_name_it(
+    tmp_path: Path, wrong: str
+) -> None:
+    with pytest.raises(FileError, match=f"it says '{wrong}': there is no ") as caught:
+        load(tmp_path, spoiled(DAEMON, "kajimoto-hv507", wrong))
+    assert (Path(caught.value.file).parent, caught.value.key) == (tmp_path, "board")
+    assert "kajimoto-hv507" in caught.value.allowed
+
+
 def test_a_guard_that_the_board_has_cannot_be_accepted_as_absent(tmp_path: Path) -> None:
     text = spoiled(DAEMON, "kajimoto-hv507", "reference-hv507")
     text = spoiled(text, "accept_absent_guards = []", 'accept_absent_guards = ["heartbeat"]')
