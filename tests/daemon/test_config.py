@@ -81,7 +81,7 @@ def test_every_key_is_required(tmp_path: Path, key: str) -> None:
         ("operators = []", 'operators = []\ntcp = "tcp://*:5560"', r"tcp: .*has no keys"),
         ('"kajimoto-hv507"', '"kajimoto"', r"no 'kajimoto' among the shipped boards.*reference"),
         ('"pi4"', '"pi5"', r"no 'pi5' among the shipped machines.*pi3, pi4"),
-        ('"grid-8x8"', '"./none.toml"', r"none\.toml: there is no such file"),
+        ('"grid-8x8"', '"./none.toml"', r"array: it says './none\.toml': there is no such file"),
         ('"grid-8x8"', '"grid-16x16"', r"electrode\[64\]\.output: it hangs on output 64"),
         ('"fingertip"', '"forearm"', r"body_site: forearm holds for electrodes of 3\.0 mm"),
         ("accept_absent_guards = []", 'accept_absent_guards = ["stop"]', r"no guard 'stop'"),
