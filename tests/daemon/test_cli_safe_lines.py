@@ -13,6 +13,10 @@ from pathlib import Path
 import pytest
 
 from etd import cli
+from etd_hal import linux
+from etd_hal.boardfile import BoardFile
+from etd_hal.errors import BusError
+from etd_hal.linux.spi import LinuxSpi
 from gpiod_kernel import ChipFile, Kernel
 
 gpiod = pytest.importorskip("gpiod", reason="gpiod is there on Linux only")
@@ -33,8 +37,14 @@ def kernel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Kernel:
     monkeypatch.setattr(gpiod, "request_lines", kernel.request_lines)
     monkeypatch.setattr(gpiod, "Chip", ChipFile)
     monkeypatch.setattr(linux_gpio, "DEVICES", tmp_path)
+    monkeypatch.setattr(linux, "_open_spi", no_spi)
     (tmp_path / "gpiochip0").write_text("pinctrl-bcm2711")
     return kernel
+
+
+def no_spi(board: BoardFile) -> LinuxSpi:
+    """Whatever there is on the machine that runs the tests."""
+    raise BusError("absent", board.source.spi, "opening")
 
 
 def clocked_in(kernel: Kernel) -> list[int]:
