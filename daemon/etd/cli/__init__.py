@@ -144,6 +144,8 @@ def _answered(args: argparse.Namespace) -> int:
 def _failed(error: OSError, as_json: bool) -> int:
     """The system's answer to a file, a folder or a socket. Standard output may be the one."""
     try:
+        # What could not be written is still there, where output is buffered: then that is it.
+        sys.stdout.flush()
         _tell(error, as_json)
         sys.stdout.flush()
     except OSError as lost:
