@@ -18,7 +18,7 @@ from etd.protocol import MAX_MESSAGE_BYTES
 from gateway_rig import GatewayRig
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def rig() -> Iterator[GatewayRig]:
     with GatewayRig() as rig:
         yield rig
