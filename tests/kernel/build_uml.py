@@ -12,17 +12,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from build_x86 import (
-    BUILD,
-    HERE,
-    SERIES,
-    RigFailure,
-    fingerprint,
-    is_done,
-    need,
-    run,
-    spidev_package,
-)
+from build_x86 import SERIES, spidev_package
+from pieces import HERE, RigFailure, fingerprint, is_made, making, need, only_builder, piece, run
 
 _TOOLS = {
     "busybox": "busybox-static",
@@ -36,14 +27,19 @@ _TOOLS = {
 }
 
 
-def source() -> Path:
-    """Debian's kernel source, unpacked."""
-    folder = BUILD / "source"
-    tree = folder / f"linux-source-{SERIES}"
-    if is_done(folder, SERIES):
-        return tree
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+#: What is not needed once the kernel is built: most of 1.7 GB. Modules of our own need the rest.
+_NOT_KEPT = ("Documentation", "crypto", "drivers", "fs", "net", "samples", "sound", "tools")
+
+
+def source_version() -> str:
+    """Of the kernel's source, as the package sources of this machine know it."""
+    told = run("apt-cache", "show", "--no-all-versions", f"linux-source-{SERIES}")
+    (version,) = (line for line in told.splitlines() if line.startswith("Version: "))
+    return version.removeprefix("Version: ")
+
+
+def unpacked_source(folder: Path) -> Path:
+    """Debian's kernel source, below `folder`."""
     name = f"linux-source-{SERIES}"
     run("apt-get", "download", "-o", "APT::Sandbox::User=root", name, cwd=folder)
     (package,) = folder.glob("*.deb")
@@ -51,24 +47,36 @@ def source() -> Path:
     run("tar", "xf", folder / f"usr/src/{name}.tar.xz", cwd=folder)
     shutil.rmtree(folder / "usr")
     package.unlink()
-    (folder / "done").write_text(SERIES)
+    return folder / name
+
+
+def kernel() -> Path:
+    """The folder of the kernel, built: the guest is the program `linux` in it.
+
+    Minutes, the first time.
+    """
+    config = HERE / "uml.config"
+    folder = piece("uml", source_version() + fingerprint([config]))
+    tree = folder / f"linux-source-{SERIES}"
+    if is_made(folder):
+        return tree
+    with making(folder):
+        unpacked_source(folder)
+        asked = {"KCONFIG_ALLCONFIG": str(config)}
+        run("make", "-s", "ARCH=um", "allnoconfig", cwd=tree, env=asked)
+        _check_config(config, tree / ".config")
+        jobs = f"-j{os.cpu_count() or 1}"
+        run("make", "-s", jobs, "ARCH=um", "linux", "modules_prepare", cwd=tree)
+        _thin_out(tree)
     return tree
 
 
-def kernel(tree: Path) -> Path:
-    """The guest: a program. Minutes, the first time."""
-    config = HERE / "uml.config"
-    mark = fingerprint([config])
-    folder = BUILD / "uml" / "kernel"
-    if is_done(folder, mark):
-        return tree / "linux"
-    folder.mkdir(parents=True, exist_ok=True)
-    run("make", "-s", "ARCH=um", "allnoconfig", cwd=tree, env={"KCONFIG_ALLCONFIG": str(config)})
-    _check_config(config, tree / ".config")
-    jobs = f"-j{os.cpu_count() or 1}"
-    run("make", "-s", jobs, "ARCH=um", "linux", "modules_prepare", cwd=tree)
-    (folder / "done").write_text(mark)
-    return tree / "linux"
+def _thin_out(tree: Path) -> None:
+    for name in _NOT_KEPT:
+        shutil.rmtree(tree / name)
+    for arch in (tree / "arch").iterdir():
+        if arch.is_dir() and arch.name not in ("um", "x86"):
+            shutil.rmtree(arch)
 
 
 def _check_config(wanted: Path, got: Path) -> None:
@@ -79,34 +87,31 @@ def _check_config(wanted: Path, got: Path) -> None:
         raise RigFailure(f"the kernel does not take {', '.join(sorted(missing))}")
 
 
-def module(tree: Path, built_with: Path) -> Path:
+def module(tree: Path) -> Path:
     """Our module. What it needs of the kernel is looked up when it is loaded."""
     sources = [path for path in (HERE / "modules").iterdir() if path.is_file()]
-    folder = BUILD / "uml" / "module"
-    mark = fingerprint([*sources, built_with])
-    if is_done(folder, mark):
+    folder = piece("uml-module", str(tree) + fingerprint(sources))
+    if is_made(folder):
         return folder / "rig.ko"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    for path in sources:
-        shutil.copy(path, folder)
-    run("make", "-s", "ARCH=um", f"M={folder}", "KBUILD_MODPOST_WARN=1", "modules", cwd=tree)
-    (folder / "done").write_text(mark)
+    with making(folder):
+        for path in sources:
+            shutil.copy(path, folder)
+        run("make", "-s", "ARCH=um", f"M={folder}", "KBUILD_MODPOST_WARN=1", "modules", cwd=tree)
     return folder / "rig.ko"
 
 
 def build(python: str) -> tuple[Path, Path]:
     """The kernel and the module. Raises: RigFailure."""
     need(_TOOLS)
-    tree = source()
-    linux = kernel(tree)
-    spidev_package(python)
-    return linux, module(tree, linux)
+    with only_builder():
+        tree = kernel()
+        spidev_package(python)
+        return tree / "linux", module(tree)
 
 
 if __name__ == "__main__":
     try:
-        for piece in build(sys.executable):
-            print(piece)
+        for built in build(sys.executable):
+            print(built)
     except (RigFailure, subprocess.SubprocessError) as failure:
         sys.exit(f"the kernel rig cannot be built: {failure}")

@@ -3,26 +3,22 @@
 Owns: fetching, unpacking, compiling and packing, and what need not be done again.
 Must not know: what runs in the guest.
 
-Everything comes from the package sources that this machine already has, is only unpacked (into
-`build/kernel`), and nothing of it is installed.
+Everything comes from the package sources that this machine already has, is only unpacked (see
+pieces.py), and nothing of it is installed.
 """
 
 from __future__ import annotations
 
-import hashlib
 import lzma
-import os
 import re
 import shutil
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
-HERE = Path(__file__).parent
-TREE = HERE.parent.parent
-BUILD = TREE / "build" / "kernel"
+from pieces import HERE, RigFailure, fingerprint, is_made, making, need, only_builder, piece, run
 
 #: What the module is written for: the kernel's internal interfaces move.
 SERIES = "6.12"
@@ -38,47 +34,6 @@ _TOOLS = {
     "dpkg-deb": "dpkg",
     "modinfo": "kmod",
 }
-
-
-class RigFailure(Exception):
-    """The rig cannot be built or started: why, and what to do."""
-
-
-def run(*command: str | Path, cwd: Path | None = None, env: dict[str, str] | None = None) -> str:
-    """Run a program to its end. Raises: RigFailure with what it said."""
-    done = subprocess.run(
-        [str(part) for part in command],
-        cwd=cwd,
-        env=None if env is None else os.environ | env,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if done.returncode:
-        said = (done.stdout + done.stderr).strip()[-3000:]
-        raise RigFailure(f"{' '.join(map(str, command))} failed ({done.returncode}):\n{said}")
-    return done.stdout
-
-
-def need(tools: dict[str, str]) -> None:
-    """Raises: RigFailure that names all packages that are missing."""
-    missing = sorted({package for tool, package in tools.items() if shutil.which(tool) is None})
-    if missing:
-        raise RigFailure(f"packages are missing: sudo apt-get install {' '.join(missing)}")
-
-
-def fingerprint(paths: Sequence[Path]) -> str:
-    """Of the contents of files: what was made from them is made again when it changes."""
-    digest = hashlib.sha256()
-    for path in sorted(paths):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
-
-def is_done(folder: Path, mark: str) -> bool:
-    done = folder / "done"
-    return done.exists() and done.read_text() == mark
 
 
 def kernel_release() -> str:
@@ -98,26 +53,24 @@ def kernel_release() -> str:
 
 def unpacked(release: str) -> Path:
     """The kernel's packages, unpacked: /boot, /lib/modules and /usr/src below one folder."""
-    root = BUILD / "debian" / release
+    root = piece("debian", release)
     packages = (
         f"linux-image-{release}-amd64",
         f"linux-headers-{release}-amd64",
         f"linux-headers-{release}-common",
         f"linux-kbuild-{release}",
     )
-    if is_done(root, release):
+    if is_made(root):
         return root
-    shutil.rmtree(root, ignore_errors=True)
-    root.mkdir(parents=True)
-    fetch = root / "packages"
-    fetch.mkdir()
-    # Not as root's unprivileged helper, which may not write here.
-    run("apt-get", "download", "-o", "APT::Sandbox::User=root", *packages, cwd=fetch)
-    for package in fetch.glob("*.deb"):
-        run("dpkg-deb", "-x", package, root)
-    shutil.rmtree(fetch)
-    _mend_headers(root, release)
-    (root / "done").write_text(release)
+    with making(root):
+        fetch = root / "packages"
+        fetch.mkdir()
+        # Not as root's unprivileged helper, which may not write here.
+        run("apt-get", "download", "-o", "APT::Sandbox::User=root", *packages, cwd=fetch)
+        for package in fetch.glob("*.deb"):
+            run("dpkg-deb", "-x", package, root)
+        shutil.rmtree(fetch)
+        _mend_headers(root, release)
     return root
 
 
@@ -132,18 +85,15 @@ def _mend_headers(root: Path, release: str) -> None:
 def module(root: Path, release: str) -> Path:
     """Our module, compiled against the headers."""
     sources = [path for path in (HERE / "modules").iterdir() if path.is_file()]
-    folder = BUILD / "x86" / "module"
-    mark = release + fingerprint(sources)
-    if is_done(folder, mark):
+    folder = piece("x86-module", release + fingerprint(sources))
+    if is_made(folder):
         return folder / "rig.ko"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    for source in sources:
-        shutil.copy(source, folder)
-    headers = root / f"usr/src/linux-headers-{release}-amd64"
-    run("make", "-s", "-C", headers, f"M={folder}", "modules")
-    run("strip", "--strip-debug", folder / "rig.ko")
-    (folder / "done").write_text(mark)
+    with making(folder):
+        for source in sources:
+            shutil.copy(source, folder)
+        headers = root / f"usr/src/linux-headers-{release}-amd64"
+        run("make", "-s", "-C", headers, f"M={folder}", "modules")
+        run("strip", "--strip-debug", folder / "rig.ko")
     return folder / "rig.ko"
 
 
@@ -170,51 +120,53 @@ def _stock_modules(root: Path, release: str) -> list[Path]:
 def initial_files(root: Path, release: str, ours: Path) -> Path:
     """The initial file system, packed."""
     init = HERE / "guest_init.sh"
-    packed = BUILD / "x86" / "initrd.img"
-    mark = release + fingerprint([init, ours, Path(__file__)])
-    folder = BUILD / "x86" / "initrd"
-    if packed.exists() and is_done(folder, mark):
+    folder = piece("x86-initrd", release + fingerprint([init, ours, Path(__file__)]))
+    packed = folder / "initrd.img"
+    if is_made(folder):
         return packed
-    shutil.rmtree(folder, ignore_errors=True)
-    files = folder / "files"
-    for name in ("bin", "modules"):
-        (files / name).mkdir(parents=True)
-    shutil.copy(str(shutil.which("busybox")), files / "bin/busybox")
-    shutil.copy(init, files / "init")
-    (files / "init").chmod(stat.S_IRWXU)
+    with making(folder):
+        files = folder / "files"
+        for name in ("bin", "modules"):
+            (files / name).mkdir(parents=True)
+        shutil.copy(str(shutil.which("busybox")), files / "bin/busybox")
+        shutil.copy(init, files / "init")
+        (files / "init").chmod(stat.S_IRWXU)
+        _put_modules(files / "modules", [*_stock_modules(root, release), ours])
+        packed.write_bytes(_archive(files))
+        shutil.rmtree(files)
+    return packed
+
+
+def _put_modules(folder: Path, modules: list[Path]) -> None:
+    """The modules, unpacked, and a list of the order in which they are loaded."""
     order = []
-    for path in _stock_modules(root, release):
+    for path in modules:
         name = path.name.removesuffix(".xz")
         data = path.read_bytes()
-        (files / "modules" / name).write_bytes(
-            lzma.decompress(data) if path.suffix == ".xz" else data
-        )
+        (folder / name).write_bytes(lzma.decompress(data) if path.suffix == ".xz" else data)
         order.append(name)
-    shutil.copy(ours, files / "modules" / ours.name)
-    (files / "modules" / "order").write_text("\n".join([*order, ours.name]) + "\n")
+    (folder / "order").write_text("\n".join(order) + "\n")
+
+
+def _archive(files: Path) -> bytes:
+    """The folder as the kernel wants its initial file system."""
     listed = "\n".join(str(path.relative_to(files)) for path in files.rglob("*"))
-    archive = subprocess.run(
+    return subprocess.run(
         ["cpio", "--quiet", "-o", "-H", "newc"],
         input=listed.encode(),
         cwd=files,
         capture_output=True,
         check=True,
     ).stdout
-    packed.write_bytes(archive)
-    (folder / "done").write_text(mark)
-    return packed
 
 
 def spidev_package(python: str) -> Path:
     """The spidev package, compiled for the interpreter that runs in the guest."""
-    folder = BUILD / "python"
-    mark = run(python, "-c", "import sys; print(sys.version)")
-    if not is_done(folder, mark):
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-        pip = (python, "-m", "pip", "--disable-pip-version-check", "--quiet")
-        run(*pip, "install", "--no-deps", "--target", folder, "spidev>=3.6")
-        (folder / "done").write_text(mark)
+    folder = piece("python", run(python, "-c", "import sys; print(sys.version)"))
+    if not is_made(folder):
+        with making(folder):
+            pip = (python, "-m", "pip", "--disable-pip-version-check", "--quiet")
+            run(*pip, "install", "--no-deps", "--target", folder, "spidev>=3.6")
     return folder
 
 
@@ -222,15 +174,16 @@ def build(python: str) -> tuple[Path, Path]:
     """The kernel and the initial file system. Raises: RigFailure."""
     need(_TOOLS)
     release = kernel_release()
-    root = unpacked(release)
-    initrd = initial_files(root, release, module(root, release))
-    spidev_package(python)
+    with only_builder():
+        root = unpacked(release)
+        initrd = initial_files(root, release, module(root, release))
+        spidev_package(python)
     return root / f"boot/vmlinuz-{release}-amd64", initrd
 
 
 if __name__ == "__main__":
     try:
-        for piece in build(sys.executable):
-            print(piece)
+        for built in build(sys.executable):
+            print(built)
     except RigFailure as failure:
         sys.exit(f"the kernel rig cannot be built: {failure}")

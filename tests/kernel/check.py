@@ -1,77 +1,193 @@
 """`make kernel-test`: builds the guests, runs every check in the guests where it holds.
 
-Owns: which check runs where, and the table of how each went. Must not know: what a check does.
+Owns: which check runs where and how long, and the account of it all. Must not know: what a check
+does.
 
 x86 shows what needs a processor that goes on while others wait, uml what needs time to be exact.
-Ends with 1 when a check failed, and with 3 when a guest could not be built or started: never with
-a skip.
+The guests run at the same time, a processor each. Ends with 1 when a check failed or was skipped,
+and with 3 when a guest could not be built or started.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import shlex
 import sys
+from collections import Counter
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import build_uml
 import build_x86
-from build_x86 import TREE, RigFailure
+import measured
 from etd.client import clock
+from pieces import BUILD, TREE, RigFailure
 from run import Guest, boot
 
 _CHECKS = TREE / "tests/kernel/in_guest"
+_CONTRACT = TREE / "tests/contract"
 _EVERYWHERE = ("check_lines.py", "check_faults.py", "check_pulse.py")
 _ONLY: dict[Guest, tuple[str, ...]] = {
     "x86": ("check_kills.py",),
-    "uml": ("check_width.py", "check_scene.py"),
+    "uml": ("check_scene.py",),
 }
-_PYTEST = (
-    *("python", "-m", "pytest", "-q", "--color=no", "-p", "no:cacheprovider"),
-    *("-o", "python_files=check_*.py"),
+#: What is so exact that nothing may be different from one run to the next.
+_APART: dict[Guest, tuple[str, ...]] = {"x86": (), "uml": ("check_width.py",)}
+_PYTEST = ("-m", "pytest", "-q", "-s", "--color=no", "-p", "no:cacheprovider")
+#: Of the contract only what runs on the guest's drivers; of the checks all.
+_WITH_CONTRACT = (
+    *("-p", "contract_chips", "-k", "check_ or linux", "-o", "python_files=check_*.py test_*.py"),
+    *("--junitxml=/run/rig/tests.xml", str(_CONTRACT)),
+)
+_AS_EVER = (
+    *("-p", "no:randomly", "-o", "python_files=check_*.py"),
+    "--junitxml=/run/rig/tests-apart.xml",
 )
 #: At most, on a machine that has other things to do.
 _A_KILL_S = 20.0
-_TIMEOUT_S = {"x86": 400.0, "uml": 300.0}
+_TIMEOUT_S = {"x86": 400.0, "uml": 400.0}
 
 
-def runs(guest: Guest, kills: int) -> dict[str, list[str]]:
-    """What runs in a guest, by name."""
+@dataclass(frozen=True)
+class Amounts:
+    """How much of what is random or slow."""
+
+    kills: int
+    pulses: int
+    hog_s: int
+
+    def for_guest(self) -> list[str]:
+        return [
+            f"ETD_KILLS={self.kills}",
+            f"ETD_PULSES={self.pulses}",
+            f"ETD_HOG_S={self.hog_s}",
+        ]
+
+
+EVERYDAY = Amounts(kills=5, pulses=200, hog_s=5)
+THOROUGH = Amounts(kills=200, pulses=1_000, hog_s=60)
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a guest's run went."""
+
+    guest: Guest
+    seconds: float
+    status: int
+    counts: Counter[str]
+    figures: str
+    failure: str = ""
+
+    @property
+    def passed(self) -> bool:
+        wrong = self.counts.total() - self.counts["passed"]
+        return self.status == 0 and self.counts["passed"] > 0 and not wrong and not self.failure
+
+    def line(self) -> str:
+        told = ", ".join(f"{count} {what}" for what, count in self.counts.items() if count)
+        said = "passed" if self.passed else f"FAILED ({self.status})"
+        return f"{self.seconds:6.0f} s  {self.guest}: {said}: {told or 'nothing ran'}"
+
+
+def command(guest: Guest, amounts: Amounts) -> list[str]:
+    """What runs in a guest."""
+    apart = [str(_CHECKS / name) for name in _APART[guest]]
     checks = [str(_CHECKS / name) for name in (*_EVERYWHERE, *_ONLY[guest])]
-    return {
-        "contract": ["python", str(Path(__file__).with_name("contract_in_guest.py"))],
-        "checks": ["env", f"ETD_KILLS={kills}", *_PYTEST, "-s", *checks],
-    }
+    tests = [*_PYTEST, *_WITH_CONTRACT, *checks]
+    parts = [measured.command(tests, every_process=guest == "uml")]
+    if apart:
+        parts.insert(0, ["python", *_PYTEST, *_AS_EVER, *apart])
+    all_parts = "; ".join(f"{shlex.join(part)} || status=$?" for part in parts)
+    return ["env", *amounts.for_guest(), "sh", "-c", f"status=0; {all_parts}; exit $status"]
 
 
-def _seconds_since(begun_ns: int) -> str:
-    return f"{(clock.now_ns() - begun_ns) / 1e9:6.0f} s"
+def counted(reports: Iterable[Path]) -> Counter[str]:
+    """Tests by how they went."""
+    counts: Counter[str] = Counter()
+    for report in reports:
+        for case in ElementTree.parse(report).iter("testcase"):
+            went = [child.tag for child in case if child.tag in ("failure", "error", "skipped")]
+            counts[{"failure": "failed"}.get(went[0], went[0]) if went else "passed"] += 1
+    return counts
+
+
+def check(guest: Guest, amounts: Amounts) -> Done:
+    """Run everything in one guest."""
+    begun_ns = clock.now_ns()
+    status, failure = 3, ""
+    try:
+        timeout_s = _TIMEOUT_S[guest] + amounts.kills * _A_KILL_S + amounts.hog_s * 20.0
+        status = boot(guest, command(guest, amounts), timeout_s)
+    except RigFailure as error:
+        failure = f"{guest}: {error}"
+    out = BUILD / guest / "out"
+    figures = out / "figures"
+    return Done(
+        guest=guest,
+        seconds=(clock.now_ns() - begun_ns) / 1e9,
+        status=status,
+        counts=counted(out.glob("tests*.xml")),
+        figures=figures.read_text() if figures.exists() else "",
+        failure=failure,
+    )
+
+
+def _chosen() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--guest", choices=("x86", "uml"), help="this one only")
+    parser.add_argument("--thorough", action="store_true", help=f"{THOROUGH}, not {EVERYDAY}")
+    parser.add_argument("--kills", type=int, help="of the engine, in x86")
+    parser.add_argument("--pulses", type=int, help="of each width, in uml")
+    parser.add_argument("--hog-s", type=int, help="seconds beside a hog, in x86")
+    return parser.parse_args()
+
+
+def _amounts(chosen: argparse.Namespace) -> Amounts:
+    base = THOROUGH if chosen.thorough else EVERYDAY
+    return Amounts(
+        kills=base.kills if chosen.kills is None else chosen.kills,
+        pulses=base.pulses if chosen.pulses is None else chosen.pulses,
+        hog_s=base.hog_s if chosen.hog_s is None else chosen.hog_s,
+    )
+
+
+def _account(done: list[Done]) -> int:
+    """Print how it went, and return the exit status."""
+    for one in done:
+        print(f"\n{one.guest}\n{one.figures}", end="")
+        if one.failure:
+            print(f"the kernel rig failed: {one.failure}", file=sys.stderr)
+    print()
+    print(measured.table([BUILD / one.guest / "out" for one in done]))
+    for one in done:
+        print(one.line())
+    counts = sum((one.counts for one in done), Counter())
+    counts["failed"] += counts.pop("error", 0) + counts.pop("skipped", 0)
+    print(f"kernel rig: {counts['passed']} passed, {counts['failed']} failed")
+    if any(one.failure for one in done):
+        return 3
+    return 0 if all(one.passed for one in done) else 1
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--guest", choices=("x86", "uml"), help="this one only")
-    parser.add_argument("--kills", type=int, default=10, help="of the engine, in x86")
-    chosen = parser.parse_args()
+    chosen = _chosen()
     guests: tuple[Guest, ...] = (chosen.guest,) if chosen.guest else ("x86", "uml")
-    table: list[str] = []
-    worst = 0
+    begun_ns = clock.now_ns()
     try:
-        begun_ns = clock.now_ns()
         for build in (build_x86.build, build_uml.build):
             build(sys.executable)
-        table.append(f"{_seconds_since(begun_ns)}  built, or found built")
-        for guest in guests:
-            for name, command in runs(guest, chosen.kills).items():
-                begun_ns = clock.now_ns()
-                status = boot(guest, command, _TIMEOUT_S[guest] + chosen.kills * _A_KILL_S)
-                said = "passed" if status == 0 else f"FAILED ({status})"
-                table.append(f"{_seconds_since(begun_ns)}  {guest} {name}: {said}")
-                worst = worst or (1 if status else 0)
     except RigFailure as failure:
         print(f"the kernel rig failed: {failure}", file=sys.stderr)
-        worst = 3
-    print("\n".join(["", *table]))
-    return worst
+        return 3
+    print(f"{(clock.now_ns() - begun_ns) / 1e9:.0f} s: built, or found built", flush=True)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        done = list(pool.map(lambda guest: check(guest, _amounts(chosen)), guests))
+    return _account(done)
 
 
 if __name__ == "__main__":

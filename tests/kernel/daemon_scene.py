@@ -18,7 +18,11 @@ from pathlib import Path
 from etd.client import Display, clock
 from etd.errors import EtdError
 from etd.protocol import StateReport
+from etd_hal.linux.clock import LinuxClock
 from guest_board import LAST_PROCESSOR, TREE, WITHIN_S
+
+_CLOCK = LinuxClock()
+_PAUSE_NS = 20_000_000
 
 CONFIG = """
 backend = "linux"
@@ -71,18 +75,21 @@ class Daemon:
         return self.nursery.stdout.readline().strip()
 
     def wait_until(self, **fields: object) -> StateReport:
-        """The first state report in which these fields say so."""
+        """The first state report in which these fields say so.
+
+        Asked with pauses: where only sleeping moves time, asking again at once takes for ever.
+        """
         deadline_ns = clock.now_ns() + int(WITHIN_S * 1e9)
         said: object = None
         while clock.now_ns() < deadline_ns:
             try:
                 with Display(address=self.address) as display:
                     said = report = display.status()
+                if all(getattr(report, key) == value for key, value in fields.items()):
+                    return report
             except EtdError as error:
                 said = error
-                continue
-            if all(getattr(report, key) == value for key, value in fields.items()):
-                return report
+            _CLOCK.sleep_until_ns(clock.now_ns() + _PAUSE_NS)
         raise AssertionError(f"never {fields}: {said}")
 
     def make_safe(self) -> subprocess.CompletedProcess[str]:

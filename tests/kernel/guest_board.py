@@ -30,15 +30,20 @@ MACHINE_PATH = TREE / (
 MACHINE: MachineFile = load_machine(MACHINE_PATH)
 _PARAMETERS = Path("/sys/module/rig/parameters")
 _DRIVERS = Path("/sys/bus/platform/drivers")
+#: The folder that the run outside sees, too.
+SHARED = Path("/run/rig")
 WITHIN_S = 30.0
-#: What is looked at runs on the first processor, what answers and serves on the last.
-FIRST_PROCESSOR = {0}
-LAST_PROCESSOR = {max(os.sched_getaffinity(1))}
 #: What is looked at runs on the first processor, what answers and serves on the last.
 FIRST_PROCESSOR = {0}
 LAST_PROCESSOR = {max(os.sched_getaffinity(1))}
 #: Longer than the answerer takes for any message, so that it is the same for all.
 ANSWERED_AFTER_US = 3_000
+
+
+def report(figure: str) -> None:
+    """A figure for the account at the end of the run."""
+    with (SHARED / "figures").open("a") as figures:
+        figures.write(f"{figure}\n")
 
 
 def trace_header() -> dict[str, Any]:
@@ -51,6 +56,18 @@ def trace_header() -> dict[str, Any]:
 def set_parameter(name: str, value: int) -> None:
     """A parameter of the module: its faults, mostly."""
     (_PARAMETERS / name).write_text(str(value))
+
+
+def drivers() -> str:
+    """What runs here, as the kernel names it: its version, and the driver of each bus."""
+    buses = {
+        "gpio": "/sys/bus/gpio/devices/gpiochip0/../driver",
+        "spi": "/sys/class/spi_master/spi0/device/driver",
+        "spidev0.0": "/sys/bus/spi/devices/spi0.0/driver",
+        "i2c": "/sys/class/i2c-adapter/i2c-1/device/driver",
+    }
+    found = [f"{bus} by {Path(link).resolve().name}" for bus, link in buses.items()]
+    return f"Linux {os.uname().release} ({os.uname().machine}): {', '.join(found)}"
 
 
 @contextmanager

@@ -12,7 +12,7 @@ import shutil
 import sys
 from dataclasses import dataclass
 
-from build_x86 import BUILD, TREE, RigFailure
+from pieces import BUILD, TREE, RigFailure
 from run import boot
 
 _COPY = BUILD / "mutant"

@@ -24,7 +24,8 @@ from typing import Literal
 
 import build_uml
 import build_x86
-from build_x86 import BUILD, HERE, TREE, RigFailure
+from build_x86 import spidev_package
+from pieces import BUILD, HERE, TREE, RigFailure
 
 Guest = Literal["x86", "uml"]
 _TIMEOUT_S = 300
@@ -66,7 +67,8 @@ def uml(linux: Path, module: Path, out: Path) -> list[str]:
 
 def command_file(out: Path, command: list[str]) -> None:
     """What the guest runs: the command, in the tree, with the tree's packages."""
-    folders = (TREE / "daemon", TREE / "hal", TREE / "tests", HERE, BUILD / "python")
+    ours = (TREE / "daemon", TREE / "hal", TREE / "tests", HERE)
+    folders = (*ours, spidev_package(sys.executable))
     paths = ":".join(shlex.quote(str(path)) for path in folders)
     (out / "command").write_text(
         f"cd {shlex.quote(str(TREE))}\n"

@@ -101,6 +101,7 @@ def wait_for_edges(ports: Backend) -> tuple[Edge, ...]:
         edges = ports.gpio.edges()
         if edges:
             return edges
+        ports.clock.sleep_until_ns(ports.clock.now_ns() + 1_000_000)
     pytest.fail("no edge came")
 
 

@@ -1,11 +1,14 @@
 """How wide pulses are, in virtual time: what the kernel makes of what the calibration promised.
 
 Computing takes no time here, so what is measured is the kernel's own delays and the bits, to the
-microsecond and the same in every run. Tracing costs time: it is on before the calibration.
+microsecond and the same in every run. Tracing costs time: it is on before the calibration. So
+would counting the lines that run: a quarter of a microsecond a word, which is why check.py has
+this file run apart.
 """
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 
 import pytest
@@ -13,9 +16,10 @@ import pytest
 import kernel_trace
 from etd_hal.board import Board
 from etd_hal.compose import Backend
+from guest_board import report
 
 CURRENT_UA = 300
-PULSES = 200
+PULSES = int(os.environ.get("ETD_PULSES", "200"))
 #: So that no electrode gets more pulses a second than the board allows.
 REST_NS = 6_000_000
 
@@ -53,8 +57,9 @@ def test_a_pulse_is_as_wide_as_asked_within_a_microsecond(
     found = widths_us()
     assert board.safe_off() == ()
     counted = ", ".join(f"{count} x {one}" for one, count in sorted(Counter(found).items()))
-    print(f"asked {width_us} us, planned {pulse.shape.width_us:.2f} us, traced {counted}")
+    report(f"asked {width_us} us, planned {pulse.shape.width_us:.2f} us, traced {counted}")
     assert len(found) == PULSES
     # Both stamps are cut to whole microseconds: a width may read one more or one less.
     assert all(width_us - 2 <= one <= width_us + 1 for one in found), Counter(found)
-    assert width_us - 1 <= sum(found) / len(found) <= width_us
+    # Their mean is not cut. Reading the clock moves it by 0.256 us here.
+    assert width_us - 1 <= sum(found) / len(found) <= width_us + 0.256

@@ -1,6 +1,6 @@
 """For the checks that run in the guest: the chips behind its buses, and the ports on its drivers.
 
-They are collected in the guest only, by name: `tests/kernel/test_guest.py` boots it.
+They are collected in the guest only, by name: `tests/kernel/check.py` boots it.
 """
 
 from __future__ import annotations
@@ -15,12 +15,17 @@ import pytest
 import kernel_trace
 from etd_hal.board import Board
 from etd_hal.compose import Backend, open_linux
-from guest_board import BOARD, FIRST_PROCESSOR, MACHINE, Chips, running_chips
+from guest_board import BOARD, FIRST_PROCESSOR, MACHINE, Chips, drivers, report, running_chips
 
 
 @pytest.fixture(scope="session", autouse=True)
 def first_processor() -> None:
     os.sched_setaffinity(0, FIRST_PROCESSOR)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def what_it_runs_on() -> None:
+    report(drivers())
 
 
 @pytest.fixture(scope="module")
