@@ -1,8 +1,9 @@
 """What an engine may have done, judged from the wires by rules of its own.
 
-Owns: its own reckoning of limits, shares, windows, opening, expiry and reports. It takes what
-was fired from the decoded trace, who was touched from what the test did to the world, and what
-was told from the reports. Must not know: the engine's limits, ledger, opening, contact map.
+Owns: its own reckoning of limits, windows, opening, expiry and reports. It takes what was fired
+from the decoded trace, how returns share a current from the conductances of the body itself, and
+what was told from the reports. Must not know: the engine's limits, ledger, opening, contact map,
+shares.
 """
 
 from __future__ import annotations
@@ -16,12 +17,15 @@ from itertools import pairwise
 
 from etd.link import Report
 from etd.protocol import Clamp, Scan
+from skin_witness import Skin
 from trace_decoder import Facts, Phase, Record, decode, visits
 
 SECOND_NS = 1_000_000_000
 RISE_UA, RISE_NS = 50, 10_000_000
 #: `told_ua` is rounded down to whole uA, charges to whole pC.
 ROUNDING_PC = 1.0
+#: Conductances are measured by pulses that are too short for the skin's capacitance.
+MEASURED = 1.05
 
 
 @dataclass(frozen=True)
@@ -67,8 +71,8 @@ class Story:
     refused: set[int] = field(default_factory=set)
     #: (time, caps): each lease's, from its opening on.
     caps: list[tuple[int, tuple[int, ...]]] = field(default_factory=list)
-    #: (time, electrode, touched)
-    contacts: list[tuple[int, int, bool]] = field(default_factory=list)
+    #: (time, electrode, conductance in S, 0 when lifted): the first ones from the beginning.
+    contacts: list[tuple[int, int, float]] = field(default_factory=list)
     presses: list[int] = field(default_factory=list)
     #: (time, electrode, current, width): what a stabilizer asked for, where there was one.
     wishes: list[tuple[int, int, int, int]] = field(default_factory=list)
@@ -84,8 +88,8 @@ class Visit:
     state: str
     frame: SentFrame | None
     caps_ua: tuple[int, ...]
-    #: How many others were known to be touched, and whether this one was known to be open.
-    touched_others: int
+    #: The part of its current that each electrode returned, as far as anybody could know.
+    shares: dict[int, float]
     is_known_open: bool
 
     @property
@@ -110,10 +114,6 @@ class Visit:
             return None
         return self.frame.returns[self.electrode]
 
-    @property
-    def share(self) -> float:
-        return 1.0 if self.returns is not None else 1.0 / max(1, self.touched_others)
-
 
 class Oracle:
     """Judges one story by its trace."""
@@ -137,25 +137,23 @@ class Oracle:
         return self.states[place - 1][1] if place else "SAFE"
 
     def _visits(self) -> Iterator[Visit]:
-        """Follows who was touched, as far as the pulses could tell."""
+        """Follows who was touched, and what the pulses could tell of it."""
+        skin = Skin(self.story.contacts)
         known: dict[int, bool] = {}
-        touched = [True] * self.story.electrodes
-        changes = iter(sorted(self.story.contacts))
-        change = next(changes, None)
         before_ns = 0
         for phases in visits(decode(self.trace)):
             begun_ns = phases[0].from_ns
-            while change is not None and change[0] <= begun_ns:
-                touched[change[1]] = change[2]
-                change = next(changes, None)
+            skin.until(begun_ns)
             if self._was_safe(before_ns, begun_ns):
                 known.clear()
+                skin.forget()
             before_ns = begun_ns
-            visit = self._visit(phases, known)
+            visit = self._visit(phases, known, skin)
             opposite = [one for one in self._opposite(visit) if one != visit.electrode]
             yield visit
-            known[visit.electrode] = touched[visit.electrode] and any(
-                touched[one] for one in opposite
+            skin.visited(visit)
+            known[visit.electrode] = skin.is_touched(visit.electrode) and any(
+                skin.is_touched(one) for one in opposite
             )
 
     def _opposite(self, visit: Visit) -> Iterable[int]:
@@ -165,15 +163,16 @@ class Oracle:
         return any(from_ns < t_ns <= to_ns and state in ("SAFE", "HALTED", "PROBE")
                    for t_ns, state in self.states)  # fmt: skip
 
-    def _visit(self, phases: tuple[Phase, ...], known: dict[int, bool]) -> Visit:
+    def _visit(self, phases: tuple[Phase, ...], known: dict[int, bool], skin: Skin) -> Visit:
         electrode, begun_ns = phases[0].electrode, phases[0].from_ns
         assert electrode is not None, "a pulse with no electrode alone on its side"
         state = self._state_at(begun_ns)
-        others = sum(is_touched for one, is_touched in known.items() if one != electrode)
         frame = self.story.frames.get(phases[0].seq or -1) if state == "ARMED" else None
+        chosen = None if frame is None or frame.returns is None else frame.returns[electrode]
+        shares = skin.shares(electrode) if chosen is None else dict.fromkeys(chosen, 1.0)
         caps = [caps for t_ns, caps in self.story.caps if t_ns <= begun_ns]
         return Visit(
-            phases, electrode, state, frame, caps[-1], others, known.get(electrode) is False
+            phases, electrode, state, frame, caps[-1], shares, known.get(electrode) is False
         )
 
     # --- the judgments ---------------------------------------------------------------------------
@@ -211,11 +210,8 @@ class Oracle:
 
     def _check_caps(self, visit: Visit) -> None:
         assert visit.current_ua <= visit.caps_ua[visit.electrode]
-        returns = visit.returns
-        if returns is None:
-            returns = tuple(one for one in range(self.story.electrodes) if one != visit.electrode)
-        smallest_ua = min(visit.caps_ua[one] for one in returns)
-        assert visit.current_ua * visit.share <= smallest_ua + 1e-6
+        for one, share in visit.shares.items():
+            assert visit.current_ua * share <= visit.caps_ua[one] * MEASURED
         if visit.is_known_open:
             assert visit.current_ua <= self.story.bounds.probe_current_ua
 
@@ -231,7 +227,7 @@ class Oracle:
         for last, visit in enumerate(self.visits):
             window = self._second_before(last)
             charge_pc, pulses, on_us = _sums(window, self.story.electrodes)
-            assert max(charge_pc.values()) <= most_pc + ROUNDING_PC * len(window)
+            assert max(charge_pc.values()) <= most_pc * MEASURED + ROUNDING_PC * len(window)
             assert pulses[visit.electrode] <= bounds.rate_hz
             assert on_us[visit.electrode] <= bounds.on_us_per_s
             assert sum(one.charge_pc for one in window) <= bounds.array_mean_current_ua * 1e6
@@ -384,8 +380,6 @@ def _sums(
     for visit in window:
         charge_pc[visit.electrode] += visit.charge_pc
         on_us[visit.electrode] += visit.on_us
-        returns = visit.returns if visit.returns is not None else range(electrodes)
-        for one in returns:
-            if one != visit.electrode:
-                charge_pc[one] += visit.charge_pc * visit.share
+        for one, share in visit.shares.items():
+            charge_pc[one] += visit.charge_pc * share
     return charge_pc, pulses, on_us

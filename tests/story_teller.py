@@ -6,7 +6,7 @@ Owns: the verbs of a story, and what the oracle has to know of each. Must not kn
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -100,6 +100,7 @@ class Teller:
         )
         self._asker.clock = self.rig.clock
         self.story = Story(setting.bounds(), setting.electrodes)
+        self._look(range(setting.electrodes))
         self._calibration: Calibration | None = None
 
     @property
@@ -161,12 +162,17 @@ class Teller:
         self.rig.clock.spend(duration_ms * 1_000_000)
 
     def lift(self, electrode: int) -> None:
-        self.story.contacts.append((self.now_ns, electrode, False))
         self.rig.fake.world.lift(electrode)
+        self._look([electrode])
 
     def touch(self, electrode: int) -> None:
-        self.story.contacts.append((self.now_ns, electrode, True))
         self.rig.fake.world.touch(electrode, skin())
+        self._look([electrode])
+
+    def _look(self, electrodes: Iterable[int]) -> None:
+        body = self.rig.fake.world.body
+        for one in electrodes:
+            self.story.contacts.append((self.now_ns, one, body.contact(one).conductance_s))
 
     def press(self, line: StopLine) -> None:
         if getattr(self.rig.engine.loaded.board.guards, line) != "absent":

@@ -101,20 +101,6 @@ def test_where_the_leak_takes_all_or_the_source_is_at_its_end_there_is_no_resist
     assert contact.resistance_ohm[0] is None
 
 
-def test_the_share_of_a_return_is_by_the_others_known_to_be_touched() -> None:
-    contact = contact_map()
-    assert contact.largest_share(0) == 1.0
-    contact.learn(0, 300, TOUCHED_V)
-    assert contact.largest_share(0) == 1.0
-    contact.learn(1, 300, TOUCHED_V)
-    contact.learn(2, 300, TOUCHED_V)
-    contact.learn(3, 300, OPEN_V)
-    assert contact.largest_share(0) == 0.5
-    assert contact.largest_share(3) == pytest.approx(1 / 3)
-    contact.learn(2, 300, OPEN_V)
-    assert contact.largest_share(0) == 1.0
-
-
 def test_forgetting_leaves_everything_unknown() -> None:
     contact = contact_map()
     for electrode in range(4):
@@ -123,5 +109,4 @@ def test_forgetting_leaves_everything_unknown() -> None:
     assert contact.is_touched == [None] * 4
     assert contact.resistance_ohm == [None] * 4
     assert contact.voltage_v == [None] * 4
-    assert contact.largest_share(0) == 1.0
     assert not contact.learn(0, 300, TOUCHED_V)

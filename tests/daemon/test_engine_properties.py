@@ -210,3 +210,48 @@ def test_a_stabilizer_may_ask_for_anything_and_widens_no_limit(
 ) -> None:
     setting, caps_ua, told = story
     judged(Teller(setting, asked), caps_ua, told)
+
+
+WIDE_OPEN = SiteMaxima(
+    uncalibrated_current_ua=3_000,
+    current_ua=3_000,
+    width_us=200,
+    charge_nc=500,
+    rate_hz=120,
+    mean_current_ua=30,
+    array_mean_current_ua=2_000,
+    on_us_per_s=24_000,
+    array_on_us_per_s=500_000,
+)
+
+
+@stories
+@given(
+    caps_ua=st.tuples(*[st.sampled_from([300, 1_000, 3_000])] * ELECTRODES),
+    active=st.sets(electrodes, min_size=1, max_size=2),
+    staying=st.sets(electrodes, min_size=1, max_size=2),
+    is_at_once=st.booleans(),
+    pause_ms=st.sampled_from([10, 2_000]),
+)
+def test_returns_that_lose_the_skin_while_a_frame_stands_make_no_other_return_carry_too_much(
+    caps_ua: tuple[int, ...],
+    active: set[int],
+    staying: set[int],
+    is_at_once: bool,
+    pause_ms: int,
+) -> None:
+    teller = Teller(Setting("kajimoto-hv507", ELECTRODES, WIDE_OPEN, HALF_BRIDGE_SLOT_NS))
+    current_ua = tuple(3_000 if one in active else 0 for one in range(ELECTRODES))
+    frame = {
+        "fields": {"current_ua": current_ua, "width_us": 100, "rate_hz": 60.0},
+        "is_streamed": False,
+        "repeats": 14,
+        "pause_ms": 100,
+    }
+    told = [Step("frame", frame), Step("wait", {"duration_ms": pause_ms})]
+    for one in sorted(set(range(ELECTRODES)) - active - staying):
+        told.append(Step("lift", {"electrode": one}))
+        if not is_at_once:
+            told.append(Step("frame", {**frame, "repeats": 3}))
+    told.append(Step("frame", {**frame, "repeats": 18}))
+    judged(teller, caps_ua, told)

@@ -25,7 +25,6 @@ class ContactMap:
         self.is_touched: list[bool | None] = [None] * electrodes
         self.resistance_ohm: list[int | None] = [None] * electrodes
         self.voltage_v: list[float | None] = [None] * electrodes
-        self._touched = 0
 
     def forget(self) -> None:
         """The supply was off: whoever touched may have gone."""
@@ -33,15 +32,6 @@ class ContactMap:
         self.is_touched[:] = [None] * electrodes
         self.resistance_ohm[:] = [None] * electrodes
         self.voltage_v[:] = [None] * electrodes
-        self._touched = 0
-
-    def others_touched(self, electrode: int) -> int:
-        """How many electrodes besides this one are known to be touched."""
-        return self._touched - (self.is_touched[electrode] is True)
-
-    def largest_share(self, electrode: int) -> float:
-        """The part of the current that one of all others may carry: all of it when in doubt."""
-        return 1.0 / max(1, self.others_touched(electrode))
 
     def learn(self, electrode: int, told_ua: int, voltage_v: float) -> bool:
         """What one pulse of `told_ua` says, given the node's voltage near its end.
@@ -62,7 +52,6 @@ class ContactMap:
         else:
             now = was
         self.is_touched[electrode] = now
-        self._touched += now - (was is True)
         return now and was is False
 
     def _resistance(self, told_ua: int, voltage_v: float) -> int | None:

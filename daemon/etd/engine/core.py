@@ -22,6 +22,7 @@ from etd.engine.plan import Planner, Rules
 from etd.engine.reporting import Reporter
 from etd.engine.scan import Scanner
 from etd.engine.sensors import RailSensor
+from etd.engine.sharing import Sharing
 from etd.engine.state import StateMachine
 from etd.engine.stopper import Stopper
 from etd.engine.visits import Tools, Visitor
@@ -61,6 +62,7 @@ class Core:
         self._dialogue = Dialogue()
         self.lease: Lease | None = None
         self.contact = ContactMap(loaded.array.count, loaded.board.source, loaded.body_site.contact)
+        self.sharing = Sharing(loaded.array.count)
         self.reporter = Reporter(loaded.array.count, self._dialogue.send)
         self.opening = Opening(self.maxima.current_ua)
         self.scanner = Scanner(self.board, self.clock, self.marker, self.reporter)
@@ -71,6 +73,7 @@ class Core:
             Ledger(loaded.array.count, self._ledger_bounds()),
             self.opening,
             self.contact,
+            self.sharing,
             self.reporter,
             stabilizers,
         )
@@ -233,6 +236,7 @@ class Core:
         self.scanner.silence()
         self.opening.restart()
         self.contact.forget()
+        self.sharing.forget()
         self._drop_energizer(why)
         self.reporter.scan_report(self.clock.now_ns(), 0, is_due=True)
         return problems

@@ -163,6 +163,12 @@ class Path:
     return_electrode: int
     share: float
 
+    def with_share(self, share: float) -> Path:
+        """The same caps, for a return that may carry another part."""
+        if share == self.share:
+            return self
+        return Path(self.electrode, self.cap_ua, self.return_cap_ua, self.return_electrode, share)
+
 
 def path_of(electrode: int, caps_ua: Sequence[int], returns: Sequence[int], share: float) -> Path:
     """The electrode's own cap, and the smallest among its returns."""

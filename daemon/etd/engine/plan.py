@@ -267,9 +267,7 @@ class Planner:
             path = one.path
             if one.returns is None:
                 share = share_of_all or 1.0 / max(1, self._count - 1)
-                path = Path(
-                    path.electrode, path.cap_ua, path.return_cap_ua, path.return_electrode, share
-                )
+                path = path.with_share(share)
             _, clamp = last_word(
                 path, one.current_ua, one.width_us, maxima, maxima.current_ua, None, False
             )

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 from etd.engine.contact import ContactMap
 from etd.engine.ledger import Entry, Ledger
-from etd.engine.limits import Maxima, Path, last_word
+from etd.engine.limits import Maxima, last_word
 from etd.engine.opening import Opening
 from etd.engine.plan import Visit
 from etd.engine.reporting import Reporter
+from etd.engine.sharing import Sharing
 from etd.errors import BoardFault
 from etd.protocol import Clamp
 from etd.stabilize.pipeline import Known, Stabilizer, Wish, ask_all
@@ -35,6 +36,7 @@ class Tools:
     ledger: Ledger
     opening: Opening
     contact: ContactMap
+    sharing: Sharing
     reporter: Reporter
     stabilizers: Sequence[Stabilizer] = ()
 
@@ -87,9 +89,11 @@ class Visitor:
         may_still: Callable[[], bool],
     ) -> bool:
         electrode, reporter = visit.electrode, self._tools.reporter
-        current_ua, clamp = self._limited(visit, wish, opening_ua, now_ns)
+        share = self._share(visit, now_ns)
+        current_ua, clamp = self._limited(visit, wish, share, opening_ua, now_ns)
         pulse = self._tools.board.pulse(current_ua, wish.width_us)
-        entry = self._entry(visit, current_ua, wish.width_us)
+        on_us = wish.width_us * len(visit.phases)
+        entry = Entry(electrode, current_ua * on_us, on_us, visit.returns, share)
         if pulse.code == 0:
             if clamp is not None:
                 reporter.clamped(clamp)
@@ -131,12 +135,18 @@ class Visitor:
             return Wish(asked.current_ua, visit.width_us)
         return asked
 
+    def _share(self, visit: Visit, now_ns: int) -> float:
+        """What one return may carry: explicit ones are each reckoned as if alone."""
+        if visit.returns is not None:
+            return 1.0
+        return self._tools.sharing.largest(visit.electrode, now_ns)
+
     def _limited(
-        self, visit: Visit, wish: Wish, opening_ua: int, now_ns: int
+        self, visit: Visit, wish: Wish, share: float, opening_ua: int, now_ns: int
     ) -> tuple[int, Clamp | None]:
         tools, electrode = self._tools, visit.electrode
         return last_word(
-            self._path(visit),
+            visit.path.with_share(share),
             wish.current_ua,
             wish.width_us,
             tools.maxima,
@@ -144,22 +154,6 @@ class Visitor:
             tools.opening.recontact_ua(electrode, now_ns),
             tools.contact.is_touched[electrode] is False,
         )
-
-    def _path(self, visit: Visit) -> Path:
-        path = visit.path
-        if visit.returns is not None:
-            return path
-        share = self._tools.contact.largest_share(visit.electrode)
-        if share == path.share:
-            return path
-        return Path(path.electrode, path.cap_ua, path.return_cap_ua, path.return_electrode, share)
-
-    def _entry(self, visit: Visit, current_ua: int, width_us: int) -> Entry:
-        on_us = width_us * len(visit.phases)
-        share = 1.0
-        if visit.returns is None:
-            share = self._tools.contact.largest_share(visit.electrode)
-        return Entry(visit.electrode, current_ua * on_us, on_us, visit.returns, share)
 
     def _fire(
         self, visit: Visit, pulse: Pulse, entry: Entry, current_ua: int, width_us: int
@@ -194,13 +188,24 @@ class Visitor:
 
     def _learn(self, visit: Visit, pulse: Pulse, shot: Shot, begun_ns: int) -> None:
         tools, electrode = self._tools, visit.electrode
-        if tools.contact.learn(electrode, pulse.told_ua, shot.voltage_v):
+        contact = tools.contact
+        if contact.learn(electrode, pulse.told_ua, shot.voltage_v):
             tools.opening.touched_again(electrode)
+        self._learn_path(visit, pulse, begun_ns)
         tools.reporter.fired(
             electrode,
             begun_ns,
             pulse.told_ua,
             round(pulse.shape.width_us, 2),
-            tools.contact.voltage_v[electrode] or 0.0,
-            tools.contact.resistance_ohm[electrode],
+            contact.voltage_v[electrode] or 0.0,
+            contact.resistance_ohm[electrode],
         )
+
+    def _learn_path(self, visit: Visit, pulse: Pulse, begun_ns: int) -> None:
+        contact, sharing, electrode = self._tools.contact, self._tools.sharing, visit.electrode
+        is_touched = contact.is_touched[electrode] is True
+        if visit.returns is None:
+            path_ohm = contact.resistance_ohm[electrode] if is_touched else None
+            sharing.learn(electrode, round(pulse.shape.width_us), path_ohm, begun_ns)
+        elif not is_touched:
+            sharing.lose(electrode)
