@@ -121,12 +121,15 @@ def test_lines_that_somebody_holds_are_told_by_function_and_holder(
 
 
 class ChipWithPins(ChipFile):
-    """Tells which way its lines point, once they were let go of."""
+    """Of a line that is held it tells which way the pin points; of a free one, how it was used."""
+
+    kernel: Kernel
 
     def get_line_info(self, line: int) -> SimpleNamespace:
         ways = gpiod.line.Direction
-        stays = self.label == "pins that stay" and line == 4
-        return SimpleNamespace(offset=line, direction=ways.OUTPUT if stays else ways.INPUT)
+        is_held = any(line in held.offsets for held in self.kernel.granted if held.fd != -1)
+        points_out = not is_held or (self.label == "pins that stay" and line == 4)
+        return SimpleNamespace(offset=line, direction=ways.OUTPUT if points_out else ways.INPUT)
 
 
 @pytest.mark.parametrize(
@@ -136,9 +139,10 @@ def test_what_becomes_of_outputs_is_seen_by_letting_go_of_them_once(
     kernel: Kernel, devices: Devices, monkeypatch: pytest.MonkeyPatch, label: str, stay: bool
 ) -> None:
     monkeypatch.setattr(gpiod, "Chip", ChipWithPins)
+    monkeypatch.setattr(ChipWithPins, "kernel", kernel, raising=False)
     chip = devices(label) / "gpiochip0"
     assert linux_gpio.keeps_driving(chip, SETUP) is stay
-    assert [request.fd for request in kernel.granted] == [-1, -1]
+    assert [request.fd for request in kernel.granted] == [-1, -1, -1]
 
 
 def test_a_chip_that_goes_meanwhile_is_told(kernel: Kernel, devices: Devices) -> None:

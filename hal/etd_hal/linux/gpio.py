@@ -195,12 +195,19 @@ def open_gpio(chip: Path, setup: LineSetup) -> LinuxGpio:
 def keeps_driving(chip: Path, setup: LineSetup) -> bool:
     """Request the lines, let go of them, and look whether an output is still one.
 
+    Of a free line the kernel only tells how it was last used. It asks the pin itself when the line
+    is requested, so the lines are requested once more, as they are.
     Raises: BusError.
     """
     open_gpio(chip, setup).close()
+    as_they_are: Settings = {line: gpiod.LineSettings() for line, _ in setup.outputs}
     try:
-        with gpiod.Chip(str(chip)) as opened:
-            infos = [opened.get_line_info(line) for line, _ in setup.outputs]
+        held = _request(chip, setup.consumer, as_they_are)
+        try:
+            with gpiod.Chip(str(chip)) as opened:
+                infos = [opened.get_line_info(line) for line, _ in setup.outputs]
+        finally:
+            held.release()
     except OSError as error:
         raise BusError.of(error, str(chip), "looking at released lines") from error
     return any(info.direction is gpiod_line.Direction.OUTPUT for info in infos)
