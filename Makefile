@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test kernel-test bench format install uninstall clean
+.PHONY: help demo test kernel-test kernel-test-pi bench format install uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -33,6 +33,9 @@ test: $(VENV)/ready-dev ## Everything that must hold: format, lint, types, impor
 
 kernel-test: $(VENV)/ready-dev ## Our drivers against real Linux kernels, in virtual machines (docs/kernel-rig.md; ARGS='--guest uml')
 	$(BIN)/python tests/kernel/check.py $(ARGS)
+
+kernel-test-pi: $(VENV)/ready-dev ## The same under the Pi's own drivers, on an emulated Raspberry Pi 3 (docs/kernel-rig.md)
+	$(BIN)/python tests/kernel/pi_check.py
 
 bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)
 	$(BIN)/python tests/bench/run.py $(ARGS)
