@@ -15,13 +15,25 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from build_x86 import BUILD, HERE, SERIES, TREE, RigFailure, fingerprint, is_done, need, run
+from build_x86 import SERIES
 from debian_packages import Index, make_index
+from pieces import (
+    HERE,
+    TREE,
+    RigFailure,
+    fingerprint,
+    is_made,
+    making,
+    need,
+    only_builder,
+    piece,
+    run,
+)
 
-PI = BUILD / "pi"
 _TOOLS = {
     "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu",
     "apt-get": "apt",
@@ -44,7 +56,9 @@ _WHEELS = (
 )
 #: Names of the platform in wheels, for systems as old as Debian 12 and older.
 _PLATFORMS = ("manylinux2014_aarch64", "manylinux_2_26_aarch64", "manylinux_2_28_aarch64")
-_LEFT_OUT = ("config-*", "test", "idlelib", "lib2to3", "ensurepip", "*.a", "__pycache__")
+#: Of the packages, what no program needs.
+_LEFT_OUT = ("config-3*", "idlelib", "lib2to3", "ensurepip", "*.a", "doc", "__pycache__")
+_PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
 _TREE_PARTS = ("config", "daemon", "hal", "tests", "pyproject.toml")
 
 
@@ -61,110 +75,115 @@ class Pi:
 def build() -> Pi:
     """All of it. Raises: RigFailure."""
     need(_TOOLS)
-    PI.mkdir(parents=True, exist_ok=True)
-    mark = fingerprint([Path(__file__), HERE / "debian_packages.py"])
-    folders = [PI / name for name in ("emulator", "kernel", "runtime", "headers", "site")]
-    if not is_done(PI, mark):
-        _fetch(make_index(PI / "index", ("amd64", "arm64")))
-        _wheels(PI / "site")
-        (PI / "done").write_text(mark)
-    emulator, kernel, _, _, _ = folders
-    (image,) = (kernel / "boot").glob("vmlinuz-*")
-    return Pi(emulator, image, device_tree(kernel), initial_files(mark))
+    with only_builder():
+        fetched = packages()
+        kernel = fetched / "kernel"
+        tree = device_tree(kernel / Path(_DEVICE_TREE).name)
+        return Pi(fetched / "emulator", kernel / "vmlinuz", tree, initial_files(fetched))
 
 
-def _fetch(index: Index) -> None:
-    # qemu-system-arm of backports; its libraries come from wherever they are.
+def packages() -> Path:
+    """The emulator, the kernel and what runs on it, each in a folder of its own."""
+    folder = piece("pi-packages", fingerprint([Path(__file__), HERE / "debian_packages.py"]))
+    if is_made(folder):
+        return folder
+    with making(folder):
+        index = make_index(folder / "index", ("amd64", "arm64"))
+        _fetch(index, folder)
+        _install_wheels(folder / "site")
+        _install_spidev(folder / "site", folder / "headers")
+        for no_longer_needed in ("index", "headers"):
+            shutil.rmtree(folder / no_longer_needed)
+    return folder
+
+
+def _fetch(index: Index, folder: Path) -> None:
     emulator = index.closure(["qemu-system-arm"], "amd64", backports=True)
-    index.unpacked(emulator, PI / "emulator")
+    index.unpack(emulator, folder / "emulator")
     found = re.search(r"Depends: (linux-image-\S+)", index.depends(_KERNEL))
     if found is None:
         raise RigFailure(f"the package sources of this machine have no Linux {SERIES} for arm64")
-    index.unpacked([found.group(1)], PI / "kernel")
-    index.unpacked(index.closure(_RUNTIME, "arm64", backports=False), PI / "runtime")
-    index.unpacked(index.closure(_HEADERS, "arm64", backports=False), PI / "headers")
+    _keep_of_the_kernel(index.unpack([found.group(1)], folder / "unpacked"), folder / "kernel")
+    for name, wanted in (("runtime", _RUNTIME), ("headers", _HEADERS)):
+        index.unpack(index.closure(wanted, "arm64", backports=False), folder / name)
 
 
-def _wheels(site: Path) -> None:
-    """The Python packages for the guest; spidev, which has no wheel, is compiled."""
-    shutil.rmtree(site, ignore_errors=True)
-    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
+def _keep_of_the_kernel(unpacked: Path, folder: Path) -> None:
+    """Its image, the tree of the Pi 3 and our modules: a small part of the package."""
+    (folder / "modules").mkdir(parents=True)
+    (image,) = unpacked.glob("boot/vmlinuz-*")
+    shutil.move(image, folder / "vmlinuz")
+    (tree,) = unpacked.rglob(_DEVICE_TREE)
+    shutil.move(tree, folder / tree.name)
+    for name in _MODULES:
+        (found,) = unpacked.rglob(f"{name}.ko.xz")
+        (folder / f"modules/{name}.ko").write_bytes(lzma.decompress(found.read_bytes()))
+    (folder / "modules/order").write_text("".join(f"{name}.ko\n" for name in _MODULES))
+    shutil.rmtree(unpacked)
+
+
+def _install_wheels(site: Path) -> None:
     platforms = [f"--platform={name}" for name in _PLATFORMS]
     run(
-        *(*pip, "install", "--target", site, "--no-compile", "--only-binary=:all:"),
+        *(*_PIP, "install", "--target", site, "--no-compile", "--only-binary=:all:"),
         *("--implementation=cp", f"--python-version={_PYTHON}", *platforms, *_WHEELS),
     )
-    fetch = PI / "spidev"
-    shutil.rmtree(fetch, ignore_errors=True)
-    run(*pip, "download", "--no-deps", "--no-binary=:all:", "--dest", fetch, "spidev>=3.6")
-    (archive,) = fetch.glob("*.tar.gz")
-    with tarfile.open(archive) as packed:
-        packed.extractall(fetch, filter="data")
-    (source,) = fetch.rglob("spidev_module.c")
-    headers = PI / "headers"
-    run(
-        *("aarch64-linux-gnu-gcc", f"--sysroot={headers}", "-shared", "-fPIC", "-O2"),
-        f"-I{headers}/usr/include/python{_PYTHON}",
-        *("-o", site / "spidev.so", source),
-    )
-    # What makes it an installed package: its name and version, as every source archive has them.
-    about = site / f"{archive.name.removesuffix('.tar.gz')}.dist-info"
-    about.mkdir()
-    shutil.copy(source.parent / "PKG-INFO", about / "METADATA")
 
 
-def device_tree(kernel: Path) -> Path:
+def _install_spidev(site: Path, headers: Path) -> None:
+    """spidev has no wheel: it is one file of C, compiled here for there."""
+    with tempfile.TemporaryDirectory() as fetch:
+        run(*_PIP, "download", "--no-deps", "--no-binary=:all:", "--dest", fetch, "spidev>=3.6")
+        (archive,) = Path(fetch).glob("*.tar.gz")
+        with tarfile.open(archive) as packed:
+            packed.extractall(fetch, filter="data")
+        (source,) = Path(fetch).rglob("spidev_module.c")
+        run(
+            *("aarch64-linux-gnu-gcc", f"--sysroot={headers}", "-shared", "-fPIC", "-O2"),
+            f"-I{headers}/usr/include/python{_PYTHON}",
+            *("-o", site / "spidev.so", source),
+        )
+        # What makes it an installed package: its name and version, as source archives have them.
+        about = site / f"{archive.name.removesuffix('.tar.gz')}.dist-info"
+        about.mkdir()
+        shutil.copy(source.parent / "PKG-INFO", about / "METADATA")
+
+
+def device_tree(original: Path) -> Path:
     """Debian's tree of the Pi 3 with our changes behind it, compiled."""
-    (original,) = kernel.rglob(_DEVICE_TREE)
     changes = HERE / "pi.dts"
-    folder = PI / "device-tree"
-    mark = fingerprint([original, changes])
+    folder = piece("pi-device-tree", fingerprint([original, changes]))
     compiled = folder / "pi.dtb"
-    if is_done(folder, mark):
+    if is_made(folder):
         return compiled
-    folder.mkdir(exist_ok=True)
-    # -q: warnings are about the tree that we were given.
-    text = run("dtc", "-q", "-I", "dtb", "-O", "dts", original)
-    source = folder / "pi.dts"
-    source.write_text(text + "\n" + changes.read_text())
-    run("dtc", "-q", "-I", "dts", "-O", "dtb", "-o", compiled, source)
-    (folder / "done").write_text(mark)
+    with making(folder):
+        # -q: warnings are about the tree that we were given.
+        text = run("dtc", "-q", "-I", "dtb", "-O", "dts", original)
+        source = folder / "pi.dts"
+        source.write_text(text + "\n" + changes.read_text())
+        run("dtc", "-q", "-I", "dts", "-O", "dtb", "-o", compiled, source)
     return compiled
 
 
-def initial_files(mark: str) -> Path:
+def initial_files(fetched: Path) -> Path:
     """What does not change between runs, packed: interpreter, packages, modules, first process."""
     init = HERE / "pi_init.sh"
-    folder = PI / "initrd"
+    folder = piece("pi-initrd", fetched.name + fingerprint([init]))
     packed = folder / "initrd.img"
-    mark += fingerprint([init])
-    if is_done(folder, mark):
+    if is_made(folder):
         return packed
-    shutil.rmtree(folder, ignore_errors=True)
-    files = folder / "files"
-    shutil.copytree(
-        PI / "runtime",
-        files,
-        symlinks=True,
-        ignore=shutil.ignore_patterns(*_LEFT_OUT, "doc", "done"),
-    )
-    shutil.copytree(PI / "site", files / "site", ignore=shutil.ignore_patterns("__pycache__"))
-    (files / "usr/bin/python").symlink_to(f"python{_PYTHON}")
-    (files / "bin/sh").symlink_to("busybox")
-    shutil.copy(init, files / "init")
-    _copy_modules(files / "modules")
-    pack(files, packed)
-    shutil.rmtree(files)
-    (folder / "done").write_text(mark)
+    with making(folder):
+        files = folder / "files"
+        left_out = shutil.ignore_patterns(*_LEFT_OUT)
+        shutil.copytree(fetched / "runtime", files, symlinks=True, ignore=left_out)
+        shutil.copytree(fetched / "site", files / "site", ignore=left_out)
+        (files / "usr/bin/python").symlink_to(f"python{_PYTHON}")
+        (files / "bin/sh").symlink_to("busybox")
+        shutil.copy(init, files / "init")
+        shutil.copytree(fetched / "kernel/modules", files / "modules")
+        pack(files, packed)
+        shutil.rmtree(files)
     return packed
-
-
-def _copy_modules(folder: Path) -> None:
-    folder.mkdir()
-    for name in _MODULES:
-        (found,) = (PI / "kernel").rglob(f"{name}.ko.xz")
-        (folder / f"{name}.ko").write_bytes(lzma.decompress(found.read_bytes()))
-    (folder / "order").write_text("".join(f"{name}.ko\n" for name in _MODULES))
 
 
 def tree_files(folder: Path, command: str) -> Path:

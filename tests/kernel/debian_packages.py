@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from build_x86 import RigFailure, is_done, run
+from pieces import RigFailure, run
 
 #: Sections, by what stands behind the release's name. Without security updates it works as well.
 _SECTIONS = ("", "-updates", "-security", "-backports")
@@ -51,19 +51,14 @@ class Index:
         """What apt says that a package depends on."""
         return run("apt-cache", "depends", package, env=self._environment)
 
-    def unpacked(self, packages: Sequence[str], into: Path) -> Path:
-        """Fetch and unpack exactly these, unless that was done. Raises: RigFailure."""
-        mark = "\n".join(packages)
-        if is_done(into, mark):
-            return into
-        shutil.rmtree(into, ignore_errors=True)
+    def unpack(self, packages: Sequence[str], into: Path) -> Path:
+        """Fetch and unpack exactly these into a new folder. Raises: RigFailure."""
         fetch = into / "packages"
         fetch.mkdir(parents=True)
         run("apt-get", "download", *packages, cwd=fetch, env=self._environment)
         for package in sorted(fetch.glob("*.deb")):
             run("dpkg-deb", "-x", package, into)
         shutil.rmtree(fetch)
-        (into / "done").write_text(mark)
         return into
 
 

@@ -17,13 +17,15 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import build_pi
-from build_pi import PI, Pi
-from build_x86 import RigFailure
+from build_pi import Pi
+from pieces import BUILD, RigFailure
 
-TIMEOUT_S = 300.0
+#: A run takes half a minute on a machine that has nothing else to do.
+TIMEOUT_S = 600.0
 #: So much of the console is shown when something went wrong.
 _CONSOLE_TAIL = 4_000
 _STATUS = re.compile(r"^rig: status (\d+)\s*\Z", re.MULTILINE)
@@ -61,13 +63,21 @@ def command_file(command: list[str]) -> str:
     )
 
 
-def boot(command: list[str], timeout_s: float, *, keeps_outputs: bool = False) -> int:
-    """Run `command` on the Pi and print what it said. Returns its exit status.
+@dataclass(frozen=True)
+class Ended:
+    """A command's exit status, and all that it said."""
+
+    status: int
+    said: str
+
+
+def boot(command: list[str], timeout_s: float, *, keeps_outputs: bool = False) -> Ended:
+    """Run `command` on the Pi and print what it said.
 
     Raises: RigFailure (does not start, takes too long, ends without a status).
     """
     pi = build_pi.build()
-    out = PI / "out"
+    out = BUILD / "pi" / "out"
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     initrd = out / "initrd.img"
@@ -77,13 +87,14 @@ def boot(command: list[str], timeout_s: float, *, keeps_outputs: bool = False) -
     )
     output = _text(out / "output")
     found = _STATUS.search(output)
-    sys.stdout.write(output[: found.start()] if found else output)
+    said = output[: found.start()] if found else output
+    sys.stdout.write(said)
     sys.stdout.flush()
     if not ended:
         raise RigFailure(f"the Pi was not done in {timeout_s} s\n{_console(out)}")
     if found is None:
         raise RigFailure(f"the Pi ended without a status\n{_console(out)}")
-    return int(found.group(1))
+    return Ended(int(found.group(1)), said)
 
 
 def _join(into: Path, *parts: Path) -> None:
@@ -126,7 +137,7 @@ def main() -> int:
     parser.add_argument("command", nargs=argparse.REMAINDER)
     chosen = parser.parse_args()
     try:
-        return boot(chosen.command, chosen.timeout, keeps_outputs=chosen.keep_outputs)
+        return boot(chosen.command, chosen.timeout, keeps_outputs=chosen.keep_outputs).status
     except RigFailure as failure:
         print(f"the kernel rig failed: {failure}", file=sys.stderr)
         return 3
