@@ -12,7 +12,7 @@ from __future__ import annotations
 import datetime
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -22,6 +22,7 @@ from etd_hal.errors import FileError
 from etd_hal.tomlfile import load_toml
 
 Ua = Annotated[int, Meta(ge=0, le=10_000)]
+Method = Literal["limits", "staircase", "quest-plus", "equalize"]
 
 
 class ElectrodeLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -31,6 +32,10 @@ class ElectrodeLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     comfortable_ua: Ua
     cap_ua: Ua
     resistance_ohm: Annotated[int, Meta(ge=0)] | None = None
+    #: False: nothing was felt up to the cap, or nothing was tried; then the three are bounds only.
+    felt: bool = True
+    #: Where it is another day's than the file's: taken over from an earlier calibration.
+    date: datetime.date | None = None
 
 
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -46,6 +51,9 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     date: datetime.date
     program: str
     electrode: tuple[ElectrodeLimits, ...]
+    #: How thresholds were found, and of how many pulses a presentation was.
+    method: Method | None = None
+    pulses: Annotated[int, Meta(ge=1, le=1_000)] | None = None
     #: I = threshold + (comfortable - threshold) x level^(1/gamma)
     gamma: Annotated[float, Meta(ge=0.5, le=3.0)] = 1.0
 
@@ -117,6 +125,10 @@ def to_toml(calibration: Calibration) -> str:
         "program": _text(calibration.program),
         "gamma": repr(float(calibration.gamma)),
     }
+    if calibration.method is not None:
+        keys["method"] = _text(calibration.method)
+    if calibration.pulses is not None:
+        keys["pulses"] = str(calibration.pulses)
     head = "".join(f"{key} = {value}\n" for key, value in keys.items())
     body = "".join(f"    {_electrode(one)},\n" for one in calibration.electrode)
     return f"{head}\nelectrode = [\n{body}]\n"
@@ -136,5 +148,11 @@ def _returns(returns: Returns) -> str:
 
 
 def _electrode(limits: ElectrodeLimits) -> str:
-    values = msgspec.structs.asdict(limits).items()
-    return "{ " + ", ".join(f"{key} = {value}" for key, value in values if value is not None) + " }"
+    keys = {key: str(getattr(limits, key)) for key in ("threshold_ua", "comfortable_ua", "cap_ua")}
+    if limits.resistance_ohm is not None:
+        keys["resistance_ohm"] = str(limits.resistance_ohm)
+    if not limits.felt:
+        keys["felt"] = "false"
+    if limits.date is not None:
+        keys["date"] = limits.date.isoformat()
+    return "{ " + ", ".join(f"{key} = {value}" for key, value in keys.items()) + " }"

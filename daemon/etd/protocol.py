@@ -102,9 +102,9 @@ class Mark(_Request, frozen=True, tag="mark"):
 
 
 class GetCalibration(_Request, frozen=True, tag="calibration"):
-    """`get` one by name, `list` all, or `set` one (operate, SAFE)."""
+    """`get` one by name, `list` all, `set` one (operate, SAFE), or `delete` one (operate)."""
 
-    do: Literal["get", "list", "set"]
+    do: Literal["get", "list", "set", "delete"]
     name: Name | None = None
     calibration: Calibration | None = None
 

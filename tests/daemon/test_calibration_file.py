@@ -35,6 +35,8 @@ def limits(draw: st.DrawFn) -> ElectrodeLimits:
         comfortable_ua=comfortable_ua,
         cap_ua=cap_ua,
         resistance_ohm=draw(st.none() | st.integers(0, 10**7)),
+        felt=draw(st.booleans()),
+        date=draw(st.none() | st.dates()),
     )
 
 
@@ -57,6 +59,8 @@ CALIBRATIONS = st.builds(
     date=st.dates(),
     program=TEXT,
     electrode=st.lists(limits(), min_size=4, max_size=4).map(tuple),
+    method=st.none() | st.sampled_from(["limits", "staircase", "quest-plus", "equalize"]),
+    pulses=st.none() | st.integers(1, 1_000),
     gamma=st.floats(0.5, 3.0),
 )
 

@@ -228,6 +228,21 @@ def test_a_calibration_is_kept_given_back_and_opened(tmp_path: Path) -> None:
         assert [path.name for path in (rig.state_dir / "calibrations").iterdir()] == ["p01.toml"]
 
 
+def test_a_calibration_is_deleted_and_a_shipped_one_stays(tmp_path: Path) -> None:
+    shipped = Path(__file__).parents[2] / "config" / "calibrations"
+    with GatewayRig(shipped_calibrations=shipped) as rig:
+        rig.call(op="calibration", do="set", name="p01", calibration=CALIBRATION)
+        deleted = rig.call(op="calibration", do="delete", name="p01")
+        assert "p01" not in deleted["names"]
+        assert list((rig.state_dir / "calibrations").iterdir()) == []
+
+        again = rig.call(op="calibration", do="delete", name="p01")
+        assert again["error"] == "not_found"
+        stays = rig.call(op="calibration", do="delete", name="fake-fingertip")
+        assert stays["error"] == "bad_calibration"
+        assert "fake-fingertip" in rig.call(op="hello")["calibrations"]
+
+
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
@@ -283,6 +298,7 @@ def test_only_operators_arm_clear_and_set() -> None:
             {"op": "arm"},
             {"op": "clear"},
             {"op": "calibration", "do": "set", "name": "x", "calibration": CALIBRATION},
+            {"op": "calibration", "do": "delete", "name": "x"},
         ):
             reply = rig.call(**request)
             assert reply["error"] == "not_permitted"

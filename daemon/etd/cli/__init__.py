@@ -33,6 +33,7 @@ VERBS = (
     "clear",
     "monitor",
     "measure",
+    "calibration",
     "selftest",
     "check",
     "safe",

@@ -186,6 +186,10 @@ class AsyncDisplay:
         """Keep a calibration under a name; in SAFE only, needs operate rights."""
         await self._run(self._session.set_calibration(name, calibration))
 
+    async def delete_calibration(self, name: str) -> None:
+        """Have the daemon forget it; needs operate rights. Raises: Refused (`not_found`)."""
+        await self._run(self._session.delete_calibration(name))
+
     def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> AsyncTelemetry:
         """`async with display.telemetry("scan") as reports: async for topic, report in reports`"""
         facts = self._session.facts

@@ -177,6 +177,10 @@ class Display:
         """Keep a calibration under a name; in SAFE only, needs operate rights."""
         self._run(self._session.set_calibration(name, calibration))
 
+    def delete_calibration(self, name: str) -> None:
+        """Have the daemon forget it; needs operate rights. Raises: Refused (`not_found`)."""
+        self._run(self._session.delete_calibration(name))
+
     def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> Telemetry:
         """`with display.telemetry("scan") as reports: for topic, report in reports: ...`"""
         facts = self._session.facts

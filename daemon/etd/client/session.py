@@ -171,6 +171,9 @@ class Session:
     def set_calibration(self, name: str, calibration: Calibration) -> Flow[None]:
         yield self._ask("calibration", {"do": "set", "name": name, "calibration": calibration})
 
+    def delete_calibration(self, name: str) -> Flow[None]:
+        yield self._ask("calibration", {"do": "delete", "name": name})
+
     def settle(self, ask: Ask, data: bytes) -> Success | None:
         """The typed reply to `ask`, or None if these bytes answer another request.
 

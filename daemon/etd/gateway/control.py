@@ -203,6 +203,9 @@ class ControlDesk:
             calibration = self._store.get(_name_of(request), self._offers_shipped())
         elif request.do == "set":
             self._set_calibration(request, letter)
+        elif request.do == "delete":
+            self._check_operator(letter)
+            self._store.delete(_name_of(request))
         return CalibrationReply(
             ok=True,
             now_ns=now_ns,

@@ -39,7 +39,7 @@ class CalibrationStore:
 
     def put(self, name: str, calibration: Calibration) -> None:
         """Keep it under `name`, in place of what was there. Raises: Refused (`bad_calibration`)."""
-        if self._shipped is not None and (self._shipped / f"{name}.toml").exists():
+        if self._is_shipped(name):
             raise Refused("bad_calibration", f"{name!r} is a shipped one: choose another name")
         try:
             check_order(calibration, name)
@@ -52,6 +52,24 @@ class CalibrationStore:
             raise Refused(
                 "bad_calibration", f"{name!r} could not be kept in {self._own}: {error.strerror}"
             ) from error
+
+    def delete(self, name: str) -> None:
+        """Forget it. A lease that was opened with it keeps its limits until it ends.
+
+        Raises: Refused (`not_found`, `bad_calibration`).
+        """
+        if self._is_shipped(name):
+            raise Refused("bad_calibration", f"{name!r} is a shipped one: it stays")
+        path = self._find(name, with_shipped=False)
+        try:
+            path.unlink()
+        except OSError as error:
+            raise Refused(
+                "bad_calibration", f"{path} could not be deleted: {error.strerror}"
+            ) from error
+
+    def _is_shipped(self, name: str) -> bool:
+        return self._shipped is not None and (self._shipped / f"{name}.toml").exists()
 
     def _find(self, name: str, with_shipped: bool) -> Path:
         for folder in (self._own, self._shipped if with_shipped else None):

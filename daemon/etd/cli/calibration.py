@@ -1,0 +1,207 @@
+"""`etd calibration list|show|export|import|delete`: the calibrations that a daemon keeps.
+
+Owns: the printed answers, and the files that are read and written for them. Must not know: where
+the daemon keeps them, how a calibration is made (calibrate).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import msgspec
+
+from etd.apps.picture import Picture
+from etd.calibration import Calibration, load_calibration, to_toml
+from etd.cli import options
+from etd.client import Display
+from etd.errors import FileError
+from etd.frame import Returns, Ring
+from etd.places import check_name
+from etd.wholefile import write_whole
+
+NAME = "calibration"
+HELP = "list, show, export, import and delete the calibrations that the daemon keeps"
+EPILOG = """
+examples:
+  etd calibration list
+  etd calibration show P01
+  etd calibration export P01 P01.toml         without a file: to standard output
+  etd calibration import P01.toml --as P01    checked against board, array and body site; in SAFE
+  etd calibration delete P01
+
+A calibration is a person's limits: import and delete need operate rights, and the name is a code
+for the participant, never a name. `etd calibrate` makes one.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(title="what", metavar="WHAT", required=True)
+    _action(actions, "list", _list, "the names there are, and what they hold for")
+    show = _action(actions, "show", _show, "one calibration, electrode by electrode")
+    export = _action(actions, "export", _export, "one calibration as the file that it is")
+    taking = _action(actions, "import", _import, "have the daemon keep a calibration file")
+    delete = _action(actions, "delete", _delete, "have the daemon forget one")
+    for each in (show, export, delete):
+        each.add_argument("which", metavar="NAME", help="its name")
+    export.add_argument("file", nargs="?", type=Path, metavar="FILE", help="a new file")
+    taking.add_argument("file", type=Path, metavar="FILE", help="a calibration file")
+    taking.add_argument("--as", dest="which", metavar="NAME", help="default: the file's own name")
+
+
+def _action(
+    actions: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    act: object,
+    what: str,
+) -> argparse.ArgumentParser:
+    parser = actions.add_parser(name, help=what, description=what, allow_abbrev=False)
+    options.add_name(parser)
+    options.add_json(parser)
+    parser.set_defaults(act=act)
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Raises: Refused (`not_found`, `not_permitted`, `bad_calibration`, `wrong_state`), FileError,
+    DaemonGone.
+    """
+    return int(args.act(args))
+
+
+def _display(args: argparse.Namespace) -> Display:
+    return Display(args.name, client="etd calibration")
+
+
+# --- what is there -----------------------------------------------------------------------------
+
+
+def _list(args: argparse.Namespace) -> int:
+    with _display(args) as display:
+        found = {name: display.calibration(name) for name in display.calibrations()}
+    if args.json:
+        about = {name: _conditions(one) for name, one in found.items()}
+        _print_json({"ok": True, "calibrations": about})
+    elif not found:
+        print("there are none: `etd calibrate` makes one")
+    else:
+        wide = max(map(len, found))
+        print("\n".join(f"{name:<{wide}}  {_sentence(one)}" for name, one in found.items()))
+    return 0
+
+
+def _show(args: argparse.Namespace) -> int:
+    with _display(args) as display:
+        calibration = display.calibration(args.which)
+        array = display.facts.array
+    if args.json:
+        _print_json({"ok": True, "name": args.which, "calibration": calibration})
+        return 0
+    for key, value in _conditions(calibration).items():
+        print(f"{key:<13} {value}")
+    if calibration.array == array.name and len(calibration.electrode) == array.electrodes:
+        signs = _signs([one.threshold_ua for one in calibration.electrode])
+        print("thresholds, low to high from 0 to 9:")
+        print("\n".join(Picture(array.x_mm, array.y_mm).rows(signs)))
+    print("\n".join(_table(calibration)))
+    return 0
+
+
+def _conditions(calibration: Calibration) -> dict[str, object]:
+    """Everything but the electrodes, as they are written."""
+    return {
+        "participant": calibration.participant,
+        "body_site": calibration.body_site,
+        "array": calibration.array,
+        "polarity": calibration.polarity,
+        "width_us": calibration.width_us,
+        "rate_hz": calibration.rate_hz,
+        "returns": _returns(calibration.returns),
+        "method": calibration.method,
+        "pulses": calibration.pulses,
+        "gamma": calibration.gamma,
+        "date": calibration.date.isoformat(),
+        "program": calibration.program,
+        "electrodes": len(calibration.electrode),
+        "largest_cap_ua": max((one.cap_ua for one in calibration.electrode), default=0),
+    }
+
+
+def _returns(returns: Returns) -> str:
+    if isinstance(returns, str):
+        return returns
+    return f"ring of {returns.ring_mm:g} mm" if isinstance(returns, Ring) else "a set for each"
+
+
+def _sentence(calibration: Calibration) -> str:
+    caps_ua = [one.cap_ua for one in calibration.electrode]
+    return (
+        f"{calibration.participant}, {calibration.body_site}, {calibration.array},"
+        f" {calibration.polarity}, {calibration.width_us} us, {calibration.rate_hz:g} Hz, caps up"
+        f" to {max(caps_ua, default=0)} uA, {calibration.date.isoformat()}"
+    )
+
+
+def _signs(values: list[int]) -> list[str]:
+    """A digit for each, from the least to the largest."""
+    least = min(values)
+    span = max(max(values) - least, 1)
+    return [str((value - least) * 9 // span) for value in values]
+
+
+def _table(calibration: Calibration) -> list[str]:
+    lines = ["electrode  threshold  comfortable  cap (uA)  resistance then"]
+    for electrode, one in enumerate(calibration.electrode):
+        ohm = "not known" if one.resistance_ohm is None else f"{one.resistance_ohm} ohm"
+        told = "" if one.felt else "  not felt"
+        day = "" if one.date is None else f"  of {one.date.isoformat()}"
+        lines.append(
+            f"{electrode:>9}  {one.threshold_ua:>9}  {one.comfortable_ua:>11}  {one.cap_ua:>8}"
+            f"  {ohm:>15}{told}{day}"
+        )
+    return lines
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def _export(args: argparse.Namespace) -> int:
+    """A file that is there already is not written over."""
+    with _display(args) as display:
+        text = to_toml(display.calibration(args.which))
+    if args.file is None:
+        sys.stdout.write(text)
+        return 0
+    if args.file.exists():
+        raise FileError(str(args.file), "", "it is there already", "name a new file")
+    write_whole(args.file, text.encode(), mode=0o640)
+    _done(args, f"{args.which} is in {args.file}")
+    return 0
+
+
+def _import(args: argparse.Namespace) -> int:
+    calibration = load_calibration(args.file)
+    name = check_name(args.which or args.file.stem)
+    with _display(args) as display:
+        display.set_calibration(name, calibration)
+    _done(args, f"{name}: {_sentence(calibration)}", name)
+    return 0
+
+
+def _delete(args: argparse.Namespace) -> int:
+    with _display(args) as display:
+        display.delete_calibration(args.which)
+    _done(args, f"{args.which} is deleted")
+    return 0
+
+
+def _done(args: argparse.Namespace, sentence: str, name: str | None = None) -> None:
+    if args.json:
+        _print_json({"ok": True, "name": name or args.which})
+    else:
+        print(sentence)
+
+
+def _print_json(answer: object) -> None:
+    print(msgspec.json.encode(answer).decode())

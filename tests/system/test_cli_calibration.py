@@ -1,0 +1,76 @@
+"""`etd calibration` against a daemon: a person's limits come in, are shown, and go again."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from command_rig import CommandRig, command_rig
+from engine_parts import calibration
+from etd.calibration import load_calibration, to_toml
+
+
+@pytest.fixture
+def rig() -> Iterator[CommandRig]:
+    with command_rig() as made:
+        yield made
+
+
+def written(folder: Path, name: str, electrodes: int = 8) -> Path:
+    made = calibration(
+        electrodes, array="pad-8", method="limits", pulses=10, date=datetime.date(2025, 3, 4)
+    )
+    path = folder / name
+    path.write_text(to_toml(made))
+    return path
+
+
+def test_a_calibration_is_imported_shown_exported_and_deleted(rig: CommandRig) -> None:
+    path = written(rig.folder, "P01.toml")
+    with rig.daemon("--array", "pad-8"):
+        taken = rig.run("calibration", "import", str(path))
+        assert taken.status == 0, taken.err
+        listed = rig.run("calibration", "list", "--json").answer["calibrations"]
+        assert listed["P01"]["method"] == "limits"
+        assert listed["P01"]["electrodes"] == 8
+
+        shown = rig.run("calibration", "show", "P01").out
+        assert "polarity      anodic\n" in shown
+        assert "        7       1000         2000      3000        not known\n" in shown
+
+        assert rig.run("calibration", "export", "P01").out == path.read_text()
+        copy = rig.folder / "copy.toml"
+        assert rig.run("calibration", "export", "P01", str(copy)).status == 0
+        assert load_calibration(copy) == load_calibration(path)
+
+        assert rig.run("calibration", "delete", "P01").status == 0
+        gone = rig.run("calibration", "show", "P01", "--json")
+        assert (gone.status, gone.answer["error"]) == (1, "not_found")
+
+
+def test_what_does_not_fit_or_is_there_already_is_refused_in_a_sentence(rig: CommandRig) -> None:
+    with rig.daemon("--array", "pad-8"):
+        short = rig.run("calibration", "import", str(written(rig.folder, "P02.toml", 4)))
+        assert short.status == 1
+        assert "etd: " in short.err
+        there = rig.run(
+            "calibration", "export", "fake-fingertip-pad-8", str(written(rig.folder, "P03.toml"))
+        )
+        assert there.status == 1
+        assert "it is there already" in there.err
+        shipped = rig.run("calibration", "delete", "fake-fingertip-pad-8")
+        assert shipped.status == 1
+        assert "shipped" in shipped.err
+        path = written(rig.folder, "P04.toml")
+        assert rig.run("calibration", "import", str(path), "--as", "../x").status == 1
+    assert rig.run("calibration").status == 2
+
+
+def test_a_shipped_calibration_is_listed_with_what_it_holds_for(rig: CommandRig) -> None:
+    with rig.daemon("--array", "pad-8"):
+        lines = rig.run("calibration", "list").out
+    assert "fake-fingertip-pad-8" in lines
+    assert "anodic, 100 us, 60 Hz, caps up to 4000 uA" in lines
