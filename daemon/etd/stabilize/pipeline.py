@@ -16,15 +16,26 @@ SHORTEST_US = 20
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """One pulse as somebody would like it."""
+    """One pulse as somebody would like it, and the weaker one that leads into it, if any.
+
+    Whoever changes a part keeps the others: `dataclasses.replace`.
+    """
 
     current_ua: int
     width_us: int
+    #: Directly before the pulse, in the same message, the same way; both 0: none.
+    prepulse_ua: int = 0
+    prepulse_us: int = 0
 
     @property
     def is_possible(self) -> bool:
         """A pulse at all; anything else is a mistake of the stabilizer's."""
-        return self.current_ua >= 0 and self.width_us >= SHORTEST_US
+        return (
+            self.current_ua >= 0
+            and self.width_us >= SHORTEST_US
+            and 0 <= self.prepulse_ua <= self.current_ua
+            and self.prepulse_us >= 0
+        )
 
 
 @dataclass(frozen=True, slots=True)
