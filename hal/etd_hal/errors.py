@@ -32,6 +32,8 @@ _KIND_OF_ERRNO: dict[int, BusErrorKind] = {
     errno_names.ENXIO: "absent",
     errno_names.EPERM: "permission",
     errno_names.EREMOTEIO if hasattr(errno_names, "EREMOTEIO") else 121: "absent",
+    # What spidev says once its controller is gone.
+    errno_names.ESHUTDOWN: "gone",
     errno_names.ETIMEDOUT: "timeout",
 }
 

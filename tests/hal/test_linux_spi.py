@@ -124,6 +124,7 @@ def test_a_short_return_is_an_error_even_if_the_kernel_calls_it_a_success() -> N
     [
         (errno.EIO, "io"),
         (errno.ETIMEDOUT, "timeout"),
+        (errno.ESHUTDOWN, "gone"),
         (errno.EMSGSIZE, "too_long"),
         (errno.EINVAL, "invalid"),
     ],

@@ -4,9 +4,10 @@ Owns: answering what the kernel module tells and asks through /dev/rig, and movi
 Must not know: who uses the buses. It sees what comes out of the kernel, in the kernel's order and
 with the kernel's times, and nothing else.
 
-    python answerer.py --board FILE [--door PATH] [--trace FILE]
+    python answerer.py --board FILE [--on-bench] [--door PATH] [--trace FILE]
 
-Says "answering" when it does. `--door` is the fake's second door: stop lines, contacts, faults.
+Says "answering" when it does. The array is on a fingertip or, `--on-bench`, on nothing. `--door`
+is the fake's second door: stop lines, contacts, faults.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
+from etd_body.electrode import OPEN_CONTACT
+from etd_body.minimal import MinimalBody
 from etd_hal.boardfile import BoardFile, load_board
 from etd_hal.errors import BusError, BusErrorKind
 from etd_hal.fake import wire
@@ -31,6 +34,7 @@ from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.process import knock_at
 from etd_hal.fake.trace import Trace
+from etd_hal.fake.world import Touchable
 from etd_hal.linux.clock import LinuxClock
 from etd_hal.ports import Message, SpiSetup, Transfer
 
@@ -214,6 +218,7 @@ def _leave(_signal: int, _frame: FrameType | None) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--board", type=Path, required=True)
+    parser.add_argument("--on-bench", action="store_true")
     parser.add_argument("--door", type=Path)
     parser.add_argument("--trace", type=Path)
     chosen = parser.parse_args()
@@ -221,7 +226,11 @@ def main() -> int:
     clock = LinuxClock()
     outputs = range(board.switch.outputs)
     trace = Trace.to(chosen.trace) if chosen.trace else Trace()
-    body = fingertip_body(board, len(outputs))
+    body: Touchable = fingertip_body(board, len(outputs))
+    if chosen.on_bench:
+        open_ends = (OPEN_CONTACT,) * len(outputs)
+        leak_ohm, compliance_v = board.source.leak_ohm, board.source.compliance_v
+        body = MinimalBody(open_ends, leak_ohm=leak_ohm, compliance_v=compliance_v)
     circuit = Circuit(board, body, outputs, trace, (), start_ns=clock.now_ns(), seed=1)
     fd = os.open("/dev/rig", os.O_RDWR | os.O_NONBLOCK)
     answerer = Answerer(board, circuit, fd, clock.now_ns)

@@ -32,8 +32,8 @@ _CHECKS = TREE / "tests/kernel/in_guest"
 _CONTRACT = TREE / "tests/contract"
 _EVERYWHERE = ("check_lines.py", "check_faults.py", "check_pulse.py")
 _ONLY: dict[Guest, tuple[str, ...]] = {
-    "x86": ("check_kills.py",),
-    "uml": ("check_scene.py",),
+    "x86": ("check_kills.py", "check_hog.py"),
+    "uml": ("check_scene.py", "check_selftest.py", "check_unplugged.py"),
 }
 #: What is so exact that nothing may be different from one run to the next.
 _APART: dict[Guest, tuple[str, ...]] = {"x86": (), "uml": ("check_width.py",)}
@@ -59,17 +59,19 @@ class Amounts:
     kills: int
     pulses: int
     hog_s: int
+    faults: int
 
     def for_guest(self) -> list[str]:
         return [
             f"ETD_KILLS={self.kills}",
             f"ETD_PULSES={self.pulses}",
             f"ETD_HOG_S={self.hog_s}",
+            f"ETD_FAULTS={self.faults}",
         ]
 
 
-EVERYDAY = Amounts(kills=5, pulses=200, hog_s=5)
-THOROUGH = Amounts(kills=200, pulses=1_000, hog_s=60)
+EVERYDAY = Amounts(kills=5, pulses=200, hog_s=5, faults=1)
+THOROUGH = Amounts(kills=200, pulses=1_000, hog_s=60, faults=4)
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,7 @@ def _chosen() -> argparse.Namespace:
     parser.add_argument("--thorough", action="store_true", help=f"{THOROUGH}, not {EVERYDAY}")
     parser.add_argument("--kills", type=int, help="of the engine, in x86")
     parser.add_argument("--pulses", type=int, help="of each width, in uml")
+    parser.add_argument("--faults", type=int, help="of the board, named by the self-test, in uml")
     parser.add_argument("--hog-s", type=int, help="seconds beside a hog, in x86")
     return parser.parse_args()
 
@@ -153,6 +156,7 @@ def _amounts(chosen: argparse.Namespace) -> Amounts:
         kills=base.kills if chosen.kills is None else chosen.kills,
         pulses=base.pulses if chosen.pulses is None else chosen.pulses,
         hog_s=base.hog_s if chosen.hog_s is None else chosen.hog_s,
+        faults=base.faults if chosen.faults is None else chosen.faults,
     )
 
 

@@ -6,6 +6,7 @@ Owns: its configuration, its processes, waiting for what they say. Must not know
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,11 +16,14 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pytest
+
 from etd.client import Display, clock
-from etd.errors import EtdError
+from etd.errors import EtdError, Refused
 from etd.protocol import StateReport
+from etd_hal.fake import wire
 from etd_hal.linux.clock import LinuxClock
-from guest_board import LAST_PROCESSOR, TREE, WITHIN_S
+from guest_board import LAST_PROCESSOR, TREE, WITHIN_S, Chips
 
 _CLOCK = LinuxClock()
 _PAUSE_NS = 20_000_000
@@ -48,6 +52,8 @@ class Daemon:
     nursery: subprocess.Popen[str]
     gateway: subprocess.Popen[bytes]
     engine_pid: int = field(default=0)
+    #: Of the last one that ended.
+    last_engine_pid: int = field(default=0)
 
     @property
     def address(self) -> str:
@@ -67,7 +73,7 @@ class Daemon:
         os.kill(self.engine_pid, number)
         sent_ns = clock.now_ns()
         assert self._said() == "ended"
-        self.engine_pid = 0
+        self.last_engine_pid, self.engine_pid = self.engine_pid, 0
         return sent_ns
 
     def _said(self) -> str:
@@ -104,15 +110,38 @@ class Daemon:
         )
 
 
+def arm(display: Display, chips: Chips) -> None:
+    """The wearer's stop is pressed and released first, as in every session."""
+    with pytest.raises(Refused, match="wearer's stop has not been tried"):
+        display.arm()
+    for level in (0, 1):
+        chips.knock(wire.Press("wearer_stop", level))
+        _CLOCK.sleep_until_ns(clock.now_ns() + 10 * _PAUSE_NS)
+    if display.status().state == "HALTED":
+        display.clear()
+    display.arm()
+
+
+def write_config(path: Path, board: str, machine: Path, accepted: tuple[str, ...]) -> None:
+    quoted = ", ".join(f'"{name}"' for name in accepted)
+    path.write_text(CONFIG.format(board=board, machine=machine, accepted=quoted))
+
+
 @contextmanager
-def running_daemon(board: str, machine: Path, accepted: tuple[str, ...]) -> Iterator[Daemon]:
-    """A gateway, and engines on request; all ended at the end."""
+def running_daemon(
+    board: str, machine: Path, accepted: tuple[str, ...], tested: Path | None = None
+) -> Iterator[Daemon]:
+    """A gateway, and engines on request; all ended at the end.
+
+    `tested` is the report of a self-test; without one the board counts as having passed.
+    """
     with ExitStack() as stack:
         # A Unix socket's path has at most 107 bytes: not in pytest's folder.
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="etd")))
         config = folder / "etd.toml"
-        quoted = ", ".join(f'"{name}"' for name in accepted)
-        config.write_text(CONFIG.format(board=board, machine=machine, accepted=quoted))
+        write_config(config, board, machine, accepted)
+        if tested is not None:
+            shutil.copy(tested, folder / "selftest.json")
         nursery = subprocess.Popen(
             [
                 *(sys.executable, str(TREE / "tests/kernel/engine_nursery.py")),

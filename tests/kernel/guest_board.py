@@ -23,6 +23,8 @@ from etd_hal.fake.trace import header
 TREE = Path(__file__).parents[2]
 BOARD_PATH = TREE / "config/boards/reference-hv507.toml"
 BOARD: BoardFile = load_board(BOARD_PATH)
+#: With no guard and no chip that answers: it can be driven where nobody does.
+BARE_BOARD: BoardFile = load_board(TREE / "config/boards/kajimoto-hv507.toml")
 IS_VIRTUAL_TIME = "User Mode Linux" in Path("/proc/cpuinfo").read_text()
 MACHINE_PATH = TREE / (
     "tests/kernel/virtual-time.toml" if IS_VIRTUAL_TIME else "config/machines/rig.toml"
@@ -103,13 +105,13 @@ class Chips:
 
 
 @contextmanager
-def running_chips(folder: Path) -> Iterator[Chips]:
-    """The answerer, for as long as it is needed."""
+def running_chips(folder: Path, *on_what: Literal["--on-bench"]) -> Iterator[Chips]:
+    """The answerer, for as long as it is needed: the array on a fingertip, or on nothing."""
     door, trace = folder / "door.sock", folder / "chips.trace.jsonl"
     process = subprocess.Popen(
         [
             *(sys.executable, str(TREE / "tests/kernel/answerer.py"), "--board", str(BOARD_PATH)),
-            *("--door", str(door), "--trace", str(trace)),
+            *("--door", str(door), "--trace", str(trace), *on_what),
         ],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,

@@ -11,13 +11,14 @@ set(), in order). Their clock is CLOCK_MONOTONIC, to the microsecond.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 TRACING = Path("/sys/kernel/tracing")
-_EVENTS = (
+#: What is recorded.
+EVENTS = (
     "spi/spi_message_start",
     "spi/spi_message_done",
     "spi/spi_transfer_start",
@@ -61,13 +62,16 @@ class Event:
         return self.rest.split()[1] == "activate"
 
 
-def begin() -> None:
-    """Start anew, with an empty buffer. The trace goes on until the machine ends."""
+def begin(of: Sequence[str] = EVENTS) -> None:
+    """Start anew, with an empty buffer. The trace goes on until the machine ends.
+
+    With fewer events a longer time fits into the buffer.
+    """
     _write("tracing_on", "0")
     _write("trace_clock", "mono")
     _write("buffer_size_kb", str(_BUFFER_KB))
-    for event in _EVENTS:
-        _write(f"events/{event}/enable", "1")
+    for event in EVENTS:
+        _write(f"events/{event}/enable", "1" if event in of else "0")
     _write("trace", "")
     _write("tracing_on", "1")
 
@@ -96,6 +100,22 @@ def messages(of: list[Event]) -> Iterator[list[Event]]:
             yield message
             message = None
     assert message is None, "a message that began did not end"
+
+
+def levels(of: list[Event]) -> dict[int, int]:
+    """By line, the level that the chip was told last."""
+    told = (event.rest.split() for event in of if event.name == "rig_line")
+    return {int(line): int(level) for line, level in told}
+
+
+def durations_us(of: list[Event]) -> Iterator[tuple[str, int]]:
+    """Of each SPI message that ended: what the kernel says of its length, and how long it took."""
+    begun_us = 0
+    for event in of:
+        if event.name == "spi_message_start":
+            begun_us = event.t_us
+        elif event.name == "spi_message_done":
+            yield event.rest, event.t_us - begun_us
 
 
 def records(of: list[Event], header: dict[str, Any]) -> list[dict[str, Any]]:

@@ -109,7 +109,10 @@ class TestUnplugged:
     def test_spi_that_is_unplugged_is_told_and_the_lines_still_work(self, ports: Backend) -> None:
         board = Board(BOARD, MACHINE, ports.spi, ports.gpio, ports.clock)
         with unplugged("rig-spi"):
+            with pytest.raises(BusError) as raised:
+                ports.spi.transfer(Message((Transfer(word(0)),)))
             problems = board.safe_off()
+        assert raised.value.kind == "gone"
         assert problems
         assert all("spidev0.0" in problem for problem in problems)
         calls = [event.rest for event in kernel_trace.events() if event.name == "rig_line"]

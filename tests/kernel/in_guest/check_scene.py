@@ -1,45 +1,36 @@
-"""A whole daemon over the real character devices: stop tried, armed, frames felt, stopped, safe."""
+"""A whole scene over the real character devices: self-test, calibration, arm, frames, stop."""
 
 from __future__ import annotations
 
 import signal
+import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 import kernel_trace
 import trace_decoder
 import trace_rules
-from daemon_scene import Daemon, running_daemon
+from daemon_scene import arm, running_daemon, write_config
 from etd.client import Display
-from etd.errors import Refused
+from etd.selftest.run import STAGES
+from etd_body.electrode import skin
 from etd_hal.fake import wire
-from etd_hal.linux.clock import LinuxClock
 from guest_board import (
     BOARD,
     BOARD_PATH,
     MACHINE_PATH,
     Chips,
+    report,
+    running_chips,
+    set_parameter,
     trace_header,
 )
+from operator_scene import selftest
 
-CLOCK = LinuxClock()
 #: Stamps are cut to whole microseconds.
 REST_US = BOARD.rest_us - 1
-
-
-@pytest.fixture
-def daemon(chips: Chips) -> Iterator[Daemon]:
-    with running_daemon(str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards) as running:
-        running.wait_until(engine="there", state="SAFE")
-        yield running
-
-
-def try_wearer_stop(chips: Chips) -> None:
-    """Pressed and released once, before the first arming of a session."""
-    for level in (0, 1):
-        chips.knock(wire.Press("wearer_stop", level))
-        CLOCK.sleep_until_ns(CLOCK.now_ns() + 200_000_000)
 
 
 def felt() -> list[trace_decoder.Phase]:
@@ -49,23 +40,50 @@ def felt() -> list[trace_decoder.Phase]:
     return trace_decoder.decode(records)
 
 
-@pytest.mark.timeout(200)
-def test_a_frame_is_felt_where_and_as_strong_as_it_says_and_a_stop_ends_it(
-    daemon: Daemon, chips: Chips
+@pytest.fixture
+def tested(tmp_path: Path) -> Iterator[tuple[Chips, Path]]:
+    """A board that passed its self-test, then put on skin; the report."""
+    set_parameter("strict_gpiod", 1)
+    kernel_trace.begin()
+    with (
+        tempfile.TemporaryDirectory(prefix="rig") as folder,
+        running_chips(Path(folder), "--on-bench") as chips,
+    ):
+        config, kept = Path(folder) / "etd.toml", tmp_path / "report.json"
+        write_config(config, str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards)
+        status, found = selftest(config, chips, kept)
+        assert [check for check in found.checks if not check.is_good] == []
+        assert (status, found.passed, found.backend) == (0, True, "linux")
+        assert {check.stage for check in found.checks} == {name for name, _ in STAGES} | {"end"}
+        report(f"self-test of a sound board: {len(found.checks)} checks passed")
+        for electrode in range(BOARD.switch.outputs):
+            on = skin()
+            values = (on.kind, on.series_ohm, on.parallel_ohm, on.capacitance_nf)
+            chips.knock(wire.Touch(electrode, *values))
+        kernel_trace.begin()
+        yield chips, kept
+        state = chips.state()
+    set_parameter("strict_gpiod", 0)
+    assert state.dac_code == 0
+    assert state.violations == ()
+
+
+@pytest.mark.timeout(300)
+def test_a_board_that_passed_makes_felt_what_a_frame_says_until_a_stop(
+    tested: tuple[Chips, Path],
 ) -> None:
+    """Timing is calibrated by the engine; arming accepts the report of the self-test itself."""
+    chips, kept = tested
     currents_ua = [0] * 64
     currents_ua[3], currents_ua[40] = 400, 700
-    with Display(address=daemon.address, max_current_ua=1_000, width_us=100) as display:
-        with pytest.raises(Refused, match="wearer's stop has not been tried"):
-            display.arm()
-        try_wearer_stop(chips)
-        if display.status().state == "HALTED":
-            display.clear()
-        display.arm()
-        display.hold_current(currents_ua, seconds=0.6, rate_hz=5, thin=True)
-        display.stop()
-        assert display.status().state == "HALTED"
-    daemon.end_engine(signal.SIGTERM)
+    with running_daemon(str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards, kept) as daemon:
+        daemon.wait_until(engine="there", state="SAFE")
+        with Display(address=daemon.address, max_current_ua=1_000, width_us=100) as display:
+            arm(display, chips)
+            display.hold_current(currents_ua, seconds=0.6, rate_hz=5, thin=True)
+            display.stop()
+            assert display.status().state == "HALTED"
+        daemon.end_engine(signal.SIGTERM)
     shown = [phase for phase in felt() if phase.current_ua > 310]
     assert {phase.electrode for phase in shown} == {3, 40}
     assert max(phase.current_ua for phase in shown if phase.electrode == 3) <= 400

@@ -13,9 +13,21 @@ from pathlib import Path
 import pytest
 
 import kernel_trace
+from daemon_scene import Daemon, running_daemon
 from etd_hal.board import Board
 from etd_hal.compose import Backend, open_linux
-from guest_board import BOARD, FIRST_PROCESSOR, MACHINE, Chips, drivers, report, running_chips
+from guest_board import (
+    BARE_BOARD,
+    BOARD,
+    FIRST_PROCESSOR,
+    MACHINE,
+    MACHINE_PATH,
+    Chips,
+    drivers,
+    report,
+    running_chips,
+    set_parameter,
+)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -60,3 +72,16 @@ def board(ports: Backend) -> Board:
     board = Board(BOARD, MACHINE, ports.spi, ports.gpio, ports.clock)
     assert board.safe_off() == ()
     return board
+
+
+@pytest.fixture
+def lone_daemon() -> Iterator[Daemon]:
+    """A daemon whose chips nobody plays: everything reads zero, and so it keeps its pace."""
+    set_parameter("alone", 1)
+    kernel_trace.begin()
+    try:
+        with running_daemon(BARE_BOARD.name, MACHINE_PATH, BARE_BOARD.absent_guards) as running:
+            running.wait_until(engine="there", state="SAFE")
+            yield running
+    finally:
+        set_parameter("alone", 0)

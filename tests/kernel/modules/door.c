@@ -314,8 +314,13 @@ static int __init rig_start(void)
 	error = rig_i2c_start();
 	if (error)
 		goto without_i2c;
+	error = rig_firmware_start();
+	if (error)
+		goto without_firmware;
 	return 0;
 
+without_firmware:
+	rig_i2c_end();
 without_i2c:
 	rig_spi_end();
 without_spi:
@@ -327,6 +332,7 @@ without_gpio:
 
 static void __exit rig_stop(void)
 {
+	rig_firmware_end();
 	rig_i2c_end();
 	rig_spi_end();
 	rig_gpio_end();

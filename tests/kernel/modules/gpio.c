@@ -4,7 +4,8 @@
  *
  * As the Pi's driver it has no set_multiple: gpiolib then sets several lines one after another,
  * by a call of set() each, and these calls, in their order, are what this file is for. As with
- * the kernels of Raspberry Pi OS, an output that is let go of stays an output and keeps its level.
+ * the kernels of Raspberry Pi OS, an output that is let go of stays an output and keeps its level,
+ * unless `strict_gpiod` is set, as there: then it becomes an input.
  *
  * Interrupts: an input that the answerer moves raises one, and gpiolib makes an edge event of it.
  */
@@ -23,6 +24,10 @@
 
 #define LINES 54
 #define LABEL "pinctrl-bcm2711"
+
+static bool strict_gpiod;
+module_param(strict_gpiod, bool, 0644);
+MODULE_PARM_DESC(strict_gpiod, "outputs that are let go of become inputs (default: they stay)");
 
 /* One bit a line. An input reads `levels`, too, unless it is in `ask_at_read`. */
 static DECLARE_BITMAP(levels, LINES);
@@ -80,6 +85,12 @@ static int chip_direction_output(struct gpio_chip *gc, unsigned int line, int le
 	drive(line, level);
 	set_bit(line, outputs);
 	return 0;
+}
+
+static void chip_free(struct gpio_chip *gc, unsigned int line)
+{
+	if (strict_gpiod)
+		clear_bit(line, outputs);
 }
 
 /* Pulls: the levels of inputs come from the answerer anyway. */
@@ -155,6 +166,7 @@ static int gpio_probe(struct platform_device *found)
 	chip.ngpio = LINES;
 	/* To ask the answerer is to sleep; gpiolib then keeps these calls out of interrupts. */
 	chip.can_sleep = true;
+	chip.free = chip_free;
 	chip.get = chip_get;
 	chip.set = chip_set;
 	chip.get_direction = chip_get_direction;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 OR GPL-2.0-only */
 /*
- * What the four files of the module share: the door to the answerer, and one start and one end for
+ * What the files of the module share: the door to the answerer, and one start and one end for
  * each bus.
  *
  * The module stands in for the hardware of a Raspberry Pi: GPIO lines, one SPI bus, one I2C bus.
@@ -47,5 +47,7 @@ int rig_spi_start(void);
 void rig_spi_end(void);
 int rig_i2c_start(void);
 void rig_i2c_end(void);
+int rig_firmware_start(void);
+void rig_firmware_end(void);
 
 #endif

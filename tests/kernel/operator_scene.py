@@ -1,0 +1,88 @@
+"""`etd selftest` on the guest's real buses, and the person beside the board.
+
+Owns: running the command as a person does, and doing what it asks for: pressing stops, moving the
+load. Must not know: what is checked.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from etd.selftest_report import Report, load
+from etd_body.electrode import OPEN_CONTACT, Contact
+from etd_body.electrode import load as resistor
+from etd_hal.fake import wire
+from etd_hal.fake.world import StopLine
+from etd_hal.linux.clock import LinuxClock
+from guest_board import Chips
+
+LOAD_OHM = 47_000
+_FIRST, _SECOND = 1, 2
+_STOPS: dict[str, StopLine] = {
+    "press the emergency stop, and release it": "emergency_stop",
+    "press the wearer stop, and release it": "wearer_stop",
+}
+_CLIP = re.compile(r"the load between electrode (\d+) and electrode (\d+)")
+_PRESSES_NS = 200_000_000
+_CLOCK = LinuxClock()
+
+
+class Operator:
+    """A person with one resistor."""
+
+    def __init__(self, chips: Chips) -> None:
+        self._chips = chips
+        self._on: tuple[int, ...] = ()
+        self.clip(_FIRST, _SECOND)
+
+    def hear(self, said: str) -> None:
+        """Do it, if it is something to be done."""
+        asked = said.removeprefix("  -> ").strip()
+        clip = _CLIP.fullmatch(asked)
+        if clip:
+            self.clip(int(clip[1]), int(clip[2]))
+        elif asked in _STOPS:
+            for level in (0, 1):
+                self._chips.knock(wire.Press(_STOPS[asked], level))
+                _CLOCK.sleep_until_ns(_CLOCK.now_ns() + _PRESSES_NS)
+
+    def clip(self, *electrodes: int) -> None:
+        """Half of the resistance at each of the two: what flows in at one leaves by the other."""
+        for electrode in self._on:
+            self._touch(electrode, OPEN_CONTACT)
+        for electrode in electrodes:
+            self._touch(electrode, resistor(LOAD_OHM / 2))
+        self._on = electrodes
+
+    def _touch(self, electrode: int, contact: Contact) -> None:
+        self._chips.knock(
+            wire.Touch(
+                electrode,
+                contact.kind,
+                contact.series_ohm,
+                contact.parallel_ohm,
+                contact.capacitance_nf,
+            )
+        )
+
+
+def selftest(config: Path, chips: Chips, kept: Path) -> tuple[int, Report]:
+    """The command's exit status, and its report, which lies at `kept` afterwards."""
+    operator = Operator(chips)
+    command = [
+        *(sys.executable, "-m", "etd", "selftest", "--config", str(config)),
+        *("--dummy-load", str(LOAD_OHM), "--load-electrodes", f"{_FIRST},{_SECOND}"),
+        *("--one-shot-us", "250", "--report", str(kept)),
+    ]
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stdout is not None
+        for line in running.stdout:
+            operator.hear(line)
+    report = load(kept)
+    assert report is not None, f"etd selftest ended with {running.returncode} and kept no report"
+    return running.returncode, report
