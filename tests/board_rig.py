@@ -20,6 +20,7 @@ from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.ports import Changes, Edge, Gpio, Message, Transfer
+from etd_hal.watch import Prepulse
 from stepped_board import BOARDS, SteppedBoard, shipped_board, stepped_board
 
 MACHINES = BOARDS.parent / "machines"
@@ -111,18 +112,19 @@ class BoardRig:
         width_us: int = 100,
         returns: tuple[int, ...] | None = None,
         whole: bool = False,
+        prepulse: Prepulse | None = None,
     ) -> Shot:
         """One whole visit; phases are anodic (True) or cathodic. Returns the last shot."""
         first, *others = phases or (True,)
         board = self.board
         selection = board.selection(output, returns)
-        pulse = board.pulse(current_ua, width_us)
+        pulse = board.pulse(current_ua, width_us, prepulse)
         board.prepare(selection, whole)
         board.connect(selection, first)
-        shot = board.fire(pulse, selection, first, current_ua, width_us)
+        shot = board.fire(pulse, selection, first, current_ua, width_us, prepulse)
         for is_anodic in others:
             board.flip(selection, is_anodic)
-            shot = board.fire(pulse, selection, is_anodic, current_ua, width_us)
+            shot = board.fire(pulse, selection, is_anodic, current_ua, width_us, prepulse)
         board.discharge()
         return shot
 

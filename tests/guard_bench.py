@@ -12,7 +12,7 @@ import pytest
 from board_rig import ZERO_WORD, BoardRig
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Message, Transfer
-from etd_hal.watch import Approval
+from etd_hal.watch import Approval, Prepulse
 
 ON = bytes.fromhex("0664")
 ALL = (1 << 64) - 1
@@ -23,8 +23,13 @@ def silent(*transfers: Transfer) -> Message:
     return Message((*transfers, ZERO))
 
 
-def approval(output: int = 0, current_ua: int = 10_000, width_us: int = 200) -> Approval:
-    return Approval(1 << output, ALL & ~(1 << output), current_ua, width_us)
+def approval(
+    output: int = 0,
+    current_ua: int = 10_000,
+    width_us: int = 200,
+    prepulse: Prepulse | None = None,
+) -> Approval:
+    return Approval(1 << output, ALL & ~(1 << output), current_ua, width_us, prepulse)
 
 
 def connected(rig: BoardRig, output: int = 0, is_anodic: bool = True) -> BoardRig:

@@ -61,7 +61,8 @@ class Facts:
 
 @dataclass(frozen=True)
 class Phase:
-    """An unbroken stretch of one DAC code through one state of the switch.
+    """An unbroken stretch of one DAC code through one state of the switch. A prepulse is a phase
+    of its own, which the pulse's follows without a gap.
 
     `source` and `ground` are outputs; `electrode` the one that stands alone on its side (the
     source's, with one on each), None where none does or no electrode hangs there. `seq`, `tag`
@@ -287,22 +288,42 @@ def by_frame(phases: Iterable[Phase]) -> dict[int, list[Phase]]:
     return found
 
 
-def visits(phases: Iterable[Phase]) -> Iterator[tuple[Phase, ...]]:
-    """Phases that belong together: one after another on the same electrode, the other way round,
-    in the same scan.
-    """
-    pending: Phase | None = None
+Pulse = tuple[Phase, ...]
+
+
+def pulses(phases: Iterable[Phase]) -> Iterator[Pulse]:
+    """Phases without a gap between them, through the same outputs: a prepulse and its pulse."""
+    pending: Pulse = ()
     for phase in phases:
-        if pending is None:
-            pending = phase
-        elif _is_second(pending, phase):
-            yield pending, phase
-            pending = None
+        if pending and not _follows(pending[-1], phase):
+            yield pending
+            pending = ()
+        pending = (*pending, phase)
+    if pending:
+        yield pending
+
+
+def _follows(first: Phase, second: Phase) -> bool:
+    is_same = (first.source, first.ground) == (second.source, second.ground)
+    return is_same and first.to_ns == second.from_ns
+
+
+def visits(phases: Iterable[Phase]) -> Iterator[tuple[Phase, ...]]:
+    """Phases that belong together: a pulse, with its prepulse if it has one; and the next one, if
+    that is on the same electrode, the other way round, in the same scan.
+    """
+    pending: Pulse = ()
+    for pulse in pulses(phases):
+        if not pending:
+            pending = pulse
+        elif _is_second(pending[-1], pulse[0]):
+            yield (*pending, *pulse)
+            pending = ()
         else:
-            yield (pending,)
-            pending = phase
-    if pending is not None:
-        yield (pending,)
+            yield pending
+            pending = pulse
+    if pending:
+        yield pending
 
 
 def _is_second(first: Phase, second: Phase) -> bool:

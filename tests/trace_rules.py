@@ -41,6 +41,7 @@ class Rules:
         self._grounded_since_ns: int | None = None
         self._rested_ns = 0
         self._is_second = False
+        self._steps = 0
         #: Relays: when each stage was last told to open.
         self._opened_ns: dict[int, int] = {}
 
@@ -169,7 +170,12 @@ class Rules:
         self._dac.chip_select(is_active)
         code = self._dac.code
         if code and not code_before:
+            self._steps = 0
             self._check_start(t_ns)
+        elif code and code != code_before:
+            self._steps += 1
+            if code < code_before or self._steps > 1:
+                self._broken(t_ns, f"current steps from code {code_before} to {code}")
         elif code_before and not code:
             self._zero_ns, self._zero_sides = t_ns, self._wires.sides()
             self._rested_ns, self._grounded_since_ns = 0, None

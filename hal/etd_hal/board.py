@@ -9,6 +9,7 @@ ports: they can only switch off, and must work when the guard's picture is lost.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,7 +23,7 @@ from etd_hal.guard import Guard
 from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
 from etd_hal.selection import Selection, Switch
 from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
-from etd_hal.watch import Approval
+from etd_hal.watch import Approval, Prepulse
 
 #: The stopper acts when a message is this much over its plan.
 OVERDUE_NS = 1_000_000
@@ -33,13 +34,16 @@ _IDLE_NODE_V = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """One phase, ready to be sent; `told_ua` is what its code tells the source."""
+    """One phase, ready to be sent; `told_ua` is what its code tells the source, `prepulse_ua` what
+    the code before it does (0: there is none).
+    """
 
     told_ua: int
     code: int
     shape: Shape
     message: Message
     planned_ns: int
+    prepulse_ua: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +75,7 @@ class Board:
         self.switch = _switch(file, self.guard.gpio, clock)
         self._safe_changes = _safe_changes(file, self.switch)
         self._zero = zero_message()
-        self._pulses: dict[tuple[int, int], Pulse] = {}
+        self._pulses: dict[tuple[int, int, Prepulse | None], Pulse] = {}
         self._timing: Timing | None = None
         self._rest_until_ns = 0
         self._heartbeat_level = 0
@@ -105,23 +109,36 @@ class Board:
             )
         return Selection(output, wanted)
 
-    def pulse(self, current_ua: int, width_us: int) -> Pulse:
-        """The largest code not above `current_ua`, the widest shape not above `width_us`."""
-        key = (current_ua, width_us)
+    def pulse(self, current_ua: int, width_us: int, prepulse: Prepulse | None = None) -> Pulse:
+        """The largest code not above `current_ua`, the widest shape not above `width_us`; and the
+        same of a prepulse. One that is not a step of the DAC below its pulse, or has no current,
+        is left out: the rest is what it would be without it.
+        """
+        key = (current_ua, width_us, prepulse)
         pulse = self._pulses.get(key)
         if pulse is None:
             if len(self._pulses) >= _MAX_REMEMBERED:
                 self._pulses.clear()
-            pulse = self._pulses[key] = self._new_pulse(current_ua, width_us)
+            pulse = self._pulses[key] = self._new_pulse(current_ua, width_us, prepulse)
         return pulse
 
-    def _new_pulse(self, current_ua: int, width_us: int) -> Pulse:
+    def _new_pulse(self, current_ua: int, width_us: int, prepulse: Prepulse | None) -> Pulse:
+        code, told_ua = self._code(current_ua)
+        before, before_ua = (0, 0) if prepulse is None else self._code(prepulse.current_ua)
+        if prepulse is None or not 0 < before < code:
+            before, before_ua = 0, 0
+            shape = self.timing.shape(width_us)
+        else:
+            shape = self.timing.two_steps(prepulse.width_us, width_us)
+        message = pulse_message(code, shape, before)
+        planned_ns = int(shape.duration_us * 1_000)
+        return Pulse(told_ua, code, shape, message, planned_ns, before_ua)
+
+    def _code(self, current_ua: int) -> tuple[int, int]:
+        """The code for a current, and what it tells the source."""
         source = self.file.source
         code = ad5452.code_for(current_ua, source.full_scale_ua, source.codes)
-        shape = self.timing.shape(width_us)
-        told_ua = int(ad5452.current_of(code, source.full_scale_ua, source.codes))
-        planned_ns = int(shape.duration_us * 1_000)
-        return Pulse(told_ua, code, shape, pulse_message(code, shape), planned_ns)
+        return code, int(ad5452.current_of(code, source.full_scale_ua, source.codes))
 
     # --- timing ----------------------------------------------------------------------------
 
@@ -145,16 +162,24 @@ class Board:
         self._pulses.clear()
         return self._timing
 
-    def widest_us(self) -> int:
-        """The widest pulse that the guard lets pass on this machine, its worst case included.
+    def widest_us(self, prepulse_us: int = 0) -> int:
+        """The widest pulse that the guard lets pass on this machine, its worst case included, with
+        such a prepulse as part of it.
 
         At most the board's own maximum. Raises: BoardFault before the first calibration, or if
         there is none at all.
         """
-        for width_us in range(self.file.maxima.width_us, int(self.timing.word_us), -1):
-            if self.guard.lets_width_pass(pulse_message(1, self.timing.shape(width_us))):
+        shortest_us = prepulse_us + math.ceil(self.timing.word_us)
+        for width_us in range(self.file.maxima.width_us, shortest_us - 1, -1):
+            if self.guard.lets_width_pass(self._form(prepulse_us, width_us - prepulse_us)):
                 return width_us
         raise BoardFault("widest pulse", "none that the guard lets pass", "one word at least")
+
+    def _form(self, prepulse_us: int, width_us: int) -> Message:
+        """A message of this shape; its codes do not matter."""
+        if not prepulse_us:
+            return pulse_message(1, self.timing.shape(width_us))
+        return pulse_message(2, self.timing.two_steps(prepulse_us, width_us), 1)
 
     def _time_message(self, message: Message) -> int:
         self.guard.spi.transfer(message)
@@ -176,9 +201,16 @@ class Board:
         self.switch.flip(selection, is_anodic)
 
     def fire(
-        self, pulse: Pulse, selection: Selection, is_anodic: bool, current_ua: int, width_us: int
+        self,
+        pulse: Pulse,
+        selection: Selection,
+        is_anodic: bool,
+        current_ua: int,
+        width_us: int,
+        prepulse: Prepulse | None = None,
     ) -> Shot:
-        """Send one phase; the limits let `current_ua` for `width_us` through, and no more.
+        """Send one phase; the limits let `current_ua` for `width_us` through, `prepulse` before
+        it, and no more.
 
         Raises: GuardRefusal (nothing was sent); BusError (make safe at once); BoardFault (what
         came back is no sample).
@@ -189,6 +221,7 @@ class Board:
                 selection.ground(is_anodic),
                 current_ua,
                 width_us,
+                prepulse,
             )
         )
         self.message_due_ns = self._clock.now_ns() + pulse.planned_ns

@@ -11,10 +11,11 @@ through; the guard compares that with what the bytes would do. The one path arou
 
 Rules for SPI: 2-byte words with control bits 00, each under a chip select of its own, which
 changes after words only; at most 32 words and 511 transfers; no delay above 10 us; ends in zero;
-one level besides zero, and it only falls. For a message that is not silent: permitted in this
-state; approved, this one pulse, for just these outputs; worst-case width and charge within the
-maxima; not more often than the rate; outputs un-blanked, latch closed, one output alone on its
-side and at least one on the other.
+from the first word on one level besides zero, or two of which the second is higher: a prepulse
+and its pulse. For a message that is not silent: permitted in this state; approved, this one
+pulse, each step of it, for just these outputs; worst-case width and charge of its steps together
+within the maxima; not more often than the rate; outputs un-blanked, latch closed, one output
+alone on its side and at least one on the other.
 The rules for GPIO are in `watch.py`, with the decoding of the switch.
 """
 
@@ -22,10 +23,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 from etd_hal.boardfile import BoardFile, MachineFile, Relays
 from etd_hal.errors import GuardRefusal
-from etd_hal.ports import Changes, Clock, Edge, Gpio, Message, Spi
+from etd_hal.ports import Changes, Clock, Edge, Gpio, Message, Spi, Transfer
 from etd_hal.watch import Approval, HalfBridgeWatch, RelayWatch, SwitchWatch
 
 _LONGEST_DELAY_US = 10
@@ -37,13 +39,17 @@ _SECOND_NS = 1_000_000_000
 _MAX_REMEMBERED = 1_024
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
-    """What the bytes of one message would do, by the guard's own constants."""
+@dataclass(slots=True)
+class Step:
+    """One level of a message, from its first word on, by the guard's own constants."""
 
     code: int
-    shortest_us: float
-    longest_us: float
+    shortest_us: float = 0.0
+    longest_us: float = 0.0
+
+
+#: What the bytes of one message would do: nothing, a pulse, or a prepulse and a pulse.
+Decoded = tuple[Step, ...]
 
 
 class Guard:
@@ -91,12 +97,13 @@ class Guard:
             if len(self._verdicts) >= _MAX_REMEMBERED:
                 self._verdicts.clear()
             self._verdicts[message] = decoded
-        if decoded.code:
+        if decoded:
             self._check_pulse(decoded)
 
     def lets_width_pass(self, message: Message) -> bool:
         """Whether its worst case is within the width that the board allows. Nothing is sent."""
-        return self._decode(message).longest_us <= self._board.maxima.width_us * _TOLERANCE
+        longest_us = sum(step.longest_us for step in self._decode(message))
+        return longest_us <= self._board.maxima.width_us * _TOLERANCE
 
     def _decode(self, message: Message) -> Decoded:
         transfers = message.transfers
@@ -105,8 +112,7 @@ class Guard:
         if transfers[-1].cs_change:
             raise GuardRefusal("chip select", "held after the message", "released")
         codes: list[int] = []
-        held_us = 0
-        held_transfers = 0
+        steps: list[Step] = []
         is_word_waiting = False
         for transfer in transfers:
             if not 0 <= transfer.delay_us <= _LONGEST_DELAY_US:
@@ -118,52 +124,76 @@ class Guard:
                 is_word_waiting = not transfer.cs_change
             elif transfer.cs_change:
                 raise GuardRefusal("chip select", "changed after a delay", "after a word only")
-            if any(codes):
-                held_us += transfer.delay_us
-                held_transfers += not transfer.tx
-        self._check_codes(codes)
-        words = sum(1 for code in codes if code)
+            if steps:
+                self._lengthen(steps[-1], transfer)
+            # The DAC follows the rise of chip select; until then the level before it holds.
+            if transfer.cs_change and (not steps or steps[-1].code != codes[-1]):
+                steps.append(Step(codes[-1]))
+        if steps and not steps[-1].code:
+            steps.pop()
+        self._check_codes(codes, steps)
+        return tuple(steps)
+
+    def _lengthen(self, step: Step, transfer: Transfer) -> None:
+        """By a word with its chip select, or by a pure delay: at best and at worst."""
         machine = self._machine
-        return Decoded(
-            code=max(codes),
-            shortest_us=held_us + words * machine.word_us.low,
-            longest_us=held_us
-            + held_transfers * machine.guard_delay_extra_us
-            + words * machine.guard_word_us,
-        )
+        best_us = machine.word_us.low if transfer.tx else 0.0
+        worst_us = machine.guard_word_us if transfer.tx else machine.guard_delay_extra_us
+        step.shortest_us += transfer.delay_us + best_us
+        step.longest_us += transfer.delay_us + worst_us
 
     @staticmethod
-    def _check_codes(codes: list[int]) -> None:
+    def _check_codes(codes: list[int], steps: list[Step]) -> None:
         if not 1 <= len(codes) <= _MOST_WORDS:
             raise GuardRefusal("words", str(len(codes)), f"1 to {_MOST_WORDS}")
         if codes[-1] != 0:
             raise GuardRefusal("end of message", f"DAC code {codes[-1]}", "DAC code 0")
-        levels = [code for code in codes if code]
-        if len(set(levels)) > 1 or codes[: len(levels)] != levels:
-            raise GuardRefusal("levels", str(codes), "one level, from the first word, then zero")
+        levels = [0, *(step.code for step in steps)]
+        if len(levels) > 3 or any(later <= before for before, later in pairwise(levels)):
+            raise GuardRefusal(
+                "levels", str(codes), "from the first word one level, or a lower and a higher one"
+            )
 
-    def _check_pulse(self, decoded: Decoded) -> None:
-        source, maxima = self._board.source, self._board.maxima
-        current_ua = decoded.code * source.full_scale_ua / (source.codes - 1)
+    def _check_pulse(self, steps: Decoded) -> None:
+        maxima = self._board.maxima
+        current_ua = self._current_ua(steps[-1])
         if current_ua > self._permitted_ua:
             raise GuardRefusal("state", f"{current_ua:.0f} uA", f"{self._permitted_ua} uA now")
-        if decoded.longest_us > maxima.width_us * _TOLERANCE:
-            raise GuardRefusal("width", f"{decoded.longest_us:.0f} us", f"{maxima.width_us} us")
-        charge_nc = current_ua * decoded.longest_us / 1_000
+        longest_us = sum(step.longest_us for step in steps)
+        if longest_us > maxima.width_us * _TOLERANCE:
+            raise GuardRefusal("width", f"{longest_us:.0f} us", f"{maxima.width_us} us")
+        charge_nc = sum(self._current_ua(step) * step.longest_us for step in steps) / 1_000
         if charge_nc > maxima.charge_nc * _TOLERANCE:
             raise GuardRefusal("charge", f"{charge_nc:.0f} nC", f"{maxima.charge_nc} nC")
         approval = self._approval
         if approval is None:
             raise GuardRefusal("approval", "a pulse that no limit has seen", "approve it first")
-        if current_ua > approval.current_ua or decoded.shortest_us > approval.width_us + 1:
-            raise GuardRefusal(
-                "approval",
-                f"{current_ua:.0f} uA for {decoded.shortest_us:.0f} us or more",
-                f"{approval.current_ua} uA for {approval.width_us} us",
-            )
+        self._check_steps(steps, approval)
         self.switch.check_selection(approval)
         self._check_rate(approval)
         self._approval = None
+
+    def _current_ua(self, step: Step) -> float:
+        source = self._board.source
+        return step.code * source.full_scale_ua / (source.codes - 1)
+
+    def _check_steps(self, steps: Decoded, approval: Approval) -> None:
+        """Each within its own current and width, so that their sums are as well."""
+        *prepulses, pulse = steps
+        self._check_step(pulse, approval.current_ua, approval.width_us)
+        for step in prepulses:
+            if approval.prepulse is None:
+                raise GuardRefusal("approval", "a prepulse", "a pulse of one level")
+            self._check_step(step, approval.prepulse.current_ua, approval.prepulse.width_us)
+
+    def _check_step(self, step: Step, most_ua: int, most_us: int) -> None:
+        current_ua = self._current_ua(step)
+        if current_ua > most_ua or step.shortest_us > most_us + 1:
+            raise GuardRefusal(
+                "approval",
+                f"{current_ua:.0f} uA for {step.shortest_us:.0f} us or more",
+                f"{most_ua} uA for {most_us} us",
+            )
 
     def _check_rate(self, approval: Approval) -> None:
         """Visits of one output in any second. A pulse and the next one, if that reverses it on

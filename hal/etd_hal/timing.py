@@ -4,7 +4,8 @@ Owns: the model `duration = message + (words - 1) x word + sum(delay + extra)`, 
 the machine itself at DAC code 0, and its plausible bounds. Must not know: currents, switches.
 
 A pulse is `[I, cs_change] Z(d1) ... Z(dn) [0]` or, with a sample near its end,
-`[I, cs_change] Z... [I, cs_change] [0]`. The DAC follows the rise of chip select, so the width is
+`[I, cs_change] Z... [I, cs_change] [0]`; with a prepulse in front, `[P, cs_change] Z...`, which is
+one more word. The DAC follows the rise of chip select, so the width is
 one `word` (two with the sample) and the delays: just the two slopes of the model above. Delays
 are at most 10 us: the kernel busy-waits up to 10 us and sleeps above (spi_delay_exec).
 """
@@ -14,7 +15,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from etd_hal.boardfile import Bounds, MachineFile
 from etd_hal.chips import ad5452
@@ -32,13 +33,16 @@ class Shape:
     """The delays of a pulse and what they make.
 
     Never wider than asked, and narrower by less than 1 us; only where one word and nothing else
-    fits is it narrower by up to the overhead of a delay.
+    fits is it narrower by up to the overhead of a delay. The same holds of a prepulse, whose word
+    is followed by delays of its own; `prepulse_us` 0: there is none.
     """
 
     delays_us: tuple[int, ...]
     has_end_sample: bool
     width_us: float
     duration_us: float
+    prepulse_delays_us: tuple[int, ...] = ()
+    prepulse_us: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +60,29 @@ class Timing:
         Raises: BoardFault if one word alone takes longer.
         """
         words = 2 if width_us >= 2 * self.word_us + max(1.0, self.delay_extra_us) else 1
+        delays, held_us = self._held(width_us, words)
+        return Shape(delays, words == 2, held_us, self.message_us + held_us)
+
+    def two_steps(self, prepulse_us: int, width_us: int) -> Shape:
+        """The same, with a prepulse that is not wider than `prepulse_us`. Raises: BoardFault."""
+        pulse = self.shape(width_us)
+        delays, held_us = self._held(prepulse_us, 1)
+        return replace(
+            pulse,
+            duration_us=pulse.duration_us + held_us,
+            prepulse_delays_us=delays,
+            prepulse_us=held_us,
+        )
+
+    def _held(self, width_us: int, words: int) -> tuple[tuple[int, ...], float]:
+        """The delays between so many words, and what both make. Raises: BoardFault."""
         left_us = width_us - words * self.word_us
         if left_us < 0:
             raise BoardFault(
                 "shortest pulse", f"{self.word_us:.1f} us for one word", f"{width_us} us or less"
             )
         delays = self._delays(left_us)
-        held_us = words * self.word_us + sum(delays) + len(delays) * self.delay_extra_us
-        return Shape(delays, words == 2, held_us, self.message_us + held_us)
+        return delays, words * self.word_us + sum(delays) + len(delays) * self.delay_extra_us
 
     def _delays(self, left_us: float) -> tuple[int, ...]:
         """The fewest delays that can fill `left_us`, together as long as whole us allow."""
@@ -76,12 +95,31 @@ class Timing:
         return filled + (0,) * (count - len(filled))
 
 
-def pulse_message(code: int, shape: Shape) -> Message:
-    """The message that plays `code` in `shape` and ends at zero."""
+def pulse_message(code: int, shape: Shape, prepulse_code: int = 0) -> Message:
+    """The message that plays `code` in `shape` and ends at zero; `prepulse_code` before it, if the
+    shape has a prepulse.
+    """
     on = Transfer(ad5452.word(code), cs_change=True)
-    holds = tuple(Transfer(delay_us=delay) for delay in shape.delays_us)
     sample = (on,) if shape.has_end_sample else ()
-    return Message((on, *holds, *sample, Transfer(ad5452.word(0))))
+    return Message(
+        (
+            *_prepulse(prepulse_code, shape),
+            on,
+            *_holds(shape.delays_us),
+            *sample,
+            Transfer(ad5452.word(0)),
+        )
+    )
+
+
+def _prepulse(code: int, shape: Shape) -> tuple[Transfer, ...]:
+    if not shape.prepulse_us:
+        return ()
+    return (Transfer(ad5452.word(code), cs_change=True), *_holds(shape.prepulse_delays_us))
+
+
+def _holds(delays_us: tuple[int, ...]) -> tuple[Transfer, ...]:
+    return tuple(Transfer(delay_us=delay) for delay in delays_us)
 
 
 def zero_message() -> Message:

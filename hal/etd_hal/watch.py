@@ -19,8 +19,16 @@ from etd_hal.ports import Changes, Clock
 
 
 @dataclass(frozen=True, slots=True)
+class Prepulse:
+    """A weaker step directly before a pulse, in the same message."""
+
+    current_ua: int
+    width_us: int
+
+
+@dataclass(frozen=True, slots=True)
 class Approval:
-    """What the limits let through, for the next pulse of this visit.
+    """What the limits let through, for the next pulse of this visit, each step of it.
 
     `source` and `ground` are bit sets of outputs; for half-bridges all others are on the side
     opposite to the selected output.
@@ -30,6 +38,7 @@ class Approval:
     ground: int
     current_ua: int
     width_us: int
+    prepulse: Prepulse | None = None
 
 
 class HalfBridgeWatch:
