@@ -30,6 +30,7 @@ from etd.protocol import (
     Halt,
     Limits,
     MaximaFacts,
+    Modelled,
     RefusedReport,
     Scan,
     StateReport,
@@ -178,6 +179,7 @@ class Report(_Message, frozen=True, kw_only=True):
     contact: Contact | None = None
     refused: RefusedReport | None = None
     halt: Halt | None = None
+    modelled: Modelled | None = None
 
 
 ToGateway = Greeting | Answer | LeaseEnded | Report

@@ -24,13 +24,15 @@ MAX_MESSAGE_BYTES = 65_536
 LEASE_MS = 1_000
 #: Streamed `scan` telemetry comes at most this often; nothing is lost by it.
 MAX_TELEMETRY_HZ = 30
+#: What a fake board's body is modelled to feel comes this often while there is anything to tell.
+MODELLED_HZ = 10
 
 Id = Annotated[str, Meta(max_length=64)] | Int64
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
 State = Literal["SAFE", "PROBE", "ARMED", "HALTED"]
 Lease = Annotated[str, Meta(max_length=64)]
-Topic = Literal["state", "scan", "contact", "refused", "halt"]
-TOPICS: tuple[Topic, ...] = ("state", "scan", "contact", "refused", "halt")
+Topic = Literal["state", "scan", "contact", "refused", "halt", "modelled"]
+TOPICS: tuple[Topic, ...] = ("state", "scan", "contact", "refused", "halt", "modelled")
 
 
 class _Request(
@@ -360,13 +362,26 @@ class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):
     achievable_hz: float | None = None
 
 
-Telemetry = StateReport | Scan | Contact | RefusedReport | Halt
+class Modelled(msgspec.Struct, frozen=True, kw_only=True):
+    """Telemetry `modelled`, of fake boards only: what the model of a body says it felt.
+
+    Per electrode the strongest since the last one. `felt`: 1.0 is just felt, 0 nothing; `pain`: 1.0
+    and more would hurt.
+    """
+
+    now_ns: int
+    felt: tuple[float, ...]
+    pain: tuple[float, ...]
+
+
+Telemetry = StateReport | Scan | Contact | RefusedReport | Halt | Modelled
 TELEMETRY_OF_TOPIC: dict[Topic, Any] = {
     "state": StateReport,
     "scan": Scan,
     "contact": Contact,
     "refused": RefusedReport,
     "halt": Halt,
+    "modelled": Modelled,
 }
 
 #: The reply that each op's success is decoded into.

@@ -13,26 +13,18 @@ through its own resistances and the rest of those connected, each as if it were 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import exp, expm1, inf, log
+from math import exp, inf
 
 from etd_body.electrode import Contact
 from etd_body.interface import Side, Sides
 from etd_body.network import Network, NetworkReader
+from etd_body.source import Loop, parallel
 
 #: Below this an electrode's capacitor counts as empty.
 _EMPTY_V = 1e-4
 #: Readings of `sides` that are kept: enough for every electrode of a stack in both polarities.
 _CACHED_NETWORKS = 2_048
 _PC = 1e12
-
-
-@dataclass(frozen=True, slots=True)
-class _Regime:
-    """One linear law of the loop: current = (drive_v - held_v) / loop_ohm."""
-
-    drive_v: float
-    loop_ohm: float
 
 
 class MinimalBody:
@@ -87,11 +79,9 @@ class MinimalBody:
         if network.loop_ohm == inf:
             return open_v
         if network.lone is None:
-            return min(open_v, self._source_a * _parallel(self._leak_ohm, network.loop_ohm))
+            return min(open_v, self._source_a * parallel(self._leak_ohm, network.loop_ohm))
         held_v = self._held_v.get(network.lone, 0.0) * network.direction
-        regime = self._regimes()[self._regime_of(held_v)]
-        current_a = (regime.drive_v - held_v) / regime.loop_ohm
-        return current_a * self._series_ohm() + held_v
+        return self._loop(network.lone).node_v(held_v)
 
     def charge_pc(self, electrode: int) -> float:
         shared = sum(
@@ -150,7 +140,7 @@ class MinimalBody:
         rest_s = group.conductance_s - contact.conductance_s
         way_out = electrode in group.members and rest_s > 1e-12
         loop_ohm = contact.series_ohm + 1.0 / rest_s if way_out else inf
-        tau_s = contact.capacitance_nf * 1e-9 * _parallel(contact.parallel_ohm, loop_ohm)
+        tau_s = contact.capacitance_nf * 1e-9 * parallel(contact.parallel_ohm, loop_ohm)
         before_v = self._held_v[electrode]
         after_v = before_v * exp(-duration_s / tau_s)
         if abs(after_v) < _EMPTY_V:
@@ -163,62 +153,18 @@ class MinimalBody:
             self._book(electrode, -out_pc)
 
     def _flow(self, electrode: int, duration_s: float) -> None:
-        """Integrate the lone electrode through the source's regimes.
-
-        Its voltage runs one way under a constant drive, so it meets two changes of regime at most.
-        """
-        contact = self._contacts[electrode]
+        """Let the lone electrode's loop run, and book what has passed."""
         direction = self._network.direction
-        regimes = self._regimes()
         held_v = self._held_v.pop(electrode, 0.0) * direction
-        index = self._regime_of(held_v)
-        charge_c = 0.0
-        for may_change in (True, True, False):
-            regime = regimes[index]
-            if contact.parallel_ohm == 0.0:
-                charge_c += regime.drive_v / regime.loop_ohm * duration_s
-                break
-            resistance_ohm = _parallel(contact.parallel_ohm, regime.loop_ohm)
-            tau_s = contact.capacitance_nf * 1e-9 * resistance_ohm
-            final_v = regime.drive_v / regime.loop_ohm * resistance_ohm
-            step_s, edge_v = duration_s, None
-            if may_change:
-                step_s, index, edge_v = self._until_next_regime(
-                    index, held_v, final_v, tau_s, duration_s
-                )
-            decayed = -expm1(-step_s / tau_s)
-            held_area = final_v * step_s + (held_v - final_v) * tau_s * decayed
-            charge_c += (regime.drive_v * step_s - held_area) / regime.loop_ohm
-            duration_s -= step_s
-            if edge_v is None:
-                held_v += (final_v - held_v) * decayed
-                break
-            held_v = edge_v
+        held_v, charge_c = self._loop(electrode).advance(held_v, duration_s)
         if abs(held_v) >= _EMPTY_V:
             self._held_v[electrode] = held_v * direction
         self._book(electrode, charge_c * _PC * direction)
 
-    def _until_next_regime(
-        self, index: int, held_v: float, final_v: float, tau_s: float, left_s: float
-    ) -> tuple[float, int, float | None]:
-        """How long this regime lasts, which is next, and the held voltage at the change."""
-        rising = final_v > held_v
-        next_index = index + 1 if rising else index - 1
-        if not 0 <= next_index <= 2:
-            return left_s, index, None
-        edge_v = self._edges_v()[index if rising else index - 1]
-        beyond = final_v > edge_v if rising else final_v < edge_v
-        if not beyond:
-            return left_s, index, None
-        step_s = max(0.0, -tau_s * log((edge_v - final_v) / (held_v - final_v)))
-        if step_s >= left_s:
-            return left_s, index, None
-        return step_s, next_index, edge_v
-
     def _flow_between_groups(self, duration_s: float) -> None:
         network = self._network
         node_v = min(
-            self._source_a * _parallel(self._leak_ohm, network.loop_ohm), self._compliance_v
+            self._source_a * parallel(self._leak_ohm, network.loop_ohm), self._compliance_v
         )
         charge_pc = node_v / network.loop_ohm * duration_s * _PC
         network.sources.share(charge_pc, network.sources.conductance_s)
@@ -236,42 +182,15 @@ class MinimalBody:
         self._net_pc[electrode] += charge_pc * (1.0 + own_s / others_s)
         self._absolute_pc[electrode] += abs(charge_pc) * (1.0 - own_s / others_s)
 
-    # The source's regimes, for the lone electrode
-
-    def _series_ohm(self) -> float:
-        """All that is in series with the lone electrode's capacitor, up to the node."""
-        network = self._network
-        assert network.lone is not None  # noqa: S101 - asked for a lone electrode only
-        contact = self._contacts[network.lone]
-        others_s = network.connected.conductance_s - contact.conductance_s
-        return contact.series_ohm + 1.0 / others_s
-
-    def _regimes(self) -> tuple[_Regime, _Regime, _Regime]:
-        """Delivering what it is told; held at the compliance; delivering nothing."""
-        series_ohm = self._series_ohm()
-        with_leak_ohm = series_ohm + self._leak_ohm
-        return (
-            _Regime(self._source_a * self._leak_ohm, with_leak_ohm),
-            _Regime(self._compliance_v, series_ohm),
-            _Regime(0.0, with_leak_ohm),
+    def _loop(self, electrode: int) -> Loop:
+        """The source with all that is in series with the lone electrode's capacitor."""
+        contact = self._contacts[electrode]
+        others_s = self._network.connected.conductance_s - contact.conductance_s
+        return Loop(
+            self._source_a,
+            self._leak_ohm,
+            self._compliance_v,
+            contact.series_ohm + 1.0 / others_s,
+            contact.parallel_ohm,
+            contact.capacitance_nf * 1e-9,
         )
-
-    def _edges_v(self) -> tuple[float, float]:
-        """The held voltages at which the source reaches its compliance, and has to stop."""
-        series_ohm = self._series_ohm()
-        stop_v = self._compliance_v * (series_ohm + self._leak_ohm) / self._leak_ohm
-        return stop_v - self._source_a * series_ohm, stop_v
-
-    def _regime_of(self, held_v: float) -> int:
-        limit_v, stop_v = self._edges_v()
-        if held_v < limit_v:
-            return 0
-        return 1 if held_v < stop_v else 2
-
-
-def _parallel(a_ohm: float, b_ohm: float) -> float:
-    if a_ohm == inf:
-        return b_ohm
-    if b_ohm == inf:
-        return a_ohm
-    return a_ohm * b_ohm / (a_ohm + b_ohm)

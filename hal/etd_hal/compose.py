@@ -8,6 +8,7 @@ Must not know: configuration files other than board and machine, frames, people.
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from etd_hal.ports import (
 )
 
 if TYPE_CHECKING:
+    from etd_body.sensation import Felt
     from etd_hal.fake.clock import BoardClock
 
 
@@ -52,6 +54,9 @@ class Backend:
     lag_ns: Callable[[], int] = lambda: 0
     #: What is worth knowing of the machine, a sentence each.
     facts: tuple[str, ...] = ()
+    #: What a modelled body has felt since the last call; None where there is no such body, and on
+    #: real hardware always.
+    modelled: Callable[[], Felt] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,12 +165,15 @@ def open_fake(
     board: BoardFile,
     *,
     electrodes: Sequence[int],
+    places_mm: Sequence[tuple[float, float]] | None = None,
     trace: Path | None = None,
     board_socket: Path | None = None,
     stepped: bool = False,
 ) -> Backend:
     """A fake board with a fingertip on it, in this process or behind a board process's socket.
 
+    With `places_mm`, an (x, y) for each electrode, the fingertip lives: it changes, and tells what
+    it feels (`Backend.modelled`). Without, and in a board process, it only conducts.
     `stepped` time passes only by being spent or slept, in one thread and without sockets;
     otherwise it follows the real clock. A board process writes its own trace.
     Raises: BusError (`absent` without a board process, `busy` while another client has it).
@@ -178,7 +186,7 @@ def open_fake(
             raise ValueError("a board process has live time and its own trace")
         return _open_board_process(board, board_socket, LiveClock(LinuxClock()))
     clock = SteppedClock() if stepped else LiveClock(LinuxClock())
-    return _open_in_process(board, electrodes, trace, clock)
+    return _open_in_process(board, electrodes, places_mm, trace, clock)
 
 
 def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
@@ -223,16 +231,21 @@ def open_fake_bench(
 
 
 def _open_in_process(
-    board: BoardFile, electrodes: Sequence[int], trace: Path | None, clock: BoardClock
+    board: BoardFile,
+    electrodes: Sequence[int],
+    places_mm: Sequence[tuple[float, float]] | None,
+    trace: Path | None,
+    clock: BoardClock,
 ) -> Backend:
     from etd_hal.fake.board import FakeBoard
-    from etd_hal.fake.fingertip import fingertip_body
+    from etd_hal.fake.fingertip import fingertip_body, living_fingertip
     from etd_hal.fake.trace import Trace
 
+    living = None if places_mm is None else living_fingertip(board, places_mm)
     fake = FakeBoard(
         board,
         clock,
-        fingertip_body(board, len(electrodes)),
+        living or fingertip_body(board, len(electrodes)),
         electrodes=electrodes,
         trace=Trace.to(trace) if trace is not None else None,
     )
@@ -247,9 +260,13 @@ def _open_in_process(
         ports.close()
         fake.close()
 
-    return Backend(
+    backend = Backend(
         "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close, clock.lag_ns
     )
+    if living is None:
+        return backend
+    take_felt = living.take_felt
+    return dataclasses.replace(backend, modelled=lambda: fake.ask_body(take_felt))
 
 
 def _open_board_process(board: BoardFile, path: Path, clock: BoardClock) -> Backend:

@@ -182,3 +182,39 @@ def test_every_frame_begun_is_told_exactly_once_as_ended(
     made.scan_report(now_ns + 100 * MS, 0)
     ended = [one.seq for scan in listener.scans for one in scan.shown if one.ended]
     assert ended == list(range(begun))
+
+
+@dataclass
+class Body:
+    """A body that says what it is told to."""
+
+    felt: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    pain: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    asked: int = 0
+
+    def take(self) -> Body:
+        self.asked += 1
+        return self
+
+
+def modelled_in(listener: Listener) -> list[tuple[float, ...]]:
+    return [one.modelled.felt for one in listener.reports if one.modelled is not None]
+
+
+def test_what_a_body_is_modelled_to_feel_is_told_ten_times_a_second() -> None:
+    made, listener = reporter()
+    body = Body(felt=(0.0, 1.23456, 0.0, 0.0))
+    for ms in range(1_000):
+        made.modelled(body.take, START_NS + ms * MS)
+    assert body.asked == 10
+    assert modelled_in(listener) == [(0.0, 1.235, 0.0, 0.0)] * 10
+
+
+def test_the_end_of_a_modelled_sensation_is_told_once() -> None:
+    made, listener = reporter()
+    body = Body(pain=(0.5, 0.0, 0.0, 0.0))
+    made.modelled(body.take, START_NS)
+    body.pain = (0.0, 0.0, 0.0, 0.0)
+    for ms in range(100, 1_000, 100):
+        made.modelled(body.take, START_NS + ms * MS)
+    assert len(modelled_in(listener)) == 2

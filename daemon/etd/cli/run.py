@@ -238,6 +238,7 @@ def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
     return open_fake(
         loaded.board,
         electrodes=loaded.array.outputs(),
+        places_mm=list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True)),
         trace=args.trace,
         board_socket=args.board_socket,
     )

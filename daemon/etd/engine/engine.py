@@ -135,6 +135,8 @@ class Engine(Core):
         self._beat(now_ns)
         if now_ns - self._told_ns >= STATE_PERIOD_NS:
             self._tell_state(now_ns)
+        if self.backend.modelled is not None:
+            self.reporter.modelled(self.backend.modelled, now_ns)
         self._feed_watchdog(now_ns)
 
     def _watch_gateway(self, now_ns: int) -> None:

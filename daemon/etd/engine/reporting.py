@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from etd.engine.contact import ContactMap
 from etd.errors import Refused
@@ -16,10 +17,12 @@ from etd.frame import Frame
 from etd.link import Report
 from etd.protocol import (
     MAX_TELEMETRY_HZ,
+    MODELLED_HZ,
     Clamp,
     Contact,
     Fired,
     Halt,
+    Modelled,
     RefusedReport,
     Scan,
     Shown,
@@ -28,6 +31,7 @@ from etd.protocol import (
 )
 
 _SCAN_PERIOD_NS = 1_000_000_000 // MAX_TELEMETRY_HZ
+_MODELLED_PERIOD_NS = 1_000_000_000 // MODELLED_HZ
 STATE_PERIOD_NS = 1_000_000_000
 
 
@@ -62,6 +66,16 @@ class _Pending:
     scans: int = 0
 
 
+class BodyFelt(Protocol):
+    """Per electrode, the strongest since somebody last asked."""
+
+    @property
+    def felt(self) -> tuple[float, ...]: ...
+
+    @property
+    def pain(self) -> tuple[float, ...]: ...
+
+
 class Reporter:
     """See the module. `send` returns False when the report was dropped."""
 
@@ -72,6 +86,8 @@ class Reporter:
         self._pending = _Pending()
         self._sent_ns = 0
         self._has_news = False
+        self._modelled_ns = 0
+        self._was_felt = False
         self.counters: Counter[str] = Counter()
         self._clear_fired()
 
@@ -173,6 +189,19 @@ class Reporter:
 
     def state(self, report: StateReport) -> None:
         self._tell(Report(state=report))
+
+    def modelled(self, body: Callable[[], BodyFelt], now_ns: int) -> None:
+        """What a fake board's body is modelled to feel, and once that it feels nothing."""
+        if now_ns - self._modelled_ns < _MODELLED_PERIOD_NS:
+            return
+        self._modelled_ns = now_ns
+        said = body()
+        is_felt = any(said.pain) or any(said.felt)
+        if is_felt or self._was_felt:
+            felt = tuple(round(one, 3) for one in said.felt)
+            pain = tuple(round(one, 3) for one in said.pain)
+            self._tell(Report(modelled=Modelled(now_ns=now_ns, felt=felt, pain=pain)))
+        self._was_felt = is_felt
 
     def halt(self, halt: Halt) -> None:
         self._tell(Report(halt=halt))

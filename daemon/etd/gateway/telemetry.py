@@ -64,7 +64,7 @@ class Publisher:
         if report.refused is not None:
             self._refused_by_engine = report.refused.count
             self._publish("refused", msgspec.structs.replace(report.refused, count=self._refused))
-        for topic in ("scan", "contact", "halt"):
+        for topic in ("scan", "contact", "halt", "modelled"):
             body = getattr(report, topic)
             if body is not None:
                 self._publish(topic, body)

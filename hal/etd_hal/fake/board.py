@@ -7,9 +7,9 @@ Owns: who may call when, and the time that calls take. Must not know: what a cal
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 from etd_body.interface import Sides
 from etd_hal.boardfile import BoardFile
@@ -21,6 +21,8 @@ from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable, World
 from etd_hal.ports import Changes, Edge, LineSetup, Message, SpiSetup
+
+Said = TypeVar("Said")
 
 
 class FakeBoard:
@@ -88,6 +90,11 @@ class FakeBoard:
             FakeMarker(calls),
             self,
         )
+
+    def ask_body(self, question: Callable[[], Said]) -> Said:
+        """An answer of the body, between two calls."""
+        with self._lock:
+            return question()
 
     def release(self) -> None:
         """Let go of the lines: they keep their levels, and can be requested again."""

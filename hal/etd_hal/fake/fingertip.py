@@ -1,22 +1,45 @@
-"""The body that a fake board has unless told otherwise: one dry fingertip, all in contact.
+"""The bodies that fake boards have: a fingertip that lives, or one that only conducts.
 
-Owns: the choice of its figures; the shipped calibrations of the fake suit it.
+Owns: the choice of their figures; the shipped calibrations of the fake suit the living one.
 Must not know: buses, chips.
+
+numpy is imported with the living one only: what needs no nerves works without.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from etd_body.electrode import dry_fingertip
 from etd_body.minimal import MinimalBody
 from etd_hal.boardfile import BoardFile
 
+if TYPE_CHECKING:
+    from etd_body.living import LivingBody
+
 _SEED = 20_260
 
 
 def fingertip_body(board: BoardFile, electrode_count: int) -> MinimalBody:
-    """The same fingertip every time, behind this board's source."""
+    """A dry fingertip, the same every time, behind this board's source; it feels nothing."""
     return MinimalBody(
         dry_fingertip(electrode_count, seed=_SEED),
         leak_ohm=board.source.leak_ohm,
         compliance_v=board.source.compliance_v,
+    )
+
+
+def living_fingertip(board: BoardFile, places_mm: Sequence[tuple[float, float]]) -> LivingBody:
+    """The same finger every time, from the moment that it is laid on: it sweats, moves and feels.
+
+    `places_mm`: where each electrode is, as in the array's file.
+    """
+    from etd_body.living import LivingBody
+
+    return LivingBody(
+        places_mm,
+        leak_ohm=board.source.leak_ohm,
+        compliance_v=board.source.compliance_v,
+        seed=_SEED,
     )
