@@ -33,7 +33,7 @@ _CONTRACT = TREE / "tests/contract"
 _EVERYWHERE = ("check_lines.py", "check_faults.py", "check_pulse.py")
 _ONLY: dict[Guest, tuple[str, ...]] = {
     "x86": ("check_kills.py", "check_hog.py"),
-    "uml": ("check_scene.py", "check_selftest.py", "check_unplugged.py"),
+    "uml": ("check_scene.py", "check_selftest.py", "check_unplugged.py", "check_refusals.py"),
 }
 #: What is so exact that nothing may be different from one run to the next.
 _APART: dict[Guest, tuple[str, ...]] = {"x86": (), "uml": ("check_width.py",)}
@@ -49,7 +49,7 @@ _AS_EVER = (
 )
 #: At most, on a machine that has other things to do.
 _A_KILL_S = 20.0
-_TIMEOUT_S = {"x86": 400.0, "uml": 400.0}
+_TIMEOUT_S = {"x86": 900.0, "uml": 900.0}
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Amounts:
         ]
 
 
-EVERYDAY = Amounts(kills=5, pulses=200, hog_s=5, faults=1)
+EVERYDAY = Amounts(kills=3, pulses=200, hog_s=3, faults=1)
 THOROUGH = Amounts(kills=200, pulses=1_000, hog_s=60, faults=4)
 
 
@@ -101,7 +101,8 @@ def command(guest: Guest, amounts: Amounts) -> list[str]:
     apart = [str(_CHECKS / name) for name in _APART[guest]]
     checks = [str(_CHECKS / name) for name in (*_EVERYWHERE, *_ONLY[guest])]
     tests = [*_PYTEST, *_WITH_CONTRACT, *checks]
-    parts = [measured.command(tests, every_process=guest == "uml")]
+    # Where processors are emulated, counting lines takes too long.
+    parts = [measured.command(tests) if guest == "uml" else ["python", *tests]]
     if apart:
         parts.insert(0, ["python", *_PYTEST, *_AS_EVER, *apart])
     all_parts = "; ".join(f"{shlex.join(part)} || status=$?" for part in parts)
@@ -167,7 +168,10 @@ def _account(done: list[Done]) -> int:
         if one.failure:
             print(f"the kernel rig failed: {one.failure}", file=sys.stderr)
     print()
-    print(measured.table([BUILD / one.guest / "out" for one in done]))
+    lines, all_ran = "", True
+    if any(one.guest == "uml" for one in done):
+        lines, all_ran = measured.table([BUILD / "uml" / "out"])
+    print(lines)
     for one in done:
         print(one.line())
     counts = sum((one.counts for one in done), Counter())
@@ -175,7 +179,7 @@ def _account(done: list[Done]) -> int:
     print(f"kernel rig: {counts['passed']} passed, {counts['failed']} failed")
     if any(one.failure for one in done):
         return 3
-    return 0 if all(one.passed for one in done) else 1
+    return 0 if all_ran and all(one.passed for one in done) else 1
 
 
 def main() -> int:

@@ -67,7 +67,7 @@ def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
         kernel_trace.begin()
         daemon.start_engine()
         daemon.wait_until(engine="there", state="SAFE")
-    assert scanning > KILLS // 2, "the engine was not scanning when it was killed"
+    assert scanning >= max(1, KILLS // 2), "the engine was not scanning when it was killed"
     report(f"{KILLS} kills, {scanning} of them in a scan; every message ended in zero")
     report(f"from the kill to the end of the last message: {spread(quiet_ms)}")
     report(f"from the kill to the safe state, `etd safe` started anew: {spread(safe_ms)}")

@@ -1,0 +1,185 @@
+"""What the kernel refuses, and how it is told: lines that are held, no rights, no devices."""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from etd_hal.boardfile import load_machine
+from etd_hal.compose import Backend, line_setup, open_linux
+from etd_hal.errors import BusError, HardwareMissing
+from etd_hal.linux import open_to_make_safe
+from etd_hal.linux.gpio import LinuxGpio, find_chip, holders, open_gpio
+from etd_hal.linux.machine import facts
+from etd_hal.linux.realtime import set_up
+from etd_hal.ports import LineSetup, Message, Transfer
+from guest_board import BOARD, MACHINE, TREE, Chips, unplugged
+
+LINES = BOARD.used_lines()
+OUTPUT, INPUT = LINES["DATA"], LINES["READBACK"]
+NOBODY = 65_534
+#: Zero words at code 0: nothing is fired here.
+ZERO = Transfer(bytes(2))
+
+
+@contextmanager
+def held_by_somebody(line: int) -> Iterator[LinuxGpio]:
+    """Another program has one line, at the level that is harmless."""
+    setup = LineSetup(outputs=((line, 0),), inputs=(), consumer="somebody")
+    taken = open_gpio(find_chip(BOARD.gpio_chip_labels), setup)
+    yield taken
+    taken.close()
+
+
+@contextmanager
+def without_rights() -> Iterator[None]:
+    """The files are opened, and real time is asked for, as a user without any group."""
+    groups = os.getgroups()
+    os.setgroups([])
+    os.setegid(NOBODY)
+    os.seteuid(NOBODY)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+        os.setegid(0)
+        os.setgroups(groups)
+
+
+def problems() -> tuple[str, ...]:
+    with pytest.raises(HardwareMissing) as raised:
+        open_linux(BOARD, MACHINE)
+    return raised.value.problems
+
+
+class TestLines:
+    @pytest.mark.parametrize(("line", "asked"), [(OUTPUT, "outputs"), (INPUT, "inputs")])
+    def test_a_line_that_is_taken_at_the_last_moment_is_busy_and_no_other_is_kept(
+        self, chips: Chips, line: int, asked: str
+    ) -> None:
+        chip = find_chip(BOARD.gpio_chip_labels)
+        with held_by_somebody(line):
+            with pytest.raises(BusError, match=asked) as raised:
+                open_gpio(chip, line_setup(BOARD))
+            assert raised.value.kind == "busy"
+            assert holders(chip, tuple(LINES.values())) == {line: "somebody"}
+
+    def test_the_safe_state_is_reached_without_the_inputs(self, chips: Chips) -> None:
+        with held_by_somebody(INPUT):
+            gpio, spi, told = open_to_make_safe(BOARD, line_setup(BOARD))
+        assert any("somebody" in sentence for sentence in told)
+        assert gpio.edges() == ()
+        gpio.close()
+        assert spi is not None
+        spi.close()
+
+    def test_without_the_outputs_there_is_no_safe_state_and_the_holder_is_named(
+        self, chips: Chips
+    ) -> None:
+        with held_by_somebody(OUTPUT), pytest.raises(HardwareMissing, match="somebody"):
+            open_to_make_safe(BOARD, line_setup(BOARD))
+
+    def test_lines_that_were_not_requested_are_neither_read_nor_set(self, ports: Backend) -> None:
+        with pytest.raises(BusError) as raised:
+            ports.gpio.get(0)
+        assert raised.value.kind == "invalid"
+        with pytest.raises(BusError) as raised:
+            ports.gpio.set(((INPUT, 1),))
+        assert raised.value.kind == "invalid"
+
+    def test_lines_that_are_unplugged_are_not_read_either(self, ports: Backend) -> None:
+        with unplugged("rig-gpio"):
+            for ask in (lambda: ports.gpio.get(INPUT), ports.gpio.edges):
+                with pytest.raises(BusError) as raised:
+                    ask()
+                assert raised.value.kind == "gone"
+
+    def test_a_chip_with_another_label_is_absent_and_what_is_there_is_named(self) -> None:
+        with pytest.raises(BusError, match=BOARD.gpio_chip_labels[0]) as raised:
+            find_chip(("no such chip",))
+        assert raised.value.kind == "absent"
+
+
+class TestMissing:
+    @pytest.mark.parametrize(
+        ("bus", "device"), [("rig-spi", BOARD.source.spi), ("rig-i2c", BOARD.i2c)]
+    )
+    def test_a_bus_that_is_not_there_is_named_with_what_to_do(
+        self, chips: Chips, bus: Literal["rig-spi", "rig-i2c"], device: str
+    ) -> None:
+        with unplugged(bus):
+            (told,) = problems()
+        assert device in told
+        assert "raspi-config" in told
+
+    def test_without_rights_all_that_is_closed_is_told_at_once(self, chips: Chips) -> None:
+        with without_rights():
+            told = problems()
+        assert len(told) == 3
+        assert all("join the groups gpio, spi and i2c" in sentence for sentence in told)
+
+    def test_the_machine_file_of_another_machine_is_refused(self, chips: Chips) -> None:
+        pi4 = load_machine(TREE / "config/machines/pi4.toml")
+        with pytest.raises(HardwareMissing, match="name the right machine file"):
+            open_linux(BOARD, pi4)
+
+    def test_what_is_not_granted_of_real_time_is_told(self) -> None:
+        interval_s = sys.getswitchinterval()
+        try:
+            with without_rights():
+                told = set_up(80, None)
+        finally:
+            gc.unfreeze()
+            gc.enable()
+            sys.setswitchinterval(interval_s)
+        assert any("SCHED_FIFO 80" in sentence for sentence in told)
+
+
+class TestMessages:
+    @pytest.mark.parametrize(
+        "message",
+        [
+            Message(()),
+            Message((ZERO, replace(ZERO, cs_change=True))),
+            Message((replace(ZERO, delay_us=70_000), ZERO)),
+        ],
+        ids=["nothing", "chip select kept", "too long a delay"],
+    )
+    def test_what_the_kernel_would_misread_is_not_sent(
+        self, ports: Backend, message: Message
+    ) -> None:
+        with pytest.raises(BusError) as raised:
+            ports.spi.transfer(message)
+        assert raised.value.kind == "invalid"
+
+    def test_an_i2c_transaction_of_nothing_is_refused(self, ports: Backend) -> None:
+        assert ports.i2c is not None
+        with pytest.raises(BusError) as raised:
+            ports.i2c.transfer(0x48, b"", 0)
+        assert raised.value.kind == "invalid"
+
+    def test_buffers_are_kept_for_so_many_messages_and_changes_and_no_more(
+        self, ports: Backend
+    ) -> None:
+        for count in range(1_100):
+            ports.spi.transfer(Message((Transfer(delay_us=count), ZERO)))
+            ports.gpio.set(((OUTPUT, 0),) * (count + 1))
+
+
+def test_what_the_kernel_does_to_threads_that_never_sleep_is_told() -> None:
+    throttle = Path("/proc/sys/kernel/sched_rt_runtime_us")
+    usual = throttle.read_text()
+    try:
+        throttle.write_text("-1")
+        assert "real-time throttling: off" in facts()
+    finally:
+        throttle.write_text(usual)
+    assert any("us of every" in sentence for sentence in facts())
