@@ -121,7 +121,7 @@ def take_frame(core: Core, message: NewFrame, now_ns: int, came_ns: int) -> None
                 "expired",
                 f"{how} {(now_ns - begun_ns) // 1_000_000} ms ago, its ttl is {frame.ttl_ms} ms",
             )
-        plan = core.planner.plan(frame, core.sharing.largest(0, now_ns))
+        plan = core.planner.plan(frame, core.sharing.when_looked())
     except Refused as refusal:
         _tell_refusal(core, message, refusal, now_ns)
         return

@@ -19,6 +19,7 @@ from etd.engine.ledger import Bounds, Ledger
 from etd.engine.limits import maxima_of
 from etd.engine.opening import Opening
 from etd.engine.plan import Planner, Rules
+from etd.engine.probes import probes_of
 from etd.engine.reporting import Reporter
 from etd.engine.scan import Scanner
 from etd.engine.sensors import RailSensor
@@ -133,6 +134,7 @@ class Core:
         """Plans follow the person's limits and the calibrated timing."""
         if self.lease is None:
             self._planner = None
+            self.scanner.probes = ()
             return
         source = self.loaded.board.source
         rules = Rules(
@@ -144,6 +146,9 @@ class Core:
         )
         cost = CostModel(self.loaded.board, self.loaded.machine, self.board.timing)
         self._planner = Planner(self.board, rules, cost)
+        self.scanner.probes = probes_of(
+            self.board, self.loaded.array, self.maxima, self.lease.person
+        )
 
     @property
     def planner(self) -> Planner:
@@ -160,9 +165,8 @@ class Core:
         if self._energizer is not None:
             raise Refused("wrong_state", f"{self._energizer.goal} is under way")
         check_ready(self._readiness())
-        person = self.lease.person
-        array, rail = self.loaded.array, self.rail
-        energizer = Energizer(goal, ref, self._tools, rail, array, person, self.clock)
+        probes = self.scanner.probes
+        energizer = Energizer(goal, ref, self._tools, self.rail, probes, self.clock)
         self.states.probe()
         self.board.guard.permit(self.maxima.probe_current_ua)
         self.supply_changed(True)

@@ -6,12 +6,10 @@ done with a live board. It is stepped from the engine's loop, so that a stop is 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from etd.array import Array
-from etd.engine.limits import PersonLimits, path_of
 from etd.engine.plan import Visit
 from etd.engine.sensors import RailSensor
 from etd.engine.visits import Tools, Visitor
@@ -69,16 +67,14 @@ class Energizer:
         ref: int,
         tools: Tools,
         rail: RailSensor,
-        array: Array,
-        person: PersonLimits,
+        probes: Sequence[Visit],
         clock: Clock,
     ) -> None:
         self.goal: Goal = goal
         self.ref = ref
         self._tools = tools
         self._rail = rail
-        self._array = array
-        self._person = person
+        self._probes = probes
         self._clock = clock
         self._is_on = False
         self._begun_ns = clock.now_ns()
@@ -138,12 +134,8 @@ class Energizer:
 
         Raises: BusError, GuardRefusal, BoardFault.
         """
-        board, outputs = self._tools.board, self._array.outputs()
-        probes = sorted(
-            (self._probe(one) for one in range(self._array.count)),
-            key=lambda visit: outputs[visit.electrode],
-        )
-        for index, probe in enumerate(probes):
+        board = self._tools.board
+        for index, probe in enumerate(self._probes):
             now_ns = self._clock.now_ns()
             ceiling_ua = may_fire(now_ns)
             if ceiling_ua is None:
@@ -155,20 +147,3 @@ class Energizer:
 
     def _may_still(self, may_fire: Callable[[int], int | None]) -> bool:
         return may_fire(self._clock.now_ns()) is not None
-
-    def _probe(self, electrode: int) -> Visit:
-        """Weak and short: the probe bound, or the person's limits where they are below it."""
-        maxima, person = self._tools.maxima, self._person
-        outputs = self._array.outputs()
-        others = tuple(one for one in range(self._array.count) if one != electrode)
-        path = path_of(electrode, person.caps_ua, others, 1.0)
-        return Visit(
-            electrode,
-            self._tools.board.selection(outputs[electrode], None),
-            min(maxima.probe_current_ua, path.cap_ua),
-            min(maxima.probe_width_us, person.width_us),
-            (True,),
-            1.0,
-            None,
-            path,
-        )

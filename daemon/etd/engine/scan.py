@@ -5,7 +5,7 @@ Owns: the schedule of the standing plan. Must not know: how a visit is made, soc
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from etd.engine.duty import BusyClock
 from etd.engine.plan import Plan, Visit
@@ -18,6 +18,8 @@ from etd_hal.ports import Marker
 _ALMOST = 1e-9
 #: A scan that begins this late has been held up: more than waking late explains.
 _LATE_NS = 2_000_000
+#: A look with half-bridges takes less. Where relays move, one may make the next scan late.
+_LOOK_TAKES_NS = 1_000_000
 #: In a pause the watch is kept this often.
 _LOOK_NS = 2_000_000
 
@@ -113,6 +115,8 @@ class Scanner:
         self._marker = marker
         self._reporter = reporter
         self.standing: Standing | None = None
+        #: Of the lease, in the order of the chain: for electrodes that a frame leaves silent.
+        self.probes: Sequence[Visit] = ()
         self._is_rewritten = False
 
     def show(self, plan: Plan, expires_ns: int, now_ns: int) -> None:
@@ -165,7 +169,29 @@ class Scanner:
                 standing.was_fired(place)
             if index + 1 < len(due):
                 self._board.prepare(due[index + 1][1].selection)
-        self._end(standing)
+        if self._look_around(standing, visitor, may_fire):
+            self._end(standing)
+
+    def _look_around(
+        self, standing: Standing, visitor: Visitor, may_fire: Callable[[int], int | None]
+    ) -> bool:
+        """Look at the silent electrodes whose turn it is: one at least, others while there is time.
+
+        False if firing must not go on.
+        """
+        active = {visit.electrode for visit in standing.plan.visits}
+        silent = [probe for probe in self.probes if probe.electrode not in active]
+        waiting = visitor.awaited(silent, self._clock.now_ns())
+        for index, probe in enumerate(waiting):
+            if index and self._clock.now_ns() > standing.next_ns - _LOOK_TAKES_NS:
+                break
+            now_ns, ceiling_ua = self._rested(standing, may_fire)
+            if ceiling_ua is None or self.standing is not standing:
+                self._board.release()
+                return False
+            self._board.prepare(probe.selection, whole=index == 0)
+            visitor.look(probe, ceiling_ua, now_ns, lambda: self._may_still(standing, may_fire))
+        return True
 
     def _may_still(self, standing: Standing, may_fire: Callable[[int], int | None]) -> bool:
         """Asked when all is connected. Where that takes milliseconds, everything is looked at

@@ -80,6 +80,36 @@ class Visitor:
         wish = Wish(visit.current_ua, visit.width_us)
         return self._let_through(visit, wish, opening_ua, now_ns, may_still)
 
+    def awaited(self, probes: Sequence[Visit], now_ns: int) -> list[Visit]:
+        """Those of these probes that somebody waits for."""
+        sharing = self._tools.sharing
+        if not sharing.is_wanted:
+            return []
+        return [one for one in probes if sharing.is_due(one.electrode, now_ns)]
+
+    def look(
+        self, probe: Visit, opening_ua: int, now_ns: int, may_still: Callable[[], bool]
+    ) -> None:
+        """Ask an electrode that a frame leaves silent whether it still touches.
+
+        It is no part of the frame: it is counted, and not told as one of its pulses.
+        """
+        tools = self._tools
+        share = self._share(probe, now_ns)
+        wish = Wish(probe.current_ua, probe.width_us)
+        current_ua, _ = self._limited(probe, wish, share, opening_ua, now_ns)
+        pulse = tools.board.pulse(current_ua, wish.width_us)
+        entry = _entry(probe, current_ua, wish.width_us, share)
+        if pulse.code == 0 or tools.ledger.why_not(entry, now_ns) is not None:
+            return
+        tools.board.connect(probe.selection, probe.phases[0])
+        if not may_still():
+            tools.board.discharge()
+            return
+        shot, begun_ns = self._fire(probe, pulse, entry, current_ua, wish.width_us)
+        self._learn(probe, pulse, shot, begun_ns)
+        tools.reporter.counters["looks"] += 1
+
     def _let_through(
         self,
         visit: Visit,
@@ -92,8 +122,7 @@ class Visitor:
         share = self._share(visit, now_ns)
         current_ua, clamp = self._limited(visit, wish, share, opening_ua, now_ns)
         pulse = self._tools.board.pulse(current_ua, wish.width_us)
-        on_us = wish.width_us * len(visit.phases)
-        entry = Entry(electrode, current_ua * on_us, on_us, visit.returns, share)
+        entry = _entry(visit, current_ua, wish.width_us, share)
         if pulse.code == 0:
             if clamp is not None:
                 reporter.clamped(clamp)
@@ -101,13 +130,18 @@ class Visitor:
                 reporter.skipped(electrode, "resolution")
             return False
         if self._tools.ledger.why_not(entry, now_ns) is not None:
+            self._tools.sharing.want(now_ns)
             reporter.skipped(electrode, "ledger")
             return False
+        if clamp is not None and clamp.reason == "return_cap":
+            self._tools.sharing.want(now_ns)
         self._tools.board.connect(visit.selection, visit.phases[0])
         if not may_still():
             self._tools.board.discharge()
             return False
-        self._fire(visit, pulse, entry, current_ua, wish.width_us)
+        shot, begun_ns = self._fire(visit, pulse, entry, current_ua, wish.width_us)
+        self._learn(visit, pulse, shot, begun_ns)
+        self._tell(electrode, pulse, begun_ns)
         if clamp is not None:
             # Told with its pulse: a report may have gone out while relays moved.
             reporter.clamped(clamp)
@@ -157,7 +191,8 @@ class Visitor:
 
     def _fire(
         self, visit: Visit, pulse: Pulse, entry: Entry, current_ua: int, width_us: int
-    ) -> None:
+    ) -> tuple[Shot, int]:
+        """The last phase's shot, and when the first began."""
         board = self._tools.board
         first, *others = visit.phases
         shot = board.fire(pulse, visit.selection, first, current_ua, width_us)
@@ -169,7 +204,7 @@ class Visitor:
             shot = board.fire(pulse, visit.selection, is_anodic, current_ua, width_us)
             self._check_duration(shot, pulse, entry)
         board.discharge()
-        self._learn(visit, pulse, shot, begun_ns)
+        return shot, begun_ns
 
     def _check_duration(self, shot: Shot, pulse: Pulse, entry: Entry) -> None:
         """What a message took over its plan bounds what the current flowed too long."""
@@ -188,11 +223,17 @@ class Visitor:
 
     def _learn(self, visit: Visit, pulse: Pulse, shot: Shot, begun_ns: int) -> None:
         tools, electrode = self._tools, visit.electrode
-        contact = tools.contact
-        if contact.learn(electrode, pulse.told_ua, shot.voltage_v):
+        if tools.contact.learn(electrode, pulse.told_ua, shot.voltage_v):
             tools.opening.touched_again(electrode)
-        self._learn_path(visit, pulse, begun_ns)
-        tools.reporter.fired(
+        touches = tools.contact.is_touched[electrode] is True
+        if visit.returns is None:
+            tools.sharing.learn(electrode, touches, begun_ns)
+        elif not touches:
+            tools.sharing.lose(electrode)
+
+    def _tell(self, electrode: int, pulse: Pulse, begun_ns: int) -> None:
+        contact = self._tools.contact
+        self._tools.reporter.fired(
             electrode,
             begun_ns,
             pulse.told_ua,
@@ -201,11 +242,7 @@ class Visitor:
             contact.resistance_ohm[electrode],
         )
 
-    def _learn_path(self, visit: Visit, pulse: Pulse, begun_ns: int) -> None:
-        contact, sharing, electrode = self._tools.contact, self._tools.sharing, visit.electrode
-        is_touched = contact.is_touched[electrode] is True
-        if visit.returns is None:
-            path_ohm = contact.resistance_ohm[electrode] if is_touched else None
-            sharing.learn(electrode, round(pulse.shape.width_us), path_ohm, begun_ns)
-        elif not is_touched:
-            sharing.lose(electrode)
+
+def _entry(visit: Visit, current_ua: int, width_us: int, share: float) -> Entry:
+    on_us = width_us * len(visit.phases)
+    return Entry(visit.electrode, current_ua * on_us, on_us, visit.returns, share)
