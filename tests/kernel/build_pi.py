@@ -179,11 +179,22 @@ def initial_files(fetched: Path) -> Path:
         shutil.copytree(fetched / "site", files / "site", ignore=left_out)
         (files / "usr/bin/python").symlink_to(f"python{_PYTHON}")
         (files / "bin/sh").symlink_to("busybox")
+        _compile(files / f"usr/lib/python{_PYTHON}", files / "site")
         shutil.copy(init, files / "init")
         shutil.copytree(fetched / "kernel/modules", files / "modules")
         pack(files, packed)
         shutil.rmtree(files)
     return packed
+
+
+def _compile(*folders: Path) -> None:
+    """Bytecode for all modules, or an emulated processor makes it at every start of Python.
+
+    Only the same version of Python makes the right one; another one's is of no use there.
+    """
+    if sys.version_info[:2] == tuple(map(int, _PYTHON.split("."))):
+        quietly = ("-m", "compileall", "-q", "--invalidation-mode=unchecked-hash")
+        subprocess.run([sys.executable, *quietly, *folders], capture_output=True, check=False)
 
 
 def tree_files(folder: Path, command: str) -> Path:

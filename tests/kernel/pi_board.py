@@ -48,8 +48,15 @@ KEEPS_OUTPUTS = Path("/sys/module/pinctrl_bcm2835/parameters/persist_gpio_output
 
 
 def set_probes() -> None:
-    (TRACING / "kprobe_events").write_text(_PROBES)
+    """Once a boot: probes in use cannot be set again."""
+    if not (TRACING / "events/rig").exists():
+        (TRACING / "kprobe_events").write_text(_PROBES)
     (TRACING / "events/rig/rig_output/enable").write_text("1")
+
+
+def watch_i2c() -> None:
+    """Let the trace tell each I2C transaction: how many messages, how many of them went."""
+    (TRACING / "events/i2c/i2c_result/enable").write_text("1")
 
 
 def line_calls(of: list[Event], probe: str = "rig_line") -> list[tuple[str, int]]:

@@ -58,7 +58,7 @@ def command_file(command: list[str]) -> str:
     return (
         f"cd {_ROOT}\n"
         f"export PYTHONPATH={':'.join([*folders, '/site'])}\n"
-        "export HOME=/run PATH=/usr/bin:/bin PYTHONDONTWRITEBYTECODE=1 LC_ALL=C.UTF-8\n"
+        "export HOME=/run PATH=/usr/bin:/bin LC_ALL=C.UTF-8\n"
         f"exec {shlex.join(command)}\n"
     )
 
