@@ -267,6 +267,17 @@ def test_silence_of_telemetry_is_raised_when_a_time_was_given(rig: ServedRig) ->
         next(iter(reports))
 
 
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1, 0, "1", None, True])
+def test_a_hold_for_no_duration_is_refused_and_nothing_is_sent(
+    rig: ServedRig, seconds: Any
+) -> None:
+    with display(rig) as d:
+        d.arm()
+        with pytest.raises(Refused, match="seconds="):
+            d.hold([0, 0, 0, 1], seconds=seconds)
+    assert list(rig.engine.frames) == []
+
+
 def test_control_c_ends_a_hold_silent(rig: ServedRig) -> None:
     def interrupt(command: Command | NewFrame) -> Answer:
         if isinstance(command, NewFrame) and command.frame.seq == 2:

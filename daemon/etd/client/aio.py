@@ -19,7 +19,7 @@ import zmq.asyncio
 
 from etd.calibration import Calibration
 from etd.client import clock, wire
-from etd.client.options import FrameOptions, Kind, frame_fields, renewal_s, silent_fields
+from etd.client.options import FrameOptions, Kind, frame_fields, held_ns, renewal_s, silent_fields
 from etd.client.session import KEEP_S, Ask, Flow, R, Session
 from etd.client.telemetry import AsyncTelemetry
 from etd.client.values import Numbers
@@ -211,7 +211,7 @@ class AsyncDisplay:
         self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
     ) -> None:
         fields = frame_fields(kind, numbers, options)
-        end_ns = clock.now_ns() + int(seconds * 1e9)
+        end_ns = clock.now_ns() + held_ns(seconds)
         try:
             while (left_s := (end_ns - clock.now_ns()) / 1e9) > 0:
                 await self._run(self._session.frame({**fields, "sent_ns": clock.now_ns()}))

@@ -18,7 +18,7 @@ import zmq
 
 from etd.calibration import Calibration
 from etd.client import clock, wire
-from etd.client.options import FrameOptions, Kind, frame_fields, renewal_s, silent_fields
+from etd.client.options import FrameOptions, Kind, frame_fields, held_ns, renewal_s, silent_fields
 from etd.client.session import KEEP_S, Ask, Flow, R, Session
 from etd.client.telemetry import Telemetry
 from etd.client.values import Numbers
@@ -200,7 +200,7 @@ class Display:
 
     def _hold(self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions) -> None:
         fields = frame_fields(kind, numbers, options)
-        end_ns = clock.now_ns() + int(seconds * 1e9)
+        end_ns = clock.now_ns() + held_ns(seconds)
         try:
             while (left_s := (end_ns - clock.now_ns()) / 1e9) > 0:
                 self._run(self._session.frame({**fields, "sent_ns": clock.now_ns()}))

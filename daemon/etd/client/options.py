@@ -7,6 +7,8 @@ sockets.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
+from numbers import Real
 from typing import Literal, TypedDict
 
 from etd.client import clock, values
@@ -50,6 +52,14 @@ def frame_fields(kind: Kind, numbers: values.Numbers, options: FrameOptions) -> 
     given = values.levels(numbers) if kind == "level" else values.currents_ua(numbers)
     extra = {key: values.option(key, value) for key, value in options.items() if value is not None}
     return {kind: given, **extra, "sent_ns": clock.now_ns()}
+
+
+def held_ns(seconds: float) -> int:
+    """How long a frame is held. Raises: Refused (`bad_frame`) for what is no duration."""
+    is_number = isinstance(seconds, Real) and not isinstance(seconds, bool)
+    if not is_number or not isfinite(seconds) or seconds <= 0:
+        raise Refused("bad_frame", f"seconds={seconds!r}: say how long, as a number above 0")
+    return int(seconds * 1e9)
 
 
 def renewal_s(options: FrameOptions) -> float:
