@@ -192,7 +192,7 @@ def make(
     array: str | None = None,
     loaded: LoadedConfig | None = None,
     faults: Sequence[Fault] = (),
-    stabilizers: Sequence[Stabilizer] = (),
+    stabilizers: Sequence[Stabilizer] | None = None,
     wrap: Callable[[Backend], Backend] = lambda backend: backend,
     untested: str | None = None,
 ) -> EngineRig:

@@ -28,7 +28,7 @@ from etd.link import (
     OpenLease,
     StopNow,
 )
-from etd.stabilize.pipeline import Known, Wish
+from etd.stabilize.pipeline import Known, Reach, Wish
 from etd_body.electrode import skin
 from etd_hal.fake.faults import RailOff
 from etd_hal.fake.world import StopLine
@@ -44,6 +44,11 @@ class Asker:
         self.wishes = wishes
         self.clock: Clock | None = None
         self.asked: list[tuple[int, int, int, int]] = []
+
+    reach = Reach(current=100.0, width=2.0, charge=200.0)
+
+    def forget(self) -> None:
+        """Nothing to forget."""
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         assert self.clock is not None

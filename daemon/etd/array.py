@@ -46,6 +46,22 @@ class Electrode(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     output: Annotated[int, Meta(ge=0, lt=MAX_ELECTRODES)] | None = None
 
 
+class PressureSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One sensor under the array, on an ADS1115: kPa = (volts - zero_v) x kpa_per_v.
+
+    What is not within `low_v` to `high_v` comes from no sensor: a broken wire, a short.
+    """
+
+    address: Annotated[int, Meta(ge=0x48, le=0x4B)]
+    channel: Annotated[int, Meta(ge=0, le=3)]
+    x_mm: Mm
+    y_mm: Mm
+    zero_v: Annotated[float, Meta(ge=0.0, le=4.0)]
+    kpa_per_v: Annotated[float, Meta(gt=0.0, le=100_000.0)]
+    low_v: Annotated[float, Meta(ge=-0.1, le=4.0)]
+    high_v: Annotated[float, Meta(ge=0.0, le=4.0)]
+
+
 class Array(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An array of electrodes; the place in `electrode` is the electrode's index everywhere."""
 
@@ -56,6 +72,8 @@ class Array(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     mark: Annotated[str, Meta(min_length=1)]
     diameter_mm: Annotated[float, Meta(ge=0.1, le=100.0)]
     electrode: Annotated[tuple[Electrode, ...], Meta(min_length=2, max_length=MAX_ELECTRODES)]
+    #: Under the array; each electrode goes by the nearest one.
+    pressure: Annotated[tuple[PressureSensor, ...], Meta(max_length=16)] = ()
 
     @property
     def count(self) -> int:
@@ -95,6 +113,17 @@ class Array(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
             if abs(self.distance_mm(electrode, other) - ring_mm) <= slack_mm
         )
 
+    def nearest_pressure(self, electrode: int) -> int | None:
+        """Which sensor lies nearest to it; None where there is none."""
+        one = self.electrode[electrode]
+        return min(
+            range(len(self.pressure)),
+            key=lambda it: math.hypot(
+                one.x_mm - self.pressure[it].x_mm, one.y_mm - self.pressure[it].y_mm
+            ),
+            default=None,
+        )
+
     def neighbors(self, electrode: int) -> tuple[int, ...]:
         """The electrodes around it, one pitch away (on a square grid without the diagonals)."""
         return self.ring(electrode, self.pitch_mm())
@@ -122,6 +151,7 @@ def check_array(array: Array, file: str) -> Array:
     """The rules that no type expresses. Raises: FileError."""
     _check_places(array, file)
     _check_outputs(array, file)
+    _check_sensors(array, file)
     return array
 
 
@@ -162,3 +192,24 @@ def _check_outputs(array: Array, file: str) -> None:
                 "give each electrode an output of its own: their limits would add up on one wire",
             )
         seen[output] = index
+
+
+def _check_sensors(array: Array, file: str) -> None:
+    seen: dict[tuple[int, int], int] = {}
+    for index, one in enumerate(array.pressure):
+        if not one.low_v <= one.zero_v < one.high_v:
+            raise FileError(
+                file,
+                f"pressure[{index}]",
+                f"low_v, zero_v, high_v are {one.low_v}, {one.zero_v}, {one.high_v}",
+                "they must rise: outside of low_v to high_v there is no sensor",
+            )
+        place = (one.address, one.channel)
+        if place in seen:
+            raise FileError(
+                file,
+                f"pressure[{index}]",
+                f"sensor {seen[place]} is on channel {one.channel} of 0x{one.address:02x} as well",
+                "give each sensor an input of its own",
+            )
+        seen[place] = index

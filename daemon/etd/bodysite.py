@@ -1,7 +1,8 @@
 """What a place on the body may get, whoever it belongs to.
 
-Owns: the body-site file: maxima that hold for everybody there, the defaults of a frame, and the
-two voltages that tell contact from none. Must not know: a person's limits, boards, states.
+Owns: the body-site file: maxima that hold for everybody there, the defaults of a frame, what tells
+contact from none, and which stabilizers ask there.
+Must not know: a person's limits, boards, states.
 
 All maxima are required: a missing limit is a refusal, never a default. The bounds in the types are
 the hard ceilings, which no file can pass.
@@ -17,6 +18,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.frame import Polarity
+from etd.stabilize.laws import Law, name_of, why_wrong
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import load_toml
 
@@ -78,6 +80,10 @@ class SiteContact(_Strict, frozen=True):
 
     touch_fraction: Annotated[float, Meta(gt=0.0, lt=1.0)]
     open_fraction: Annotated[float, Meta(gt=0.0, lt=1.0)]
+    #: Below this an electrode counts as shorted to a neighbor: no skin resists so little.
+    shorted_ohm: Annotated[int, Meta(ge=100, le=50_000)] = 1_500
+    #: So long a contact counts as soft, after none or after it shrank.
+    soften_ms: Annotated[int, Meta(ge=10, le=5_000)] = 300
 
 
 class BodySite(_Strict, frozen=True):
@@ -91,6 +97,8 @@ class BodySite(_Strict, frozen=True):
     maxima: SiteMaxima
     defaults: SiteDefaults
     contact: SiteContact
+    #: The laws that may ask for more or less of a pulse, in the order in which they ask.
+    stabilize: Annotated[tuple[Law, ...], Meta(max_length=8)] = ()
 
 
 def yardstick_nc(diameter_mm: float) -> float:
@@ -118,6 +126,7 @@ def check_body_site(site: BodySite, file: str) -> BodySite:
     """The rules between keys. Raises: FileError."""
     _check_rises(site, file)
     _check_defaults(site, file)
+    _check_laws(site, file)
     return site
 
 
@@ -157,3 +166,11 @@ def _check_defaults(site: BodySite, file: str) -> None:
                 f"{default} is above maxima.{key} ({most})",
                 f"give at most {most}: a frame that does not say would be refused",
             )
+
+
+def _check_laws(site: BodySite, file: str) -> None:
+    wrong = why_wrong(site.stabilize)
+    if wrong is not None:
+        index, what, advice = wrong
+        law = name_of(site.stabilize[index])
+        raise FileError(file, f"stabilize[{index}]", f"{law}: {what}", advice)

@@ -228,7 +228,7 @@ class Clamp(msgspec.Struct, frozen=True, kw_only=True):
     electrode: int
     wanted_ua: int
     got_ua: int
-    reason: Literal["cap", "return_cap", "opening", "recontact", "contact_open", "charge"]
+    reason: Literal["cap", "return_cap", "opening", "recontact", "contact_open", "charge", "frame"]
     limited_by: int
 
 

@@ -50,8 +50,9 @@ class Pulse:
 class Shot:
     """What came back from one phase.
 
-    `voltage_v` is the node's near the end of the pulse, or 10 us after its beginning where the
-    pulse is too short for an end sample. `excess_ns` is what the call took over its plan.
+    `baseline_v` is the node's before the pulse, `early_v` 10 us after its beginning, `voltage_v`
+    near its end, or the early one again where the pulse is too short for an end sample.
+    `excess_ns` is what the call took over its plan.
     """
 
     begun_ns: int
@@ -59,6 +60,7 @@ class Shot:
     excess_ns: int
     baseline_v: float
     voltage_v: float
+    early_v: float
 
 
 class Board:
@@ -236,6 +238,7 @@ class Board:
             ended_ns - begun_ns - pulse.planned_ns,
             ad7276.code_of(received[0]) * self._node_v,
             ad7276.code_of(received[-1]) * self._node_v,
+            ad7276.code_of(received[1]) * self._node_v,
         )
 
     def discharge(self) -> None:

@@ -110,3 +110,71 @@ def test_forgetting_leaves_everything_unknown() -> None:
     assert contact.resistance_ohm == [None] * 4
     assert contact.voltage_v == [None] * 4
     assert not contact.learn(0, 300, TOUCHED_V)
+
+
+# --- the state of a contact ---------------------------------------------------------------------
+
+MS = 1_000_000
+SOFTEN_MS = 300
+
+
+def at(contact: ContactMap, skin_ohm: float, now_ms: int, told_ua: int = 2_000) -> None:
+    """One pulse on skin of so much, beside the leak."""
+    node_v = min(told_ua / 1e6 / (1 / skin_ohm + 1 / 66_000), 300.0)
+    contact.learn(0, told_ua, node_v, now_ms * MS)
+
+
+def test_a_contact_that_was_always_there_is_closed() -> None:
+    contact = contact_map()
+    assert contact.state(0, 0) == "unknown"
+    at(contact, 50_000, 0)
+    assert contact.state(0, MS) == "closed"
+
+
+def test_a_contact_made_anew_is_soft_for_a_while() -> None:
+    contact = contact_map()
+    at(contact, 1e9, 0)
+    assert contact.state(0, 0) == "open"
+    at(contact, 50_000, 100)
+    assert contact.state(0, 100 * MS) == "soft"
+    assert contact.firmness(0, (100 + SOFTEN_MS // 2) * MS) == pytest.approx(0.5)
+    assert contact.state(0, (100 + SOFTEN_MS) * MS) == "closed"
+
+
+def test_a_resistance_that_rises_by_half_from_pulse_to_pulse_is_peeling() -> None:
+    contact = contact_map()
+    at(contact, 50_000, 0)
+    at(contact, 74_000, 16)
+    assert contact.state(0, 16 * MS) == "closed"
+    at(contact, 112_000, 32)
+    assert contact.state(0, 32 * MS) == "soft"
+
+
+def test_a_weaker_pulse_that_reads_higher_is_no_peeling() -> None:
+    contact = contact_map()
+    at(contact, 50_000, 0, told_ua=2_000)
+    at(contact, 100_000, 16, told_ua=1_000)
+    assert contact.state(0, 16 * MS) == "closed"
+
+
+def test_a_pulse_at_the_compliance_is_saturated_until_one_is_delivered() -> None:
+    contact = contact_map()
+    contact.learn(0, 6_000, 299.0, 0)
+    assert contact.state(0, 0) == "saturated"
+    assert contact.undelivered_ua[0] == 6_000
+    contact.learn(0, 6_000, 280.0, 16 * MS)
+    assert contact.state(0, 16 * MS) == "saturated", "not yet below the lower bound"
+    contact.learn(0, 300, TOUCHED_V, 32 * MS)
+    assert contact.undelivered_ua[0] is None
+    assert contact.state(0, 32 * MS) != "saturated"
+
+
+def test_a_short_to_a_neighbor_is_told_and_ends_well_above_where_it_began() -> None:
+    contact = contact_map()
+    at(contact, 1_400, 0)
+    assert contact.state(0, 0) == "shorted"
+    at(contact, 2_000, 16)
+    assert contact.state(0, 16 * MS) == "shorted"
+    at(contact, 2_300, 1_000)
+    at(contact, 2_300, 2_000)
+    assert contact.state(0, 3_000 * MS) == "closed"

@@ -12,7 +12,7 @@ import pytest
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, armed, config, fully_open, halts, moves, thinned
 from etd.link import ArmBoard, DisarmBoard, StopNow
-from etd.stabilize.pipeline import Known, Wish
+from etd.stabilize.pipeline import Known, Reach, Wish
 from etd_hal.compose import Backend
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import SpiStall
@@ -121,6 +121,11 @@ class Thinks:
 
     us: int
     spend: Callable[[int], None] = lambda _: None
+
+    reach = Reach()
+
+    def forget(self) -> None:
+        pass
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         self.spend(self.us * 1_000)

@@ -10,7 +10,7 @@ import pytest
 
 from engine_rig import EngineRig
 from engine_scenes import MS, config, fully_open, only, phases
-from etd.stabilize.pipeline import Known, Wish
+from etd.stabilize.pipeline import Known, Reach, Wish
 from etd_hal.errors import BusError
 
 MakeRig = Callable[..., EngineRig]
@@ -22,6 +22,11 @@ class Asks:
     """A stabilizer that always asks for the same."""
 
     wish: Wish
+
+    reach = Reach()
+
+    def forget(self) -> None:
+        pass
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         return self.wish

@@ -1,17 +1,32 @@
-"""Which electrodes are touched, as far as pulses have told.
+"""Which electrodes are touched, and how: as far as pulses have told.
 
-Owns: contact by threshold with hysteresis, and the resistance with the leak taken out.
-Must not know: what follows from it, clocks, hardware beyond its constants.
+Owns: contact by threshold with hysteresis, the resistance with the leak taken out, and the state of
+each contact. Must not know: what follows from it, clocks, hardware beyond its constants.
 
 With nothing connected the node rises to I x leak, or to the compliance: the open-circuit
 signature. A touched electrode holds it well below. Both thresholds are fractions of that
 signature, from the body-site file. An electrode that no pulse has visited is unknown.
+
+States: `open`; `soft`, for a while after a contact was made anew or shrank (its resistance rose by
+half from one pulse to the next: peeling); `saturated`, when a strong pulse ended near the
+compliance, so that less was delivered than asked (whether anything touches, the next weak pulse
+tells); `shorted`, when it resists less than skin can, as beside a neighbor under paste; `closed`.
 """
 
 from __future__ import annotations
 
 from etd.bodysite import SiteContact
+from etd.stabilize.pipeline import ContactState
 from etd_hal.boardfile import Source
+
+#: Of the compliance: above, a pulse was not delivered; below the second, one was again.
+_SATURATED, _DELIVERED = 0.95, 0.90
+#: A resistance that rises by so much from one pulse to a like one: the contact shrinks.
+_PEELED = 1.5
+#: A like one: at least this part of the current before, since skin resists weak currents more.
+_LIKE = 0.8
+#: A short ends well above where it began.
+_SHORT_ENDS = 1.5
 
 
 class ContactMap:
@@ -22,9 +37,17 @@ class ContactMap:
         self._compliance_v = source.compliance_v
         self._touch_fraction = site.touch_fraction
         self._open_fraction = site.open_fraction
+        self._shorted_ohm = site.shorted_ohm
+        self._soften_ns = site.soften_ms * 1_000_000
         self.is_touched: list[bool | None] = [None] * electrodes
         self.resistance_ohm: list[int | None] = [None] * electrodes
         self.voltage_v: list[float | None] = [None] * electrodes
+        #: The current of the last pulse that was not delivered, until one is.
+        self.undelivered_ua: list[int | None] = [None] * electrodes
+        self._is_shorted = [False] * electrodes
+        self._soft_since_ns: list[int | None] = [None] * electrodes
+        self._told_ua = [0] * electrodes
+        self._was_at_end = [False] * electrodes
 
     def forget(self) -> None:
         """The supply was off: whoever touched may have gone."""
@@ -32,9 +55,45 @@ class ContactMap:
         self.is_touched[:] = [None] * electrodes
         self.resistance_ohm[:] = [None] * electrodes
         self.voltage_v[:] = [None] * electrodes
+        self.undelivered_ua[:] = [None] * electrodes
+        self._is_shorted = [False] * electrodes
+        self._soft_since_ns = [None] * electrodes
 
-    def learn(self, electrode: int, told_ua: int, voltage_v: float) -> bool:
-        """What one pulse of `told_ua` says, given the node's voltage near its end.
+    def state(self, electrode: int, now_ns: int) -> ContactState:
+        """What kind of contact it is now."""
+        is_touched = self.is_touched[electrode]
+        if self.undelivered_ua[electrode] is not None:
+            return "saturated"
+        if is_touched is None:
+            return "unknown"
+        if not is_touched:
+            return "open"
+        if self._is_shorted[electrode]:
+            return "shorted"
+        return "soft" if self.firmness(electrode, now_ns) < 1.0 else "closed"
+
+    def firmness(self, electrode: int, now_ns: int) -> float:
+        """From 0, when the contact was made anew or shrank, to 1, when it may count as firm."""
+        since_ns = self._soft_since_ns[electrode]
+        if since_ns is None:
+            return 1.0
+        part = (now_ns - since_ns) / self._soften_ns
+        if part < 1.0:
+            return max(0.0, part)
+        self._soft_since_ns[electrode] = None
+        return 1.0
+
+    def learn(
+        self,
+        electrode: int,
+        told_ua: int,
+        voltage_v: float,
+        now_ns: int = 0,
+        *,
+        is_at_end: bool = True,
+    ) -> bool:
+        """What one pulse of `told_ua` says, given the node's voltage near its end (or, where it is
+        too short for that, after its beginning: then `is_at_end` is False).
 
         Returns True when an electrode known to be open is touched again.
         """
@@ -42,7 +101,7 @@ class ContactMap:
             return False
         signature_v = min(told_ua * self._leak_ohm / 1e6, self._compliance_v)
         self.voltage_v[electrode] = round(voltage_v, 2)
-        self.resistance_ohm[electrode] = self._resistance(told_ua, voltage_v)
+        resistance_ohm = self._resistance(told_ua, voltage_v)
         was = self.is_touched[electrode]
         fraction = voltage_v / signature_v
         if fraction < self._touch_fraction:
@@ -51,8 +110,39 @@ class ContactMap:
             now = False
         else:
             now = was
+        is_again = now and was is False
+        if is_again or (now and self._peels(electrode, told_ua, resistance_ohm, is_at_end)):
+            self._soft_since_ns[electrode] = now_ns
+        self._learn_delivery(electrode, told_ua, voltage_v)
+        self._learn_short(electrode, resistance_ohm)
         self.is_touched[electrode] = now
-        return now and was is False
+        self.resistance_ohm[electrode] = resistance_ohm
+        self._told_ua[electrode], self._was_at_end[electrode] = told_ua, is_at_end
+        return is_again
+
+    def _peels(
+        self, electrode: int, told_ua: int, resistance_ohm: int | None, is_at_end: bool
+    ) -> bool:
+        before_ohm = self.resistance_ohm[electrode]
+        if before_ohm is None or resistance_ohm is None:
+            return False
+        is_alike = (
+            told_ua >= _LIKE * self._told_ua[electrode] and is_at_end == self._was_at_end[electrode]
+        )
+        return is_alike and resistance_ohm > _PEELED * before_ohm
+
+    def _learn_delivery(self, electrode: int, told_ua: int, voltage_v: float) -> None:
+        can_saturate = told_ua * self._leak_ohm / 1e6 > self._compliance_v
+        if can_saturate and voltage_v >= _SATURATED * self._compliance_v:
+            self.undelivered_ua[electrode] = told_ua
+        elif voltage_v < _DELIVERED * self._compliance_v:
+            self.undelivered_ua[electrode] = None
+
+    def _learn_short(self, electrode: int, resistance_ohm: int | None) -> None:
+        if resistance_ohm is None:
+            return
+        ends = _SHORT_ENDS if self._is_shorted[electrode] else 1.0
+        self._is_shorted[electrode] = resistance_ohm < ends * self._shorted_ohm
 
     def _resistance(self, told_ua: int, voltage_v: float) -> int | None:
         """V / (I - V / leak); undefined near the compliance and where the leak takes it all."""

@@ -10,10 +10,12 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 from etd.config import LoadedConfig
+from etd.engine.asking import Asker
 from etd.engine.contact import ContactMap
 from etd.engine.dialogue import Dialogue
 from etd.engine.duty import BusyClock
 from etd.engine.energize import Energizer, Goal, Readiness, check_ready
+from etd.engine.impedance import ImpedanceMap
 from etd.engine.lease import Lease
 from etd.engine.ledger import Bounds, Ledger
 from etd.engine.limits import maxima_of
@@ -22,7 +24,7 @@ from etd.engine.plan import Planner, Rules
 from etd.engine.probes import probes_of
 from etd.engine.reporting import Reporter
 from etd.engine.scan import Scanner
-from etd.engine.sensors import RailSensor
+from etd.engine.sensors import PressureSensors, RailSensor
 from etd.engine.sharing import Sharing
 from etd.engine.state import StateMachine
 from etd.engine.stopper import Stopper
@@ -30,6 +32,7 @@ from etd.engine.visits import Tools, Visitor
 from etd.errors import BoardFault, Refused
 from etd.link import Answer, LeaseEnded
 from etd.protocol import Halt, StateReport
+from etd.stabilize import laws
 from etd.stabilize.pipeline import Stabilizer
 from etd_hal.board import Board
 from etd_hal.compose import Backend
@@ -44,9 +47,10 @@ class Core:
         loaded: LoadedConfig,
         backend: Backend,
         *,
-        stabilizers: Sequence[Stabilizer] = (),
+        stabilizers: Sequence[Stabilizer] | None = None,
         untested: str | None = None,
     ) -> None:
+        """`stabilizers` None: those of the body-site file."""
         self.loaded = loaded
         self._untested = untested
         self.clock = BusyClock(backend.clock)
@@ -54,6 +58,7 @@ class Core:
         self.board = Board(loaded.board, loaded.machine, backend.spi, backend.gpio, self.clock)
         self.maxima = maxima_of(loaded.board, loaded.body_site)
         self.rail = RailSensor(loaded.board, backend.i2c, backend.clock)
+        self.pressure = PressureSensors(loaded.array, backend.i2c, backend.clock)
         self.backend = backend
         self.not_granted: tuple[str, ...] = ()
         self.limitations: tuple[str, ...] = ()
@@ -68,6 +73,10 @@ class Core:
         self.opening = Opening(self.maxima.current_ua)
         self.scanner = Scanner(self.board, self.clock, self.marker, self.reporter)
         self.supply_changed: Callable[[bool], None] = lambda _: None
+        if stabilizers is None:
+            stabilizers = laws.make(loaded.body_site.stabilize, loaded.board.source)
+        impedance = ImpedanceMap(loaded.array.count, loaded.board.source)
+        self.asker = Asker(stabilizers, self.contact, impedance, self.pressure, self.reporter)
         self._tools = Tools(
             self.board,
             self.maxima,
@@ -76,7 +85,7 @@ class Core:
             self.contact,
             self.sharing,
             self.reporter,
-            stabilizers,
+            self.asker,
         )
         self._visitor = Visitor(self._tools)
         self._planner: Planner | None = None
@@ -127,6 +136,7 @@ class Core:
         """A new person, perhaps: everything starts from zero."""
         self.lease = lease
         self.opening.restart()
+        self.asker.serve(lease.person.calibration)
         self.planner_of_lease()
         self._tell_state(self.clock.now_ns())
 
@@ -143,6 +153,7 @@ class Core:
             self.maxima,
             self.lease.person,
             source.full_scale_ua / (source.codes - 1),
+            self.asker.reach,
         )
         cost = CostModel(self.loaded.board, self.loaded.machine, self.board.timing)
         self._planner = Planner(self.board, rules, cost)
@@ -241,6 +252,7 @@ class Core:
         self.opening.restart()
         self.contact.forget()
         self.sharing.forget()
+        self.asker.forget()
         self._drop_energizer(why)
         self.reporter.scan_report(self.clock.now_ns(), 0, is_due=True)
         return problems

@@ -41,7 +41,7 @@ class Engine(Core):
         loaded: LoadedConfig,
         backend: Backend,
         *,
-        stabilizers: Sequence[Stabilizer] = (),
+        stabilizers: Sequence[Stabilizer] | None = None,
         feed_watchdog: Callable[[int], None] = lambda _: None,
         untested: str | None = None,
     ) -> None:

@@ -18,6 +18,7 @@ from etd.bodysite import BodySite
 from etd.calibration import Calibration
 from etd.errors import Refused
 from etd.protocol import Clamp, Limits, MaximaFacts
+from etd.stabilize.pipeline import Most
 from etd_hal.boardfile import BoardFile
 
 #: uA x us = pC: charge is an integer throughout.
@@ -184,18 +185,24 @@ def last_word(
     opening_ua: int,
     recontact_ua: int | None,
     is_open: bool,
+    most: Most | None = None,
 ) -> tuple[int, Clamp | None]:
     """What this electrode gets, in uA, of what is wanted; and the clamp to tell, if any.
 
     The smallest bound wins and is named. `opening_ua` is the array's ceiling now, `recontact_ua`
     the electrode's own after a re-contact (None: none), `is_open` that nothing touches it.
+    `most` is the frame's own, where stabilizers ask: in a pulse wider than the frame's a cap lets
+    through the charge that it has at the frame's width, because nobody has allowed more.
     """
+    part = 1.0 if most is None else min(1.0, most.own_us / width_us)
     bounds: list[tuple[int, str, int]] = [
-        (path.cap_ua, "cap", path.electrode),
-        (int(path.return_cap_ua / path.share), "return_cap", path.return_electrode),
+        (int(path.cap_ua * part), "cap", path.electrode),
+        (int(path.return_cap_ua / path.share * part), "return_cap", path.return_electrode),
         (maxima.charge_pc // width_us, "charge", path.electrode),
         (opening_ua, "opening", path.electrode),
     ]
+    if most is not None:
+        bounds.append((min(most.current_ua, most.charge_pc // width_us), "frame", path.electrode))
     if recontact_ua is not None:
         bounds.append((recontact_ua, "recontact", path.electrode))
     if is_open:

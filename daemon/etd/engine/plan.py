@@ -17,6 +17,7 @@ from etd.engine.limits import PC_PER_NC, Maxima, Path, PersonLimits, last_word, 
 from etd.errors import CannotSelect, Refused
 from etd.frame import Frame, Polarity, Returns, Ring, per_electrode
 from etd.protocol import Clamp, Thinned
+from etd.stabilize.pipeline import NO_FURTHER, Most, Reach, Wish
 from etd_hal.cost import CostModel
 from etd_hal.selection import Selection
 
@@ -60,6 +61,13 @@ class Visit:
     rate_hz: float
     returns: tuple[int, ...] | None
     path: Path
+    #: What stabilizers may make of it at the most; its slot in the scan is this wide.
+    most: Most
+
+    @property
+    def wish(self) -> Wish:
+        """What the frame itself asks for."""
+        return Wish(self.current_ua, self.width_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +92,8 @@ class Rules:
     person: PersonLimits
     #: One step of the DAC.
     resolution_ua: float
+    #: How far stabilizers go beyond a frame: there must be room for it.
+    reach: Reach = NO_FURTHER
 
 
 class Planner:
@@ -167,6 +177,8 @@ class Planner:
         self._check_minimum(electrode, current_ua)
         self._check_maxima(electrode, current_ua, width_us, len(phases), rate_hz)
         returns = self._returns(frame, electrode)
+        path = self._path(electrode, returns)
+        most = self._most(Wish(current_ua, width_us), rate_hz * len(phases))
         return Visit(
             electrode,
             self._select(electrode, returns),
@@ -175,7 +187,30 @@ class Planner:
             phases,
             rate_hz,
             returns,
-            self._path(electrode, returns),
+            path,
+            most,
+        )
+
+    def _most(self, wish: Wish, phases_hz: float) -> Most:
+        """The frame's own most: what stabilizers reach, within what no frame may pass. Its charge
+        does not hang on any resistance: a falsely low one must not find an open door.
+        """
+        rules, reach = self._rules, self._rules.reach
+        maxima = rules.maxima
+        width_us = int(wish.width_us * reach.width)
+        allowed_us = min(maxima.width_us, rules.person.width_us, maxima.on_us_per_s / phases_hz)
+        charge_pc = wish.current_ua * wish.width_us
+        allowed_pc = min(
+            maxima.charge_pc,
+            int(maxima.mean_current_ua * 1e6 / phases_hz),
+        )
+        return Most(
+            current_ua=max(
+                wish.current_ua, min(int(wish.current_ua * reach.current), maxima.current_ua)
+            ),
+            own_us=wish.width_us,
+            width_us=max(wish.width_us, min(width_us, int(allowed_us))),
+            charge_pc=max(charge_pc, min(int(charge_pc * reach.charge), allowed_pc)),
         )
 
     def _check_minimum(self, electrode: int, current_ua: int) -> None:
@@ -308,7 +343,7 @@ class Planner:
         for one in visits:
             output = one.selection.output
             clocks = output - before if output > before else 0
-            cost = self._cost.visit(one.width_us, len(one.phases), clocks)
+            cost = self._cost.visit(one.most.width_us, len(one.phases), clocks)
             slots_us += cost.slot_us
             busy_us += cost.busy_us
             before = output

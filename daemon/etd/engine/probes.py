@@ -9,6 +9,7 @@ from __future__ import annotations
 from etd.array import Array
 from etd.engine.limits import Maxima, PersonLimits, path_of
 from etd.engine.plan import Selector, Visit
+from etd.stabilize.pipeline import Most
 
 
 def probes_of(
@@ -20,16 +21,19 @@ def probes_of(
     """
     outputs = array.outputs()
     everybody = range(array.count)
+    width_us = min(maxima.probe_width_us, person.width_us)
+    currents_ua = [min(maxima.probe_current_ua, cap_ua) for cap_ua in person.caps_ua]
     probes = [
         Visit(
             electrode=one,
             selection=board.selection(outputs[one], None),
-            current_ua=min(maxima.probe_current_ua, person.caps_ua[one]),
-            width_us=min(maxima.probe_width_us, person.width_us),
+            current_ua=currents_ua[one],
+            width_us=width_us,
             phases=(True,),
             rate_hz=1.0,
             returns=None,
             path=path_of(one, person.caps_ua, [it for it in everybody if it != one], 1.0),
+            most=Most(currents_ua[one], width_us, width_us, currents_ua[one] * width_us),
         )
         for one in everybody
     ]

@@ -72,7 +72,7 @@ def _drive(
         asked_to_end.append(number)
 
     before = {ending: signal.signal(ending, note) for ending in _ENDINGS}
-    sensors = SensorThread(engine.rail)
+    sensors = SensorThread(engine.rail, engine.pressure)
     stopper = StopperThread(engine.stopper, _urgency(engine.loaded))
     engine.supply_changed = stopper.watch
     try:

@@ -1,13 +1,15 @@
 """The latest value of each slow sensor, with its time.
 
-Owns: the rail, read over I2C in a thread of its own, because a stuck bus can block for a second.
-Must not know: states, frames, what follows from a value. A stale value is unknown.
+Owns: the rail and the pressure under the array, read over I2C in a thread of their own, because a
+stuck bus can block for a second. A stale value is unknown.
+Must not know: states, frames, what follows from a value.
 """
 
 from __future__ import annotations
 
 import threading
 
+from etd.array import Array
 from etd.errors import EtdError
 from etd_hal.boardfile import BoardFile
 from etd_hal.chips import ads1115, mcp4725
@@ -73,12 +75,73 @@ class RailSensor:
         self.problem = str(error)
 
 
-class SensorThread(threading.Thread):
-    """Reads until told to end."""
+class PressureSensors:
+    """The pressure under each electrode, from the sensor nearest to it."""
 
-    def __init__(self, rail: RailSensor) -> None:
+    def __init__(self, array: Array, i2c: I2c | None, clock: Clock) -> None:
+        self._sensors = array.pressure
+        self._of_electrode = [array.nearest_pressure(one) for one in range(array.count)]
+        self._i2c = i2c
+        self._clock = clock
+        # Tuples, replaced whole: the scan thread never sees half a value.
+        self._latest: list[tuple[float, int] | None] = [None] * len(self._sensors)
+        self.problem = ""
+
+    @property
+    def count(self) -> int:
+        return len(self._sensors)
+
+    def kpa(self, electrode: int, now_ns: int) -> float | None:
+        """None where unknown: no sensor, an error, no plausible voltage, or stale."""
+        sensor = self._of_electrode[electrode]
+        latest = None if sensor is None else self._latest[sensor]
+        if latest is None or now_ns - latest[1] > STALE_NS:
+            return None
+        return latest[0]
+
+    def is_dead(self, electrode: int, now_ns: int) -> bool:
+        """There is a sensor, and it says nothing."""
+        return self._of_electrode[electrode] is not None and self.kpa(electrode, now_ns) is None
+
+    def begin(self, sensor: int) -> None:
+        """Start a conversion. Never raises; `problem` tells."""
+        if self._i2c is None:
+            return
+        one = self._sensors[sensor]
+        try:
+            ads1115.start(self._i2c, one.address, one.channel)
+        except EtdError as error:
+            self._lost(sensor, str(error))
+
+    def end(self, sensor: int) -> None:
+        """Read the conversion begun a few milliseconds ago. Never raises."""
+        if self._i2c is None:
+            return
+        one = self._sensors[sensor]
+        try:
+            volts = ads1115.read_v(self._i2c, one.address)
+        except EtdError as error:
+            self._lost(sensor, str(error))
+            return
+        if one.low_v <= volts <= one.high_v:
+            kpa = max(0.0, (volts - one.zero_v) * one.kpa_per_v)
+            self._latest[sensor] = (kpa, self._clock.now_ns())
+            self.problem = ""
+        else:
+            self._lost(sensor, f"{volts:.2f} V, not {one.low_v} to {one.high_v} V")
+
+    def _lost(self, sensor: int, problem: str) -> None:
+        self._latest[sensor] = None
+        self.problem = f"pressure sensor {sensor}: {problem}"
+
+
+class SensorThread(threading.Thread):
+    """Reads until told to end; one conversion at a time, since a chip has one converter."""
+
+    def __init__(self, rail: RailSensor, pressure: PressureSensors) -> None:
         super().__init__(name="etd-sensors", daemon=True)
         self._rail = rail
+        self._pressure = pressure
         self._ending = threading.Event()
 
     def run(self) -> None:
@@ -86,6 +149,10 @@ class SensorThread(threading.Thread):
             self._rail.begin()
             self._ending.wait(_CONVERSION_S)
             self._rail.end()
+            for sensor in range(self._pressure.count):
+                self._pressure.begin(sensor)
+                self._ending.wait(_CONVERSION_S)
+                self._pressure.end(sensor)
 
     def end(self) -> None:
         """Idempotent; waits for a blocked bus no longer than two seconds."""

@@ -11,7 +11,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from etd.engine.asking import Asker
 from etd.engine.contact import ContactMap
+from etd.engine.impedance import Samples
 from etd.engine.ledger import Entry, Ledger
 from etd.engine.limits import Maxima, last_word
 from etd.engine.opening import Opening
@@ -20,7 +22,7 @@ from etd.engine.reporting import Reporter
 from etd.engine.sharing import Sharing
 from etd.errors import BoardFault
 from etd.protocol import Clamp
-from etd.stabilize.pipeline import Known, Stabilizer, Wish, ask_all
+from etd.stabilize.pipeline import Wish
 from etd_hal.board import Board, Pulse, Shot
 
 #: Of the mean deviation from plan, by which drift is seen.
@@ -38,7 +40,7 @@ class Tools:
     contact: ContactMap
     sharing: Sharing
     reporter: Reporter
-    stabilizers: Sequence[Stabilizer] = ()
+    asker: Asker
 
 
 class Visitor:
@@ -70,15 +72,14 @@ class Visitor:
 
         Raises: BusError, GuardRefusal, BoardFault: the caller makes the board safe.
         """
-        wish = self._wish(visit)
+        wish = self._tools.asker.wish(visit, now_ns)
         return self._let_through(visit, wish, opening_ua, now_ns, may_still)
 
     def probe(
         self, visit: Visit, opening_ua: int, now_ns: int, may_still: Callable[[], bool]
     ) -> bool:
         """The same for a probe, about which nobody is asked."""
-        wish = Wish(visit.current_ua, visit.width_us)
-        return self._let_through(visit, wish, opening_ua, now_ns, may_still)
+        return self._let_through(visit, visit.wish, opening_ua, now_ns, may_still)
 
     def awaited(self, probes: Sequence[Visit], now_ns: int) -> list[Visit]:
         """Those of these probes that somebody waits for."""
@@ -96,7 +97,7 @@ class Visitor:
         """
         tools = self._tools
         share = self._share(probe, now_ns)
-        wish = Wish(probe.current_ua, probe.width_us)
+        wish = probe.wish
         current_ua, _ = self._limited(probe, wish, share, opening_ua, now_ns)
         pulse = tools.board.pulse(current_ua, wish.width_us)
         entry = _entry(probe, current_ua, wish.width_us, share)
@@ -106,8 +107,8 @@ class Visitor:
         if not may_still():
             tools.board.discharge()
             return
-        shot, begun_ns = self._fire(probe, pulse, entry, current_ua, wish.width_us)
-        self._learn(probe, pulse, shot, begun_ns)
+        shots = self._fire(probe, pulse, entry, current_ua, wish.width_us)
+        self._learn(probe, pulse, *shots)
         tools.reporter.counters["looks"] += 1
 
     def _let_through(
@@ -139,35 +140,13 @@ class Visitor:
         if not may_still():
             self._tools.board.discharge()
             return False
-        shot, begun_ns = self._fire(visit, pulse, entry, current_ua, wish.width_us)
-        self._learn(visit, pulse, shot, begun_ns)
-        self._tell(electrode, pulse, begun_ns)
+        shots = self._fire(visit, pulse, entry, current_ua, wish.width_us)
+        self._learn(visit, pulse, *shots)
+        self._tell(electrode, pulse, shots[0].begun_ns)
         if clamp is not None:
             # Told with its pulse: a report may have gone out while relays moved.
             reporter.clamped(clamp)
         return True
-
-    def _wish(self, visit: Visit) -> Wish:
-        tools, electrode = self._tools, visit.electrode
-        wish = Wish(visit.current_ua, visit.width_us)
-        if not tools.stabilizers:
-            return wish
-        contact = tools.contact
-        known = Known(
-            electrode,
-            contact.is_touched[electrode],
-            contact.resistance_ohm[electrode],
-            contact.voltage_v[electrode],
-        )
-        asked = ask_all(tools.stabilizers, wish, known)
-        if not asked.is_possible:
-            tools.reporter.counters["impossible_wishes"] += 1
-            return wish
-        if asked.width_us > visit.width_us:
-            # Its slot in the scan is no wider.
-            tools.reporter.counters["width_wishes_cut"] += 1
-            return Wish(asked.current_ua, visit.width_us)
-        return asked
 
     def _share(self, visit: Visit, now_ns: int) -> float:
         """What one return may carry: explicit ones are each reckoned as if alone."""
@@ -187,24 +166,25 @@ class Visitor:
             opening_ua,
             tools.opening.recontact_ua(electrode, now_ns),
             tools.contact.is_touched[electrode] is False,
+            visit.most,
         )
 
     def _fire(
         self, visit: Visit, pulse: Pulse, entry: Entry, current_ua: int, width_us: int
-    ) -> tuple[Shot, int]:
-        """The last phase's shot, and when the first began."""
+    ) -> tuple[Shot, Shot]:
+        """The first and the last phase's."""
         board = self._tools.board
         first, *others = visit.phases
         shot = board.fire(pulse, visit.selection, first, current_ua, width_us)
         self._tools.ledger.book(entry, shot.begun_ns)
-        begun_ns = shot.begun_ns
+        first_shot = shot
         self._check_duration(shot, pulse, entry)
         for is_anodic in others:
             board.flip(visit.selection, is_anodic)
             shot = board.fire(pulse, visit.selection, is_anodic, current_ua, width_us)
             self._check_duration(shot, pulse, entry)
         board.discharge()
-        return shot, begun_ns
+        return first_shot, shot
 
     def _check_duration(self, shot: Shot, pulse: Pulse, entry: Entry) -> None:
         """What a message took over its plan bounds what the current flowed too long."""
@@ -221,10 +201,16 @@ class Visitor:
                 f"at most {self._halt_excess_ns / 1_000:.0f} us",
             )
 
-    def _learn(self, visit: Visit, pulse: Pulse, shot: Shot, begun_ns: int) -> None:
+    def _learn(self, visit: Visit, pulse: Pulse, first: Shot, last: Shot) -> None:
         tools, electrode = self._tools, visit.electrode
-        if tools.contact.learn(electrode, pulse.told_ua, shot.voltage_v):
+        begun_ns, is_at_end = first.begun_ns, pulse.shape.has_end_sample
+        if tools.contact.learn(
+            electrode, pulse.told_ua, last.voltage_v, begun_ns, is_at_end=is_at_end
+        ):
             tools.opening.touched_again(electrode)
+        if pulse.told_ua > tools.maxima.probe_current_ua:
+            # Of a second phase the skin is not at rest before: the first one tells more.
+            tools.asker.learn(electrode, _samples(pulse, first))
         touches = tools.contact.is_touched[electrode] is True
         if visit.returns is None:
             tools.sharing.learn(electrode, touches, begun_ns)
@@ -246,3 +232,14 @@ class Visitor:
 def _entry(visit: Visit, current_ua: int, width_us: int, share: float) -> Entry:
     on_us = width_us * len(visit.phases)
     return Entry(visit.electrode, current_ua * on_us, on_us, visit.returns, share)
+
+
+def _samples(pulse: Pulse, shot: Shot) -> Samples:
+    has_end = pulse.shape.has_end_sample
+    return Samples(
+        told_ua=pulse.told_ua,
+        width_us=pulse.shape.width_us,
+        resting_v=shot.baseline_v,
+        early_v=shot.early_v,
+        end_v=shot.voltage_v if has_end else None,
+    )

@@ -1,17 +1,24 @@
 """The place between what a frame wants and what the limits let through.
 
-Owns: what a stabilizer gets and gives, and the order in which they ask. Must not know: limits,
-hardware, clocks. Whatever comes out of here is a wish: `engine/limits.py` has the last word.
+Owns: what a stabilizer gets and gives, how far it may reach, and the order in which they ask.
+Must not know: limits, hardware, clocks. Whatever comes out of here is a wish: the frame's own most
+(`Most`) and `engine/limits.py` have the last words.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 #: No pulse is shorter, whoever asks.
 SHORTEST_US = 20
+#: Widths are asked for in steps of this: prepared pulses stay few, and one width is compared with
+#: the same width before (`engine/sharing.py`).
+WIDTH_STEP_US = 5
+
+ContactState = Literal["unknown", "open", "soft", "closed", "saturated", "shorted"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +47,86 @@ class Wish:
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What the pulses so far have told of one electrode; None where unknown."""
+    """What the pulses so far, a calibration and sensors tell of one electrode; None where unknown.
+
+    `resistance_ohm` and `voltage_v` are the last pulse's, as measured. `skin_ohm` is what the skin
+    resists a long pulse, from stimulus pulses alone, filtered, and None whenever it is not to be
+    believed (see `engine/impedance.py`); `skin_at_ua` is the current of the pulse it was last
+    measured with.
+    """
 
     electrode: int
     is_touched: bool | None
     resistance_ohm: int | None
     voltage_v: float | None
+    now_ns: int = 0
+    state: ContactState = "unknown"
+    #: How far a contact that was made anew has come: 0 just now, 1 for long.
+    firmness: float = 1.0
+    #: The current of the last pulse that the source could not deliver, until one is delivered.
+    undelivered_ua: int | None = None
+    skin_ohm: float | None = None
+    skin_at_ua: int = 0
+    #: From the calibration: resistance then, and where feeling begins.
+    reference_ohm: int | None = None
+    threshold_ua: int | None = None
+    #: Of the sensor under this electrode.
+    pressure_kpa: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """The most that a stabilizer can make of a frame's pulse, as factors; 1 is no more at all."""
+
+    current: float = 1.0
+    width: float = 1.0
+    charge: float = 1.0
+
+    def then(self, other: Reach) -> Reach:
+        """Of two that ask one after another."""
+        return Reach(
+            self.current * other.current, self.width * other.width, self.charge * other.charge
+        )
+
+
+NO_FURTHER = Reach()
+
+
+@dataclass(frozen=True, slots=True)
+class Most:
+    """The frame's own most for one electrode: no stabilizer gets more, whatever it asks.
+
+    `own_us` is the width that the frame asked for, `width_us` how wide its slot in the scan is.
+    Current and charge are cut, and told, together with the limits (`engine/limits.py`).
+    """
+
+    current_ua: int
+    own_us: int
+    width_us: int
+    charge_pc: int
+
+    def in_slot(self, wish: Wish) -> Wish:
+        """No wider than there is room."""
+        return Wish(wish.current_ua, min(wish.width_us, self.width_us))
 
 
 class Stabilizer(Protocol):
+    """One law. It remembers what it must between pulses, electrode by electrode."""
+
+    @property
+    def reach(self) -> Reach:
+        """The most it can ever ask for: the plan makes room for it, and nobody gets more."""
+        ...
+
     def ask(self, wish: Wish, known: Known) -> Wish:
-        """The pulse this stabilizer would like, given the one before it would."""
+        """The pulse this stabilizer would like, given the one before it would.
+
+        When what it needs is not known, that is `wish` itself; a rise to it may take time.
+        """
+        ...
+
+    def forget(self) -> None:
+        """The supply was off: whoever touched may have gone."""
         ...
 
 
@@ -59,3 +135,16 @@ def ask_all(stabilizers: Sequence[Stabilizer], wish: Wish, known: Known) -> Wish
     for stabilizer in stabilizers:
         wish = stabilizer.ask(wish, known)
     return wish
+
+
+def reach_of(stabilizers: Sequence[Stabilizer]) -> Reach:
+    """All of them together."""
+    found = Reach()
+    for stabilizer in stabilizers:
+        found = found.then(stabilizer.reach)
+    return found
+
+
+def stepped_up_us(width_us: float) -> int:
+    """The step at or above."""
+    return math.ceil(width_us / WIDTH_STEP_US - 1e-9) * WIDTH_STEP_US

@@ -1,0 +1,98 @@
+"""What is known of an electrode, put together, and what the stabilizers make of a wish with it.
+
+Owns: gathering `Known` for one visit, asking, cutting what they ask for to the slot of the
+visit, and telling what was cut or not believed. Must not know: limits, ledgers, hardware.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from etd.calibration import Calibration
+from etd.engine.contact import ContactMap
+from etd.engine.impedance import ImpedanceMap, Samples
+from etd.engine.plan import Visit
+from etd.engine.reporting import Reporter
+from etd.stabilize.pipeline import Known, Stabilizer, Wish, ask_all, reach_of
+
+
+class Pressed(Protocol):
+    """Where the pressure at an electrode comes from."""
+
+    def kpa(self, electrode: int, now_ns: int) -> float | None:
+        """None where unknown: no sensor, an error, or stale."""
+        ...
+
+
+class Asker:
+    """See the module. One a daemon; it forgets when the supply was off."""
+
+    def __init__(
+        self,
+        stabilizers: Sequence[Stabilizer],
+        contact: ContactMap,
+        impedance: ImpedanceMap,
+        pressed: Pressed,
+        reporter: Reporter,
+    ) -> None:
+        self._stabilizers = tuple(stabilizers)
+        self._contact = contact
+        self._impedance = impedance
+        self._pressed = pressed
+        self._reporter = reporter
+        self._calibration: Calibration | None = None
+        self.reach = reach_of(self._stabilizers)
+
+    def serve(self, calibration: Calibration | None) -> None:
+        """Another person, perhaps: with this calibration, or without one."""
+        self._calibration = calibration
+        self.forget()
+
+    def forget(self) -> None:
+        """The supply was off: whoever touched may have gone."""
+        self._impedance.forget()
+        for stabilizer in self._stabilizers:
+            stabilizer.forget()
+
+    def wish(self, visit: Visit, now_ns: int) -> Wish:
+        """What is wanted of this visit, all told: no wider than its slot."""
+        if not self._stabilizers:
+            return visit.wish
+        asked = ask_all(self._stabilizers, visit.wish, self.known(visit.electrode, now_ns))
+        counters = self._reporter.counters
+        if not asked.is_possible:
+            counters["impossible_wishes"] += 1
+            return visit.wish
+        if asked.width_us > visit.most.width_us:
+            counters["width_wishes_cut"] += 1
+            return visit.most.in_slot(asked)
+        return asked
+
+    def known(self, electrode: int, now_ns: int) -> Known:
+        """All that stabilizers get to see."""
+        contact, impedance = self._contact, self._impedance
+        person = None if self._calibration is None else self._calibration.electrode[electrode]
+        return Known(
+            electrode=electrode,
+            is_touched=contact.is_touched[electrode],
+            resistance_ohm=contact.resistance_ohm[electrode],
+            voltage_v=contact.voltage_v[electrode],
+            now_ns=now_ns,
+            state=contact.state(electrode, now_ns),
+            firmness=contact.firmness(electrode, now_ns),
+            undelivered_ua=contact.undelivered_ua[electrode],
+            skin_ohm=impedance.skin_ohm(electrode),
+            skin_at_ua=impedance.at_ua(electrode),
+            reference_ohm=None if person is None else person.resistance_ohm,
+            threshold_ua=None if person is None else person.threshold_ua,
+            pressure_kpa=self._pressed.kpa(electrode, now_ns),
+        )
+
+    def learn(self, electrode: int, samples: Samples) -> None:
+        """What a stimulus pulse said; that it is not believed is counted once, when it begins."""
+        if not self._stabilizers:
+            return
+        doubt = self._impedance.learn(electrode, samples)
+        if doubt is not None:
+            self._reporter.counters[f"not_believed_{doubt}"] += 1

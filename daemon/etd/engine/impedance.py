@@ -1,0 +1,164 @@
+"""What the skin under each electrode resists a long pulse, from stimulus pulses alone.
+
+Owns: the model of a contact (Rs in series with Rp beside Cp, all of it beside the board's leak),
+what the samples of a pulse tell of it, the filter across pulses, and when it is not to be believed.
+Must not know: what follows from it, contact, clocks, hardware beyond its constants.
+
+At a constant current I the node rises from V0, which Rs alone makes, to V_end with one time
+constant:  V(t) = V_end - (V_end - V0) exp(-t / tau),  tau = Cp x (Rp beside (Rs + leak)).
+The word stream gives two samples: 10 us after the beginning, and near the end of the pulse. With
+Rs assumed (1 to 3 k on a fingertip) they give V_end and tau, hence Rp and Cp. A pulse below about
+33 us has no sample at its end: then V_end is *estimated* from the early one, with the tau of wider
+pulses before it or an assumed one. Skin resists less at higher currents, and a weak probe reads far
+above a stimulus (van Boxtel 1977): only pulses above the probe's current count here.
+
+Not believed: a node that is not at rest before the pulse (the ADC is stuck, or not the node's), a
+source at its end, a resistance no skin has, one that flickers from pulse to pulse.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from etd_hal.boardfile import Source
+
+Doubt = Literal["adc", "compliance", "implausible", "noise"]
+
+#: When the samples of a pulse are taken, after its beginning and before its end, in us.
+EARLY_US = 10.0
+BEFORE_END_US = 6.0
+#: A fingertip of 1 mm: 1 to 3 k in series, 0.3 nF beside 50 k and a leak of 66 k.
+SERIES_OHM = 2_000.0
+ASSUMED_TAU_US = 8.5
+_SHORTEST_TAU_US, _LONGEST_TAU_US = 0.5, 60.0
+
+#: Outside of these no contact with skin is believed to be one.
+LEAST_OHM, MOST_OHM = 1_000.0, 2_000_000.0
+#: With the DAC at zero the node is on ground.
+_RESTING_V = 5.0
+_NEAR_COMPLIANCE = 0.95
+
+#: The filter: a new value's weight in the mean of logarithms, and the step it is restarted at.
+_WEIGHT = 0.25
+_STEP = math.log(1.3)
+#: Steps back and forth of this much, on the mean of a few pulses, are noise and no skin.
+_FLICKER = 0.1
+
+
+@dataclass(slots=True)
+class _Skin:
+    """Of one electrode."""
+
+    log_ohm: float | None = None
+    last_log_ohm: float | None = None
+    last_step: float = 0.0
+    flicker: float = 0.0
+    at_ua: int = 0
+    tau_us: float | None = None
+    doubt: Doubt | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """What one pulse's words brought back; `end_v` is None where it was too short."""
+
+    told_ua: int
+    width_us: float
+    resting_v: float
+    early_v: float
+    end_v: float | None
+
+
+class ImpedanceMap:
+    """See the module."""
+
+    def __init__(self, electrodes: int, source: Source) -> None:
+        self._leak_ohm = float(source.leak_ohm)
+        self._compliance_v = source.compliance_v
+        self._electrodes = electrodes
+        self.forget()
+
+    def forget(self) -> None:
+        """The supply was off: whoever touched may have gone."""
+        self._skins = [_Skin() for _ in range(self._electrodes)]
+
+    def skin_ohm(self, electrode: int) -> float | None:
+        """Rs + Rp, filtered; None where unknown or not believed."""
+        skin = self._skins[electrode]
+        if skin.log_ohm is None or skin.doubt is not None:
+            return None
+        return math.exp(skin.log_ohm)
+
+    def at_ua(self, electrode: int) -> int:
+        """The current that it was last measured with."""
+        return self._skins[electrode].at_ua
+
+    def capacitance_nf(self, electrode: int) -> float | None:
+        """Cp, where a pulse was wide enough to tell."""
+        skin, skin_ohm = self._skins[electrode], self.skin_ohm(electrode)
+        if skin_ohm is None or skin.tau_us is None or skin_ohm <= SERIES_OHM:
+            return None
+        way_ohm = SERIES_OHM + self._leak_ohm
+        parallel_ohm = skin_ohm - SERIES_OHM
+        return skin.tau_us * 1e3 * (1.0 / parallel_ohm + 1.0 / way_ohm)
+
+    def learn(self, electrode: int, samples: Samples) -> Doubt | None:
+        """What one stimulus pulse says. Returns why it is not believed, when that begins."""
+        skin = self._skins[electrode]
+        before, skin.doubt = skin.doubt, self._read(skin, samples)
+        return skin.doubt if skin.doubt != before else None
+
+    def _read(self, skin: _Skin, samples: Samples) -> Doubt | None:
+        last_v = samples.early_v if samples.end_v is None else samples.end_v
+        if samples.resting_v > _RESTING_V:
+            return "adc"
+        if last_v >= _NEAR_COMPLIANCE * self._compliance_v:
+            return "compliance"
+        end_v = self._end_v(skin, samples)
+        through_ua = samples.told_ua - end_v / self._leak_ohm * 1e6
+        if through_ua <= 0.02 * samples.told_ua:
+            return "implausible"
+        skin_ohm = end_v / through_ua * 1e6
+        if not LEAST_OHM <= skin_ohm <= MOST_OHM:
+            return "implausible"
+        skin.at_ua = samples.told_ua
+        return self._filter(skin, math.log(skin_ohm))
+
+    def _end_v(self, skin: _Skin, samples: Samples) -> float:
+        """Where the node would come to rest."""
+        series_v = samples.told_ua / 1e6 / (1.0 / SERIES_OHM + 1.0 / self._leak_ohm)
+        if samples.end_v is None:
+            left = math.exp(-EARLY_US / (skin.tau_us or ASSUMED_TAU_US))
+            return (samples.early_v - series_v * left) / (1.0 - left)
+        late = (samples.width_us - BEFORE_END_US) / EARLY_US
+        end_v = samples.end_v
+        if not series_v < samples.early_v < end_v:
+            # A plain resistor, or one that the series part hides.
+            return end_v
+        left = 0.0
+        for _ in range(4):
+            left = (end_v - samples.early_v) / (end_v - series_v)
+            at_end = left**late
+            end_v = (samples.end_v - series_v * at_end) / (1.0 - at_end)
+        tau_us = -EARLY_US / math.log(left) if left > 0.0 else _SHORTEST_TAU_US
+        skin.tau_us = min(max(tau_us, _SHORTEST_TAU_US), _LONGEST_TAU_US)
+        return end_v
+
+    @staticmethod
+    def _filter(skin: _Skin, log_ohm: float) -> Doubt | None:
+        """A mean of logarithms; a step restarts it, flicker is noise."""
+        last, skin.last_log_ohm = skin.last_log_ohm, log_ohm
+        if last is None or skin.log_ohm is None:
+            skin.log_ohm = log_ohm
+            return None
+        step, before = log_ohm - last, skin.last_step
+        skin.last_step = step
+        flickered = min(abs(step), abs(before)) if step * before < 0.0 else 0.0
+        skin.flicker += _WEIGHT * (flickered - skin.flicker)
+        if abs(log_ohm - skin.log_ohm) > _STEP:
+            skin.log_ohm = log_ohm
+        else:
+            skin.log_ohm += _WEIGHT * (log_ohm - skin.log_ohm)
+        return "noise" if skin.flicker > _FLICKER else None

@@ -1,0 +1,88 @@
+"""Contact: what a lost, new or overstrained contact gets.
+
+Owns: the law below. Must not know: how contact is told from none (`engine/contact.py`), limits.
+
+An electrode that peels gives the whole current to the skin that is left, which is felt as a shock
+or an itch (Kajimoto, Electro-tactile Display, section 4); a new contact begins small and gets the
+whole programmed current at once. Nobody describes a rule for it in print; this one is by design:
+
+    open        a probe: `start` of the threshold, so that the next contact is noticed
+    soft        I = start + (wanted - start) x firmness, firmness 0..1 over the site's `soften_ms`,
+                with start = `start_part` of the threshold, or of the wanted current where no
+                calibration says it
+    saturated   `back_off` of what could not be delivered, and from there up again slowly, to
+                what the known resistance lets through at 0.9 of the compliance, and no further
+    shorted     the same as soft at firmness 0: the current goes to a neighbor
+    closed      what is wanted
+
+Soft begins at a contact after none, and at a resistance that rose by half from one pulse to the
+next (peeling). It never asks for more than was wanted.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from etd.stabilize.pipeline import Known, Reach, Wish
+from etd.stabilize.slew import Slew
+
+#: Of the compliance: what a pulse may need by the resistance known.
+_LIFTED = 0.9
+
+
+class ContactLaw(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    kw_only=True,
+    tag_field="law",
+    tag="contact",
+):
+    """What a body-site file says of it."""
+
+    #: Of the threshold: where a new contact begins.
+    start_part: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
+    #: Of a current that could not be delivered: what is asked for next.
+    back_off: Annotated[float, Meta(ge=0.1, le=0.95)] = 0.8
+    #: How fast the current comes back after that, in parts of what is wanted.
+    rise_per_s: Annotated[float, Meta(ge=0.01, le=10.0)] = 0.2
+
+
+class Contact:
+    """See the module."""
+
+    reach = Reach()
+
+    def __init__(self, law: ContactLaw, leak_ohm: float, compliance_v: float) -> None:
+        self._law = law
+        self._leak_s = 1.0 / leak_ohm
+        self._liftable_ua = _LIFTED * compliance_v * 1e6
+        self._deliverable = Slew(1.0, law.rise_per_s)
+
+    def forget(self) -> None:
+        self._deliverable.forget()
+
+    def ask(self, wish: Wish, known: Known) -> Wish:
+        if wish.current_ua <= 0:
+            return wish
+        current_ua = self._softened(wish.current_ua, known)
+        return Wish(min(current_ua, self._deliverable_ua(wish.current_ua, known)), wish.width_us)
+
+    def _softened(self, wanted_ua: int, known: Known) -> int:
+        if known.state in ("closed", "saturated", "unknown"):
+            return wanted_ua
+        firmness = known.firmness if known.state == "soft" else 0.0
+        felt_ua = wanted_ua if known.threshold_ua is None else known.threshold_ua
+        start_ua = min(wanted_ua, int(self._law.start_part * felt_ua))
+        return start_ua + int((wanted_ua - start_ua) * firmness)
+
+    def _deliverable_ua(self, wanted_ua: int, known: Known) -> int:
+        wanted = 1.0
+        if known.undelivered_ua is not None:
+            wanted = min(1.0, self._law.back_off * known.undelivered_ua / wanted_ua)
+        elif known.skin_ohm is not None:
+            wanted = min(1.0, self._liftable_ua * (1.0 / known.skin_ohm + self._leak_s) / wanted_ua)
+        return int(wanted_ua * self._deliverable.toward(known.electrode, wanted, known.now_ns))

@@ -1,0 +1,86 @@
+"""Energy: the same energy into the skin with every pulse, whatever it resists.
+
+Owns: the law below. Must not know: how resistance is measured, limits.
+
+Equal felt magnitude where the energy of the pulse, current x voltage x width, is the same (Tachi,
+Tanie and Abe 1977, for pulses below 1 ms; Kajimoto, Electro-tactile Display, section 4.3, computes
+it as current x voltage x width). At the end of a pulse of I the skin of R beside the board's leak L
+takes P = I^2 R (L / (L + R))^2 watt; with R0 the reference, and w0 and I0 what was wanted:
+
+    w = w0 x P(R0) / P(R)      and, where the width is at its bound,   I = I0 x sqrt(w / w_bound)
+
+so a skin that takes more power gets a shorter pulse, and below `narrowest_us` a weaker one. Width
+grows by at most `most_wider`; current never. Beyond that the energy falls short, and nothing winds
+up. The factor rises by at most `rise_per_s`, and falls at once. Without a believed resistance the
+pulse is what was wanted; a soft contact gets no more than that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from etd.stabilize.pipeline import Known, Reach, Wish, stepped_up_us
+from etd.stabilize.reference import References
+from etd.stabilize.slew import Slew
+
+
+class EnergyLaw(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    kw_only=True,
+    tag_field="law",
+    tag="energy",
+):
+    """What a body-site file says of it."""
+
+    most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 2.0
+    narrowest_us: Annotated[int, Meta(ge=20, le=200)] = 35
+    rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
+
+
+class Energy:
+    """See the module."""
+
+    def __init__(self, law: EnergyLaw, leak_ohm: float) -> None:
+        self._law = law
+        self._leak_ohm = leak_ohm
+        self._references = References()
+        self._factor = Slew(1.0, law.rise_per_s)
+        self.reach = Reach(width=law.most_wider, charge=law.most_wider)
+
+    def forget(self) -> None:
+        self._references.forget()
+        self._factor.forget()
+
+    def ask(self, wish: Wish, known: Known) -> Wish:
+        wanted = 1.0
+        compared = self._references.ratio(known, wish.current_ua)
+        if compared is not None:
+            now_ohm, reference_ohm = compared
+            wanted = self._power(reference_ohm) / self._power(now_ohm)
+        if known.state == "soft":
+            wanted = min(wanted, 1.0)
+        factor = self._factor.toward(
+            known.electrode, min(wanted, self._law.most_wider), known.now_ns
+        )
+        return self._pulse(wish, factor)
+
+    def _power(self, resistance_ohm: float) -> float:
+        """In watt for an ampere squared."""
+        taken = self._leak_ohm / (self._leak_ohm + resistance_ohm)
+        return resistance_ohm * taken * taken
+
+    def _pulse(self, wish: Wish, factor: float) -> Wish:
+        """The width is a step, at least the narrowest; the current makes up for the rounding."""
+        if factor == 1.0:
+            return wish
+        exact_us = wish.width_us * factor
+        widest_us = int(wish.width_us * self._law.most_wider)
+        narrowest_us = min(self._law.narrowest_us, wish.width_us)
+        width_us = max(narrowest_us, min(stepped_up_us(exact_us), widest_us))
+        return Wish(int(wish.current_ua * min(1.0, math.sqrt(exact_us / width_us))), width_us)

@@ -1,0 +1,67 @@
+"""Pressure: who presses harder gets more.
+
+Owns: the law below. Must not know: which sensor lies where, ADCs, limits.
+
+A sensor under the array lets the wearer set the strength by pressing (Kajimoto, Electro-tactile
+Display, section 4.1): the sensation is then expected, and never a surprise. With p in kPa:
+
+    g(p) = clip((p - p0) / (p1 - p0), 0, 1)        I = I_threshold + g x (I_wanted - I_threshold)
+
+Below p0 there is no contact: nothing is asked for. Without a calibration I_threshold is 0. Users
+tell levels apart best at about 100 kPa, which is p1; p0 of 10 kPa is by design. g rises by at most
+`rise_per_s`, and falls at once. A sensor that is not known counts as pressed, inside that slew.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from etd.stabilize.pipeline import Known, Reach, Wish
+from etd.stabilize.slew import Slew
+
+
+class PressureLaw(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    kw_only=True,
+    tag_field="law",
+    tag="pressure",
+):
+    """What a body-site file says of it."""
+
+    #: p0: below, there is no contact.
+    none_kpa: Annotated[float, Meta(ge=0.0, le=1_000.0)] = 10.0
+    #: p1: from here on, all that is wanted. Must be above none_kpa.
+    full_kpa: Annotated[float, Meta(gt=0.0, le=1_000.0)] = 100.0
+    #: Of the way from threshold to what is wanted, in a second.
+    rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 2.0
+
+
+class Pressure:
+    """See the module."""
+
+    reach = Reach()
+
+    def __init__(self, law: PressureLaw) -> None:
+        self._law = law
+        self._pressed = Slew(0.0, law.rise_per_s)
+
+    def forget(self) -> None:
+        self._pressed.forget()
+
+    def ask(self, wish: Wish, known: Known) -> Wish:
+        pressed = self._pressed.toward(known.electrode, self._part(known), known.now_ns)
+        if known.pressure_kpa is not None and known.pressure_kpa < self._law.none_kpa:
+            return Wish(0, wish.width_us)
+        least_ua = min(known.threshold_ua or 0, wish.current_ua)
+        return Wish(least_ua + int((wish.current_ua - least_ua) * pressed), wish.width_us)
+
+    def _part(self, known: Known) -> float:
+        law, kpa = self._law, known.pressure_kpa
+        if kpa is None:
+            return 1.0
+        return min(1.0, max(0.0, (kpa - law.none_kpa) / (law.full_kpa - law.none_kpa)))

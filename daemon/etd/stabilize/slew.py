@@ -1,0 +1,29 @@
+"""Factors that may rise only so fast, and fall at once.
+
+Owns: the one rule that all laws share. Must not know: what is multiplied, sensors, limits.
+"""
+
+from __future__ import annotations
+
+#: Between two pulses no more than this counts: a pause must not show as a step.
+LONGEST_STEP_NS = 100_000_000
+
+
+class Slew:
+    """A factor an electrode."""
+
+    def __init__(self, start: float, rise_per_s: float) -> None:
+        self._start = start
+        self._rise_per_ns = rise_per_s / 1e9
+        self._reached: dict[int, tuple[float, int]] = {}
+
+    def forget(self) -> None:
+        self._reached.clear()
+
+    def toward(self, electrode: int, wanted: float, now_ns: int) -> float:
+        """As much of `wanted` as there is by now; all of it where it is less than before."""
+        before, then_ns = self._reached.get(electrode, (self._start, now_ns))
+        elapsed_ns = min(max(0, now_ns - then_ns), LONGEST_STEP_NS)
+        reached = min(wanted, before + self._rise_per_ns * elapsed_ns)
+        self._reached[electrode] = (reached, now_ns)
+        return reached

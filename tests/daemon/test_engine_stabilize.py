@@ -1,0 +1,125 @@
+"""Stabilizers of a body-site file, on the wires: what the skin gets when it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import msgspec
+import pytest
+
+from engine_rig import EngineRig
+from engine_scenes import fully_open, only, phases
+from etd.config import LoadedConfig, fake_config
+from etd.stabilize.contact import ContactLaw
+from etd.stabilize.energy import EnergyLaw
+from etd.stabilize.laws import Law
+from etd_body.electrode import skin
+from etd_hal.boardfile import BoardFile
+from etd_hal.fake.faults import AdcScale
+
+MakeRig = Callable[..., EngineRig]
+N = 16
+CURRENT_UA, WIDTH_US = 1_500, 60
+
+
+def with_laws(*laws: Law) -> LoadedConfig:
+    loaded = fake_config(electrodes=N)
+    return replace(loaded, body_site=msgspec.structs.replace(loaded.body_site, stabilize=laws))
+
+
+def standing(rig: EngineRig) -> EngineRig:
+    """Electrode 4 on well conducting skin, its frame up for a second."""
+    rig.fake.world.touch(4, skin(1_000.0, 19_000.0, 0.8))
+    fully_open(rig, CURRENT_UA)
+    hold(rig, 1_000)
+    return rig
+
+
+def hold(rig: EngineRig, duration_ms: float) -> None:
+    rig.hold(duration_ms, current_ua=only(N, e4=CURRENT_UA), width_us=WIDTH_US, rate_hz=50.0)
+
+
+def last_pulse(rig: EngineRig) -> tuple[float, float]:
+    """(current, width) of the last one."""
+    last = phases(rig, 0)[-1]
+    return last.current_ua, last.width_us
+
+
+def test_skin_that_takes_less_energy_gets_longer_pulses_within_its_slot(make_rig: MakeRig) -> None:
+    rig = standing(make_rig(loaded=with_laws(EnergyLaw(most_wider=1.5))))
+    assert last_pulse(rig)[1] == pytest.approx(WIDTH_US, abs=2)
+    rig.fake.world.touch(4, skin(500.0, 9_500.0, 1.6))
+    hold(rig, 1_500)
+    current_ua, width_us = last_pulse(rig)
+    assert 1.3 * WIDTH_US < width_us <= 1.5 * WIDTH_US
+    assert current_ua <= CURRENT_UA
+
+
+def test_skin_that_takes_more_energy_gets_shorter_pulses(make_rig: MakeRig) -> None:
+    rig = standing(make_rig(loaded=with_laws(EnergyLaw())))
+    rig.fake.world.touch(4, skin(2_000.0, 48_000.0, 0.3))
+    hold(rig, 200)
+    assert last_pulse(rig)[1] < 0.85 * WIDTH_US
+
+
+def test_the_plan_makes_room_for_the_widest_that_may_be_asked(make_rig: MakeRig) -> None:
+    frame = {"current_ua": (300,) * N, "width_us": 100, "rate_hz": 110.0}
+    plain = make_rig(loaded=with_laws())
+    plain.open()
+    plain.arm()
+    assert plain.show(**frame).error is None
+    wider = make_rig(loaded=with_laws(EnergyLaw(most_wider=2.0)))
+    wider.open()
+    wider.arm()
+    assert wider.show(**(frame | {"rate_hz": 120.0})).error is None
+    many = make_rig(loaded=replace(with_laws(EnergyLaw(most_wider=2.0)), board=_resting(400)))
+    many.open()
+    many.arm()
+    answer = many.show(**frame)
+    assert answer.error == "too_fast"
+
+
+def _resting(rest_us: int) -> BoardFile:
+    return msgspec.structs.replace(fake_config(electrodes=N).board, rest_us=rest_us)
+
+
+def test_an_adc_that_goes_wrong_gives_the_frames_own_pulse_and_is_counted_once(
+    make_rig: MakeRig,
+) -> None:
+    rig = standing(make_rig(loaded=with_laws(EnergyLaw())))
+    rig.fake.world.touch(4, skin(2_000.0, 48_000.0, 0.3))
+    hold(rig, 300)
+    rig.fake.world.put_in(AdcScale(0.01))
+    hold(rig, 2_000)
+    current_ua, width_us = last_pulse(rig)
+    assert width_us == pytest.approx(WIDTH_US, abs=2)
+    assert current_ua <= CURRENT_UA
+    assert rig.engine.reporter.counters["not_believed_implausible"] == 1
+
+
+def test_a_contact_made_anew_rises_from_half_and_never_above_what_is_wanted(
+    make_rig: MakeRig,
+) -> None:
+    rig = standing(make_rig(loaded=with_laws(ContactLaw())))
+    rig.fake.world.lift(4)
+    hold(rig, 300)
+    rig.fake.world.touch(4, skin(1_000.0, 19_000.0, 0.8))
+    since_ns = rig.clock.now_ns()
+    hold(rig, 1_500)
+    # The first one tells of the contact; it is no more than a probe.
+    felt_ua = [one.current_ua for one in phases(rig, since_ns)][1:]
+    assert felt_ua[:5] == sorted(felt_ua[:5])
+    assert felt_ua[2] < 0.5 * CURRENT_UA
+    assert felt_ua[-1] == pytest.approx(CURRENT_UA, abs=5)
+    assert max(felt_ua) <= CURRENT_UA
+
+
+def test_peeling_is_answered_with_the_next_pulse(make_rig: MakeRig) -> None:
+    rig = standing(make_rig(loaded=with_laws(ContactLaw())))
+    rig.fake.world.touch(4, skin(3_000.0, 57_000.0, 0.25))
+    since_ns = rig.clock.now_ns()
+    hold(rig, 100)
+    felt_ua = [one.current_ua for one in phases(rig, since_ns)]
+    assert felt_ua[0] == pytest.approx(CURRENT_UA, abs=5), "nobody can know before it was fired"
+    assert felt_ua[1] == pytest.approx(CURRENT_UA / 2, rel=0.1)

@@ -1,0 +1,134 @@
+"""What the samples of a pulse tell of the skin, and when they are not believed."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from engine_parts import board_file
+from etd.engine.impedance import BEFORE_END_US, EARLY_US, ImpedanceMap, Samples
+
+LEAK_OHM, COMPLIANCE_V = 66_000.0, 300.0
+
+
+def pulse(
+    skin_ohm: float,
+    capacitance_nf: float = 0.3,
+    *,
+    told_ua: int = 2_000,
+    width_us: float = 100.0,
+    series_ohm: float = 2_000.0,
+    noise: float = 1.0,
+) -> Samples:
+    """By the circuit: the current source with its leak, Rs, and Rp beside Cp."""
+    parallel_ohm = skin_ohm - series_ohm
+    way_ohm = series_ohm + LEAK_OHM
+    tau_us = capacitance_nf * 1e-3 * parallel_ohm * way_ohm / (parallel_ohm + way_ohm)
+    end_v = told_ua / 1e6 / (1 / skin_ohm + 1 / LEAK_OHM)
+    begin_v = told_ua / 1e6 / (1 / series_ohm + 1 / LEAK_OHM)
+
+    def node_v(t_us: float) -> float:
+        return noise * (end_v - (end_v - begin_v) * math.exp(-t_us / tau_us))
+
+    has_end = width_us >= 33
+    return Samples(
+        told_ua,
+        width_us,
+        0.0,
+        node_v(EARLY_US),
+        node_v(width_us - BEFORE_END_US) if has_end else None,
+    )
+
+
+def impedances() -> ImpedanceMap:
+    source = board_file().source
+    assert (source.leak_ohm, source.compliance_v) == (LEAK_OHM, COMPLIANCE_V)
+    return ImpedanceMap(4, source)
+
+
+@pytest.mark.parametrize("skin_ohm", [10_000, 25_000, 50_000, 100_000])
+@pytest.mark.parametrize("width_us", [35.0, 50.0, 200.0])
+def test_two_samples_tell_resistance_and_capacitance(skin_ohm: int, width_us: float) -> None:
+    found = impedances()
+    assert found.learn(1, pulse(skin_ohm, width_us=width_us)) is None
+    assert found.skin_ohm(1) == pytest.approx(skin_ohm, rel=0.03)
+    assert found.capacitance_nf(1) == pytest.approx(0.3, rel=0.05)
+    assert found.at_ua(1) == 2_000
+
+
+@pytest.mark.parametrize("series_ohm", [1_000, 3_000])
+def test_what_is_assumed_of_the_series_part_costs_little(series_ohm: int) -> None:
+    found = impedances()
+    found.learn(1, pulse(50_000, series_ohm=series_ohm))
+    assert found.skin_ohm(1) == pytest.approx(50_000, rel=0.01)
+    assert found.capacitance_nf(1) == pytest.approx(0.3, rel=0.1)
+
+
+def test_a_pulse_without_an_end_sample_goes_by_the_time_constant_of_wider_ones() -> None:
+    found = impedances()
+    found.learn(1, pulse(30_000, 1.0))
+    found.learn(1, pulse(30_000, 1.0, width_us=25.0))
+    assert found.skin_ohm(1) == pytest.approx(30_000, rel=0.05)
+
+
+def test_without_a_wider_pulse_it_is_an_estimate_with_an_assumed_time_constant() -> None:
+    found = impedances()
+    found.learn(1, pulse(50_000, width_us=25.0))
+    assert found.skin_ohm(1) == pytest.approx(50_000, rel=0.1)
+    assert found.capacitance_nf(1) is None
+
+
+def test_a_node_that_is_not_at_rest_before_the_pulse_is_not_believed() -> None:
+    found = impedances()
+    found.learn(1, pulse(50_000))
+    stuck = Samples(2_000, 100.0, 57.0, 57.0, 57.0)
+    assert found.learn(1, stuck) == "adc"
+    assert found.skin_ohm(1) is None
+    assert found.learn(1, stuck) is None, "it is told once"
+    found.learn(1, pulse(50_000))
+    assert found.skin_ohm(1) == pytest.approx(50_000, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("end_v", "doubt"), [(0.0, "implausible"), (1.0, "implausible"), (131.9, "implausible")]
+)
+def test_a_resistance_that_no_skin_has_is_not_believed(end_v: float, doubt: str) -> None:
+    found = impedances()
+    assert found.learn(1, Samples(2_000, 100.0, 0.0, end_v, end_v)) == doubt
+    assert found.skin_ohm(1) is None
+
+
+def test_a_source_at_its_end_tells_nothing() -> None:
+    found = impedances()
+    assert found.learn(1, Samples(8_000, 100.0, 0.0, 280.0, 290.0)) == "compliance"
+    assert found.skin_ohm(1) is None
+
+
+def test_readings_that_flicker_are_noise_and_those_that_drift_or_step_are_not() -> None:
+    flickering, drifting, stepping = impedances(), impedances(), impedances()
+    doubts = [
+        flickering.learn(1, pulse(50_000, noise=1.0 if step % 2 else 0.75)) for step in range(20)
+    ]
+    assert doubts.count("noise") == 1
+    assert flickering.skin_ohm(1) is None
+    for step in range(20):
+        assert drifting.learn(1, pulse(50_000 * 0.97**step)) is None
+        assert stepping.learn(1, pulse(50_000 if step < 10 else 25_000)) is None
+    assert stepping.skin_ohm(1) == pytest.approx(25_000, rel=0.03)
+
+
+def test_small_noise_is_averaged_and_a_step_is_taken_at_once() -> None:
+    found = impedances()
+    for step in range(20):
+        found.learn(1, pulse(50_000, noise=1.01 if step % 2 else 0.99))
+    assert found.skin_ohm(1) == pytest.approx(50_000, rel=0.015)
+    found.learn(1, pulse(80_000))
+    assert found.skin_ohm(1) == pytest.approx(80_000, rel=0.03)
+
+
+def test_forgetting_leaves_everything_unknown() -> None:
+    found = impedances()
+    found.learn(1, pulse(50_000))
+    found.forget()
+    assert found.skin_ohm(1) is None

@@ -1,0 +1,39 @@
+"""A factor that rises only so fast, and falls at once."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etd.stabilize.slew import LONGEST_STEP_NS, Slew
+
+MS = 1_000_000
+
+
+@given(steps=st.lists(st.tuples(st.floats(0.0, 4.0), st.integers(0, 2_000)), min_size=2))
+def test_it_never_rises_faster_and_never_holds_a_fall_back(steps: list[tuple[float, int]]) -> None:
+    slew, now_ns, found = Slew(1.0, 2.0), 0, []
+    for wanted, pause_ms in steps:
+        now_ns += pause_ms * MS
+        reached = slew.toward(0, wanted, now_ns)
+        assert reached <= wanted
+        found.append(reached)
+    for before, after in pairwise(found):
+        assert after <= before + 2.0 * LONGEST_STEP_NS / 1e9 + 1e-9
+
+
+def test_electrodes_do_not_know_one_another() -> None:
+    slew = Slew(0.0, 1.0)
+    slew.toward(0, 1.0, 0)
+    slew.toward(1, 1.0, 0)
+    assert slew.toward(0, 1.0, 50 * MS) == 0.05
+    assert slew.toward(1, 0.0, 50 * MS) == 0.0
+
+
+def test_after_forgetting_it_starts_anew() -> None:
+    slew = Slew(1.0, 1.0)
+    slew.toward(0, 0.0, 0)
+    slew.forget()
+    assert slew.toward(0, 1.0, 10 * MS) == 1.0
