@@ -18,7 +18,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.frame import Polarity
-from etd.stabilize.laws import Law, name_of, why_wrong
+from etd.stabilize.settings import NOTHING, Settings, check_settings
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import load_toml
 
@@ -97,8 +97,8 @@ class BodySite(_Strict, frozen=True):
     maxima: SiteMaxima
     defaults: SiteDefaults
     contact: SiteContact
-    #: The laws that may ask for more or less of a pulse, in the order in which they ask.
-    stabilize: Annotated[tuple[Law, ...], Meta(max_length=8)] = ()
+    #: What may ask for more or less of a pulse; by default nothing does.
+    stabilize: Settings = NOTHING
 
 
 def yardstick_nc(diameter_mm: float) -> float:
@@ -126,7 +126,7 @@ def check_body_site(site: BodySite, file: str) -> BodySite:
     """The rules between keys. Raises: FileError."""
     _check_rises(site, file)
     _check_defaults(site, file)
-    _check_laws(site, file)
+    check_settings(site.stabilize, file)
     return site
 
 
@@ -166,11 +166,3 @@ def _check_defaults(site: BodySite, file: str) -> None:
                 f"{default} is above maxima.{key} ({most})",
                 f"give at most {most}: a frame that does not say would be refused",
             )
-
-
-def _check_laws(site: BodySite, file: str) -> None:
-    wrong = why_wrong(site.stabilize)
-    if wrong is not None:
-        index, what, advice = wrong
-        law = name_of(site.stabilize[index])
-        raise FileError(file, f"stabilize[{index}]", f"{law}: {what}", advice)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from engine_parts import board_file
 from etd.stabilize.bursts import Bursts, groups
 from etd.stabilize.narrow import Narrow, strength
 from etd.stabilize.pipeline import SHORTEST_US, Known, Wish
@@ -119,8 +120,8 @@ def test_the_pipeline_has_the_order_of_the_file() -> None:
     prepulse = Prepulse(below_db=6.0, width_us=40)
     settings = Settings(order=("narrow", "prepulse"), narrow=NARROW, prepulse=prepulse)
     check_settings(settings, "site.toml")
-    assert pipeline(settings) == (NARROW, prepulse)
-    assert pipeline(Settings()) == ()
+    assert pipeline(settings, board_file().source) == (NARROW, prepulse)
+    assert pipeline(Settings(), board_file().source) == ()
 
 
 @pytest.mark.parametrize(

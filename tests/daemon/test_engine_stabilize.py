@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 import pytest
@@ -13,7 +14,7 @@ from engine_scenes import fully_open, only, phases
 from etd.config import LoadedConfig, fake_config
 from etd.stabilize.contact import ContactLaw
 from etd.stabilize.energy import EnergyLaw
-from etd.stabilize.laws import Law
+from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 from etd_hal.boardfile import BoardFile
 from etd_hal.fake.faults import AdcScale
@@ -23,9 +24,10 @@ N = 16
 CURRENT_UA, WIDTH_US = 1_500, 60
 
 
-def with_laws(*laws: Law) -> LoadedConfig:
+def with_laws(**laws: Any) -> LoadedConfig:
     loaded = fake_config(electrodes=N)
-    return replace(loaded, body_site=msgspec.structs.replace(loaded.body_site, stabilize=laws))
+    settings = Settings(order=tuple(laws), **laws)  # type: ignore[arg-type]
+    return replace(loaded, body_site=msgspec.structs.replace(loaded.body_site, stabilize=settings))
 
 
 def standing(rig: EngineRig) -> EngineRig:
@@ -47,7 +49,7 @@ def last_pulse(rig: EngineRig) -> tuple[float, float]:
 
 
 def test_skin_that_takes_less_energy_gets_longer_pulses_within_its_slot(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_laws(EnergyLaw(most_wider=1.5))))
+    rig = standing(make_rig(loaded=with_laws(energy=EnergyLaw(most_wider=1.5))))
     assert last_pulse(rig)[1] == pytest.approx(WIDTH_US, abs=2)
     rig.fake.world.touch(4, skin(500.0, 9_500.0, 1.6))
     hold(rig, 1_500)
@@ -57,7 +59,7 @@ def test_skin_that_takes_less_energy_gets_longer_pulses_within_its_slot(make_rig
 
 
 def test_skin_that_takes_more_energy_gets_shorter_pulses(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_laws(EnergyLaw())))
+    rig = standing(make_rig(loaded=with_laws(energy=EnergyLaw())))
     rig.fake.world.touch(4, skin(2_000.0, 48_000.0, 0.3))
     hold(rig, 200)
     assert last_pulse(rig)[1] < 0.85 * WIDTH_US
@@ -69,11 +71,13 @@ def test_the_plan_makes_room_for_the_widest_that_may_be_asked(make_rig: MakeRig)
     plain.open()
     plain.arm()
     assert plain.show(**frame).error is None
-    wider = make_rig(loaded=with_laws(EnergyLaw(most_wider=2.0)))
+    wider = make_rig(loaded=with_laws(energy=EnergyLaw(most_wider=2.0)))
     wider.open()
     wider.arm()
     assert wider.show(**(frame | {"rate_hz": 120.0})).error is None
-    many = make_rig(loaded=replace(with_laws(EnergyLaw(most_wider=2.0)), board=_resting(400)))
+    many = make_rig(
+        loaded=replace(with_laws(energy=EnergyLaw(most_wider=2.0)), board=_resting(400))
+    )
     many.open()
     many.arm()
     answer = many.show(**frame)
@@ -87,7 +91,7 @@ def _resting(rest_us: int) -> BoardFile:
 def test_an_adc_that_goes_wrong_gives_the_frames_own_pulse_and_is_counted_once(
     make_rig: MakeRig,
 ) -> None:
-    rig = standing(make_rig(loaded=with_laws(EnergyLaw())))
+    rig = standing(make_rig(loaded=with_laws(energy=EnergyLaw())))
     rig.fake.world.touch(4, skin(2_000.0, 48_000.0, 0.3))
     hold(rig, 300)
     rig.fake.world.put_in(AdcScale(0.01))
@@ -101,7 +105,7 @@ def test_an_adc_that_goes_wrong_gives_the_frames_own_pulse_and_is_counted_once(
 def test_a_contact_made_anew_rises_from_half_and_never_above_what_is_wanted(
     make_rig: MakeRig,
 ) -> None:
-    rig = standing(make_rig(loaded=with_laws(ContactLaw())))
+    rig = standing(make_rig(loaded=with_laws(contact=ContactLaw())))
     rig.fake.world.lift(4)
     hold(rig, 300)
     rig.fake.world.touch(4, skin(1_000.0, 19_000.0, 0.8))
@@ -116,7 +120,7 @@ def test_a_contact_made_anew_rises_from_half_and_never_above_what_is_wanted(
 
 
 def test_peeling_is_answered_with_the_next_pulse(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_laws(ContactLaw())))
+    rig = standing(make_rig(loaded=with_laws(contact=ContactLaw())))
     rig.fake.world.touch(4, skin(3_000.0, 57_000.0, 0.25))
     since_ns = rig.clock.now_ns()
     hold(rig, 100)

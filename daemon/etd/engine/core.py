@@ -32,8 +32,8 @@ from etd.engine.visits import Tools, Visitor
 from etd.errors import BoardFault, Refused
 from etd.link import Answer, LeaseEnded
 from etd.protocol import Halt, StateReport
-from etd.stabilize import laws
 from etd.stabilize.pipeline import Stabilizer
+from etd.stabilize.settings import pipeline
 from etd_hal.board import Board
 from etd_hal.compose import Backend
 from etd_hal.cost import CostModel
@@ -74,7 +74,7 @@ class Core:
         self.scanner = Scanner(self.board, self.clock, self.marker, self.reporter)
         self.supply_changed: Callable[[bool], None] = lambda _: None
         if stabilizers is None:
-            stabilizers = laws.make(loaded.body_site.stabilize, loaded.board.source)
+            stabilizers = pipeline(loaded.body_site.stabilize, loaded.board.source)
         impedance = ImpedanceMap(loaded.array.count, loaded.board.source)
         self.asker = Asker(stabilizers, self.contact, impedance, self.pressure, self.reporter)
         self._tools = Tools(

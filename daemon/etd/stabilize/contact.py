@@ -21,6 +21,7 @@ next (peeling). It never asks for more than was wanted.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import msgspec
@@ -33,14 +34,7 @@ from etd.stabilize.slew import Slew
 _LIFTED = 0.9
 
 
-class ContactLaw(
-    msgspec.Struct,
-    frozen=True,
-    forbid_unknown_fields=True,
-    kw_only=True,
-    tag_field="law",
-    tag="contact",
-):
+class ContactLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What a body-site file says of it."""
 
     #: Of the threshold: where a new contact begins.
@@ -69,7 +63,8 @@ class Contact:
         if wish.current_ua <= 0:
             return wish
         current_ua = self._softened(wish.current_ua, known)
-        return Wish(min(current_ua, self._deliverable_ua(wish.current_ua, known)), wish.width_us)
+        current_ua = min(current_ua, self._deliverable_ua(wish.current_ua, known))
+        return replace(wish, current_ua=current_ua)
 
     def _softened(self, wanted_ua: int, known: Known) -> int:
         if known.state in ("closed", "saturated", "unknown"):

@@ -18,6 +18,7 @@ pulse is what was wanted; a soft contact gets no more than that.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Annotated
 
 import msgspec
@@ -28,14 +29,7 @@ from etd.stabilize.reference import References
 from etd.stabilize.slew import Slew
 
 
-class EnergyLaw(
-    msgspec.Struct,
-    frozen=True,
-    forbid_unknown_fields=True,
-    kw_only=True,
-    tag_field="law",
-    tag="energy",
-):
+class EnergyLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What a body-site file says of it."""
 
     most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 2.0
@@ -83,4 +77,5 @@ class Energy:
         widest_us = int(wish.width_us * self._law.most_wider)
         narrowest_us = min(self._law.narrowest_us, wish.width_us)
         width_us = max(narrowest_us, min(stepped_up_us(exact_us), widest_us))
-        return Wish(int(wish.current_ua * min(1.0, math.sqrt(exact_us / width_us))), width_us)
+        current_ua = int(wish.current_ua * min(1.0, math.sqrt(exact_us / width_us)))
+        return replace(wish, current_ua=current_ua, width_us=width_us)

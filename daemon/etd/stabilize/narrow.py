@@ -23,7 +23,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.pipeline import SHORTEST_US, Known, Wish
+from etd.stabilize.pipeline import SHORTEST_US, Known, Reach, Wish
 
 
 def strength(width_us: float, tau_us: float) -> float:
@@ -36,6 +36,14 @@ class Narrow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     width_us: Annotated[int, Meta(ge=SHORTEST_US, le=200)]
     tau_us: Annotated[float, Meta(ge=50.0, le=2_000.0)]
+
+    @property
+    def reach(self) -> Reach:
+        """From the widest pulse there is; the charge always falls."""
+        return Reach(current=strength(self.width_us, self.tau_us) / strength(200, self.tau_us))
+
+    def forget(self) -> None:
+        """It remembers nothing."""
 
     def ask(self, wish: Wish, known: Known) -> Wish:  # noqa: ARG002 - others look at it
         if wish.width_us <= self.width_us:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 #: No pulse is shorter, whoever asks.
@@ -107,7 +107,7 @@ class Most:
 
     def in_slot(self, wish: Wish) -> Wish:
         """No wider than there is room."""
-        return Wish(wish.current_ua, min(wish.width_us, self.width_us))
+        return replace(wish, width_us=min(wish.width_us, self.width_us))
 
 
 class Stabilizer(Protocol):

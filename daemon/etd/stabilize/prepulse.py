@@ -23,7 +23,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.pipeline import SHORTEST_US, Known, Wish
+from etd.stabilize.pipeline import NO_FURTHER, SHORTEST_US, Known, Reach, Wish
 
 
 class Prepulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -36,6 +36,14 @@ class Prepulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def part(self) -> float:
         """Of the pulse's current: 10^(-dB/20), 0.79 at 2 dB and 0.32 at 10."""
         return float(10.0 ** (-self.below_db / 20.0))
+
+    @property
+    def reach(self) -> Reach:
+        """The pulse itself stays what it is; what comes before it has its own room."""
+        return NO_FURTHER
+
+    def forget(self) -> None:
+        """It remembers nothing."""
 
     def ask(self, wish: Wish, known: Known) -> Wish:  # noqa: ARG002 - others look at it
         prepulse_ua = int(wish.current_ua * self.part)

@@ -14,6 +14,7 @@ tell levels apart best at about 100 kPa, which is p1; p0 of 10 kPa is by design.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import msgspec
@@ -23,14 +24,7 @@ from etd.stabilize.pipeline import Known, Reach, Wish
 from etd.stabilize.slew import Slew
 
 
-class PressureLaw(
-    msgspec.Struct,
-    frozen=True,
-    forbid_unknown_fields=True,
-    kw_only=True,
-    tag_field="law",
-    tag="pressure",
-):
+class PressureLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What a body-site file says of it."""
 
     #: p0: below, there is no contact.
@@ -56,9 +50,10 @@ class Pressure:
     def ask(self, wish: Wish, known: Known) -> Wish:
         pressed = self._pressed.toward(known.electrode, self._part(known), known.now_ns)
         if known.pressure_kpa is not None and known.pressure_kpa < self._law.none_kpa:
-            return Wish(0, wish.width_us)
+            return replace(wish, current_ua=0)
         least_ua = min(known.threshold_ua or 0, wish.current_ua)
-        return Wish(least_ua + int((wish.current_ua - least_ua) * pressed), wish.width_us)
+        current_ua = least_ua + int((wish.current_ua - least_ua) * pressed)
+        return replace(wish, current_ua=current_ua)
 
     def _part(self, known: Known) -> float:
         law, kpa = self._law, known.pressure_kpa

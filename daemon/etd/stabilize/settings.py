@@ -9,23 +9,32 @@ there is none.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 import msgspec
 
 from etd.stabilize.bursts import Bursts
+from etd.stabilize.contact import Contact, ContactLaw
+from etd.stabilize.energy import Energy, EnergyLaw
 from etd.stabilize.narrow import Narrow
 from etd.stabilize.pipeline import Stabilizer
 from etd.stabilize.prepulse import Prepulse
+from etd.stabilize.pressure import Pressure, PressureLaw
+from etd_hal.boardfile import Source
 from etd_hal.errors import FileError
 
-Name = Literal["narrow", "prepulse"]
+Name = Literal["contact", "pressure", "energy", "narrow", "prepulse"]
+#: They all make of the same resistance how strong a pulse shall be: one of them at a time.
+BY_RESISTANCE = ("energy",)
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`[stabilize]`, key by key."""
 
     order: tuple[Name, ...] = ()
+    contact: ContactLaw | None = None
+    pressure: PressureLaw | None = None
+    energy: EnergyLaw | None = None
     narrow: Narrow | None = None
     prepulse: Prepulse | None = None
     #: Not a stabilizer: when pulses come, not what they are.
@@ -37,19 +46,32 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return 0 if self.prepulse is None else self.prepulse.width_us
 
 
-def pipeline(settings: Settings) -> tuple[Stabilizer, ...]:
-    """The stabilizers in their order."""
-    made: dict[Name, Stabilizer | None] = {
-        "narrow": settings.narrow,
-        "prepulse": settings.prepulse,
-    }
-    return tuple(one for name in settings.order if (one := made[name]) is not None)
+NOTHING = Settings()
+
+
+def pipeline(settings: Settings, source: Source) -> tuple[Stabilizer, ...]:
+    """The stabilizers in their order, for one board's source, knowing nothing yet."""
+    made = (_made(settings, name, source) for name in settings.order)
+    return tuple(one for one in made if one is not None)
+
+
+def _made(settings: Settings, name: Name, source: Source) -> Stabilizer | None:
+    law = getattr(settings, name)
+    if isinstance(law, ContactLaw):
+        return Contact(law, source.leak_ohm, source.compliance_v)
+    if isinstance(law, PressureLaw):
+        return Pressure(law)
+    if isinstance(law, EnergyLaw):
+        return Energy(law, source.leak_ohm)
+    if isinstance(law, Narrow | Prepulse):
+        return law
+    return None
 
 
 def check_settings(settings: Settings, file: str) -> None:
     """The rules between keys. Raises: FileError."""
     order = settings.order
-    for name in ("narrow", "prepulse"):
+    for name in get_args(Name):
         if (name in order) == (getattr(settings, name) is None):
             raise FileError(
                 file,
@@ -65,4 +87,20 @@ def check_settings(settings: Settings, file: str) -> None:
             "stabilize.order",
             "prepulse is not the last",
             "put it last: it is so much below the pulse that the others have asked for",
+        )
+    named = [name for name in order if name in BY_RESISTANCE]
+    if len(named) > 1:
+        raise FileError(
+            file,
+            "stabilize.order",
+            f"it names {' and '.join(named)}",
+            "name one of them: both would answer the same change of resistance",
+        )
+    pressure = settings.pressure
+    if pressure is not None and pressure.none_kpa >= pressure.full_kpa:
+        raise FileError(
+            file,
+            "stabilize.pressure",
+            f"none_kpa {pressure.none_kpa} is not below full_kpa {pressure.full_kpa}",
+            "pressing harder must give more",
         )
