@@ -1,0 +1,60 @@
+"""From the threshold up to what is comfortable, a little further, and no further.
+
+Owns: when to stop. Must not know: persons, daemons, reach.
+
+By twentieths: on some electrodes pain is near the threshold.
+
+The cap of a person is the strongest that was presented and accepted, never one that nobody tried.
+After `comfortable` it goes on by a fifth at most (what stabilizers may need on top of a level of
+1), and ends at the first `too_strong`. Pain is never a target.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd.calibrate.limits import FINE
+from etd.calibrate.reach import LEAST_UA, RISE
+from etd.calibrate.trial import Procedure
+
+#: So far above comfortable the cap is looked for.
+HEADROOM = 1.2
+
+
+@dataclass(frozen=True, slots=True)
+class Comfortable:
+    """In uA; `cap_ua` was presented and accepted."""
+
+    comfortable_ua: int
+    cap_ua: int
+
+
+def comfortable(
+    threshold_ua: int, headroom: float = HEADROOM, known_ua: float = 0.0
+) -> Procedure[Comfortable]:
+    """`known_ua`: up to there it goes by tenths, because an earlier day was comfortable above.
+
+    Ends at the headroom, at the reach's cap, or before what was too strong.
+
+    Where it is too strong before it is comfortable, the strongest that was accepted is both.
+    """
+    wish_ua: float = threshold_ua
+    chosen_ua: int | None = None
+    accepted_ua = 0
+    while True:
+        heard = yield wish_ua
+        if heard.answer == "too_strong":
+            if accepted_ua or heard.current_ua <= LEAST_UA:
+                break
+            wish_ua = heard.current_ua / FINE
+            continue
+        accepted_ua = max(accepted_ua, heard.current_ua)
+        if heard.answer == "comfortable" and chosen_ua is None:
+            chosen_ua = heard.current_ua
+        enough_ua = None if chosen_ua is None else round(chosen_ua * headroom)
+        if heard.is_at_cap or (enough_ua is not None and accepted_ua >= enough_ua):
+            break
+        wish_ua = min(heard.current_ua * RISE, max(known_ua, heard.current_ua * FINE))
+        if enough_ua is not None:
+            wish_ua = min(wish_ua, enough_ua)
+    return Comfortable(chosen_ua or accepted_ua, accepted_ua)

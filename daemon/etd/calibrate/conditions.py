@@ -1,0 +1,131 @@
+"""What a calibration is made under, and how far it has come: kept after every electrode.
+
+Owns: the two structs, the file of an unfinished calibration, and the calibration that a finished
+one becomes. Must not know: procedures, daemons, terminals.
+"""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from etd.calibration import Calibration, ElectrodeLimits, Method
+from etd.errors import FileError
+from etd.frame import Polarity, Returns
+from etd.wholefile import write_whole
+
+#: A presentation ends well before its frame would expire.
+MOST_S = 0.7
+
+
+class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """All that a threshold depends on. `cap_ua`: nothing above it is presented to anybody."""
+
+    participant: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
+    method: Method
+    body_site: str
+    array: str
+    electrodes: Annotated[int, Meta(ge=2, le=256)]
+    polarity: Polarity
+    width_us: Annotated[int, Meta(ge=20, le=200)]
+    rate_hz: Annotated[float, Meta(ge=0.1, le=200)]
+    returns: Returns
+    pulses: Annotated[int, Meta(ge=1, le=140)]
+    cap_ua: Annotated[int, Meta(ge=50, le=10_000)]
+
+    @property
+    def presentation_s(self) -> float:
+        return self.pulses / self.rate_hz
+
+
+def check_conditions(conditions: Conditions) -> Conditions:
+    """Raises: FileError, where a presentation would outlast its frame."""
+    if conditions.presentation_s > MOST_S:
+        raise FileError(
+            "the presentation",
+            "pulses",
+            f"{conditions.pulses} pulses at {conditions.rate_hz:g} Hz last"
+            f" {conditions.presentation_s:.2f} s",
+            f"at most {MOST_S} s: fewer pulses, or a higher rate",
+        )
+    return conditions
+
+
+class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """What has been found so far, by electrode; `presentations` counts all of them."""
+
+    conditions: Conditions
+    found: dict[int, ElectrodeLimits] = {}
+    presentations: int = 0
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        return tuple(one for one in range(self.conditions.electrodes) if one not in self.found)
+
+
+def save_progress(path: Path, progress: Progress) -> None:
+    """Raises: OSError."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    data = msgspec.json.format(msgspec.json.encode(progress), indent=1)
+    write_whole(path, data + b"\n", mode=0o600)
+
+
+def load_progress(path: Path, conditions: Conditions) -> Progress:
+    """What was found under the same conditions. Raises: FileError."""
+    try:
+        progress = msgspec.json.decode(path.read_bytes(), type=Progress)
+    except OSError as error:
+        raise FileError(
+            str(path), "", f"it cannot be read ({error.strerror})", "check it"
+        ) from error
+    except msgspec.DecodeError as error:
+        raise FileError(str(path), "", f"it is no progress file ({error})", "--restart") from error
+    for key in Conditions.__struct_fields__:
+        was, now = getattr(progress.conditions, key), getattr(conditions, key)
+        if was != now:
+            raise FileError(
+                str(path),
+                f"conditions.{key}",
+                f"what was begun is for {was}, this is {now}",
+                "go on under the same conditions, or give --restart to begin anew",
+            )
+    return progress
+
+
+def finished(
+    progress: Progress, date: datetime.date, program: str, gamma: float = 1.0
+) -> Calibration:
+    """The calibration of all electrodes. One that was left out gets the least threshold that was
+    found for everything, and counts as not felt: a bound, where nothing is known.
+
+    Raises: FileError, if nothing was found at all.
+    """
+    conditions = progress.conditions
+    felt_ua = [one.threshold_ua for one in progress.found.values() if one.felt]
+    if not felt_ua:
+        raise FileError(
+            "the calibration", "", "nothing was felt anywhere", "look at contact and cap first"
+        )
+    least_ua = min(felt_ua)
+    unknown = ElectrodeLimits(
+        threshold_ua=least_ua, comfortable_ua=least_ua, cap_ua=least_ua, felt=False
+    )
+    return Calibration(
+        participant=conditions.participant,
+        body_site=conditions.body_site,
+        array=conditions.array,
+        polarity=conditions.polarity,
+        width_us=conditions.width_us,
+        rate_hz=conditions.rate_hz,
+        returns=conditions.returns,
+        date=date,
+        program=program,
+        electrode=tuple(progress.found.get(one, unknown) for one in range(conditions.electrodes)),
+        method=conditions.method,
+        pulses=conditions.pulses,
+        gamma=gamma,
+    )

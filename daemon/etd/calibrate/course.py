@@ -1,0 +1,203 @@
+"""A whole calibration: electrode after electrode, until each has its three figures.
+
+Owns: the order, where each electrode begins, what is asked when, and that progress is kept after
+each. Must not know: how a current is presented (stimulator), who answers, where progress is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import msgspec
+
+from etd.calibrate.answers import Answer, Answerer, Ask, Question
+from etd.calibrate.comfortable import comfortable
+from etd.calibrate.conditions import Progress
+from etd.calibrate.equalize import equalize
+from etd.calibrate.limits import Threshold, limits
+from etd.calibrate.quest_plus import check_questplus, quest_plus
+from etd.calibrate.reach import Reach
+from etd.calibrate.staircase import staircase
+from etd.calibrate.stimulator import Delivered, NotDelivered
+from etd.calibrate.trial import Procedure, Stopped, Unsettled, run
+from etd.calibration import Calibration, ElectrodeLimits
+from etd.errors import Refused
+
+#: The first electrode of a person of whom nothing is known begins here.
+START_UA = 200
+#: Another one at this part of the least threshold found so far: they spread by a factor of two and
+#: more, and on some pain is near.
+_OF_LEAST = 0.5
+#: One with an earlier threshold at this part of that; and its comfortable level is looked for
+#: by tenths up to this part of the earlier one.
+_OF_EARLIER = 0.8
+#: Before each presentation, in turn: nobody shall answer to a rhythm.
+_PAUSES_S = (0.4, 0.6, 0.3, 0.5)
+#: Between reference and comparison.
+_BETWEEN_S = 0.4
+
+PROCEDURES: dict[str, Callable[[float], Procedure[Threshold]]] = {
+    "limits": limits,
+    "staircase": staircase,
+    "quest-plus": quest_plus,
+}
+
+
+class Presents(Protocol):
+    """What is needed of a `Stimulator`."""
+
+    def present(self, electrode: int, current_ua: int) -> Delivered: ...
+
+    def pause(self, seconds: float) -> None: ...
+
+    def keep(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+
+class Course:
+    """`progress` is filled in; `on_progress` hears of it after each electrode, and
+    `on_presented` the electrode of each presentation.
+
+    `baseline`: an earlier calibration of the same person. It says where to begin; with the method
+    `equalize` it is also what is kept but for the comfortable levels.
+    """
+
+    def __init__(
+        self,
+        progress: Progress,
+        presents: Presents,
+        answerer: Answerer,
+        *,
+        baseline: Calibration | None = None,
+        reference: int | None = None,
+        on_progress: Callable[[Progress], None] = lambda _: None,
+        on_presented: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        self._progress = progress
+        self._presents = presents
+        self._answerer = answerer
+        self._baseline = baseline
+        self._reference = reference
+        self._on_progress = on_progress
+        self._on_presented = on_presented
+        self._resistance_ohm: int | None = None
+        self.left: dict[int, str] = {}
+        self._check()
+
+    def _check(self) -> None:
+        method = self._progress.conditions.method
+        if method == "equalize" and (self._baseline is None or self._reference is None):
+            raise Refused(
+                "limits_missing",
+                "equal strength needs a calibration with thresholds to begin with, and a reference"
+                " electrode: name a --baseline of this person",
+            )
+        if method == "quest-plus":
+            check_questplus()
+
+    def run(self, electrodes: Sequence[int]) -> Progress:
+        """Those of them that are missing. Those that could not be settled are in `left`, with the
+        reason. Raises: Stopped, Refused, DaemonGone.
+        """
+        for electrode in electrodes:
+            if electrode in self._progress.found:
+                continue
+            try:
+                found = self._calibrated(electrode)
+            except (NotDelivered, Unsettled) as error:
+                self.left[electrode] = str(error)
+                continue
+            self._progress.found[electrode] = found
+            self.left.pop(electrode, None)
+            self._on_progress(self._progress)
+        return self._progress
+
+    # --- one electrode -----------------------------------------------------------------------
+
+    def _calibrated(self, electrode: int) -> ElectrodeLimits:
+        self._resistance_ohm = None
+        if self._progress.conditions.method == "equalize":
+            return self._equalized(electrode)
+        conditions = self._progress.conditions
+        before = self._earlier(electrode)
+        reach = Reach(conditions.cap_ua, self._start_ua(electrode))
+        procedure = PROCEDURES[conditions.method](reach.most_ua)
+        threshold = run(procedure, reach, lambda ua: self._asked("strength", electrode, ua))
+        at_ua = min(round(threshold.current_ua), reach.cap_ua)
+        if not threshold.is_felt:
+            return self._limits(at_ua, at_ua, reach.tolerated_ua, is_felt=False)
+        known_ua = 0.0 if before is None else before.comfortable_ua * _OF_EARLIER
+        level = run(
+            comfortable(at_ua, known_ua=known_ua),
+            reach,
+            lambda ua: self._asked("strength", electrode, ua),
+        )
+        return self._limits(at_ua, level.comfortable_ua, level.cap_ua)
+
+    def _equalized(self, electrode: int) -> ElectrodeLimits:
+        """The caps of the baseline are in force."""
+        before = self._earlier(electrode)
+        reference = self._reference
+        if before is None or reference is None or electrode == reference or not before.felt:
+            return _taken_over(before, self._baseline)
+        reach = Reach(before.cap_ua, before.threshold_ua)
+        match = run(
+            equalize(before.threshold_ua),
+            reach,
+            lambda ua: self._asked("compare", electrode, ua, reference),
+        )
+        cap_ua = min(before.cap_ua, reach.cap_ua)
+        return self._limits(before.threshold_ua, min(match.current_ua, cap_ua), cap_ua)
+
+    def _limits(
+        self, threshold_ua: int, comfortable_ua: int, cap_ua: int, is_felt: bool = True
+    ) -> ElectrodeLimits:
+        """Rising, whatever the person said: the lower figure holds."""
+        comfortable_ua = min(comfortable_ua, cap_ua)
+        return ElectrodeLimits(
+            threshold_ua=min(threshold_ua, comfortable_ua),
+            comfortable_ua=comfortable_ua,
+            cap_ua=cap_ua,
+            resistance_ohm=self._resistance_ohm,
+            felt=is_felt,
+        )
+
+    def _start_ua(self, electrode: int) -> int:
+        before = self._earlier(electrode)
+        if before is not None and before.felt:
+            return max(1, int(before.threshold_ua * _OF_EARLIER))
+        felt_ua = [one.threshold_ua for one in self._progress.found.values() if one.felt]
+        return max(START_UA, int(min(felt_ua) * _OF_LEAST)) if felt_ua else START_UA
+
+    def _earlier(self, electrode: int) -> ElectrodeLimits | None:
+        return None if self._baseline is None else self._baseline.electrode[electrode]
+
+    # --- one presentation --------------------------------------------------------------------
+
+    def _asked(
+        self, ask: Ask, electrode: int, current_ua: int, reference: int | None = None
+    ) -> Answer:
+        """Present, and ask. Raises: Stopped, NotDelivered."""
+        count = self._progress.presentations
+        self._presents.pause(_PAUSES_S[count % len(_PAUSES_S)])
+        if reference is not None and self._baseline is not None:
+            self._presents.present(reference, self._baseline.electrode[reference].comfortable_ua)
+            self._presents.pause(_BETWEEN_S)
+        delivered = self._presents.present(electrode, current_ua)
+        self._progress.presentations += 1
+        self._resistance_ohm = delivered.resistance_ohm or self._resistance_ohm
+        self._on_presented(electrode)
+        answer = self._answerer.answer(Question(ask, electrode, reference), self._presents.keep)
+        if answer == "stop":
+            self._presents.stop()
+            raise Stopped("stop")
+        return answer
+
+
+def _taken_over(before: ElectrodeLimits | None, baseline: Calibration | None) -> ElectrodeLimits:
+    """As it was, with the day it is from."""
+    if before is None or baseline is None:
+        raise Refused("limits_missing", "equal strength needs a baseline")
+    return msgspec.structs.replace(before, date=before.date or baseline.date)

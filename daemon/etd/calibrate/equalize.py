@@ -1,0 +1,50 @@
+"""Equal strength: one electrode's current until it feels as strong as the reference.
+
+Owns: the ascent to it and the turns around it. Must not know: persons, daemons, reach, which
+electrode is the reference (`trial.run`'s `present` shows that one first).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, log
+
+from etd.calibrate.limits import FINE
+from etd.calibrate.reach import RISE
+from etd.calibrate.trial import Procedure
+
+#: It ends after so many turns, or so many times `same`.
+_TURNS = 4
+_SAME = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """In uA. `is_reached` False: still weaker than the reference at the most that was allowed."""
+
+    current_ua: int
+    is_reached: bool = True
+
+
+def equalize(start_ua: float) -> Procedure[Match]:
+    """Up by tenths while it is weaker; then by twentieths around it."""
+    places: list[int] = []
+    same = turns = 0
+    wish_ua, was_up, step = start_ua, True, RISE
+    while turns < _TURNS and same < _SAME:
+        heard = yield wish_ua
+        is_up = heard.answer == "weaker"
+        if is_up and heard.is_at_cap:
+            return Match(heard.current_ua, is_reached=bool(places))
+        if heard.answer == "same":
+            same += 1
+            places.append(heard.current_ua)
+            # Once from above, once from below: the edges of `same` lie on both sides.
+            wish_ua = heard.current_ua * (FINE if same % 2 else 1.0 / FINE)
+            continue
+        if is_up is not was_up:
+            turns, step = turns + 1, FINE
+            places.append(heard.current_ua)
+        was_up = is_up
+        wish_ua = heard.current_ua * (step if is_up else 1.0 / FINE)
+    return Match(round(exp(sum(map(log, places)) / len(places))))

@@ -1,0 +1,81 @@
+"""The ascending method of limits: up until it is felt, three times.
+
+Owns: where an ascent begins, its steps, and what several ascents make together. Must not know:
+persons, daemons, reach (`trial` bounds what is wished for here).
+
+The first ascent goes by tenths and only tells where to look; the next ones go by twentieths, each
+ending between the last current that was not felt and the first that was. Their geometric mean
+counts; where they lie apart, two more are taken and the median counts, so that one answer by
+chance does not. An ascent that is felt at once was begun too high.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+from statistics import geometric_mean, median
+
+from etd.calibrate.reach import LEAST_UA, RISE
+from etd.calibrate.trial import Procedure
+
+FINE = 1.05
+ASCENTS = 3
+#: An ascent begins so far below where the one before ended.
+_BACK = 0.88
+#: Felt at once: so far down.
+_DOWN = 0.7
+#: Ascents that lie further apart than this ask for two more.
+_APART = 1.10
+_MOST_ASCENTS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Threshold:
+    """Where feeling begins, in uA. `is_felt` False: nothing was felt up to `current_ua`, the most
+    that was allowed.
+    """
+
+    current_ua: float
+    is_felt: bool = True
+
+
+def coarse(start_ua: float) -> Procedure[Threshold]:
+    """One ascent by tenths, begun lower if it is felt at once."""
+    return (yield from _ascend(start_ua, RISE))
+
+
+def limits(start_ua: float) -> Procedure[Threshold]:
+    """The whole method: three ascents or five after the coarse one."""
+    first = yield from coarse(start_ua)
+    if not first.is_felt:
+        return first
+    found: list[float] = []
+    while len(found) < ASCENTS or (_are_apart(found) and len(found) < _MOST_ASCENTS):
+        around_ua = median(found) if found else first.current_ua
+        one = yield from _ascend(around_ua * _BACK, FINE)
+        if not one.is_felt:
+            return one
+        found.append(one.current_ua)
+    return Threshold(median(found) if _are_apart(found) else geometric_mean(found))
+
+
+def _are_apart(found: list[float]) -> bool:
+    return max(found) > min(found) * _APART
+
+
+def _ascend(start_ua: float, step: float) -> Procedure[Threshold]:
+    wish_ua = start_ua
+    unfelt_ua: int | None = None
+    while True:
+        heard = yield wish_ua
+        if not heard.is_felt:
+            if heard.is_at_cap:
+                return Threshold(heard.current_ua, is_felt=heard.is_cap_felt)
+            unfelt_ua = heard.current_ua
+            wish_ua = max(heard.current_ua * step, heard.current_ua + 1)
+        elif unfelt_ua is not None:
+            return Threshold(sqrt(unfelt_ua * heard.current_ua))
+        elif heard.current_ua <= LEAST_UA:
+            return Threshold(heard.current_ua)
+        else:
+            wish_ua = heard.current_ua * _DOWN

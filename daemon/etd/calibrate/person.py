@@ -1,0 +1,80 @@
+"""A simulated person: answers as a body with noise in it would.
+
+Owns: the response model. Must not know: currents, how a sensation comes about: `sense` tells how
+strongly the last presentation on an electrode was felt (1: felt half of the time) and how much it
+hurt (1: pain), as the body behind a fake board does.
+
+The model [design]: what is perceived is the felt strength with log-normal noise, the same noise
+for every question about one presentation. A lapse is an answer that has nothing to do with it.
+It is for trying procedures on. It says nothing about any person.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import exp, log
+
+from etd.calibrate.answers import Answer, Question
+
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """One presentation, as it was felt: strength and pain, each 1 where it begins."""
+
+    strength: float
+    pain: float
+
+
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """How somebody answers."""
+
+    #: Of the noise: the standard deviation of the logarithm of what is perceived.
+    noise: float = 0.05
+    #: The share of presentations answered by chance.
+    lapses: float = 0.01
+    #: Felt strength that is called comfortable.
+    comfortable: float = 1.7
+    #: Of the way to pain, from here on it is called too strong.
+    discomfort: float = 0.85
+    #: Two strengths nearer than this (logarithm) are called the same.
+    alike: float = 0.06
+
+
+class SimulatedPerson:
+    """Keeps `Answerer`. The same seed answers the same."""
+
+    def __init__(
+        self, sense: Callable[[int], Felt], seed: int, manner: Manner | None = None
+    ) -> None:
+        self._sense = sense
+        self._manner = manner or Manner()
+        self._random = random.Random(seed)
+
+    def answer(self, question: Question, _: Callable[[], None]) -> Answer:
+        felt = self._sense(question.electrode)
+        noise = exp(self._random.gauss(0.0, self._manner.noise))
+        if felt.pain * noise >= self._manner.discomfort:
+            return "too_strong"
+        if question.reference is not None:
+            return self._compared(felt.strength * noise, question.reference)
+        if self._random.random() < self._manner.lapses:
+            return self._random.choice(("not_felt", "felt"))
+        if felt.strength * noise < 1.0:
+            return "not_felt"
+        return "comfortable" if felt.strength * noise >= self._manner.comfortable else "felt"
+
+    def wants_stop(self) -> bool:
+        return False
+
+    def _compared(self, perceived: float, reference: int) -> Answer:
+        noise = exp(self._random.gauss(0.0, self._manner.noise))
+        first = self._sense(reference).strength * noise
+        if perceived <= 0.0 or first <= 0.0:
+            return "same" if perceived == first else "weaker" if first > 0.0 else "stronger"
+        apart = log(perceived / first)
+        if abs(apart) < self._manner.alike:
+            return "same"
+        return "stronger" if apart > 0.0 else "weaker"

@@ -1,0 +1,113 @@
+"""QUEST+ (Watson 2017), by the library questplus: each presentation where it tells most.
+
+Owns: the grids, the prior knowledge they stand for, when to end, and the way from a Weibull
+function to the current that is felt half of the time. Must not know: persons, daemons, reach; what
+QUEST+ would like to present above the reach is presented at its edge, and counts as that.
+
+questplus brings scipy, pandas and xarray (250 MB), so it is an extra of its own.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from functools import cache
+from math import log, log10, sqrt
+from typing import Any
+
+from etd.calibrate.limits import Threshold, coarse
+from etd.calibrate.trial import Procedure
+from etd.errors import HardwareMissing
+
+#: Currents, and thresholds to choose from, relative to what the coarse ascent found.
+_STEP = 1.025
+_STEPS = 16
+#: Of a Weibull function over log10 of the current: felt from a little to nearly always within 60,
+#: 30 or 15 % of the threshold.
+_SLOPES = (8.0, 16.0, 32.0)
+#: Felt where nothing was, and missed where something was: one presentation in fifty.
+_GUESS = _LAPSE = 0.02
+_LEAST_TRIALS = 10
+_MOST_TRIALS = 24
+#: It ends when the threshold is known as well as this (standard deviation, log10: 2.5 %).
+_KNOWN = log10(1.025)
+
+
+def check_questplus() -> None:
+    """Raises: HardwareMissing, with what to install, before anything is begun."""
+    try:
+        import questplus  # noqa: F401
+    except ModuleNotFoundError:
+        raise HardwareMissing(
+            (
+                "the Python package questplus is not installed: pip install 'etd[quest-plus]', or"
+                " choose another --method",
+            )
+        ) from None
+
+
+def quest_plus(start_ua: float) -> Procedure[Threshold]:
+    """Around a coarse ascent; again around what it found, if that lies at the grid's edge.
+
+    Raises: HardwareMissing (questplus is not installed).
+    """
+    check_questplus()
+    first = yield from coarse(start_ua)
+    while first.is_felt:
+        found = yield from _around(first.current_ua)
+        if not found.is_felt or not _is_at_edge(found.current_ua / first.current_ua):
+            return found
+        first = yield from coarse(found.current_ua * 0.7)
+    return first
+
+
+def _around(center_ua: float) -> Procedure[Threshold]:
+    quest = deepcopy(_fresh())
+    for trial in range(_MOST_TRIALS):
+        if trial >= _LEAST_TRIALS and _spread(quest) < _KNOWN:
+            break
+        heard = yield center_ua * 10 ** float(quest.next_intensity)
+        if heard.is_at_cap and not heard.is_felt and not heard.is_cap_felt:
+            return Threshold(heard.current_ua, is_felt=False)
+        place = _nearest(log10(heard.current_ua / center_ua))
+        quest.update(intensity=place, response="Yes" if heard.is_felt else "No")
+    return Threshold(center_ua * 10 ** _half_felt(quest.param_estimate))
+
+
+def _half_felt(estimate: dict[str, float]) -> float:
+    """Where the function of these parameters is 1/2, in log10 over the center."""
+    guess, lapse = estimate["lower_asymptote"], estimate["lapse_rate"]
+    missing = (0.5 - lapse) / (1.0 - guess - lapse)
+    return float(estimate["threshold"] + log10(-log(missing)) / estimate["slope"])
+
+
+def _spread(quest: Any) -> float:
+    """The standard deviation of the threshold, log10."""
+    probability = quest.marginal_posterior["threshold"]
+    mean = float((probability * quest.thresholds).sum())
+    return sqrt(float((probability * (quest.thresholds - mean) ** 2).sum()))
+
+
+def _grid() -> tuple[float, ...]:
+    return tuple(step * log10(_STEP) for step in range(-_STEPS, _STEPS + 1))
+
+
+def _nearest(place: float) -> float:
+    return min(_grid(), key=lambda one: abs(one - place))
+
+
+def _is_at_edge(ratio: float) -> bool:
+    return abs(log10(ratio)) > (_STEPS - 2) * log10(_STEP)
+
+
+@cache
+def _fresh() -> Any:
+    """Made once, copied for each electrode. Any: questplus has no types."""
+    from questplus import QuestPlusWeibull
+
+    return QuestPlusWeibull(
+        intensities=_grid(),
+        thresholds=_grid(),
+        slopes=_SLOPES,
+        lower_asymptotes=(_GUESS,),
+        lapse_rates=(_LAPSE,),
+    )

@@ -1,0 +1,58 @@
+"""How far one electrode may go next: ascending into the unknown, and never past the cap.
+
+Owns: the bound on every presentation, whichever procedure wishes for it. Must not know:
+procedures, persons, daemons.
+
+What has been tolerated is known; anything above it is not, and is entered by steps of at most a
+tenth, each after an answer. What was too strong lowers the cap for good.
+"""
+
+from __future__ import annotations
+
+from etd.calibrate.answers import Answer
+
+#: The largest step above what was tolerated.
+RISE = 1.10
+#: Below this nothing is asked for: a source has steps, and skin feels nothing.
+LEAST_UA = 20
+
+
+class Reach:
+    """One electrode's. `start_ua`: the most that may be presented first."""
+
+    def __init__(self, cap_ua: int, start_ua: int, tolerated_ua: int = 0) -> None:
+        self.cap_ua = cap_ua
+        self.tolerated_ua = min(tolerated_ua, cap_ua)
+        #: Something was too strong, and the cap lies below it.
+        self.is_cap_felt = False
+        self._start_ua = max(LEAST_UA, min(start_ua, cap_ua))
+
+    @property
+    def most_ua(self) -> int:
+        """The most that may be presented next."""
+        if self.tolerated_ua == 0:
+            return min(self._start_ua, self.cap_ua)
+        step_ua = max(1, int(self.tolerated_ua * (RISE - 1.0)))
+        return min(self.cap_ua, self.tolerated_ua + step_ua)
+
+    def bounded(self, wish_ua: float) -> int:
+        """The wish, or what is allowed of it."""
+        return min(max(LEAST_UA, round(wish_ua)), self.most_ua)
+
+    def learn(self, current_ua: int, answer: Answer) -> None:
+        """What the person said of it."""
+        if answer == "too_strong":
+            self.cap_ua = min(self.cap_ua, self._below(current_ua))
+            self.is_cap_felt = True
+            self.tolerated_ua = min(self.tolerated_ua, self.cap_ua)
+            self._start_ua = min(self._start_ua, self.cap_ua)
+        else:
+            self.tolerated_ua = max(self.tolerated_ua, current_ua)
+
+    def _below(self, current_ua: int) -> int:
+        """The most that is left when `current_ua` was too strong: what was tolerated below it, or
+        a step less.
+        """
+        if 0 < self.tolerated_ua < current_ua:
+            return self.tolerated_ua
+        return int(current_ua / RISE)

@@ -1,0 +1,42 @@
+"""The staircase: down when it is felt, up when it is not, and the turns tell where.
+
+Owns: its steps and turns. Must not know: persons, daemons, reach.
+
+Down after one felt presentation it converges where half is felt; after two in a row, where 71 %
+is, after three, 79 % (Levitt's rules). It comes from below: a coarse ascent finds where to turn.
+"""
+
+from __future__ import annotations
+
+from math import exp, log
+
+from etd.calibrate.limits import FINE, Threshold, coarse
+from etd.calibrate.trial import Procedure
+
+TURNS = 8
+#: The first turns still carry where it began.
+_IGNORED = 2
+
+
+def staircase(start_ua: float, felt_in_a_row: int = 1) -> Procedure[Threshold]:
+    """Eight turns after the coarse ascent; the geometric mean of the last six."""
+    first = yield from coarse(start_ua)
+    if not first.is_felt:
+        return first
+    wish_ua, row, was_up = first.current_ua, 0, None
+    turns: list[float] = []
+    while len(turns) < TURNS:
+        heard = yield wish_ua
+        wish_ua = heard.current_ua
+        row = row + 1 if heard.is_felt else 0
+        if heard.is_felt and row < felt_in_a_row:
+            continue
+        is_up, row = not heard.is_felt, 0
+        if is_up and heard.is_at_cap and not heard.is_cap_felt:
+            return Threshold(heard.current_ua, is_felt=False)
+        if was_up is not None and is_up is not was_up:
+            turns.append(heard.current_ua)
+        was_up = is_up
+        wish_ua *= FINE if is_up else 1.0 / FINE
+    kept = turns[_IGNORED:]
+    return Threshold(exp(sum(map(log, kept)) / len(kept)))

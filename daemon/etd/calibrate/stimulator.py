@@ -1,0 +1,201 @@
+"""How one current gets to one electrode and to a person: through a display, over the protocol.
+
+Owns: the frame of a presentation, waiting until telemetry tells that it was fired as asked, the
+opening before the first one, and the stop. Must not know: procedures, questions, sockets. Time
+comes through a clock port.
+
+What was fired otherwise than asked (an opening, a re-contact, the ledger) is no presentation: it
+is shown again, and after a few times given up, with the reason. It never was more than asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, Unpack
+
+from etd.calibrate.conditions import Conditions
+from etd.calibrate.trial import Stopped
+from etd.client.options import FrameOptions
+from etd.errors import EtdError, Refused
+from etd.frame import Ring
+from etd.protocol import FrameReply, Halt, Scan
+from etd_hal.ports import Clock
+
+_MS = 1_000_000
+#: Far below anything that is felt; the opening rises while it stands.
+_PRIME_UA = 50
+_OPEN_WITHIN_NS = 30_000 * _MS
+_FIRED_WITHIN_NS = 5_000 * _MS
+_TRIES = 8
+_AGAIN_NS = 150 * _MS
+#: A report comes 30 times a second; stop is looked for more often.
+_LOOK_S = 0.02
+#: The source has steps: what was fired may be one of them less than asked.
+_STEPS_UA = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Delivered:
+    """One presentation: what the source was told, and the resistance that its pulses saw."""
+
+    electrode: int
+    current_ua: int
+    resistance_ohm: int | None
+
+
+class NotDelivered(EtdError):
+    """It could not be presented as asked. Fields: electrode, why."""
+
+    def __init__(self, electrode: int, why: str) -> None:
+        self.electrode = electrode
+        self.why = why
+        super().__init__(f"electrode {electrode} could not be presented: {why}")
+
+
+class Shows(Protocol):
+    """What is needed of a display; `etd.Display` is one."""
+
+    def show_current(
+        self, current_ua: Sequence[int], **options: Unpack[FrameOptions]
+    ) -> FrameReply: ...
+
+    def keep(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+
+class Reports(Protocol):
+    """Telemetry with `scan` and `halt` in it; `etd.Telemetry` is one."""
+
+    def receive(self, timeout_s: float | None = 0.0) -> tuple[object, object] | None: ...
+
+
+class Stimulator:
+    """On a display that is armed. Raises, from its methods: Refused (`halted`, `no_lease`, ...),
+    DaemonGone, Stopped.
+    """
+
+    def __init__(
+        self,
+        display: Shows,
+        reports: Reports,
+        clock: Clock,
+        conditions: Conditions,
+        wants_stop: Callable[[], bool],
+    ) -> None:
+        self._display = display
+        self._reports = reports
+        self._clock = clock
+        self._conditions = conditions
+        self._wants_stop = wants_stop
+        self._ceiling_ua = 0
+
+    def open(self) -> None:
+        """Wait until the opening takes nothing away any more, with a current that nobody feels."""
+        until_ns = self._clock.now_ns() + _OPEN_WITHIN_NS
+        current_ua = min(_PRIME_UA, self._conditions.cap_ua)
+        while self._ceiling_ua < self._conditions.cap_ua:
+            if self._clock.now_ns() > until_ns:
+                raise Refused(
+                    "wrong_state", f"the opening is at {self._ceiling_ua} uA and does not rise"
+                )
+            self._show(0, current_ua, pulses=None, ttl_ms=500)
+            self.pause(0.2)
+        self._show(0, 0, pulses=None, ttl_ms=500)
+
+    def present(self, electrode: int, current_ua: int) -> Delivered:
+        """So many pulses of this current on this electrode, once. Raises: NotDelivered."""
+        why = ""
+        for _ in range(_TRIES):
+            delivered, why = self._presented(electrode, current_ua)
+            if delivered is not None:
+                return delivered
+            self._sleep(_AGAIN_NS)
+        raise NotDelivered(electrode, why)
+
+    def pause(self, seconds: float) -> None:
+        """Nothing is presented; the lease is kept, a halt and a stop are heard."""
+        until_ns = self._clock.now_ns() + int(seconds * 1e9)
+        self.keep()
+        while (left_ns := until_ns - self._clock.now_ns()) > 0:
+            self._look()
+            self._sleep(min(left_ns, int(_LOOK_S * 1e9)))
+
+    def keep(self) -> None:
+        """Hold the lease, and hear what the daemon says."""
+        self._display.keep()
+        self._look()
+
+    def stop(self) -> None:
+        """Silent at once; the daemon is halted then."""
+        self._display.stop()
+
+    # --- one presentation --------------------------------------------------------------------
+
+    def _presented(self, electrode: int, current_ua: int) -> tuple[Delivered | None, str]:
+        conditions = self._conditions
+        self._look()
+        ttl_ms = int(conditions.presentation_s * 1000) + 250
+        seq = self._show(electrode, current_ua, conditions.pulses, ttl_ms)
+        until_ns = self._clock.now_ns() + _FIRED_WITHIN_NS
+        trouble: set[str] = set()
+        while self._clock.now_ns() < until_ns:
+            scan = self._hear(_LOOK_S)
+            if scan is None or all(one.seq != seq for one in scan.shown):
+                continue
+            trouble |= {clamp.reason for clamp in scan.clamped if clamp.electrode == electrode}
+            trouble |= {one.reason for one in scan.thinned if one.electrode == electrode}
+            if any(one.seq == seq and one.ended for one in scan.shown):
+                return self._settled(scan, electrode, current_ua, trouble)
+        return None, "nothing was fired"
+
+    def _settled(
+        self, scan: Scan, electrode: int, current_ua: int, trouble: set[str]
+    ) -> tuple[Delivered | None, str]:
+        fired_ua = scan.fired.current_ua[electrode]
+        if trouble:
+            return None, f"{' and '.join(sorted(trouble))}: {fired_ua} of {current_ua} uA"
+        if not current_ua - _STEPS_UA <= fired_ua <= current_ua:
+            return None, f"{fired_ua} uA were fired, {current_ua} uA were asked for"
+        return Delivered(electrode, fired_ua, scan.fired.resistance_ohm[electrode]), ""
+
+    def _show(self, electrode: int, current_ua: int, pulses: int | None, ttl_ms: int) -> int:
+        conditions, returns = self._conditions, self._conditions.returns
+        currents_ua = [0] * conditions.electrodes
+        currents_ua[electrode] = current_ua
+        options: FrameOptions = {
+            "width_us": conditions.width_us,
+            "polarity": conditions.polarity,
+            "rate_hz": conditions.rate_hz,
+            "returns": {"ring_mm": returns.ring_mm} if isinstance(returns, Ring) else returns,
+            "ttl_ms": ttl_ms,
+            "strict": True,
+        }
+        if pulses is not None:
+            options["pulses"] = pulses
+        return self._display.show_current(currents_ua, **options).seq
+
+    # --- what the daemon says ----------------------------------------------------------------
+
+    def _look(self) -> None:
+        """Everything that has been said so far, and whether to stop."""
+        while self._hear(0.0) is not None:
+            pass
+
+    def _hear(self, timeout_s: float) -> Scan | None:
+        """The next scan report within the time. Raises: Refused (`halted`), Stopped."""
+        if self._wants_stop():
+            self._display.stop()
+            raise Stopped("stop")
+        item = self._reports.receive(timeout_s)
+        report = None if item is None else item[1]
+        if isinstance(report, Halt):
+            raise Refused("halted", f"halted by {report.cause} ({report.who}: {report.detail})")
+        if isinstance(report, Scan):
+            self._ceiling_ua = report.ceiling_ua
+            return report
+        return None
+
+    def _sleep(self, duration_ns: int) -> None:
+        self._clock.sleep_until_ns(self._clock.now_ns() + duration_ns)

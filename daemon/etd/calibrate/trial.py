@@ -1,0 +1,77 @@
+"""A procedure as a generator, and the loop that runs it within its reach.
+
+Owns: what a procedure is (it yields the current it wishes for next, and is sent what was presented
+and answered), and that nothing it wishes for goes past the reach. Must not know: which procedures
+there are, how a current is presented.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import TypeAlias, TypeVar
+
+from etd.calibrate.answers import Answer
+from etd.calibrate.reach import Reach
+from etd.errors import EtdError
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What was presented and answered; whether no more is allowed, and whether that is because
+    more was too strong (then it is felt, if not at this current).
+    """
+
+    current_ua: int
+    answer: Answer
+    is_at_cap: bool = False
+    is_cap_felt: bool = False
+
+    @property
+    def is_felt(self) -> bool:
+        return self.answer != "not_felt"
+
+
+#: Whoever needs more for one electrode answers by chance, or is tired.
+MOST_PRESENTATIONS = 150
+
+R = TypeVar("R")
+Procedure: TypeAlias = Generator[float, Heard, R]
+
+
+class Stopped(EtdError):
+    """The person, or whoever watches, ended it. Fields: answer (`stop` or `pause`)."""
+
+    def __init__(self, answer: Answer) -> None:
+        self.answer: Answer = answer
+        what = "stopped: the daemon is halted" if answer == "stop" else "paused"
+        super().__init__(f"{what}; what was found is kept")
+
+
+class Unsettled(EtdError):
+    """So many presentations told nothing. Fields: presentations."""
+
+    def __init__(self, presentations: int) -> None:
+        self.presentations = presentations
+        super().__init__(f"{presentations} presentations did not settle it: try again after a rest")
+
+
+def run(procedure: Procedure[R], reach: Reach, present: Callable[[int], Answer]) -> R:
+    """Run a procedure to its end. `present` shows a current and returns the answer.
+
+    Raises: Stopped, Unsettled.
+    """
+    try:
+        wish_ua = next(procedure)
+        for _ in range(MOST_PRESENTATIONS):
+            current_ua = reach.bounded(wish_ua)
+            answer = present(current_ua)
+            if answer in ("stop", "pause"):
+                raise Stopped(answer)
+            reach.learn(current_ua, answer)
+            is_at_cap = current_ua >= reach.cap_ua
+            wish_ua = procedure.send(Heard(current_ua, answer, is_at_cap, reach.is_cap_felt))
+    except StopIteration as end:
+        result: R = end.value
+        return result
+    raise Unsettled(MOST_PRESENTATIONS)

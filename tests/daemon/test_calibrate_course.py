@@ -1,0 +1,263 @@
+"""Whole calibrations of a simulated person: what is found, what was presented, how it goes on."""
+
+from __future__ import annotations
+
+import datetime
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from etd.calibrate.answers import Answer, Question
+from etd.calibrate.conditions import (
+    Conditions,
+    Progress,
+    check_conditions,
+    finished,
+    load_progress,
+    save_progress,
+)
+from etd.calibrate.course import Course
+from etd.calibrate.person import Felt, Manner, SimulatedPerson
+from etd.calibrate.reach import RISE
+from etd.calibrate.stimulator import Delivered, NotDelivered
+from etd.calibrate.trial import Stopped
+from etd.calibration import Calibration, Method, check_order
+from etd.errors import FileError, HardwareMissing, Refused
+from noisy_skin import NoisySkin
+
+TODAY = datetime.date(2025, 3, 4)
+
+
+def conditions(method: Method = "limits", electrodes: int = 64, **changes: Any) -> Conditions:
+    made = Conditions(
+        participant="P01",
+        method=method,
+        body_site="fingertip",
+        array="grid-8x8",
+        electrodes=electrodes,
+        polarity="anodic",
+        width_us=100,
+        rate_hz=60.0,
+        returns="all",
+        pulses=10,
+        cap_ua=4_000,
+    )
+    return msgspec.structs.replace(made, **changes)
+
+
+def calibrated(
+    skin: NoisySkin, method: Method = "limits", **more: Any
+) -> tuple[Progress, Calibration]:
+    progress = Progress(conditions=conditions(method, skin.electrodes))
+    person = SimulatedPerson(skin.sense, skin.seed)
+    Course(progress, skin, person, **more).run(range(skin.electrodes))
+    return progress, finished(progress, TODAY, "test")
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize("method", ["limits", "staircase"])
+def test_64_thresholds_are_found_within_a_tenth_and_nothing_hurts(
+    method: Method, seed: int
+) -> None:
+    skin = NoisySkin(64, seed)
+    progress, made = calibrated(skin, method)
+
+    worst = max(skin.error(one, made.electrode[one].threshold_ua) for one in range(64))
+    print(f"{method}, seed {seed}: {progress.presentations} presentations, worst {worst:.1%}")
+    assert worst <= 0.10
+    assert skin.most_of_pain() < 1.0
+    assert all(one.felt for one in made.electrode)
+    check_order(made, "made")
+
+
+def test_quest_plus_finds_them_too() -> None:
+    skin = NoisySkin(8, 14)
+    _, made = calibrated(skin, "quest-plus")
+    assert max(skin.error(one, made.electrode[one].threshold_ua) for one in range(8)) <= 0.10
+    assert skin.most_of_pain() < 1.0
+
+
+def test_caps_were_all_presented_and_levels_are_comfortable() -> None:
+    skin = NoisySkin(16, 15)
+    _, made = calibrated(skin)
+    for electrode, one in enumerate(made.electrode):
+        presented = {ua for where, ua in skin.presented if where == electrode}
+        assert one.cap_ua in presented
+        assert one.cap_ua >= max(presented) / 1.11, "only what was too strong lies above"
+        assert one.resistance_ohm == 50_000
+
+
+def test_without_questplus_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "questplus", None)
+    with pytest.raises(HardwareMissing, match=r"etd\[quest-plus\]"):
+        calibrated(NoisySkin(2, 1), "quest-plus")
+
+
+def test_an_electrode_that_is_not_felt_up_to_the_cap_is_a_bound_and_no_threshold() -> None:
+    skin = NoisySkin(3, 16)
+    skin.threshold_ua[1] = 50_000.0
+    skin.pain_ua[1] = 99_000.0
+    progress = Progress(conditions=conditions("limits", 3))
+    calm = SimulatedPerson(skin.sense, 1, Manner(lapses=0.0))
+    found = Course(progress, skin, calm).run(range(3)).found
+    assert [one.felt for one in found.values()] == [True, False, True]
+    assert found[1].threshold_ua == found[1].cap_ua == 4_000
+    assert max(ua for where, ua in skin.presented if where == 1) == 4_000
+
+
+def test_each_electrode_begins_below_the_least_threshold_and_rises_by_tenths() -> None:
+    skin = NoisySkin(8, 17)
+    progress, _ = calibrated(skin)
+    for electrode in range(8):
+        presented = [ua for where, ua in skin.presented if where == electrode]
+        earlier = [progress.found[one].threshold_ua for one in range(electrode)]
+        assert presented[0] <= max(200, min(earlier, default=0) / 2)
+        most = presented[0]
+        for current_ua in presented[1:]:
+            assert current_ua <= most * RISE + 1
+            most = max(most, current_ua)
+
+
+def test_an_earlier_calibration_makes_it_shorter() -> None:
+    first, made = calibrated(NoisySkin(16, 18))
+    again, _ = calibrated(NoisySkin(16, 18), baseline=made)
+    assert again.presentations < 0.85 * first.presentations
+
+
+def test_equal_strength_is_found_by_comparing_with_a_reference() -> None:
+    skin = NoisySkin(16, 19)
+    skin.pain_ua = [4.0 * one for one in skin.threshold_ua]
+    _, made = calibrated(skin)
+    before = len(skin.presented)
+    _, equal = calibrated(skin, "equalize", baseline=made, reference=5)
+
+    strong = [
+        one.comfortable_ua / skin.threshold_ua[where] for where, one in enumerate(equal.electrode)
+    ]
+    reached = [
+        where for where, one in enumerate(equal.electrode) if one.comfortable_ua < one.cap_ua
+    ]
+    assert len(reached) >= 12
+    assert max(abs(strong[one] / strong[5] - 1.0) for one in reached) <= 0.10
+    for where, current_ua in skin.presented[before:]:
+        assert current_ua <= made.electrode[where].cap_ua
+    assert equal.electrode[5].date == TODAY
+    assert equal.electrode[5].comfortable_ua == made.electrode[5].comfortable_ua
+
+
+def test_equal_strength_without_a_baseline_is_refused() -> None:
+    with pytest.raises(Refused, match="--baseline"):
+        calibrated(NoisySkin(2, 1), "equalize")
+
+
+class Scripted:
+    """Answers as another, until it says something else."""
+
+    def __init__(self, other: SimulatedPerson, after: int, last: Answer) -> None:
+        self._other = other
+        self._left = after
+        self._last: Answer = last
+
+    def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
+        self._left -= 1
+        return self._other.answer(question, keep) if self._left >= 0 else self._last
+
+    def wants_stop(self) -> bool:
+        return False
+
+
+@pytest.mark.parametrize(("last", "stops"), [("stop", 1), ("pause", 0)])
+def test_stopped_in_the_middle_it_goes_on_with_what_is_missing(
+    tmp_path: Path, last: Answer, stops: int
+) -> None:
+    path, skin = tmp_path / "deep" / "P01.json", NoisySkin(4, 20)
+    person = SimulatedPerson(skin.sense, 1)
+    with pytest.raises(Stopped):
+        Course(
+            Progress(conditions=conditions("limits", 4)),
+            skin,
+            Scripted(person, 120, last),
+            on_progress=lambda progress: save_progress(path, progress),
+        ).run(range(4))
+    assert skin.stops == stops
+
+    kept = load_progress(path, conditions("limits", 4))
+    assert 0 < len(kept.found) < 4
+    done, before = dict(kept.found), len(skin.presented)
+    Course(kept, skin, person).run(range(4))
+    assert not {where for where, _ in skin.presented[before:]} & set(done)
+    assert {one: kept.found[one] for one in done} == done
+    assert kept.missing == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"width_us": 50}, "conditions.width_us: what was begun is for 100, this is 50"),
+        ({"cap_ua": 3_000}, "for 4000, this is 3000"),
+        ({"participant": "P02"}, "for P01, this is P02"),
+    ],
+)
+def test_other_conditions_do_not_go_on_with_it(
+    tmp_path: Path, changes: dict[str, Any], said: str
+) -> None:
+    path = tmp_path / "P01.json"
+    save_progress(path, Progress(conditions=conditions()))
+    with pytest.raises(FileError, match=said):
+        load_progress(path, conditions(**changes))
+
+
+def test_a_progress_file_that_is_none_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "P01.json"
+    path.write_text("{")
+    with pytest.raises(FileError, match="--restart"):
+        load_progress(path, conditions())
+    with pytest.raises(FileError, match="cannot be read"):
+        load_progress(tmp_path / "none", conditions())
+
+
+def test_presentations_that_outlast_a_frame_are_refused() -> None:
+    with pytest.raises(FileError, match=r"100 pulses at 60 Hz last 1\.67 s"):
+        check_conditions(conditions(pulses=100))
+
+
+def test_an_electrode_that_cannot_be_presented_is_left_with_the_reason() -> None:
+    class Loose(NoisySkin):
+        def present(self, electrode: int, current_ua: int) -> Delivered:
+            if electrode == 1:
+                raise NotDelivered(electrode, "contact_open: 97 of 400 uA")
+            return super().present(electrode, current_ua)
+
+    skin = Loose(3, 21)
+    progress = Progress(conditions=conditions("limits", 3))
+    course = Course(progress, skin, SimulatedPerson(skin.sense, 1))
+    course.run(range(3))
+    assert progress.missing == (1,)
+    assert "contact_open" in course.left[1]
+
+    made = finished(progress, TODAY, "test")
+    least_ua = min(progress.found[0].threshold_ua, progress.found[2].threshold_ua)
+    assert not made.electrode[1].felt
+    assert made.electrode[1].cap_ua == least_ua
+
+
+def test_nothing_felt_anywhere_is_no_calibration() -> None:
+    with pytest.raises(FileError, match="nothing was felt anywhere"):
+        finished(Progress(conditions=conditions()), TODAY, "test")
+
+
+def test_the_same_seed_answers_the_same() -> None:
+    one, other = (calibrated(NoisySkin(4, 22))[0] for _ in range(2))
+    assert one == other
+
+
+def test_a_simulated_person_feels_half_of_what_is_at_the_threshold() -> None:
+    person = SimulatedPerson(lambda _: Felt(1.0, 0.1), 3)
+    said = [person.answer(Question("strength", 0), lambda: None) for _ in range(1_000)]
+    assert 450 < said.count("not_felt") < 550
+    hurt = SimulatedPerson(lambda _: Felt(2.0, 1.2), 3)
+    assert {hurt.answer(Question("strength", 0), lambda: None) for _ in range(50)} == {"too_strong"}

@@ -1,0 +1,66 @@
+"""A skin that exists on paper: thresholds and pain by electrode, and presentations that arrive.
+
+Owns: the spread, what was presented, and what it felt like. Must not know: procedures, daemons.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import exp
+
+from etd.calibrate.person import Felt
+from etd.calibrate.stimulator import Delivered
+
+
+@dataclass
+class NoisySkin:
+    """Keeps `course.Presents`. Felt strength is current over threshold; pain begins at between 1.3
+    and 4 times the threshold, as the literature has it: on some electrodes it is near.
+    """
+
+    electrodes: int
+    seed: int
+    median_ua: float = 1_100.0
+    sigma: float = 0.3
+    presented: list[tuple[int, int]] = field(default_factory=list)
+    paused_s: float = 0.0
+    kept: int = 0
+    stops: int = 0
+    #: Called with each presentation, before it arrives.
+    meanwhile: Callable[[int, int], None] = lambda _, __: None
+
+    def __post_init__(self) -> None:
+        spread = random.Random(self.seed)
+        each = range(self.electrodes)
+        self.threshold_ua = [self.median_ua * exp(spread.gauss(0, self.sigma)) for _ in each]
+        self.pain_ua = [one * spread.uniform(1.3, 4.0) for one in self.threshold_ua]
+        self._last = dict.fromkeys(each, 0)
+
+    def present(self, electrode: int, current_ua: int) -> Delivered:
+        self.meanwhile(electrode, current_ua)
+        self.presented.append((electrode, current_ua))
+        self._last[electrode] = current_ua
+        return Delivered(electrode, current_ua, 50_000)
+
+    def pause(self, seconds: float) -> None:
+        self.paused_s += seconds
+
+    def keep(self) -> None:
+        self.kept += 1
+
+    def stop(self) -> None:
+        self.stops += 1
+
+    def sense(self, electrode: int) -> Felt:
+        current_ua = self._last[electrode]
+        return Felt(current_ua / self.threshold_ua[electrode], current_ua / self.pain_ua[electrode])
+
+    def most_of_pain(self) -> float:
+        """The nearest that any presentation came to pain; 1 is pain."""
+        return max(current_ua / self.pain_ua[one] for one, current_ua in self.presented)
+
+    def error(self, electrode: int, found_ua: int) -> float:
+        """How far a threshold lies off the true one, as a part of it."""
+        return abs(found_ua / self.threshold_ua[electrode] - 1.0)
