@@ -70,7 +70,7 @@ class Amounts:
         ]
 
 
-EVERYDAY = Amounts(kills=3, pulses=200, hog_s=3, faults=1)
+EVERYDAY = Amounts(kills=3, pulses=1_000, hog_s=3, faults=1)
 THOROUGH = Amounts(kills=200, pulses=1_000, hog_s=60, faults=4)
 
 

@@ -57,9 +57,9 @@ def test_no_message_is_a_millisecond_above_its_plan_beside_a_hog(
         display.arm()
         kernel_trace.begin(("spi/spi_message_start", "spi/spi_message_done"))
         display.hold_current(currents_ua, seconds=HOG_S, rate_hz=5, thin=True)
-        events = kernel_trace.events()
         # The engine itself halts at a message that is so late.
         assert display.status().state == "ARMED"
+    events = kernel_trace.events()
     found = excesses_us(events)
     report(
         f"{HOG_S} s beside a hog: {len(found)} messages, at most {max(found)} us above plan,"
