@@ -24,6 +24,7 @@ from xml.etree import ElementTree
 import build_uml
 import build_x86
 import measured
+import mutants
 from etd.client import clock
 from pieces import BUILD, TREE, RigFailure
 from run import Guest, boot
@@ -187,6 +188,7 @@ def main() -> int:
     guests: tuple[Guest, ...] = (chosen.guest,) if chosen.guest else ("x86", "uml")
     begun_ns = clock.now_ns()
     try:
+        mutants.check_places()
         for build in (build_x86.build, build_uml.build):
             build(sys.executable)
     except RigFailure as failure:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import shutil
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 from pieces import BUILD, TREE, RigFailure
 from run import boot
@@ -36,8 +37,8 @@ MUTANTS = (
     Mutant(
         "the place of the delays",
         "timing.py",
-        "Message((on, *holds, *sample, Transfer(ad5452.word(0))))",
-        "Message((*holds, on, *sample, Transfer(ad5452.word(0))))",
+        "            on,\n            *_holds(shape.delays_us),\n",
+        "            *_holds(shape.delays_us),\n            on,\n",
     ),
     Mutant("a delay left out", "linux/spi.py", "delay_us=transfer.delay_us", "delay_us=0"),
     Mutant(
@@ -64,16 +65,27 @@ MUTANTS = (
 )
 
 
+def check_places() -> None:
+    """Raises: RigFailure if a line that is to be broken is not there once: it was changed."""
+    for mutant in MUTANTS:
+        _text_of(TREE / "hal" / "etd_hal" / mutant.file, mutant)
+
+
+def _text_of(path: Path, mutant: Mutant) -> str:
+    text = path.read_text()
+    if text.count(mutant.old) != 1:
+        raise RigFailure(
+            f"{mutant.file} has {mutant.old!r} {text.count(mutant.old)} times: mend mutants.py"
+        )
+    return text
+
+
 def break_copy(mutant: Mutant) -> None:
     """A fresh copy of `hal` with this break. Raises: RigFailure if its line is not there once."""
     shutil.rmtree(_COPY, ignore_errors=True)
     shutil.copytree(TREE / "hal", _COPY, ignore=shutil.ignore_patterns("__pycache__"))
     path = _COPY / "etd_hal" / mutant.file
-    text = path.read_text()
-    if text.count(mutant.old) != 1:
-        raise RigFailure(
-            f"{mutant.file} has {mutant.old!r} {text.count(mutant.old)} times: mend it"
-        )
+    text = _text_of(path, mutant)
     path.write_text(text.replace(mutant.old, mutant.new))
 
 
