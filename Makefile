@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test kernel-test kernel-test-pi bench format install uninstall clean
+.PHONY: help demo test kernel-test kernel-test-pi bench format install activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -89,17 +89,18 @@ install: ## Install the daemon for systemd on a Raspberry Pi (as root; DESTDIR= 
 	install -D -m 0644 systemd/etd.sysusers.conf $(DESTDIR)/usr/lib/sysusers.d/etd.conf
 	install -D -m 0644 systemd/etd.tmpfiles.conf $(DESTDIR)/usr/lib/tmpfiles.d/etd.conf
 	install -D -m 0644 systemd/90-etd.rules $(DESTDIR)/usr/lib/udev/rules.d/90-etd.rules
-	$(if $(DESTDIR),,$(activate))
+	$(if $(DESTDIR),,@$(MAKE) --no-print-directory activate)
 	@echo "Installed. Look at $(DESTDIR)/etc/etd/main.toml, then: sudo systemctl enable --now etd@main.target"
 	@echo "Who may use it: sudo adduser NAME etd-users"
 
-# Each step only where there is something to tell: a container has no udev and no systemd.
-define activate
+# The running system takes up what was installed: the end of `make install`, and what a package does
+# after unpacking what came out of a DESTDIR. Each step only where there is something to tell: a
+# container has no udev and no systemd. Settled, so that the services can be started at once.
+activate:
 	systemd-sysusers etd.conf
 	systemd-tmpfiles --create etd.conf
-	if [ -d /run/udev ]; then udevadm control --reload && udevadm trigger --subsystem-match=gpio --subsystem-match=spidev --subsystem-match=i2c-dev; fi
+	if [ -d /run/udev ]; then udevadm control --reload && udevadm trigger --settle --subsystem-match=gpio --subsystem-match=spidev --subsystem-match=i2c-dev; fi
 	if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi
-endef
 
 uninstall: ## Remove what install put there; settings and calibrations stay
 	@test -n "$(DESTDIR)" || test "$$(id -u)" = 0 || { echo "this removes from $(PREFIX) and /etc: sudo make uninstall"; exit 1; }

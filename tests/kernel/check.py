@@ -3,8 +3,8 @@
 Owns: which check runs where and how long, and the account of it all. Must not know: what a check
 does.
 
-x86 shows what needs a processor that goes on while others wait, uml what needs time to be exact.
-The guests run at the same time, a processor each. Ends with 1 when a check failed or was skipped,
+x86 shows what needs a processor that goes on while others wait, uml what needs time to be exact,
+service what needs systemd. The guests run at the same time, a processor each. Ends with 1 when a check failed or was skipped,
 and with 3 when a guest could not be built or started.
 """
 
@@ -35,9 +35,11 @@ _EVERYWHERE = ("check_lines.py", "check_faults.py", "check_pulse.py")
 _ONLY: dict[Guest, tuple[str, ...]] = {
     "x86": ("check_kills.py", "check_hog.py"),
     "uml": ("check_scene.py", "check_selftest.py", "check_unplugged.py", "check_refusals.py"),
+    "service": ("check_service.py",),
 }
+_GUESTS: tuple[Guest, ...] = ("x86", "uml", "service")
 #: What is so exact that nothing may be different from one run to the next.
-_APART: dict[Guest, tuple[str, ...]] = {"x86": (), "uml": ("check_width.py",)}
+_APART: dict[Guest, tuple[str, ...]] = {"x86": (), "uml": ("check_width.py",), "service": ()}
 _PYTEST = ("-m", "pytest", "-q", "-s", "--color=no", "-p", "no:cacheprovider")
 #: Of the contract only what runs on the guest's drivers; of the checks all.
 _WITH_CONTRACT = (
@@ -48,9 +50,10 @@ _AS_EVER = (
     *("-p", "no:randomly", "-o", "python_files=check_*.py"),
     "--junitxml=/run/rig/tests-apart.xml",
 )
+_SERVICE = ("-o", "python_files=check_*.py", "--junitxml=/run/rig/tests.xml")
 #: At most, on a machine that has other things to do.
 _A_KILL_S = 20.0
-_TIMEOUT_S = {"x86": 900.0, "uml": 900.0}
+_TIMEOUT_S = {"x86": 900.0, "uml": 900.0, "service": 900.0}
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,17 @@ class Done:
 
 def command(guest: Guest, amounts: Amounts) -> list[str]:
     """What runs in a guest."""
+    if guest == "service":
+        # One story, and every plugin that is loaded costs a second.
+        light = (
+            "env",
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD=1",
+            "python",
+            *_PYTEST,
+            "-p",
+            "pytest_timeout",
+        )
+        return [*light, *_SERVICE, *(str(_CHECKS / name) for name in _ONLY[guest])]
     apart = [str(_CHECKS / name) for name in _APART[guest]]
     checks = [str(_CHECKS / name) for name in (*_EVERYWHERE, *_ONLY[guest])]
     tests = [*_PYTEST, *_WITH_CONTRACT, *checks]
@@ -143,7 +157,7 @@ def check(guest: Guest, amounts: Amounts) -> Done:
 
 def _chosen() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--guest", choices=("x86", "uml"), help="this one only")
+    parser.add_argument("--guest", choices=_GUESTS, help="this one only")
     parser.add_argument("--thorough", action="store_true", help=f"{THOROUGH}, not {EVERYDAY}")
     parser.add_argument("--kills", type=int, help="of the engine, in x86")
     parser.add_argument("--pulses", type=int, help="of each width, in uml")
@@ -185,7 +199,7 @@ def _account(done: list[Done]) -> int:
 
 def main() -> int:
     chosen = _chosen()
-    guests: tuple[Guest, ...] = (chosen.guest,) if chosen.guest else ("x86", "uml")
+    guests: tuple[Guest, ...] = (chosen.guest,) if chosen.guest else _GUESTS
     begun_ns = clock.now_ns()
     try:
         mutants.check_places()

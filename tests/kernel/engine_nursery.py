@@ -27,7 +27,7 @@ def as_the_unit_does() -> None:
     os.sched_setscheduler(0, policy, os.sched_param(80))
 
 
-def _passed(loaded: LoadedConfig) -> Report:
+def passed_selftest(loaded: LoadedConfig) -> Report:
     """What stands in for a self-test: without one no board of the kernel's is armed."""
     return Report(
         passed=True,
@@ -52,7 +52,7 @@ def main(config: Path, folder: Path) -> int:
     loaded = load_config(config)
     tested = folder / "selftest.json"
     if not tested.exists():
-        save(_passed(loaded), tested)
+        save(passed_selftest(loaded), tested)
     for _ in sys.stdin:
         pid = os.fork()
         if pid == 0:

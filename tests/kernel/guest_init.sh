@@ -16,17 +16,35 @@ fail() {
     /bin/busybox poweroff -f
 }
 
+# rig.layers=A:B: folders of the share "layers" that lie over the root. rig.first=PROGRAM: what goes
+# on as the first process, and runs the command, and ends the machine.
+layers= first=
+for word in $(/bin/busybox cat /proc/cmdline); do
+    case "$word" in
+    rig.layers=*) layers="${word#rig.layers=}" ;;
+    rig.first=*) first="${word#rig.first=}" ;;
+    esac
+done
+
 for module in $(/bin/busybox cat /modules/order); do
     /bin/busybox insmod "/modules/$module" || fail "the module $module does not load"
 done
 
 share="trans=virtio,version=9p2000.L,msize=262144"
 /bin/busybox mount -t 9p -o "ro,cache=loose,$share" hostroot /host || fail "no root folder"
+if [ -n "$layers" ]; then
+    # A share of their own: a layer may not lie within another.
+    /bin/busybox mkdir -p /layers
+    /bin/busybox mount -t 9p -o "ro,cache=loose,$share" layers /layers || fail "no layers"
+    layers="/layers/$(echo "$layers" | /bin/busybox sed 's|:|:/layers/|g'):"
+fi
 /bin/busybox mount -t tmpfs -o size=60% tmpfs /layer
 /bin/busybox mkdir -p /layer/upper /layer/work /layer/out
 /bin/busybox mount -t 9p -o "cache=none,$share" out /layer/out || fail "no shared folder"
-/bin/busybox mount -t overlay -o "lowerdir=/host,upperdir=/layer/upper,workdir=/layer/work" \
+/bin/busybox mount -t overlay -o "lowerdir=$layers/host,upperdir=/layer/upper,workdir=/layer/work" \
     overlay /new || fail "no layer over the root folder"
+# This machine may be a container; the guest is none, and systemd would leave udev out.
+/bin/busybox rm -f /new/.dockerenv
 
 for folder in proc sys dev; do
     /bin/busybox mount --move "/$folder" "/new/$folder"
@@ -39,6 +57,11 @@ done
 /bin/busybox mkdir -p /new/run/rig
 /bin/busybox mount --move /layer/out /new/run/rig || fail "the shared folder does not move"
 /bin/busybox ip link set lo up
+
+if [ -n "$first" ]; then
+    # What is left here is of no more use, and goes.
+    exec /bin/busybox switch_root /new "$first"
+fi
 
 /bin/busybox stty -F /new/dev/ttyS1 raw 2>/dev/null
 /bin/busybox chroot /new /bin/sh /run/rig/command </dev/null >/new/dev/ttyS1 2>&1

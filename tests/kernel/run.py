@@ -1,13 +1,13 @@
 """Boots a guest, runs one command in it, and brings back what it said and its status.
 
-    .venv/bin/python tests/kernel/run.py [--timeout SECONDS] x86|uml COMMAND ...
+    .venv/bin/python tests/kernel/run.py [--timeout SECONDS] x86|uml|service COMMAND ...
 
 Owns: the guests' command lines, the shared folder, the time limit, the guest's end.
 Must not know: what the command does.
 
 x86 is a stock Debian kernel on an emulated processor whose clock counts instructions: a message
 takes what its instructions take, however busy this machine is. uml is User-Mode Linux with a
-clock that only sleeping moves. A guest that does not start, or ends without a status, is a
+clock that only sleeping moves. service is x86 with systemd as its first process. A guest that does not start, or ends without a status, is a
 failure with its console.
 """
 
@@ -24,10 +24,11 @@ from typing import Literal
 
 import build_uml
 import build_x86
+import service_layers
 from build_x86 import spidev_package
-from pieces import BUILD, HERE, TREE, RigFailure
+from pieces import BUILD, CACHE, HERE, TREE, RigFailure
 
-Guest = Literal["x86", "uml"]
+Guest = Literal["x86", "uml", "service"]
 _TIMEOUT_S = 300
 #: 2 ns an instruction: about as fast as a Pi.
 _CLOCK = "shift=1"
@@ -65,6 +66,23 @@ def uml(linux: Path, module: Path, out: Path) -> list[str]:
     ]
 
 
+def with_systemd(line: list[str], layers: list[Path]) -> list[str]:
+    """The emulator's command line with systemd as the guest's first process, in these layers."""
+    words = line.index("-append") + 1
+    return [
+        *(*line[:words], f"{line[words]} {service_layers.boot_words(layers)}", *line[words + 1 :]),
+        *("-fsdev", f"local,id=f2,path={CACHE},security_model=none,readonly=on,multidevs=remap"),
+        *("-device", "virtio-9p-pci,fsdev=f2,mount_tag=layers"),
+    ]
+
+
+def _command_line(guest: Guest, out: Path) -> list[str]:
+    if guest == "uml":
+        return uml(*build_uml.build(sys.executable), out)
+    line = x86(*build_x86.build(sys.executable), out)
+    return with_systemd(line, service_layers.build()) if guest == "service" else line
+
+
 def command_file(out: Path, command: list[str]) -> None:
     """What the guest runs: the command, in the tree, with the tree's packages."""
     ours = (TREE / "daemon", TREE / "hal", TREE / "tests", HERE)
@@ -88,11 +106,7 @@ def boot(guest: Guest, command: list[str], timeout_s: float) -> int:
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     command_file(out, command)
-    if guest == "x86":
-        line = x86(*build_x86.build(sys.executable), out)
-    else:
-        line = uml(*build_uml.build(sys.executable), out)
-    ended = _run_machine(line, out, timeout_s)
+    ended = _run_machine(_command_line(guest, out), out, timeout_s)
     output = out / "output"
     if output.exists():
         sys.stdout.write(output.read_text(errors="replace").replace("\r\n", "\n"))
@@ -136,7 +150,7 @@ def _console(out: Path) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="run a command in a guest")
-    parser.add_argument("guest", choices=("x86", "uml"))
+    parser.add_argument("guest", choices=("x86", "uml", "service"))
     parser.add_argument("--timeout", type=float, default=_TIMEOUT_S, help="seconds")
     parser.add_argument("command", nargs=argparse.REMAINDER)
     chosen = parser.parse_args()

@@ -1,0 +1,236 @@
+"""The services for real: systemd as the first process, our units and users and device rules.
+
+The board's buses answer zero by themselves (`alone`): what is judged is systemd, the journal, and
+the kernel's trace.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import kernel_trace
+import service_scene as scene
+import trace_decoder
+import trace_rules
+from etd_hal.fake.trace import header
+from etd_hal.linux import gpio
+from guest_board import report, set_parameter, unplugged
+from kernel_trace import Event
+from service_scene import CLOCK, ENGINE, GATEWAY, PERSON, STRANGER
+
+FACTS = trace_decoder.parse(header(scene.BOARD, range(scene.BOARD.switch.outputs)))[0]
+#: Stamps are cut to whole microseconds.
+REST_US = scene.BOARD.rest_us - 1
+#: More than a probe, in uA: somebody is to feel it.
+FELT_UA = 310
+TOLD = Path("/run/rig-told")
+
+
+@pytest.fixture(scope="module")
+def installed() -> Iterator[None]:
+    set_parameter("alone", 1)
+    scene.set_up()
+    yield
+    scene.stop()
+
+
+@pytest.fixture
+def services(installed: None) -> None:
+    """Both are there, in SAFE; the trace goes back to where the engine was started."""
+    TOLD.unlink(missing_ok=True)
+    if not scene.main_pid(ENGINE):
+        kernel_trace.begin()
+    scene.start()
+
+
+def pulses(events: list[Event]) -> list[trace_decoder.Phase]:
+    """What is strong enough to be felt, by a decoding that knows nothing of our encoders."""
+    phases = trace_decoder.decode(kernel_trace.records(events, FACTS))
+    return [one for one in phases if one.current_ua > FELT_UA]
+
+
+def assert_made_safe_by(pid: int, events: list[Event]) -> int:
+    """By `etd safe` of this process id: POL up, BL down, a zero word. When it began, in ns."""
+    mine = [event for event in events if event.pid == pid]
+    lines = {event.rest for event in mine if event.name == "rig_line"}
+    named = scene.BOARD.used_lines()
+    assert {f"{named['POL']} 1", f"{named['BL']} 0"} <= lines
+    assert bytes(2) in [event.tx for event in mine if event.name == "spi_transfer_start"]
+    return mine[0].t_us * 1_000
+
+
+def safe_in(journal: list[scene.Entry]) -> list[int]:
+    """The process ids of each `etd safe` that said that it was."""
+    return [one.pid for one in journal if one.text.startswith("safe (linux): ")]
+
+
+def test_both_are_ready_and_each_is_a_user_of_its_own_without_rights(services: None) -> None:
+    engine, gateway = scene.main_pid(ENGINE), scene.main_pid(GATEWAY)
+    assert scene.user_of(engine) == "etd-engine"
+    assert scene.groups_of(engine) == {"etd", "gpio", "spi", "i2c"}
+    assert scene.user_of(gateway) == "etd-gateway"
+    assert scene.groups_of(gateway) == {"etd", "etd-users"}
+    for pid in (engine, gateway):
+        facts = scene.process_facts(pid)
+        assert [facts[key] for key in ("CapEff", "CapPrm", "CapBnd")] == ["0" * 16] * 3
+        assert (facts["NoNewPrivs"], facts["Seccomp"]) == ("1", "2")
+    assert os.sched_getscheduler(engine) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
+    assert os.sched_getparam(engine).sched_priority == 80
+    assert os.sched_getscheduler(gateway) == os.SCHED_OTHER
+    assert scene.shown(ENGINE, "StatusText")["StatusText"].startswith("SAFE, kajimoto-hv507")
+
+
+def test_devices_belong_to_groups_and_the_engine_alone_has_them(services: None) -> None:
+    groups = {"/dev/gpiochip0": "gpio", "/dev/spidev0.0": "spi", "/dev/i2c-1": "i2c"}
+    for device, group in groups.items():
+        assert scene.owner_of(Path(device)) == f"root {group} 660"
+        for user, may in (("etd-engine", True), ("etd-gateway", False), (PERSON, False)):
+            opened = scene.run("sh", "-c", f": <>{device}", user=user)
+            assert (opened.returncode == 0) is may, (user, device)
+
+
+def test_even_root_opens_no_other_device_in_the_engines_place(services: None) -> None:
+    group = "/sys/fs/cgroup" + scene.shown(ENGINE, "ControlGroup")["ControlGroup"]
+    opens = 'echo $$ >"$0/cgroup.procs" && : <>"$1"'
+    for device in ("/dev/gpiochip0", "/dev/spidev0.0", "/dev/i2c-1"):
+        assert scene.run("sh", "-c", opens, group, device).returncode == 0
+    for device in ("/dev/spidev0.1", "/dev/rig", "/dev/mem"):
+        refused = scene.run("sh", "-c", opens, group, device)
+        assert "Operation not permitted" in refused.stderr
+
+
+def test_people_reach_the_gateway_and_nobody_the_engine(services: None) -> None:
+    assert scene.owner_of(scene.SOCKETS) == "etd-engine etd 771"
+    for name in ("control", "frames", "telemetry"):
+        path = scene.SOCKETS / f"{name}.sock"
+        assert scene.owner_of(path) == "etd-gateway etd-users 660"
+    for name in ("commands", "frames"):
+        path = scene.SOCKETS / f"engine-{name}.sock"
+        assert scene.owner_of(path) == "etd-engine etd 660"
+    assert scene.owner_of(Path("/var/lib/etd/main")) == "etd-gateway etd-users 700"
+    refused = scene.run("etd", "status", user=STRANGER)
+    assert refused.returncode == 3
+    assert "may not use the socket" in refused.stderr
+
+
+def test_what_a_person_plays_is_fired_where_and_as_strong_as_it_says(
+    services: None, tmp_path: Path
+) -> None:
+    scene.said_by("chmod", "-R", "a+rX", str(tmp_path.parent.parent))
+    played = scene.play(tmp_path / "pattern.json", {3: 0.4, 40: 0.7})
+    assert played.returncode == 0, played.stdout + played.stderr
+    fired = pulses(kernel_trace.events())
+    for electrode, current_ua in ((3, 400), (40, 700)):
+        strongest = max(one.current_ua for one in fired if one.electrode == electrode)
+        assert current_ua * 0.98 <= strongest <= current_ua
+    assert {one.electrode for one in fired} == {3, 40}
+
+
+def test_stopping_ends_both_in_peace_and_leaves_a_safe_board(services: None) -> None:
+    before = {unit: scene.cursor(unit) for unit in (ENGINE, GATEWAY)}
+    scene.stop()
+    for unit, since in before.items():
+        said = [one.text for one in scene.journal(since, unit)]
+        assert f"{unit}: Deactivated successfully." in said
+    (pid,) = safe_in(scene.journal(before[ENGINE]))
+    assert_made_safe_by(pid, kernel_trace.events())
+    chip = gpio.find_chip(scene.BOARD.gpio_chip_labels)
+    assert gpio.holders(chip, tuple(scene.BOARD.used_lines().values())) == {}
+
+
+def test_an_engine_that_ends_is_made_safe_and_started_again_and_in_the_end_stays_down(
+    services: None,
+) -> None:
+    """Five starts in five minutes: the one before, after a kill, after a hang, after more kills."""
+    assert_killed_in_mid_scan()
+    assert_found_hanging()
+    before = scene.cursor()
+    killed = 0
+    while scene.started_again_or_down():
+        assert not TOLD.exists()
+        end_engine(signal.SIGKILL)
+        killed += 1
+    scene.wait(TOLD.exists, "the unit of OnFailure=")
+    assert TOLD.read_text().split() == [ENGINE, "signal"]
+    # The first start does not count where `reset-failed` came after it.
+    assert killed in (3, 4)
+    assert len(safe_in(scene.journal(before))) == killed
+    told = scene.status()
+    assert told is not None
+    assert told.engine == "gone"
+
+
+def assert_killed_in_mid_scan() -> None:
+    """What began ends in zero, ExecStopPost makes safe, what comes up is in SAFE and silent."""
+    before = scene.cursor()
+    with scene.showing([1_000] * 64):
+        CLOCK.sleep_until_ns(CLOCK.now_ns() + 600_000_000)
+        killed_ns = end_engine(signal.SIGKILL)
+    scene.wait(lambda: scene.restarts() == 1, "a restart")
+    scene.wait_for_state("SAFE")
+    events = kernel_trace.events()
+    fired = pulses(events)
+    assert 0 < killed_ns - fired[-1].to_ns < 150_000_000, "it was not scanning"
+    for message in kernel_trace.messages(events):
+        assert [event.tx for event in message if event.tx][-1] == bytes(2)
+    assert trace_rules.violations(kernel_trace.records(events, FACTS), REST_US) == []
+    said = assert_made_safe(before, killed_ns, events)
+    assert "code=killed, status=9/KILL" in said
+    assert "Failed with result 'signal'" in said
+
+
+def assert_found_hanging() -> None:
+    """No WATCHDOG=1 for half a second: aborted, made safe, started again."""
+    kernel_trace.begin()
+    before = scene.cursor()
+    hung_ns = end_engine(signal.SIGSTOP)
+    scene.wait(lambda: scene.restarts() == 2, "a restart")
+    said = assert_made_safe(before, hung_ns, kernel_trace.events())
+    assert "Watchdog timeout (limit 500ms)!" in said
+    assert "code=killed, status=6/ABRT" in said
+    assert "Failed with result 'watchdog'" in said
+    scene.wait_for_state("SAFE")
+
+
+def end_engine(number: signal.Signals) -> int:
+    """Send it; when it was sent."""
+    pid = scene.main_pid(ENGINE)
+    sent_ns = CLOCK.now_ns()
+    os.kill(pid, number)
+    return sent_ns
+
+
+def assert_made_safe(before: str, ended_ns: int, events: list[Event]) -> str:
+    """By ExecStopPost, once. Returns what the journal says."""
+    journal = scene.journal(before)
+    (pid,) = safe_in(journal)
+    late_ms = (assert_made_safe_by(pid, events) - ended_ns) / 1e6
+    report(f"from the signal to the first line of `etd safe`: {late_ms:.0f} ms")
+    return "\n".join(one.text for one in journal)
+
+
+def test_an_engine_without_its_bus_is_not_tried_again_and_somebody_is_told(
+    services: None,
+) -> None:
+    scene.said_by("systemctl", "stop", ENGINE)
+    with unplugged("rig-spi"):
+        assert scene.run("systemctl", "start", ENGINE).returncode != 0
+        shown = scene.shown(ENGINE, "ActiveState", "ExecMainStatus", "NRestarts")
+    assert shown == {"ActiveState": "failed", "ExecMainStatus": "3", "NRestarts": "0"}
+    scene.wait(TOLD.exists, "the unit of OnFailure=")
+    assert TOLD.read_text().split() == [ENGINE, "exit-code"]
+
+
+@pytest.mark.parametrize(("unit", "at_most"), [(ENGINE, 0.6), (GATEWAY, 0.5)])
+def test_exposure_as_booted(installed: None, unit: str, at_most: float) -> None:
+    told = scene.said_by("systemd-analyze", "security", "--no-pager", unit)
+    found = re.search(rf"exposure level for {re.escape(unit)}: (\d+\.\d)", told)
+    assert found is not None, told
+    report(f"{unit}: exposure as booted {found[1]} of 10, {at_most} allowed")
+    assert float(found[1]) <= at_most
