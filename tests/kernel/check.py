@@ -4,8 +4,8 @@ Owns: which check runs where and how long, and the account of it all. Must not k
 does.
 
 x86 shows what needs a processor that goes on while others wait, uml what needs time to be exact,
-service what needs systemd. The guests run at the same time, a processor each. Ends with 1 when a check failed or was skipped,
-and with 3 when a guest could not be built or started.
+service what needs systemd. The guests run at the same time, a processor each. Ends with 1 when a
+check failed or was skipped, and with 3 when a guest could not be built or started.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import build_uml
 import build_x86
 import measured
 import mutants
+import service_layers
 from etd.client import clock
 from pieces import BUILD, TREE, RigFailure
 from run import Guest, boot
@@ -205,6 +206,7 @@ def main() -> int:
         mutants.check_places()
         for build in (build_x86.build, build_uml.build):
             build(sys.executable)
+        service_layers.build()
     except RigFailure as failure:
         print(f"the kernel rig failed: {failure}", file=sys.stderr)
         return 3

@@ -7,8 +7,8 @@ Must not know: what the command does.
 
 x86 is a stock Debian kernel on an emulated processor whose clock counts instructions: a message
 takes what its instructions take, however busy this machine is. uml is User-Mode Linux with a
-clock that only sleeping moves. service is x86 with systemd as its first process. A guest that does not start, or ends without a status, is a
-failure with its console.
+clock that only sleeping moves. service is x86 with systemd as its first process. A guest that does
+not start, or ends without a status, is a failure with its console.
 """
 
 from __future__ import annotations

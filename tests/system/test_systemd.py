@@ -87,3 +87,22 @@ def test_the_two_processes_are_two_users_without_capabilities() -> None:
     units = [settings(f"etd-{part}@.service") for part in ("engine", "gateway")]
     assert [unit["User"] for unit in units] == [["etd-engine"], ["etd-gateway"]]
     assert all(unit["CapabilityBoundingSet"] == [""] for unit in units)
+
+
+def test_whoever_stays_down_is_told_of_after_so_many_starts_and_not_after_each() -> None:
+    """An operator's own `OnFailure=` hangs on it: what is always restarted never fails."""
+    for name in ("etd-engine@.service", "etd-gateway@.service"):
+        unit = settings(name)
+        assert (unit["StartLimitBurst"], unit["StartLimitIntervalSec"]) == (["5"], ["300"])
+        assert unit["Restart"] == ["on-failure"]
+
+
+def test_the_rules_give_each_bus_to_its_group_and_to_nobody_else() -> None:
+    rules = (SYSTEMD / "90-etd.rules").read_text().splitlines()
+    given = [re.findall(r'(\w+)==?"([^"]*)"', rule) for rule in rules if not rule.startswith("#")]
+    found = {dict(rule)["SUBSYSTEM"]: (dict(rule)["GROUP"], dict(rule)["MODE"]) for rule in given}
+    assert found == {
+        "gpio": ("gpio", "0660"),
+        "spidev": ("spi", "0660"),
+        "i2c-dev": ("i2c", "0660"),
+    }
