@@ -78,12 +78,17 @@ def _tree_files() -> Iterator[Path]:
 
 
 def _python() -> str:
-    """An interpreter that a service can see."""
+    """An interpreter that a service can see, and that spidev can be compiled for."""
     for path in ("/usr/bin/python3", "/usr/local/bin/python3", os.path.realpath(sys.executable)):
         real = os.path.realpath(path)
         if Path(real).exists() and not real.startswith(_HOMES):
-            return path
-    raise RigFailure("no Python outside of somebody's home: sudo apt-get install python3-venv")
+            headers = run(path, "-c", "import sysconfig; print(sysconfig.get_path('include'))")
+            if Path(headers.strip(), "Python.h").exists():
+                return path
+    raise RigFailure(
+        "no Python with its headers outside of somebody's home:"
+        " sudo apt-get install python3-dev python3-venv"
+    )
 
 
 def _installed() -> Path:
