@@ -29,8 +29,6 @@ FACTS = trace_decoder.parse(header(scene.BOARD, range(scene.BOARD.switch.outputs
 REST_US = scene.BOARD.rest_us - 1
 #: More than a probe, in uA: somebody is to feel it.
 FELT_UA = 310
-#: A scan at 5 Hz, and a little.
-A_SCAN_NS = 250_000_000
 TOLD = Path("/run/rig-told")
 
 
@@ -150,7 +148,7 @@ def test_an_engine_that_ends_is_made_safe_and_started_again_and_in_the_end_stays
     services: None,
 ) -> None:
     """Five starts in five minutes: the one before, after a kill, after a hang, after more kills."""
-    assert_killed_in_mid_scan()
+    assert_killed_as_it_shows_a_frame()
     assert_found_hanging()
     before = scene.cursor()
     killed = 0
@@ -168,17 +166,20 @@ def test_an_engine_that_ends_is_made_safe_and_started_again_and_in_the_end_stays
     assert told.engine == "gone"
 
 
-def assert_killed_in_mid_scan() -> None:
+def assert_killed_as_it_shows_a_frame() -> None:
     """What began ends in zero, ExecStopPost makes safe, what comes up is in SAFE and silent."""
     before = scene.cursor()
+    pid = scene.main_pid(ENGINE)
     with scene.showing([1_000] * 64):
-        CLOCK.sleep_until_ns(CLOCK.now_ns() + 600_000_000)
-        killed_ns = end_engine(signal.SIGKILL)
+        shown_ns = CLOCK.now_ns()
+        CLOCK.sleep_until_ns(shown_ns + 400_000_000)
+        killed_ns = end_engine(signal.SIGKILL, pid)
     scene.wait(lambda: scene.restarts() == 1, "a restart")
     scene.wait_for_state("SAFE")
     events = kernel_trace.events()
     fired = pulses(events)
-    assert 0 < killed_ns - fired[-1].to_ns < A_SCAN_NS, "it was not scanning"
+    # Where in a scan does not matter here: check_kills.py has all its moments.
+    assert shown_ns < fired[-1].to_ns < killed_ns + 1_000_000, "it fired not then, or afterwards"
     for message in kernel_trace.messages(events):
         assert [event.tx for event in message if event.tx][-1] == bytes(2)
     assert trace_rules.violations(kernel_trace.records(events, FACTS), REST_US) == []
@@ -200,9 +201,9 @@ def assert_found_hanging() -> None:
     scene.wait_for_state("SAFE")
 
 
-def end_engine(number: signal.Signals) -> int:
-    """Send it; when it was sent."""
-    pid = scene.main_pid(ENGINE)
+def end_engine(number: signal.Signals, pid: int | None = None) -> int:
+    """Send it, to this process id if it is known already; when it was sent."""
+    pid = scene.main_pid(ENGINE) if pid is None else pid
     sent_ns = CLOCK.now_ns()
     os.kill(pid, number)
     return sent_ns
