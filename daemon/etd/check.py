@@ -153,7 +153,8 @@ def _body_site(path: Path) -> Answer:
     summary = (
         f"{site.maxima.uncalibrated_current_ua} uA until calibrated, then"
         f" {site.maxima.current_ua} uA; {site.maxima.charge_nc} nC a phase, {side} the yardstick"
-        f" of about {round(line_nc, -1):.0f} nC for {site.electrode_diameter_mm:g} mm"
+        f" of about {round(line_nc, -1):.0f} nC for {site.electrode_diameter_mm:g} mm; stabilized"
+        f" by {', '.join(site.stabilize.order) or 'nothing'}"
     )
     return site.name, summary, ()
 

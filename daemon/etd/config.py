@@ -143,6 +143,7 @@ def _load_named(config: EtdConfig, folder: Path, source: str) -> LoadedConfig:
     check_fits(array, loaded.board.switch.outputs, source)
     _check_guards(loaded)
     _check_site(loaded)
+    _check_pressure(loaded)
     return loaded
 
 
@@ -211,4 +212,32 @@ def _check_site(loaded: LoadedConfig) -> None:
                 "body_site",
                 f"the default {key} of {site.name} is {default}, {board.name} allows {most}",
                 "name another body site, or a board that can do it",
+            )
+
+
+def _check_pressure(loaded: LoadedConfig) -> None:
+    sensors, board = loaded.array.pressure, loaded.board
+    if loaded.body_site.stabilize.pressure is not None and not sensors:
+        raise FileError(
+            loaded.source,
+            "body_site",
+            f"{loaded.body_site.name} goes by pressure, {loaded.array.name} has no sensor",
+            "describe the sensors under the array in its file, or take the law out of the site's",
+        )
+    if sensors and board.i2c == "absent":
+        raise FileError(
+            loaded.source,
+            "array",
+            f"{loaded.array.name} has pressure sensors, {board.name} has no I2C",
+            "name the bus in the board file, or an array without sensors",
+        )
+    monitor = board.guards.rail_monitor
+    for index, one in enumerate(sensors):
+        if monitor != "absent" and (one.address, one.channel) == (monitor.address, monitor.channel):
+            raise FileError(
+                loaded.source,
+                "array",
+                f"pressure[{index}] of {loaded.array.name} is on the input of {board.name} that"
+                " watches the rail",
+                "give each an input of its own",
             )

@@ -40,6 +40,19 @@ def test_each_change_of_state_is_one_line_with_its_cause() -> None:
     ]
 
 
+def test_what_is_not_believed_is_told_once_while_a_board_is_live() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    for state, count in (("ARMED", 0), ("ARMED", 1), ("ARMED", 2), ("SAFE", 2), ("ARMED", 2)):
+        journal.state(report(state, counters={"not_believed_noise": count}))
+    journal.state(report("ARMED", counters={"not_believed_noise": 3}))
+    told = [line for line in lines_of(journal, stream) if "not stabilized" in line]
+    assert (
+        told
+        == ["etd main: not stabilized for a while: resistances flicker from pulse to pulse"] * 2
+    )
+
+
 def test_a_lease_is_told_when_it_begins_and_when_it_ends() -> None:
     stream = io.StringIO()
     journal = Journal("main", stream)

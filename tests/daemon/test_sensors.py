@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from etd.engine.sensors import STALE_NS, RailSensor
+from etd.array import Array, Electrode, PressureSensor
+from etd.engine.sensors import STALE_NS, PressureSensors, RailSensor
 from etd_hal.fake.faults import I2cFailure, RailOff
 from stepped_board import SteppedBoard, stepped_board
 
@@ -113,3 +114,94 @@ def test_a_board_without_a_monitor_asks_nothing_and_knows_nothing() -> None:
     assert not sensor.is_there
     assert read(made, sensor) is None
     assert sensor.problem == ""
+
+
+# --- pressure ------------------------------------------------------------------------------------
+
+NEAR, FAR = 1, 2
+
+
+def pressed_array() -> Array:
+    """Two electrodes, each over a sensor: 0.5 V is none, 100 kPa a volt, up to 2.5 V."""
+
+    def sensor(channel: int, x_mm: float) -> PressureSensor:
+        return PressureSensor(
+            address=MONITOR,
+            channel=channel,
+            x_mm=x_mm,
+            y_mm=0.0,
+            zero_v=0.5,
+            kpa_per_v=100.0,
+            low_v=0.3,
+            high_v=2.5,
+        )
+
+    return Array(
+        name="pressed",
+        title="for tests",
+        view="through-finger",
+        mark="left",
+        diameter_mm=1.0,
+        electrode=(Electrode(x_mm=0.0, y_mm=0.0), Electrode(x_mm=10.0, y_mm=0.0)),
+        pressure=(sensor(NEAR, 1.0), sensor(FAR, 9.0)),
+    )
+
+
+def pressure_of(made: SteppedBoard) -> PressureSensors:
+    return PressureSensors(pressed_array(), made.backend.i2c, made.clock)
+
+
+def read_all(made: SteppedBoard, sensors: PressureSensors) -> list[float | None]:
+    for sensor in range(sensors.count):
+        sensors.begin(sensor)
+        made.clock.spend(3 * MS)
+        sensors.end(sensor)
+    return [sensors.kpa(one, made.clock.now_ns()) for one in range(2)]
+
+
+def test_each_electrode_goes_by_the_sensor_nearest_to_it() -> None:
+    made = stepped_board("reference-hv507")
+    sensors = pressure_of(made)
+    assert [sensors.kpa(one, made.clock.now_ns()) for one in range(2)] == [None, None]
+    made.fake.world.set_sensor_v(MONITOR, NEAR, 1.5)
+    made.fake.world.set_sensor_v(MONITOR, FAR, 0.4)
+    assert read_all(made, sensors) == [pytest.approx(100.0, rel=0.01), 0.0]
+    assert sensors.problem == ""
+
+
+@pytest.mark.parametrize("volts", [0.0, 2.9])
+def test_a_voltage_that_no_sensor_makes_is_a_dead_one(volts: float) -> None:
+    made = stepped_board("reference-hv507")
+    sensors = pressure_of(made)
+    made.fake.world.set_sensor_v(MONITOR, NEAR, volts)
+    made.fake.world.set_sensor_v(MONITOR, FAR, 1.0)
+    near_kpa, far_kpa = read_all(made, sensors)
+    assert near_kpa is None
+    assert far_kpa == pytest.approx(50.0, rel=0.01)
+    assert sensors.is_dead(0, made.clock.now_ns())
+    assert not sensors.is_dead(1, made.clock.now_ns())
+
+
+def test_a_pressure_that_is_stale_or_cannot_be_read_is_unknown() -> None:
+    made = stepped_board("reference-hv507")
+    sensors = pressure_of(made)
+    made.fake.world.set_sensor_v(MONITOR, NEAR, 1.5)
+    read_all(made, sensors)
+    made.clock.spend(STALE_NS + 10 * MS)
+    assert sensors.kpa(0, made.clock.now_ns()) is None
+    made.fake.world.put_in(I2cFailure(MONITOR, "io"))
+    assert read_all(made, sensors) == [None, None]
+    assert "pressure sensor 1: " in sensors.problem
+
+
+def test_an_array_without_sensors_has_none_to_die() -> None:
+    made = stepped_board("kajimoto-hv507")
+    plain = Array(
+        **{
+            name: getattr(pressed_array(), name)
+            for name in ("name", "title", "view", "mark", "diameter_mm", "electrode")
+        }
+    )
+    sensors = PressureSensors(plain, made.backend.i2c, made.clock)
+    assert sensors.count == 0
+    assert not sensors.is_dead(0, 0)

@@ -24,6 +24,10 @@ class Pressed(Protocol):
         """None where unknown: no sensor, an error, or stale."""
         ...
 
+    def is_dead(self, electrode: int, now_ns: int) -> bool:
+        """There is a sensor, and it says nothing."""
+        ...
+
 
 class Asker:
     """See the module. One a daemon; it forgets when the supply was off."""
@@ -42,6 +46,7 @@ class Asker:
         self._pressed = pressed
         self._reporter = reporter
         self._calibration: Calibration | None = None
+        self._dead: set[int] = set()
         self.reach = reach_of(self._stabilizers)
 
     def serve(self, calibration: Calibration | None) -> None:
@@ -69,6 +74,16 @@ class Asker:
             return visit.most.in_slot(asked)
         return asked
 
+    def _pressure(self, electrode: int, now_ns: int) -> float | None:
+        """A sensor that died is counted once for each electrode over it, until it is back."""
+        kpa = self._pressed.kpa(electrode, now_ns)
+        if kpa is not None:
+            self._dead.discard(electrode)
+        elif electrode not in self._dead and self._pressed.is_dead(electrode, now_ns):
+            self._dead.add(electrode)
+            self._reporter.counters["not_believed_pressure"] += 1
+        return kpa
+
     def known(self, electrode: int, now_ns: int) -> Known:
         """All that stabilizers get to see."""
         contact, impedance = self._contact, self._impedance
@@ -85,8 +100,9 @@ class Asker:
             skin_ohm=impedance.skin_ohm(electrode),
             skin_at_ua=impedance.at_ua(electrode),
             reference_ohm=None if person is None else person.resistance_ohm,
+            reference_at_ua=None if person is None else person.comfortable_ua,
             threshold_ua=None if person is None else person.threshold_ua,
-            pressure_kpa=self._pressed.kpa(electrode, now_ns),
+            pressure_kpa=self._pressure(electrode, now_ns),
         )
 
     def learn(self, electrode: int, samples: Samples) -> None:

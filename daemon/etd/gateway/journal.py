@@ -20,6 +20,15 @@ from etd.link import Greeting
 from etd.protocol import StateReport
 
 _ROOM = 1_000
+#: Counters of the engine's that are each worth a line, once they begin: what is no longer believed,
+#: so that stabilizers leave the pulse as the frame has it.
+_NOT_BELIEVED = {
+    "not_believed_adc": "the source's node was not at rest before a pulse",
+    "not_believed_compliance": "the source was at its end, so no resistance is known",
+    "not_believed_implausible": "a resistance that no skin has was read",
+    "not_believed_noise": "resistances flicker from pulse to pulse",
+    "not_believed_pressure": "a pressure sensor says nothing",
+}
 #: Refusals are summed up at most this often.
 SUM_UP_NS = 10_000_000_000
 
@@ -56,6 +65,8 @@ class Journal:
         self._log = logging.Logger("etd.journal", logging.INFO)
         self._log.addHandler(self._queue)
         self._state = ""
+        self._doubts: set[str] = set()
+        self._believed: dict[str, int] = {}
         self._holder: StandingLease | None = None
         self._refused: Counter[str] = Counter()
         self._summed_ns = 0
@@ -89,7 +100,11 @@ class Journal:
         self._log.error("engine gone: nothing is felt; a new one comes up in SAFE")
 
     def state(self, report: StateReport) -> None:
-        """Every change of state, with its cause."""
+        """Every change of state, with its cause; and what is not believed, once a live board."""
+        if report.state == "SAFE":
+            self._doubts.clear()
+        else:
+            self._tell_doubts(report.counters)
         if report.state == self._state:
             return
         self._state = report.state
@@ -102,6 +117,13 @@ class Journal:
             self._log.info("%s", report.state)
         for sentence in report.not_granted if report.state == "SAFE" else ():
             self._log.warning("%s", sentence)
+
+    def _tell_doubts(self, counters: dict[str, int]) -> None:
+        for key, why in _NOT_BELIEVED.items():
+            if counters.get(key, 0) > self._believed.get(key, 0) and key not in self._doubts:
+                self._doubts.add(key)
+                self._log.warning("not stabilized for a while: %s", why)
+        self._believed = {key: counters.get(key, 0) for key in _NOT_BELIEVED}
 
     def lease(self, standing: StandingLease | None) -> None:
         """Whoever holds it now; only a change is a line."""

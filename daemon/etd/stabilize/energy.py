@@ -24,8 +24,9 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.pipeline import Known, Reach, Wish, stepped_up_us
+from etd.stabilize.pipeline import Known, Reach, Wish
 from etd.stabilize.reference import References
+from etd.stabilize.rounding import held_us
 from etd.stabilize.slew import Slew
 
 
@@ -53,7 +54,7 @@ class Energy:
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         wanted = 1.0
-        compared = self._references.ratio(known, wish.current_ua)
+        compared = self._references.compared(known, wish.current_ua)
         if compared is not None:
             now_ohm, reference_ohm = compared
             wanted = self._power(reference_ohm) / self._power(now_ohm)
@@ -74,8 +75,6 @@ class Energy:
         if factor == 1.0:
             return wish
         exact_us = wish.width_us * factor
-        widest_us = int(wish.width_us * self._law.most_wider)
-        narrowest_us = min(self._law.narrowest_us, wish.width_us)
-        width_us = max(narrowest_us, min(stepped_up_us(exact_us), widest_us))
+        width_us = held_us(wish, exact_us, self._law.narrowest_us, self._law.most_wider)
         current_ua = int(wish.current_ua * min(1.0, math.sqrt(exact_us / width_us)))
         return replace(wish, current_ua=current_ua, width_us=width_us)

@@ -67,8 +67,9 @@ class Known:
     undelivered_ua: int | None = None
     skin_ohm: float | None = None
     skin_at_ua: int = 0
-    #: From the calibration: resistance then, and where feeling begins.
+    #: From the calibration: resistance then, at which current, and where feeling begins.
     reference_ohm: int | None = None
+    reference_at_ua: int | None = None
     threshold_ua: int | None = None
     #: Of the sensor under this electrode.
     pressure_kpa: float | None = None

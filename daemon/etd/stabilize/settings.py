@@ -16,6 +16,8 @@ import msgspec
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.contact import Contact, ContactLaw
 from etd.stabilize.energy import Energy, EnergyLaw
+from etd.stabilize.fitted import Fitted, FittedLaw
+from etd.stabilize.lines import Lines, LinesLaw
 from etd.stabilize.narrow import Narrow
 from etd.stabilize.pipeline import Stabilizer
 from etd.stabilize.prepulse import Prepulse
@@ -23,9 +25,9 @@ from etd.stabilize.pressure import Pressure, PressureLaw
 from etd_hal.boardfile import Source
 from etd_hal.errors import FileError
 
-Name = Literal["contact", "pressure", "energy", "narrow", "prepulse"]
+Name = Literal["contact", "pressure", "energy", "fitted", "lines", "narrow", "prepulse"]
 #: They all make of the same resistance how strong a pulse shall be: one of them at a time.
-BY_RESISTANCE = ("energy",)
+BY_RESISTANCE = ("energy", "fitted", "lines")
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -35,6 +37,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     contact: ContactLaw | None = None
     pressure: PressureLaw | None = None
     energy: EnergyLaw | None = None
+    fitted: FittedLaw | None = None
+    lines: LinesLaw | None = None
     narrow: Narrow | None = None
     prepulse: Prepulse | None = None
     #: Not a stabilizer: when pulses come, not what they are.
@@ -63,6 +67,10 @@ def _made(settings: Settings, name: Name, source: Source) -> Stabilizer | None:
         return Pressure(law)
     if isinstance(law, EnergyLaw):
         return Energy(law, source.leak_ohm)
+    if isinstance(law, FittedLaw):
+        return Fitted(law)
+    if isinstance(law, LinesLaw):
+        return Lines(law, source.leak_ohm)
     if isinstance(law, Narrow | Prepulse):
         return law
     return None

@@ -1,0 +1,68 @@
+"""Fitted: a width for a resistance, by a power that was fitted to a person.
+
+Owns: the law below. Must not know: how resistance is measured, how k is fitted, limits.
+
+Absolute threshold can be measured against skin resistance, and a function found that gives the
+width for a resistance; it took away spatial and much temporal variation (Kajimoto, Electro-tactile
+Display, section 4.3; Kajimoto 2012, IEEE Trans. Haptics; Watanabe, Futami and Hoshimiya on what
+resistance tells of threshold). The published function could not be read, so this one is by design:
+bounded, monotone, one number a person,
+
+    w = w0 x (R / R0)^-k
+
+k = 0 changes nothing, k = 1 holds I^2 R w (the skin's power without the board's leak), k < 0
+lengthens the pulse as resistance rises. k comes from a regression of log threshold width on
+log resistance over the electrodes of a calibration; there is no default. Width grows by at most
+`most_wider`; below `narrowest_us` the current falls instead, so that the charge is the same. The
+factor rises by at most `rise_per_s` and falls at once. Without a believed resistance the pulse is
+what was wanted; a soft contact gets no more than that.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from etd.stabilize.pipeline import Known, Reach, Wish
+from etd.stabilize.reference import References
+from etd.stabilize.rounding import as_charge
+from etd.stabilize.slew import Slew
+
+
+class FittedLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a body-site file says of it."""
+
+    k: Annotated[float, Meta(ge=-2.0, le=2.0)]
+    most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 2.0
+    narrowest_us: Annotated[int, Meta(ge=20, le=200)] = 35
+    rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
+
+
+class Fitted:
+    """See the module."""
+
+    def __init__(self, law: FittedLaw) -> None:
+        self._law = law
+        self._references = References()
+        self._factor = Slew(1.0, law.rise_per_s)
+        self.reach = Reach(width=law.most_wider, charge=law.most_wider)
+
+    def forget(self) -> None:
+        self._references.forget()
+        self._factor.forget()
+
+    def ask(self, wish: Wish, known: Known) -> Wish:
+        wanted = 1.0
+        compared = self._references.compared(known, wish.current_ua)
+        if compared is not None:
+            now_ohm, reference_ohm = compared
+            wanted = min((now_ohm / reference_ohm) ** -self._law.k, self._law.most_wider)
+        if known.state == "soft":
+            wanted = min(wanted, 1.0)
+        factor = self._factor.toward(known.electrode, wanted, known.now_ns)
+        if factor == 1.0:
+            return wish
+        law = self._law
+        return as_charge(wish, wish.width_us * factor, law.narrowest_us, law.most_wider)

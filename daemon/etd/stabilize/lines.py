@@ -1,0 +1,90 @@
+"""Lines: charge and energy of a pulse on straight lines over the resistance.
+
+Owns: the law below. Must not know: how resistance is measured, how the slopes are fitted, limits.
+
+At constant felt intensity the phase charge Q and the peak energy E = I^2 R T each lie on a straight
+line over the peak resistance, and the lines of different intensities meet in one point (Akhtar,
+Sombeck, Boyce and Bretl 2018, Science Robotics 3). A controller reads both off for the resistance
+of the pulse before, and solves for current and width. I and Q are what the skin gets here, beside
+the board's leak L: I = I_told x L / (L + R). With R0 the reference, and Q0, E0 of the wanted pulse
+there:
+
+    Q = Q0 (1 + charge_slope (R/R0 - 1))        E = E0 (1 + energy_slope (R/R0 - 1))
+    I = E / (Q R)                               T = Q^2 R / E
+
+Slopes relative to the wanted pulse make all lines meet on the axis. They belong to a person, and
+come from two straight fits over 3 to 5 resistances (dry, moistened, light and firm pressure). Those
+of the publication could not be read; 0 and 1, the defaults, hold the *delivered* current and width,
+which takes out what the leak makes of a wandering resistance.
+
+Current never rises above what is wanted: the width makes up for it, from Q alone, by at most
+`most_wider`; below `narrowest_us` the current falls. Where a line is not above zero the pulse is
+what was wanted, and so it is without a believed resistance. The told charge rises by at most
+`rise_per_s` of what is wanted, and falls at once; a soft contact gets no more than that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from etd.stabilize.pipeline import Known, Reach, Wish
+from etd.stabilize.reference import References
+from etd.stabilize.rounding import as_charge
+from etd.stabilize.slew import Slew
+
+
+class LinesLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a body-site file says of it."""
+
+    charge_slope: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
+    energy_slope: Annotated[float, Meta(ge=-1.0, le=2.0)] = 1.0
+    most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 2.0
+    narrowest_us: Annotated[int, Meta(ge=20, le=200)] = 35
+    rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
+
+
+class Lines:
+    """See the module."""
+
+    def __init__(self, law: LinesLaw, leak_ohm: float) -> None:
+        self._law = law
+        self._leak_ohm = leak_ohm
+        self._references = References()
+        self._charge = Slew(1.0, law.rise_per_s)
+        self.reach = Reach(width=law.most_wider, charge=law.most_wider)
+
+    def forget(self) -> None:
+        self._references.forget()
+        self._charge.forget()
+
+    def ask(self, wish: Wish, known: Known) -> Wish:
+        current, width = self._solved(wish, known) or (1.0, 1.0)
+        wanted = min(current * width, self._law.most_wider)
+        if known.state == "soft":
+            wanted = min(wanted, 1.0)
+        charge = self._charge.toward(known.electrode, wanted, known.now_ns)
+        if charge == current == 1.0:
+            return wish
+        weaker = replace(wish, current_ua=int(wish.current_ua * current))
+        width_us = wish.width_us * charge / current
+        return as_charge(weaker, width_us, self._law.narrowest_us, self._law.most_wider)
+
+    def _solved(self, wish: Wish, known: Known) -> tuple[float, float] | None:
+        """Told current and width, as factors; None where no line says anything."""
+        compared = self._references.compared(known, wish.current_ua)
+        if compared is None:
+            return None
+        now_ohm, reference_ohm = compared
+        risen = now_ohm / reference_ohm - 1.0
+        charge = 1.0 + self._law.charge_slope * risen
+        energy = 1.0 + self._law.energy_slope * risen
+        if charge <= 0.0 or energy <= 0.0:
+            return None
+        leaks = (self._leak_ohm + now_ohm) / (self._leak_ohm + reference_ohm)
+        told = energy / (charge * (1.0 + risen)) * leaks
+        current = min(1.0, told)
+        return current, charge * leaks / current

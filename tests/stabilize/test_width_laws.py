@@ -1,0 +1,151 @@
+"""The laws that go by resistance, held to what is common to them and to their own formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etd.stabilize.energy import Energy, EnergyLaw
+from etd.stabilize.fitted import Fitted, FittedLaw
+from etd.stabilize.lines import Lines, LinesLaw
+from etd.stabilize.pipeline import ContactState, Known, Stabilizer, Wish
+from etd.stabilize.reference import BEND_UA
+
+LEAK_OHM = 66_000.0
+MS = 1_000_000
+FRAME = Wish(2_000, 100)
+LAWS: dict[str, Callable[[], Stabilizer]] = {
+    "energy": lambda: Energy(EnergyLaw(), LEAK_OHM),
+    "fitted": lambda: Fitted(FittedLaw(k=1.0)),
+    "fitted the other way": lambda: Fitted(FittedLaw(k=-0.5)),
+    "lines": lambda: Lines(LinesLaw(), LEAK_OHM),
+    "steep lines": lambda: Lines(LinesLaw(charge_slope=-0.8, energy_slope=0.4), LEAK_OHM),
+}
+every_law = pytest.mark.parametrize("make", LAWS.values(), ids=LAWS.keys())
+
+
+def known(
+    skin_ohm: float | None,
+    now_ms: int = 0,
+    state: ContactState = "closed",
+    reference_at_ua: int | None = None,
+) -> Known:
+    return Known(
+        electrode=3,
+        is_touched=True,
+        resistance_ohm=None,
+        voltage_v=None,
+        now_ns=now_ms * MS,
+        state=state,
+        skin_ohm=skin_ohm,
+        skin_at_ua=2_000,
+        reference_ohm=50_000,
+        reference_at_ua=reference_at_ua,
+    )
+
+
+def settled(law: Stabilizer, skin_ohm: float | None, wish: Wish = FRAME) -> Wish:
+    """After time enough for any rise."""
+    for step in range(30):
+        asked = law.ask(wish, known(skin_ohm, 100 * step))
+    return asked
+
+
+def delivered_nc(wish: Wish, skin_ohm: float) -> float:
+    return wish.current_ua * wish.width_us / 1_000 * LEAK_OHM / (LEAK_OHM + skin_ohm)
+
+
+@every_law
+def test_at_the_reference_nothing_changes(make: Callable[[], Stabilizer]) -> None:
+    assert settled(make(), 50_000.0) == FRAME
+
+
+@every_law
+def test_without_a_believed_resistance_the_pulse_is_what_was_wanted(
+    make: Callable[[], Stabilizer],
+) -> None:
+    assert settled(make(), None) == FRAME
+
+
+@every_law
+@pytest.mark.parametrize("skin_ohm", [2_000.0, 20_000.0, 120_000.0, 1e6])
+def test_a_soft_contact_gets_no_more_than_what_was_wanted(
+    make: Callable[[], Stabilizer], skin_ohm: float
+) -> None:
+    law = make()
+    for step in range(30):
+        asked = law.ask(FRAME, known(skin_ohm, 100 * step, "soft"))
+    assert asked.current_ua * asked.width_us <= FRAME.current_ua * FRAME.width_us
+
+
+@every_law
+@given(
+    skin=st.lists(st.one_of(st.none(), st.floats(1e3, 2e6)), min_size=1, max_size=20),
+    pulses=st.lists(
+        st.tuples(st.integers(0, 10_000), st.integers(20, 200)), min_size=20, max_size=20
+    ),
+    pause_ms=st.integers(0, 3_000),
+)
+def test_whatever_is_measured_it_stays_within_its_reach(
+    make: Callable[[], Stabilizer],
+    skin: list[float | None],
+    pulses: list[tuple[int, int]],
+    pause_ms: int,
+) -> None:
+    law = make()
+    for step, (skin_ohm, (current_ua, width_us)) in enumerate(zip(skin, pulses, strict=False)):
+        asked = law.ask(Wish(current_ua, width_us), known(skin_ohm, pause_ms * step))
+        assert asked.is_possible
+        assert asked.current_ua <= current_ua * law.reach.current
+        assert asked.width_us <= width_us * law.reach.width
+        most = current_ua * width_us * law.reach.charge
+        assert asked.current_ua * asked.width_us <= most * (1 + 1e-9)
+
+
+@every_law
+def test_a_fall_is_never_delayed_and_a_rise_takes_time(make: Callable[[], Stabilizer]) -> None:
+    for less_ohm, more_ohm in ((12_000.0, 90_000.0), (90_000.0, 12_000.0)):
+        law = make()
+        before = settled(law, less_ohm)
+        at_once = law.ask(FRAME, known(more_ohm, 2_910))
+        after = settled(make(), more_ohm)
+        if after.current_ua * after.width_us <= before.current_ua * before.width_us:
+            assert at_once == after
+        else:
+            risen = at_once.current_ua * at_once.width_us - before.current_ua * before.width_us
+            assert risen <= 0.02 * FRAME.current_ua * FRAME.width_us
+
+
+@pytest.mark.parametrize(("skin_ohm", "factor"), [(100_000, 0.5), (40_000, 1.25), (10_000, 2.0)])
+def test_a_fitted_width_is_a_power_of_the_resistance(skin_ohm: int, factor: float) -> None:
+    asked = settled(Fitted(FittedLaw(k=1.0)), skin_ohm)
+    assert asked.current_ua * asked.width_us == pytest.approx(2_000 * 100 * factor, rel=0.01)
+
+
+@pytest.mark.parametrize("skin_ohm", [10_000.0, 25_000.0, 50_000.0, 100_000.0, 150_000.0])
+def test_lines_with_their_default_slopes_hold_the_delivered_charge(skin_ohm: float) -> None:
+    asked = settled(Lines(LinesLaw(), LEAK_OHM), skin_ohm)
+    assert delivered_nc(asked, skin_ohm) == pytest.approx(delivered_nc(FRAME, 50_000), rel=0.01)
+
+
+def test_lines_solve_for_both_current_and_width() -> None:
+    asked = settled(Lines(LinesLaw(charge_slope=-0.2, energy_slope=0.5), 1e12), 60_000.0)
+    charge, energy, resistance = 1 - 0.2 * 0.2, 1 + 0.5 * 0.2, 1.2
+    assert asked.current_ua == pytest.approx(2_000 * energy / (charge * resistance), rel=0.05)
+    assert asked.current_ua * asked.width_us == pytest.approx(2e5 * charge, rel=0.01)
+    assert asked.width_us == pytest.approx(100 * charge**2 * resistance / energy, abs=5)
+
+
+def test_a_line_below_zero_says_nothing() -> None:
+    assert settled(Lines(LinesLaw(charge_slope=-1.0), LEAK_OHM), 120_000.0) == FRAME
+
+
+def test_a_reference_is_carried_over_to_the_current_of_the_pulse() -> None:
+    law = Fitted(FittedLaw(k=1.0))
+    eased_ohm = 50_000.0 * (4_000 + BEND_UA) / (2_000 + BEND_UA)
+    for step in range(30):
+        asked = law.ask(FRAME, known(eased_ohm, 100 * step, reference_at_ua=4_000))
+    assert asked == FRAME
