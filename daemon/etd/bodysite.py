@@ -27,6 +27,9 @@ MAX_CURRENT_UA = 10_000
 MAX_WIDTH_US = 200
 MAX_CHARGE_NC = 2_000
 MAX_RATE_HZ = 200
+#: Of one electrode, from the start of a pulse to that of the next. A membrane charges for tenths of
+#: a millisecond (sensory chronaxies of an arm are 0.35 to 1.17 ms): closer pulses are one.
+MIN_INTERVAL_US = 500
 MAX_MEAN_CURRENT_UA = 120
 MAX_ARRAY_MEAN_CURRENT_UA = 8_000
 #: What follows from them for the time with current: two phases of 200 us, 200 times a second; and
@@ -52,7 +55,10 @@ class SiteMaxima(_Strict, frozen=True):
     width_us: Annotated[int, Meta(ge=20, le=MAX_WIDTH_US)]
     #: Of one phase of a pulse.
     charge_nc: Annotated[int, Meta(ge=1, le=MAX_CHARGE_NC)]
+    #: Pulses of one electrode in any second, those of bursts counted one by one.
     rate_hz: Annotated[int, Meta(ge=1, le=MAX_RATE_HZ)]
+    #: Of one electrode, from the start of a pulse to that of the next one, in a burst as well.
+    interval_us: Annotated[int, Meta(ge=MIN_INTERVAL_US, le=1_000_000 // MAX_RATE_HZ)]
     #: Of one electrode over any second, all phases counted positive.
     mean_current_ua: Annotated[int, Meta(ge=1, le=MAX_MEAN_CURRENT_UA)]
     array_mean_current_ua: Annotated[int, Meta(ge=1, le=MAX_ARRAY_MEAN_CURRENT_UA)]
@@ -127,6 +133,7 @@ def check_body_site(site: BodySite, file: str) -> BodySite:
     _check_rises(site, file)
     _check_defaults(site, file)
     check_settings(site.stabilize, file)
+    _check_bursts(site, file)
     return site
 
 
@@ -166,3 +173,25 @@ def _check_defaults(site: BodySite, file: str) -> None:
                 f"{default} is above maxima.{key} ({most})",
                 f"give at most {most}: a frame that does not say would be refused",
             )
+
+
+def _check_bursts(site: BodySite, file: str) -> None:
+    bursts, maxima = site.stabilize.bursts, site.maxima
+    if bursts is None:
+        return
+    if bursts.interval_us < maxima.interval_us:
+        raise FileError(
+            file,
+            "stabilize.bursts.rate_hz",
+            f"{bursts.rate_hz:g} Hz is a pulse every {bursts.interval_us:.0f} us,"
+            f" maxima.interval_us is {maxima.interval_us}",
+            f"give at most {1e6 / maxima.interval_us:.0f}",
+        )
+    if bursts.pulses * site.defaults.rate_hz > maxima.rate_hz:
+        raise FileError(
+            file,
+            "defaults.rate_hz",
+            f"{site.defaults.rate_hz:g} bursts of {bursts.pulses} pulses are more than"
+            f" maxima.rate_hz ({maxima.rate_hz}) in a second",
+            f"give at most {maxima.rate_hz / bursts.pulses:.1f}: it is the rate of the bursts",
+        )

@@ -49,6 +49,14 @@ class CostModel:
         slot_us = active_us + max(float(self._board.rest_us), prepare_us)
         return Cost(slot_us, slot_us - slept_us)
 
+    def clocks(self, before: int, output: int) -> int:
+        """Shifts from one selection to another: on by the distance, or once around, until the one
+        before has left the chain and this one has come in.
+        """
+        if output >= before:
+            return output - before
+        return max(self._board.switch.outputs - before, output + 1)
+
     def rewrite_us(self) -> float:
         """The whole chain, once a scan, less what fits into the rest."""
         switch = self._board.switch

@@ -43,7 +43,7 @@ def test_the_forearm_allows_no_more_than_the_fingertip() -> None:
         for key, value in msgspec.structs.asdict(forearm).items()
         if value > getattr(fingertip, key)
     ]
-    assert more == []
+    assert more == ["interval_us"]
 
 
 def test_the_yardstick_is_half_a_microcoulomb_at_a_millimeter_and_grows_with_the_diameter() -> None:
@@ -63,6 +63,7 @@ MAXIMA = (
     "width_us",
     "charge_nc",
     "rate_hz",
+    "interval_us",
     "mean_current_ua",
     "array_mean_current_ua",
     "on_us_per_s",
@@ -138,6 +139,30 @@ def test_a_site_that_contradicts_itself_is_refused_by_key(
 ) -> None:
     with pytest.raises(FileError, match=sentence):
         load(tmp_path, spoiled(FINGERTIP, old, new))
+
+
+BURSTS = "\n[stabilize.bursts]\npulses = 2\nrate_hz = 350.0\n"
+
+
+def test_bursts_within_the_maxima_hold_together(tmp_path: Path) -> None:
+    bursts = load(tmp_path, FINGERTIP + BURSTS).stabilize.bursts
+    assert bursts is not None
+    assert bursts.interval_us == pytest.approx(2_857.1, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("rate_hz = 350.0", "rate_hz = 501.0", "a pulse every 1996 us, maxima.interval_us is 2000"),
+        ("pulses = 2", "pulses = 3", "60 bursts of 3 pulses are more than maxima.rate_hz"),
+        ("pulses = 2", "pulses = 1", "bursts.pulses"),
+    ],
+)
+def test_bursts_that_the_maxima_forbid_are_refused(
+    tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
+    with pytest.raises(FileError, match=sentence):
+        load(tmp_path, FINGERTIP + spoiled(BURSTS, old, new))
 
 
 def test_a_default_width_above_the_maximum_is_refused(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ MAXIMA = SiteMaxima(
     width_us=200,
     charge_nc=500,
     rate_hz=120,
+    interval_us=2_000,
     mean_current_ua=3,
     array_mean_current_ua=2_000,
     on_us_per_s=24_000,

@@ -12,6 +12,7 @@ from etd.engine.ledger import WINDOW_NS, Bounds, Entry, Ledger
 
 NOW_NS = 9_000_000_000
 AMPLE = Bounds(
+    interval_us=0,
     mean_current_ua=10**6,
     pulses=10**6,
     on_us=10**9,
@@ -186,3 +187,20 @@ def test_no_electrode_and_no_return_ever_carries_more_than_the_bound(
         if verdict is None:
             ledger.book(wish, now_ns)
             booked.append((now_ns, wish))
+
+
+# --- the shortest interval ------------------------------------------------------------------------
+
+
+def test_a_pulse_too_soon_after_the_one_before_does_not_fit() -> None:
+    ledger = Ledger(4, bounds(interval_us=2_000))
+    ledger.book(entry(1), NOW_NS)
+    assert ledger.rested_ns(1) == NOW_NS + 2_000_000
+    assert ledger.why_not(entry(1), NOW_NS + 1_999_999) == "interval"
+    assert ledger.why_not(entry(1), NOW_NS + 2_000_000) is None
+
+
+def test_the_interval_is_each_electrodes_own() -> None:
+    ledger = Ledger(4, bounds(interval_us=2_000))
+    ledger.book(entry(1), NOW_NS)
+    assert ledger.why_not(entry(2), NOW_NS + 1) is None

@@ -79,7 +79,7 @@ def test_files_that_got_past_their_loaders_still_meet_the_ceilings_of_the_code()
         "mean_current_ua": 999,
         "array_mean_current_ua": 99_000,
     }
-    site = site_with(**most, on_us_per_s=10**6, array_on_us_per_s=10**7)
+    site = site_with(**most, on_us_per_s=10**6, array_on_us_per_s=10**7, interval_us=1)
     maxima = maxima_of(board_with(**most), site)
     assert maxima.current_ua == 10_000
     assert maxima.width_us == 200
@@ -87,6 +87,7 @@ def test_files_that_got_past_their_loaders_still_meet_the_ceilings_of_the_code()
     assert maxima.rate_hz == 200
     assert maxima.mean_current_ua == 120
     assert maxima.array_mean_current_ua == 8_000
+    assert maxima.interval_us == 500
     assert maxima.on_us_per_s == 2 * 200 * 200
     assert maxima.array_on_us_per_s == 800_000
 

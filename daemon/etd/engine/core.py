@@ -96,6 +96,7 @@ class Core:
     def _ledger_bounds(self) -> Bounds:
         maxima = self.maxima
         return Bounds(
+            interval_us=maxima.interval_us,
             mean_current_ua=maxima.mean_current_ua,
             pulses=maxima.rate_hz,
             on_us=maxima.on_us_per_s,

@@ -1,8 +1,8 @@
 """What each electrode, and the array, got in the last second.
 
 Owns: charge, pulses and time with current over a sliding window of one second, returns included,
-and whether one more pulse fits. Must not know: why a pulse is wanted, hardware, clocks: time comes
-in.
+the time of each electrode's last pulse, and whether one more pulse fits.
+Must not know: why a pulse is wanted, hardware, clocks: time comes in.
 
 Charge is in pC (uA x us), all phases counted positive. A pulse that returns through all others is
 booked to a pool at the share that one return may carry: everybody's total is its own sum plus the
@@ -20,13 +20,16 @@ from typing import Literal
 WINDOW_NS = 1_000_000_000
 _PC_PER_UC = 1_000_000
 
-LedgerReason = Literal["charge", "pulses", "duty", "array charge", "array duty", "return charge"]
+LedgerReason = Literal[
+    "interval", "charge", "pulses", "duty", "array charge", "array duty", "return charge"
+]
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Over any second."""
+    """Over any second; and between two pulses of one electrode."""
 
+    interval_us: int
     mean_current_ua: int
     pulses: int
     on_us: int
@@ -81,6 +84,8 @@ class Ledger:
         self._bounds = bounds
         self._charge_pc = bounds.mean_current_ua * _PC_PER_UC
         self._array_charge_pc = bounds.array_mean_current_ua * _PC_PER_UC
+        self._interval_ns = bounds.interval_us * 1_000
+        self._begun_ns: list[int | None] = [None] * electrodes
         self._own = [_Window() for _ in range(electrodes)]
         self._into_pool = [_Window() for _ in range(electrodes)]
         self._pool = _Window()
@@ -99,12 +104,19 @@ class Ledger:
         self.charge_pc(electrode, now_ns)
         return self._own[electrode].pulses
 
+    def rested_ns(self, electrode: int) -> int:
+        """From when on its next pulse may begin."""
+        begun_ns = self._begun_ns[electrode]
+        return 0 if begun_ns is None else begun_ns + self._interval_ns
+
     def why_not(self, entry: Entry, now_ns: int) -> LedgerReason | None:
         """The first bound that one more pulse would pass; None if it fits."""
         bounds = self._bounds
         total_pc = self.charge_pc(entry.electrode, now_ns) + entry.charge_pc
         own = self._own[entry.electrode]
         self._array.forget(now_ns)
+        if now_ns < self.rested_ns(entry.electrode):
+            return "interval"
         if own.pulses + 1 > bounds.pulses:
             return "pulses"
         if total_pc > self._charge_pc:
@@ -120,6 +132,7 @@ class Ledger:
     def book(self, entry: Entry, now_ns: int) -> None:
         """One visit that was fired."""
         electrode = entry.electrode
+        self._begun_ns[electrode] = now_ns
         self._own[electrode].book(now_ns, entry.charge_pc, entry.on_us, 1)
         self._array.book(now_ns, entry.charge_pc, entry.on_us, 1)
         if entry.returns is None:

@@ -34,6 +34,7 @@ class Maxima:
     width_us: int
     charge_pc: int
     rate_hz: int
+    interval_us: int
     mean_current_ua: int
     array_mean_current_ua: int
     on_us_per_s: int
@@ -66,6 +67,7 @@ def maxima_of(board: BoardFile, site: BodySite) -> Maxima:
         width_us=width_us,
         charge_pc=min(bodysite.MAX_CHARGE_NC, most.charge_nc, here.charge_nc) * PC_PER_NC,
         rate_hz=min(bodysite.MAX_RATE_HZ, most.rate_hz, here.rate_hz),
+        interval_us=max(bodysite.MIN_INTERVAL_US, here.interval_us),
         mean_current_ua=min(
             bodysite.MAX_MEAN_CURRENT_UA, most.mean_current_ua, here.mean_current_ua
         ),

@@ -6,6 +6,7 @@ what was felt. A plan is refused as a whole, with the reason; nothing is left ou
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
@@ -17,11 +18,15 @@ from etd.engine.limits import PC_PER_NC, Maxima, Path, PersonLimits, last_word, 
 from etd.errors import CannotSelect, Refused
 from etd.frame import Frame, Polarity, Returns, Ring, per_electrode
 from etd.protocol import Clamp, Thinned
+from etd.stabilize.bursts import groups
 from etd.stabilize.pipeline import NO_FURTHER, Most, Reach, Wish
-from etd_hal.cost import CostModel
+from etd_hal.cost import Cost, CostModel
 from etd_hal.selection import Selection
 
 T = TypeVar("T")
+
+#: Places in the list of visits, group by group.
+Places = tuple[tuple[int, ...], ...]
 
 #: Of any 100 ms the loop may be busy for at most this part; see `engine/duty.py`.
 BUSY_PART = 0.8
@@ -72,7 +77,11 @@ class Visit:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A frame that can be shown: its visits in chain order, and a period that they fit into."""
+    """A frame that can be shown: its visits in chain order, and a period that they fit into.
+
+    `groups` are the places of the visits that share a burst, in their order; each gets `pulses` of
+    them there, `interval_ns` apart. Without bursts it is one group, and one pulse.
+    """
 
     frame: Frame
     visits: tuple[Visit, ...]
@@ -80,6 +89,9 @@ class Plan:
     period_ns: int
     clamped: tuple[Clamp, ...]
     thinned: tuple[Thinned, ...]
+    groups: tuple[tuple[int, ...], ...]
+    pulses: int
+    interval_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +115,9 @@ class Planner:
         self._board = board
         self._rules = rules
         self._cost = cost
+        self._bursts = rules.site.stabilize.bursts
+        self._pulses = 1 if self._bursts is None else self._bursts.pulses
+        self._interval_us = 0.0 if self._bursts is None else self._bursts.interval_us
         self._outputs = rules.array.outputs()
         self._count = rules.array.count
         caps_ua = rules.person.caps_ua
@@ -116,9 +131,20 @@ class Planner:
         clamped = self._preview(visits, share_of_all)
         if frame.strict and clamped:
             self._refuse_strict(clamped[0])
-        rate_hz, thinned = self._rate(frame, visits)
+        grouped = self._grouped(visits)
+        rate_hz, thinned = self._rate(frame, visits, grouped)
         self._check_array_mean(visits, rate_hz)
-        return Plan(frame, visits, rate_hz, int(1e9 / rate_hz), clamped, thinned)
+        return Plan(
+            frame,
+            visits,
+            rate_hz,
+            int(1e9 / rate_hz),
+            clamped,
+            thinned,
+            grouped,
+            self._pulses,
+            math.ceil(self._interval_us * 1_000),
+        )
 
     # --- visits ----------------------------------------------------------------------------
 
@@ -178,7 +204,7 @@ class Planner:
         self._check_maxima(electrode, current_ua, width_us, len(phases), rate_hz)
         returns = self._returns(frame, electrode)
         path = self._path(electrode, returns)
-        most = self._most(Wish(current_ua, width_us), rate_hz * len(phases))
+        most = self._most(Wish(current_ua, width_us), rate_hz * self._pulses * len(phases))
         return Visit(
             electrode,
             self._select(electrode, returns),
@@ -228,12 +254,13 @@ class Planner:
         maxima = self._rules.maxima
         width_most_us = min(maxima.width_us, self._rules.person.width_us)
         charge_pc = current_ua * width_us
-        mean_ua = charge_pc * phases * rate_hz / 1e6
+        pulses_hz = rate_hz * self._pulses
+        mean_ua = charge_pc * phases * pulses_hz / 1e6
         for what, asked, most, unit in (
             ("current", current_ua, maxima.current_ua, "uA"),
             ("width", width_us, width_most_us, "us"),
             ("charge of a pulse", charge_pc / PC_PER_NC, maxima.charge_pc / PC_PER_NC, "nC"),
-            ("rate", rate_hz, maxima.rate_hz, "Hz"),
+            ("rate", pulses_hz, maxima.rate_hz, "Hz"),
             ("mean current", mean_ua, maxima.mean_current_ua, "uA"),
         ):
             if asked > most:
@@ -247,8 +274,10 @@ class Planner:
     def _check_array_mean(self, visits: Sequence[Visit], rate_hz: float) -> None:
         """At the rate that the scan will have; a lower one slows all down alike."""
         slower = rate_hz / max((one.rate_hz for one in visits), default=rate_hz)
-        mean_ua = slower * sum(
-            one.current_ua * one.width_us * len(one.phases) * one.rate_hz for one in visits
+        mean_ua = (
+            slower
+            * self._pulses
+            * sum(one.current_ua * one.width_us * len(one.phases) * one.rate_hz for one in visits)
         )
         most_ua = self._rules.maxima.array_mean_current_ua
         if mean_ua / 1e6 > most_ua:
@@ -321,11 +350,31 @@ class Planner:
 
     # --- does it fit -------------------------------------------------------------------------
 
-    def _rate(self, frame: Frame, visits: Sequence[Visit]) -> tuple[float, tuple[Thinned, ...]]:
+    def _grouped(self, visits: Sequence[Visit]) -> Places:
+        """The places of the visits that take turns. Raises: Refused, where a burst is too fast."""
+        places = tuple(range(len(visits)))
+        if self._bursts is None or not places:
+            return (places,)
+        found = groups(
+            places,
+            self._interval_us,
+            lambda group: self._round([visits[place] for place in group], True).slot_us,
+        )
+        if found is None:
+            raise Refused(
+                "board_cannot",
+                f"one pulse every {self._interval_us:.0f} us is faster than this board can visit an"
+                " electrode: lower stabilize.bursts.rate_hz of the body site, or shorter pulses",
+            )
+        return found
+
+    def _rate(
+        self, frame: Frame, visits: Sequence[Visit], grouped: Places
+    ) -> tuple[float, tuple[Thinned, ...]]:
         if not visits:
             return self._rules.site.defaults.rate_hz, ()
         wanted_hz = max(one.rate_hz for one in visits)
-        achievable_hz = self._achievable_hz(visits)
+        achievable_hz = self._achievable_hz(visits, grouped)
         if wanted_hz <= achievable_hz:
             return wanted_hz, ()
         if not frame.thin:
@@ -337,17 +386,28 @@ class Planner:
             )
         return achievable_hz, (Thinned(electrode=None, reason="rate", rate_hz=achievable_hz),)
 
-    def _achievable_hz(self, visits: Sequence[Visit]) -> float:
+    def _achievable_hz(self, visits: Sequence[Visit], grouped: Places) -> float:
         slots_us = busy_us = self._cost.rewrite_us()
+        for group in grouped:
+            once = self._round([visits[place] for place in group], self._bursts is not None)
+            slots_us += once.slot_us + (self._pulses - 1) * self._interval_us
+            busy_us += once.busy_us * self._pulses
+        return RESERVE * min(1e6 / slots_us, BUSY_PART * 1e6 / busy_us)
+
+    def _round(self, visits: Sequence[Visit], is_again: bool) -> Cost:
+        """One pulse of each, the way from the last one to the first included where they come again
+        (after a scan the rewriting of the chain is that way).
+        """
+        slot_us = busy_us = 0.0
         before = visits[-1].selection.output
         for one in visits:
             output = one.selection.output
-            clocks = output - before if output > before else 0
+            clocks = self._cost.clocks(before, output) if is_again or output > before else 0
             cost = self._cost.visit(one.most.width_us, len(one.phases), clocks)
-            slots_us += cost.slot_us
+            slot_us += cost.slot_us
             busy_us += cost.busy_us
             before = output
-        return RESERVE * min(1e6 / slots_us, BUSY_PART * 1e6 / busy_us)
+        return Cost(slot_us, busy_us)
 
 
 def _check_conditions(frame: Frame, calibration: Calibration) -> None:

@@ -6,6 +6,7 @@ Owns: the schedule of the standing plan. Must not know: how a visit is made, soc
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from etd.engine.duty import BusyClock
 from etd.engine.plan import Plan, Visit
@@ -22,6 +23,15 @@ _LATE_NS = 2_000_000
 _LOOK_TAKES_NS = 1_000_000
 #: In a pause the watch is kept this often.
 _LOOK_NS = 2_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One visit of a scan, with its place in the plan; `is_again` after the first of a burst."""
+
+    place: int
+    visit: Visit
+    is_again: bool = False
 
 
 class Standing:
@@ -50,6 +60,8 @@ class Standing:
         ]
         pulses = plan.frame.pulses
         self._left = None if pulses is None else [pulses] * len(plan.visits)
+        #: When the last pulse of each place began.
+        self._begun_ns = [now_ns] * len(plan.visits)
 
     def _rested(self, visit: Visit, share: float) -> float:
         """How much of its period an electrode has rested when this frame begins; 1 is all of it.
@@ -87,19 +99,34 @@ class Standing:
     def has_had_its_pulses(self) -> bool:
         return self.is_begun and self._left is not None and not any(self._left)
 
-    def due(self) -> list[tuple[int, Visit]]:
-        """The visits of the scan that begins now, with their places in the plan."""
+    def due(self) -> list[Turn]:
+        """The visits of the scan that begins now, burst after burst."""
+        plan, wanted = self.plan, self._wanted()
+        return [
+            Turn(place, plan.visits[place], number > 0)
+            for group in plan.groups
+            for number in range(plan.pulses)
+            for place in group
+            if number < wanted[place]
+        ]
+
+    def _wanted(self) -> list[int]:
+        """How many pulses each place gets in the scan that begins now."""
         found = []
-        for place, visit in enumerate(self.plan.visits):
-            self._phase[place] += self._share[place]
-            if self._phase[place] < 1.0 - _ALMOST:
-                continue
-            self._phase[place] -= 1.0
-            if self._left is None or self._left[place] > 0:
-                found.append((place, visit))
+        for place, share in enumerate(self._share):
+            self._phase[place] += share
+            is_due = self._phase[place] >= 1.0 - _ALMOST
+            self._phase[place] -= is_due
+            left = self.plan.pulses if self._left is None else self._left[place]
+            found.append(min(left, self.plan.pulses) if is_due else 0)
         return found
 
-    def was_fired(self, place: int) -> None:
+    def earliest_ns(self, turn: Turn) -> int:
+        """Within a burst an interval after the pulse before; otherwise at once."""
+        return self._begun_ns[turn.place] + self.plan.interval_ns if turn.is_again else 0
+
+    def was_fired(self, place: int, begun_ns: int) -> None:
+        self._begun_ns[place] = begun_ns
         if self._scanned_ns is not None:
             self._fired_ns[self.plan.visits[place].electrode] = self._scanned_ns
         if self._left is not None:
@@ -155,20 +182,22 @@ class Scanner:
         self._begin(standing)
         due = standing.due()
         if due and not self._is_rewritten:
-            self._board.prepare(due[0][1].selection, whole=True)
+            self._board.prepare(due[0].visit.selection, whole=True)
         self._is_rewritten = False
-        for index, (place, visit) in enumerate(due):
+        for index, turn in enumerate(due):
+            self._await(standing, standing.earliest_ns(turn), may_fire)
             now_ns, ceiling_ua = self._rested(standing, may_fire)
             if ceiling_ua is None or self.standing is not standing:
                 self._board.release()
                 return
-            self._board.prepare(visit.selection)
-            if visitor.visit(
-                visit, ceiling_ua, now_ns, lambda: self._may_still(standing, may_fire)
-            ):
-                standing.was_fired(place)
+            self._board.prepare(turn.visit.selection)
+            begun_ns = visitor.visit(
+                turn.visit, ceiling_ua, now_ns, lambda: self._may_still(standing, may_fire)
+            )
+            if begun_ns is not None:
+                standing.was_fired(turn.place, begun_ns)
             if index + 1 < len(due):
-                self._board.prepare(due[index + 1][1].selection)
+                self._board.prepare(due[index + 1].visit.selection)
         if self._look_around(standing, visitor, may_fire):
             self._end(standing)
 
@@ -222,6 +251,15 @@ class Scanner:
             self._board.release()
         if standing.end_scan(self._clock.now_ns()):
             self._reporter.skipped(None, "overrun")
+
+    def _await(
+        self, standing: Standing, until_ns: int, may_fire: Callable[[int], int | None]
+    ) -> None:
+        """Between the pulses of a burst, with the watch kept."""
+        now_ns = self._clock.now_ns()
+        while now_ns < until_ns and may_fire(now_ns) is not None and self.standing is standing:
+            self._clock.sleep_until_ns(min(until_ns, now_ns + _LOOK_NS))
+            now_ns = self._clock.now_ns()
 
     def _rested(
         self, standing: Standing, may_fire: Callable[[int], int | None]

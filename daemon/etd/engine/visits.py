@@ -64,8 +64,8 @@ class Visitor:
 
     def visit(
         self, visit: Visit, opening_ua: int, now_ns: int, may_still: Callable[[], bool]
-    ) -> bool:
-        """Visit, if limits and ledger let anything through; True if a pulse was fired.
+    ) -> int | None:
+        """Visit, if limits and ledger let anything through; when its pulse began, if it had one.
 
         `may_still` is asked once more when all is connected: the rest before takes 0.2 ms, and
         relays take milliseconds.
@@ -77,7 +77,7 @@ class Visitor:
 
     def probe(
         self, visit: Visit, opening_ua: int, now_ns: int, may_still: Callable[[], bool]
-    ) -> bool:
+    ) -> int | None:
         """The same for a probe, about which nobody is asked."""
         return self._let_through(visit, visit.wish, opening_ua, now_ns, may_still)
 
@@ -118,7 +118,7 @@ class Visitor:
         opening_ua: int,
         now_ns: int,
         may_still: Callable[[], bool],
-    ) -> bool:
+    ) -> int | None:
         electrode, reporter = visit.electrode, self._tools.reporter
         share = self._share(visit, now_ns)
         current_ua, clamp = self._limited(visit, wish, share, opening_ua, now_ns)
@@ -129,24 +129,24 @@ class Visitor:
                 reporter.clamped(clamp)
             elif wish.current_ua > 0:
                 reporter.skipped(electrode, "resolution")
-            return False
+            return None
         if self._tools.ledger.why_not(entry, now_ns) is not None:
             self._tools.sharing.want(now_ns)
             reporter.skipped(electrode, "ledger")
-            return False
+            return None
         if clamp is not None and clamp.reason == "return_cap":
             self._tools.sharing.want(now_ns)
         self._tools.board.connect(visit.selection, visit.phases[0])
         if not may_still():
             self._tools.board.discharge()
-            return False
+            return None
         shots = self._fire(visit, pulse, entry, current_ua, wish.width_us)
         self._learn(visit, pulse, *shots)
         self._tell(electrode, pulse, shots[0].begun_ns)
         if clamp is not None:
             # Told with its pulse: a report may have gone out while relays moved.
             reporter.clamped(clamp)
-        return True
+        return shots[0].begun_ns
 
     def _share(self, visit: Visit, now_ns: int) -> float:
         """What one return may carry: explicit ones are each reckoned as if alone."""

@@ -49,6 +49,7 @@ class Prober:
         self._ledger = Ledger(
             bed.loaded.array.count,
             Bounds(
+                interval_us=maxima.interval_us,
                 mean_current_ua=maxima.mean_current_ua,
                 pulses=maxima.rate_hz,
                 on_us=maxima.on_us_per_s,
@@ -145,6 +146,7 @@ class Prober:
 
     def _book(self, electrode: int, current_ua: int) -> None:
         """Before it is fired, with every return as if it alone carried the current."""
+        self._bed.clock.sleep_until_ns(self._ledger.rested_ns(electrode))
         now_ns = self._bed.clock.now_ns()
         entry = Entry(electrode, current_ua * self.width_us, self.width_us, None, 1.0)
         reason = self._ledger.why_not(entry, now_ns)
