@@ -162,12 +162,21 @@ def running_daemon(
         stack.callback(_end, gateway)
         os.sched_setaffinity(gateway.pid, LAST_PROCESSOR)
         running = Daemon(folder, config, nursery, gateway)
+        # What it reads while it starts comes as interrupts, which would spread the calibration.
+        _wait_for(folder / "control.sock")
         running.start_engine()
         try:
             yield running
         finally:
             if running.engine_pid:
                 running.end_engine(signal.SIGTERM)
+
+
+def _wait_for(socket: Path) -> None:
+    deadline_ns = clock.now_ns() + int(WITHIN_S * 1e9)
+    while not socket.exists():
+        assert clock.now_ns() < deadline_ns, f"{socket.name} does not come"
+        _CLOCK.sleep_until_ns(clock.now_ns() + _PAUSE_NS)
 
 
 def _end(process: subprocess.Popen[str] | subprocess.Popen[bytes]) -> None:
