@@ -36,6 +36,7 @@ VERBS = (
     "calibration",
     "selftest",
     "check",
+    "explain",
     "safe",
 )
 

@@ -1,0 +1,76 @@
+"""A figure: curves, and numbers that are known otherwise as well.
+
+Owns: the types, and how they are told as JSON. Must not know: how curves are made, or drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, SupportsFloat
+
+Scale = Literal["linear", "log"]
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Points in order. A dashed curve is a formula's, beside the model's."""
+
+    name: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    dashed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A number of the model beside the same number by a formula."""
+
+    what: str
+    modelled: float
+    closed_form: float
+    source: str
+
+    @property
+    def error_percent(self) -> float:
+        return 100.0 * abs(self.modelled / self.closed_form - 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """`least` and `most` cut the curves off; without them they reach as far as the curves do."""
+
+    label: str
+    scale: Scale = "linear"
+    least: float | None = None
+    most: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """`says` is what is to be seen, in a sentence or two."""
+
+    name: str
+    title: str
+    says: str
+    x: Axis
+    y: Axis
+    curves: tuple[Curve, ...]
+    checks: tuple[Check, ...]
+
+    def told(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "figure": self.name,
+            "title": self.title,
+            "says": self.says,
+            "checks": [{**asdict(one), "error_percent": one.error_percent} for one in self.checks],
+            "x": self.x.label,
+            "y": self.y.label,
+            "curves": [{"name": one.name, "x": one.x, "y": one.y} for one in self.curves],
+        }
+
+
+def floats(values: Iterable[SupportsFloat]) -> tuple[float, ...]:
+    """Plain numbers, whatever sort of them came."""
+    return tuple(float(one) for one in values)

@@ -1,0 +1,205 @@
+"""A figure drawn as SVG: axes, curves, their names at their ends.
+
+Owns: the look. Must not know: what a figure is about, files.
+
+Small on purpose: one plot, linear or logarithmic, in a palette that the color-blind can tell apart
+(Okabe and Ito). Names stand beside the curves' ends, so that nobody looks up a legend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import ceil, floor, isfinite, log10
+from xml.sax.saxutils import escape
+
+from etd.explain.figure import Axis, Curve, Figure
+
+WIDTH, HEIGHT = 720, 440
+_LEFT, _RIGHT, _TOP, _BOTTOM = 76, 168, 58, 58
+_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_INK, _SOFT, _GRID, _PAPER = "#222222", "#555555", "#E4E4E4", "#FFFFFF"
+_FORMULA = "#888888"
+_FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Helvetica, sans-serif"
+#: Between two names.
+_LINE_APART = 16.0
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Scaled:
+    """An axis with its ends, and where a value lies between them (0..1)."""
+
+    axis: Axis
+    low: float
+    high: float
+
+    def part(self, value: float) -> float:
+        if self.axis.scale == "log":
+            return (log10(value) - log10(self.low)) / (log10(self.high) - log10(self.low))
+        return (value - self.low) / (self.high - self.low)
+
+    def ticks(self) -> list[float]:
+        if self.axis.scale == "log":
+            return _log_ticks(self.low, self.high)
+        return _linear_ticks(self.low, self.high)
+
+
+def svg_of(figure: Figure) -> str:
+    """The whole file."""
+    x = _scaled(figure.x, [value for curve in figure.curves for value in curve.x], room=False)
+    y = _scaled(figure.y, [value for curve in figure.curves for value in curve.y], room=True)
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}"'
+        f' height="{HEIGHT}" font-family="{_FONT}" font-size="12" role="img"'
+        f' aria-label="{escape(figure.title)}">',
+        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="{_PAPER}"/>',
+        _text(_LEFT, 30, figure.title, size=16, color=_INK, weight=600),
+        *_grid(x, y),
+        f'<clipPath id="inside"><rect x="{_LEFT}" y="{_TOP}" width="{_across()}"'
+        f' height="{_up()}"/></clipPath>',
+        *_curves(figure.curves, x, y),
+        "</svg>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _across() -> int:
+    return WIDTH - _LEFT - _RIGHT
+
+
+def _up() -> int:
+    return HEIGHT - _TOP - _BOTTOM
+
+
+def _x(scaled: _Scaled, value: float) -> float:
+    return _LEFT + scaled.part(value) * _across()
+
+
+def _y(scaled: _Scaled, value: float) -> float:
+    return _TOP + (1.0 - scaled.part(value)) * _up()
+
+
+# --- axes --------------------------------------------------------------------------------------
+
+
+def _scaled(axis: Axis, values: list[float], room: bool) -> _Scaled:
+    shown = [one for one in values if isfinite(one) and (axis.scale == "linear" or one > 0.0)]
+    low = min(shown) if axis.least is None else axis.least
+    high = max(shown) if axis.most is None else axis.most
+    if room and axis.scale == "linear":
+        margin = 0.05 * (high - low)
+        low = low - margin if axis.least is None and low < 0.0 else min(low, 0.0)
+        high = high + margin if axis.most is None else high
+    if room and axis.scale == "log":
+        low = low / 1.15 if axis.least is None else low
+        high = high * 1.15 if axis.most is None else high
+    return _Scaled(axis, low, high)
+
+
+def _linear_ticks(low: float, high: float) -> list[float]:
+    rough = (high - low) / 6.0
+    power = 10.0 ** floor(log10(rough))
+    step = next(one * power for one in _STEPS if one * power >= rough * 0.999)
+    return [number * step for number in range(ceil(low / step), floor(high / step) + 1)]
+
+
+def _log_ticks(low: float, high: float) -> list[float]:
+    for parts in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
+        found = [
+            part * 10.0**power
+            for power in range(floor(log10(low)), ceil(log10(high)) + 1)
+            for part in parts
+            if low * 0.999 <= part * 10.0**power <= high * 1.001
+        ]
+        if len(found) >= 4:
+            return found
+    return found
+
+
+def _grid(x: _Scaled, y: _Scaled) -> Iterator[str]:
+    bottom, right = HEIGHT - _BOTTOM, WIDTH - _RIGHT
+    for tick in y.ticks():
+        at = _y(y, tick)
+        yield _line(_LEFT, at, right, at, _GRID)
+        yield _text(_LEFT - 8, at + 4, _number(tick), anchor="end")
+    for tick in x.ticks():
+        at = _x(x, tick)
+        yield _line(at, _TOP, at, bottom, _GRID)
+        yield _text(at, bottom + 18, _number(tick), anchor="middle")
+    if y.axis.scale == "linear" and y.low < 0.0 < y.high:
+        yield _line(_LEFT, _y(y, 0.0), right, _y(y, 0.0), _SOFT)
+    yield _line(_LEFT, bottom, right, bottom, _SOFT)
+    yield _line(_LEFT, _TOP, _LEFT, bottom, _SOFT)
+    yield _text(_LEFT + _across() / 2, HEIGHT - 14, x.axis.label, anchor="middle", color=_INK)
+    middle = _TOP + _up() / 2
+    label = _text(20, middle, y.axis.label, anchor="middle", color=_INK)
+    yield f'<g transform="rotate(-90 20 {middle:g})">{label}</g>'
+
+
+# --- curves ------------------------------------------------------------------------------------
+
+
+def _curves(curves: tuple[Curve, ...], x: _Scaled, y: _Scaled) -> Iterator[str]:
+    ends: list[tuple[float, str, str]] = []
+    colors = iter(_COLORS)
+    for curve in curves:
+        color = _FORMULA if curve.dashed else next(colors)
+        points = [
+            (_x(x, one), _y(y, other))
+            for one, other in zip(curve.x, curve.y, strict=True)
+            if isfinite(other) and (y.axis.scale == "linear" or other > 0.0)
+        ]
+        path = " ".join(f"{one:.1f},{other:.1f}" for one, other in points)
+        dashes = ' stroke-dasharray="6 4"' if curve.dashed else ""
+        yield (
+            f'<polyline points="{path}" fill="none" stroke="{color}" stroke-width="2"'
+            f' stroke-linejoin="round"{dashes} clip-path="url(#inside)"/>'
+        )
+        inside = [one for one in points if _TOP <= one[1] <= HEIGHT - _BOTTOM]
+        ends.append((inside[-1][1] if inside else _TOP, curve.name, color))
+    for at, name, color in _apart(ends):
+        yield _text(WIDTH - _RIGHT + 10, at + 4, name, color=color, weight=600)
+
+
+def _apart(ends: list[tuple[float, str, str]]) -> list[tuple[float, str, str]]:
+    """Names that would lie on one another are pushed down, and up again from the bottom."""
+    placed: list[tuple[float, str, str]] = []
+    lowest = _TOP - _LINE_APART
+    for at, name, color in sorted(ends):
+        lowest = max(at, lowest + _LINE_APART)
+        placed.append((lowest, name, color))
+    over = max(0.0, lowest - (HEIGHT - _BOTTOM))
+    ceiling = lowest - over + _LINE_APART
+    lifted: list[tuple[float, str, str]] = []
+    for at, name, color in reversed(placed):
+        ceiling = min(at, ceiling - _LINE_APART)
+        lifted.append((ceiling, name, color))
+    return lifted
+
+
+# --- marks -------------------------------------------------------------------------------------
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}" if abs(value) < 1e4 else f"{value:,.0f}".replace(",", "\u2009")
+
+
+def _line(x1: float, y1: float, x2: float, y2: float, color: str) -> str:
+    return f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" stroke="{color}"/>'
+
+
+def _text(
+    x: float,
+    y: float,
+    text: str,
+    *,
+    anchor: str = "start",
+    color: str = _SOFT,
+    size: int = 12,
+    weight: int = 400,
+) -> str:
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{color}" font-size="{size}"'
+        f' font-weight="{weight}">{escape(text)}</text>'
+    )
