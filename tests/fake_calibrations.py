@@ -59,7 +59,7 @@ def calibration_of(array: Array) -> Calibration:
 def limits_of(body: LivingBody, electrode: int) -> ElectrodeLimits:
     threshold_ua = body.told_threshold_ua(electrode, WIDTH_US)
     pain_ua = body.told_pain_threshold_ua(electrode, WIDTH_US)
-    comfortable_ua = min(2.0 * threshold_ua, _COMFORTABLE_BELOW_PAIN * pain_ua)
+    comfortable_ua = min(2.0 * threshold_ua, _COMFORTABLE_BELOW_PAIN * pain_ua, _MOST_UA)
     return ElectrodeLimits(
         threshold_ua=_down(threshold_ua) + _STEP_UA,
         comfortable_ua=_down(max(comfortable_ua, threshold_ua + 2 * _STEP_UA)),

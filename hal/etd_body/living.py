@@ -5,7 +5,8 @@ nerves; see `interface.Body`. Must not know: chips, boards, clocks.
 
 Electrically it is the minimal body with what that leaves out: resistance that depends on current
 and time, films between electrodes, electrodes that float. What stays lumped is said in
-docs/body.md. The skin is looked at anew when a pulse begins, at most every 10 ms.
+docs/body.md. The skin is looked at anew when a pulse begins, at most every 10 ms
+(160 ms with 256 electrodes).
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from etd_body.source import Loop, parallel
 from etd_body.tissue import Floats
 from etd_body.ways import Way, Ways
 
-_LOOK_NS = 10_000_000
+#: Looking costs with the square of the electrodes: with more than 64 it is done less often.
+_LOOK_NS, _LOOKED_AT = 10_000_000, 64
 _EMPTY_V = 1e-4
 _PC = 1e12
 #: Nobody's source tells more; thresholds above it are none.
@@ -66,6 +68,7 @@ class LivingBody:
         self._born_ns: int | None = None
         self._t_ns = 0
         self._looked_ns = 0
+        self._look_ns = int(_LOOK_NS * max(1.0, count / _LOOKED_AT) ** 2)
         self._source_a = 0.0
         self._held_v: dict[int, float] = {}
         self._net_pc: Floats = np.zeros(count)
@@ -106,7 +109,7 @@ class LivingBody:
             self._let_nerves_have_it()
             if source_ua <= 0.0 or sides is not self._sides:
                 self.sensation.end_pulse()
-        if source_ua > 0.0 and was_a <= 0.0 and t_ns - self._looked_ns >= _LOOK_NS:
+        if source_ua > 0.0 and was_a <= 0.0 and t_ns - self._looked_ns >= self._look_ns:
             self._look(t_ns)
         self._sides = sides
         self._connect()

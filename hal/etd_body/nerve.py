@@ -8,7 +8,8 @@ Under every electrode lie four fibres (Kajimoto, Electro-tactile Display, sectio
 a thick vertical one that ends near the surface, as Meissner's corpuscle's does; a thick one that
 runs parallel to the surface; and two thin ones, nearer to the surface, whose work is pain. The
 ending of a vertical fibre is a large piece of bare membrane, which anodic current enters by; it
-leaves at the nodes below, and depolarizes them. Depths, diameters and spreads are [design].
+leaves at the nodes below, and depolarizes them. Depths count from below the corneal layer, which
+the current comes through. Depths, diameters and spreads are [design].
 """
 
 from __future__ import annotations
@@ -89,10 +90,10 @@ class FibreKind:
 
 #: All fibres alike; with the tissue's resistivity it puts a middling threshold at 0.6 mA, 100 us.
 THRESHOLD_MV = 15.0
-TOUCH_VERTICAL = FibreKind("touch, vertical", False, True, 10.0, 0.85)
-TOUCH_PARALLEL = FibreKind("touch, parallel", False, False, 10.0, 0.98, nodes=25)
-PAIN_VERTICAL = FibreKind("pain, vertical", True, True, 1.5, 0.62)
-PAIN_PARALLEL = FibreKind("pain, parallel", True, False, 1.7, 0.62, nodes=25)
+TOUCH_VERTICAL = FibreKind("touch, vertical", False, True, 10.0, 0.4)
+TOUCH_PARALLEL = FibreKind("touch, parallel", False, False, 10.0, 0.55, nodes=25)
+PAIN_VERTICAL = FibreKind("pain, vertical", True, True, 1.5, 0.25)
+PAIN_PARALLEL = FibreKind("pain, parallel", True, False, 1.7, 0.25, nodes=25)
 KINDS = (TOUCH_VERTICAL, TOUCH_PARALLEL, PAIN_VERTICAL, PAIN_PARALLEL)
 #: Of an electrode's fibres the first so many are felt, the others hurt.
 TOUCH_ROWS = SITES * sum(not kind.hurts for kind in KINDS)
@@ -103,8 +104,8 @@ ROWS = SITES * len(KINDS)
 class NerveSpread:
     """Log-normal spreads between electrodes: of depth, and of a fibre's own threshold [design]."""
 
-    depth_sigma: float = 0.06
-    threshold_sigma: float = 0.18
+    depth_sigma: float = 0.05
+    threshold_sigma: float = 0.15
     #: A layer between electrodes and skin, a gel's thickness: everything lies that much deeper.
     extra_depth_mm: float = 0.0
 

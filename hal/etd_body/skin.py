@@ -30,6 +30,9 @@ from etd_body.tissue import Floats
 
 _AT_UA = 5_000.0
 _BEND_UA = 8_000.0
+#: The way in widens a little faster than the resistance falls: 0.5 would be a disk of even
+#: resistance [design].
+_WIDENING = 0.8
 #: Below this fraction of the electrode's area there is no contact.
 _LEAST_AREA = 0.02
 
@@ -41,10 +44,10 @@ class SkinFigures:
     series_ohm: float = DRY_SERIES_OHM
     parallel_ohm: float = DRY_PARALLEL_OHM
     capacitance_nf: float = DRY_CAPACITANCE_NF
-    area_sigma: float = 0.25
+    area_sigma: float = 0.2
     diameter_mm: float = 1.0
     #: A film of sweat between two neighbors, when it is as wet as it gets.
-    wet_bridge_ohm: float = 150_000.0
+    wet_bridge_ohm: float = 300_000.0
     #: Paste between all neighbors; inf is none.
     paste_bridge_ohm: float = float("inf")
     gel: Gel | None = None
@@ -141,7 +144,7 @@ class Skin:
         """Of the disk that the current enters by: a wetter contact is a wider one (Watanabe,
         Futami, Hoshimiya: thresholds follow the widening of the area that carries current).
         """
-        return np.asarray(self.figures.diameter_mm / 2.0 * np.sqrt(self.gain))
+        return np.asarray(self.figures.diameter_mm / 2.0 * self.gain**_WIDENING)
 
     def _use(self, electrode: int, contact: Contact) -> None:
         self.is_touching[electrode] = contact.kind != "open"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 #: Of wet, living skin; only its product with a nerve's threshold matters [design].
-RESISTIVITY_OHM_M = 8.0
+RESISTIVITY_OHM_M = 2.5
 _GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
 
 

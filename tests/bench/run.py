@@ -22,13 +22,15 @@ sys.path[:0] = [str(_TESTS)]
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from bench import latency, modelled, processor, usual_script  # noqa: E402
+from bench import body, latency, modelled, processor, usual_script  # noqa: E402
 from bench.modelled import ELECTRODES, WIDTH_US, ScanFigures  # noqa: E402
 
 #: {rest in us: the most that a scan may take, over the sum of widths and rests}
 MOST_OVER_LIMIT = {200: 1.10, 50: 1.20}
 MOST_CALLS_PER_PULSE = 6.0
 LEAST_OVER_SCRIPT = 4.0
+#: A second of scanning 64 electrodes, of the body behind the fake, in processor time.
+MOST_BODY_S = 1.0
 #: gpiod's own calls, assumed for a Pi 4: one line, and several lines.
 GPIOD_CALLS_US = (10.0, 15.0)
 #: The ESP32 kits: two words a pulse at 6.6 us each, as their sources have it; the rest as asked.
@@ -102,6 +104,7 @@ def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None
         console.print(_scan_table(comparison))
     console.print(_processor_table(figures["processor"]))
     console.print(_latency_table(figures["latency"]))
+    console.print(_body_table(figures["body"]))
     for one in bounds:
         verdict = "[green]met[/]" if one.is_met else "[red]MISSED[/]"
         console.print(f"{verdict}  {one.what}: {one.value:g} (bound {one.bound:g})")
@@ -163,6 +166,22 @@ def _latency_table(found: list[latency.LatencyFigures]) -> Table:
     return table
 
 
+def _body_table(found: list[body.BodyFigures]) -> Table:
+    table = Table(
+        title=f"the modelled body: {body.SCANS} scans of all electrodes, processor time here",
+    )
+    for column in ("electrodes", "to set up", "for the scans", "a pulse"):
+        table.add_column(column, justify="right")
+    for one in found:
+        table.add_row(
+            str(one.electrodes),
+            f"{one.setup_s:.2f} s",
+            f"{one.busy_s:.2f} s",
+            f"{one.pulse_us:.0f} us",
+        )
+    return table
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(prog="bench", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
@@ -173,13 +192,17 @@ def main() -> int:
         "scans": comparisons,
         "processor": processor.measure(10 if args.quick else 100),
         "latency": list(latency.measure(args.quick)),
+        "body": [body.measure(side) for side in ((8,) if args.quick else (8, 16))],
     }
     bounds = [bound for comparison in comparisons for bound in comparison.bounds()]
+    busy_s = figures["body"][0].busy_s
+    bounds.append(at_most("a second of the body with 64 electrodes, s", busy_s, MOST_BODY_S))
     if args.json:
         plain = {
             "scans": [asdict(one) for one in comparisons],
             "processor": asdict(figures["processor"]),
             "latency": [asdict(one) for one in figures["latency"]],
+            "body": [asdict(one) for one in figures["body"]],
             "bounds": [asdict(one) for one in bounds],
         }
         print(json.dumps(plain))

@@ -25,7 +25,7 @@ _DEPTHS_MM = (0.75, 1.0, 1.25, 1.5, 2.0)
 _RINGS_MM = (1.0, 1.5, 2.0, 3.0)
 _SEEN_DEPTHS_MM = np.linspace(0.4, 4.0, 73)
 #: A fibre that is reached at this is reached down to some depth, in mV per mm2.
-_REACHING = 50.0
+_REACHING = 15.0
 _CENTER = np.zeros((1, 2))
 
 
@@ -70,7 +70,7 @@ def concentric() -> Figure:
         "Activating function under the middle of a concentric electrode, by the ring's radius. The"
         " ring is an anode, and takes back part of what the middle does: the nearer, the more.",
         Axis("depth (mm)"),
-        Axis("activating function (mV/mm2)", "log", least=3.0),
+        Axis("activating function (mV/mm2)", "log", least=1.0),
         (*(_down(ring) for ring in _RINGS_MM), alone),
         (
             *(
