@@ -309,6 +309,9 @@ class StatusReply(Success, frozen=True, kw_only=True):
     status: StateReport
 
 
+ContactState = Literal["unknown", "open", "soft", "closed", "saturated", "shorted"]
+
+
 class Shown(msgspec.Struct, frozen=True, kw_only=True):
     """A frame that was begun, with the times of its first and last pulse (CLOCK_MONOTONIC).
 
@@ -326,13 +329,18 @@ class Shown(msgspec.Struct, frozen=True, kw_only=True):
 class Fired(msgspec.Struct, frozen=True, kw_only=True):
     """The last scan, electrode by electrode; 0 or None where nothing was fired.
 
-    `current_ua` is what the source was told, an upper bound of what passes the skin.
+    `wanted_ua` is what the frame asked for, `current_ua` what the source was told: an upper bound
+    of what passes the skin. `delivered_ua` passed it at the end of the pulse, the leak taken out.
+    `contact` is the kind of contact that the pulse found.
     """
 
+    wanted_ua: tuple[int, ...]
     current_ua: tuple[int, ...]
+    delivered_ua: tuple[int, ...]
     width_us: tuple[float, ...]
     voltage_v: tuple[float | None, ...]
     resistance_ohm: tuple[int | None, ...]
+    contact: tuple[ContactState | None, ...]
 
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True):

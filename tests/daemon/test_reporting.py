@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine_parts import frame
-from etd.engine.reporting import Reporter
+from etd.engine.reporting import FiredPulse, Reporter
 from etd.link import Report
 from etd.protocol import Clamp, Halt, Scan
 
@@ -38,19 +38,36 @@ def reporter() -> tuple[Reporter, Listener]:
     return Reporter(4, listener.send), listener
 
 
+def fired(begun_ns: int, told_ua: int, voltage_v: float, resistance_ohm: int) -> FiredPulse:
+    return FiredPulse(
+        electrode=2,
+        begun_ns=begun_ns,
+        wanted_ua=1_200,
+        told_ua=told_ua,
+        delivered_ua=told_ua - 400,
+        width_us=99.7,
+        voltage_v=voltage_v,
+        resistance_ohm=resistance_ohm,
+        contact="soft",
+    )
+
+
 def test_a_scan_report_tells_the_frame_and_what_was_fired() -> None:
     made, listener = reporter()
     made.frame_begun(frame(seq=7, tag=3), START_NS)
     made.scan_begun()
-    made.fired(2, START_NS + 5, 1_000, 99.7, 28.5, 50_000)
-    made.fired(2, START_NS + 9, 1_100, 99.7, 29.5, 50_100)
+    made.fired(fired(START_NS + 5, 1_000, 28.5, 50_000))
+    made.fired(fired(START_NS + 9, 1_100, 29.5, 50_100))
     made.scan_report(START_NS + 10, 1_500)
     (scan,) = listener.scans
     (shown,) = scan.shown
     assert (shown.seq, shown.tag, shown.begun_ns, shown.ended) == (7, 3, START_NS, False)
     assert (shown.first_ns, shown.last_ns) == (START_NS + 5, START_NS + 9)
     assert (scan.seq, scan.tag, scan.scans, scan.ceiling_ua) == (7, 3, 1, 1_500)
+    assert scan.fired.wanted_ua == (0, 0, 1_200, 0)
     assert scan.fired.current_ua == (0, 0, 1_100, 0)
+    assert scan.fired.delivered_ua == (0, 0, 700, 0)
+    assert scan.fired.contact == (None, None, "soft", None)
     assert scan.fired.width_us == (0.0, 0.0, 99.7, 0.0)
     assert scan.fired.voltage_v == (None, None, 29.5, None)
     assert scan.fired.resistance_ohm == (None, None, 50_100, None)
@@ -93,7 +110,7 @@ def test_a_silence_is_told_at_once() -> None:
 def test_a_new_frame_forgets_what_the_one_before_fired() -> None:
     made, listener = reporter()
     made.frame_begun(frame(seq=1), START_NS)
-    made.fired(2, START_NS, 1_000, 99.7, 28.5, 50_000)
+    made.fired(fired(START_NS, 1_000, 28.5, 50_000))
     made.frame_begun(frame(seq=2), START_NS + 1)
     made.scan_report(START_NS + 2, 0)
     assert listener.scans[0].fired.current_ua == (0, 0, 0, 0)

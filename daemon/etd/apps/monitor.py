@@ -1,17 +1,57 @@
 """What the daemon reports, gathered into what a person wants to see at a glance.
 
-Owns: the latest of each report, brightness per electrode, and the line of state. Must not know:
+Owns: the latest of each report, the panels of the picture, and the line of state. Must not know:
 the terminal, where the reports come from.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import log
 
-from etd.protocol import Clamp, Contact, Halt, HelloReply, RefusedReport, Scan, StateReport
+from etd.protocol import (
+    Clamp,
+    Contact,
+    ContactState,
+    Fired,
+    Halt,
+    HelloReply,
+    Modelled,
+    RefusedReport,
+    Scan,
+    StateReport,
+)
 
 #: From silent to strong.
 SIGNS = "·░▒▓█"
+#: One sign for each kind of contact, in the order of the legend.
+CONTACT_SIGNS: dict[ContactState, str] = {
+    "closed": "#",
+    "soft": "~",
+    "open": ".",
+    "saturated": "!",
+    "shorted": "=",
+    "unknown": "?",
+}
+#: From black to bright, on a scale of decades: skin lies in between.
+_LEAST_OHM, _MOST_OHM = 3_000, 1_000_000
+#: Twice and a half the threshold is as bright as it gets.
+_BRIGHT_FELT = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One thing that is known of every electrode.
+
+    `bright` has 0..1 for each, None where nothing is known. `signs` are drawn instead of blocks,
+    where there are some. `alarming` are electrodes to be seen at once.
+    """
+
+    title: str
+    bright: Sequence[float | None]
+    signs: Sequence[str] | None = None
+    alarming: frozenset[int] = frozenset()
 
 
 @dataclass(slots=True)
@@ -21,14 +61,16 @@ class Monitor:
     facts: HelloReply
     state: str = "?"
     ceiling_ua: int = 0
-    current_ua: tuple[int, ...] = ()
-    touching: int | None = None
+    fired: Fired | None = None
+    is_silent: bool = True
+    modelled: Modelled | None = None
     pulses: int = 0
     frames: int = 0
     clamped: tuple[Clamp, ...] = ()
     halt: Halt | None = None
     refused: RefusedReport | None = None
-    _ended: set[int] = field(default_factory=set)
+    _contact: dict[int, ContactState] = field(default_factory=dict)
+    _known_ohm: dict[int, int] = field(default_factory=dict)
 
     def hear(self, report: object) -> None:
         """Any telemetry report."""
@@ -40,42 +82,115 @@ class Monitor:
                 self.pulses = report.counters.get("pulses", self.pulses)
                 self.frames = report.counters.get("frames_shown", self.frames)
             case Scan():
-                is_silent = bool(report.shown) and report.shown[-1].ended
-                self.current_ua = () if is_silent else report.fired.current_ua
-                self.ceiling_ua = report.ceiling_ua
-                self.clamped = report.clamped
+                self._hear_scan(report)
             case Contact():
-                self.touching = sum(one is True for one in report.contact)
+                self._hear_contact(report)
+            case Modelled():
+                self.modelled = report
             case RefusedReport():
                 self.refused = report
             case Halt():
                 self.halt = report
 
-    def brightness(self) -> list[float]:
-        """0..1 for each electrode: what was fired last, of the most that is fired or may be."""
-        electrodes = self.facts.array.electrodes
-        currents = self.current_ua or (0,) * electrodes
-        full_ua = max(*currents, self.facts.maxima.uncalibrated_current_ua)
-        return [current / full_ua for current in currents]
+    def _hear_scan(self, scan: Scan) -> None:
+        self.is_silent = bool(scan.shown) and scan.shown[-1].ended
+        self.fired = scan.fired
+        self.ceiling_ua = scan.ceiling_ua
+        self.clamped = scan.clamped
+        for electrode, state in enumerate(scan.fired.contact):
+            if state is not None:
+                self._contact[electrode] = state
+                self._set_ohm(electrode, scan.fired.resistance_ohm[electrode])
 
-    def signs(self) -> list[str]:
-        """One character for each electrode."""
-        top = len(SIGNS) - 1
-        return [SIGNS[min(top, round(bright * top + 0.3))] for bright in self.brightness()]
+    def _hear_contact(self, report: Contact) -> None:
+        for electrode, touches in enumerate(report.contact):
+            kinds: dict[bool | None, ContactState] = {
+                True: "closed",
+                False: "open",
+                None: "unknown",
+            }
+            self._contact[electrode] = kinds[touches]
+            self._set_ohm(electrode, report.resistance_ohm[electrode])
+
+    def _set_ohm(self, electrode: int, resistance_ohm: int | None) -> None:
+        if resistance_ohm is None:
+            self._known_ohm.pop(electrode, None)
+        else:
+            self._known_ohm[electrode] = resistance_ohm
+
+    # --- what is drawn -----------------------------------------------------------------------
+
+    def panels(self) -> list[Panel]:
+        """Wanted and delivered current, resistance and contact; what is felt, on a fake board."""
+        electrodes = range(self.facts.array.electrodes)
+        found = [
+            Panel("wanted", self._of_full("wanted_ua")),
+            Panel("delivered", self.brightness()),
+            Panel("resistance", [_bright_of_ohm(self._known_ohm.get(one)) for one in electrodes]),
+            self._contact_panel(),
+        ]
+        if self.modelled is not None:
+            hurt = {one for one, pain in enumerate(self.modelled.pain) if pain >= 1.0}
+            felt = [min(1.0, one / _BRIGHT_FELT) for one in self.modelled.felt]
+            found.append(Panel("felt (modelled)", felt, alarming=frozenset(hurt)))
+        return found
+
+    def _contact_panel(self) -> Panel:
+        electrodes = range(self.facts.array.electrodes)
+        states = [self._contact.get(one, "unknown") for one in electrodes]
+        bad = {one for one in electrodes if states[one] in ("saturated", "shorted")}
+        return Panel(
+            "contact",
+            [0.6 if one in ("closed", "soft") else 0.0 for one in states],
+            [CONTACT_SIGNS[one] for one in states],
+            frozenset(bad),
+        )
+
+    def brightness(self) -> list[float | None]:
+        """0..1 for each electrode: what passed the skin, of the most that is or may be fired."""
+        return self._of_full("delivered_ua")
+
+    def _of_full(self, key: str) -> list[float | None]:
+        electrodes = self.facts.array.electrodes
+        if self.fired is None or self.is_silent:
+            return [0.0] * electrodes
+        full_ua = max(*self.fired.wanted_ua, self.facts.maxima.uncalibrated_current_ua)
+        return [current / full_ua for current in getattr(self.fired, key)]
 
     def line(self, rate_hz: float | None = None) -> str:
         """State, ceiling, what fires, contact."""
-        active = [current for current in self.current_ua if current]
-        parts = [self.state, f"ceiling {self.ceiling_ua} uA"]
-        parts.append(f"{len(active)} electrodes, up to {max(active)} uA" if active else "silent")
+        parts = [self.state, f"ceiling {self.ceiling_ua} uA", self._firing()]
         if rate_hz is not None:
             parts.append(f"{rate_hz:.0f} Hz")
         parts.append(f"{self.pulses} pulses")
-        if self.touching is not None:
-            parts.append(f"{self.touching} of {self.facts.array.electrodes} touch the skin")
+        if self._contact:
+            touching = sum(one in ("closed", "soft") for one in self._contact.values())
+            parts.append(f"{touching} of {self.facts.array.electrodes} touch the skin")
+        if self.modelled is not None:
+            parts.append(_felt(self.modelled))
         if self.clamped:
             reasons = sorted({clamp.reason for clamp in self.clamped})
             parts.append(f"clamped by {' and '.join(reasons)}")
         if self.halt is not None:
             parts.append(f"halted by {self.halt.cause}")
         return ", ".join(parts)
+
+    def _firing(self) -> str:
+        active = [] if self.fired is None or self.is_silent else self.fired.delivered_ua
+        active = [current for current in active if current]
+        return f"{len(active)} electrodes, up to {max(active)} uA" if active else "silent"
+
+
+def _bright_of_ohm(resistance_ohm: int | None) -> float | None:
+    """The better it conducts, the brighter."""
+    if resistance_ohm is None:
+        return None
+    part = log(resistance_ohm / _LEAST_OHM) / log(_MOST_OHM / _LEAST_OHM)
+    return 1.0 - min(1.0, max(0.0, part))
+
+
+def _felt(modelled: Modelled) -> str:
+    felt = sum(one >= 1.0 for one in modelled.felt)
+    hurt = sum(one >= 1.0 for one in modelled.pain)
+    told = f"modelled: felt at {felt}, up to {max(modelled.felt):.1f} x threshold"
+    return f"{told}, PAIN at {hurt}" if hurt else told

@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from etd.apps.monitor import Monitor
+from etd.apps.monitor import CONTACT_SIGNS, Monitor, Panel
 from etd.apps.picture import Picture
 from etd.cli.terminal import check_rich, is_terminal
 from etd.client import clock
 
 if TYPE_CHECKING:
+    from rich.console import Group
     from rich.live import Live
     from rich.text import Text
 
@@ -22,6 +23,9 @@ _DRAW_NS = 50_000_000
 _LINE_NS = 1_000_000_000
 #: From dark to bright, in the terminal's 256 colors.
 _COLORS = ("grey30", "dark_orange3", "dark_orange", "orange1", "gold1", "bright_white")
+_ALARM = "bold red"
+#: Less is drawn as a place where nothing is.
+_DARK = 0.01
 
 
 class Plain:
@@ -46,29 +50,42 @@ class Drawn:
         self._monitor = monitor
         self._live = live
         self._title = title
-        self._picture = Picture(array.x_mm, array.y_mm)
+        cells = Picture(array.x_mm, array.y_mm).cells()
+        self._places = sorted(zip(cells, range(len(cells)), strict=True))
         self._due_ns = 0
 
     def draw(self, rate_hz: float | None = None) -> None:
         now_ns = clock.now_ns()
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + _DRAW_NS
-            self._live.update(self._text(rate_hz), refresh=True)
+            self._live.update(self._picture_now(rate_hz), refresh=True)
 
-    def _text(self, rate_hz: float | None) -> Text:
+    def _picture_now(self, rate_hz: float | None) -> Group:
+        from rich.columns import Columns
+        from rich.console import Group
         from rich.text import Text
 
-        text = Text(f"{self._title}\n\n", no_wrap=True)
-        by_cell = dict(zip(self._picture.cells(), self._monitor.brightness(), strict=True))
+        panels = Columns([self._panel(one) for one in self._monitor.panels()], padding=(0, 3))
+        contact = "   ".join(f"{sign} {kind}" for kind, sign in CONTACT_SIGNS.items())
+        return Group(
+            Text(f"{self._title}\n"),
+            panels,
+            Text(f"\ncontact: {contact}", style="grey50"),
+            Text(f"{self._monitor.line(rate_hz)}\n"),
+        )
+
+    def _panel(self, panel: Panel) -> Text:
+        from rich.text import Text
+
+        text = Text(f"{panel.title}\n", no_wrap=True)
         row_now, column_now = 0, 0
-        for (row, column), bright in sorted(by_cell.items()):
+        for (row, column), electrode in self._places:
             if row > row_now:
                 text.append("\n" * (row - row_now))
                 row_now, column_now = row, 0
             text.append("  " * (column - column_now))
-            text.append("██" if bright else "··", style=_color(bright))
+            text.append(*_cell(panel, electrode))
             column_now = column + 1
-        text.append(f"\n\n{self._monitor.line(rate_hz)}\n")
         return text
 
 
@@ -84,6 +101,17 @@ def picture_of(monitor: Monitor, title: str) -> Iterator[Plain | Drawn]:
 
     with Live(auto_refresh=False) as live:
         yield Drawn(monitor, live, title)
+
+
+def _cell(panel: Panel, electrode: int) -> tuple[str, str]:
+    """Two characters, and their style."""
+    bright = panel.bright[electrode]
+    style = _ALARM if electrode in panel.alarming else _color(bright or 0.0)
+    if panel.signs is not None:
+        return f"{panel.signs[electrode]} ", style
+    if bright is None:
+        return "? ", style
+    return ("██" if bright > _DARK else "··"), style
 
 
 def _color(bright: float) -> str:

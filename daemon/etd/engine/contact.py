@@ -16,7 +16,7 @@ tells); `shorted`, when it resists less than skin can, as beside a neighbor unde
 from __future__ import annotations
 
 from etd.bodysite import SiteContact
-from etd.stabilize.pipeline import ContactState
+from etd.protocol import ContactState
 from etd_hal.boardfile import Source
 
 #: Of the compliance: above, a pulse was not delivered; below the second, one was again.
@@ -82,6 +82,11 @@ class ContactMap:
             return max(0.0, part)
         self._soft_since_ns[electrode] = None
         return 1.0
+
+    def delivered_ua(self, electrode: int) -> int:
+        """What passed the skin near the end of its last pulse: the leak took the rest."""
+        leaked_ua = (self.voltage_v[electrode] or 0.0) / self._leak_ohm * 1e6
+        return max(0, round(self._told_ua[electrode] - leaked_ua))
 
     def learn(
         self,

@@ -20,6 +20,7 @@ from etd.protocol import (
     MODELLED_HZ,
     Clamp,
     Contact,
+    ContactState,
     Fired,
     Halt,
     Modelled,
@@ -66,6 +67,21 @@ class _Pending:
     scans: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class FiredPulse:
+    """One pulse of a frame, as it is told."""
+
+    electrode: int
+    begun_ns: int
+    wanted_ua: int
+    told_ua: int
+    delivered_ua: int
+    width_us: float
+    voltage_v: float
+    resistance_ohm: int | None
+    contact: ContactState
+
+
 class BodyFelt(Protocol):
     """Per electrode, the strongest since somebody last asked."""
 
@@ -93,10 +109,13 @@ class Reporter:
 
     def _clear_fired(self) -> None:
         n = self._electrodes
+        self._wanted_ua = [0] * n
         self._current_ua = [0] * n
+        self._delivered_ua = [0] * n
         self._width_us = [0.0] * n
         self._voltage_v: list[float | None] = [None] * n
         self._resistance_ohm: list[int | None] = [None] * n
+        self._contact: list[ContactState | None] = [None] * n
 
     # --- frames and scans --------------------------------------------------------------------
 
@@ -121,25 +140,20 @@ class Reporter:
         self.counters["scans"] += 1
         self._has_news = True
 
-    def fired(
-        self,
-        electrode: int,
-        at_ns: int,
-        told_ua: int,
-        width_us: float,
-        voltage_v: float,
-        resistance_ohm: int | None,
-    ) -> None:
+    def fired(self, pulse: FiredPulse) -> None:
         """One visit."""
-        showing = self._showing
+        showing, electrode = self._showing, pulse.electrode
         if showing is not None:
             if showing.first_ns is None:
-                showing.first_ns = at_ns
-            showing.last_ns = at_ns
-        self._current_ua[electrode] = told_ua
-        self._width_us[electrode] = width_us
-        self._voltage_v[electrode] = voltage_v
-        self._resistance_ohm[electrode] = resistance_ohm
+                showing.first_ns = pulse.begun_ns
+            showing.last_ns = pulse.begun_ns
+        self._wanted_ua[electrode] = pulse.wanted_ua
+        self._current_ua[electrode] = pulse.told_ua
+        self._delivered_ua[electrode] = pulse.delivered_ua
+        self._width_us[electrode] = pulse.width_us
+        self._voltage_v[electrode] = pulse.voltage_v
+        self._resistance_ohm[electrode] = pulse.resistance_ohm
+        self._contact[electrode] = pulse.contact
         self.counters["pulses"] += 1
 
     def clamped(self, clamp: Clamp) -> None:
@@ -166,10 +180,13 @@ class Reporter:
             tag=shown[-1].tag if shown else None,
             scans=pending.scans,
             fired=Fired(
+                wanted_ua=tuple(self._wanted_ua),
                 current_ua=tuple(self._current_ua),
+                delivered_ua=tuple(self._delivered_ua),
                 width_us=tuple(self._width_us),
                 voltage_v=tuple(self._voltage_v),
                 resistance_ohm=tuple(self._resistance_ohm),
+                contact=tuple(self._contact),
             ),
             clamped=tuple(pending.clamped.values()),
             thinned=tuple(

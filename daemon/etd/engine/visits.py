@@ -18,7 +18,7 @@ from etd.engine.ledger import Entry, Ledger
 from etd.engine.limits import Maxima, last_word
 from etd.engine.opening import Opening
 from etd.engine.plan import Visit
-from etd.engine.reporting import Reporter
+from etd.engine.reporting import FiredPulse, Reporter
 from etd.engine.sharing import Sharing
 from etd.errors import BoardFault
 from etd.protocol import Clamp
@@ -142,7 +142,7 @@ class Visitor:
             return None
         shots = self._fire(visit, pulse, entry, current_ua, wish.width_us)
         self._learn(visit, pulse, *shots)
-        self._tell(electrode, pulse, shots[0].begun_ns)
+        self._tell(visit, pulse, shots[0].begun_ns)
         if clamp is not None:
             # Told with its pulse: a report may have gone out while relays moved.
             reporter.clamped(clamp)
@@ -217,15 +217,20 @@ class Visitor:
         elif not touches:
             tools.sharing.lose(electrode)
 
-    def _tell(self, electrode: int, pulse: Pulse, begun_ns: int) -> None:
-        contact = self._tools.contact
+    def _tell(self, visit: Visit, pulse: Pulse, begun_ns: int) -> None:
+        contact, electrode = self._tools.contact, visit.electrode
         self._tools.reporter.fired(
-            electrode,
-            begun_ns,
-            pulse.told_ua,
-            round(pulse.shape.width_us, 2),
-            contact.voltage_v[electrode] or 0.0,
-            contact.resistance_ohm[electrode],
+            FiredPulse(
+                electrode=electrode,
+                begun_ns=begun_ns,
+                wanted_ua=visit.wish.current_ua,
+                told_ua=pulse.told_ua,
+                delivered_ua=contact.delivered_ua(electrode),
+                width_us=round(pulse.shape.width_us, 2),
+                voltage_v=contact.voltage_v[electrode] or 0.0,
+                resistance_ohm=contact.resistance_ohm[electrode],
+                contact=contact.state(electrode, begun_ns),
+            )
         )
 
 

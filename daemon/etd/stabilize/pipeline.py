@@ -10,15 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Protocol
+
+from etd.protocol import ContactState
 
 #: No pulse is shorter, whoever asks.
 SHORTEST_US = 20
 #: Widths are asked for in steps of this: prepared pulses stay few, and one width is compared with
 #: the same width before (`engine/sharing.py`).
 WIDTH_STEP_US = 5
-
-ContactState = Literal["unknown", "open", "soft", "closed", "saturated", "shorted"]
 
 
 @dataclass(frozen=True, slots=True)

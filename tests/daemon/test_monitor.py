@@ -1,0 +1,110 @@
+"""The live picture's facts: what was wanted, what passed, contact, and what a model felt."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from etd.apps.monitor import CONTACT_SIGNS, Monitor, Panel
+from etd.gateway.replies import hello
+from etd.protocol import Contact, Endpoints, Fired, Hello, HelloReply, Modelled, Scan, Shown
+from scripted_engine import greeting
+
+
+def monitor() -> Monitor:
+    return Monitor(facts())
+
+
+def facts() -> HelloReply:
+    return hello(
+        Hello(),
+        0,
+        greeting(),
+        name="main",
+        endpoints=Endpoints(frames="", telemetry=""),
+        calibrations=(),
+        default_calibration=None,
+    )
+
+
+def scan(is_ended: bool = False, **changes: Any) -> Scan:
+    """Two electrodes of four fired, one of them half delivered and saturated."""
+    fired = Fired(
+        wanted_ua=(2_000, 0, 1_000, 0),
+        current_ua=(2_000, 0, 1_000, 0),
+        delivered_ua=(1_500, 0, 500, 0),
+        width_us=(100.0, 0.0, 100.0, 0.0),
+        voltage_v=(50.0, None, 285.0, None),
+        resistance_ohm=(30_000, None, None, None),
+        contact=("closed", None, "saturated", None),
+    )
+    shown = Shown(seq=1, tag=None, begun_ns=0, first_ns=1, last_ns=2, ended=is_ended)
+    return Scan(
+        now_ns=0,
+        shown=(shown,),
+        seq=1,
+        tag=None,
+        scans=1,
+        fired=msgspec.structs.replace(fired, **changes),
+        clamped=(),
+        thinned=(),
+        ceiling_ua=3_000,
+        dropped_reports=0,
+    )
+
+
+def panel(made: Monitor, title: str) -> Panel:
+    (found,) = [one for one in made.panels() if one.title == title]
+    return found
+
+
+def test_what_was_wanted_and_what_passed_the_skin_are_seen_side_by_side() -> None:
+    made = monitor()
+    made.hear(scan())
+    wanted, delivered = panel(made, "wanted").bright, panel(made, "delivered").bright
+    assert wanted[0] is not None
+    assert delivered[0] is not None
+    assert delivered[0] == wanted[0] * 1_500 / 2_000
+    assert delivered[1] == wanted[1] == 0.0
+
+
+def test_after_a_frame_has_ended_nothing_is_delivered_and_contact_stays() -> None:
+    made = monitor()
+    made.hear(scan(is_ended=True))
+    assert set(panel(made, "delivered").bright) == {0.0}
+    assert panel(made, "contact").signs == ["#", "?", "!", "?"]
+
+
+def test_a_contact_that_is_saturated_or_shorted_is_seen_at_once() -> None:
+    made = monitor()
+    made.hear(scan(contact=("shorted", None, "saturated", "soft")))
+    assert panel(made, "contact").alarming == {0, 2}
+
+
+def test_the_contact_measurement_of_arming_is_drawn_too() -> None:
+    made = monitor()
+    told = Contact(
+        contact=(True, False, None, True),
+        resistance_ohm=(3_000, None, None, 1_000_000),
+        voltage_v=(1.0, 19.0, None, 18.0),
+        t_ns=0,
+    )
+    made.hear(told)
+    assert panel(made, "contact").signs == ["#", ".", "?", "#"]
+    assert panel(made, "resistance").bright == [1.0, None, None, 0.0]
+
+
+def test_what_a_body_felt_is_shown_only_where_there_is_a_model_and_named_so() -> None:
+    made = monitor()
+    assert "felt" not in made.line()
+    assert [one.title for one in made.panels()] == ["wanted", "delivered", "resistance", "contact"]
+    made.hear(Modelled(now_ns=0, felt=(1.2, 0.0, 0.4, 5.0), pain=(0.1, 0.0, 0.0, 1.0)))
+    felt = panel(made, "felt (modelled)")
+    assert felt.bright[3] == 1.0
+    assert felt.alarming == {3}
+    assert "modelled: felt at 2, up to 5.0 x threshold, PAIN at 1" in made.line()
+
+
+def test_every_kind_of_contact_has_a_sign_of_its_own() -> None:
+    assert len(set(CONTACT_SIGNS.values())) == len(CONTACT_SIGNS)
