@@ -13,6 +13,10 @@ import msgspec
 import engine_rig
 from etd.config import LoadedConfig, fake_config
 from etd.shipped import find
+from etd.stabilize.contact import ContactLaw
+from etd.stabilize.lines import LinesLaw
+from etd.stabilize.pressure import PressureLaw
+from etd.stabilize.settings import NOTHING, Settings
 from etd_hal.boardfile import load_machine
 from trace_decoder import Record
 
@@ -49,11 +53,21 @@ class ScanFigures:
         return (self.scan_us + self.rewrite_us) / self.limit_us
 
 
-def loaded_with(rest_us: int, machine: str = "pi4") -> LoadedConfig:
+#: One law of each kind, with their default figures; of those by resistance the costliest.
+STABILIZED = Settings(
+    order=("pressure", "lines", "contact"),
+    pressure=PressureLaw(),
+    lines=LinesLaw(),
+    contact=ContactLaw(),
+)
+
+
+def loaded_with(rest_us: int, machine: str = "pi4", stabilize: Settings = NOTHING) -> LoadedConfig:
     """The fake's own configuration, with another rest, and perhaps on another machine."""
     loaded = fake_config(electrodes=ELECTRODES)
     return replace(
         loaded,
+        body_site=msgspec.structs.replace(loaded.body_site, stabilize=stabilize),
         board=msgspec.structs.replace(loaded.board, rest_us=rest_us),
         machine=load_machine(find("machines", machine)),
     )
@@ -64,9 +78,9 @@ def limit_us(rest_us: int) -> float:
     return float(ELECTRODES * (WIDTH_US + rest_us))
 
 
-def engine_scan(rest_us: int) -> ScanFigures:
+def engine_scan(rest_us: int, stabilize: Settings = NOTHING) -> ScanFigures:
     """All electrodes active, in scan order; the slowest of a few scans."""
-    rig = engine_rig.make(loaded=loaded_with(rest_us))
+    rig = engine_rig.make(loaded=loaded_with(rest_us, stabilize=stabilize))
     rig.open()
     rig.arm()
     rig.hold(

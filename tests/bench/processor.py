@@ -17,6 +17,7 @@ from etd.engine.engine import Engine
 from etd.frame import Frame
 from etd.link import Alive, ArmBoard, Channel, NewFrame, OpenLease, ToEngine, ToGateway
 from etd.protocol import Limits
+from etd.stabilize.settings import NOTHING, Settings
 from etd_hal.compose import Backend, NoMarker
 from etd_hal.ports import Changes, Edge, Message
 
@@ -24,8 +25,8 @@ from etd_hal.ports import Changes, Edge, Message
 PI4_FACTOR = 4.0
 _REST_US = 200
 _WORD_NS, _DELAY_NS, _MESSAGE_NS = 16_000, 300, 10_000
-#: What a touched electrode of a fingertip answers (about 10 V).
-SAMPLE = (112 << 2).to_bytes(2, "big")
+#: What a touched electrode of a fingertip answers: about 10 V at 400 uA.
+ADC_CODES_PER_DAC_CODE = 112 / 163
 _RATE_HZ = 40.0
 #: Above those of the opening.
 _FIRST_SEQ = 10_000
@@ -61,12 +62,23 @@ class FreeSpi:
     def __init__(self, clock: FreeClock) -> None:
         self._clock = clock
         self.begun_ns: list[int] = []
+        #: By message, as the engine prepares few: time and answer.
+        self._answers: dict[Message, tuple[int, tuple[bytes, ...]]] = {}
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         self.begun_ns.append(real_clock.now_ns())
-        words = sum(1 for one in message.transfers if one.tx)
-        self._clock.t_ns += message_ns(message)
-        return (b"\0\0", *(SAMPLE,) * (words - 1))
+        known = self._answers.get(message)
+        if known is None:
+            known = self._answers[message] = (message_ns(message), answer(message))
+        self._clock.t_ns += known[0]
+        return known[1]
+
+
+def answer(message: Message) -> tuple[bytes, ...]:
+    """A touched electrode holds the node in proportion to the current."""
+    words = [int.from_bytes(one.tx, "big") >> 2 for one in message.transfers if one.tx]
+    sample = (int(max(words) * ADC_CODES_PER_DAC_CODE) << 2).to_bytes(2, "big")
+    return (b"\0\0", *(sample,) * (len(words) - 1))
 
 
 def message_ns(message: Message) -> int:
@@ -90,11 +102,11 @@ class FreeGpio:
         return ()
 
 
-def measure(scans: int) -> ProcessorFigures:
+def measure(scans: int, stabilize: Settings = NOTHING) -> ProcessorFigures:
     """Pulses of `scans` scans of 64 electrodes, the first of them left out to warm up."""
     clock = FreeClock()
     spi = FreeSpi(clock)
-    engine, gateway, ends = _armed(clock, spi)
+    engine, gateway, ends = _armed(clock, spi, stabilize)
     spi.begun_ns.clear()
     periods_us: list[float] = []
     for seq in range(_FIRST_SEQ, _FIRST_SEQ + _WARM_UP + scans):
@@ -133,10 +145,10 @@ Ends = tuple[Channel[ToGateway], Channel[ToGateway]]
 
 
 def _armed(
-    clock: FreeClock, spi: FreeSpi
+    clock: FreeClock, spi: FreeSpi, stabilize: Settings
 ) -> tuple[Engine, Ends, tuple[Channel[ToEngine] | Channel[NewFrame] | Channel[ToGateway], ...]]:
     backend = Backend("fake", spi, FreeGpio(), None, clock, NoMarker(), lambda: None)
-    engine = Engine(loaded_with(_REST_US), backend)
+    engine = Engine(loaded_with(_REST_US, stabilize=stabilize), backend)
     engine.begin()
     first, second = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
     commands: Channel[ToEngine] = Channel(first[0], ToEngine)

@@ -60,6 +60,8 @@ class Comparison:
     """One rest: the engine's scan, and the others' at the same width and rest."""
 
     scan: ScanFigures
+    #: The same with a stabilizer of each kind.
+    stabilized: ScanFigures
     script_us: float
     script_calls_per_pulse: float
     gpiod_us: tuple[float, ...]
@@ -75,6 +77,16 @@ class Comparison:
                 self.scan.ratio_with_rewrite,
                 MOST_OVER_LIMIT[self.scan.rest_us],
             ),
+            at_most(
+                f"{rest}: the same with stabilizers",
+                self.stabilized.ratio_with_rewrite,
+                MOST_OVER_LIMIT[self.scan.rest_us],
+            ),
+            at_most(
+                f"{rest}: bus calls per pulse with stabilizers",
+                self.stabilized.calls_per_pulse,
+                MOST_CALLS_PER_PULSE,
+            ),
             at_least(
                 f"{rest}: usual script over scan",
                 self.script_us / (self.scan.scan_us + self.scan.rewrite_us),
@@ -89,6 +101,7 @@ def compare(rest_us: int) -> Comparison:
     gpiod = [usual_script.UsualScript(rest_us, call_us).scan() for call_us in GPIOD_CALLS_US]
     return Comparison(
         modelled.engine_scan(rest_us),
+        modelled.engine_scan(rest_us, modelled.STABILIZED),
         script.scan_us,
         script.calls_per_pulse,
         tuple(one.scan_us for one in gpiod),
@@ -102,7 +115,7 @@ def compare(rest_us: int) -> Comparison:
 def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None:
     for comparison in figures["scans"]:
         console.print(_scan_table(comparison))
-    console.print(_processor_table(figures["processor"]))
+    console.print(_processor_table(figures["processor"], figures["stabilized"]))
     console.print(_latency_table(figures["latency"]))
     console.print(_body_table(figures["body"]))
     for one in bounds:
@@ -126,6 +139,12 @@ def _scan_table(found: Comparison) -> Table:
     row("widths and rests alone: the limit", scan.limit_us)
     row("etd, rewrite of the chain apart", scan.scan_us, f"{scan.calls_per_pulse:.2f}")
     row("etd, with the rewrite", whole_us, f"+ {scan.rewrite_calls} a scan")
+    stabilized = found.stabilized
+    row(
+        "etd with stabilizers, and the rewrite",
+        stabilized.scan_us + stabilized.rewrite_us,
+        f"{stabilized.calls_per_pulse:.2f}",
+    )
     row("usual script, raw calls (1)", found.script_us, f"{found.script_calls_per_pulse:.0f}")
     for call_us, took_us in zip(GPIOD_CALLS_US, found.gpiod_us, strict=True):
         row(f"usual script, gpiod, {call_us:g} us (2)", took_us)
@@ -138,7 +157,9 @@ def _scan_table(found: Comparison) -> Table:
     return table
 
 
-def _processor_table(found: processor.ProcessorFigures) -> Table:
+def _processor_table(
+    found: processor.ProcessorFigures, stabilized: processor.ProcessorFigures
+) -> Table:
     table = Table(
         title="the engine's processor time for a pulse, measured here",
         caption=f"here: {found.machine}; the factor is assumed",
@@ -146,12 +167,13 @@ def _processor_table(found: processor.ProcessorFigures) -> Table:
     for column in ("", "median", "p99"):
         table.add_column(column, justify="left" if not column else "right")
     factor = processor.PI4_FACTOR
-    table.add_row("here", f"{found.median_us:.1f} us", f"{found.p99_us:.1f} us")
-    table.add_row(
-        f"on a Pi 4, {factor:g} times slower",
-        f"{found.median_us * factor:.0f} us",
-        f"{found.p99_us * factor:.0f} us",
-    )
+    for what, one in (("", found), (", with stabilizers", stabilized)):
+        table.add_row(f"here{what}", f"{one.median_us:.1f} us", f"{one.p99_us:.1f} us")
+        table.add_row(
+            f"on a Pi 4, {factor:g} times slower{what}",
+            f"{one.median_us * factor:.0f} us",
+            f"{one.p99_us * factor:.0f} us",
+        )
     return table
 
 
@@ -191,6 +213,7 @@ def main() -> int:
     figures: dict[str, Any] = {
         "scans": comparisons,
         "processor": processor.measure(10 if args.quick else 100),
+        "stabilized": processor.measure(10 if args.quick else 100, modelled.STABILIZED),
         "latency": list(latency.measure(args.quick)),
         "body": [body.measure(side) for side in ((8,) if args.quick else (8, 16))],
     }
@@ -201,6 +224,7 @@ def main() -> int:
         plain = {
             "scans": [asdict(one) for one in comparisons],
             "processor": asdict(figures["processor"]),
+            "stabilized": asdict(figures["stabilized"]),
             "latency": [asdict(one) for one in figures["latency"]],
             "body": [asdict(one) for one in figures["body"]],
             "bounds": [asdict(one) for one in bounds],

@@ -20,7 +20,7 @@ sys.path[:0] = [str(_CLONE / "tests")]
 import msgspec  # noqa: E402
 
 from bench.modelled import loaded_with  # noqa: E402
-from bench.processor import SAMPLE, FreeGpio, message_ns  # noqa: E402
+from bench.processor import FreeGpio, answer, message_ns  # noqa: E402
 from etd.config import LoadedConfig  # noqa: E402
 from etd.engine.process import run_engine  # noqa: E402
 from etd_hal.compose import Backend, NoMarker  # noqa: E402
@@ -65,8 +65,7 @@ class WallSpi:
             pass
         clock.behind_ns = clock.real.now_ns() - end_ns
         clock.message_ends_ns = None
-        words = sum(1 for one in message.transfers if one.tx)
-        return (b"\0\0", *(SAMPLE,) * (words - 1))
+        return answer(message)
 
 
 def main() -> int:

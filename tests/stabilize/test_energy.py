@@ -13,7 +13,7 @@ FRAME = Wish(2_000, 100)
 
 
 def energy(**law: float) -> Energy:
-    return Energy(EnergyLaw(**law), LEAK_OHM)  # type: ignore[arg-type]
+    return Energy(EnergyLaw(**{"most_wider": 2.0, **law}), LEAK_OHM)  # type: ignore[arg-type]
 
 
 def known(skin_ohm: float | None, now_ms: int = 0, reference_ohm: int | None = 50_000) -> Known:

@@ -18,11 +18,13 @@ LEAK_OHM = 66_000.0
 MS = 1_000_000
 FRAME = Wish(2_000, 100)
 LAWS: dict[str, Callable[[], Stabilizer]] = {
-    "energy": lambda: Energy(EnergyLaw(), LEAK_OHM),
-    "fitted": lambda: Fitted(FittedLaw(k=1.0)),
+    "energy": lambda: Energy(EnergyLaw(most_wider=2.0), LEAK_OHM),
+    "fitted": lambda: Fitted(FittedLaw(k=1.0, most_wider=2.0)),
     "fitted the other way": lambda: Fitted(FittedLaw(k=-0.5)),
-    "lines": lambda: Lines(LinesLaw(), LEAK_OHM),
-    "steep lines": lambda: Lines(LinesLaw(charge_slope=-0.8, energy_slope=0.4), LEAK_OHM),
+    "lines": lambda: Lines(LinesLaw(most_wider=2.0), LEAK_OHM),
+    "steep lines": lambda: Lines(
+        LinesLaw(charge_slope=-0.8, energy_slope=0.4, most_wider=2.0), LEAK_OHM
+    ),
 }
 every_law = pytest.mark.parametrize("make", LAWS.values(), ids=LAWS.keys())
 
@@ -121,13 +123,13 @@ def test_a_fall_is_never_delayed_and_a_rise_takes_time(make: Callable[[], Stabil
 
 @pytest.mark.parametrize(("skin_ohm", "factor"), [(100_000, 0.5), (40_000, 1.25), (10_000, 2.0)])
 def test_a_fitted_width_is_a_power_of_the_resistance(skin_ohm: int, factor: float) -> None:
-    asked = settled(Fitted(FittedLaw(k=1.0)), skin_ohm)
+    asked = settled(Fitted(FittedLaw(k=1.0, most_wider=2.0)), skin_ohm)
     assert asked.current_ua * asked.width_us == pytest.approx(2_000 * 100 * factor, rel=0.01)
 
 
 @pytest.mark.parametrize("skin_ohm", [10_000.0, 25_000.0, 50_000.0, 100_000.0, 150_000.0])
 def test_lines_with_their_default_slopes_hold_the_delivered_charge(skin_ohm: float) -> None:
-    asked = settled(Lines(LinesLaw(), LEAK_OHM), skin_ohm)
+    asked = settled(Lines(LinesLaw(most_wider=2.0), LEAK_OHM), skin_ohm)
     assert delivered_nc(asked, skin_ohm) == pytest.approx(delivered_nc(FRAME, 50_000), rel=0.01)
 
 
@@ -144,7 +146,7 @@ def test_a_line_below_zero_says_nothing() -> None:
 
 
 def test_a_reference_is_carried_over_to_the_current_of_the_pulse() -> None:
-    law = Fitted(FittedLaw(k=1.0))
+    law = Fitted(FittedLaw(k=1.0, most_wider=2.0))
     eased_ohm = 50_000.0 * (4_000 + BEND_UA) / (2_000 + BEND_UA)
     for step in range(30):
         asked = law.ask(FRAME, known(eased_ohm, 100 * step, reference_at_ua=4_000))

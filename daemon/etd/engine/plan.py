@@ -378,10 +378,12 @@ class Planner:
         if wanted_hz <= achievable_hz:
             return wanted_hz, ()
         if not frame.thin:
+            has_room = any(one.most.width_us > one.width_us for one in visits)
+            room = ", with room for what stabilizers may widen" if has_room else ""
             raise Refused(
                 "too_fast",
                 f"{len(visits)} electrodes at {wanted_hz:g} Hz do not fit: at most"
-                f" {achievable_hz:.1f} Hz (or send thin: true to be slowed down)",
+                f" {achievable_hz:.1f} Hz{room} (or send thin: true to be slowed down)",
                 achievable_hz=achievable_hz,
             )
         return achievable_hz, (Thinned(electrode=None, reason="rate", rate_hz=achievable_hz),)

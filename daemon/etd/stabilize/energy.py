@@ -33,7 +33,7 @@ from etd.stabilize.slew import Slew
 class EnergyLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What a body-site file says of it."""
 
-    most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 2.0
+    most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 1.5
     narrowest_us: Annotated[int, Meta(ge=20, le=200)] = 35
     rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
 

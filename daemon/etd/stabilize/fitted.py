@@ -35,7 +35,7 @@ class FittedLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """What a body-site file says of it."""
 
     k: Annotated[float, Meta(ge=-2.0, le=2.0)]
-    most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 2.0
+    most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 1.5
     narrowest_us: Annotated[int, Meta(ge=20, le=200)] = 35
     rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
 

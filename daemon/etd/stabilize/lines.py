@@ -42,7 +42,7 @@ class LinesLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     charge_slope: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
     energy_slope: Annotated[float, Meta(ge=-1.0, le=2.0)] = 1.0
-    most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 2.0
+    most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 1.5
     narrowest_us: Annotated[int, Meta(ge=20, le=200)] = 35
     rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
 
