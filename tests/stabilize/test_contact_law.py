@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from etd.stabilize.contact import Contact, ContactLaw
 from etd.stabilize.pipeline import ContactState, Known, Wish

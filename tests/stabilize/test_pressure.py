@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from etd.stabilize.pipeline import Known, Wish
 from etd.stabilize.pressure import Pressure, PressureLaw
@@ -17,7 +16,7 @@ FREE = Known(3, True, 50_000, 60.0, state="closed", pressure_kpa=0.0)
 def pressed_for(law: Pressure, kpa: float | None, begin_ms: int, end_ms: int, **more: int) -> Wish:
     asked = FRAME
     for now_ms in range(begin_ms, end_ms, 20):
-        seen = replace(FREE, pressure_kpa=kpa, now_ns=now_ms * MS, **more)  # type: ignore[arg-type]
+        seen = replace(FREE, pressure_kpa=kpa, now_ns=now_ms * MS, **more)
         asked = law.ask(FRAME, seen)
     return asked
 

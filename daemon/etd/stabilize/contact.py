@@ -64,6 +64,8 @@ class Contact:
             return wish
         current_ua = self._softened(wish.current_ua, known)
         current_ua = min(current_ua, self._deliverable_ua(wish.current_ua, known))
+        if current_ua == wish.current_ua:
+            return wish
         return replace(wish, current_ua=current_ua)
 
     def _softened(self, wanted_ua: int, known: Known) -> int:

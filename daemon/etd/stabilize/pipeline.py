@@ -14,6 +14,8 @@ from typing import Protocol
 
 from etd.protocol import ContactState
 
+import msgspec
+
 #: No pulse is shorter, whoever asks.
 SHORTEST_US = 20
 #: Widths are asked for in steps of this: prepared pulses stay few, and one width is compared with
@@ -45,8 +47,7 @@ class Wish:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Known:
+class Known(msgspec.Struct, frozen=True, gc=False):
     """What the pulses so far, a calibration and sensors tell of one electrode; None where unknown.
 
     `resistance_ohm` and `voltage_v` are the last pulse's, as measured. `skin_ohm` is what the skin

@@ -51,6 +51,8 @@ class Pressure:
         pressed = self._pressed.toward(known.electrode, self._part(known), known.now_ns)
         if known.pressure_kpa is not None and known.pressure_kpa < self._law.none_kpa:
             return replace(wish, current_ua=0)
+        if pressed >= 1.0:
+            return wish
         least_ua = min(known.threshold_ua or 0, wish.current_ua)
         current_ua = least_ua + int((wish.current_ua - least_ua) * pressed)
         return replace(wish, current_ua=current_ua)
