@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from etd.protocol import ContactState
 from etd.stabilize.contact import Contact, ContactLaw
-from etd.stabilize.pipeline import ContactState, Known, Wish
+from etd.stabilize.pipeline import Known, Wish
 
 MS = 1_000_000
 FRAME = Wish(3_000, 100)

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from etd.protocol import ContactState
 from etd.stabilize.energy import Energy, EnergyLaw
 from etd.stabilize.fitted import Fitted, FittedLaw
 from etd.stabilize.lines import Lines, LinesLaw
-from etd.stabilize.pipeline import ContactState, Known, Stabilizer, Wish
+from etd.stabilize.pipeline import Known, Stabilizer, Wish
 from etd.stabilize.reference import BEND_UA
 
 LEAK_OHM = 66_000.0

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from etd.protocol import ContactState
-
 import msgspec
+
+from etd.protocol import ContactState
 
 #: No pulse is shorter, whoever asks.
 SHORTEST_US = 20
