@@ -163,7 +163,7 @@ def _check_rises(site: BodySite, file: str) -> None:
 def _check_defaults(site: BodySite, file: str) -> None:
     maxima, defaults = site.maxima, site.defaults
     for key, default, most in (
-        ("width_us", defaults.width_us, maxima.width_us),
+        ("width_us", defaults.width_us + site.stabilize.prepulse_us, maxima.width_us),
         ("rate_hz", defaults.rate_hz, maxima.rate_hz),
     ):
         if default > most:

@@ -238,7 +238,7 @@ class Board:
             ended_ns - begun_ns - pulse.planned_ns,
             ad7276.code_of(received[0]) * self._node_v,
             ad7276.code_of(received[-1]) * self._node_v,
-            ad7276.code_of(received[1]) * self._node_v,
+            ad7276.code_of(received[2 if pulse.prepulse_ua else 1]) * self._node_v,
         )
 
     def discharge(self) -> None:

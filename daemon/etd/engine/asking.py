@@ -69,10 +69,10 @@ class Asker:
         if not asked.is_possible:
             counters["impossible_wishes"] += 1
             return visit.wish
-        if asked.width_us > visit.most.width_us:
+        cut = visit.most.in_slot(asked)
+        if cut != asked:
             counters["width_wishes_cut"] += 1
-            return visit.most.in_slot(asked)
-        return asked
+        return cut
 
     def _pressure(self, electrode: int, now_ns: int) -> float | None:
         """A sensor that died is counted once for each electrode over it, until it is back."""

@@ -112,7 +112,7 @@ class Core:
         if problems:
             raise BoardFault("start", "; ".join(problems), "a board that can be made safe")
         self.board.calibrate()
-        self._narrow_to(self.board.widest_us())
+        self._narrow_to(self.board.widest_us(self.loaded.body_site.stabilize.prepulse_us))
 
     def _narrow_to(self, widest_us: int) -> None:
         """What the guard would refuse on this machine is refused when it is asked for."""

@@ -115,6 +115,8 @@ class Planner:
         self._board = board
         self._rules = rules
         self._cost = cost
+        self._prepulse = rules.site.stabilize.prepulse
+        self._prepulse_us = rules.site.stabilize.prepulse_us
         self._bursts = rules.site.stabilize.bursts
         self._pulses = 1 if self._bursts is None else self._bursts.pulses
         self._interval_us = 0.0 if self._bursts is None else self._bursts.interval_us
@@ -225,6 +227,7 @@ class Planner:
         maxima = rules.maxima
         width_us = int(wish.width_us * reach.width)
         allowed_us = min(maxima.width_us, rules.person.width_us, maxima.on_us_per_s / phases_hz)
+        allowed_us -= self._prepulse_us
         charge_pc = wish.current_ua * wish.width_us
         allowed_pc = min(
             maxima.charge_pc,
@@ -237,6 +240,7 @@ class Planner:
             own_us=wish.width_us,
             width_us=max(wish.width_us, min(width_us, int(allowed_us))),
             charge_pc=max(charge_pc, min(int(charge_pc * reach.charge), allowed_pc)),
+            prepulse_us=self._prepulse_us,
         )
 
     def _check_minimum(self, electrode: int, current_ua: int) -> None:
@@ -253,12 +257,12 @@ class Planner:
     ) -> None:
         maxima = self._rules.maxima
         width_most_us = min(maxima.width_us, self._rules.person.width_us)
-        charge_pc = current_ua * width_us
+        charge_pc = self._charge_pc(current_ua, width_us)
         pulses_hz = rate_hz * self._pulses
         mean_ua = charge_pc * phases * pulses_hz / 1e6
         for what, asked, most, unit in (
             ("current", current_ua, maxima.current_ua, "uA"),
-            ("width", width_us, width_most_us, "us"),
+            ("width", width_us + self._prepulse_us, width_most_us, "us"),
             ("charge of a pulse", charge_pc / PC_PER_NC, maxima.charge_pc / PC_PER_NC, "nC"),
             ("rate", pulses_hz, maxima.rate_hz, "Hz"),
             ("mean current", mean_ua, maxima.mean_current_ua, "uA"),
@@ -271,13 +275,21 @@ class Planner:
                     electrode,
                 )
 
+    def _charge_pc(self, current_ua: int, width_us: int) -> int:
+        """Of one phase, its prepulse included."""
+        prepulse_ua = 0 if self._prepulse is None else int(current_ua * self._prepulse.part)
+        return current_ua * width_us + prepulse_ua * self._prepulse_us
+
     def _check_array_mean(self, visits: Sequence[Visit], rate_hz: float) -> None:
         """At the rate that the scan will have; a lower one slows all down alike."""
         slower = rate_hz / max((one.rate_hz for one in visits), default=rate_hz)
         mean_ua = (
             slower
             * self._pulses
-            * sum(one.current_ua * one.width_us * len(one.phases) * one.rate_hz for one in visits)
+            * sum(
+                self._charge_pc(one.current_ua, one.width_us) * len(one.phases) * one.rate_hz
+                for one in visits
+            )
         )
         most_ua = self._rules.maxima.array_mean_current_ua
         if mean_ua / 1e6 > most_ua:
@@ -405,7 +417,8 @@ class Planner:
         for one in visits:
             output = one.selection.output
             clocks = self._cost.clocks(before, output) if is_again or output > before else 0
-            cost = self._cost.visit(one.most.width_us, len(one.phases), clocks)
+            width_us = one.most.width_us + one.most.prepulse_us
+            cost = self._cost.visit(width_us, len(one.phases), clocks)
             slot_us += cost.slot_us
             busy_us += cost.busy_us
             before = output

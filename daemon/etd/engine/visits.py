@@ -24,6 +24,7 @@ from etd.errors import BoardFault
 from etd.protocol import Clamp
 from etd.stabilize.pipeline import Wish
 from etd_hal.board import Board, Pulse, Shot
+from etd_hal.watch import Prepulse
 
 #: Of the mean deviation from plan, by which drift is seen.
 _DRIFT_WEIGHT = 0.02
@@ -99,15 +100,16 @@ class Visitor:
         share = self._share(probe, now_ns)
         wish = probe.wish
         current_ua, _ = self._limited(probe, wish, share, opening_ua, now_ns)
-        pulse = tools.board.pulse(current_ua, wish.width_us)
-        entry = _entry(probe, current_ua, wish.width_us, share)
+        given = wish.at(current_ua)
+        pulse = tools.board.pulse(current_ua, given.width_us)
+        entry = _entry(probe, given, share)
         if pulse.code == 0 or tools.ledger.why_not(entry, now_ns) is not None:
             return
         tools.board.connect(probe.selection, probe.phases[0])
         if not may_still():
             tools.board.discharge()
             return
-        shots = self._fire(probe, pulse, entry, current_ua, wish.width_us)
+        shots = self._fire(probe, pulse, entry, given)
         self._learn(probe, pulse, *shots)
         tools.reporter.counters["looks"] += 1
 
@@ -122,8 +124,9 @@ class Visitor:
         electrode, reporter = visit.electrode, self._tools.reporter
         share = self._share(visit, now_ns)
         current_ua, clamp = self._limited(visit, wish, share, opening_ua, now_ns)
-        pulse = self._tools.board.pulse(current_ua, wish.width_us)
-        entry = _entry(visit, current_ua, wish.width_us, share)
+        given = wish.at(current_ua)
+        pulse = self._tools.board.pulse(current_ua, given.width_us, _prepulse(given))
+        entry = _entry(visit, given, share)
         if pulse.code == 0:
             if clamp is not None:
                 reporter.clamped(clamp)
@@ -140,7 +143,7 @@ class Visitor:
         if not may_still():
             self._tools.board.discharge()
             return None
-        shots = self._fire(visit, pulse, entry, current_ua, wish.width_us)
+        shots = self._fire(visit, pulse, entry, given)
         self._learn(visit, pulse, *shots)
         self._tell(visit, pulse, shots[0].begun_ns)
         if clamp is not None:
@@ -167,21 +170,21 @@ class Visitor:
             tools.opening.recontact_ua(electrode, now_ns),
             tools.contact.is_touched[electrode] is False,
             visit.most,
+            wish.charge_us,
         )
 
-    def _fire(
-        self, visit: Visit, pulse: Pulse, entry: Entry, current_ua: int, width_us: int
-    ) -> tuple[Shot, Shot]:
+    def _fire(self, visit: Visit, pulse: Pulse, entry: Entry, given: Wish) -> tuple[Shot, Shot]:
         """The first and the last phase's."""
         board = self._tools.board
         first, *others = visit.phases
-        shot = board.fire(pulse, visit.selection, first, current_ua, width_us)
+        allowed = (given.current_ua, given.width_us, _prepulse(given))
+        shot = board.fire(pulse, visit.selection, first, *allowed)
         self._tools.ledger.book(entry, shot.begun_ns)
         first_shot = shot
         self._check_duration(shot, pulse, entry)
         for is_anodic in others:
             board.flip(visit.selection, is_anodic)
-            shot = board.fire(pulse, visit.selection, is_anodic, current_ua, width_us)
+            shot = board.fire(pulse, visit.selection, is_anodic, *allowed)
             self._check_duration(shot, pulse, entry)
         board.discharge()
         return first_shot, shot
@@ -234,17 +237,25 @@ class Visitor:
         )
 
 
-def _entry(visit: Visit, current_ua: int, width_us: int, share: float) -> Entry:
-    on_us = width_us * len(visit.phases)
-    return Entry(visit.electrode, current_ua * on_us, on_us, visit.returns, share)
+def _entry(visit: Visit, given: Wish, share: float) -> Entry:
+    phases = len(visit.phases)
+    charge_pc = given.current_ua * given.width_us + given.prepulse_ua * given.prepulse_us
+    return Entry(visit.electrode, charge_pc * phases, given.whole_us * phases, visit.returns, share)
+
+
+def _prepulse(given: Wish) -> Prepulse | None:
+    return Prepulse(given.prepulse_ua, given.prepulse_us) if given.prepulse_us else None
 
 
 def _samples(pulse: Pulse, shot: Shot) -> Samples:
     has_end = pulse.shape.has_end_sample
+    # After a prepulse the skin does not begin at rest: then the end alone tells, where there is
+    # one; else the early sample makes the resistance look too high, which asks for less.
+    is_end_alone = has_end and pulse.prepulse_ua > 0
     return Samples(
         told_ua=pulse.told_ua,
         width_us=pulse.shape.width_us,
         resting_v=shot.baseline_v,
-        early_v=shot.early_v,
+        early_v=shot.voltage_v if is_end_alone else shot.early_v,
         end_v=shot.voltage_v if has_end else None,
     )

@@ -46,6 +46,25 @@ class Wish:
             and self.prepulse_us >= 0
         )
 
+    @property
+    def whole_us(self) -> int:
+        """Both steps together."""
+        return self.width_us + self.prepulse_us
+
+    @property
+    def charge_us(self) -> int:
+        """The width that has the charge of both steps at the pulse's current."""
+        if not self.current_ua:
+            return self.width_us
+        return self.width_us + math.ceil(self.prepulse_ua * self.prepulse_us / self.current_ua)
+
+    def at(self, current_ua: int) -> Wish:
+        """The same at a lower current: what leads into a pulse falls with it."""
+        if current_ua == self.current_ua:
+            return self
+        prepulse_ua = self.prepulse_ua * current_ua // max(1, self.current_ua)
+        return replace(self, current_ua=current_ua, prepulse_ua=prepulse_ua)
+
 
 class Known(msgspec.Struct, frozen=True, gc=False):
     """What the pulses so far, a calibration and sensors tell of one electrode; None where unknown.
@@ -98,7 +117,8 @@ NO_FURTHER = Reach()
 class Most:
     """The frame's own most for one electrode: no stabilizer gets more, whatever it asks.
 
-    `own_us` is the width that the frame asked for, `width_us` how wide its slot in the scan is.
+    `own_us` is the width that the frame asked for, `width_us` how wide its slot in the scan is,
+    beside the `prepulse_us` that the body site leaves for a prepulse.
     Current and charge are cut, and told, together with the limits (`engine/limits.py`).
     """
 
@@ -106,10 +126,15 @@ class Most:
     own_us: int
     width_us: int
     charge_pc: int
+    prepulse_us: int = 0
 
     def in_slot(self, wish: Wish) -> Wish:
-        """No wider than there is room."""
-        return replace(wish, width_us=min(wish.width_us, self.width_us))
+        """No step of it wider than there is room."""
+        return replace(
+            wish,
+            width_us=min(wish.width_us, self.width_us),
+            prepulse_us=min(wish.prepulse_us, self.prepulse_us),
+        )
 
 
 class Stabilizer(Protocol):
