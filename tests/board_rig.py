@@ -19,6 +19,7 @@ from etd_hal.errors import BusError
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
+from etd_hal.fake.world import Touchable
 from etd_hal.ports import Changes, Edge, Gpio, Message, Transfer
 from etd_hal.watch import Prepulse
 from stepped_board import BOARDS, SteppedBoard, shipped_board, stepped_board
@@ -174,9 +175,10 @@ def board_rig(
     board: BoardFile | None = None,
     machine: MachineFile | None = None,
     faults: Iterable[Fault] = (),
+    body: Touchable | None = None,
 ) -> BoardRig:
     """A board with all its outputs on one fingertip; nothing was called yet."""
-    stepped = stepped_board(board=board or shipped_board(name), faults=faults)
+    stepped = stepped_board(board=board or shipped_board(name), faults=faults, body=body)
     gpio = FailingGpio(stepped.backend.gpio)
     made = Board(stepped.board, machine or machine_file(), stepped.backend.spi, gpio, stepped.clock)
     return BoardRig(stepped, made, gpio)

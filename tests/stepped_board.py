@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from etd_body.minimal import MinimalBody
 from etd_hal.boardfile import BoardFile, load_board
 from etd_hal.compose import Backend, line_setup, spi_setup
 from etd_hal.fake.board import FakeBoard
@@ -20,6 +19,7 @@ from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.trace import Trace
+from etd_hal.fake.world import Touchable
 
 BOARDS = Path(__file__).parent.parent / "config" / "boards"
 
@@ -38,7 +38,7 @@ class SteppedBoard:
     board: BoardFile
     fake: FakeBoard
     clock: SteppedClock
-    body: MinimalBody
+    body: Touchable
     backend: Backend
     traced: KeptBytes
 
@@ -58,7 +58,7 @@ def stepped_board(
     name: str = "kajimoto-hv507",
     *,
     electrodes: Sequence[int] | None = None,
-    body: MinimalBody | None = None,
+    body: Touchable | None = None,
     faults: Iterable[Fault] = (),
     board: BoardFile | None = None,
 ) -> SteppedBoard:
