@@ -21,7 +21,7 @@ from etd_body.course import LYING, Course, Script
 from etd_body.electrode import Contact
 from etd_body.interface import Side, Sides
 from etd_body.nerve import Nerves, NerveSpread
-from etd_body.sensation import Felt, Polarity, Sensation, pain_of_heat
+from etd_body.sensation import Felt, Polarity, Sensation, Singles, pain_of_heat
 from etd_body.skin import Skin, SkinFigures
 from etd_body.source import Loop, parallel
 from etd_body.tissue import Floats
@@ -283,7 +283,7 @@ class LivingBody:
             heat = self._heat(way.lone, current_ua, width_us, passed.parallel_ohm)
             self.sensation.heat(way.lone, heat)
 
-    def _pattern(self, way: Way) -> Floats:
+    def _pattern(self, way: Way) -> Singles:
         if way.lone is not None and way.is_against_all:
             return self.sensation.one_against_all(way.lone)
         return self.sensation.one_against(way.weights * self.skin.is_skin)

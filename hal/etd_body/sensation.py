@@ -19,10 +19,13 @@ from math import exp, inf, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from etd_body.nerve import NOMINAL_RADIUS_MM, RADII_MM, ROWS, TAU_US, TOUCH_ROWS, Nerves
 from etd_body.tissue import Floats
 
+#: What is touched at every pulse is kept short: with 256 electrodes memory is what it waits for.
+Singles = NDArray[np.float32]
 Polarity = Literal["anodic", "cathodic", "biphasic", "biphasic_cathodic_first"]
 
 #: Joule heat of one pulse in the layer under a contact that just hurts [design].
@@ -33,7 +36,7 @@ _SUMMATION_NS = 60e6
 _MOST_ADDED, _HALF_ADDED = 1.5, 2.3
 #: A nerve that has fired does not do so again within this: two phases are one pulse.
 _REFRACTORY_NS = 1e6
-_TAU_NS = TAU_US[:, None] * 1_000.0
+_TAU_NS = (TAU_US[:, None] * 1_000.0).astype(np.float32)
 #: After so long without current all membranes are at rest.
 _AT_REST_NS = 10_000_000.0
 
@@ -55,12 +58,12 @@ class Sensation:
     """
 
     def __init__(self, nerves: Nerves) -> None:
-        self._nerves = nerves
+        self._own = nerves.own.astype(np.float32)
         count = self.electrode_count = nerves.electrode_count
         shape = (len(TAU_US), ROWS * count)
         #: [j]: what 1 uA into electrode j does everywhere, with its present area.
-        self._unit: Floats = nerves.everywhere.copy().reshape(count, -1)
-        self._state: Floats = np.zeros(shape)
+        self._unit: Singles = nerves.everywhere.astype(np.float32).reshape(count, -1)
+        self._state: Singles = np.zeros(shape, dtype=np.float32)
         self._state_ns = 0.0
         self._felt: Floats = np.zeros(count)
         self._pain: Floats = np.zeros(count)
@@ -68,7 +71,7 @@ class Sensation:
         self._heat_uj_per_mm2: dict[int, float] = {}
         self._trace: Floats = np.zeros(count)
         self._trace_ns: Floats = np.zeros(count)
-        self._shared: Floats = np.zeros(self._unit.shape[1])
+        self._shared: Singles = self._unit[0]
         self._shares: Floats = np.zeros(count)
         self.set_contacts(np.full(count, NOMINAL_RADIUS_MM), np.ones(count))
 
@@ -80,28 +83,28 @@ class Sensation:
         count = self.electrode_count
         at = np.interp(radius_mm, RADII_MM, np.arange(len(RADII_MM)))
         low = np.minimum(at.astype(int), len(RADII_MM) - 2)
-        part = (at - low)[:, None, None]
+        part = (at - low).astype(np.float32)[:, None, None]
         each = np.arange(count)
-        own = self._nerves.own[each, low] * (1.0 - part) + self._nerves.own[each, low + 1] * part
+        own = self._own[each, low] * (1.0 - part) + self._own[each, low + 1] * part
         by_electrode = self._unit.reshape(count, len(TAU_US), ROWS, count)
         by_electrode[each, :, :, each] = own
         self._shares = conductance / max(float(conductance.sum()), 1e-30)
-        self._shared = self._shares @ self._unit
+        self._shared = self._shares.astype(np.float32) @ self._unit
 
-    def one_against_all(self, electrode: int) -> Floats:
+    def one_against_all(self, electrode: int) -> Singles:
         """What 1 uA into `electrode` and out of all others does: an opaque argument for others."""
         own = float(self._shares[electrode])
         unit = self._unit[electrode]
         return np.asarray((unit - self._shared) / max(1.0 - own, 1e-12))
 
-    def one_against(self, weights: Floats) -> Floats:
+    def one_against(self, weights: Floats) -> Singles:
         """The same for any distribution of the current."""
-        return np.asarray(weights @ self._unit)
+        return np.asarray(weights.astype(np.float32) @ self._unit)
 
     # --- currents ----------------------------------------------------------------------------
 
     def pass_current(
-        self, at_ns: float, duration_ns: float, current_ua: float, pattern: Floats
+        self, at_ns: float, duration_ns: float, current_ua: float, pattern: Singles
     ) -> None:
         """`current_ua` (negative: the other way) in `pattern` for `duration_ns` from `at_ns`."""
         state = self._state

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from etd_body.interface import Side, Sides
 from etd_body.mesh import Beside, Mask, beside
@@ -53,7 +54,7 @@ class Way:
     shunt_s: float
     is_against_all: bool
     #: The nerves' answer to it, kept here once it is known.
-    pattern: Floats | None = None
+    pattern: NDArray[np.float32] | None = None
 
 
 class Ways:
