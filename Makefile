@@ -14,12 +14,12 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test kernel-test kernel-test-pi bench format install activate uninstall clean
+.PHONY: help demo test kernel-test kernel-test-pi bench bench-calibrate format install activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-15s %s\n", $$1, $$2 }' Makefile
 
 demo: $(VENV)/ready-daemon ## A moving pattern on the fake board, live in the terminal (SECONDS=10: for so long)
 	$(BIN)/etd demo $(if $(SECONDS),--seconds $(SECONDS))
@@ -39,6 +39,9 @@ kernel-test-pi: $(VENV)/ready-dev ## The same under the Pi's own drivers, on an 
 
 bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)
 	$(BIN)/python tests/bench/run.py $(ARGS)
+
+bench-calibrate: $(VENV)/ready-dev ## Calibrate whole modelled bodies by each method, against their true thresholds (minutes)
+	$(BIN)/python tests/bench/calibrate.py $(ARGS)
 
 format: $(VENV)/ready-dev ## Put the code into the house's format
 	$(BIN)/ruff format $(ROOTS)

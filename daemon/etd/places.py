@@ -64,6 +64,14 @@ def selftest_file(name: str, backend: Literal["linux", "fake"]) -> Path:
     return _user_state() / check_name(name) / f"selftest-{backend}.json"
 
 
+def calibrating_file(name: str, which: str) -> Path:
+    """Where this user's unfinished calibration `which` on this daemon is kept. Raises: FileError.
+
+    With the user who calibrates, not with the daemon: it is no limit of anybody yet.
+    """
+    return _user_state() / check_name(name) / "calibrating" / f"{check_name(which)}.json"
+
+
 def control_address(name: str) -> str:
     """Where a client finds the daemon: the system's if there is one, else this user's.
 

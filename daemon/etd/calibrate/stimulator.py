@@ -27,6 +27,7 @@ _MS = 1_000_000
 _PRIME_UA = 50
 _OPEN_WITHIN_NS = 30_000 * _MS
 _FIRED_WITHIN_NS = 5_000 * _MS
+_KEEP_NS = 400 * _MS
 _TRIES = 8
 _AGAIN_NS = 150 * _MS
 #: A report comes 30 times a second; stop is looked for more often.
@@ -83,12 +84,14 @@ class Stimulator:
         clock: Clock,
         conditions: Conditions,
         wants_stop: Callable[[], bool],
+        on_report: Callable[[object], None] = lambda _: None,
     ) -> None:
         self._display = display
         self._reports = reports
         self._clock = clock
         self._conditions = conditions
         self._wants_stop = wants_stop
+        self._on_report = on_report
         self._ceiling_ua = 0
 
     def open(self) -> None:
@@ -139,8 +142,12 @@ class Stimulator:
         ttl_ms = int(conditions.presentation_s * 1000) + 250
         seq = self._show(electrode, current_ua, conditions.pulses, ttl_ms)
         until_ns = self._clock.now_ns() + _FIRED_WITHIN_NS
+        keep_ns = self._clock.now_ns() + _KEEP_NS
         trouble: set[str] = set()
-        while self._clock.now_ns() < until_ns:
+        while (now_ns := self._clock.now_ns()) < until_ns:
+            if now_ns > keep_ns:
+                self._display.keep()
+                keep_ns = now_ns + _KEEP_NS
             scan = self._hear(_LOOK_S)
             if scan is None or all(one.seq != seq for one in scan.shown):
                 continue
@@ -180,22 +187,29 @@ class Stimulator:
 
     def _look(self) -> None:
         """Everything that has been said so far, and whether to stop."""
-        while self._hear(0.0) is not None:
+        while self._receive(0.0) is not None:
             pass
 
     def _hear(self, timeout_s: float) -> Scan | None:
-        """The next scan report within the time. Raises: Refused (`halted`), Stopped."""
+        """The next report within the time, if it is of a scan."""
+        report = self._receive(timeout_s)
+        return report if isinstance(report, Scan) else None
+
+    def _receive(self, timeout_s: float) -> object | None:
+        """Raises: Refused (`halted`), Stopped."""
         if self._wants_stop():
             self._display.stop()
             raise Stopped("stop")
         item = self._reports.receive(timeout_s)
-        report = None if item is None else item[1]
+        if item is None:
+            return None
+        report = item[1]
+        self._on_report(report)
         if isinstance(report, Halt):
             raise Refused("halted", f"halted by {report.cause} ({report.who}: {report.detail})")
         if isinstance(report, Scan):
             self._ceiling_ua = report.ceiling_ua
-            return report
-        return None
+        return report
 
     def _sleep(self, duration_ns: int) -> None:
         self._clock.sleep_until_ns(self._clock.now_ns() + duration_ns)

@@ -33,6 +33,7 @@ VERBS = (
     "clear",
     "monitor",
     "measure",
+    "calibrate",
     "calibration",
     "selftest",
     "check",

@@ -1,0 +1,67 @@
+"""What the body behind a fake board felt of each presentation, for a simulated person.
+
+Owns: gathering `modelled` telemetry by presentation. Must not know: how a person answers, boards.
+Real boards tell nothing of the kind: then there is nothing to sense, and nobody to simulate.
+"""
+
+from __future__ import annotations
+
+from etd.calibrate.course import Presents
+from etd.calibrate.person import Felt
+from etd.calibrate.stimulator import Delivered
+from etd.protocol import MODELLED_HZ, Modelled
+
+#: The report that tells of the last pulse is there after so long.
+_TOLD_WITHIN_S = 2.5 / MODELLED_HZ
+
+
+class ModelledBody:
+    """Give every report to `hear`."""
+
+    def __init__(self) -> None:
+        self._electrode: int | None = None
+        self._felt: dict[int, Felt] = {}
+        #: The most pain, of any electrode, that any presentation came to; 1 hurts.
+        self.most_pain = 0.0
+
+    def begin(self, electrode: int) -> None:
+        """What comes now is of this electrode's presentation."""
+        self._electrode = electrode
+        self._felt[electrode] = Felt(0.0, 0.0)
+
+    def end(self) -> None:
+        self._electrode = None
+
+    def hear(self, report: object) -> None:
+        electrode = self._electrode
+        if not isinstance(report, Modelled) or electrode is None:
+            return
+        before, pain = self._felt[electrode], max(report.pain)
+        self.most_pain = max(self.most_pain, pain)
+        self._felt[electrode] = Felt(
+            max(before.strength, report.felt[electrode]), max(before.pain, pain)
+        )
+
+    def sense(self, electrode: int) -> Felt:
+        """Of the last presentation there."""
+        return self._felt[electrode]
+
+
+class FeltPresents:
+    """Presents by another, and waits until the body has told."""
+
+    def __init__(self, presents: Presents, body: ModelledBody) -> None:
+        self._presents = presents
+        self._body = body
+        self.pause = presents.pause
+        self.keep = presents.keep
+        self.stop = presents.stop
+
+    def present(self, electrode: int, current_ua: int) -> Delivered:
+        self._body.begin(electrode)
+        try:
+            delivered = self._presents.present(electrode, current_ua)
+            self._presents.pause(_TOLD_WITHIN_S)
+        finally:
+            self._body.end()
+        return delivered

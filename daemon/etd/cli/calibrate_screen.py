@@ -1,0 +1,63 @@
+"""What a person sees while being calibrated: the array, how far it is, and the keys.
+
+Owns: the lines, and drawing them over themselves on a terminal. Must not know: procedures, keys'
+meanings, daemons. No current is ever shown: nobody should answer by number.
+"""
+
+from __future__ import annotations
+
+from etd.apps.picture import Picture
+from etd.calibrate.answers import Question
+from etd.calibrate.conditions import Progress
+from etd.cli.keys import legend
+from etd.cli.terminal import is_terminal
+from etd.protocol import ArrayFacts
+
+_CLEAR = "\x1b[H\x1b[2J"
+_ASKED = {
+    "strength": "Did you feel it, and how?",
+    "compare": "Was the second as strong as the first?",
+}
+
+
+class Screen:
+    """`progress` is looked at, never changed."""
+
+    def __init__(self, array: ArrayFacts, progress: Progress, is_quiet: bool) -> None:
+        self._picture = Picture(array.x_mm, array.y_mm)
+        self._progress = progress
+        self._is_quiet = is_quiet
+        self._electrode: int | None = None
+
+    def ask(self, question: Question) -> None:
+        """The picture where the electrode is another one, and the question."""
+        if self._is_quiet:
+            return
+        if is_terminal() or question.electrode != self._electrode:
+            self._electrode = question.electrode
+            above = [_CLEAR] if is_terminal() else []
+            print("\n".join([*above, *self.rows(), self.line()]))
+        print(f"{_ASKED[question.ask]}   {legend(question.ask)}", flush=True)
+
+    def found(self) -> None:
+        """After an electrode: a line, where no picture is drawn over."""
+        if not self._is_quiet and not is_terminal():
+            print(self.line(), flush=True)
+
+    def rows(self) -> list[str]:
+        """`@` now, `#` done, `x` nothing felt, `.` to come."""
+        return self._picture.rows(
+            [self._sign(one) for one in range(self._progress.conditions.electrodes)]
+        )
+
+    def line(self) -> str:
+        done, all_of_them = len(self._progress.found), self._progress.conditions.electrodes
+        return (
+            f"{done} of {all_of_them} electrodes, {self._progress.presentations} presentations"
+            "   (@ now, # done, x nothing felt, . to come)"
+        )
+
+    def _sign(self, electrode: int) -> str:
+        if electrode in self._progress.found:
+            return "#" if self._progress.found[electrode].felt else "x"
+        return "@" if electrode == self._electrode else "."

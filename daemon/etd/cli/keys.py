@@ -1,0 +1,100 @@
+"""One key, one answer: the terminal of whoever is being calibrated.
+
+Owns: reading single keys without Enter, what each key means, and the line that says so. Must not
+know: what is presented, daemons.
+
+A key that is pressed before the question is no answer to it, and is dropped; the stop keys count
+always. A keyboard that has ended (a closed terminal) is a stop: nobody could press it any more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from etd.calibrate.answers import ANSWERS, Answer, Ask, Question
+
+KEYS: dict[str, Answer] = {
+    "n": "not_felt",
+    "f": "felt",
+    "c": "comfortable",
+    "t": "too_strong",
+    "w": "weaker",
+    "s": "same",
+    "g": "stronger",
+    "q": "pause",
+    " ": "stop",
+    "\x1b": "stop",
+    "\x03": "stop",
+}
+_KEEP_S = 0.25
+
+
+def legend(ask: Ask) -> str:
+    """`n not felt   f felt ...   SPACE STOP   q pause`"""
+    by_answer = {answer: key for key, answer in KEYS.items()}
+    parts = [f"{by_answer[one]} {one.replace('_', ' ')}" for one in ANSWERS[ask]]
+    return "   ".join([*parts, "SPACE STOP", "q pause"])
+
+
+class Keyboard:
+    """Keeps `Answerer`. `show` is told of each question before its key is waited for."""
+
+    def __init__(self, fd: int, show: Callable[[Question], None]) -> None:
+        self._fd = fd
+        self._show = show
+
+    def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
+        if self.wants_stop():
+            return "stop"
+        self._show(question)
+        allowed = (*ANSWERS[question.ask], "pause", "stop")
+        while True:
+            answer = self._pressed(_KEEP_S)
+            if answer in allowed:
+                return answer
+            keep()
+
+    def wants_stop(self) -> bool:
+        """Drops every other key that was pressed meanwhile."""
+        while (answer := self._pressed(0.0)) is not None:
+            if answer == "stop":
+                return True
+        return False
+
+    def _pressed(self, timeout_s: float) -> Answer | str | None:
+        """What the next key means ("" for none of ours), or None within the time."""
+        ready, _, _ = select.select([self._fd], [], [], timeout_s)
+        if not ready:
+            return None
+        data = os.read(self._fd, 1)
+        return KEYS.get(data.decode(errors="replace").lower(), "") if data else "stop"
+
+
+@contextmanager
+def keyboard(show: Callable[[Question], None]) -> Iterator[Keyboard]:
+    """The terminal's, key by key while it lasts; a pipe's where there is no terminal."""
+    fd = sys.stdin.fileno()
+    with _key_by_key(fd):
+        yield Keyboard(fd, show)
+
+
+@contextmanager
+def _key_by_key(fd: int) -> Iterator[None]:
+    if not os.isatty(fd):
+        yield
+        return
+    import termios
+    import tty
+
+    before = termios.tcgetattr(fd)
+    tty.setcbreak(fd)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(termios.error):
+            termios.tcsetattr(fd, termios.TCSADRAIN, before)

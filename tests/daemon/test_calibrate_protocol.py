@@ -1,0 +1,118 @@
+"""Calibrations over the protocol: real sockets, real engine, a body that feels, stepped time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from calibrated_body import CAP_UA, WIDTH_US, calibrate_body, conditions_of
+from etd.calibrate.stimulator import NotDelivered, Stimulator
+from etd.calibrate.trial import Stopped
+from etd.calibration import Method
+from etd.errors import Refused
+from etd_body.electrode import OPEN_CONTACT
+from stepped_daemon import SteppedDaemon, SteppedDisplay
+
+
+@pytest.mark.parametrize(
+    ("method", "electrodes"), [("limits", 4), ("staircase", 4), ("quest-plus", 2)]
+)
+def test_a_bodys_thresholds_are_found_over_the_protocol(method: Method, electrodes: int) -> None:
+    found = calibrate_body("pad-8", method, range(electrodes), person_seed=7, body_seed=31)
+    print(f"{method}: {found.presentations} presentations, worst {found.worst:.1%}")
+    assert len(found.errors) == electrodes
+    assert found.worst <= 0.10
+    assert found.most_pain < 1.0
+    assert found.left == {}
+
+
+@pytest.fixture
+def daemon() -> Iterator[SteppedDaemon]:
+    with SteppedDaemon("pad-8") as made:
+        yield made
+
+
+def armed(daemon: SteppedDaemon) -> SteppedDisplay:
+    display = SteppedDisplay(daemon, CAP_UA, WIDTH_US)
+    display.arm()
+    return display
+
+
+def stimulator(daemon: SteppedDaemon, display: SteppedDisplay, stop_ns: int = 0) -> Stimulator:
+    """Somebody wants to stop from `stop_ns` on; 0: never."""
+    return Stimulator(
+        display,
+        display,
+        daemon,
+        conditions_of(daemon, "limits"),
+        lambda: 0 < stop_ns <= daemon.now_ns(),
+    )
+
+
+def test_a_presentation_is_so_many_pulses_of_the_current_asked_for(daemon: SteppedDaemon) -> None:
+    display = armed(daemon)
+    stimulating = stimulator(daemon, display)
+    stimulating.open()
+    before = daemon.engine.reporter.counters["pulses"]
+    clamped = daemon.engine.reporter.counters["clamped"]
+
+    delivered = stimulating.present(3, 800)
+
+    assert 790 <= delivered.current_ua <= 800
+    assert delivered.resistance_ohm is not None
+    assert daemon.engine.reporter.counters["pulses"] - before == 10
+    assert daemon.engine.reporter.counters["clamped"] == clamped
+    display.close()
+
+
+def test_before_the_opening_nothing_is_taken_for_a_presentation(daemon: SteppedDaemon) -> None:
+    display = armed(daemon)
+    delivered = stimulator(daemon, display).present(3, 1_500)
+    assert daemon.engine.reporter.counters["clamped"] > 0
+    assert 1_490 <= delivered.current_ua <= 1_500
+    display.close()
+
+
+def test_a_stop_during_a_presentation_halts_the_daemon_at_once(daemon: SteppedDaemon) -> None:
+    display = armed(daemon)
+    stimulator(daemon, display).open()
+    stop_ns = daemon.now_ns() + 60_000_000
+    before = daemon.engine.reporter.counters["pulses"]
+
+    with pytest.raises(Stopped):
+        stimulator(daemon, display, stop_ns).present(3, 800)
+
+    assert daemon.engine.states.state == "HALTED"
+    assert daemon.engine.reporter.counters["pulses"] - before < 8
+    assert daemon.now_ns() - stop_ns < 60_000_000
+
+
+def test_a_halt_by_somebody_else_is_told(daemon: SteppedDaemon) -> None:
+    display = armed(daemon)
+    stimulating = stimulator(daemon, display)
+    stimulating.open()
+    SteppedDisplay(daemon, CAP_UA, WIDTH_US).stop()
+    with pytest.raises(Refused, match=r"halted|lease"):
+        stimulating.present(3, 800)
+
+
+def test_an_electrode_without_contact_is_not_presented(daemon: SteppedDaemon) -> None:
+    daemon.fake.ask_body(lambda: daemon.body.touch(daemon.now_ns(), 3, OPEN_CONTACT))
+    display = armed(daemon)
+    stimulating = stimulator(daemon, display)
+    stimulating.open()
+    with pytest.raises(NotDelivered, match="electrode 3"):
+        stimulating.present(3, 800)
+    assert stimulating.present(4, 800).electrode == 4
+    display.close()
+
+
+def test_nobody_answers_for_minutes_and_the_lease_stands(daemon: SteppedDaemon) -> None:
+    display = armed(daemon)
+    stimulating = stimulator(daemon, display)
+    stimulating.open()
+    for _ in range(400):
+        stimulating.pause(0.3)
+    assert stimulating.present(3, 800).electrode == 3
+    display.close()

@@ -1,0 +1,172 @@
+"""One key, one answer; and the picture beside it. The keyboard is a pipe here."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from etd.calibrate.answers import ANSWERS, Answer, Ask, Question
+from etd.calibrate.conditions import Conditions, Progress
+from etd.calibration import ElectrodeLimits
+from etd.cli import USED_WRONGLY, main
+from etd.cli.calibrate_screen import Screen
+from etd.cli.keys import Keyboard, legend
+from etd.protocol import ArrayFacts
+
+
+class Typed:
+    """A keyboard's other end."""
+
+    def __init__(self) -> None:
+        self.fd, self._end = os.pipe()
+        self.asked: list[Question] = []
+        self.keyboard = Keyboard(self.fd, self.asked.append)
+        self.when_asked = b""
+
+    def press(self, keys: bytes) -> None:
+        os.write(self._end, keys)
+
+    def hang_up(self) -> None:
+        os.close(self._end)
+        self._end = -1
+
+    def answer(self, ask: Ask = "strength", keys: bytes = b"") -> tuple[Answer, int]:
+        """What `keys`, pressed after the question, answer; and how often the lease was kept."""
+        kept = 0
+
+        def show(question: Question) -> None:
+            self.asked.append(question)
+            if keys:
+                self.press(keys)
+
+        def keep() -> None:
+            nonlocal kept
+            kept += 1
+            if not keys and kept == 2:
+                self.press(b"f")
+
+        return Keyboard(self.fd, show).answer(Question(ask, 3), keep), kept
+
+    def close(self) -> None:
+        os.close(self.fd)
+        if self._end >= 0:
+            os.close(self._end)
+
+
+@pytest.fixture
+def typed() -> Iterator[Typed]:
+    made = Typed()
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize(
+    ("ask", "key", "answer"),
+    [
+        ("strength", b"n", "not_felt"),
+        ("strength", b"F", "felt"),
+        ("strength", b"c", "comfortable"),
+        ("strength", b"t", "too_strong"),
+        ("compare", b"w", "weaker"),
+        ("compare", b"s", "same"),
+        ("compare", b"g", "stronger"),
+        ("strength", b" ", "stop"),
+        ("compare", b"\x1b", "stop"),
+        ("strength", b"q", "pause"),
+    ],
+)
+def test_one_key_is_one_answer(typed: Typed, ask: Ask, key: bytes, answer: Answer) -> None:
+    assert typed.answer(ask, key) == (answer, 0)
+
+
+def test_keys_of_another_question_and_unknown_ones_are_no_answer(typed: Typed) -> None:
+    answer, kept = typed.answer("strength", b"wx\xffsf")
+    assert answer == "felt"
+    assert kept == 4
+
+
+def test_while_nobody_answers_the_lease_is_kept(typed: Typed) -> None:
+    assert typed.answer() == ("felt", 2)
+
+
+def test_what_is_pressed_before_the_question_is_dropped_but_for_a_stop(typed: Typed) -> None:
+    typed.press(b"fff")
+    assert typed.answer("strength", b"n") == ("not_felt", 0)
+    typed.press(b"ff f")
+    assert typed.keyboard.answer(Question("strength", 3), lambda: None) == "stop"
+    assert typed.asked[-1].ask == "strength"
+
+
+def test_a_stop_key_is_heard_while_something_is_presented(typed: Typed) -> None:
+    assert not typed.keyboard.wants_stop()
+    typed.press(b"n")
+    assert not typed.keyboard.wants_stop()
+    typed.press(b"n ")
+    assert typed.keyboard.wants_stop()
+
+
+def test_a_terminal_that_has_gone_is_a_stop(typed: Typed) -> None:
+    typed.hang_up()
+    assert typed.keyboard.wants_stop()
+    assert typed.keyboard.answer(Question("strength", 3), lambda: None) == "stop"
+
+
+@pytest.mark.parametrize("ask", ["strength", "compare"])
+def test_the_legend_names_every_answer_and_the_stop(ask: Ask) -> None:
+    said = legend(ask)
+    assert all(one.replace("_", " ") in said for one in ANSWERS[ask])
+    assert "SPACE STOP" in said
+
+
+def test_the_picture_shows_what_is_done_without_a_current(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    facts = ArrayFacts(
+        name="row", electrodes=4, x_mm=(0, 2, 4, 6), y_mm=(0, 0, 0, 0), diameter_mm=1.0
+    )
+    conditions = Conditions(
+        participant="P01",
+        method="limits",
+        body_site="fingertip",
+        array="row",
+        electrodes=4,
+        polarity="anodic",
+        width_us=100,
+        rate_hz=60.0,
+        returns="all",
+        pulses=10,
+        cap_ua=3_000,
+    )
+    found = ElectrodeLimits(threshold_ua=1_111, comfortable_ua=2_222, cap_ua=2_333)
+    unfelt = ElectrodeLimits(threshold_ua=777, comfortable_ua=777, cap_ua=777, felt=False)
+    progress = Progress(conditions=conditions, found={0: found, 1: unfelt}, presentations=50)
+    screen = Screen(facts, progress, is_quiet=False)
+
+    screen.ask(Question("strength", 2))
+
+    said = capsys.readouterr().out
+    assert "# x @ ." in said
+    assert "2 of 4 electrodes, 50 presentations" in said
+    assert not any(figure in said for figure in ("1111", "2222", "2333", "777"))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["P01"],
+        ["P01", "--method", "equalize"],
+        ["P01", "--method", "equalize", "--baseline", "P01", "--max-current-ua", "2000"],
+        ["P01", "--max-current-ua", "2000", "--answers", "simulated"],
+        ["P01", "--max-current-ua", "2000", "--array", "pad-8"],
+        ["P01", "--max-current-ua", "2000", "--leave-out", "1-3"],
+    ],
+)
+def test_what_does_not_go_together_is_used_wrongly(
+    given: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", *given])
+    assert ended.value.code == USED_WRONGLY
+    assert capsys.readouterr().err

@@ -1,0 +1,196 @@
+"""Gateway and engine in one thread, on real sockets, with a living body and time that is stepped.
+
+Owns: giving both their turns while a client waits, so that a client's minutes cost seconds. The
+client is the shipped `Session` and the shipped decoders. Must not know: what is tested.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, Unpack
+
+import msgspec
+import zmq
+
+from etd.client.options import FrameOptions, frame_fields
+from etd.client.session import Flow, R, Session
+from etd.config import fake_config
+from etd.engine.engine import Engine
+from etd.gateway.config import GatewayConfig
+from etd.gateway.server import Gateway
+from etd.link import Channel, Listener, NewFrame, ToEngine
+from etd.protocol import TELEMETRY_OF_TOPIC, FrameReply
+from etd_body.living import LivingBody
+from etd_hal.compose import Backend, line_setup, spi_setup
+from etd_hal.fake.board import FakeBoard
+from etd_hal.fake.clock import SteppedClock
+from etd_hal.fake.fingertip import living_fingertip
+
+#: The gateway has a turn this often, when nobody waits for it.
+_GATEWAY_NS = 4_000_000
+#: Nothing stands and nobody asks: time passes in steps, far within what the gateway may be silent.
+_STRIDE_NS = 20_000_000
+_PATIENCE = 20_000
+
+
+class SteppedDaemon:
+    """See the module. `clock` is the client's too."""
+
+    def __init__(self, array: str, body_seed: int | None = None) -> None:
+        self.loaded = loaded = fake_config(array=array)
+        self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
+        self.folder = Path(self._temporary.name)
+        self.clock = SteppedClock()
+        places_mm = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
+        source = loaded.board.source
+        self.body = (
+            living_fingertip(loaded.board, places_mm)
+            if body_seed is None
+            else LivingBody(
+                places_mm,
+                leak_ohm=source.leak_ohm,
+                compliance_v=source.compliance_v,
+                seed=body_seed,
+            )
+        )
+        self.fake = FakeBoard(
+            loaded.board, self.clock, self.body, electrodes=loaded.array.outputs(), trace=None
+        )
+        ports = self.fake.request(line_setup(loaded.board), spi_setup(loaded.board))
+        backend = Backend(
+            "fake",
+            ports.spi,
+            ports.gpio,
+            ports.i2c,
+            self.clock,
+            ports.marker,
+            ports.close,
+            modelled=lambda: self.fake.ask_body(self.body.take_felt),
+        )
+        self.engine = Engine(loaded, backend)
+        self.engine.begin()
+        self._listener = Listener(self.folder)
+        self._engine_ends: tuple[Channel[ToEngine] | Channel[NewFrame], ...] = ()
+        config = GatewayConfig(
+            name="stepped", runtime_folder=self.folder, state_dir=self.folder / "state"
+        )
+        self.gateway = Gateway(config, self.clock)
+        self._gateway_ns = 0
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self.control = self._socket(zmq.DEALER, "control.sock")
+        self.reports = self._socket(zmq.SUB, "telemetry.sock")
+        self.reports.setsockopt(zmq.SUBSCRIBE, b"")
+
+    def __enter__(self) -> Self:
+        for _ in range(_PATIENCE):
+            self.step(1)
+            if self.reports.poll(0) and b'"engine":"there"' in self.reports.recv_multipart()[-1]:
+                return self
+        raise AssertionError("gateway and engine did not meet")
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        problems = (*self.engine.end(), *self.fake.violations)
+        self._context.destroy(linger=0)
+        self.gateway.close()
+        for channel in self._engine_ends:
+            channel.close()
+        self._listener.close()
+        self._temporary.cleanup()
+        assert problems == ()
+        assert self.fake.dac_code == 0
+
+    def step(self, wait_ms: int = 0) -> None:
+        """A turn of the engine, and one of the gateway where one is due or waited for."""
+        if wait_ms or self.clock.now_ns() - self._gateway_ns >= _GATEWAY_NS:
+            self._gateway_ns = self.clock.now_ns()
+            self.gateway.turn(wait_ms)
+        if not self.engine.has_gateway:
+            channels = self._listener.accept()
+            if channels is not None:
+                self._engine_ends = channels
+                self.engine.attach(*channels)
+        self.engine.turn()
+
+    def now_ns(self) -> int:
+        return self.clock.now_ns()
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """The client sleeps. In strides where nothing stands, which is what makes it fast."""
+        while self.clock.now_ns() < deadline_ns:
+            if self.engine.scanner.standing is None:
+                stride_ns = self.clock.now_ns() + _STRIDE_NS
+                self.clock.sleep_until_ns(min(deadline_ns, stride_ns))
+                self.gateway.turn(0)
+            self.step()
+
+    def _socket(self, kind: int, name: str) -> zmq.Socket[bytes]:
+        socket = self._context.socket(kind)
+        socket.connect(f"ipc://{self.folder / name}")
+        return socket
+
+
+class SteppedDisplay:
+    """What a calibration needs of a display and of its telemetry."""
+
+    def __init__(self, daemon: SteppedDaemon, max_current_ua: int, width_us: int) -> None:
+        self._daemon = daemon
+        self._session = Session("test", max_current_ua=max_current_ua, width_us=width_us)
+
+    def arm(self) -> None:
+        self._run(self._session.arm(10.0))
+
+    def show_current(
+        self, current_ua: Sequence[int], **options: Unpack[FrameOptions]
+    ) -> FrameReply:
+        fields = frame_fields("current_ua", list(current_ua), options)
+        del fields["sent_ns"]  # of another clock than the daemon's
+        return self._run(self._session.frame(fields))
+
+    def keep(self) -> None:
+        self._run(self._session.keep())
+
+    def stop(self) -> None:
+        self._run(self._session.stop())
+
+    def close(self) -> None:
+        self._run(self._session.close())
+
+    def receive(self, timeout_s: float | None = 0.0) -> tuple[object, object] | None:
+        daemon = self._daemon
+        until_ns = daemon.clock.now_ns() + int((timeout_s or 0.0) * 1e9)
+        while not daemon.reports.poll(0):
+            # A report is on its way through threads that step with nobody: wait for it in earnest.
+            if daemon.engine.scanner.standing is None and timeout_s and daemon.reports.poll(1):
+                break
+            if daemon.clock.now_ns() >= until_ns:
+                return None
+            daemon.step()
+        topic, data = daemon.reports.recv_multipart()
+        kind: Any = TELEMETRY_OF_TOPIC[topic.decode()]  # type: ignore[index]
+        return topic, msgspec.json.decode(data, type=kind)
+
+    def _run(self, flow: Flow[R]) -> R:
+        try:
+            ask = next(flow)
+            while True:
+                self._daemon.control.send(ask.data)
+                ask = flow.send(self._session.settle(ask, self._answer()))
+        except StopIteration as end:
+            result: R = end.value
+            return result
+
+    def _answer(self) -> bytes:
+        control = self._daemon.control
+        for _ in range(_PATIENCE):
+            self._daemon.step(1)
+            if control.poll(0):
+                return control.recv_multipart()[-1]
+        raise AssertionError("no answer")

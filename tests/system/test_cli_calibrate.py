@@ -1,0 +1,96 @@
+"""`etd calibrate` as a process: keys on a terminal, a stop, and going on with what was found."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from command_rig import WITHIN_S, Command, CommandRig, command_rig
+from etd.calibration import load_calibration
+
+
+@pytest.fixture
+def rig() -> Iterator[CommandRig]:
+    with command_rig() as made:
+        yield made
+
+
+class AtTerminal:
+    """A command whose keyboard is a terminal, and whose output is read line by line."""
+
+    def __init__(self, rig: CommandRig, *arguments: str) -> None:
+        self._keys, theirs = pty.openpty()
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "etd", *arguments],
+            stdin=theirs,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            bufsize=0,
+            env=rig.environment,
+            cwd=rig.folder,
+        )
+        os.close(theirs)
+        self.command = Command(self.process)
+
+    def answer(self, keys: str) -> None:
+        """A key for each question."""
+        for key in keys:
+            self.command.line_with("Did you feel it", "stdout")
+            os.write(self._keys, key.encode())
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.communicate(timeout=WITHIN_S)
+        os.close(self._keys)
+
+
+ARGUMENTS = ("calibrate", "P01", "--max-current-ua", "2000", "--board", "fake", "--array", "pad-8")
+
+
+def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -> None:
+    at = AtTerminal(rig, *ARGUMENTS)
+    try:
+        # A coarse ascent, five fine ones (they lie apart), comfortable, more accepted; a stop.
+        at.answer("nf" * 6 + "c" + "f" * 7 + " ")
+        said = at.command.ended()
+    finally:
+        at.close()
+    assert said.status == 1, said.err
+    assert "stopped: the daemon is halted; what was found is kept" in said.err
+    kept = list(rig.folder.glob("state/etd/fake/calibrating/P01.json"))
+    assert len(kept) == 1
+
+    out = rig.folder / "P01.toml"
+    others = "1,2,3,4,5,6,7"
+    done = rig.run(*ARGUMENTS, "--leave-out", others, "--out", str(out), "--json")
+    assert done.status == 0, done.err
+    assert "going on: 1 electrodes are done" in done.err
+    assert done.answer["presentations"] >= 17
+    made = load_calibration(out)
+    assert [one.felt for one in made.electrode] == [True] + [False] * 7
+    assert 140 <= made.electrode[0].threshold_ua <= 200
+    assert made.electrode[0].cap_ua > made.electrode[0].comfortable_ua
+    assert not kept[0].exists()
+
+
+def test_a_daemon_that_is_not_armed_is_waited_for(rig: CommandRig) -> None:
+    with rig.daemon("--array", "pad-8"):
+        at = AtTerminal(rig, "calibrate", "P01", "--max-current-ua", "2000")
+        try:
+            assert "etd arm" in at.command.line_with("waiting for the operator")
+            assert rig.run("arm").status == 0
+            at.answer("q")
+            said = at.command.ended()
+        finally:
+            at.close()
+        assert "paused" in said.err
+        assert rig.run("status", "--json").answer["status"]["state"] == "SAFE"
+        missing = rig.run("calibrate", "P02", "--method", "equalize", "--baseline", "P01")
+        assert missing.status == 1
+        assert "not_found" in missing.err or "no calibration" in missing.err
