@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test kernel-test kernel-test-pi bench bench-calibrate format install activate uninstall clean
+.PHONY: help demo test kernel-test kernel-test-pi bench bench-calibrate bench-steady format install activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -42,6 +42,9 @@ bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual scr
 
 bench-calibrate: $(VENV)/ready-dev ## Calibrate whole modelled bodies by each method, against their true thresholds (minutes)
 	$(BIN)/python tests/bench/calibrate.py $(ARGS)
+
+bench-steady: $(VENV)/ready-dev ## How steady it feels, without and with each stabilizer (ARGS=--json)
+	$(BIN)/python tests/bench/steady.py $(ARGS)
 
 format: $(VENV)/ready-dev ## Put the code into the house's format
 	$(BIN)/ruff format $(ROOTS)

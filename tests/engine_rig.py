@@ -36,6 +36,7 @@ from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.trace import Trace
+from etd_hal.fake.world import Touchable
 
 LEASE = "a-lease"
 _ALIVE_NS = 50_000_000
@@ -191,12 +192,16 @@ def make(
     electrodes: int | None = None,
     array: str | None = None,
     loaded: LoadedConfig | None = None,
+    body: Touchable | None = None,
+    is_traced: bool = True,
     faults: Sequence[Fault] = (),
     stabilizers: Sequence[Stabilizer] | None = None,
     wrap: Callable[[Backend], Backend] = lambda backend: backend,
     untested: str | None = None,
 ) -> EngineRig:
-    """An engine that has begun, with a gateway attached. `wrap` may put something before a port."""
+    """An engine that has begun, with a gateway attached. `wrap` may put something before a port;
+    without a `body` of the caller's the skin is a dry fingertip that only conducts.
+    """
     loaded = loaded or fake_config(board=board, array=array, electrodes=electrodes)
     clock = SteppedClock()
     sink = io.BytesIO()
@@ -204,9 +209,9 @@ def make(
     fake = FakeBoard(
         loaded.board,
         clock,
-        fingertip_body(loaded.board, len(outputs)),
+        body or fingertip_body(loaded.board, len(outputs)),
         electrodes=outputs,
-        trace=Trace(sink),
+        trace=Trace(sink if is_traced else None),
         faults=faults,
     )
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))

@@ -1,0 +1,138 @@
+"""`make bench-steady`: how steady the sensation stays, without and with each stabilizer.
+
+Owns: what is run, what must hold, and how it is shown. What is felt is modelled: nobody is
+measured. Exit status 1 where something does not hold.
+Must not know: how a run is made, how a figure is counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+# Run as a script, from a clone: the benchmark and the test rigs stand beside one another.
+_TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(_TESTS)]
+
+from rich.console import Console  # noqa: E402
+from rich.progress import Progress  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from bench import steady_plots  # noqa: E402
+from bench.run import Bound, at_least, at_most  # noqa: E402
+from bench.steady_figures import SteadyFigures, figures  # noqa: E402
+from bench.steady_fit import TUNING_SEEDS  # noqa: E402
+from bench.steady_laws import CALIBRATED, CONTACT, LAWS, NONE  # noqa: E402
+from bench.steady_run import ELECTRODES, Kept, run  # noqa: E402
+from bench.steady_skin import PIECE_S, RATE_HZ, WIDTH_US  # noqa: E402
+
+SEEDS = (101, 102)
+PIECES, LEVEL = 4, 0.6
+PLOTS = Path(__file__).resolve().parents[2] / "docs" / "plots"
+#: Of the un-stabilized variation over time; of the steady strength.
+MOST_VARIATION, MOST_STEP = 0.5, 1.2
+
+
+def bounds(found: dict[str, SteadyFigures]) -> list[Bound]:
+    """What must hold of the laws that were run."""
+    held: list[Bound] = []
+    plain, calibrated, contact = (found.get(one) for one in (NONE, CALIBRATED, CONTACT))
+    if plain is not None and calibrated is not None:
+        part = calibrated.over_time / plain.over_time
+        held += [
+            at_most(f"{CALIBRATED}: variation over time, of that of {NONE}", part, MOST_VARIATION),
+            at_least(f"{NONE}: scans of an electrode above pain", plain.scans_above_pain, 1),
+            at_most(f"{CALIBRATED}: the same", calibrated.scans_above_pain, 0),
+        ]
+    for one in (contact, calibrated):
+        if one is not None:
+            what = f"{one.name}: felt on touching again, of the steady strength"
+            held.append(at_most(what, one.recontact_step, MOST_STEP))
+    return held
+
+
+def measure(names: list[str], seeds: list[int], minutes: float, pieces: int) -> dict[str, Any]:
+    """{law: what was kept of each finger}."""
+    jobs = list(product(names, seeds))
+    kept: dict[str, list[Kept]] = {name: [] for name in names}
+    with ProcessPoolExecutor(2) as pool, Progress(console=Console(stderr=True)) as progress:
+        futures = [
+            (name, pool.submit(run, seed, LAWS[name], LEVEL, minutes, pieces))
+            for name, seed in jobs
+        ]
+        task = progress.add_task("fingers", total=len(futures))
+        for name, future in futures:
+            progress.update(task, description=name)
+            kept[name].append(future.result())
+            progress.advance(task)
+    return kept
+
+
+def show(console: Console, found: list[SteadyFigures], held: list[Bound], said: str) -> None:
+    table = Table(title=f"felt strength, modelled: {said}")
+    columns = ("", "felt", "over time", "over electrodes", "not felt", "above pain", "most pain")
+    for column in (*columns, "touching again", "(mean)"):
+        table.add_column(column, justify="right" if column else "left")
+    for one in found:
+        table.add_row(
+            one.name,
+            f"{one.mean_felt:.2f}",
+            f"{one.over_time:.1%}",
+            f"{one.over_electrodes:.1%}",
+            f"{one.below_threshold:.2%}",
+            f"{one.above_pain:.3%}",
+            f"{one.most_pain:.2f}",
+            f"{one.recontact_step:.2f}",
+            f"{one.recontact_step_mean:.2f}",
+        )
+    table.caption = (
+        "felt: 1 is the threshold; over time, over electrodes: standard deviation over mean, firm"
+        " contacts only; not felt, above pain: of the scans of an electrode; touching again: the"
+        " most felt within a second, over the same electrode's steady strength"
+    )
+    console.print(table)
+    for bound in held:
+        verdict = "[green]met[/]" if bound.is_met else "[red]NOT MET[/]"
+        console.print(f"{verdict}  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="bench-steady", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
+    parser.add_argument("--minutes", type=float, default=10.0, help="of each finger's time")
+    parser.add_argument("--pieces", type=int, default=PIECES, help="looked at, of each finger")
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), help="the fingers")
+    parser.add_argument("--only", nargs="+", choices=LAWS, default=list(LAWS), help="these laws")
+    parser.add_argument("--no-plots", action="store_true", help="leave docs/plots as it is")
+    args = parser.parse_args()
+    if set(args.seeds) & set(TUNING_SEEDS):
+        parser.error(f"the laws were tuned on the seeds {TUNING_SEEDS}: take others")
+    kept = measure(args.only, args.seeds, args.minutes, args.pieces)
+    found = {name: figures(name, runs) for name, runs in kept.items()}
+    held = bounds(found)
+    said = (
+        f"{ELECTRODES} electrodes, level {LEVEL:g}, {WIDTH_US} us, {RATE_HZ:g} Hz; fingers of"
+        f" seeds {args.seeds}; {args.pieces} pieces of {PIECE_S:g} s around peelings in each one's"
+        f" {args.minutes:g} min"
+    )
+    if args.json:
+        told = [asdict(one) for one in found.values()]
+        plain = {"conditions": said, "seeds": args.seeds, "laws": told}
+        print(json.dumps(plain | {"bounds": [asdict(one) for one in held]}))
+    else:
+        show(Console(), list(found.values()), held, said)
+    if not args.no_plots:
+        steady_plots.write(PLOTS, {name: runs[0] for name, runs in kept.items()})
+    return 0 if all(one.is_met for one in held) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

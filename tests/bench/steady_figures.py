@@ -1,0 +1,120 @@
+"""How steady it was: the figures of one run, or of several fingers together.
+
+Owns: what each figure counts. Must not know: engines, bodies, tables.
+
+A contact is firm when all of it lies on and has done so for `FIRM_S`. Felt strength is 1 at the
+threshold and 0 below it; a scan in which a firm electrode is not felt counts as 0. An electrode
+that is never felt has no variation over time: it counts among those not felt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.steady_run import Kept
+from etd_body.tissue import Floats
+
+FIRM_S = 1.0
+#: After a contact is made anew, what is felt within this is the step.
+STEP_S = 1.0
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class SteadyFigures:
+    """Of one set of stabilizers, all fingers together. Variations are std over mean."""
+
+    name: str
+    mean_felt: float
+    over_time: float
+    over_electrodes: float
+    below_threshold: float
+    above_pain: float
+    scans_above_pain: int
+    most_pain: float
+    #: The most that is felt within a second of touching again, over the same electrode's steady
+    #: strength around it; the second: the mean over all such contacts.
+    recontact_step: float
+    recontact_step_mean: float
+    recontacts: int
+    scans: int
+
+
+def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
+    """All fingers together."""
+    over_time: list[float] = []
+    over_electrodes: list[float] = []
+    means: list[float] = []
+    steps: list[float] = []
+    shown = below = painful = scans = 0
+    most_pain = 0.0
+    for one in kept:
+        firm = firm_of(one)
+        felt = np.where(firm, one.felt, np.nan)
+        mean = np.nanmean(felt, axis=0)
+        is_felt = mean > 0.0
+        over_time.extend(np.nanstd(felt, axis=0)[is_felt] / mean[is_felt])
+        over_electrodes.append(float(mean.std() / mean.mean()))
+        means.extend(mean)
+        steps.extend(recontact_steps(one, firm))
+        touching = one.attached > 0.0
+        shown += int(touching.sum())
+        below += int((touching & (one.felt < 1.0)).sum())
+        painful += int((one.pain >= 1.0).sum())
+        scans += one.felt.size
+        most_pain = max(most_pain, float(one.pain.max()))
+    return SteadyFigures(
+        name=name,
+        mean_felt=float(np.mean(means)),
+        over_time=float(np.mean(over_time)),
+        over_electrodes=float(np.mean(over_electrodes)),
+        below_threshold=below / shown,
+        above_pain=painful / scans,
+        scans_above_pain=painful,
+        most_pain=most_pain,
+        recontact_step=max(steps, default=0.0),
+        recontact_step_mean=float(np.mean(steps)) if steps else 0.0,
+        recontacts=len(steps),
+        scans=scans,
+    )
+
+
+def firm_of(kept: Kept) -> Mask:
+    """[scan, electrode]."""
+    firm = np.zeros(kept.felt.shape, dtype=bool)
+    since_s = np.full(kept.felt.shape[1], -np.inf)
+    for scan, inside_s in enumerate(kept.inside_s):
+        if scan == 0 or kept.piece[scan] != kept.piece[scan - 1]:
+            since_s[:] = -np.inf
+        whole = kept.attached[scan] >= 1.0
+        since_s[~whole] = inside_s
+        firm[scan] = whole & (inside_s - since_s >= FIRM_S)
+    return firm
+
+
+def recontact_steps(kept: Kept, firm: Mask) -> list[float]:
+    """One for each electrode that touched again, in each piece."""
+    found: list[float] = []
+    for scan in range(1, len(kept.felt)):
+        if kept.piece[scan] != kept.piece[scan - 1]:
+            continue
+        again = np.flatnonzero((kept.attached[scan - 1] == 0.0) & (kept.attached[scan] > 0.0))
+        if len(again) == 0:
+            continue
+        here = kept.piece == kept.piece[scan]
+        after_s = kept.inside_s - kept.inside_s[scan]
+        soon = here & (after_s >= 0.0) & (after_s <= STEP_S)
+        for electrode in again:
+            found.append(_step(kept.felt[:, electrode], firm[:, electrode] & here, soon))
+    return [one for one in found if np.isfinite(one)]
+
+
+def _step(felt: Floats, steady: Mask, soon: Mask) -> float:
+    if not steady.any():
+        return float("nan")
+    strength = float(np.median(felt[steady]))
+    return float(felt[soon].max()) / strength if strength > 0.0 else float("nan")

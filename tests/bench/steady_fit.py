@@ -1,0 +1,106 @@
+"""What the impedance laws need of a person, found on fingers that the benchmark leaves out.
+
+Owns: which fingers laws are tuned on, and the two fits. Must not know: engines, wires, what comes
+out of the benchmark.
+
+    python tests/bench/steady_fit.py        prints them
+
+For instants of each finger's time, the pulse is sought that stands as far above the threshold of
+that instant as the comfortable one did when it was calibrated: its width at the same current (for
+`fitted`, log width over log resistance), and its charge and energy in the skin (for `lines`, over
+R / R0). A person's would come from a few skin states in the same way.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+_CLONE = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(_CLONE / one) for one in ("tests", "daemon", "hal")]
+
+import numpy as np  # noqa: E402
+
+from bench.steady_skin import WIDTH_US, asked_body, body_of  # noqa: E402
+from etd.config import fake_config  # noqa: E402
+from etd_body.living import LivingBody  # noqa: E402
+from etd_body.tissue import Floats  # noqa: E402
+from etd_body.ways import Ways  # noqa: E402
+
+TUNING_SEEDS = (1, 2, 3, 4)
+_AT_S = (3.0, 21.0, 47.0, 90.0, 170.0, 290.0, 430.0, 590.0)
+_WIDTHS_US = np.array([35.0, 50.0, 70.0, 100.0, 140.0, 200.0])
+_EVERY = 5
+_OVER = 2.0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """`k` of `fitted`, with how much of the variance it explains; and the slopes of `lines`."""
+
+    k: float
+    charge_slope: float
+    energy_slope: float
+    r_squared: float
+    samples: int
+
+
+def fit(seeds: tuple[int, ...] = TUNING_SEEDS) -> Fit:
+    """By least squares through the reference: at R0 nothing changes."""
+    log_r, log_w, charge, energy = (
+        np.concatenate(one) for one in zip(*map(_finger, seeds), strict=True)
+    )
+    slope = float((log_r * log_w).sum() / (log_r * log_r).sum())
+    left = log_w - slope * log_r
+    rise = np.expm1(log_r)
+    return Fit(
+        k=-slope,
+        charge_slope=_slope(rise, charge),
+        energy_slope=_slope(rise, energy),
+        r_squared=float(1.0 - left.var() / log_w.var()),
+        samples=len(log_r),
+    )
+
+
+def _slope(rise: Floats, part: Floats) -> float:
+    return float((rise * (part - 1.0)).sum() / (rise * rise).sum())
+
+
+def _finger(seed: int) -> tuple[Floats, ...]:
+    loaded = fake_config(electrodes=64)
+    asked = asked_body(seed, loaded.board, loaded.array)
+    electrodes = range(0, 64, _EVERY)
+    told_ua = {one: _OVER * asked.told_threshold_ua(one, WIDTH_US) for one in electrodes}
+    first_ohm = {one: _seen_ohm(asked, one, told_ua[one]) for one in electrodes}
+    skin_ua = {one: asked.sensation.true_threshold_ua(one, WIDTH_US) for one in electrodes}
+    body = body_of(seed, loaded.board, loaded.array)
+    rows: list[tuple[float, float, float, float]] = []
+    body.look_at(0)
+    for at_s in _AT_S:
+        body.look_at(int(at_s * 1e9))
+        for one in electrodes:
+            if not body.skin.is_touching[one]:
+                continue
+            needed_ua = np.array([_OVER * body.told_threshold_ua(one, w) for w in _WIDTHS_US])
+            width_us = float(
+                np.exp(np.interp(-np.log(told_ua[one]), -np.log(needed_ua), np.log(_WIDTHS_US)))
+            )
+            if not _WIDTHS_US[0] < width_us < _WIDTHS_US[-1]:
+                continue
+            ratio = _seen_ohm(body, one, told_ua[one]) / first_ohm[one]
+            true_ua = body.sensation.true_threshold_ua(one, width_us)
+            charge = true_ua * width_us / (skin_ua[one] * WIDTH_US)
+            energy = (true_ua / skin_ua[one]) ** 2 * ratio * width_us / WIDTH_US
+            rows.append((np.log(ratio), np.log(width_us / WIDTH_US), charge, energy))
+    return tuple(np.array(rows).T)
+
+
+def _seen_ohm(body: LivingBody, electrode: int, told_ua: float) -> float:
+    """What the end of a long pulse tells, returns and films included."""
+    way = Ways(body.skin).against_all(electrode)
+    return 1.0 / (1.0 / (body.resistance_ohm(electrode, told_ua) + way.rest_ohm) + way.shunt_s)
+
+
+if __name__ == "__main__":
+    print(fit())

@@ -1,0 +1,36 @@
+"""The stabilizers that the benchmark compares.
+
+Owns: which there are, and their figures. Must not know: fingers, engines, what comes out.
+
+`fitted` and `lines` have what `steady_fit.py` finds on fingers that the benchmark leaves out,
+rounded, and within the laws' own bounds.
+"""
+
+from __future__ import annotations
+
+from etd.stabilize.contact import ContactLaw
+from etd.stabilize.energy import EnergyLaw
+from etd.stabilize.fitted import FittedLaw
+from etd.stabilize.lines import LinesLaw
+from etd.stabilize.narrow import Narrow
+from etd.stabilize.prepulse import Prepulse
+from etd.stabilize.settings import NOTHING, Settings
+
+NONE, CONTACT = "none", "contact"
+#: Those that follow resistance by what was fitted to a person, with contact before them.
+CALIBRATED = "contact + fitted"
+
+_CONTACT = ContactLaw()
+_FITTED = FittedLaw(k=0.73)
+_LINES = LinesLaw(charge_slope=-1.0, energy_slope=0.0)
+
+LAWS: dict[str, Settings] = {
+    NONE: NOTHING,
+    CONTACT: Settings(order=("contact",), contact=_CONTACT),
+    "energy": Settings(order=("energy",), energy=EnergyLaw()),
+    "fitted": Settings(order=("fitted",), fitted=_FITTED),
+    "lines": Settings(order=("lines",), lines=_LINES),
+    CALIBRATED: Settings(order=("contact", "fitted"), contact=_CONTACT, fitted=_FITTED),
+    "narrow": Settings(order=("narrow",), narrow=Narrow(width_us=50, tau_us=151.0)),
+    "prepulse": Settings(order=("prepulse",), prepulse=Prepulse(below_db=6.0, width_us=50)),
+}

@@ -1,0 +1,75 @@
+"""What was felt, drawn: how it drifts, and what a peeling does.
+
+Owns: which curves are drawn of a run. Must not know: how they are drawn, how a run is made.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bench.steady_figures import firm_of
+from bench.steady_run import Kept
+from etd.explain.figure import Axis, Curve, Figure, floats
+from etd.explain.svgplot import svg_of
+
+#: Those that are compared; the others differ in something else than steadiness.
+_DRAWN = ("none", "contact", "energy", "fitted", "lines", "contact + fitted")
+
+
+def write(folder: Path, kept: dict[str, Kept]) -> None:
+    """Two files, of one finger."""
+    drawn = {name: kept[name] for name in _DRAWN if name in kept}
+    if not drawn:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    for figure in (_drift(drawn), _peeling(drawn)):
+        (folder / f"{figure.name}.svg").write_text(svg_of(figure), encoding="utf-8")
+
+
+def _drift(kept: dict[str, Kept]) -> Figure:
+    curves = tuple(Curve(name, *_by_piece(one)) for name, one in kept.items())
+    return Figure(
+        name="steady-drift",
+        title="Felt strength over ten minutes, mean of firm contacts (modelled)",
+        says="",
+        x=Axis("minutes since the finger was laid on"),
+        y=Axis("felt strength over the first piece's", least=0.0),
+        curves=curves,
+        checks=(),
+    )
+
+
+def _by_piece(kept: Kept) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    felt = np.where(firm_of(kept), kept.felt, np.nan)
+    pieces = np.unique(kept.piece)
+    minutes = [float(kept.body_s[kept.piece == one].mean()) / 60.0 for one in pieces]
+    means = [float(np.nanmean(felt[kept.piece == one])) for one in pieces]
+    return floats(minutes), floats(one / means[0] for one in means)
+
+
+def _peeling(kept: dict[str, Kept]) -> Figure:
+    electrode = _peeled_most(next(iter(kept.values())))
+    curves = tuple(
+        Curve(name, floats(one.inside_s[_first(one)]), floats(one.felt[_first(one), electrode]))
+        for name, one in kept.items()
+    )
+    return Figure(
+        name="steady-peeling",
+        title="One electrode peels and touches again (modelled)",
+        says="",
+        x=Axis("s"),
+        y=Axis("felt strength; 1 is the threshold", least=0.0),
+        curves=curves,
+        checks=(),
+    )
+
+
+def _first(kept: Kept) -> np.ndarray:
+    return np.asarray(kept.piece == kept.piece[0])
+
+
+def _peeled_most(kept: Kept) -> int:
+    """The electrode that was off for longest in the first piece."""
+    return int((kept.attached[_first(kept)] == 0.0).sum(axis=0).argmax())

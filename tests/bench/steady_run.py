@@ -1,0 +1,115 @@
+"""One finger under one set of stabilizers: what each scan was felt as.
+
+Owns: the run through the real engine, its limits and drivers on the fake's wires, and what is kept
+of it. Must not know: what is made of the figures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+import engine_rig
+from bench import steady_skin
+from bench.steady_skin import Finger
+from etd.config import LoadedConfig, fake_config
+from etd.link import OpenLease
+from etd.stabilize.settings import Settings
+from etd_body.tissue import Floats
+from etd_hal.compose import Backend
+from etd_hal.ports import Clock, Marker
+
+ELECTRODES = 64
+_OPENING_MS = 1_600
+
+
+@dataclass(frozen=True)
+class Kept:
+    """[scan, electrode] of all that was shown: strength and pain, and what part of the contact
+    lay on. `piece` and `inside_s`: in which piece the scan was, and how far; [scan].
+    """
+
+    felt: Floats
+    pain: Floats
+    attached: Floats
+    piece: Floats
+    inside_s: Floats
+    body_s: Floats
+    counters: dict[str, int]
+
+
+class _Scans:
+    """At the start of each scan, what was felt of the one before."""
+
+    def __init__(self, marker: Marker, finger: Finger, clock: Clock) -> None:
+        self._marker = marker
+        self._finger = finger
+        self._clock = clock
+        self._scan_ns: int | None = None
+        self.found: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = []
+
+    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
+        felt, pain = self._finger.body.take_felt()
+        if self._scan_ns is not None:
+            self.found.append((self._scan_ns, felt, pain))
+        self._scan_ns = self._clock.now_ns()
+        self._marker.mark(event, seq, tag)
+
+
+def loaded_with(settings: Settings) -> LoadedConfig:
+    """The fake's board and a site with these stabilizers."""
+    loaded = fake_config(electrodes=ELECTRODES)
+    site = msgspec.structs.replace(loaded.body_site, stabilize=settings)
+    return replace(loaded, body_site=site)
+
+
+def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int) -> Kept:
+    """All electrodes at the same level."""
+    loaded = loaded_with(settings)
+    finger = steady_skin.finger(seed, loaded.board, loaded.array, minutes, pieces)
+    made: list[_Scans] = []
+
+    def watched(backend: Backend) -> Backend:
+        made.append(_Scans(backend.marker, finger, backend.clock))
+        return replace(backend, marker=made[0])
+
+    rig = engine_rig.make(loaded=loaded, body=finger.body, is_traced=False, wrap=watched)
+    answer = rig.ask(
+        OpenLease,
+        lease=engine_rig.LEASE,
+        client="bench",
+        calibration_name="modelled",
+        calibration=finger.calibration,
+    )
+    assert answer.error is None, answer.reason
+    rig.arm()
+    frame = {"level": (level,) * ELECTRODES, "ttl_ms": 1_000}
+    rig.hold(_OPENING_MS, **frame)
+    begun_ns = rig.clock.now_ns()
+    finger.course.begin(begun_ns * 1e-9)
+    rig.hold(finger.pieces.engine_s * 1e3, **frame)
+    counters = dict(rig.engine.reporter.counters)
+    problems = rig.close()
+    assert problems == (), problems
+    return _kept(finger, made[0], begun_ns, counters)
+
+
+def _kept(finger: Finger, scans: _Scans, begun_ns: int, counters: dict[str, int]) -> Kept:
+    found = [one for one in scans.found if one[0] >= begun_ns]
+    elapsed_s = [(one[0] - begun_ns) * 1e-9 for one in found]
+    places = [finger.pieces.at(one) for one in elapsed_s]
+    piece_s = steady_skin.SETTLING_S + steady_skin.PIECE_S
+    counted = [number for number, (_, inside_s) in enumerate(places) if inside_s >= 0.0]
+    body_s = [places[number][0] for number in counted]
+    return Kept(
+        felt=np.array([found[number][1] for number in counted]),
+        pain=np.array([found[number][2] for number in counted]),
+        attached=steady_skin.attached(finger, body_s),
+        piece=np.array([elapsed_s[number] // piece_s for number in counted]),
+        inside_s=np.array([places[number][1] for number in counted]),
+        body_s=np.array(body_s),
+        counters=counters,
+    )

@@ -1,0 +1,180 @@
+"""A finger for ten minutes, of which some seconds are looked at: who it is, and when.
+
+Owns: the body of a seed, its calibration, and the seconds that stand for the ten minutes.
+Must not know: engines, stabilizers, what is made of it.
+
+Ten minutes of 64 electrodes are most of a million pulses, each with its own wires. So the body's
+time runs in pieces: a few seconds around a peeling, then on to the next one minutes later. Before
+each piece the skin is held as it is then for `SETTLING_S`, in which nothing counts.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from etd.array import Array
+from etd.calibration import Calibration, ElectrodeLimits
+from etd_body.course import BUSY, Course, SkinNow
+from etd_body.living import LivingBody
+from etd_body.tissue import Floats
+from etd_hal.boardfile import BoardFile
+
+WIDTH_US, RATE_HZ = 100, 20.0
+SCRIPT = BUSY
+SETTLING_S, BEFORE_S, PIECE_S = 0.8, 0.6, 3.4
+#: About when it is calibrated: asking for 64 electrodes takes minutes, so it has sweated.
+CALIBRATED_S = 300.0
+#: Where the first piece begins to be looked for: when the finger has lain for a moment.
+FIRST_S = 2.0
+_GRAIN_S = 0.02
+_COMFORTABLE, _COMFORTABLE_BELOW_PAIN, _CAP_BELOW_PAIN = 2.0, 0.75, 0.9
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """When each piece begins, in s of the body's time."""
+
+    starts_s: tuple[float, ...]
+
+    @property
+    def engine_s(self) -> float:
+        """How long they take together, settling included."""
+        return len(self.starts_s) * (SETTLING_S + PIECE_S)
+
+    def at(self, elapsed_s: float) -> tuple[float, float]:
+        """(the body's time, how far into its piece); negative while the skin is held."""
+        number, inside_s = divmod(max(0.0, elapsed_s), SETTLING_S + PIECE_S)
+        start_s = self.starts_s[min(int(number), len(self.starts_s) - 1)]
+        return start_s + max(0.0, inside_s - SETTLING_S), inside_s - SETTLING_S
+
+
+class PiecewiseCourse(Course):
+    """The same skin, in pieces; until `begin` it is as in the first one's beginning."""
+
+    def __init__(self, whole: Course, pieces: Pieces) -> None:
+        self.script = whole.script
+        self._whole = whole
+        self._pieces = pieces
+        self._begun_s: float | None = None
+
+    def begin(self, t_s: float) -> None:
+        """From this time on, on the clock of whoever asks."""
+        self._begun_s = t_s
+
+    def at(self, t_s: float) -> SkinNow:
+        return self._whole.at(self.body_s(t_s))
+
+    def pressure_kpa(self, t_s: float) -> float:
+        return self._whole.pressure_kpa(self.body_s(t_s))
+
+    def body_s(self, t_s: float) -> float:
+        if self._begun_s is None:
+            return self._pieces.starts_s[0]
+        return self._pieces.at(t_s - self._begun_s)[0]
+
+
+@dataclass(frozen=True)
+class Finger:
+    """A body, its course in pieces, and what is true of its contacts."""
+
+    body: LivingBody
+    course: PiecewiseCourse
+    pieces: Pieces
+    calibration: Calibration
+    #: The same peelings on a finger that neither sweats nor presses: `area` is what lies on.
+    attachment: Course
+
+
+def finger(seed: int, board: BoardFile, array: Array, minutes: float, count: int) -> Finger:
+    """`count` pieces, spread over the minutes."""
+    places = list(zip(array.x_mm, array.y_mm, strict=True))
+    attachment = Course(replace(SCRIPT, sweat=0.0, pressing=0.0), places, seed=seed)
+    calibration = calibrated(asked_body(seed, board, array), array)
+    body = body_of(seed, board, array)
+    pieces = pieces_of(attachment, minutes * 60.0, count)
+    course = PiecewiseCourse(body.skin.course, pieces)
+    body.skin.course = course
+    body.skin.refresh(0.0)
+    body.look_at(0)
+    return Finger(body, course, pieces, calibration, attachment)
+
+
+def body_of(seed: int, board: BoardFile, array: Array) -> LivingBody:
+    """Just laid on."""
+    return LivingBody(
+        list(zip(array.x_mm, array.y_mm, strict=True)),
+        leak_ohm=board.source.leak_ohm,
+        compliance_v=board.source.compliance_v,
+        seed=seed,
+        script=SCRIPT,
+    )
+
+
+def asked_body(seed: int, board: BoardFile, array: Array) -> LivingBody:
+    """The same finger when it is calibrated: it has lain for a while, and lies on wholly."""
+    body = body_of(seed, board, array)
+    places = list(zip(array.x_mm, array.y_mm, strict=True))
+    attachment = Course(replace(SCRIPT, sweat=0.0, pressing=0.0), places, seed=seed)
+    body.look_at(int((_peeling_after(attachment, CALIBRATED_S) - BEFORE_S) * 1e9))
+    return body
+
+
+def pieces_of(attachment: Course, lasting_s: float, count: int) -> Pieces:
+    """One around the first peeling of each part of the time."""
+    part_s = (lasting_s - FIRST_S) / count
+    starts = (FIRST_S + number * part_s for number in range(count))
+    return Pieces(tuple(_peeling_after(attachment, at_s) - BEFORE_S for at_s in starts))
+
+
+def _peeling_after(attachment: Course, from_s: float) -> float:
+    """The next moment at which everything has lain on for a while, and something comes off."""
+    lying_s, t_s = 0.0, from_s
+    while True:
+        if float(attachment.at(t_s).area.min()) >= 1.0:
+            lying_s += _GRAIN_S
+        elif lying_s >= BEFORE_S:
+            return t_s
+        else:
+            lying_s = 0.0
+        t_s += _GRAIN_S
+
+
+def calibrated(body: LivingBody, array: Array) -> Calibration:
+    """What a person with this finger says: the true thresholds, and twice that for comfortable,
+    where that stays well below pain.
+    """
+    return Calibration(
+        participant="modelled",
+        body_site="fingertip",
+        array=array.name,
+        polarity="anodic",
+        width_us=WIDTH_US,
+        rate_hz=RATE_HZ,
+        returns="all",
+        date=datetime.date(2025, 1, 15),
+        program="bench",
+        electrode=tuple(limits_of(body, one) for one in range(array.count)),
+    )
+
+
+def limits_of(body: LivingBody, electrode: int) -> ElectrodeLimits:
+    """One electrode's, on the skin as it is now."""
+    threshold_ua = body.told_threshold_ua(electrode, WIDTH_US)
+    pain_ua = body.told_pain_threshold_ua(electrode, WIDTH_US)
+    comfortable_ua = min(_COMFORTABLE * threshold_ua, _COMFORTABLE_BELOW_PAIN * pain_ua)
+    comfortable_ua = max(comfortable_ua, 1.02 * threshold_ua)
+    return ElectrodeLimits(
+        threshold_ua=round(threshold_ua),
+        comfortable_ua=round(comfortable_ua),
+        cap_ua=round(max(comfortable_ua, _CAP_BELOW_PAIN * pain_ua)),
+        resistance_ohm=body.resistance_ohm(electrode, comfortable_ua),
+    )
+
+
+def attached(finger: Finger, body_s: Sequence[float]) -> Floats:
+    """[time, electrode]: what part of each contact lies on."""
+    return np.array([finger.attachment.at(one).area for one in body_s])
