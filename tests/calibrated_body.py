@@ -16,6 +16,7 @@ from etd.calibrate.modelled import FeltPresents, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.stimulator import Stimulator
 from etd.calibration import Method
+from etd_body.course import STILL, Script
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 
 WIDTH_US, CAP_UA = 100, 3_000
@@ -23,8 +24,8 @@ WIDTH_US, CAP_UA = 100, 3_000
 
 @dataclass(slots=True)
 class Outcome:
-    """`errors`: by electrode, the threshold found over the body's own, less 1. Skin wanders, by a
-    tenth within a minute; its own is the median of what it was at each presentation there.
+    """`errors`: by electrode, the threshold found over the body's own, less 1. Skin that
+    moves wanders; then its own is the median of what it was at each presentation there.
     `unfelt`: where nothing was felt, the body's own threshold over the cap.
     """
 
@@ -47,11 +48,12 @@ def calibrate_body(
     electrodes: Sequence[int],
     *,
     person_seed: int,
-    body_seed: int | None = None,
+    body_seed: int,
+    script: Script = STILL,
 ) -> Outcome:
-    """The fake's own fingertip, or another one from a seed."""
+    """A fingertip from a seed, which holds still unless told otherwise."""
     outcome = Outcome()
-    with SteppedDaemon(array, body_seed) as daemon:
+    with SteppedDaemon(array, body_seed, script) as daemon:
         display = SteppedDisplay(daemon, CAP_UA, WIDTH_US)
         display.arm()
         conditions = conditions_of(daemon, method)

@@ -23,11 +23,11 @@ from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
 from etd.link import Channel, Listener, NewFrame, ToEngine
 from etd.protocol import TELEMETRY_OF_TOPIC, FrameReply
+from etd_body.course import STILL, Script
 from etd_body.living import LivingBody
 from etd_hal.compose import Backend, line_setup, spi_setup
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
-from etd_hal.fake.fingertip import living_fingertip
 
 #: The gateway has a turn this often, when nobody waits for it.
 _GATEWAY_NS = 4_000_000
@@ -39,22 +39,19 @@ _PATIENCE = 20_000
 class SteppedDaemon:
     """See the module. `clock` is the client's too."""
 
-    def __init__(self, array: str, body_seed: int | None = None) -> None:
+    def __init__(self, array: str, body_seed: int = 1, script: Script = STILL) -> None:
         self.loaded = loaded = fake_config(array=array)
         self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
         self.folder = Path(self._temporary.name)
         self.clock = SteppedClock()
         places_mm = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
         source = loaded.board.source
-        self.body = (
-            living_fingertip(loaded.board, places_mm)
-            if body_seed is None
-            else LivingBody(
-                places_mm,
-                leak_ohm=source.leak_ohm,
-                compliance_v=source.compliance_v,
-                seed=body_seed,
-            )
+        self.body = LivingBody(
+            places_mm,
+            leak_ohm=source.leak_ohm,
+            compliance_v=source.compliance_v,
+            seed=body_seed,
+            script=script,
         )
         self.fake = FakeBoard(
             loaded.board, self.clock, self.body, electrodes=loaded.array.outputs(), trace=None

@@ -149,6 +149,37 @@ def test_equal_strength_is_found_by_comparing_with_a_reference() -> None:
     assert equal.electrode[5].comfortable_ua == made.electrode[5].comfortable_ua
 
 
+def test_the_reference_is_gone_up_to_and_refused_where_it_is_too_strong_today() -> None:
+    skin = NoisySkin(4, 24)
+    _, made = calibrated(skin)
+    before = len(skin.presented)
+    skin.pain_ua[1] = 1.05 * made.electrode[1].threshold_ua
+
+    with pytest.raises(Refused, match="too strong today"):
+        calibrated(skin, "equalize", baseline=made, reference=1)
+    assert skin.presented[before:] == [(1, made.electrode[1].threshold_ua)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"participant": "P02"}, "participant P02, this calibration P01"),
+        ({"width_us": 50}, "width_us 50, this calibration 100"),
+        ({"polarity": "cathodic"}, "polarity cathodic"),
+        ({"electrode": ()}, "0 electrodes, here are 2"),
+    ],
+)
+def test_a_baseline_of_somebody_else_or_of_other_pulses_is_refused(
+    changes: dict[str, Any], said: str
+) -> None:
+    skin = NoisySkin(2, 23)
+    _, made = calibrated(skin)
+    before = len(skin.presented)
+    with pytest.raises(Refused, match=said):
+        calibrated(skin, baseline=msgspec.structs.replace(made, **changes))
+    assert len(skin.presented) == before
+
+
 def test_equal_strength_without_a_baseline_is_refused() -> None:
     with pytest.raises(Refused, match="--baseline"):
         calibrated(NoisySkin(2, 1), "equalize")

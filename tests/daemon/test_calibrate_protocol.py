@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Unpack
 
 import pytest
 
@@ -10,7 +11,9 @@ from calibrated_body import CAP_UA, WIDTH_US, calibrate_body, conditions_of
 from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.calibrate.trial import Stopped
 from etd.calibration import Method
+from etd.client.options import FrameOptions
 from etd.errors import Refused
+from etd.protocol import FrameReply
 from etd_body.electrode import OPEN_CONTACT
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 
@@ -67,9 +70,21 @@ def test_a_presentation_is_so_many_pulses_of_the_current_asked_for(daemon: Stepp
 
 
 def test_before_the_opening_nothing_is_taken_for_a_presentation(daemon: SteppedDaemon) -> None:
-    display = armed(daemon)
+    counters = daemon.engine.reporter.counters
+    before: list[int] = []
+
+    class Counting(SteppedDisplay):
+        def show_current(
+            self, current_ua: Sequence[int], **options: Unpack[FrameOptions]
+        ) -> FrameReply:
+            before.append(counters["clamped"])
+            return super().show_current(current_ua, **options)
+
+    display = Counting(daemon, CAP_UA, WIDTH_US)
+    display.arm()
     delivered = stimulator(daemon, display).present(3, 1_500)
-    assert daemon.engine.reporter.counters["clamped"] > 0
+    assert len(before) > 1
+    assert counters["clamped"] == before[-1] > 0, "not one pulse of the last was less"
     assert 1_490 <= delivered.current_ua <= 1_500
     display.close()
 
@@ -93,7 +108,7 @@ def test_a_halt_by_somebody_else_is_told(daemon: SteppedDaemon) -> None:
     stimulating = stimulator(daemon, display)
     stimulating.open()
     SteppedDisplay(daemon, CAP_UA, WIDTH_US).stop()
-    with pytest.raises(Refused, match=r"halted|lease"):
+    with pytest.raises(Refused, match="halted by stop"):
         stimulating.present(3, 800)
 
 

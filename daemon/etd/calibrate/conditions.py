@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.calibration import Calibration, ElectrodeLimits, Method
-from etd.errors import FileError
+from etd.errors import FileError, Refused
 from etd.frame import Polarity, Returns
 from etd.wholefile import write_whole
 
@@ -53,6 +53,26 @@ def check_conditions(conditions: Conditions) -> Conditions:
             f"at most {MOST_S} s: fewer pulses, or a higher rate",
         )
     return conditions
+
+
+def check_baseline(conditions: Conditions, baseline: Calibration) -> None:
+    """It must be of the same person under the same conditions: a threshold of another width or
+    polarity would be a start in the wrong place. Raises: Refused (`bad_calibration`).
+    """
+    for key in ("participant", "body_site", "array", "polarity", "width_us", "rate_hz", "returns"):
+        was, now = getattr(baseline, key), getattr(conditions, key)
+        if was != now:
+            raise Refused(
+                "bad_calibration",
+                f"the baseline has {key} {was}, this calibration {now}: begin without it, or under"
+                " its conditions",
+            )
+    if len(baseline.electrode) != conditions.electrodes:
+        raise Refused(
+            "bad_calibration",
+            f"the baseline has {len(baseline.electrode)} electrodes, here are"
+            f" {conditions.electrodes}",
+        )
 
 
 class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):

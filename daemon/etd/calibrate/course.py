@@ -13,8 +13,8 @@ import msgspec
 
 from etd.calibrate.answers import Answer, Answerer, Ask, Question
 from etd.calibrate.comfortable import comfortable
-from etd.calibrate.conditions import Progress
-from etd.calibrate.equalize import equalize
+from etd.calibrate.conditions import Progress, check_baseline
+from etd.calibrate.equalize import equalize, lead_up
 from etd.calibrate.limits import Threshold, limits
 from etd.calibrate.quest_plus import check_questplus, quest_plus
 from etd.calibrate.reach import Reach
@@ -83,6 +83,7 @@ class Course:
         self._on_progress = on_progress
         self._on_presented = on_presented
         self._resistance_ohm: int | None = None
+        self._is_led_up = False
         self.left: dict[int, str] = {}
         self._check()
 
@@ -94,6 +95,8 @@ class Course:
                 "equal strength needs a calibration with thresholds to begin with, and a reference"
                 " electrode: name a --baseline of this person",
             )
+        if self._baseline is not None:
+            check_baseline(self._progress.conditions, self._baseline)
         if method == "quest-plus":
             check_questplus()
 
@@ -142,6 +145,7 @@ class Course:
         reference = self._reference
         if before is None or reference is None or electrode == reference or not before.felt:
             return _taken_over(before, self._baseline)
+        self._lead_up_to(reference)
         reach = Reach(before.cap_ua, before.threshold_ua)
         match = run(
             equalize(before.threshold_ua),
@@ -150,6 +154,25 @@ class Course:
         )
         cap_ua = min(before.cap_ua, reach.cap_ua)
         return self._limits(before.threshold_ua, min(match.current_ua, cap_ua), cap_ua)
+
+    def _lead_up_to(self, reference: int) -> None:
+        """Once, before it is first presented as it is: today's skin is not that of the baseline.
+
+        Raises: Refused (`bad_calibration`).
+        """
+        one = self._earlier(reference)
+        if self._is_led_up or one is None:
+            return
+        procedure = lead_up(one.threshold_ua, one.comfortable_ua)
+        reach = Reach(one.comfortable_ua, one.threshold_ua)
+        if not run(procedure, reach, lambda ua: self._asked("strength", reference, ua)):
+            raise Refused(
+                "bad_calibration",
+                f"electrode {reference}, the reference, is too strong today at what was"
+                " comfortable: calibrate anew",
+                reference,
+            )
+        self._is_led_up = True
 
     def _limits(
         self, threshold_ua: int, comfortable_ua: int, cap_ua: int, is_felt: bool = True

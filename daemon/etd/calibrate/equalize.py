@@ -26,6 +26,18 @@ class Match:
     is_reached: bool = True
 
 
+def lead_up(from_ua: float, to_ua: float) -> Procedure[bool]:
+    """By tenths up to a current that an earlier day accepted; False if it is too strong today."""
+    wish_ua = from_ua
+    while True:
+        heard = yield min(wish_ua, to_ua)
+        if heard.answer == "too_strong":
+            return False
+        if heard.current_ua >= round(to_ua):
+            return True
+        wish_ua = heard.current_ua * RISE
+
+
 def equalize(start_ua: float) -> Procedure[Match]:
     """Up by tenths while it is weaker; then by twentieths around it."""
     places: list[int] = []

@@ -19,6 +19,7 @@ from etd.calibrate.answers import Answerer
 from etd.calibrate.conditions import (
     Conditions,
     Progress,
+    check_baseline,
     check_conditions,
     finished,
     load_progress,
@@ -167,7 +168,10 @@ class _Calibrating:
         self._which = which
         self._file = calibrating_file(args.name if args.board is None else "fake", which)
         self._baseline = display.calibration(args.baseline) if args.baseline else None
-        self._progress = self._begun(check_conditions(self._conditions()))
+        conditions = check_conditions(self._conditions())
+        if self._baseline is not None:
+            check_baseline(conditions, self._baseline)
+        self._progress = self._begun(conditions)
         self._screen = Screen(display.facts.array, self._progress, is_quiet=args.json)
         self._left: dict[int, str] = {}
 
