@@ -33,7 +33,7 @@ from bench.steady_run import ELECTRODES, Kept, run  # noqa: E402
 from bench.steady_skin import PIECE_S, RATE_HZ, WIDTH_US  # noqa: E402
 
 SEEDS = (101, 102)
-PIECES, LEVEL = 4, 0.6
+PIECES, LEVEL = 3, 0.6
 PLOTS = Path(__file__).resolve().parents[2] / "docs" / "plots"
 #: Of the un-stabilized variation over time; of the steady strength.
 MOST_VARIATION, MOST_STEP = 0.5, 1.2
@@ -52,7 +52,7 @@ def bounds(found: dict[str, SteadyFigures]) -> list[Bound]:
         ]
     for one in (contact, calibrated):
         if one is not None:
-            what = f"{one.name}: felt on touching again, of the steady strength"
+            what = f"{one.name}: felt on touching again, of what it settles to"
             held.append(at_most(what, one.recontact_step, MOST_STEP))
     return held
 
@@ -76,8 +76,8 @@ def measure(names: list[str], seeds: list[int], minutes: float, pieces: int) -> 
 
 def show(console: Console, found: list[SteadyFigures], held: list[Bound], said: str) -> None:
     table = Table(title=f"felt strength, modelled: {said}")
-    columns = ("", "felt", "over time", "over electrodes", "not felt", "above pain", "most pain")
-    for column in (*columns, "touching again", "(mean)"):
+    columns = ("", "felt", "over time", "over electrodes", "not felt", "above pain")
+    for column in (*columns, "of them firm", "most pain", "touching again", "(mean)"):
         table.add_column(column, justify="right" if column else "left")
     for one in found:
         table.add_row(
@@ -86,15 +86,16 @@ def show(console: Console, found: list[SteadyFigures], held: list[Bound], said: 
             f"{one.over_time:.1%}",
             f"{one.over_electrodes:.1%}",
             f"{one.below_threshold:.2%}",
-            f"{one.above_pain:.3%}",
+            f"{one.above_pain:.3%} ({one.scans_above_pain})",
+            str(one.firm_scans_above_pain),
             f"{one.most_pain:.2f}",
             f"{one.recontact_step:.2f}",
             f"{one.recontact_step_mean:.2f}",
         )
     table.caption = (
         "felt: 1 is the threshold; over time, over electrodes: standard deviation over mean, firm"
-        " contacts only; not felt, above pain: of the scans of an electrode; touching again: the"
-        " most felt within a second, over the same electrode's steady strength"
+        " contacts only; not felt, above pain: of the scans of an electrode (how many of them);"
+        " touching again: the most felt at first, over what the same contact then settles to"
     )
     console.print(table)
     for bound in held:
@@ -128,7 +129,7 @@ def main() -> int:
         plain = {"conditions": said, "seeds": args.seeds, "laws": told}
         print(json.dumps(plain | {"bounds": [asdict(one) for one in held]}))
     else:
-        show(Console(), list(found.values()), held, said)
+        show(Console(width=None if sys.stdout.isatty() else 130), list(found.values()), held, said)
     if not args.no_plots:
         steady_plots.write(PLOTS, {name: runs[0] for name, runs in kept.items()})
     return 0 if all(one.is_met for one in held) else 1

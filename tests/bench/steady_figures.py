@@ -19,8 +19,11 @@ from bench.steady_run import Kept
 from etd_body.tissue import Floats
 
 FIRM_S = 1.0
-#: After a contact is made anew, what is felt within this is the step.
-STEP_S = 1.0
+#: After a contact is made anew, what is felt within this is the step: it has its whole area after
+#: a quarter of a second, its whole current after half of one.
+STEP_S = 0.75
+#: What it settles to is what is felt directly after that: later, pressing has changed it.
+SETTLED_S = 0.5
 Mask = NDArray[np.bool_]
 
 
@@ -35,9 +38,11 @@ class SteadyFigures:
     below_threshold: float
     above_pain: float
     scans_above_pain: int
+    #: Of these, how many where the contact was firm: the others are at a peeling or a return.
+    firm_scans_above_pain: int
     most_pain: float
-    #: The most that is felt within a second of touching again, over the same electrode's steady
-    #: strength around it; the second: the mean over all such contacts.
+    #: The most that is felt on touching again, over the strength that the same
+    #: contact settles to in the next moment; the second: the mean over all such contacts.
     recontact_step: float
     recontact_step_mean: float
     recontacts: int
@@ -50,21 +55,23 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
     over_electrodes: list[float] = []
     means: list[float] = []
     steps: list[float] = []
-    shown = below = painful = scans = 0
+    shown = below = painful = firm_painful = scans = 0
     most_pain = 0.0
     for one in kept:
         firm = firm_of(one)
-        felt = np.where(firm, one.felt, np.nan)
+        ever = firm.any(axis=0)
+        felt = np.where(firm, one.felt, np.nan)[:, ever]
         mean = np.nanmean(felt, axis=0)
         is_felt = mean > 0.0
         over_time.extend(np.nanstd(felt, axis=0)[is_felt] / mean[is_felt])
         over_electrodes.append(float(mean.std() / mean.mean()))
         means.extend(mean)
-        steps.extend(recontact_steps(one, firm))
+        steps.extend(recontact_steps(one))
         touching = one.attached > 0.0
         shown += int(touching.sum())
         below += int((touching & (one.felt < 1.0)).sum())
         painful += int((one.pain >= 1.0).sum())
+        firm_painful += int(((one.pain >= 1.0) & firm).sum())
         scans += one.felt.size
         most_pain = max(most_pain, float(one.pain.max()))
     return SteadyFigures(
@@ -75,6 +82,7 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         below_threshold=below / shown,
         above_pain=painful / scans,
         scans_above_pain=painful,
+        firm_scans_above_pain=firm_painful,
         most_pain=most_pain,
         recontact_step=max(steps, default=0.0),
         recontact_step_mean=float(np.mean(steps)) if steps else 0.0,
@@ -96,7 +104,7 @@ def firm_of(kept: Kept) -> Mask:
     return firm
 
 
-def recontact_steps(kept: Kept, firm: Mask) -> list[float]:
+def recontact_steps(kept: Kept) -> list[float]:
     """One for each electrode that touched again, in each piece."""
     found: list[float] = []
     for scan in range(1, len(kept.felt)):
@@ -108,8 +116,11 @@ def recontact_steps(kept: Kept, firm: Mask) -> list[float]:
         here = kept.piece == kept.piece[scan]
         after_s = kept.inside_s - kept.inside_s[scan]
         soon = here & (after_s >= 0.0) & (after_s <= STEP_S)
+        settled = here & (after_s > STEP_S) & (after_s <= STEP_S + SETTLED_S)
         for electrode in again:
-            found.append(_step(kept.felt[:, electrode], firm[:, electrode] & here, soon))
+            found.append(
+                _step(kept.felt[:, electrode], settled & (kept.attached[:, electrode] >= 1.0), soon)
+            )
     return [one for one in found if np.isfinite(one)]
 
 

@@ -25,7 +25,7 @@ from etd_hal.boardfile import BoardFile
 
 WIDTH_US, RATE_HZ = 100, 20.0
 SCRIPT = BUSY
-SETTLING_S, BEFORE_S, PIECE_S = 0.8, 0.6, 3.4
+SETTLING_S, BEFORE_S, PIECE_S = 0.8, 0.6, 4.4
 #: About when it is calibrated: asking for 64 electrodes takes minutes, so it has sweated.
 CALIBRATED_S = 300.0
 #: Where the first piece begins to be looked for: when the finger has lain for a moment.

@@ -1,0 +1,79 @@
+"""What the benchmark of steadiness counts, on scans written down by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.steady_figures import figures
+from bench.steady_run import Kept
+from bench.steady_skin import PIECE_S, SETTLING_S, Pieces, pieces_of
+from etd_body.course import Course, Script
+
+SCANS = 41
+PERIOD_S = 0.1
+
+
+def kept(
+    felt: list[list[float]],
+    *,
+    pain: list[list[float]] | None = None,
+    attached: list[list[float]] | None = None,
+) -> Kept:
+    """One piece, a scan each tenth of a second."""
+    strengths = np.array(felt)
+    count = len(strengths)
+    times = np.array([PERIOD_S * scan for scan in range(count)], dtype=np.float64)
+    return Kept(
+        felt=strengths,
+        pain=np.zeros(strengths.shape) if pain is None else np.array(pain),
+        attached=np.ones(strengths.shape) if attached is None else np.array(attached),
+        piece=np.zeros(count),
+        inside_s=times,
+        body_s=times,
+        counters={},
+    )
+
+
+def test_variation_over_time_and_over_electrodes_are_told_apart() -> None:
+    apart = figures("x", [kept([[1.0, 3.0]] * SCANS)])
+    assert apart.over_time == 0.0
+    assert apart.over_electrodes == pytest.approx(0.5)
+    swinging = figures("x", [kept([[1.0, 1.0], [3.0, 3.0]] * 20)])
+    assert swinging.over_time == pytest.approx(0.5)
+    assert swinging.over_electrodes == 0.0
+
+
+def test_what_is_not_felt_counts_only_where_there_is_contact() -> None:
+    felt = [[2.0, 0.0]] * SCANS
+    assert figures("x", [kept(felt)]).below_threshold == pytest.approx(0.5)
+    off = [[1.0, 0.0]] * SCANS
+    assert figures("x", [kept(felt, attached=off)]).below_threshold == 0.0
+
+
+def test_pain_is_counted_from_one_on_and_told_apart_where_the_contact_is_firm() -> None:
+    pain = [[0.99, 0.0]] * (SCANS - 2) + [[1.0, 0.0], [0.0, 1.2]]
+    attached = [[1.0, 1.0]] * (SCANS - 1) + [[1.0, 0.4]]
+    found = figures("x", [kept([[2.0, 2.0]] * SCANS, pain=pain, attached=attached)])
+    assert found.scans_above_pain == 2
+    assert found.firm_scans_above_pain == 1
+    assert found.most_pain == 1.2
+
+
+def test_a_step_is_the_most_felt_in_a_second_over_what_the_contact_settles_to() -> None:
+    attached = [[1.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 31
+    felt = [[9.0]] * 40 + [[0.0]] * 5 + [[1.0], [3.0]] + [[2.0]] * 29
+    found = figures("x", [kept(felt, attached=attached)])
+    assert found.recontacts == 1
+    assert found.recontact_step == pytest.approx(1.5)
+
+
+def test_pieces_run_from_a_moment_before_each_peeling_and_hold_the_skin_before_that() -> None:
+    pieces = Pieces((10.0, 300.0))
+    assert pieces.at(SETTLING_S / 2)[0] == 10.0
+    assert pieces.at(SETTLING_S + 1.0) == pytest.approx((11.0, 1.0))
+    assert pieces.at(SETTLING_S + PIECE_S + 0.1)[0] == 300.0
+    course = Course(Script(peels_per_min=6.0), [(0.0, 0.0), (5.0, 0.0), (0.0, 5.0)], seed=3)
+    for start_s in pieces_of(course, 60.0, 3).starts_s:
+        assert course.at(start_s).area.min() == 1.0
+        assert course.at(start_s + 0.62).area.min() < 1.0
