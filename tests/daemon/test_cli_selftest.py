@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
 
 import pytest
 
 from etd import cli
+from etd.cli.selftest_table import Table
 from etd.selftest.run import STAGES
 from etd.selftest_report import load
+from etd_hal.board import Board
 
 FULL = ["selftest", "--board", "fake", "--array", "grid-4x4"]
 LOAD = ["--dummy-load", "47000", "--load-electrodes", "0,5"]
@@ -92,3 +95,50 @@ def test_hardware_that_is_not_there_is_status_3(capsys: pytest.CaptureFixture[st
     shipped = Path(__file__).parents[2] / "config" / "etd.toml"
     assert cli.main(["selftest", "--config", str(shipped)]) == 3
     assert "hardware cannot be used" in capsys.readouterr().err
+
+
+def test_a_pass_does_not_outlive_a_later_test_that_was_cut_short(
+    state: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert cli.main([*FULL, *LOAD]) == 0
+
+    def cut(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Table, "stage", cut)
+    assert cli.main([*FULL, *LOAD]) == 130
+    report = load(state)
+    assert report is not None
+    assert (report.passed, report.checks) == (False, ())
+
+
+def test_where_the_report_cannot_be_kept_nothing_is_tested(
+    state: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state.parent.parent.write_text("a file where the folder should be")
+    assert cli.main([*FULL, *LOAD]) == 1
+    told = capsys.readouterr()
+    assert "cannot be kept" in told.err
+    assert "1/8" not in told.out
+
+
+@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGHUP])
+def test_being_asked_to_end_makes_the_board_safe_first(
+    monkeypatch: pytest.MonkeyPatch, ending: signal.Signals
+) -> None:
+    made_safe: list[str] = []
+    safe_off = Board.safe_off
+
+    def seen(board: Board) -> tuple[str, ...]:
+        made_safe.append("safe")
+        return safe_off(board)
+
+    def end_at_rail(_table: Table, name: str, _what: str) -> None:
+        if name == "probe":
+            made_safe.clear()
+            signal.raise_signal(ending)
+
+    monkeypatch.setattr(Board, "safe_off", seen)
+    monkeypatch.setattr(Table, "stage", end_at_rail)
+    assert cli.main([*FULL, *LOAD]) == 130
+    assert made_safe == ["safe"]

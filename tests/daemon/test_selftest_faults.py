@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from etd_body.electrode import load
 from etd_hal.fake.faults import (
     AdcScale,
     Bridge,
@@ -174,6 +175,21 @@ def test_without_a_load_no_pulse_on_skin_exceeds_the_bound_whatever_is_wrong(cas
     rig = rig_of(case, load_ohm=None, on_skin=True)
     report = rig.run()
     assert report.bound.charge_nc == 15.0
+    assert not report.passed
+    assert rig.most_charge_nc <= report.bound.charge_nc
+
+
+@pytest.mark.parametrize("board", [ALL, BARE])
+@pytest.mark.parametrize("factor", [1.5, 2.0, 2.3, 3.0])
+@pytest.mark.parametrize("skin_ohm", [20_000, 60_000, 200_000])
+def test_a_load_that_is_named_but_not_there_raises_nothing_above_the_bound_on_skin(
+    board: str, factor: float, skin_ohm: int
+) -> None:
+    """Current that is too strong through skin that conducts may look like nothing connected."""
+    rig = selftest_rig(board, faults=[DacGain(factor)], load_ohm=47_000)
+    for electrode in range(rig.loaded.array.count):
+        rig.fake.world.touch(electrode, load(float(skin_ohm)))
+    report = rig.run()
     assert not report.passed
     assert rig.most_charge_nc <= report.bound.charge_nc
 

@@ -30,7 +30,7 @@ def private_daemon(name: str, loaded: LoadedConfig, trace: Path | None = None) -
     Raises: PartEnded then (also in place of what the client says of it), DaemonGone if it does
     not become ready, FileError.
     """
-    with _termination_as_ctrl_c(), tempfile.TemporaryDirectory(prefix="etd-") as temporary:
+    with termination_as_ctrl_c(), tempfile.TemporaryDirectory(prefix="etd-") as temporary:
         folder = Path(temporary)
         prepare_runtime(folder)
         arguments = _arguments(name, loaded, folder, trace)
@@ -47,8 +47,8 @@ def private_daemon(name: str, loaded: LoadedConfig, trace: Path | None = None) -
 
 
 @contextmanager
-def _termination_as_ctrl_c() -> Iterator[None]:
-    """Being asked to end must not leave the folder behind."""
+def termination_as_ctrl_c() -> Iterator[None]:
+    """Being asked to end must leave nothing behind: no folder, no supply that is on."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt

@@ -12,11 +12,13 @@ from pathlib import Path
 import msgspec
 
 from etd.cli import options
+from etd.cli.private_daemon import termination_as_ctrl_c
 from etd.cli.run import loaded_config
 from etd.cli.selftest_table import Quiet, Table, table_of
 from etd.config import LoadedConfig
 from etd.places import selftest_file
 from etd.selftest.bed import Asked, Bed, DummyLoad
+from etd.selftest.run import cut_short
 from etd.selftest.run import run as run_stages
 from etd.selftest_report import Check, Report, save
 from etd_hal.bench import Hand, StopName
@@ -77,12 +79,13 @@ def run(args: argparse.Namespace) -> int:
     """Raises: FileError, HardwareMissing, BusError."""
     loaded = loaded_config(args)
     asked = _asked(args, loaded)
-    bench = _open(loaded, asked)
-    try:
-        report = _tested(args, loaded, bench, asked)
-    finally:
-        bench.backend.close()
     kept = selftest_file(args.name, loaded.config.backend)
+    with termination_as_ctrl_c():
+        bench = _open(loaded, asked)
+        try:
+            report = _tested(args, loaded, bench, asked, kept)
+        finally:
+            bench.backend.close()
     save(report, kept)
     if args.report is not None:
         save(report, args.report)
@@ -133,10 +136,14 @@ def _open(loaded: LoadedConfig, asked: Asked) -> Bench:
     return bench
 
 
-def _tested(args: argparse.Namespace, loaded: LoadedConfig, bench: Bench, asked: Asked) -> Report:
+def _tested(
+    args: argparse.Namespace, loaded: LoadedConfig, bench: Bench, asked: Asked, kept: Path
+) -> Report:
+    """Raises: FileError before anything is done, if the report could not be kept."""
     table = table_of(is_quiet=args.json)
     operator = None if args.no_operator else _Operator(table, bench.hand)
     bed = Bed(loaded, bench, operator, asked)
+    save(cut_short(bed, wall_time()), kept)
     return run_stages(bed, wall_time(), table.check, table.stage)
 
 

@@ -109,7 +109,9 @@ def check_alone(bed: Bed, log: Log, found: Map, free: list[int], name: str) -> b
 
 
 def _check_load(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) -> None:
-    """At the whole probe bound: open, then into the load from either end."""
+    """Still with the weak probe, since the load is only said to be there: open, then from either
+    end of it.
+    """
     told_ua, open_v = _mean_v(prober, free)
     ends_v = [_mean_v(prober, one)[1] for one in (load.first, load.second)]
     ohm = load.resistance_ohm
@@ -154,7 +156,7 @@ def _check_constants(
 
 
 def _mean_v(prober: Prober, electrode: int) -> tuple[int, float]:
-    shots = [prober.into_load(electrode, prober.load_probe_ua) for _ in range(_READINGS)]
+    shots = [prober.probe(electrode) for _ in range(_READINGS)]
     return shots[0][0], statistics.mean(shot.voltage_v for _, shot in shots)
 
 

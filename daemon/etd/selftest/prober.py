@@ -75,11 +75,6 @@ class Prober:
         return self._maxima.probe_current_ua // _PART
 
     @property
-    def load_probe_ua(self) -> int:
-        """What a probe into a load asks for: the whole bound."""
-        return self._maxima.probe_current_ua
-
-    @property
     def width_us(self) -> int:
         return self._maxima.probe_width_us
 
@@ -116,10 +111,10 @@ class Prober:
         return self._fire(electrode, self.probe_ua, is_anodic)
 
     def into_load(self, electrode: int, current_ua: int) -> tuple[int, Shot]:
-        """(told_ua, shot); above the probe only into a confirmed load. Raises: as `probe`."""
-        if current_ua > self.load_probe_ua and not self._bed.is_load_confirmed:
+        """(told_ua, shot), into a confirmed load only. Raises: as `probe`."""
+        if not self._bed.is_load_confirmed:
             raise GuardRefusal(
-                "self-test", f"{current_ua} uA", f"{self.load_probe_ua} uA: no load was found"
+                "self-test", f"{current_ua} uA", f"{self.probe_ua} uA: no load was found"
             )
         return self._fire(electrode, min(current_ua, self.strongest_ua), True)
 

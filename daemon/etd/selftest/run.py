@@ -9,6 +9,8 @@ import datetime
 import sys
 from collections.abc import Callable
 
+import msgspec
+
 from etd.selftest import buses, machine, probe, rail, register, source, switches, timing
 from etd.selftest.bed import Bed
 from etd.selftest.log import Log, OnCheck
@@ -59,6 +61,12 @@ def run(
         "cut the supply by hand",
     )
     return _report(bed, prober, log, date)
+
+
+def cut_short(bed: Bed, date: datetime.datetime) -> Report:
+    """What is kept until the test has come to its end: a pass from before must not outlive it."""
+    report = _report(bed, Prober(bed), Log(lambda _: None), date)
+    return msgspec.structs.replace(report, passed=False)
 
 
 def _stages(bed: Bed, log: Log, prober: Prober) -> dict[str, Callable[[], None]]:
