@@ -112,10 +112,12 @@ class ScriptedEngine:
             self.report_state()
         if not self.is_reading:
             return
-        for channel in self._channels:
+        # A test may hang up meanwhile, from its own thread.
+        channels = self._channels or ()
+        for channel in channels:
             while (message := channel.receive()) is not None:
                 self._hear(message)
-        if not all(channel.is_open for channel in self._channels):
+        if not all(channel.is_open for channel in channels):
             self.hang_up()
 
     def _hear(self, message: Command | NewFrame) -> None:
