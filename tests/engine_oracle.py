@@ -11,7 +11,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from etd.link import Report
@@ -112,7 +112,8 @@ class Visit:
 
     @property
     def returns(self) -> tuple[int, ...] | None:
-        if self.frame is None or self.frame.returns is None:
+        """None: all others, as for every look, whatever the frame chose."""
+        if self.frame is None or self.frame.returns is None or self.is_look:
             return None
         return self.frame.returns[self.electrode]
 
@@ -168,12 +169,11 @@ class Oracle:
         assert electrode is not None, "a pulse with no electrode alone on its side"
         state = self._state_at(begun_ns)
         frame = self.story.frames.get(phases[0].seq or -1) if state == "ARMED" else None
-        chosen = None if frame is None or frame.returns is None else frame.returns[electrode]
-        shares = skin.shares(electrode) if chosen is None else dict.fromkeys(chosen, 1.0)
         caps = [caps for t_ns, caps in self.story.caps if t_ns <= begun_ns]
-        return Visit(
-            phases, electrode, state, frame, caps[-1], shares, known.get(electrode) is False
-        )
+        visit = Visit(phases, electrode, state, frame, caps[-1], {}, known.get(electrode) is False)
+        chosen = visit.returns
+        shares = skin.shares(electrode) if chosen is None else dict.fromkeys(chosen, 1.0)
+        return replace(visit, shares=shares)
 
     # --- the judgments ---------------------------------------------------------------------------
 

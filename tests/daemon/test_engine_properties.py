@@ -257,3 +257,51 @@ def test_returns_that_lose_the_skin_while_a_frame_stands_make_no_other_return_ca
             told.append(Step("frame", {**frame, "repeats": 3}))
     told.append(Step("frame", {**frame, "repeats": 18}))
     judged(teller, caps_ua, told)
+
+
+def test_a_look_goes_back_through_all_others_whatever_returns_its_frame_chose() -> None:
+    """Asked because the ledger has no room; and a cap of its own share holds for each return."""
+    tight = SiteMaxima(
+        uncalibrated_current_ua=3_000,
+        current_ua=3_000,
+        width_us=100,
+        charge_nc=20,
+        rate_hz=15,
+        interval_us=500,
+        mean_current_ua=1,
+        array_mean_current_ua=3,
+        on_us_per_s=1_000,
+        array_on_us_per_s=3_000,
+    )
+    others = (
+        (6, 2, 1, 5, 4, 3, 7),
+        (2, 6),
+        (5, 7, 1, 3),
+        (7, 0, 6, 4, 2, 1, 5),
+        (1, 0, 2),
+        (7, 3, 6, 4),
+        (1, 2, 4, 0),
+        (5, 4, 2, 3, 0, 1, 6),
+    )
+    frame = {
+        "fields": {
+            "current_ua": (0, 0, 0, 0, 129, 184, 0, 0),
+            "width_us": 20,
+            "rate_hz": 15.0,
+            "thin": True,
+            "ttl_ms": 120,
+            "returns": others,
+        },
+        "is_streamed": True,
+        "repeats": 1,
+        "pause_ms": 15,
+    }
+    teller = Teller(Setting("feetthrough-relay", ELECTRODES, tight, RELAY_SLOT_NS))
+    told = [
+        *(Step("lift", {"electrode": one}) for one in (0, 1, 2)),
+        Step("new_person", {"caps_ua": (164, 50, 152, 50, 1_324, 1_667, 75, 2_111)}),
+        *(Step("frame", frame) for _ in range(3)),
+        Step("wait", {"duration_ms": 300}),
+    ]
+    oracle = judged(teller, (1_500,) * ELECTRODES, told)
+    assert any(one.is_look for one in oracle.visits)

@@ -45,6 +45,22 @@ class TestShape:
         assume(width_us >= timing.word_us + timing.delay_extra_us)
         assert timing.shape(width_us).width_us > width_us - 1
 
+    @given(st.floats(8.0, 20.0), st.floats(0.25, 0.75), st.integers(50, 200))
+    def test_it_is_closer_where_one_delay_more_has_the_overhead_that_is_left(
+        self, word_us: float, delay_extra_us: float, width_us: int
+    ) -> None:
+        timing = Timing(word_us, delay_extra_us, message_us=10.0, spread_us=0.0)
+        assert timing.shape(width_us).width_us > width_us - 0.75 - 1e-6
+
+    @given(timings, st.integers(20, 200))
+    def test_all_delays_are_alike_and_none_is_zero_where_there_is_time_for_each(
+        self, timing: Timing, width_us: int
+    ) -> None:
+        delays_us = timing.shape(width_us).delays_us
+        assume(sum(delays_us) >= len(delays_us) > 0)
+        assert max(delays_us) - min(delays_us) <= 1
+        assert min(delays_us) > 0
+
     @given(timings, st.integers(20, 200))
     def test_width_and_duration_are_what_the_parts_sum_up_to(
         self, timing: Timing, width_us: int
@@ -67,12 +83,12 @@ class TestShape:
         ("width_us", "delays_us", "has_end_sample"),
         [
             (15, (), False),
-            (20, (4,), False),
-            (30, (10, 4), False),
-            (33, (2,), True),
-            (50, (10, 9), True),
-            (100, (10,) * 6 + (7,), True),
-            (200, (10,) * 16 + (4,), True),
+            (20, (2, 2), False),
+            (30, (5, 5, 4), False),
+            (33, (1, 1), True),
+            (50, (7, 6, 6), True),
+            (100, (9,) * 3 + (8,) * 5, True),
+            (200, (10,) * 2 + (9,) * 16, True),
         ],
     )
     def test_on_the_modelled_machine_a_width_is_so_many_delays(
@@ -83,7 +99,7 @@ class TestShape:
 
     def test_where_a_delay_costs_more_than_is_left_the_delays_before_it_give_way(self) -> None:
         timing = Timing(word_us=20.0, delay_extra_us=2.5, message_us=10.0, spread_us=0.0)
-        assert timing.shape(54).delays_us == (9, 0)
+        assert timing.shape(54).delays_us == (5, 4)
         assert timing.shape(54).width_us == 54.0
 
     def test_there_is_no_end_sample_where_the_rest_could_not_be_filled(self) -> None:
