@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test kernel-test kernel-test-pi bench bench-calibrate bench-steady format install activate uninstall clean
+.PHONY: help demo test kernel-test kernel-mutants kernel-test-pi bench bench-calibrate bench-steady format install activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -33,6 +33,9 @@ test: $(VENV)/ready-dev ## Everything that must hold: format, lint, types, impor
 
 kernel-test: $(VENV)/ready-dev ## Our drivers against real Linux kernels, in virtual machines (docs/kernel-rig.md; ARGS='--guest uml')
 	$(BIN)/python tests/kernel/check.py $(ARGS)
+
+kernel-mutants: $(VENV)/ready-dev ## Break the drivers line by line: a kernel test must see each (docs/kernel-rig.md)
+	$(BIN)/python tests/kernel/mutants.py
 
 kernel-test-pi: $(VENV)/ready-dev ## The same under the Pi's own drivers, on an emulated Raspberry Pi 3 (docs/kernel-rig.md)
 	$(BIN)/python tests/kernel/pi_check.py

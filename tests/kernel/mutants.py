@@ -1,23 +1,31 @@
-"""Breaks the drivers one line at a time, and shows that a kernel test fails for each.
+"""`make kernel-mutants`: breaks the drivers one line at a time, and a kernel test must see each.
 
-    .venv/bin/python tests/kernel/mutants.py
+Owns: the list of breaks, which of them were found and by what, and the table. The tree itself is
+not touched: copies of `hal` are broken, and each comes first in the path of a run of its own.
+Must not know: what the checks look at.
 
-Owns: the list of breaks, and the table. The tree itself is not touched: a copy of `hal` is broken,
-and comes first in the guest's path. Must not know: what the checks look at.
+An unbroken copy is run first, and must pass: else a failure would tell nothing. A break counts as
+found only where a check says so; a copy that cannot be imported, or a run without a report, is a
+defect of the list.
 """
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 from pieces import BUILD, TREE, RigFailure
 from run import boot
 
-_COPY = BUILD / "mutant"
+_COPIES = BUILD / "mutants"
+_REPORTS = BUILD / "uml" / "out"
 _CHECKS = ("check_lines.py", "check_pulse.py", "check_width.py")
+_CONTROL = "unbroken"
+_TIMEOUT_S = 300.0
 
 
 @dataclass(frozen=True)
@@ -28,6 +36,11 @@ class Mutant:
     file: str
     old: str
     new: str
+
+    @property
+    def name(self) -> str:
+        """Of its copy and its report."""
+        return self.what.replace(" ", "-").lower()
 
 
 MUTANTS = (
@@ -80,37 +93,65 @@ def _text_of(path: Path, mutant: Mutant) -> str:
     return text
 
 
-def break_copy(mutant: Mutant) -> None:
-    """A fresh copy of `hal` with this break. Raises: RigFailure if its line is not there once."""
-    shutil.rmtree(_COPY, ignore_errors=True)
-    shutil.copytree(TREE / "hal", _COPY, ignore=shutil.ignore_patterns("__pycache__"))
-    path = _COPY / "etd_hal" / mutant.file
-    text = _text_of(path, mutant)
-    path.write_text(text.replace(mutant.old, mutant.new))
+def _copy(name: str) -> Path:
+    copy = _COPIES / name
+    shutil.copytree(TREE / "hal", copy, ignore=shutil.ignore_patterns("__pycache__"))
+    return copy
 
 
-def command() -> list[str]:
-    checks = " ".join(str(TREE / "tests/kernel/in_guest" / name) for name in _CHECKS)
-    return [
-        *("sh", "-c"),
-        f"PYTHONPATH={_COPY}:$PYTHONPATH exec python -m pytest -q --color=no --tb=no -x"
-        f" -p no:cacheprovider -o python_files='check_*.py' {checks}",
-    ]
+def make_copies() -> list[str]:
+    """A copy of `hal` for each break, and the unbroken one; their names, that one first."""
+    shutil.rmtree(_COPIES, ignore_errors=True)
+    _copy(_CONTROL)
+    for mutant in MUTANTS:
+        path = _copy(mutant.name) / "etd_hal" / mutant.file
+        path.write_text(_text_of(path, mutant).replace(mutant.old, mutant.new))
+    return [_CONTROL, *(mutant.name for mutant in MUTANTS)]
+
+
+def command(names: list[str]) -> list[str]:
+    """One boot for all: the checks on one copy after another, each up to its first failure."""
+    checks = shlex.join(str(TREE / "tests/kernel/in_guest" / name) for name in _CHECKS)
+    one = (
+        f"PYTHONPATH={shlex.quote(str(_COPIES))}/$name:$PYTHONPATH ETD_PULSES=20 python -m pytest"
+        " -q --color=no --tb=no -x -p no:cacheprovider -p no:randomly"
+        f" -o python_files='check_*.py' --junitxml=/run/rig/mutant-$name.xml {checks}"
+    )
+    return ["sh", "-c", f"for name in {shlex.join(names)}; do {one}; done; exit 0"]
+
+
+def found_by(name: str) -> str | None:
+    """The check that failed on this copy; None if all of them passed. Raises: RigFailure."""
+    report = _REPORTS / f"mutant-{name}.xml"
+    if not report.exists():
+        raise RigFailure(f"the checks on '{name}' left no report")
+    cases = list(ElementTree.parse(report).iter("testcase"))
+    for case in cases:
+        if any(child.tag in ("failure", "error") for child in case):
+            # What cannot be imported is a case without a test's name.
+            if not case.get("name", "").startswith("test_"):
+                raise RigFailure(f"the checks on '{name}' could not be begun: mend mutants.py")
+            return case.get("name")
+    if not cases:
+        raise RigFailure(f"no check ran on '{name}'")
+    return None
 
 
 def main() -> int:
-    table = []
-    survived = 0
     try:
-        for mutant in MUTANTS:
-            break_copy(mutant)
-            status = boot("uml", command(), 120.0)
-            survived += status == 0
-            table.append(f"{'SURVIVED' if status == 0 else 'found':10} {mutant.what}")
+        boot("uml", command(make_copies()), _TIMEOUT_S)
+        failed = found_by(_CONTROL)
+        if failed is not None:
+            raise RigFailure(f"{failed} fails on the unbroken copy: nothing can be told")
+        found = {mutant.what: found_by(mutant.name) for mutant in MUTANTS}
     except RigFailure as failure:
         print(f"the kernel rig failed: {failure}", file=sys.stderr)
         return 3
-    print("\n".join(["", *table]))
+    print(f"\nunbroken: all checks of {', '.join(_CHECKS)} passed")
+    for what, check in found.items():
+        print(f"{what:42} {'SURVIVED' if check is None else f'found by {check}'}")
+    survived = sum(check is None for check in found.values())
+    print(f"mutants: {len(found) - survived} passed, {survived} failed")
     return 1 if survived else 0
 
 
