@@ -113,7 +113,7 @@ def command(names: list[str]) -> list[str]:
     """One boot for all: the checks on one copy after another, each up to its first failure."""
     checks = shlex.join(str(TREE / "tests/kernel/in_guest" / name) for name in _CHECKS)
     one = (
-        f"PYTHONPATH={shlex.quote(str(_COPIES))}/$name:$PYTHONPATH ETD_PULSES=20 python -m pytest"
+        f"PYTHONPATH={shlex.quote(str(_COPIES))}/$name:$PYTHONPATH ETD_PULSES=200 python -m pytest"
         " -q --color=no --tb=no -x -p no:cacheprovider -p no:randomly"
         f" -o python_files='check_*.py' --junitxml=/run/rig/mutant-$name.xml {checks}"
     )
