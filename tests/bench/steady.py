@@ -57,7 +57,9 @@ def bounds(found: dict[str, SteadyFigures]) -> list[Bound]:
     return held
 
 
-def measure(names: list[str], seeds: list[int], minutes: float, pieces: int) -> dict[str, Any]:
+def measure(
+    names: list[str], seeds: list[int], minutes: float, pieces: int | None
+) -> dict[str, Any]:
     """{law: what was kept of each finger}."""
     jobs = list(product(names, seeds))
     kept: dict[str, list[Kept]] = {name: [] for name in names}
@@ -110,19 +112,22 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
     parser.add_argument("--minutes", type=float, default=10.0, help="of each finger's time")
     parser.add_argument("--pieces", type=int, default=PIECES, help="looked at, of each finger")
+    parser.add_argument(
+        "--whole", action="store_true", help="every pulse of it, instead: minutes for each law"
+    )
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), help="the fingers")
     parser.add_argument("--only", nargs="+", choices=LAWS, default=list(LAWS), help="these laws")
     parser.add_argument("--no-plots", action="store_true", help="leave docs/plots as it is")
     args = parser.parse_args()
     if set(args.seeds) & set(TUNING_SEEDS):
         parser.error(f"the laws were tuned on the seeds {TUNING_SEEDS}: take others")
-    kept = measure(args.only, args.seeds, args.minutes, args.pieces)
+    kept = measure(args.only, args.seeds, args.minutes, None if args.whole else args.pieces)
     found = {name: figures(name, runs) for name, runs in kept.items()}
     held = bounds(found)
+    looked_at = "all" if args.whole else f"{args.pieces} pieces of {PIECE_S:g} s around peelings"
     said = (
         f"{ELECTRODES} electrodes, level {LEVEL:g}, {WIDTH_US} us, {RATE_HZ:g} Hz; fingers of"
-        f" seeds {args.seeds}; {args.pieces} pieces of {PIECE_S:g} s around peelings in each one's"
-        f" {args.minutes:g} min"
+        f" seeds {args.seeds}; {looked_at} of each one's {args.minutes:g} min"
     )
     if args.json:
         told = [asdict(one) for one in found.values()]

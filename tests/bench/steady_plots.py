@@ -11,6 +11,7 @@ import numpy as np
 
 from bench.steady_figures import firm_of
 from bench.steady_run import Kept
+from bench.steady_skin import PIECE_S
 from etd.explain.figure import Axis, Curve, Figure, floats
 from etd.explain.svgplot import svg_of
 
@@ -29,24 +30,26 @@ def write(folder: Path, kept: dict[str, Kept]) -> None:
 
 
 def _drift(kept: dict[str, Kept]) -> Figure:
-    curves = tuple(Curve(name, *_by_piece(one)) for name, one in kept.items())
+    curves = tuple(Curve(name, *_by_minute(one)) for name, one in kept.items())
     return Figure(
         name="steady-drift",
         title="Felt strength over ten minutes, mean of firm contacts (modelled)",
         says="",
         x=Axis("minutes since the finger was laid on"),
-        y=Axis("felt strength over the first piece's", least=0.0),
+        y=Axis("felt strength over the first minute's", least=0.0),
         curves=curves,
         checks=(),
     )
 
 
-def _by_piece(kept: Kept) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _by_minute(kept: Kept) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Of the minutes of which anything was kept."""
     felt = np.where(firm_of(kept), kept.felt, np.nan)
-    pieces = np.unique(kept.piece)
-    minutes = [float(kept.body_s[kept.piece == one].mean()) / 60.0 for one in pieces]
-    means = [float(np.nanmean(felt[kept.piece == one])) for one in pieces]
-    return floats(minutes), floats(one / means[0] for one in means)
+    minute = kept.body_s // 60.0
+    kinds = np.unique(minute)
+    at = [float(kept.body_s[minute == one].mean()) / 60.0 for one in kinds]
+    means = [float(np.nanmean(felt[minute == one])) for one in kinds]
+    return floats(at), floats(one / means[0] for one in means)
 
 
 def _peeling(kept: dict[str, Kept]) -> Figure:
@@ -67,9 +70,9 @@ def _peeling(kept: dict[str, Kept]) -> Figure:
 
 
 def _first(kept: Kept) -> np.ndarray:
-    return np.asarray(kept.piece == kept.piece[0])
+    return np.asarray((kept.piece == kept.piece[0]) & (kept.inside_s < PIECE_S))
 
 
 def _peeled_most(kept: Kept) -> int:
-    """The electrode that was off for longest in the first piece."""
+    """The electrode that was off for longest around the first peeling."""
     return int((kept.attached[_first(kept)] == 0.0).sum(axis=0).argmax())

@@ -66,8 +66,8 @@ def loaded_with(settings: Settings) -> LoadedConfig:
     return replace(loaded, body_site=site)
 
 
-def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int) -> Kept:
-    """All electrodes at the same level."""
+def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int | None) -> Kept:
+    """All electrodes at the same level, all the time (None) or in so many pieces of it."""
     loaded = loaded_with(settings)
     finger = steady_skin.finger(seed, loaded.board, loaded.array, minutes, pieces)
     made: list[_Scans] = []
@@ -101,14 +101,13 @@ def _kept(finger: Finger, scans: _Scans, begun_ns: int, counters: dict[str, int]
     found = [one for one in scans.found if one[0] >= begun_ns]
     elapsed_s = [(one[0] - begun_ns) * 1e-9 for one in found]
     places = [finger.pieces.at(one) for one in elapsed_s]
-    piece_s = steady_skin.SETTLING_S + steady_skin.PIECE_S
     counted = [number for number, (_, inside_s) in enumerate(places) if inside_s >= 0.0]
     body_s = [places[number][0] for number in counted]
     return Kept(
         felt=np.array([found[number][1] for number in counted]),
         pain=np.array([found[number][2] for number in counted]),
         attached=steady_skin.attached(finger, body_s),
-        piece=np.array([elapsed_s[number] // piece_s for number in counted]),
+        piece=np.array([elapsed_s[number] // finger.pieces.each_s for number in counted]),
         inside_s=np.array([places[number][1] for number in counted]),
         body_s=np.array(body_s),
         counters=counters,

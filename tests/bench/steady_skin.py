@@ -3,9 +3,10 @@
 Owns: the body of a seed, its calibration, and the seconds that stand for the ten minutes.
 Must not know: engines, stabilizers, what is made of it.
 
-Ten minutes of 64 electrodes are most of a million pulses, each with its own wires. So the body's
-time runs in pieces: a few seconds around a peeling, then on to the next one minutes later. Before
-each piece the skin is held as it is then for `SETTLING_S`, in which nothing counts.
+Ten minutes of 64 electrodes are most of a million pulses, each with its own wires: some minutes of
+a processor for each law. To look sooner, the body's time can run in pieces: a few seconds around a
+peeling, then on to the next one minutes later. Before each piece the skin is held as it is then for
+`SETTLING_S`, in which nothing counts. All of it is one long piece.
 """
 
 from __future__ import annotations
@@ -39,15 +40,21 @@ class Pieces:
     """When each piece begins, in s of the body's time."""
 
     starts_s: tuple[float, ...]
+    piece_s: float = PIECE_S
+
+    @property
+    def each_s(self) -> float:
+        """How long one takes, settling included."""
+        return SETTLING_S + self.piece_s
 
     @property
     def engine_s(self) -> float:
-        """How long they take together, settling included."""
-        return len(self.starts_s) * (SETTLING_S + PIECE_S)
+        """How long they take together."""
+        return len(self.starts_s) * self.each_s
 
     def at(self, elapsed_s: float) -> tuple[float, float]:
         """(the body's time, how far into its piece); negative while the skin is held."""
-        number, inside_s = divmod(max(0.0, elapsed_s), SETTLING_S + PIECE_S)
+        number, inside_s = divmod(max(0.0, elapsed_s), self.each_s)
         start_s = self.starts_s[min(int(number), len(self.starts_s) - 1)]
         return start_s + max(0.0, inside_s - SETTLING_S), inside_s - SETTLING_S
 
@@ -89,13 +96,18 @@ class Finger:
     attachment: Course
 
 
-def finger(seed: int, board: BoardFile, array: Array, minutes: float, count: int) -> Finger:
-    """`count` pieces, spread over the minutes."""
+def finger(seed: int, board: BoardFile, array: Array, minutes: float, count: int | None) -> Finger:
+    """`count` pieces, spread over the minutes; None is all of them."""
     places = list(zip(array.x_mm, array.y_mm, strict=True))
     attachment = Course(replace(SCRIPT, sweat=0.0, pressing=0.0), places, seed=seed)
     calibration = calibrated(asked_body(seed, board, array), array)
     body = body_of(seed, board, array)
-    pieces = pieces_of(attachment, minutes * 60.0, count)
+    lasting_s = minutes * 60.0
+    pieces = (
+        whole_of(attachment, lasting_s)
+        if count is None
+        else pieces_of(attachment, lasting_s, count)
+    )
     course = PiecewiseCourse(body.skin.course, pieces)
     body.skin.course = course
     body.skin.refresh(0.0)
@@ -128,6 +140,12 @@ def pieces_of(attachment: Course, lasting_s: float, count: int) -> Pieces:
     part_s = (lasting_s - FIRST_S) / count
     starts = (FIRST_S + number * part_s for number in range(count))
     return Pieces(tuple(_peeling_after(attachment, at_s) - BEFORE_S for at_s in starts))
+
+
+def whole_of(attachment: Course, lasting_s: float) -> Pieces:
+    """From the first peeling to the end."""
+    start_s = _peeling_after(attachment, FIRST_S) - BEFORE_S
+    return Pieces((start_s,), lasting_s - start_s)
 
 
 def _peeling_after(attachment: Course, from_s: float) -> float:
