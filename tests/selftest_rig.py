@@ -35,6 +35,12 @@ class LazyHand:
     def press(self, stop: StopName) -> None:
         pass
 
+    def hold(self, stop: StopName) -> None:
+        pass
+
+    def let_go(self, stop: StopName) -> None:
+        pass
+
     def clip(self, first: int, second: int) -> None:
         pass
 

@@ -54,14 +54,16 @@ def state_folder(name: str) -> Path:
     return system if os.access(system, os.W_OK) else _user_state() / name
 
 
-def selftest_file(name: str, backend: Literal["linux", "fake"]) -> Path:
+def selftest_file(name: str, backend: Literal["linux", "fake"], configuration: str) -> Path:
     """Where the last self-test of this daemon's board is kept. Raises: FileError.
 
     Beside the gateway's folder, not in it: the operator writes it, and the engine's user reads it.
+    A daemon has one board, but a user's fakes are many: each `configuration` has a file of its own.
     """
     if backend == "linux" and SYSTEM_STATE.is_dir():
         return SYSTEM_STATE / f"{check_name(name)}.selftest.json"
-    return _user_state() / check_name(name) / f"selftest-{backend}.json"
+    which = f"-{configuration}" if backend == "fake" else ""
+    return _user_state() / check_name(name) / f"selftest-{backend}{which}.json"
 
 
 def calibrating_file(name: str, which: str) -> Path:

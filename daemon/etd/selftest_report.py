@@ -7,15 +7,14 @@ Must not know: how anything is checked.
 from __future__ import annotations
 
 import datetime
-import hashlib
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
 from etd.errors import FileError
+from etd.selftest_subject import Subject, difference
 from etd.wholefile import write_whole
-from etd_hal.boardfile import BoardFile
 
 Result = Literal["pass", "fail", "skip", "absent"]
 
@@ -59,16 +58,11 @@ class ProbeBound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole self-test, to be kept with a study's records. Lists are in the order of checking."""
 
-    etd_selftest: Literal[1] = 1
+    etd_selftest: Literal[2] = 2
     passed: bool
     date: datetime.datetime
-    program: str
+    subject: Subject
     versions: dict[str, str]
-    backend: str
-    board: str
-    #: Of all that the board file says: another file is another board.
-    board_digest: str
-    machine: str
     machine_facts: tuple[str, ...]
     absent_guards: tuple[str, ...]
     bound: ProbeBound
@@ -82,11 +76,6 @@ class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         """A failed check before a skipped one."""
         bad = [check for check in self.checks if not check.is_good]
         return next((check for check in bad if check.result == "fail"), bad[0] if bad else None)
-
-
-def digest_of(board: BoardFile) -> str:
-    """Of everything that the file says, comments and order of keys apart."""
-    return hashlib.sha256(msgspec.json.encode(board, order="deterministic")).hexdigest()
 
 
 def to_json(report: Report) -> bytes:
@@ -115,33 +104,44 @@ def load(path: Path) -> Report | None:
         return None
     except (OSError, msgspec.MsgspecError) as error:
         raise FileError(
-            str(path), "", f"it is not a report of this program ({error})", "run etd selftest"
+            str(path),
+            "",
+            f"it is not a report of this version of the program ({error})",
+            "run etd selftest",
         ) from error
 
 
-def why_not_armed(path: Path, board: BoardFile, backend: Literal["linux", "fake"]) -> str | None:
+def why_not_armed(path: Path, now: Subject) -> str | None:
     """The sentence for which arming is refused; None where the last self-test allows it.
 
     A fake needs no self-test, because its skin is nobody's; but one that did not pass counts.
     """
+    is_fake = now.backend == "fake"
     try:
         report = load(path)
     except FileError as error:
         return str(error)
-    if report is None or report.board_digest != digest_of(board) or report.backend != backend:
-        if backend == "fake":
-            return None
-        if report is None:
-            return f"this board has not been tested (no {path}): run etd selftest"
-        return (
-            f"the last self-test was of {report.board} as its file was then, on {report.backend}:"
-            " run etd selftest again"
-        )
+    if report is None:
+        return None if is_fake else f"this board has not been tested (no {path}): run etd selftest"
+    another = difference(report.subject, now)
+    if another is not None:
+        return None if is_fake else _of_another(report, another)
     bad = report.first_bad
     if report.passed and bad is None:
         return None
     what = "it was cut short" if bad is None else f"{bad.title} ({bad.result}) {bad.measured}"
-    return (
-        f"the self-test of {report.date:%Y-%m-%d %H:%M} did not pass: {what.strip()}: put it right,"
-        " and run etd selftest again"
-    )
+    remedy = f"put that right, and run {_COMMAND} again"
+    if is_fake:
+        remedy = (
+            f"on this fake {_COMMAND} --board fake:{now.board} --array {now.array}"
+            f" --dummy-load 47000 --load-electrodes 0,1 puts it right, and so does removing {path}"
+        )
+    return f"the self-test of {report.date:%Y-%m-%d %H:%M} did not pass: {what.strip()}: {remedy}"
+
+
+_COMMAND = "etd selftest"
+
+
+def _of_another(report: Report, another: str) -> str:
+    date = f"{report.date:%Y-%m-%d %H:%M}"
+    return f"the last self-test, of {date}, was of {another}: run {_COMMAND} again"

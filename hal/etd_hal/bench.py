@@ -6,6 +6,7 @@ Must not know: what is tested, which backend there is.
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -20,6 +21,35 @@ class Health:
     temperature_c: float | None
     is_throttled: bool | None
     is_under_voltage: bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class Obtained:
+    """What the calling thread and its process really have of real time, asked of the kernel."""
+
+    policy: str
+    priority: int
+    cores: tuple[int, ...]
+    locked_kb: int
+    timer_slack_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Timekeeping:
+    """What the machine's clocks are worth."""
+
+    #: What the kernel counts by.
+    source: str
+    #: Of CLOCK_MONOTONIC, by which everything is timed.
+    resolution_ns: int
+    #: Of many readings of it in a row, each less the one before: the smallest.
+    least_step_ns: int
+    #: The date that goes into reports.
+    now: datetime.datetime
+    #: The program was installed then: it cannot be earlier.
+    not_before: datetime.datetime
+    #: Whether the kernel's clock follows another's (NTP); None where it does not tell.
+    is_synchronized: bool | None
 
 
 class Host(Protocol):
@@ -39,6 +69,12 @@ class Host(Protocol):
 
     def health(self) -> Health: ...
 
+    def free_memory_kb(self) -> int | None:
+        """What can be had without swapping; None for what its kernel does not tell."""
+        ...
+
+    def timekeeping(self) -> Timekeeping: ...
+
     def keeps_pins(self) -> bool:
         """Whether outputs stay driven when the process that holds them is gone."""
         ...
@@ -47,12 +83,24 @@ class Host(Protocol):
         """For the calling thread; a sentence for each thing that was not granted."""
         ...
 
+    def obtained(self) -> Obtained:
+        """After `set_up_realtime`, by the same thread."""
+        ...
+
 
 class Hand(Protocol):
     """Who stands at the board and does what is asked; each call returns at once."""
 
     def press(self, stop: StopName) -> None:
         """Press a stop and release it."""
+        ...
+
+    def hold(self, stop: StopName) -> None:
+        """Press a stop, and keep it pressed until it may be let go of."""
+        ...
+
+    def let_go(self, stop: StopName) -> None:
+        """Release the stop that is held."""
         ...
 
     def clip(self, first: int, second: int) -> None:

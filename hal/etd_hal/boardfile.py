@@ -179,6 +179,9 @@ class Guards(_Strict, frozen=True):
     readback: Line | Absent
     heartbeat: Heartbeat | Absent
     one_shot: OneShot | Absent
+    #: A second contact of each stop breaks the supply, without any program. The self-test asks for
+    #: it unless the file says that there is none.
+    stop_cuts_supply: bool = True
 
 
 class BoardFile(_Strict, frozen=True):

@@ -54,6 +54,8 @@ class Backend:
     lag_ns: Callable[[], int] = lambda: 0
     #: What is worth knowing of the machine, a sentence each.
     facts: tuple[str, ...] = ()
+    #: Which machine of its model this is, as a digest; "" where nothing tells them apart.
+    identity: str = ""
     #: What a modelled body has felt since the last call; None where there is no such body, and on
     #: real hardware always.
     modelled: Callable[[], Felt] | None = None
@@ -127,8 +129,8 @@ def spi_setup(board: BoardFile) -> SpiSetup:
 
 def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
     """The kernel's drivers. Raises: HardwareMissing, listing all that is missing."""
+    from etd_hal.linux import machine as this_machine
     from etd_hal.linux import open_ports
-    from etd_hal.linux.machine import facts as machine_facts
 
     spi, gpio, i2c, clock = open_ports(board, machine, line_setup(board))
 
@@ -138,7 +140,17 @@ def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
             if closing is not None:
                 closing()
 
-    return Backend("linux", spi, gpio, i2c, clock, NoMarker(), close, facts=machine_facts())
+    return Backend(
+        "linux",
+        spi,
+        gpio,
+        i2c,
+        clock,
+        NoMarker(),
+        close,
+        facts=this_machine.facts(),
+        identity=this_machine.identity(),
+    )
 
 
 def open_linux_safe(board: BoardFile) -> tuple[Backend, tuple[str, ...]]:

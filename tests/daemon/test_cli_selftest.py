@@ -10,8 +10,10 @@ import pytest
 
 from etd import cli
 from etd.cli.selftest_table import Table
+from etd.config import fake_config
 from etd.selftest.run import STAGES
 from etd.selftest_report import load
+from etd.selftest_subject import subject_of
 from etd_hal.board import Board
 
 FULL = ["selftest", "--board", "fake", "--array", "grid-4x4"]
@@ -21,7 +23,8 @@ LOAD = ["--dummy-load", "47000", "--load-electrodes", "0,5"]
 @pytest.fixture(autouse=True)
 def state(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    return tmp_path / "etd" / "main" / "selftest-fake.json"
+    configuration = subject_of(fake_config(None, "grid-4x4"), "fake", "").configuration
+    return tmp_path / "etd" / "main" / f"selftest-fake-{configuration}.json"
 
 
 def test_all_passed_is_status_0_and_absent_guards_are_named(
@@ -80,15 +83,45 @@ def test_every_guard_of_the_reference_board_is_proved(capsys: pytest.CaptureFixt
         ["--dummy-load", "47000", "--load-electrodes", "1,1"],
         ["--dummy-load", "47000", "--load-electrodes", "1"],
         ["--dummy-load", "47000", "--load-electrodes", "0,16"],
+        ["--one-shot-us", "0"],
+        ["--one-shot-us", "-5"],
+        ["--one-shot-us", "250"],
     ],
 )
-def test_a_load_that_cannot_be_is_used_wrongly(
+def test_what_cannot_be_is_used_wrongly(
     arguments: list[str], capsys: pytest.CaptureFixture[str], state: Path
 ) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.main([*FULL, *arguments])
-    assert ended.value.code == 2
-    assert not state.exists()
+    for asked in ([], ["--json"]):
+        with pytest.raises(SystemExit) as ended:
+            cli.main([*FULL, *arguments, *asked])
+        assert ended.value.code == 2
+        assert not state.exists()
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["ok"], answer["error"]) == (False, "used_wrongly")
+    assert any(one in answer["reason"] for one in arguments)
+
+
+@pytest.mark.parametrize("where", ["a-folder", "no-folder/r.json"])
+def test_a_copy_that_could_not_be_kept_is_told_before_anything_is_tested(
+    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a-folder").mkdir()
+    (tmp_path / "no-folder").write_text("a file")
+    assert cli.main([*FULL, *LOAD, "--report", str(tmp_path / where)]) == 1
+    told = capsys.readouterr()
+    assert "cannot be kept" in told.err
+    assert "1/8" not in told.out
+
+
+def test_one_fake_that_did_not_pass_is_not_another_one(
+    state: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([*FULL, *LOAD]) == 0
+    assert cli.main(["selftest", "--board", "fake", "--array", "pad-8"]) == 1
+    assert "NOT PASSED" in capsys.readouterr().out
+    report = load(state)
+    assert report is not None
+    assert report.passed
 
 
 def test_hardware_that_is_not_there_is_status_3(capsys: pytest.CaptureFixture[str]) -> None:

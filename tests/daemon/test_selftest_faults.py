@@ -35,6 +35,7 @@ from etd_hal.fake.faults import (
     SpiMode,
     SpiShort,
     SpiStall,
+    StopCutsNothing,
     StuckLine,
     SwitchOutput,
 )
@@ -60,6 +61,14 @@ MACHINE = [
     Case("under-voltage", ALL, [MachineTrouble("under_voltage")], "machine", "supply_voltage"),
     Case("pins that stay", ALL, [MachineTrouble("pins_kept")], "machine", "pins_after_exit"),
     Case("no real time", ALL, [MachineTrouble("realtime_refused")], "machine", "realtime"),
+    Case(
+        "granted, but not scheduled", ALL, [MachineTrouble("not_scheduled")], "machine", "realtime"
+    ),
+    Case("granted, but not locked", ALL, [MachineTrouble("not_locked")], "machine", "realtime"),
+    Case("hardly any memory", ALL, [MachineTrouble("little_memory")], "machine", "free_memory"),
+    Case("a clock that goes back", ALL, [MachineTrouble("clock_back")], "machine", "clock"),
+    Case("a coarse clock", ALL, [MachineTrouble("clock_coarse")], "machine", "clock"),
+    Case("a date of 1970", ALL, [MachineTrouble("date_wrong")], "machine", "date"),
     Case("no gpiod", ALL, [MachineTrouble("package_missing")], "machine", "libraries"),
     Case("a Pi 5", ALL, [MachineTrouble("wrong_model")], "machine", "model"),
 ]
@@ -107,6 +116,20 @@ RAIL = [
     Case("the same, relays", RELAY, [EnableStuck()], "rail", "off"),
     Case("the gate ignores the heartbeat", ALL, [HeartbeatIgnored()], "rail", "heartbeat"),
     Case("the gate has no latch", ALL, [HeartbeatRearms()], "rail", "heartbeat_latch"),
+    Case(
+        "the emergency stop cuts nothing",
+        ALL,
+        [StopCutsNothing("emergency_stop")],
+        "rail",
+        "emergency_stop_gate",
+    ),
+    Case(
+        "the wearer's stop cuts nothing",
+        ALL,
+        [StopCutsNothing("wearer_stop")],
+        "rail",
+        "wearer_stop_gate",
+    ),
     Case("a stuck DAC behind a supply", ALL, [DacStuck(200)], "rail", "idle_node_live"),
     Case("an offset behind a supply", ALL, [DacOffset(60.0)], "rail", "idle_node_live"),
     Case("a stuck DAC before relays", RELAY, [DacStuck(200)], "rail", "rise_idle"),

@@ -34,7 +34,8 @@ def test_the_report_of_an_installed_board_lies_where_its_engine_may_read_it(
     installed, home = tmp_path_factory.mktemp("var"), tmp_path_factory.mktemp("home")
     monkeypatch.setattr("etd.places.SYSTEM_STATE", installed)
     monkeypatch.setenv("XDG_STATE_HOME", str(home))
-    assert selftest_file("main", "linux") == installed / "main.selftest.json"
-    assert selftest_file("main", "fake") == home / "etd" / "main" / "selftest-fake.json"
+    user = home / "etd" / "main"
+    assert selftest_file("main", "linux", "b-1") == installed / "main.selftest.json"
+    assert selftest_file("main", "fake", "b-1") == user / "selftest-fake-b-1.json"
     monkeypatch.setattr("etd.places.SYSTEM_STATE", installed / "nowhere")
-    assert selftest_file("main", "linux") == home / "etd" / "main" / "selftest-linux.json"
+    assert selftest_file("main", "linux", "b-1") == user / "selftest-linux.json"

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
-from engine_parts import board_file
+from etd.config import fake_config
 from etd.errors import FileError
-from etd.selftest_report import Check, Report, digest_of, load, save, to_json, why_not_armed
-from etd_hal.boardfile import BoardFile
+from etd.selftest_report import Check, Report, load, save, to_json, why_not_armed
+from etd.selftest_subject import Subject, subject_of
 from selftest_rig import selftest_rig
 
 BOARD = "reference-hv507"
@@ -30,8 +31,14 @@ def spoiled(report: Report, **changes: Any) -> Report:
     return msgspec.structs.replace(report, checks=checks, passed=good)
 
 
-def board() -> BoardFile:
-    return board_file(BOARD)
+def now(backend: Any = "linux", **changes: Any) -> Subject:
+    """What is to be armed."""
+    subject = subject_of(fake_config(BOARD), backend, "")
+    return msgspec.structs.replace(subject, **changes)
+
+
+def of_hardware(report: Report, **changes: Any) -> Report:
+    return msgspec.structs.replace(report, subject=now(), **changes)
 
 
 def test_a_report_is_read_as_it_was_written(passed: Report, tmp_path: Path) -> None:
@@ -54,13 +61,13 @@ def test_a_report_that_cannot_be_kept_says_what_to_do(passed: Report, tmp_path: 
 
 
 def test_a_pass_lets_a_real_board_be_armed(passed: Report, tmp_path: Path) -> None:
-    save(msgspec.structs.replace(passed, backend="linux"), tmp_path / "r.json")
-    assert why_not_armed(tmp_path / "r.json", board(), "linux") is None
+    save(of_hardware(passed), tmp_path / "r.json")
+    assert why_not_armed(tmp_path / "r.json", now()) is None
 
 
 def test_an_absent_guard_is_no_failure(passed: Report, tmp_path: Path) -> None:
     save(spoiled(passed, result="absent"), tmp_path / "r.json")
-    assert why_not_armed(tmp_path / "r.json", board(), "fake") is None
+    assert why_not_armed(tmp_path / "r.json", now("fake")) is None
 
 
 @pytest.mark.parametrize("result", ["fail", "skip"])
@@ -69,8 +76,8 @@ def test_a_failure_or_a_skip_forbids_arming_by_name(
     passed: Report, tmp_path: Path, result: str, backend: Any
 ) -> None:
     report = spoiled(passed, result=result, name="heartbeat", measured="still 300 V")
-    save(msgspec.structs.replace(report, backend=backend), tmp_path / "r.json")
-    reason = why_not_armed(tmp_path / "r.json", board(), backend)
+    save(msgspec.structs.replace(report, subject=now(backend)), tmp_path / "r.json")
+    reason = why_not_armed(tmp_path / "r.json", now(backend))
     assert reason is not None
     assert f"end: heartbeat ({result}) still 300 V" in reason
     assert "etd selftest" in reason
@@ -86,39 +93,83 @@ def test_a_failure_is_named_before_a_skip(passed: Report) -> None:
 
 
 def test_a_real_board_without_a_report_is_not_armed_and_a_fake_is(tmp_path: Path) -> None:
-    reason = why_not_armed(tmp_path / "r.json", board(), "linux")
+    reason = why_not_armed(tmp_path / "r.json", now())
     assert reason is not None
     assert "run etd selftest" in reason
-    assert why_not_armed(tmp_path / "r.json", board(), "fake") is None
+    assert why_not_armed(tmp_path / "r.json", now("fake")) is None
 
 
 def test_a_report_that_says_passed_without_a_check_that_says_so_does_not_count(
     passed: Report, tmp_path: Path
 ) -> None:
-    save(msgspec.structs.replace(passed, passed=False, backend="linux"), tmp_path / "r.json")
-    reason = why_not_armed(tmp_path / "r.json", board(), "linux")
+    save(of_hardware(passed, passed=False), tmp_path / "r.json")
+    reason = why_not_armed(tmp_path / "r.json", now())
     assert reason is not None
     assert "cut short" in reason
 
 
-def test_another_board_file_is_another_board(passed: Report, tmp_path: Path) -> None:
-    save(msgspec.structs.replace(passed, backend="linux"), tmp_path / "r.json")
-    source = msgspec.structs.replace(board().source, full_scale_ua=9_000)
-    changed = msgspec.structs.replace(board(), source=source)
-    assert digest_of(changed) != digest_of(board())
-    reason = why_not_armed(tmp_path / "r.json", changed, "linux")
+OTHERS: list[tuple[str, dict[str, Any]]] = [
+    ("board file", {"board_digest": "0"}),
+    ("machine file", {"machine_digest": "0"}),
+    ("machine", {"machine_identity": "4711"}),
+    ("array", {"outputs": (0, 1, 200)}),
+    ("strength", {"strongest_ua": 9_000, "body_site": "forearm"}),
+    ("version", {"program": "etd 0.1.1"}),
+]
+
+
+@pytest.mark.parametrize(("what", "changes"), OTHERS, ids=lambda one: str(one))
+def test_a_pass_of_something_else_is_no_pass_of_a_board(
+    passed: Report, tmp_path: Path, what: str, changes: dict[str, Any]
+) -> None:
+    save(of_hardware(passed), tmp_path / "r.json")
+    reason = why_not_armed(tmp_path / "r.json", now(**changes))
     assert reason is not None
-    assert "again" in reason
+    assert f"was of another {what} " in reason
+    assert "run etd selftest again" in reason
+
+
+@pytest.mark.parametrize(("what", "changes"), OTHERS, ids=lambda one: str(one))
+def test_a_failure_of_something_else_keeps_no_fake_from_being_armed(
+    passed: Report, tmp_path: Path, what: str, changes: dict[str, Any]
+) -> None:
+    save(spoiled(passed, result="fail"), tmp_path / "r.json")
+    assert why_not_armed(tmp_path / "r.json", now("fake")) is not None, what
+    assert why_not_armed(tmp_path / "r.json", now("fake", **changes)) is None, what
+
+
+def test_fewer_electrodes_and_a_weaker_site_are_covered(passed: Report, tmp_path: Path) -> None:
+    save(of_hardware(passed), tmp_path / "r.json")
+    fewer = now(array="pad-8", outputs=tuple(range(8)), body_site="tongue", strongest_ua=2_000)
+    assert why_not_armed(tmp_path / "r.json", fewer) is None
+
+
+def test_what_a_board_file_says_makes_the_board_and_not_its_name() -> None:
+    loaded = fake_config(BOARD)
+    source = msgspec.structs.replace(loaded.board.source, full_scale_ua=9_000)
+    changed = replace(loaded, board=msgspec.structs.replace(loaded.board, source=source))
+    other, this = subject_of(changed, "fake", ""), subject_of(loaded, "fake", "")
+    assert other.board_digest != this.board_digest
+    assert other.configuration != this.configuration
+    assert this.configuration.startswith(f"{BOARD}-")
+
+
+def test_a_fake_that_did_not_pass_says_how_it_passes(passed: Report, tmp_path: Path) -> None:
+    save(spoiled(passed, result="fail"), tmp_path / "r.json")
+    reason = why_not_armed(tmp_path / "r.json", now("fake"))
+    assert reason is not None
+    assert f"--board fake:{BOARD} --array {now().array} --dummy-load" in reason
+    assert f"removing {tmp_path / 'r.json'}" in reason
 
 
 def test_the_fakes_pass_is_no_pass_of_a_board(passed: Report, tmp_path: Path) -> None:
     save(passed, tmp_path / "r.json")
-    assert why_not_armed(tmp_path / "r.json", board(), "linux") is not None
+    assert why_not_armed(tmp_path / "r.json", now()) is not None
 
 
 @pytest.mark.parametrize("backend", ["linux", "fake"])
 def test_a_report_that_cannot_be_read_forbids_arming(tmp_path: Path, backend: Any) -> None:
     (tmp_path / "r.json").write_text('{"passed": true}')
-    reason = why_not_armed(tmp_path / "r.json", board(), backend)
+    reason = why_not_armed(tmp_path / "r.json", now(backend))
     assert reason is not None
     assert "not a report" in reason

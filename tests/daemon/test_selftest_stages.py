@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import msgspec
 import pytest
 
 from board_rig import changed
+from etd.config import fake_config
 from etd.selftest import buses, probe, rail, switches, timing
 from etd.selftest.bed import Bed
 from etd.selftest.log import Log
 from etd.selftest.prober import Prober
 from etd.selftest.run import STAGES, run
 from etd.selftest_report import Check, Report
-from etd_hal.boardfile import GUARDS, Heartbeat
+from etd_hal.boardfile import GUARDS, BoardFile, Heartbeat
 from etd_hal.errors import GuardRefusal
 from etd_hal.fake.faults import (
     Bridge,
+    DacGain,
     Fault,
     HeartbeatIgnored,
     HeartbeatRearms,
     LineCut,
+    StopCutsNothing,
     SwitchOutput,
 )
-from selftest_rig import DATE, LOAD_OHM, SelftestRig, bad, selftest_rig
+from etd_hal.fake.hand import FakeHand
+from selftest_rig import DATE, LOAD_OHM, LazyHand, SelftestRig, bad, selftest_rig
 from stepped_board import shipped_board
 
 BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513")
@@ -43,7 +50,7 @@ def test_a_board_in_order_passes_with_a_load_and_somebody_to_move_it(board: str)
     assert bad(report) == []
     assert skipped(report) == []
     assert report.passed
-    assert (report.board, report.date, report.dummy_load_ohm) == (board, DATE, LOAD_OHM)
+    assert (report.subject.board, report.date, report.dummy_load_ohm) == (board, DATE, LOAD_OHM)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +129,8 @@ def test_without_a_load_what_needs_one_is_skipped_and_a_skip_is_no_pass() -> Non
 def test_without_an_operator_stops_and_switches_are_skipped() -> None:
     report = selftest_rig(has_operator=False).run()
     assert bad(report) == []
-    assert skipped(report) == ["emergency_stop", "wearer_stop", "every_switch"]
+    stops = ["emergency_stop", "wearer_stop", "emergency_stop_gate", "wearer_stop_gate"]
+    assert skipped(report) == [*stops, "every_switch"]
     assert not report.passed
 
 
@@ -153,6 +161,78 @@ def test_a_load_that_is_on_a_bridge_is_not_found_to_be_alone() -> None:
     report = selftest_rig(faults=[Bridge(1, 6)]).run()
     assert bad(report) == [("probe", "nothing_else")]
     assert by_name(report)["nothing_else"].measured.startswith("1 differ: 6 (")
+
+
+def gates(report: Report) -> list[tuple[str, str]]:
+    return [
+        (check.name, check.result)
+        for check in report.checks
+        if check.name.endswith(("stop_gate", "stop_off"))
+    ]
+
+
+def with_stops(board: str, cuts: bool) -> BoardFile:
+    """A board that has both stops, with a second contact or without."""
+    file = fake_config(board).board
+    guards = msgspec.structs.replace(
+        file.guards, emergency_stop=17, wearer_stop=16, stop_cuts_supply=cuts
+    )
+    return msgspec.structs.replace(file, guards=guards)
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_a_stop_that_is_held_is_seen_to_take_the_supply_away(board: str) -> None:
+    """By the monitor, or by the node where nobody watches the rail."""
+    report = selftest_rig(board, file=with_stops(board, cuts=True)).run()
+    assert bad(report) == []
+    assert gates(report) == [("emergency_stop_gate", "pass"), ("wearer_stop_gate", "pass")]
+
+
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("stop", ["emergency_stop", "wearer_stop"])
+def test_a_stop_that_cuts_nothing_is_named_on_every_board(board: str, stop: Any) -> None:
+    rig = selftest_rig(board, file=with_stops(board, cuts=True), faults=[StopCutsNothing(stop)])
+    assert bad(rig.run())[:1] == [("rail", f"{stop}_gate")]
+
+
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("factor", [3.0, 5.0, 24.0])
+def test_looking_at_a_stop_by_the_node_keeps_within_the_bound_on_skin(
+    board: str, factor: float
+) -> None:
+    rig = selftest_rig(
+        board, file=with_stops(board, cuts=True), faults=[DacGain(factor)], on_skin=True
+    )
+    report = rig.run()
+    assert not report.passed
+    assert rig.most_charge_nc <= report.bound.charge_nc
+
+
+def test_where_the_file_says_that_stops_cut_nothing_the_program_is_seen_to_do_it() -> None:
+    report = selftest_rig(file=with_stops("reference-hv507", cuts=False)).run()
+    assert bad(report) == []
+    assert gates(report) == [
+        ("emergency_stop_gate", "absent"),
+        ("emergency_stop_off", "pass"),
+        ("wearer_stop_gate", "absent"),
+        ("wearer_stop_off", "pass"),
+    ]
+
+
+def test_a_stop_that_is_let_go_of_too_early_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = selftest_rig()
+    monkeypatch.setattr(FakeHand, "hold", FakeHand.press)
+    found = [check for check in rig.run().checks if check.result == "fail"]
+    assert [check.name for check in found] == ["emergency_stop_gate"]
+    assert found[0].measured.startswith("closed again after ")
+
+
+def test_a_stop_that_stays_open_after_it_was_held_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = selftest_rig()
+    monkeypatch.setattr(FakeHand, "let_go", LazyHand.let_go)
+    assert bad(rig.run()) == [("rail", "emergency_stop")]
 
 
 def test_an_emergency_stop_during_the_test_ends_it() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -12,11 +13,13 @@ from etd_hal.linux.host import LinuxHost
 
 
 def host(root: Path, **files: str) -> LinuxHost:
-    """Files by a short name: temp, throttled, alarm."""
+    """Files by a short name, as below."""
     places = {
         "temp": "sys/class/thermal/thermal_zone0/temp",
         "throttled": "sys/devices/platform/soc/soc:firmware/get_throttled",
         "name": "sys/class/hwmon/hwmon1/name",
+        "meminfo": "proc/meminfo",
+        "clocksource": "sys/devices/system/clocksource/clocksource0/current_clocksource",
         "alarm": "sys/class/hwmon/hwmon1/in0_lcrit_alarm",
     }
     for name, text in files.items():
@@ -64,3 +67,29 @@ def test_packages_are_named_with_their_versions(tmp_path: Path) -> None:
     packages = host(tmp_path).packages()
     assert set(packages) == {"msgspec", "gpiod", "spidev", "smbus2"}
     assert packages["msgspec"]
+
+
+def test_free_memory_is_what_can_be_had_without_swapping(tmp_path: Path) -> None:
+    told = "MemTotal:  4000000 kB\nMemFree:  100 kB\nMemAvailable:  312000 kB\n"
+    assert host(tmp_path, meminfo=told).free_memory_kb() == 312_000
+
+
+def test_a_kernel_that_tells_no_memory_is_not_known(tmp_path: Path) -> None:
+    assert host(tmp_path).free_memory_kb() is None
+
+
+def test_clocks_are_asked_of_this_machine_and_named(tmp_path: Path) -> None:
+    found = host(tmp_path, clocksource="arch_sys_counter\n").timekeeping()
+    assert found.source == "arch_sys_counter"
+    assert found.least_step_ns >= 0
+    assert 0 < found.resolution_ns <= 10_000_000
+    assert found.not_before <= found.now
+    assert found.is_synchronized in (True, False)
+
+
+def test_what_a_thread_has_of_real_time_is_the_kernels_own_account(tmp_path: Path) -> None:
+    found = host(tmp_path).obtained()
+    assert found.policy == "SCHED_OTHER"
+    assert set(found.cores) == os.sched_getaffinity(0)
+    assert found.locked_kb >= 0
+    assert found.timer_slack_ns > 0

@@ -17,8 +17,10 @@ from pathlib import Path
 
 from etd.config import LoadedConfig, load_config
 from etd.engine.process import run_engine
-from etd.selftest_report import ProbeBound, Report, digest_of, save
+from etd.selftest_report import ProbeBound, Report, save
+from etd.selftest_subject import subject_of
 from etd_hal.compose import open_linux
+from etd_hal.linux.machine import identity
 
 
 def as_the_unit_does() -> None:
@@ -32,12 +34,8 @@ def passed_selftest(loaded: LoadedConfig) -> Report:
     return Report(
         passed=True,
         date=datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC),
-        program="",
+        subject=subject_of(loaded, "linux", identity()),
         versions={},
-        backend="linux",
-        board=loaded.board.name,
-        board_digest=digest_of(loaded.board),
-        machine=loaded.machine.name,
         machine_facts=(),
         absent_guards=loaded.board.absent_guards,
         bound=ProbeBound(current_ua=0, width_us=0, charge_nc=0.0),

@@ -21,10 +21,8 @@ from guest_board import Chips
 
 LOAD_OHM = 47_000
 _FIRST, _SECOND = 1, 2
-_STOPS: dict[str, StopLine] = {
-    "press the emergency stop, and release it": "emergency_stop",
-    "press the wearer stop, and release it": "wearer_stop",
-}
+_STOP = re.compile(r"(press|release) the (emergency|wearer) stop(, and (release|HOLD) it.*)?")
+_NAMES: dict[str, StopLine] = {"emergency": "emergency_stop", "wearer": "wearer_stop"}
 _CLIP = re.compile(r"the load between electrode (\d+) and electrode (\d+)")
 _PRESSES_NS = 200_000_000
 _CLOCK = LinuxClock()
@@ -44,10 +42,18 @@ class Operator:
         clip = _CLIP.fullmatch(asked)
         if clip:
             self.clip(int(clip[1]), int(clip[2]))
-        elif asked in _STOPS:
-            for level in (0, 1):
-                self._chips.knock(wire.Press(_STOPS[asked], level))
-                _CLOCK.sleep_until_ns(_CLOCK.now_ns() + _PRESSES_NS)
+        stop = _STOP.fullmatch(asked)
+        if stop:
+            self._move(_NAMES[stop[2]], is_pressed=stop[1] == "press", is_held=stop[4] == "HOLD")
+
+    def _move(self, stop: StopLine, is_pressed: bool, is_held: bool) -> None:
+        """A press that is not to be held is a release, too."""
+        if is_pressed:
+            self._chips.knock(wire.Press(stop, 0))
+            _CLOCK.sleep_until_ns(_CLOCK.now_ns() + _PRESSES_NS)
+        if not is_held:
+            self._chips.knock(wire.Press(stop, 1))
+            _CLOCK.sleep_until_ns(_CLOCK.now_ns() + _PRESSES_NS)
 
     def clip(self, *electrodes: int) -> None:
         """Half of the resistance at each of the two: what flows in at one leaves by the other."""

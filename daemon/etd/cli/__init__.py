@@ -18,6 +18,7 @@ import os
 import sys
 from collections.abc import Sequence
 from types import ModuleType
+from typing import NoReturn
 
 from etd.errors import BusError, DaemonGone, EtdError, HardwareMissing, PartEnded, Refused
 from etd.version import __version__
@@ -77,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _of_verb(given: Sequence[str]) -> int:
     verb = given[0] if given and given[0] in VERBS else None
-    parser = _parser((verb,) if verb else VERBS)
+    parser = _parser((verb,) if verb else VERBS, as_json="--json" in given)
     args = parser.parse_args(given)
     if verb is None:
         parser.print_help()
@@ -99,9 +100,26 @@ def _standard_streams() -> bool:
     return is_heard
 
 
-def _parser(verbs: Sequence[str]) -> argparse.ArgumentParser:
+class _Parser(argparse.ArgumentParser):
+    """Says what was used wrongly; parsers of verbs below it are made of the same class."""
+
+    as_json = False
+
+    def error(self, message: str) -> NoReturn:
+        """Raises: SystemExit (2). A program that asked for JSON gets it."""
+        if self.as_json:
+            answer = {"ok": False, "error": "used_wrongly", "reason": f"{self.prog}: {message}"}
+            print(json.dumps(answer), flush=True)
+        super().error(message)
+
+
+class _JsonParser(_Parser):
+    as_json = True
+
+
+def _parser(verbs: Sequence[str], as_json: bool) -> argparse.ArgumentParser:
     """Knows all verbs for the help screen, and only the one that is asked for otherwise."""
-    parser = argparse.ArgumentParser(
+    parser = (_JsonParser if as_json else _Parser)(
         prog="etd",
         description="Drive an electro-tactile display.",
         epilog=_EPILOG,
@@ -116,9 +134,7 @@ def _parser(verbs: Sequence[str]) -> argparse.ArgumentParser:
     return parser
 
 
-def _add_verb(
-    adding: argparse._SubParsersAction[argparse.ArgumentParser], module: ModuleType
-) -> None:
+def _add_verb(adding: argparse._SubParsersAction[_Parser], module: ModuleType) -> None:
     parser = adding.add_parser(
         module.NAME,
         help=module.HELP,

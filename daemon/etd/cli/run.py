@@ -29,6 +29,7 @@ from etd.places import (
     state_folder,
     why_unreachable,
 )
+from etd.selftest_subject import subject_of
 from etd.shipped import config_dir
 from etd_hal.compose import Backend, open_fake, open_linux, system_clock
 
@@ -228,7 +229,13 @@ def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
         return Path(args.selftest)
     if args.folder is not None and loaded.config.backend == "fake":
         return Path(args.folder) / "state" / "selftest-fake.json"
-    return selftest_file(args.name, loaded.config.backend)
+    return kept_selftest(args.name, loaded)
+
+
+def kept_selftest(name: str, loaded: LoadedConfig) -> Path:
+    """Where the last self-test of this configuration is. Raises: FileError."""
+    backend = loaded.config.backend
+    return selftest_file(name, backend, subject_of(loaded, backend, "").configuration)
 
 
 def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:

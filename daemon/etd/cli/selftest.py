@@ -13,10 +13,9 @@ import msgspec
 
 from etd.cli import options
 from etd.cli.private_daemon import termination_as_ctrl_c
-from etd.cli.run import loaded_config
+from etd.cli.run import kept_selftest, loaded_config
 from etd.cli.selftest_table import Quiet, Table, table_of
 from etd.config import LoadedConfig
-from etd.places import selftest_file
 from etd.selftest.bed import Asked, Bed, DummyLoad
 from etd.selftest.run import cut_short
 from etd.selftest.run import run as run_stages
@@ -44,6 +43,8 @@ there or is in use
 
 #: Below, the ADC tells too little of it at a probe; above, the leak takes too much.
 LOAD_OHM = (10_000, 100_000)
+#: No one-shot; what an oscilloscope may show of a broken one.
+LONGEST_ONE_SHOT_US = 1_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--one-shot-us",
-        type=int,
+        type=_one_shot_us,
         metavar="US",
         help="what an oscilloscope showed of the one-shot: software cannot see it",
     )
@@ -79,16 +80,15 @@ def run(args: argparse.Namespace) -> int:
     """Raises: FileError, HardwareMissing, BusError."""
     loaded = loaded_config(args)
     asked = _asked(args, loaded)
-    kept = selftest_file(args.name, loaded.config.backend)
+    kept = kept_selftest(args.name, loaded)
     with termination_as_ctrl_c():
         bench = _open(loaded, asked)
         try:
             report = _tested(args, loaded, bench, asked, kept)
         finally:
             bench.backend.close()
-    save(report, kept)
-    if args.report is not None:
-        save(report, args.report)
+    for path in (kept, *_copies(args)):
+        save(report, path)
     _tell(args, report, kept)
     return 0 if report.passed else 1
 
@@ -97,6 +97,14 @@ def _load_ohm(text: str) -> int:
     low, high = LOAD_OHM
     if not text.isdecimal() or not low <= int(text) <= high:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high} ohm")
+    return int(text)
+
+
+def _one_shot_us(text: str) -> int:
+    if not text.isdecimal() or not 0 < int(text) <= LONGEST_ONE_SHOT_US:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a whole number from 1 to {LONGEST_ONE_SHOT_US} us"
+        )
     return int(text)
 
 
@@ -109,6 +117,8 @@ def _pair(text: str) -> tuple[int, int]:
 
 def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> Asked:
     ohm, pair = args.dummy_load, args.load_electrodes
+    if args.one_shot_us is not None and loaded.board.guards.one_shot == "absent":
+        args.misused(f"--one-shot-us: {loaded.board.name} has no one_shot")
     if (ohm is None) != (pair is None):
         args.misused("--dummy-load and --load-electrodes go together")
     if ohm is None:
@@ -139,12 +149,17 @@ def _open(loaded: LoadedConfig, asked: Asked) -> Bench:
 def _tested(
     args: argparse.Namespace, loaded: LoadedConfig, bench: Bench, asked: Asked, kept: Path
 ) -> Report:
-    """Raises: FileError before anything is done, if the report could not be kept."""
+    """Raises: FileError before anything is done, if a report could not be kept."""
     table = table_of(is_quiet=args.json)
     operator = None if args.no_operator else _Operator(table, bench.hand)
     bed = Bed(loaded, bench, operator, asked)
-    save(cut_short(bed, wall_time()), kept)
+    for path in (kept, *_copies(args)):
+        save(cut_short(bed, wall_time()), path)
     return run_stages(bed, wall_time(), table.check, table.stage)
+
+
+def _copies(args: argparse.Namespace) -> tuple[Path, ...]:
+    return () if args.report is None else (args.report,)
 
 
 class _Operator:
@@ -158,6 +173,16 @@ class _Operator:
         self._table.ask(f"press the {stop.replace('_', ' ')}, and release it")
         if self._hand is not None:
             self._hand.press(stop)
+
+    def hold(self, stop: StopName) -> None:
+        self._table.ask(f"press the {stop.replace('_', ' ')}, and HOLD it until you are told")
+        if self._hand is not None:
+            self._hand.hold(stop)
+
+    def let_go(self, stop: StopName) -> None:
+        self._table.ask(f"release the {stop.replace('_', ' ')}")
+        if self._hand is not None:
+            self._hand.let_go(stop)
 
     def clip(self, first: int, second: int) -> None:
         self._table.ask(f"the load between electrode {first} and electrode {second}")
@@ -185,9 +210,11 @@ def _tell(args: argparse.Namespace, report: Report, kept: Path) -> None:
         print(f"this board has no {', '.join(report.absent_guards)}")
     for sentence in report.not_seen:
         print(f"not seen by any check: {sentence}")
+    subject = report.subject
     passed = "passed" if report.passed else f"NOT PASSED: {len(bad)} failed or were skipped"
     print(
-        f"{report.board} on {report.machine} (backend: {report.backend}): {passed}; kept in {kept}"
+        f"{subject.board} on {subject.machine} (backend: {subject.backend}): {passed};"
+        f" kept in {kept}"
     )
 
 

@@ -21,6 +21,7 @@ from etd.engine.stopper import StopperThread
 from etd.link import Listener
 from etd.notify import Notifier
 from etd.selftest_report import why_not_armed
+from etd.selftest_subject import subject_of
 from etd_hal.compose import Backend, set_up_realtime, set_up_urgent_thread
 
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -48,7 +49,7 @@ def run_engine(
         loaded,
         backend,
         feed_watchdog=_Feeder(notifier),
-        untested=why_not_armed(selftest, loaded.board, backend.name),
+        untested=why_not_armed(selftest, subject_of(loaded, backend.name, backend.identity)),
     )
     try:
         problems = _drive(engine, listener, notifier, on_ready)

@@ -5,17 +5,24 @@ Owns: what is expected of a machine. Must not know: the board.
 
 from __future__ import annotations
 
+from etd.selftest import realtime
 from etd.selftest.bed import Bed
 from etd.selftest.log import Log
 
 #: The firmware slows a Raspberry Pi down at 80 C (a Pi 3 B+ at 60 C, softly).
 _HOTTEST_C = 80.0
+#: The engine takes some 60 MiB, the gateway as much.
+_LEAST_FREE_MIB = 128
+#: Widths are whole microseconds.
+_COARSEST_NS = 1_000
 
 
 def check(bed: Bed, log: Log) -> None:
     """Raises: nothing."""
     _check_software(bed, log)
-    _check_realtime(bed, log)
+    realtime.check(bed, log)
+    _check_memory(bed, log)
+    _check_clocks(bed, log)
     log.judge(
         "pins_after_exit",
         not bed.host.keeps_pins(),
@@ -41,23 +48,40 @@ def _check_software(bed: Bed, log: Log) -> None:
     log.judge("model", problem is None, problem or bed.loaded.machine.name, "", problem or "")
 
 
-def _check_realtime(bed: Bed, log: Log) -> None:
-    wanted = bed.loaded.config.engine
-    if wanted.priority == "none" and bed.backend_name == "linux":
-        log.skip(
-            "realtime",
-            "engine.priority is none in the configuration",
-            "give it a priority: pulses are late under load otherwise",
-        )
+def _check_memory(bed: Bed, log: Log) -> None:
+    free_kb = bed.host.free_memory_kb()
+    if free_kb is None:
+        log.skip("free_memory", "this kernel does not tell it", "look at it by hand: free -m")
         return
-    priority = 1 if wanted.priority == "none" else wanted.priority
-    refused = bed.host.set_up_realtime(priority, None if wanted.core == "any" else wanted.core)
+    free_mib = free_kb // 1_024
     log.judge(
-        "realtime",
-        not refused,
-        "; ".join(refused) or "all granted",
-        "scheduler, core, timer slack and locked memory",
-        "run it as root or by systemd, or allow rtprio and memlock in limits.conf",
+        "free_memory",
+        free_mib >= _LEAST_FREE_MIB,
+        f"{free_mib} MiB can be had",
+        f"at least {_LEAST_FREE_MIB} MiB: the engine locks what it uses",
+        "end what else runs; a kernel without memory ends programs, the engine among them",
+    )
+
+
+def _check_clocks(bed: Bed, log: Log) -> None:
+    found = bed.host.timekeeping()
+    log.judge(
+        "clock",
+        found.least_step_ns >= 0 and found.resolution_ns <= _COARSEST_NS,
+        f"{found.source}, resolution {found.resolution_ns} ns, "
+        + ("goes back at times" if found.least_step_ns < 0 else "never goes back"),
+        f"CLOCK_MONOTONIC to {_COARSEST_NS} ns or better, never back",
+        "pulses and rests are timed by it: use a kernel with high-resolution timers, and the"
+        " processor's own counter as clock source",
+    )
+    synchronized = {True: "synchronized", False: "not synchronized", None: "not known whether"}
+    log.judge(
+        "date",
+        found.now >= found.not_before,
+        f"{found.now:%Y-%m-%d %H:%M} UTC, {synchronized[found.is_synchronized]} (NTP)",
+        f"not before {found.not_before:%Y-%m-%d}, when this program was installed",
+        "set the date (timedatectl), or let it reach a time server: reports and calibrations bear"
+        " it",
     )
 
 

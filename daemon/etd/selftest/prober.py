@@ -81,7 +81,7 @@ class Prober:
     @property
     def strongest_ua(self) -> int:
         """Into a confirmed load, at `width_us`: what anybody may get here."""
-        return min(self._maxima.current_ua, self._maxima.charge_pc // self.width_us)
+        return self._bed.subject.strongest_ua
 
     def open_v(self, told_ua: float, leak_ohm: float | None = None) -> float:
         """The node's voltage with nothing connected."""

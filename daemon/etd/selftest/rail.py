@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from etd.selftest import stopgate
 from etd.selftest.bed import MS, Bed
 from etd.selftest.buses import check_idle
 from etd.selftest.log import Log
 from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
+from etd.selftest.stopgate import SupplyWatch
 from etd_hal.boardfile import RailMonitor
 
 #: A supply that nobody watches gets this long to come, and to go.
@@ -31,14 +33,56 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
     if guards.hv_enable == "absent":
         log.absent("hv_enable")
     if guards.rail_monitor == "absent":
+        supply = _watch_by_node(bed, log, prober)
         if guards.hv_enable != "absent":
             _check_by_node(bed, log, prober)
+        elif bed.board.stops():
+            check_ramp(bed, log, prober, "ramp_before_stops")
     else:
+        supply = _watch_by_monitor(bed, log, guards.rail_monitor)
         _check_by_monitor(bed, log, guards.rail_monitor)
     if guards.heartbeat == "absent":
         log.absent("heartbeat")
     if not log.stage_failed:
+        stopgate.check(bed, log, supply)
+    if not log.stage_failed:
         check_idle(bed, log, "idle_node_live")
+
+
+def _watch_by_monitor(bed: Bed, log: Log, monitor: RailMonitor) -> SupplyWatch:
+    read_v = 0.0
+
+    def is_gone() -> bool:
+        nonlocal read_v
+        read_v = bed.rail_v()
+        return read_v < monitor.off_v
+
+    def rises(name: str) -> bool:
+        return _check_rise(bed, log, monitor, name)
+
+    return SupplyWatch(is_gone, lambda: f"{read_v:.0f} V", monitor.fall_ms, rises)
+
+
+def _watch_by_node(bed: Bed, log: Log, prober: Prober) -> SupplyWatch:
+    read_v = 0.0
+
+    def is_gone() -> bool:
+        nonlocal read_v
+        read_v = prober.probe(bed.free[0])[1].voltage_v
+        bed.wait_ms(_LOOK_EVERY_MS)
+        return read_v < _gone_v(prober)
+
+    def told() -> str:
+        return f"{read_v:.2f} V at {prober.probe_ua} uA"
+
+    def rises(name: str) -> bool:
+        return _check_node_rises(bed, log, prober, name)
+
+    return SupplyWatch(is_gone, told, _UNWATCHED_MS, rises)
+
+
+def _gone_v(prober: Prober) -> float:
+    return prober.open_v(prober.probe_ua) * _NODE_GONE
 
 
 def _check_by_monitor(bed: Bed, log: Log, monitor: RailMonitor) -> None:
@@ -98,6 +142,8 @@ def _check_rise(bed: Bed, log: Log, monitor: RailMonitor, name: str = "rise") ->
     took_ms = _wait_for(bed, lambda rail_v: rail_v >= monitor.low_v, monitor.rise_ms)
     bed.wait_ms(monitor.rise_ms)
     rail_v = bed.rail_v()
+    # An open stop takes the supply away: that is then the reason.
+    bed.watch_stops()
     is_right = took_ms is not None and monitor.low_v <= rail_v <= monitor.high_v
     took = "not in time" if took_ms is None else f"after {took_ms:.0f} ms"
     return log.judge(
@@ -214,7 +260,7 @@ def _judge_gone(
     within_ms: int = _UNWATCHED_MS,
 ) -> bool:
     """A probe of the open node again and again, until it lifts it no more, or time is over."""
-    bound_v = prober.open_v(prober.probe_ua) * _NODE_GONE
+    bound_v = _gone_v(prober)
     read_v = 0.0
 
     def look() -> bool:

@@ -15,7 +15,7 @@ from etd.selftest import buses, machine, probe, rail, register, source, switches
 from etd.selftest.bed import Bed
 from etd.selftest.log import Log, OnCheck
 from etd.selftest.prober import Prober
-from etd.selftest_report import NOT_SEEN, Report, digest_of
+from etd.selftest_report import NOT_SEEN, Report
 from etd.version import __version__
 from etd_hal.errors import BoardFault, BusError, CannotSelect, GuardRefusal
 
@@ -109,12 +109,8 @@ def _report(bed: Bed, prober: Prober, log: Log, date: datetime.datetime) -> Repo
     return Report(
         passed=all(check.is_good for check in log.checks),
         date=date,
-        program=f"etd {__version__}",
+        subject=bed.subject,
         versions=versions,
-        backend=bed.backend_name,
-        board=bed.file.name,
-        board_digest=digest_of(bed.file),
-        machine=bed.loaded.machine.name,
         machine_facts=bed.host.facts(),
         absent_guards=bed.file.absent_guards,
         bound=prober.bound,

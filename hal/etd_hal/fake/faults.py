@@ -150,6 +150,12 @@ class HeartbeatRearms(_Fault, frozen=True, tag=True):
     """The gate has no latch: the supply comes back by itself with the next beat."""
 
 
+class StopCutsNothing(_Fault, frozen=True, tag=True):
+    """The second contact of this stop is bridged: only the program sees that it is open."""
+
+    stop: Literal["emergency_stop", "wearer_stop"]
+
+
 class LineCut(_Fault, frozen=True, tag=True):
     """The wire beyond the pin is cut: the pin moves, the board sees nothing; `name` as above."""
 
@@ -174,7 +180,13 @@ class MachineTrouble(_Fault, frozen=True, tag=True):
     """Something is wrong with the machine that the board hangs on."""
 
     kind: Literal[
+        "clock_back",
+        "clock_coarse",
+        "date_wrong",
         "hot",
+        "little_memory",
+        "not_locked",
+        "not_scheduled",
         "package_missing",
         "pins_kept",
         "realtime_refused",
@@ -207,6 +219,7 @@ Fault = (
     | RailStays
     | HeartbeatIgnored
     | HeartbeatRearms
+    | StopCutsNothing
     | LineCut
     | SwitchOutput
     | Bridge

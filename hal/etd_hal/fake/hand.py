@@ -28,6 +28,12 @@ class FakeHand:
         self._world.press(stop, pressed_ns)
         self._world.release(stop, pressed_ns + _PRESSES_NS)
 
+    def hold(self, stop: StopName) -> None:
+        self._world.press(stop, self._clock.now_ns() + _REACTS_NS)
+
+    def let_go(self, stop: StopName) -> None:
+        self._world.release(stop, self._clock.now_ns() + _REACTS_NS)
+
     def clip(self, first: int, second: int) -> None:
         """Half of the resistance at each of the two: what flows in at one leaves by the other."""
         if self._load_ohm is None:

@@ -20,6 +20,10 @@ from etd_hal.fake.world import StopLine
 from etd_hal.ports import Changes, Edge, LineSetup
 
 _SWITCH_LINES = ("POL", "DATA", "LE", "BL", "CLK")
+_STOP_OF: dict[str, StopLine] = {
+    "EMERGENCY_STOP": "emergency_stop",
+    "WEARER_STOP": "wearer_stop",
+}
 _SAFE_OFF_LINES = frozenset(("POL", "BL", "HV", "HEARTBEAT"))
 
 
@@ -122,6 +126,7 @@ class Header:
     def _follow_world(self, t_ns: int) -> None:
         while self._presses and self._presses[0][0] <= t_ns:
             at_ns, line, value = self._presses.pop(0)
+            self._rail.stop(at_ns, _STOP_OF[self._names[line]], value == 0)
             if self._lines.move_input(at_ns, line, value):
                 self._trace.gpio(max(at_ns, self._timeline.now_ns), line, value)
 

@@ -5,11 +5,16 @@ Owns: its figures. Must not know: the machine that the fake really runs on.
 
 from __future__ import annotations
 
-from etd_hal.bench import Health
+import datetime
+
+from etd_hal.bench import Health, Obtained, Timekeeping
 from etd_hal.fake.faults import Faults, MachineTrouble
 
 _WARM_C = 52.0
 _HOT_C = 84.5
+_EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
+_INSTALLED = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
+_TODAY = datetime.datetime(2026, 3, 1, tzinfo=datetime.UTC)
 
 
 class FakeHost:
@@ -17,6 +22,8 @@ class FakeHost:
 
     def __init__(self, faults: Faults) -> None:
         self._faults = faults
+        self._priority = 0
+        self._cores: tuple[int, ...] = ()
 
     def packages(self) -> dict[str, str | None]:
         return {"gpiod": None} if self._has("package_missing") else {}
@@ -36,14 +43,38 @@ class FakeHost:
             is_under_voltage=self._has("under_voltage"),
         )
 
+    def free_memory_kb(self) -> int:
+        return 20_000 if self._has("little_memory") else 400_000
+
+    def timekeeping(self) -> Timekeeping:
+        return Timekeeping(
+            source="the fake's own",
+            resolution_ns=4_000_000 if self._has("clock_coarse") else 1,
+            least_step_ns=-1_000 if self._has("clock_back") else 52,
+            now=_EPOCH if self._has("date_wrong") else _TODAY,
+            not_before=_INSTALLED,
+            is_synchronized=not self._has("date_wrong"),
+        )
+
     def keeps_pins(self) -> bool:
         return self._has("pins_kept")
 
-    def set_up_realtime(self, priority: int, core: int | None) -> tuple[str, ...]:  # noqa: ARG002
+    def set_up_realtime(self, priority: int, core: int | None) -> tuple[str, ...]:
         """The fake's process stays an ordinary one."""
+        self._priority = priority
+        self._cores = tuple(range(4)) if core is None else (core,)
         if self._has("realtime_refused"):
             return ("real-time scheduling was not granted (Operation not permitted)",)
         return ()
+
+    def obtained(self) -> Obtained:
+        return Obtained(
+            policy="SCHED_OTHER" if self._has("not_scheduled") else "SCHED_FIFO",
+            priority=self._priority,
+            cores=self._cores,
+            locked_kb=0 if self._has("not_locked") else 40_000,
+            timer_slack_ns=1,
+        )
 
     def _has(self, kind: str) -> bool:
         return any(trouble.kind == kind for trouble in self._faults.of(MachineTrouble))

@@ -4,13 +4,15 @@ Owns: the rail's course in time. Must not know: who reads it.
 
 The rail follows its target with one time constant up and another down. A board without an enable
 line has its supply on from the start. A heartbeat that was lost while the supply was enabled is
-latched: the supply comes back only after the enable line was off.
+latched: the supply comes back only after the enable line was off. A stop that is open breaks the
+supply by its second contact, where the board file does not say that it has none.
 """
 
 from __future__ import annotations
 
 from math import exp
 
+from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile
 from etd_hal.fake.faults import (
     EnableStuck,
@@ -19,6 +21,7 @@ from etd_hal.fake.faults import (
     HeartbeatRearms,
     RailOff,
     RailStays,
+    StopCutsNothing,
 )
 
 #: 272 nF into the 3 M feedback string of the kits' supply, where the file gives no other figure.
@@ -48,6 +51,8 @@ class Rail:
         self._beat_until_ns = start_ns
         self._has_beaten = False
         self._is_latched_off = False
+        self._stops_cut = guards.stop_cuts_supply
+        self._open_stops: set[str] = set()
         self._setpoint_code = None if board.rail_setpoint == "absent" else board.rail_setpoint.code
         self._setpoint = 1.0 if self._setpoint_code is None else _LOWEST
         self._faults = faults
@@ -71,6 +76,14 @@ class Rail:
             self.volts(t_ns)
             self._beat_until_ns = t_ns + self._window_ns
             self._has_beaten = self._enabled
+
+    def stop(self, t_ns: int, name: StopName, is_open: bool) -> None:
+        """The contacts of a stop open or close."""
+        self.volts(t_ns)
+        if is_open:
+            self._open_stops.add(name)
+        else:
+            self._open_stops.discard(name)
 
     def set_point(self, t_ns: int, code: int) -> None:
         """The set-point's DAC changes; the board file's code makes the nominal rail."""
@@ -104,9 +117,13 @@ class Rail:
         beating = beating and not self._is_latched_off
         beating = beating or bool(self._faults.of(HeartbeatIgnored))
         enabled = self._enabled or bool(self._faults.of(EnableStuck))
-        if not (enabled and beating):
+        if not (enabled and beating) or self._is_cut_by_a_stop():
             return 0.0
         target_v = self._nominal_v * self._setpoint
         for fault in self._faults.of(RailOff):
             target_v *= fault.factor
         return target_v
+
+    def _is_cut_by_a_stop(self) -> bool:
+        bridged = {fault.stop for fault in self._faults.of(StopCutsNothing)}
+        return self._stops_cut and bool(self._open_stops - bridged)

@@ -9,10 +9,11 @@ from __future__ import annotations
 from importlib import metadata
 from pathlib import Path
 
-from etd_hal.bench import Health
+from etd_hal.bench import Health, Obtained, Timekeeping
 from etd_hal.boardfile import MachineFile
 from etd_hal.linux import machine as this_machine
-from etd_hal.linux.realtime import set_up
+from etd_hal.linux.clock import timekeeping
+from etd_hal.linux.realtime import obtained, set_up
 
 _PACKAGES = ("msgspec", "gpiod", "spidev", "smbus2")
 _TEMPERATURE = "sys/class/thermal/thermal_zone0/temp"
@@ -20,6 +21,7 @@ _TEMPERATURE = "sys/class/thermal/thermal_zone0/temp"
 _THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
 _SLOWER_NOW = 0b1110
 _UNDER_VOLTAGE_NOW = 0b0001
+_CLOCK_SOURCE = "sys/devices/system/clocksource/clocksource0/current_clocksource"
 _HWMON = "sys/class/hwmon"
 
 
@@ -53,8 +55,18 @@ class LinuxHost:
     def keeps_pins(self) -> bool:
         return self._keeps_pins
 
+    def free_memory_kb(self) -> int | None:
+        found = [line.split() for line in self._read("proc/meminfo").splitlines()]
+        return next((int(words[1]) for words in found if words[0] == "MemAvailable:"), None)
+
+    def timekeeping(self) -> Timekeeping:
+        return timekeeping(self._read(_CLOCK_SOURCE) or "unknown")
+
     def set_up_realtime(self, priority: int, core: int | None) -> tuple[str, ...]:
         return set_up(priority, core)
+
+    def obtained(self) -> Obtained:
+        return obtained()
 
     def _temperature_c(self) -> float | None:
         text = self._read(_TEMPERATURE)

@@ -6,6 +6,7 @@ Must not know: boards. `root` stands before every path, so that a test can lay o
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 from etd_hal.boardfile import MachineFile
@@ -13,6 +14,7 @@ from etd_hal.boardfile import MachineFile
 ROOT = Path("/")
 
 _DEVICE_TREE = "sys/firmware/devicetree/base"
+_MACHINE_ID = "etc/machine-id"
 _DMI = "sys/class/dmi/id"
 #: The processor of the Pi 5, the Compute Module 5 and the 500.
 _INTERRUPT_DRIVEN = "brcm,bcm2712"
@@ -24,6 +26,14 @@ def model(root: Path = ROOT) -> str:
     if from_tree:
         return from_tree
     return f"{_read(root / _DMI / 'sys_vendor')} {_read(root / _DMI / 'product_name')}".strip()
+
+
+def identity(root: Path = ROOT) -> str:
+    """Which one it is of its model: a digest of the serial number in the device tree, or of the
+    system's own number where there is no tree. "" if neither is there.
+    """
+    number = _read(root / _DEVICE_TREE / "serial-number") or _read(root / _MACHINE_ID)
+    return hashlib.sha256(number.encode()).hexdigest()[:16] if number else ""
 
 
 def problem(machine: MachineFile, root: Path = ROOT) -> str | None:

@@ -12,9 +12,20 @@ import gc
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
+
+from etd_hal.bench import Obtained
 
 _PR_SET_TIMERSLACK = 29
+_PR_GET_TIMERSLACK = 30
 _TIMER_SLACK_NS = 1
+_POLICIES = {
+    os.SCHED_OTHER: "SCHED_OTHER",
+    os.SCHED_FIFO: "SCHED_FIFO",
+    os.SCHED_RR: "SCHED_RR",
+    os.SCHED_BATCH: "SCHED_BATCH",
+    os.SCHED_IDLE: "SCHED_IDLE",
+}
 _MCL_CURRENT = 1
 _MCL_FUTURE = 2
 #: Lock pages when they are touched: locking all that is mapped takes five times the memory.
@@ -38,6 +49,23 @@ def set_up(priority: int, core: int | None) -> tuple[str, ...]:
     )
     _quiet_interpreter()
     return tuple(sentence for sentence in refusals if sentence)
+
+
+def obtained() -> Obtained:
+    """What the calling thread and its process have now, by the kernel's own account."""
+    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    return Obtained(
+        policy=_POLICIES.get(policy, f"scheduling policy {policy}"),
+        priority=os.sched_getparam(0).sched_priority,
+        cores=tuple(sorted(os.sched_getaffinity(0))),
+        locked_kb=_locked_kb(Path("/proc/self/status").read_text(encoding="ascii")),
+        timer_slack_ns=_call("prctl", _PR_GET_TIMERSLACK, 0, 0, 0, 0),
+    )
+
+
+def _locked_kb(status: str) -> int:
+    found = [line.split()[1] for line in status.splitlines() if line.startswith("VmLck:")]
+    return int(found[0]) if found else 0
 
 
 def scheduling(priority: int) -> str | None:
@@ -88,7 +116,7 @@ def _quiet_interpreter() -> None:
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
 
 
-def _asked(what: str, ask: Callable[[], None], advice: str) -> str | None:
+def _asked(what: str, ask: Callable[[], object], advice: str) -> str | None:
     try:
         ask()
     except OSError as error:
@@ -96,9 +124,11 @@ def _asked(what: str, ask: Callable[[], None], advice: str) -> str | None:
     return None
 
 
-def _call(function: str, *arguments: int) -> None:
-    """A function of the C library that answers 0, or -1 and errno. Raises: OSError."""
+def _call(function: str, *arguments: int) -> int:
+    """A function of the C library that answers a number, or -1 and errno. Raises: OSError."""
     library = ctypes.CDLL(None, use_errno=True)
-    if library[function](*map(ctypes.c_ulong, arguments)) != 0:
+    answer: int = library[function](*map(ctypes.c_ulong, arguments))
+    if answer < 0:
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))
+    return answer

@@ -53,7 +53,7 @@ def tested(tmp_path: Path) -> Iterator[tuple[Chips, Path]]:
         write_config(config, str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards)
         status, found = selftest(config, chips, kept)
         assert [check for check in found.checks if not check.is_good] == []
-        assert (status, found.passed, found.backend) == (0, True, "linux")
+        assert (status, found.passed, found.subject.backend) == (0, True, "linux")
         assert {check.stage for check in found.checks} == {name for name, _ in STAGES} | {"end"}
         report(f"self-test of a sound board: {len(found.checks)} checks passed")
         for electrode in range(BOARD.switch.outputs):

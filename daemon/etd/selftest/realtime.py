@@ -1,0 +1,62 @@
+"""Stage 1: real time, asked for as the engine does, and then seen to be there.
+
+Owns: what counts as obtained. Must not know: how a kernel grants it.
+"""
+
+from __future__ import annotations
+
+from etd.selftest.bed import Bed
+from etd.selftest.log import Log
+from etd_hal.bench import Obtained
+
+#: Sleeps may end later by this much: what an ordinary thread has.
+_SLACK_NS = 50_000
+
+
+def check(bed: Bed, log: Log) -> None:
+    """Granted is what nobody refused; obtained is what the kernel says afterwards."""
+    wanted = bed.loaded.config.engine
+    if wanted.priority == "none" and bed.backend_name == "linux":
+        log.skip(
+            "realtime",
+            "engine.priority is none in the configuration",
+            "give it a priority: pulses are late under load otherwise",
+        )
+        return
+    priority = 1 if wanted.priority == "none" else wanted.priority
+    core = None if wanted.core == "any" else wanted.core
+    refused = bed.host.set_up_realtime(priority, core)
+    found = bed.host.obtained()
+    missing = list(refused) or _missing(found, priority, core)
+    log.judge(
+        "realtime",
+        not missing,
+        "; ".join(missing) or _told(found),
+        "scheduler, core, timer slack and locked memory",
+        "run it as root or by systemd, or allow rtprio and memlock in limits.conf",
+    )
+
+
+def _missing(found: Obtained, priority: int, core: int | None) -> list[str]:
+    """What was granted, and is not there."""
+    problems = []
+    if found.policy != "SCHED_FIFO" or found.priority < priority:
+        problems.append(f"the scheduler is {found.policy} {found.priority}, not FIFO {priority}")
+    if core is not None and found.cores != (core,):
+        problems.append(f"it runs on core {_listed(found)}, not on {core} alone")
+    if not found.locked_kb:
+        problems.append("no memory is locked")
+    if found.timer_slack_ns >= _SLACK_NS:
+        problems.append(f"the timer slack is {found.timer_slack_ns} ns")
+    return problems
+
+
+def _told(found: Obtained) -> str:
+    return (
+        f"{found.policy} {found.priority} on core {_listed(found)},"
+        f" {found.locked_kb / 1_024:.0f} MiB locked, timer slack {found.timer_slack_ns} ns"
+    )
+
+
+def _listed(found: Obtained) -> str:
+    return ",".join(map(str, found.cores))

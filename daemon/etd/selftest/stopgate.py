@@ -1,0 +1,111 @@
+"""Stage 5: a stop that is held open takes the supply away, as measured, whatever the program does.
+
+Owns: what is asked of the operator, and whose doing the fall is. Must not know: how the supply is
+looked at (`rail.py`).
+
+That the line is seen to open was looked at in stage 2. Here the supply is on, the heartbeat goes on
+and the enable line stays on: if the supply falls, the stop's second contact has done it. Where the
+board file says that there is none (`stop_cuts_supply = false`), the program switches off as the
+engine would, and that is what is measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from etd.selftest.bed import MS, Bed
+from etd.selftest.log import Log
+from etd_hal.bench import Hand, StopName
+
+_STOPS: tuple[StopName, ...] = ("emergency_stop", "wearer_stop")
+_OPERATOR_WITHIN_MS = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class SupplyWatch:
+    """How this board's supply is looked at."""
+
+    is_gone: Callable[[], bool]
+    #: What was read last, for people.
+    told: Callable[[], str]
+    #: How long it may take to fall.
+    within_ms: int
+    #: Switch it on, and judge that it came, under this name.
+    rises: Callable[[str], bool]
+
+
+def check(bed: Bed, log: Log, supply: SupplyWatch) -> None:
+    """Begins and ends with the supply on. Raises: BusError, BoardFault, GuardRefusal."""
+    for name in _STOPS:
+        if name not in bed.board.stops():
+            continue
+        if bed.operator is None:
+            log.skip(
+                _title(bed, name), "nobody is there to hold it", "run it without --no-operator"
+            )
+            continue
+        try:
+            _check_one(bed, log, bed.operator, name, supply)
+        finally:
+            bed.held_stop = None
+        if log.stage_failed:
+            return
+
+
+def _title(bed: Bed, name: StopName) -> str:
+    return f"{name}_gate" if bed.file.guards.stop_cuts_supply else f"{name}_off"
+
+
+def _check_one(bed: Bed, log: Log, operator: Hand, name: StopName, supply: SupplyWatch) -> None:
+    cuts = bed.file.guards.stop_cuts_supply
+    if not cuts:
+        log.absent(f"{name}_gate")
+    bed.held_stop = name
+    operator.hold(name)
+    is_open = bed.wait_until(lambda: bed.board.stops()[name], _OPERATOR_WITHIN_MS)
+    if is_open and not cuts:
+        bed.board.supply_off()
+    is_gone, measured = _fall(bed, name, supply) if is_open else (False, "not seen to open")
+    log.judge(
+        _title(bed, name),
+        is_gone,
+        measured,
+        f"gone within {supply.within_ms} ms of the opening, "
+        + ("enable and heartbeat going on" if cuts else "switched off by the program"),
+        _GATE_ADVICE if cuts else _OFF_ADVICE,
+    )
+    bed.board.supply_off()
+    operator.let_go(name)
+    if is_gone and _is_closed_again(bed, log, name):
+        bed.held_stop = None
+        supply.rises(f"rise_after_{name}")
+
+
+_GATE_ADVICE = (
+    "hold it until you are told to let go. If you did: let its second contact break the supply's"
+    " own current or its enable (docs/hardware.md); a board whose stops are seen by the program"
+    " alone says so: stop_cuts_supply = false"
+)
+_OFF_ADVICE = "hold it until you are told to let go; if you did, cut the supply by hand"
+
+
+def _fall(bed: Bed, name: StopName, supply: SupplyWatch) -> tuple[bool, str]:
+    """Whether the supply went while the stop was held, and what is to be said of it."""
+    begun_ns = bed.clock.now_ns()
+    while not supply.is_gone():
+        took_ms = (bed.clock.now_ns() - begun_ns) / MS
+        if not bed.board.stops()[name]:
+            return False, f"closed again after {took_ms:.0f} ms, {supply.told()}"
+        if took_ms > supply.within_ms:
+            return False, f"still {supply.told()} after {took_ms:.0f} ms"
+        bed.beat()
+    return True, f"{supply.told()} after {(bed.clock.now_ns() - begun_ns) / MS:.0f} ms"
+
+
+def _is_closed_again(bed: Bed, log: Log, name: StopName) -> bool:
+    """Nothing more is said where it is: a stop that stays open is one."""
+    is_closed = bed.wait_until(lambda: not bed.board.stops()[name], _OPERATOR_WITHIN_MS)
+    if not is_closed:
+        log.judge(name, False, "it stays open", "closed again", "release it")
+    return is_closed
