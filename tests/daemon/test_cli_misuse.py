@@ -26,7 +26,7 @@ def test_a_program_that_asked_for_json_gets_the_reason_as_json(
     answer = json.loads(capsys.readouterr().out)
     assert ended.value.code == 2
     assert (answer["ok"], answer["error"]) == (False, "used_wrongly")
-    assert answer["reason"].startswith(f"etd {arguments[0]}")
+    assert answer["reason"].startswith("etd")
 
 
 @pytest.mark.parametrize("arguments", WRONG, ids=lambda one: one[0])
