@@ -1,32 +1,40 @@
 """A living body calibrated over the protocol, and how far what was found lies from the truth.
 
 Owns: the whole way (procedures, session, gateway, engine, board, skin, nerves, simulated person),
-with time stepped. Must not know: what must come out.
+with time stepped, and what the truth of each method is. Must not know: what must come out.
 """
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
-from etd.calibrate.conditions import Conditions, Progress
+from etd.calibrate.conditions import Conditions, Progress, finished
 from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresents, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.stimulator import Stimulator
-from etd.calibration import Method
+from etd.calibration import Calibration, ElectrodeLimits, Method
 from etd_body.course import STILL, Script
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 
 WIDTH_US, CAP_UA = 100, 3_000
+_BASELINE = "first"
 
 
 @dataclass(slots=True)
 class Outcome:
-    """`errors`: by electrode, the threshold found over the body's own, less 1. Skin that
-    moves wanders; then its own is the median of what it was at each presentation there.
-    `unfelt`: where nothing was felt, the body's own threshold over the cap.
+    """`errors`: by electrode, the current found over the body's own, less 1.
+
+    What is found: the threshold; with `equalize` the level as strong as the reference. The body's
+    own: what the source must be told for a pulse at threshold, or for one that is as far above its
+    threshold as the reference's is above its own. Skin that moves has another one at each
+    presentation (`wander`: the largest over the least, less 1); then it is the median over the
+    later half of those that were for it: the earlier half are of the way there.
+    `unfelt`, `weaker`: where nothing was felt up to the cap, or it was not as strong as the
+    reference: the body's own over the cap.
     """
 
     presentations: int = 0
@@ -34,8 +42,10 @@ class Outcome:
     most_pain: float = 0.0
     errors: dict[int, float] = field(default_factory=dict)
     unfelt: dict[int, float] = field(default_factory=dict)
+    weaker: dict[int, float] = field(default_factory=dict)
     wander: dict[int, float] = field(default_factory=dict)
     left: dict[int, str] = field(default_factory=dict)
+    made: Calibration | None = None
 
     @property
     def worst(self) -> float:
@@ -44,55 +54,126 @@ class Outcome:
 
 def calibrate_body(
     array: str,
-    method: Method,
+    methods: Sequence[Method],
     electrodes: Sequence[int],
     *,
     person_seed: int,
     body_seed: int,
     script: Script = STILL,
-) -> Outcome:
-    """A fingertip from a seed, which holds still unless told otherwise."""
-    outcome = Outcome()
+    pulses: int = 10,
+) -> dict[Method, Outcome]:
+    """One sitting: by each method in turn. `equalize` begins with what the one before it found, and
+    under its caps. A fingertip from a seed, which holds still unless told otherwise.
+    """
+    outcomes: dict[Method, Outcome] = {}
+    made: Calibration | None = None
     with SteppedDaemon(array, body_seed, script) as daemon:
+        for method in methods:
+            conditions = conditions_of(daemon, method, pulses)
+            baseline = made if method == "equalize" else None
+            display = _display(daemon, baseline)
+            outcomes[method] = _Sitting(daemon, display, conditions, person_seed, baseline).run(
+                electrodes
+            )
+            made = outcomes[method].made
+            display.close()
+    return outcomes
+
+
+def _display(daemon: SteppedDaemon, baseline: Calibration | None) -> SteppedDisplay:
+    """Armed. Equal strength goes by the caps of its baseline, as `etd calibrate` has it."""
+    if baseline is None:
         display = SteppedDisplay(daemon, CAP_UA, WIDTH_US)
-        display.arm()
-        conditions = conditions_of(daemon, method)
-        felt = ModelledBody()
+    else:
+        display = SteppedDisplay(daemon, calibration=_BASELINE)
+        display.set_calibration(_BASELINE, baseline)
+    display.arm()
+    return display
+
+
+class _Sitting:
+    """One method."""
+
+    def __init__(
+        self,
+        daemon: SteppedDaemon,
+        display: SteppedDisplay,
+        conditions: Conditions,
+        person_seed: int,
+        baseline: Calibration | None,
+    ) -> None:
+        self._daemon = daemon
+        self._felt = felt = ModelledBody()
+        self._baseline = baseline
+        self._reference = daemon.loaded.array.count // 2
+        self._outcome = Outcome()
+        self._true_ua: dict[int, list[float]] = {}
+        self._own_ua: dict[int, float] = {}
         person = SimulatedPerson(felt.sense, person_seed)
-        stimulator = Stimulator(display, display, daemon, conditions, person.wants_stop, felt.hear)
-        stimulator.open()
-
-        true_ua: dict[int, list[float]] = {}
-
-        def look(electrode: int) -> None:
-            now_ua = daemon.body.told_threshold_ua(electrode, WIDTH_US)
-            true_ua.setdefault(electrode, []).append(now_ua)
-
-        def compare(progress: Progress) -> None:
-            electrode, found = list(progress.found.items())[-1]
-            own_ua = median(true_ua[electrode])
-            outcome.wander[electrode] = max(true_ua[electrode]) / min(true_ua[electrode]) - 1.0
-            if found.felt:
-                outcome.errors[electrode] = found.threshold_ua / own_ua - 1.0
-            else:
-                outcome.unfelt[electrode] = own_ua / CAP_UA
-
-        course = Course(
-            Progress(conditions=conditions),
-            FeltPresents(stimulator, felt),
-            person,
-            on_progress=compare,
-            on_presented=look,
+        self._stimulator = Stimulator(
+            display, display, daemon, conditions, person.wants_stop, felt.hear
         )
+        self._course = Course(
+            Progress(conditions=conditions),
+            FeltPresents(self._stimulator, felt),
+            person,
+            baseline=baseline,
+            reference=None if baseline is None else self._reference,
+            on_progress=self._compare,
+            on_presented=self._look,
+            on_threshold=self._settle,
+        )
+
+    def run(self, electrodes: Sequence[int]) -> Outcome:
+        outcome, daemon = self._outcome, self._daemon
+        self._stimulator.open()
         begun_ns = daemon.now_ns()
-        outcome.presentations = course.run(electrodes).presentations
+        progress = self._course.run(electrodes)
+        outcome.presentations = progress.presentations
         outcome.minutes = (daemon.now_ns() - begun_ns) / 60e9
-        outcome.most_pain, outcome.left = felt.most_pain, course.left
-        display.close()
-    return outcome
+        outcome.most_pain, outcome.left = self._felt.most_pain, self._course.left
+        outcome.made = finished(progress, datetime.date(2025, 3, 4), "test")
+        return outcome
+
+    # --- the truth ---------------------------------------------------------------------------
+
+    def _look(self, electrode: int) -> None:
+        body, times = self._daemon.body, 1.0
+        if self._baseline is not None:
+            strong_ua = self._baseline.electrode[self._reference].comfortable_ua
+            times = body.times_threshold(self._reference, strong_ua, WIDTH_US)
+        now_ua = body.told_threshold_ua(electrode, WIDTH_US, times=times)
+        self._true_ua.setdefault(electrode, []).append(now_ua)
+
+    def _settle(self, electrode: int) -> None:
+        true_ua = self._true_ua.pop(electrode)
+        self._own_ua[electrode] = median(true_ua[len(true_ua) // 2 :])
+        self._outcome.wander[electrode] = max(true_ua) / min(true_ua) - 1.0
+
+    def _compare(self, progress: Progress) -> None:
+        electrode, found = list(progress.found.items())[-1]
+        if self._baseline is None:
+            self._compare_threshold(electrode, found)
+        elif electrode != self._reference and found.felt:
+            self._settle(electrode)
+            self._compare_strength(electrode, found)
+
+    def _compare_threshold(self, electrode: int, found: ElectrodeLimits) -> None:
+        own_ua = self._own_ua[electrode]
+        if found.felt:
+            self._outcome.errors[electrode] = found.threshold_ua / own_ua - 1.0
+        else:
+            self._outcome.unfelt[electrode] = own_ua / CAP_UA
+
+    def _compare_strength(self, electrode: int, found: ElectrodeLimits) -> None:
+        own_ua = self._own_ua[electrode]
+        if found.comfortable_ua < found.cap_ua:
+            self._outcome.errors[electrode] = found.comfortable_ua / own_ua - 1.0
+        else:
+            self._outcome.weaker[electrode] = own_ua / found.cap_ua
 
 
-def conditions_of(daemon: SteppedDaemon, method: Method) -> Conditions:
+def conditions_of(daemon: SteppedDaemon, method: Method, pulses: int = 10) -> Conditions:
     array = daemon.loaded.array
     return Conditions(
         participant="fake",
@@ -104,6 +185,6 @@ def conditions_of(daemon: SteppedDaemon, method: Method) -> Conditions:
         width_us=WIDTH_US,
         rate_hz=60.0,
         returns="all",
-        pulses=10,
+        pulses=pulses,
         cap_ua=CAP_UA,
     )

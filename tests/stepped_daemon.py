@@ -15,6 +15,7 @@ from typing import Any, Self, Unpack
 import msgspec
 import zmq
 
+from etd.calibration import Calibration
 from etd.client.options import FrameOptions, frame_fields
 from etd.client.session import Flow, R, Session
 from etd.config import fake_config
@@ -137,9 +138,17 @@ class SteppedDaemon:
 class SteppedDisplay:
     """What a calibration needs of a display and of its telemetry."""
 
-    def __init__(self, daemon: SteppedDaemon, max_current_ua: int, width_us: int) -> None:
+    def __init__(
+        self,
+        daemon: SteppedDaemon,
+        max_current_ua: int | None = None,
+        width_us: int | None = None,
+        calibration: str | None = None,
+    ) -> None:
         self._daemon = daemon
-        self._session = Session("test", max_current_ua=max_current_ua, width_us=width_us)
+        self._session = Session(
+            "test", max_current_ua=max_current_ua, width_us=width_us, calibration=calibration
+        )
 
     def arm(self) -> None:
         self._run(self._session.arm(10.0))
@@ -150,6 +159,9 @@ class SteppedDisplay:
         fields = frame_fields("current_ua", list(current_ua), options)
         del fields["sent_ns"]  # of another clock than the daemon's
         return self._run(self._session.frame(fields))
+
+    def set_calibration(self, name: str, calibration: Calibration) -> None:
+        self._run(self._session.set_calibration(name, calibration))
 
     def keep(self) -> None:
         self._run(self._session.keep())

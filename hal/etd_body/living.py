@@ -141,14 +141,27 @@ class LivingBody:
         self._connect()
 
     def told_threshold_ua(
-        self, electrode: int, width_us: float, polarity: Polarity = "anodic"
+        self, electrode: int, width_us: float, polarity: Polarity = "anodic", times: float = 1.0
     ) -> float:
-        """What the source must be told for one pulse against all others to be just felt.
+        """What the source must be told for one pulse against all others to be just felt, or for it
+        to pass so many `times` the current that is.
 
         Leak, films, charging and compliance on the way; inf where no current does it.
         """
-        skin_ua = self.sensation.true_threshold_ua(electrode, width_us, polarity)
+        skin_ua = times * self.sensation.true_threshold_ua(electrode, width_us, polarity)
         return self._least_told(electrode, width_us, lambda passed, _: passed >= skin_ua)
+
+    def times_threshold(
+        self, electrode: int, told_ua: float, width_us: float, polarity: Polarity = "anodic"
+    ) -> float:
+        """How many times what is just felt passes the skin when the source is told `told_ua`: two
+        electrodes where that is the same feel alike. 0 without contact.
+        """
+        way = self._ways.against_all(electrode)
+        if way.lone is None:
+            return 0.0
+        passed_ua, _ = self._pulse(way, electrode, told_ua, width_us)
+        return passed_ua / self.sensation.true_threshold_ua(electrode, width_us, polarity)
 
     def told_pain_threshold_ua(
         self, electrode: int, width_us: float, polarity: Polarity = "anodic"

@@ -22,12 +22,24 @@ from stepped_daemon import SteppedDaemon, SteppedDisplay
     ("method", "electrodes"), [("limits", 4), ("staircase", 4), ("quest-plus", 2)]
 )
 def test_a_bodys_thresholds_are_found_over_the_protocol(method: Method, electrodes: int) -> None:
-    found = calibrate_body("pad-8", method, range(electrodes), person_seed=7, body_seed=31)
+    found = calibrate_body("pad-8", (method,), range(electrodes), person_seed=7, body_seed=31)[
+        method
+    ]
     print(f"{method}: {found.presentations} presentations, worst {found.worst:.1%}")
     assert len(found.errors) == electrodes
     assert found.worst <= 0.10
     assert found.most_pain < 1.0
     assert found.left == {}
+
+
+def test_an_electrode_is_made_as_strong_as_the_reference_over_the_protocol() -> None:
+    methods: tuple[Method, ...] = ("staircase", "equalize")
+    found = calibrate_body("pad-8", methods, range(5), person_seed=7, body_seed=32)["equalize"]
+    print(f"equalize: {found.presentations} presentations, worst {found.worst:.1%}")
+    assert len(found.errors) + len(found.weaker) == 4, "all but the reference"
+    assert found.worst <= 0.10
+    assert all(part > 0.9 for part in found.weaker.values()), "no cap of the baseline is passed"
+    assert found.most_pain < 1.0
 
 
 @pytest.fixture

@@ -90,6 +90,23 @@ def test_the_told_pain_threshold_is_where_it_begins_to_hurt() -> None:
     assert body.take_felt().pain[MIDDLE] >= 1.0
 
 
+@pytest.mark.parametrize("electrode", [0, MIDDLE])
+@pytest.mark.parametrize("times", [1.2, 2.0])
+def test_so_many_times_the_threshold_is_felt_alike_everywhere(electrode: int, times: float) -> None:
+    body = living()
+    told_ua = body.told_threshold_ua(electrode, 100, times=times)
+    assert body.times_threshold(electrode, told_ua, 100) == pytest.approx(times, rel=0.001)
+
+    pulse(body, 1 * MS, told_ua, 100, electrode)
+    assert body.take_felt().felt[electrode] == pytest.approx(times**1.2, rel=0.01)
+
+
+def test_without_contact_nothing_is_any_times_its_threshold() -> None:
+    body = living()
+    body.touch(1 * MS, MIDDLE, OPEN_CONTACT)
+    assert body.times_threshold(MIDDLE, 3_000, 100) == 0.0
+
+
 def test_taking_starts_anew() -> None:
     body = living()
     pulse(body, 1 * MS, 4_000, 100)

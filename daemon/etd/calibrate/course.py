@@ -57,8 +57,9 @@ class Presents(Protocol):
 
 
 class Course:
-    """`progress` is filled in; `on_progress` hears of it after each electrode, and
-    `on_presented` the electrode of each presentation.
+    """`progress` is filled in; `on_progress` hears of it after each electrode, `on_presented` the
+    electrode of each presentation, and `on_threshold` the electrode whose threshold is found, which
+    is before its comfortable level is looked for.
 
     `baseline`: an earlier calibration of the same person. It says where to begin; with the method
     `equalize` it is also what is kept but for the comfortable levels.
@@ -74,6 +75,7 @@ class Course:
         reference: int | None = None,
         on_progress: Callable[[Progress], None] = lambda _: None,
         on_presented: Callable[[int], None] = lambda _: None,
+        on_threshold: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._progress = progress
         self._presents = presents
@@ -82,6 +84,7 @@ class Course:
         self._reference = reference
         self._on_progress = on_progress
         self._on_presented = on_presented
+        self._on_threshold = on_threshold
         self._resistance_ohm: int | None = None
         self._is_led_up = False
         self.left: dict[int, str] = {}
@@ -128,6 +131,7 @@ class Course:
         reach = Reach(conditions.cap_ua, self._start_ua(electrode))
         procedure = PROCEDURES[conditions.method](reach.most_ua)
         threshold = run(procedure, reach, lambda ua: self._asked("strength", electrode, ua))
+        self._on_threshold(electrode)
         at_ua = min(round(threshold.current_ua), reach.cap_ua)
         if not threshold.is_felt:
             return self._limits(at_ua, at_ua, reach.tolerated_ua, is_felt=False)
