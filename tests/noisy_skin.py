@@ -14,6 +14,11 @@ from etd.calibrate.person import Felt
 from etd.calibrate.stimulator import Delivered
 
 
+def resistance_ohm(current_ua: int) -> int:
+    """Less at higher currents, and never the same."""
+    return round(6.5e8 / (8_000 + current_ua))
+
+
 @dataclass
 class NoisySkin:
     """Keeps `course.Presents`. Felt strength is current over threshold; pain begins at between 1.3
@@ -42,7 +47,7 @@ class NoisySkin:
         self.meanwhile(electrode, current_ua)
         self.presented.append((electrode, current_ua))
         self._last[electrode] = current_ua
-        return Delivered(electrode, current_ua, 50_000)
+        return Delivered(electrode, current_ua, resistance_ohm(current_ua))
 
     def pause(self, seconds: float) -> None:
         self.paused_s += seconds

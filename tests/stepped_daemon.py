@@ -6,6 +6,7 @@ client is the shipped `Session` and the shipped decoders. Must not know: what is
 
 from __future__ import annotations
 
+import dataclasses
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,12 +19,13 @@ import zmq
 from etd.calibration import Calibration
 from etd.client.options import FrameOptions, frame_fields
 from etd.client.session import Flow, R, Session
-from etd.config import fake_config
+from etd.config import LoadedConfig, fake_config
 from etd.engine.engine import Engine
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
 from etd.link import Channel, Listener, NewFrame, ToEngine
-from etd.protocol import TELEMETRY_OF_TOPIC, FrameReply
+from etd.protocol import TELEMETRY_OF_TOPIC, FrameReply, HelloReply
+from etd.stabilize.settings import NOTHING, Settings
 from etd_body.course import STILL, Script
 from etd_body.living import LivingBody
 from etd_hal.compose import Backend, line_setup, spi_setup
@@ -40,8 +42,14 @@ _PATIENCE = 20_000
 class SteppedDaemon:
     """See the module. `clock` is the client's too."""
 
-    def __init__(self, array: str, body_seed: int = 1, script: Script = STILL) -> None:
-        self.loaded = loaded = fake_config(array=array)
+    def __init__(
+        self,
+        array: str,
+        body_seed: int = 1,
+        script: Script = STILL,
+        stabilize: Settings = NOTHING,
+    ) -> None:
+        self.loaded = loaded = _loaded(array, stabilize)
         self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
         self.folder = Path(self._temporary.name)
         self.clock = SteppedClock()
@@ -135,6 +143,12 @@ class SteppedDaemon:
         return socket
 
 
+def _loaded(array: str, stabilize: Settings) -> LoadedConfig:
+    loaded = fake_config(array=array)
+    site = msgspec.structs.replace(loaded.body_site, stabilize=stabilize)
+    return dataclasses.replace(loaded, body_site=site)
+
+
 class SteppedDisplay:
     """What a calibration needs of a display and of its telemetry."""
 
@@ -152,6 +166,9 @@ class SteppedDisplay:
 
     def arm(self) -> None:
         self._run(self._session.arm(10.0))
+
+    def greet(self) -> HelloReply:
+        return self._run(self._session.greet())
 
     def show_current(
         self, current_ua: Sequence[int], **options: Unpack[FrameOptions]

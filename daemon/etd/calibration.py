@@ -12,12 +12,14 @@ from __future__ import annotations
 import datetime
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
+from etd.errors import Refused
 from etd.frame import Polarity, Returns, Ring
+from etd.stabilize.shape import PLAIN, Shape
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import load_toml
 
@@ -54,6 +56,9 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     #: How thresholds were found, and of how many pulses a presentation was.
     method: Method | None = None
     pulses: Annotated[int, Meta(ge=1, le=1_000)] | None = None
+    #: What the body site made of every pulse then. A file that says nothing is of plain pulses:
+    #: there was nothing else when such files were made.
+    shape: Shape = PLAIN
     #: I = threshold + (comfortable - threshold) x level^(1/gamma)
     gamma: Annotated[float, Meta(ge=0.5, le=3.0)] = 1.0
 
@@ -66,6 +71,21 @@ def current_of_level(limits: ElectrodeLimits, level: float, gamma: float) -> int
         return 0
     span_ua = limits.comfortable_ua - limits.threshold_ua
     return limits.threshold_ua + int(span_ua * min(level, 1.0) ** (1.0 / gamma))
+
+
+def check_shape_of_levels(calibration: Calibration, shape: Shape) -> None:
+    """A level means what it was calibrated to: the body site must make the same of a pulse still.
+
+    Raises: Refused (`bad_frame`).
+    """
+    made_with, now = (one.at(calibration.width_us) for one in (calibration.shape, shape))
+    if made_with != now:
+        raise Refused(
+            "bad_frame",
+            f"level means what it was calibrated to, which is {made_with}; the body site's"
+            f" [stabilize] now makes {now} of it: put that back, calibrate anew, or send"
+            " current_ua",
+        )
 
 
 def check_order(calibration: Calibration, file: str) -> Calibration:
@@ -129,6 +149,8 @@ def to_toml(calibration: Calibration) -> str:
         keys["method"] = _text(calibration.method)
     if calibration.pulses is not None:
         keys["pulses"] = str(calibration.pulses)
+    if calibration.shape != PLAIN:
+        keys["shape"] = _table(msgspec.to_builtins(calibration.shape))
     head = "".join(f"{key} = {value}\n" for key, value in keys.items())
     body = "".join(f"    {_electrode(one)},\n" for one in calibration.electrode)
     return f"{head}\nelectrode = [\n{body}]\n"
@@ -145,6 +167,13 @@ def _returns(returns: Returns) -> str:
     if isinstance(returns, Ring):
         return f"{{ ring_mm = {float(returns.ring_mm)!r} }}"
     return json.dumps(returns)
+
+
+def _table(values: dict[str, Any]) -> str:
+    """Numbers and tables of numbers, on one line; what is None is left out."""
+    there = ((key, value) for key, value in values.items() if value is not None)
+    each = (f"{key} = {_table(v) if isinstance(v, dict) else repr(v)}" for key, v in there)
+    return "{ " + ", ".join(each) + " }"
 
 
 def _electrode(limits: ElectrodeLimits) -> str:

@@ -36,6 +36,7 @@ from etd.protocol import (
     StateReport,
     Thinned,
 )
+from etd.stabilize.shape import PLAIN, Shape
 
 #: The gateway says something at least this often; after SILENCE_NS without, the skin is silent.
 ALIVE_NS = 50_000_000
@@ -135,6 +136,8 @@ class Greeting(_Message, frozen=True, kw_only=True):
     default_width_us: int
     default_rate_hz: float
     default_polarity: Polarity
+    shape: Shape = PLAIN
+    stabilizers: tuple[str, ...] = ()
 
 
 class Answer(_Message, frozen=True, kw_only=True):

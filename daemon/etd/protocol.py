@@ -16,6 +16,8 @@ from msgspec import Meta
 from etd.calibration import Calibration
 from etd.errors import ErrorCode
 from etd.frame import Frame, Int64, Polarity
+from etd.stabilize.pipeline import ContactState as ContactState
+from etd.stabilize.shape import PLAIN, Shape
 
 VERSION = 1
 #: A larger message ends the connection that sent it; the client refuses to send it.
@@ -207,6 +209,10 @@ class HelloReply(Success, frozen=True, kw_only=True):
     default_width_us: int
     default_rate_hz: float
     default_polarity: Polarity
+    #: What becomes of every pulse there: a calibration that is made holds for it.
+    shape: Shape = PLAIN
+    #: The laws of the body site, in their order.
+    stabilizers: tuple[str, ...] = ()
     default_calibration: str | None
     calibrations: tuple[str, ...]
     endpoints: Endpoints
@@ -307,9 +313,6 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
 
 class StatusReply(Success, frozen=True, kw_only=True):
     status: StateReport
-
-
-ContactState = Literal["unknown", "open", "soft", "closed", "saturated", "shorted"]
 
 
 class Shown(msgspec.Struct, frozen=True, kw_only=True):

@@ -16,6 +16,7 @@ from etd.calibrate.conditions import (
     Conditions,
     Progress,
     check_conditions,
+    check_laws,
     finished,
     load_progress,
     save_progress,
@@ -27,8 +28,12 @@ from etd.calibrate.stimulator import Delivered, NotDelivered
 from etd.calibrate.trial import Stopped
 from etd.calibration import Calibration, Method, check_order
 from etd.errors import FileError, HardwareMissing, Refused
-from noisy_skin import NoisySkin
+from etd.stabilize.bursts import Bursts
+from etd.stabilize.narrow import Narrow
+from etd.stabilize.shape import Shape
+from noisy_skin import NoisySkin, resistance_ohm
 
+BURSTS = Bursts(pulses=6, rate_hz=350.0)
 TODAY = datetime.date(2025, 3, 4)
 
 
@@ -81,6 +86,16 @@ def test_quest_plus_finds_them_too() -> None:
     assert skin.most_of_pain() < 1.0
 
 
+@pytest.mark.parametrize("of_cap", [0.94, 1.15])
+def test_quest_plus_does_not_take_one_miss_at_the_cap_for_the_end_of_feeling(of_cap: float) -> None:
+    skin = NoisySkin(6, 26)
+    skin.threshold_ua = [of_cap * 4_000.0] * 6
+    skin.pain_ua = [99_000.0] * 6
+    progress = Progress(conditions=conditions("quest-plus", 6))
+    found = Course(progress, skin, SimulatedPerson(skin.sense, 2, Manner(lapses=0.0))).run(range(6))
+    assert [one.felt for one in found.found.values()] == [of_cap < 1.0] * 6
+
+
 def test_caps_were_all_presented_and_levels_are_comfortable() -> None:
     skin = NoisySkin(16, 15)
     _, made = calibrated(skin)
@@ -88,7 +103,7 @@ def test_caps_were_all_presented_and_levels_are_comfortable() -> None:
         presented = {ua for where, ua in skin.presented if where == electrode}
         assert one.cap_ua in presented
         assert one.cap_ua >= max(presented) / 1.11, "only what was too strong lies above"
-        assert one.resistance_ohm == 50_000
+        assert one.resistance_ohm == resistance_ohm(one.comfortable_ua)
 
 
 def test_without_questplus_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,6 +181,7 @@ def test_the_reference_is_gone_up_to_and_refused_where_it_is_too_strong_today() 
         ({"participant": "P02"}, "participant P02, this calibration P01"),
         ({"width_us": 50}, "width_us 50, this calibration 100"),
         ({"polarity": "cathodic"}, "polarity cathodic"),
+        ({"shape": Shape(bursts=BURSTS)}, "shape bursts of 6 at 350 Hz"),
         ({"electrode": ()}, "0 electrodes, here are 2"),
     ],
 )
@@ -231,6 +247,7 @@ def test_stopped_in_the_middle_it_goes_on_with_what_is_missing(
         ({"width_us": 50}, "conditions.width_us: what was begun is for 100, this is 50"),
         ({"cap_ua": 3_000}, "for 4000, this is 3000"),
         ({"participant": "P02"}, "for P01, this is P02"),
+        ({"shape": Shape(bursts=BURSTS)}, "for plain pulses, this is bursts of 6 at 350 Hz"),
     ],
 )
 def test_other_conditions_do_not_go_on_with_it(
@@ -249,6 +266,29 @@ def test_a_progress_file_that_is_none_is_told(tmp_path: Path) -> None:
         load_progress(path, conditions())
     with pytest.raises(FileError, match="cannot be read"):
         load_progress(tmp_path / "none", conditions())
+
+
+@pytest.mark.parametrize("law", ["pressure", "energy", "fitted", "lines"])
+def test_a_law_that_answers_the_skin_is_not_there_while_the_person_answers(law: str) -> None:
+    check_laws(conditions(), ("contact", "prepulse"))
+    with pytest.raises(FileError, match=f"{law} would change pulses .*put it back afterwards"):
+        check_laws(conditions(), ("contact", law))
+
+
+def test_pulses_that_would_be_made_narrower_are_asked_about_as_narrow_ones() -> None:
+    narrow = Shape(narrow=Narrow(width_us=50, tau_us=151.0))
+    with pytest.raises(FileError, match=r"makes 50 us of 100 us.*--width-us 50"):
+        check_laws(conditions(shape=narrow.at(100)), ("narrow",))
+    check_laws(conditions(width_us=50, shape=narrow.at(50)), ("narrow",))
+
+
+def test_a_calibration_says_what_its_pulses_were(tmp_path: Path) -> None:
+    skin = NoisySkin(2, 25)
+    progress = Progress(conditions=conditions("limits", 2, shape=Shape(bursts=BURSTS)))
+    Course(progress, skin, SimulatedPerson(skin.sense, 1)).run(range(2))
+    save_progress(tmp_path / "P01.json", progress)
+    again = load_progress(tmp_path / "P01.json", progress.conditions)
+    assert finished(again, TODAY, "test").shape == Shape(bursts=BURSTS)
 
 
 def test_presentations_that_outlast_a_frame_are_refused() -> None:

@@ -14,6 +14,10 @@ from etd.calibration import Method
 from etd.client.options import FrameOptions
 from etd.errors import Refused
 from etd.protocol import FrameReply
+from etd.stabilize.bursts import Bursts
+from etd.stabilize.narrow import Narrow
+from etd.stabilize.prepulse import Prepulse
+from etd.stabilize.settings import Settings
 from etd_body.electrode import OPEN_CONTACT
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 
@@ -99,6 +103,36 @@ def test_before_the_opening_nothing_is_taken_for_a_presentation(daemon: SteppedD
     assert counters["clamped"] == before[-1] > 0, "not one pulse of the last was less"
     assert 1_490 <= delivered.current_ua <= 1_500
     display.close()
+
+
+NARROW = Narrow(width_us=50, tau_us=151.0)
+PREPULSE = Prepulse(below_db=6.0, width_us=40)
+BURSTS = Bursts(pulses=2, rate_hz=300.0)
+
+
+def test_pulses_of_another_width_than_asked_for_are_no_presentation() -> None:
+    with SteppedDaemon("pad-8", stabilize=Settings(order=("narrow",), narrow=NARROW)) as daemon:
+        display = armed(daemon)
+        stimulating = stimulator(daemon, display)
+        stimulating.open()
+        with pytest.raises(
+            NotDelivered, match="us were fired, 100 us were asked for: a stabilizer"
+        ):
+            stimulating.present(3, 800)
+        display.close()
+
+
+def test_the_shape_of_pulses_is_told_and_they_are_presented_in_it() -> None:
+    settings = Settings(order=("prepulse",), prepulse=PREPULSE, bursts=BURSTS)
+    with SteppedDaemon("pad-8", stabilize=settings) as daemon:
+        display = SteppedDisplay(daemon, CAP_UA, WIDTH_US + PREPULSE.width_us)
+        display.arm()
+        told = display.greet()
+        assert (told.shape, told.stabilizers) == (settings.shape, ("prepulse",))
+        stimulating = stimulator(daemon, display)
+        stimulating.open()
+        assert 790 <= stimulating.present(3, 800).current_ua <= 800
+        display.close()
 
 
 def test_a_stop_during_a_presentation_halts_the_daemon_at_once(daemon: SteppedDaemon) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,13 +15,18 @@ from etd.bodysite import load_body_site
 from etd.calibration import (
     Calibration,
     ElectrodeLimits,
+    check_shape_of_levels,
     current_of_level,
     load_calibration,
     to_toml,
 )
-from etd.errors import FileError
+from etd.errors import FileError, Refused
 from etd.frame import Ring
 from etd.shipped import find, names
+from etd.stabilize.bursts import Bursts
+from etd.stabilize.narrow import Narrow
+from etd.stabilize.prepulse import Prepulse
+from etd.stabilize.shape import PLAIN, Shape
 from etd_hal.tomlfile import convert
 from fake_calibrations import array_of, text_of
 from files_by_hand import CALIBRATION, spoiled, write
@@ -48,6 +54,15 @@ RETURNS = st.one_of(
     st.builds(Ring, st.floats(0.1, 100)),
     st.just(((1, 2), (), (3,), (0, 1, 2))),
 )
+SHAPES = st.builds(
+    Shape,
+    narrow=st.none()
+    | st.builds(Narrow, width_us=st.integers(20, 200), tau_us=st.floats(50.0, 2_000.0)),
+    prepulse=st.none()
+    | st.builds(Prepulse, below_db=st.floats(2.0, 10.0), width_us=st.integers(20, 150)),
+    bursts=st.none()
+    | st.builds(Bursts, pulses=st.integers(2, 20), rate_hz=st.floats(50.0, 1_500.0)),
+)
 CALIBRATIONS = st.builds(
     Calibration,
     participant=st.from_regex(r"\A[A-Za-z0-9_-]{1,32}\Z"),
@@ -63,6 +78,7 @@ CALIBRATIONS = st.builds(
     method=st.none() | st.sampled_from(["limits", "staircase", "quest-plus", "equalize"]),
     pulses=st.none() | st.integers(1, 1_000),
     gamma=st.floats(0.5, 3.0),
+    shape=SHAPES,
 )
 
 
@@ -84,6 +100,7 @@ def test_a_written_calibration_is_one_that_a_person_can_read() -> None:
             width_us=100,
             rate_hz=60.0,
             returns=Ring(5.0),
+            shape=Shape(prepulse=Prepulse(below_db=6.0, width_us=50)),
             date=datetime.date(2025, 1, 15),
             program="etd 0.1.0",
             electrode=(ElectrodeLimits(threshold_ua=900, comfortable_ua=1800, cap_ua=2500),),
@@ -91,7 +108,51 @@ def test_a_written_calibration_is_one_that_a_person_can_read() -> None:
     )
     assert 'participant = "P01"\n' in text
     assert "returns = { ring_mm = 5.0 }\n" in text
+    assert "shape = { prepulse = { below_db = 6.0, width_us = 50 } }\n" in text
     assert "    { threshold_ua = 900, comfortable_ua = 1800, cap_ua = 2500 },\n" in text
+
+
+def test_a_file_that_says_nothing_of_it_is_of_plain_pulses(tmp_path: Path) -> None:
+    assert "shape" not in CALIBRATION
+    assert load_calibration(write(tmp_path, "c.toml", CALIBRATION)).shape == PLAIN
+
+
+BURSTS = Bursts(pulses=6, rate_hz=350.0)
+
+
+@pytest.mark.parametrize(
+    ("made_with", "now", "said"),
+    [
+        (PLAIN, Shape(bursts=BURSTS), "which is plain pulses.*now makes bursts of 6 at 350 Hz"),
+        (Shape(bursts=BURSTS), PLAIN, "which is bursts of 6 at 350 Hz.*now makes plain pulses"),
+        (
+            PLAIN,
+            Shape(prepulse=Prepulse(below_db=6.0, width_us=50)),
+            "a prepulse of 50 us, 6 dB below of it: put that back, calibrate anew, or send",
+        ),
+        (PLAIN, Shape(narrow=Narrow(width_us=50, tau_us=151.0)), r"narrowed to 50 us \(tau 151"),
+        (
+            Shape(bursts=BURSTS),
+            Shape(bursts=Bursts(pulses=6, rate_hz=300.0)),
+            "at 350 Hz; .* at 300 Hz",
+        ),
+    ],
+)
+def test_levels_of_another_shape_of_pulse_are_refused(
+    tmp_path: Path, made_with: Shape, now: Shape, said: str
+) -> None:
+    one = load_calibration(write(tmp_path, "c.toml", CALIBRATION))
+    one = msgspec.structs.replace(one, shape=made_with)
+    with pytest.raises(Refused, match=said):
+        check_shape_of_levels(one, now)
+    check_shape_of_levels(one, made_with)
+
+
+def test_pulses_that_are_narrow_already_are_not_made_another_shape(tmp_path: Path) -> None:
+    one = load_calibration(write(tmp_path, "c.toml", CALIBRATION))
+    check_shape_of_levels(one, Shape(narrow=Narrow(width_us=one.width_us, tau_us=151.0)))
+    with pytest.raises(Refused):
+        check_shape_of_levels(one, Shape(narrow=Narrow(width_us=one.width_us - 1, tau_us=151.0)))
 
 
 @given(one=limits(), low=st.floats(0, 1), high=st.floats(0, 1), gamma=st.floats(0.5, 3.0))

@@ -7,6 +7,7 @@ one becomes. Must not know: procedures, daemons, terminals.
 from __future__ import annotations
 
 import datetime
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,10 +17,18 @@ from msgspec import Meta
 from etd.calibration import Calibration, ElectrodeLimits, Method
 from etd.errors import FileError, Refused
 from etd.frame import Polarity, Returns
+from etd.stabilize.shape import PLAIN, Shape
 from etd.wholefile import write_whole
 
 #: A presentation ends well before its frame would expire.
 MOST_S = 0.7
+
+
+#: Laws by resistance or pressure. They compare with a calibration.
+_ANSWER_THE_SKIN = ("pressure", "energy", "fitted", "lines")
+_SAME_AS_BASELINE = (
+    "participant", "body_site", "array", "polarity", "width_us", "rate_hz", "returns", "shape",
+)  # fmt: skip
 
 
 class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -35,6 +44,7 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     rate_hz: Annotated[float, Meta(ge=0.1, le=200)]
     returns: Returns
     pulses: Annotated[int, Meta(ge=1, le=140)]
+    shape: Shape = PLAIN
     cap_ua: Annotated[int, Meta(ge=50, le=10_000)]
 
     @property
@@ -55,11 +65,36 @@ def check_conditions(conditions: Conditions) -> Conditions:
     return conditions
 
 
+def check_laws(conditions: Conditions, stabilizers: Sequence[str]) -> None:
+    """What is asked about must be what was presented. Raises: FileError.
+
+    `stabilizers`: those of the body site. `contact` only weakens the first moments of a touch,
+    which are presented again.
+    """
+    answering = [one for one in stabilizers if one in _ANSWER_THE_SKIN]
+    if answering:
+        raise FileError(
+            "the body site",
+            "stabilize.order",
+            f"{' and '.join(answering)} would change pulses while the person is asked about them",
+            "calibrate with a body-site file without it; put it back afterwards, the calibration"
+            " holds with it",
+        )
+    narrow = conditions.shape.narrow
+    if narrow is not None:
+        raise FileError(
+            "the body site",
+            "stabilize.narrow",
+            f"it makes {narrow.width_us} us of {conditions.width_us} us, at another current",
+            f"calibrate at --width-us {narrow.width_us}, or without it",
+        )
+
+
 def check_baseline(conditions: Conditions, baseline: Calibration) -> None:
     """It must be of the same person under the same conditions: a threshold of another width or
     polarity would be a start in the wrong place. Raises: Refused (`bad_calibration`).
     """
-    for key in ("participant", "body_site", "array", "polarity", "width_us", "rate_hz", "returns"):
+    for key in _SAME_AS_BASELINE:
         was, now = getattr(baseline, key), getattr(conditions, key)
         if was != now:
             raise Refused(
@@ -147,5 +182,6 @@ def finished(
         electrode=tuple(progress.found.get(one, unknown) for one in range(conditions.electrodes)),
         method=conditions.method,
         pulses=conditions.pulses,
+        shape=conditions.shape,
         gamma=gamma,
     )

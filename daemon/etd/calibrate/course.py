@@ -85,7 +85,7 @@ class Course:
         self._on_progress = on_progress
         self._on_presented = on_presented
         self._on_threshold = on_threshold
-        self._resistance_ohm: int | None = None
+        self._resistances: dict[int, int] = {}
         self._is_led_up = False
         self.left: dict[int, str] = {}
         self._check()
@@ -123,7 +123,7 @@ class Course:
     # --- one electrode -----------------------------------------------------------------------
 
     def _calibrated(self, electrode: int) -> ElectrodeLimits:
-        self._resistance_ohm = None
+        self._resistances = {}
         if self._progress.conditions.method == "equalize":
             return self._equalized(electrode)
         conditions = self._progress.conditions
@@ -187,9 +187,15 @@ class Course:
             threshold_ua=min(threshold_ua, comfortable_ua),
             comfortable_ua=comfortable_ua,
             cap_ua=cap_ua,
-            resistance_ohm=self._resistance_ohm,
+            resistance_ohm=self._resistance_at(comfortable_ua),
             felt=is_felt,
         )
+
+    def _resistance_at(self, current_ua: int) -> int | None:
+        """As it was last seen at the current nearest to this one: skin resists more at others."""
+        if not self._resistances:
+            return None
+        return self._resistances[min(self._resistances, key=lambda ua: abs(ua - current_ua))]
 
     def _start_ua(self, electrode: int) -> int:
         before = self._earlier(electrode)
@@ -214,7 +220,8 @@ class Course:
             self._presents.pause(_BETWEEN_S)
         delivered = self._presents.present(electrode, current_ua)
         self._progress.presentations += 1
-        self._resistance_ohm = delivered.resistance_ohm or self._resistance_ohm
+        if delivered.resistance_ohm is not None:
+            self._resistances[current_ua] = delivered.resistance_ohm
         self._on_presented(electrode)
         answer = self._answerer.answer(Question(ask, electrode, reference), self._presents.keep)
         if answer == "stop":

@@ -61,16 +61,21 @@ def quest_plus(start_ua: float) -> Procedure[Threshold]:
 
 
 def _around(center_ua: float) -> Procedure[Threshold]:
+    """Not felt is what lies above the cap when all is said: a single miss there tells little."""
     quest = deepcopy(_fresh())
+    most_ua: int | None = None
     for trial in range(_MOST_TRIALS):
         if trial >= _LEAST_TRIALS and _spread(quest) < _KNOWN:
             break
         heard = yield center_ua * 10 ** float(quest.next_intensity)
-        if heard.is_at_cap and not heard.is_felt and not heard.is_cap_felt:
-            return Threshold(heard.current_ua, is_felt=False)
+        if heard.is_at_cap and not heard.is_cap_felt:
+            most_ua = heard.current_ua
         place = _nearest(log10(heard.current_ua / center_ua))
         quest.update(intensity=place, response="Yes" if heard.is_felt else "No")
-    return Threshold(center_ua * 10 ** _half_felt(quest.param_estimate))
+    found_ua = center_ua * 10 ** _half_felt(quest.param_estimate)
+    if most_ua is not None and found_ua > most_ua:
+        return Threshold(most_ua, is_felt=False)
+    return Threshold(found_ua)
 
 
 def _half_felt(estimate: dict[str, float]) -> float:

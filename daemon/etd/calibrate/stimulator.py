@@ -34,6 +34,8 @@ _AGAIN_NS = 150 * _MS
 _LOOK_S = 0.02
 #: The source has steps: what was fired may be one of them less than asked.
 _STEPS_UA = 12
+#: Widths are met to a microsecond or two; stabilizers change them by steps of five.
+_WIDER_US = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +165,12 @@ class Stimulator:
         fired_ua = scan.fired.current_ua[electrode]
         if trouble:
             return None, f"{' and '.join(sorted(trouble))}: {fired_ua} of {current_ua} uA"
+        fired_us, asked_us = scan.fired.width_us[electrode], self._conditions.width_us
+        if abs(fired_us - asked_us) >= _WIDER_US:
+            return None, (
+                f"pulses of {fired_us:g} us were fired, {asked_us} us were asked for: a stabilizer"
+                " of the body site changes them"
+            )
         if not current_ua - _STEPS_UA <= fired_ua <= current_ua:
             return None, f"{fired_ua} uA were fired, {current_ua} uA were asked for"
         return Delivered(electrode, fired_ua, scan.fired.resistance_ohm[electrode]), ""

@@ -21,6 +21,7 @@ from etd.calibrate.conditions import (
     Progress,
     check_baseline,
     check_conditions,
+    check_laws,
     finished,
     load_progress,
     save_progress,
@@ -150,6 +151,7 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
         return Display(args.name, address=address, client=client, calibration=args.baseline)
     with Display(args.name, address=address, client=client) as asking:
         width_us = args.width_us or asking.facts.default_width_us
+        width_us += asking.facts.shape.prepulse_us
     return Display(
         args.name,
         address=address,
@@ -169,6 +171,7 @@ class _Calibrating:
         self._file = calibrating_file(args.name if args.board is None else "fake", which)
         self._baseline = display.calibration(args.baseline) if args.baseline else None
         conditions = check_conditions(self._conditions())
+        check_laws(conditions, display.facts.stabilizers)
         if self._baseline is not None:
             check_baseline(conditions, self._baseline)
         self._progress = self._begun(conditions)
@@ -246,6 +249,7 @@ class _Calibrating:
         most_ua = args.max_current_ua
         if most_ua is None and base is not None:
             most_ua = max(one.cap_ua for one in base.electrode)
+        width_us = args.width_us or (base.width_us if base else facts.default_width_us)
         asked = {
             "participant": args.participant,
             "method": args.method,
@@ -253,10 +257,11 @@ class _Calibrating:
             "array": facts.array.name,
             "electrodes": facts.array.electrodes,
             "polarity": args.polarity or (base.polarity if base else facts.default_polarity),
-            "width_us": args.width_us or (base.width_us if base else facts.default_width_us),
+            "width_us": width_us,
             "rate_hz": args.rate_hz or (base.rate_hz if base else facts.default_rate_hz),
             "returns": msgspec.to_builtins(returns),
             "pulses": args.pulses,
+            "shape": msgspec.to_builtins(facts.shape.at(width_us)),
             "cap_ua": most_ua,
         }
         return convert(asked, Conditions, "the command line")

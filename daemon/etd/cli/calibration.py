@@ -120,6 +120,7 @@ def _conditions(calibration: Calibration) -> dict[str, object]:
         "returns": _returns(calibration.returns),
         "method": calibration.method,
         "pulses": calibration.pulses,
+        "shape": str(calibration.shape),
         "gamma": calibration.gamma,
         "date": calibration.date.isoformat(),
         "program": calibration.program,

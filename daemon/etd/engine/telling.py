@@ -30,6 +30,8 @@ def greeting(
         default_width_us=defaults.width_us,
         default_rate_hz=defaults.rate_hz,
         default_polarity=defaults.polarity,
+        shape=loaded.body_site.stabilize.shape,
+        stabilizers=loaded.body_site.stabilize.order,
     )
 
 

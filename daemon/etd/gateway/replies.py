@@ -53,6 +53,8 @@ def hello(
         default_width_us=greeting.default_width_us,
         default_rate_hz=greeting.default_rate_hz,
         default_polarity=greeting.default_polarity,
+        shape=greeting.shape,
+        stabilizers=greeting.stabilizers,
         default_calibration=default_calibration,
         calibrations=calibrations,
         endpoints=endpoints,

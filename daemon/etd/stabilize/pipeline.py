@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Literal, Protocol
 
 import msgspec
 
-from etd.protocol import ContactState
+ContactState = Literal["unknown", "open", "soft", "closed", "saturated", "shorted"]
 
 #: No pulse is shorter, whoever asks.
 SHORTEST_US = 20

@@ -22,6 +22,7 @@ from etd.stabilize.narrow import Narrow
 from etd.stabilize.pipeline import Stabilizer
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.pressure import Pressure, PressureLaw
+from etd.stabilize.shape import Shape
 from etd_hal.boardfile import Source
 from etd_hal.errors import FileError
 
@@ -48,6 +49,11 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def prepulse_us(self) -> int:
         """What a prepulse adds to the width of every pulse."""
         return 0 if self.prepulse is None else self.prepulse.width_us
+
+    @property
+    def shape(self) -> Shape:
+        """What all this makes of every pulse, whatever the skin does."""
+        return Shape(narrow=self.narrow, prepulse=self.prepulse, bursts=self.bursts)
 
 
 NOTHING = Settings()

@@ -1,0 +1,50 @@
+"""What a body site makes of every pulse of a level: narrower, led into by a weaker one, repeated.
+
+Owns: which settings those are, what is left of them at a width, and their words. Must not know:
+limits, hardware, clocks, calibrations.
+
+A calibration holds for the shape it was made with: a threshold of plain pulses is another one than
+that of a burst. The laws that answer what skin does (contact, pressure, impedance) are no part of
+it: where nothing has changed since the calibration, they change nothing.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from etd.stabilize.bursts import Bursts
+from etd.stabilize.narrow import Narrow
+from etd.stabilize.prepulse import Prepulse
+
+
+class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """None: not there. All None: a plain pulse."""
+
+    narrow: Narrow | None = None
+    prepulse: Prepulse | None = None
+    bursts: Bursts | None = None
+
+    def at(self, width_us: int) -> Shape:
+        """What is left of it for pulses of one width: narrow ones are not made narrower."""
+        if self.narrow is None or width_us > self.narrow.width_us:
+            return self
+        return Shape(prepulse=self.prepulse, bursts=self.bursts)
+
+    @property
+    def prepulse_us(self) -> int:
+        """What it adds to the width of every pulse."""
+        return 0 if self.prepulse is None else self.prepulse.width_us
+
+    def __str__(self) -> str:
+        words = []
+        if self.narrow is not None:
+            words.append(f"narrowed to {self.narrow.width_us} us (tau {self.narrow.tau_us:g} us)")
+        if self.prepulse is not None:
+            one = self.prepulse
+            words.append(f"a prepulse of {one.width_us} us, {one.below_db:g} dB below")
+        if self.bursts is not None:
+            words.append(f"bursts of {self.bursts.pulses} at {self.bursts.rate_hz:g} Hz")
+        return ", ".join(words) or "plain pulses"
+
+
+PLAIN = Shape()
