@@ -198,6 +198,7 @@ def make(
     stabilizers: Sequence[Stabilizer] | None = None,
     wrap: Callable[[Backend], Backend] = lambda backend: backend,
     untested: str | None = None,
+    tell: Callable[[str], object] = lambda _: None,
 ) -> EngineRig:
     """An engine that has begun, with a gateway attached. `wrap` may put something before a port;
     without a `body` of the caller's the skin is a dry fingertip that only conducts.
@@ -217,7 +218,7 @@ def make(
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
     backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
     engine = Engine(loaded, wrap(backend), stabilizers=stabilizers, untested=untested)
-    engine.begin()
+    engine.begin(tell)
     mine, theirs = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
     to_engine: Channel[ToEngine] = Channel(theirs[0], ToEngine)
     frames: Channel[NewFrame] = Channel(mine[0], NewFrame)

@@ -23,6 +23,7 @@ from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.hand import FakeHand
+from etd_hal.fake.understudy import FakeUnderstudy
 from etd_hal.ports import Message, Spi
 
 LOAD_OHM = 47_000
@@ -153,7 +154,12 @@ def selftest_rig(
         fake,
         body,
         clock,
-        Bench(backend, fake.world.host, hand),
+        Bench(
+            backend,
+            fake.world.host,
+            hand,
+            FakeUnderstudy(fake, loaded.board, ports.gpio, line_setup(loaded.board), clock),
+        ),
         operator if has_operator else None,
         Asked(load, one_shot_us),
         watch,

@@ -23,7 +23,7 @@ NOT_SEEN = (
     "a wire of POL that is cut beyond the pin: either polarity loads the source alike",
     "the current through the load itself: all figures lean on the load's value and on the divider",
     "a source that fails short, and what the supply's store holds then",
-    "pulls: what the lines do while nobody drives them",
+    "a pull on the board's side: at the pin, the Raspberry Pi's own pull reads alike",
 )
 
 

@@ -88,6 +88,31 @@ class Host(Protocol):
         ...
 
 
+class Understudy(Protocol):
+    """A process in the program's place, there to be killed."""
+
+    def take_over(self) -> None:
+        """Give the lines up; on return it holds the outputs, with the supply on (where there is an
+        enable line) and the heartbeat going on. Raises: BusError.
+        """
+        ...
+
+    def kill(self) -> float:
+        """SIGKILL; after how many ms it held nothing any more."""
+        ...
+
+    def levels(self) -> Mapping[int, int]:
+        """What each output line reads while nobody drives it. Raises: BusError."""
+        ...
+
+    def step_back(self) -> None:
+        """End it, if it is still there; the lines are the program's again, at harmless levels.
+
+        Raises: BusError.
+        """
+        ...
+
+
 class Hand(Protocol):
     """Who stands at the board and does what is asked; each call returns at once."""
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from etd_hal.bench import Hand, Host
+from etd_hal.bench import Hand, Host, Understudy
 from etd_hal.boardfile import BoardFile, HalfBridgeLines, MachineFile
 from etd_hal.errors import BusError
 from etd_hal.ports import (
@@ -69,6 +69,7 @@ class Bench:
     host: Host
     #: None where a person stands at the board.
     hand: Hand | None
+    understudy: Understudy
 
 
 class NoMarker:
@@ -129,10 +130,13 @@ def spi_setup(board: BoardFile) -> SpiSetup:
 
 def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
     """The kernel's drivers. Raises: HardwareMissing, listing all that is missing."""
-    from etd_hal.linux import machine as this_machine
     from etd_hal.linux import open_ports
 
-    spi, gpio, i2c, clock = open_ports(board, machine, line_setup(board))
+    return _on_kernel(*open_ports(board, machine, line_setup(board)))
+
+
+def _on_kernel(spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
+    from etd_hal.linux import machine as this_machine
 
     def close() -> None:
         for port in (spi, gpio, i2c):
@@ -208,11 +212,21 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
     """
     # What is missing is told by this, packages included: only then are they imported.
     open_linux(board, machine).close()
+    from etd_hal.linux import open_lines, open_ports
     from etd_hal.linux.gpio import find_chip, keeps_driving
     from etd_hal.linux.host import LinuxHost
+    from etd_hal.linux.understudy import LentGpio, LinuxUnderstudy
 
-    keeps_pins = keeps_driving(find_chip(board.gpio_chip_labels), line_setup(board))
-    return Bench(open_linux(board, machine), LinuxHost(machine, keeps_pins), None)
+    setup = line_setup(board)
+    keeps_pins = keeps_driving(find_chip(board.gpio_chip_labels), setup)
+    spi, gpio, i2c, clock = open_ports(board, machine, setup)
+    lent = LentGpio(gpio, lambda: open_lines(board, setup))
+    return Bench(
+        _on_kernel(spi, lent, i2c, clock),
+        LinuxHost(machine, keeps_pins),
+        None,
+        LinuxUnderstudy(board, setup, lent),
+    )
 
 
 def open_fake_bench(
@@ -227,6 +241,7 @@ def open_fake_bench(
     from etd_hal.fake.board import FakeBoard
     from etd_hal.fake.clock import SteppedClock
     from etd_hal.fake.hand import FakeHand
+    from etd_hal.fake.understudy import FakeUnderstudy
 
     clock = SteppedClock()
     body = MinimalBody(
@@ -239,7 +254,12 @@ def open_fake_bench(
     backend = Backend(
         "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close, clock.lag_ns
     )
-    return Bench(backend, fake.world.host, FakeHand(fake.world, clock, load_ohm))
+    return Bench(
+        backend,
+        fake.world.host,
+        FakeHand(fake.world, clock, load_ohm),
+        FakeUnderstudy(fake, board, ports.gpio, line_setup(board), clock),
+    )
 
 
 def _open_in_process(

@@ -20,12 +20,14 @@ from etd_hal.fake.faults import (
     Fault,
     HeartbeatIgnored,
     HeartbeatRearms,
+    HeartbeatSlow,
     I2cFailure,
     LineCut,
     LostClock,
     MachineTrouble,
     MisoStuck,
     MonitorStuck,
+    PullMissing,
     RailOff,
     RailStays,
     SetpointAtPowerUp,
@@ -130,6 +132,13 @@ RAIL = [
         "rail",
         "wearer_stop_gate",
     ),
+    Case("a slow monostable", ALL, [HeartbeatSlow(150)], "rail", "heartbeat_window"),
+    *(
+        Case(f"{name} lacks its pull", ALL, [PullMissing(name)], "rail", "killed_lines")
+        for name in ("POL", "BL", "LE", "CLK", "HV")
+    ),
+    Case("POL lacks its pull, no guard", BARE, [PullMissing("POL")], "rail", "killed_lines"),
+    Case("LE lacks its pull, relays", RELAY, [PullMissing("LE")], "rail", "killed_lines"),
     Case("a stuck DAC behind a supply", ALL, [DacStuck(200)], "rail", "idle_node_live"),
     Case("an offset behind a supply", ALL, [DacOffset(60.0)], "rail", "idle_node_live"),
     Case("a stuck DAC before relays", RELAY, [DacStuck(200)], "rail", "rise_idle"),

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 from etd.config import LoadedConfig
 from etd.engine.asking import Asker
+from etd.engine.calibrating import calibrate_at_start
 from etd.engine.contact import ContactMap
 from etd.engine.dialogue import Dialogue
 from etd.engine.duty import BusyClock
@@ -106,19 +107,25 @@ class Core:
 
     # --- life ------------------------------------------------------------------------------
 
-    def begin(self) -> None:
-        """Make the board safe, calibrate its timing. Raises: BoardFault, BusError."""
+    def begin(self, tell: Callable[[str], object] = lambda _: None) -> None:
+        """Make the board safe, calibrate its timing; `tell` hears of each attempt that failed.
+
+        Raises: BoardFault, BusError.
+        """
         problems = self.board.safe_off()
         if problems:
             raise BoardFault("start", "; ".join(problems), "a board that can be made safe")
-        self.board.calibrate()
+        failed = calibrate_at_start(self.board, self.clock, tell)
+        if failed:
+            self.reporter.counters["calibration_attempts_failed"] += len(failed)
+        self.limitations += failed
         self._narrow_to(self.board.widest_us(self.loaded.body_site.stabilize.prepulse_us))
 
     def _narrow_to(self, widest_us: int) -> None:
         """What the guard would refuse on this machine is refused when it is asked for."""
         if widest_us >= self.maxima.width_us:
             return
-        self.limitations = (
+        self.limitations += (
             f"pulses of more than {widest_us} us are refused: on this machine their worst case is"
             " above what the guard lets pass",
         )

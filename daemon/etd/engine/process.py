@@ -60,7 +60,7 @@ def run_engine(
         listener.close()
         notifier.close()
     for problem in problems:
-        print(f"etd engine: not safe: {problem}", file=sys.stderr)  # noqa: T201
+        _tell(f"not safe: {problem}")
     return 1 if problems else 0
 
 
@@ -81,7 +81,7 @@ def _drive(
         stopper.start()
         # Timing is calibrated as it will be used: by a thread that is real-time already.
         engine.not_granted = _realtime(engine.loaded)
-        engine.begin()
+        engine.begin(_tell)
         notifier.ready(f"SAFE, {engine.loaded.board.name} on {engine.backend.name}")
         on_ready()
         while not asked_to_end:
@@ -96,6 +96,10 @@ def _drive(
         for ending, handler in before.items():
             signal.signal(ending, handler)
     return problems
+
+
+def _tell(sentence: str) -> None:
+    print(f"etd engine: {sentence}", file=sys.stderr)  # noqa: T201
 
 
 def _greet(engine: Engine, listener: Listener) -> None:

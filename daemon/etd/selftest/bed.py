@@ -55,6 +55,7 @@ class Bed:
         self.subject = subject_of(loaded, bench.backend.name, bench.backend.identity)
         self.clock = bench.backend.clock
         self.gpio = bench.backend.gpio
+        self.understudy = bench.understudy
         self.operator = operator
         self.asked = asked
         self.board = Board(

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from etd.selftest import stopgate
+from etd.selftest import killed, stopgate
 from etd.selftest.bed import MS, Bed
 from etd.selftest.buses import check_idle
+from etd.selftest.fall import seen_within_ms, watch_fall
 from etd.selftest.log import Log
 from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
@@ -47,6 +48,9 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
         stopgate.check(bed, log, supply)
     if not log.stage_failed:
         check_idle(bed, log, "idle_node_live")
+    if not log.stage_failed:
+        killed.check(bed, log, supply.rises)
+        prober.forget_chain()
 
 
 def _watch_by_monitor(bed: Bed, log: Log, monitor: RailMonitor) -> SupplyWatch:
@@ -108,6 +112,9 @@ _ENABLE_ADVICE = (
 )
 _GATE_ADVICE = (
     "the gate does not act: the monostable, its coupling, and the way from it to the supply"
+)
+_WINDOW_ADVICE = (
+    "the monostable's time is not window_ms of the board file: look at its resistor and capacitor"
 )
 _LATCH_ADVICE = (
     "the gate needs a latch that the enable's end clears: a program that hung and goes on would"
@@ -191,16 +198,25 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
     if heartbeat == "absent":
         return
     within_ms = heartbeat.window_ms + monitor.fall_ms
-    took_ms = _wait_falling(bed, monitor, within_ms, lambda: None)
+    from_v = bed.rail_v()
+    fall = watch_fall(bed, monitor, from_v, within_ms, bed.clock.now_ns())
     is_good = log.judge(
         "heartbeat",
-        took_ms is not None,
-        _fell(bed, monitor, took_ms),
+        fall.gone_ms is not None,
+        _fell(bed, monitor, fall.gone_ms),
         f"below {monitor.off_v} V within {within_ms} ms of the last beat, the enable being on",
         _GATE_ADVICE,
     )
-    if not is_good:
+    if not is_good or fall.begun_ms is None:
         return
+    seen_ms = seen_within_ms(monitor, heartbeat.window_ms)
+    log.judge(
+        "heartbeat_window",
+        fall.begun_ms <= seen_ms,
+        f"the rail falls after {fall.begun_ms:.0f} ms without a beat",
+        f"{heartbeat.window_ms} ms, so seen to fall within {seen_ms:.0f} ms",
+        _WINDOW_ADVICE,
+    )
     bed.wait_ms(monitor.rise_ms)
     rail_v = bed.rail_v()
     log.judge(

@@ -101,6 +101,11 @@ class FakeBoard:
         with self._lock:
             self._circuit.release()
 
+    def let_float(self) -> None:
+        """Whoever held the outputs is gone: the pulls have them."""
+        with self._lock:
+            self._circuit.let_float(self._clock.now_ns())
+
     def close(self) -> None:
         """The end: a DAC that is not at zero is a violation."""
         with self._lock:

@@ -103,6 +103,10 @@ class Circuit:
     def set_lines(self, t_ns: int, changes: Changes) -> int:
         return self._header.set(t_ns, changes)
 
+    def let_float(self, t_ns: int) -> None:
+        """See `Header.let_float`."""
+        self._header.let_float(t_ns)
+
     def get_line(self, t_ns: int, line: int) -> tuple[int, int]:
         return self._header.get(t_ns, line)
 

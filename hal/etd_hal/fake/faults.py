@@ -150,6 +150,18 @@ class HeartbeatRearms(_Fault, frozen=True, tag=True):
     """The gate has no latch: the supply comes back by itself with the next beat."""
 
 
+class PullMissing(_Fault, frozen=True, tag=True):
+    """This line goes the wrong way when nobody drives it; `name` as in the board file."""
+
+    name: str
+
+
+class HeartbeatSlow(_Fault, frozen=True, tag=True):
+    """The monostable takes so much longer than the board file says."""
+
+    extra_ms: int
+
+
 class StopCutsNothing(_Fault, frozen=True, tag=True):
     """The second contact of this stop is bridged: only the program sees that it is open."""
 
@@ -219,6 +231,8 @@ Fault = (
     | RailStays
     | HeartbeatIgnored
     | HeartbeatRearms
+    | HeartbeatSlow
+    | PullMissing
     | StopCutsNothing
     | LineCut
     | SwitchOutput

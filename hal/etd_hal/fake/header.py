@@ -9,7 +9,7 @@ from __future__ import annotations
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.fake import pi4
 from etd_hal.fake.currentpath import CurrentPath
-from etd_hal.fake.faults import Faults, LineCut, StuckLine
+from etd_hal.fake.faults import Faults, LineCut, PullMissing, StuckLine
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.lines import Lines
 from etd_hal.fake.rail import Rail
@@ -85,6 +85,16 @@ class Header:
             self._put(at_ns, line, value, exempt)
             at_ns += pi4.GPIO_NEXT_LINE_NS
         return self._timeline.end(t_ns + pi4.GPIO_CALL_NS)
+
+    def let_float(self, t_ns: int) -> None:
+        """Nobody drives the outputs: the pulls do, as at power-up."""
+        pulled = self._levels_at_power_up()
+        wrong = {fault.name for fault in self._faults.of(PullMissing)}
+        t_ns = self._timeline.start(t_ns)
+        for line in self._lines.outputs:
+            level = pulled[line] ^ (self._names[line] in wrong)
+            self._put(t_ns, line, level, exempt=False)
+        self._timeline.end(t_ns)
 
     def get(self, t_ns: int, line: int) -> tuple[int, int]:
         """The level of a line, and when the call ends. Raises: BusError."""

@@ -41,6 +41,11 @@ class Lines:
         for entry in setup.inputs:
             self._levels.setdefault(entry.line, 1 if entry.pull == "up" else 0)
 
+    @property
+    def outputs(self) -> tuple[int, ...]:
+        """In ascending order."""
+        return tuple(sorted(self._outputs))
+
     def release(self) -> None:
         self._outputs = self._watched = self._requested = frozenset()
         self._consumer = None

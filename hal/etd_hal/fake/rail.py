@@ -19,6 +19,7 @@ from etd_hal.fake.faults import (
     Faults,
     HeartbeatIgnored,
     HeartbeatRearms,
+    HeartbeatSlow,
     RailOff,
     RailStays,
     StopCutsNothing,
@@ -74,7 +75,8 @@ class Rail:
         """An edge of the heartbeat line: the monostable starts anew."""
         if self._window_ns is not None:
             self.volts(t_ns)
-            self._beat_until_ns = t_ns + self._window_ns
+            extra_ms = sum(slow.extra_ms for slow in self._faults.of(HeartbeatSlow))
+            self._beat_until_ns = t_ns + self._window_ns + extra_ms * 1_000_000
             self._has_beaten = self._enabled
 
     def stop(self, t_ns: int, name: StopName, is_open: bool) -> None:

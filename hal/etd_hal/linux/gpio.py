@@ -213,6 +213,23 @@ def keeps_driving(chip: Path, setup: LineSetup) -> bool:
     return any(info.direction is gpiod_line.Direction.OUTPUT for info in infos)
 
 
+def levels_as_they_are(chip: Path, setup: LineSetup) -> dict[int, int]:
+    """What the outputs of `setup` read while nobody drives them, pulls as they are.
+
+    Raises: BusError.
+    """
+    as_they_are: Settings = {line: gpiod.LineSettings() for line, _ in setup.outputs}
+    try:
+        held = _request(chip, setup.consumer, as_they_are)
+    except OSError as error:
+        raise BusError.of(error, str(chip), "looking at released lines") from error
+    lines = LinuxGpio(str(chip), held, None)
+    try:
+        return {line: lines.get(line) for line, _ in setup.outputs}
+    finally:
+        lines.close()
+
+
 def _request(chip: Path, consumer: str, settings: Settings) -> gpiod.LineRequest:
     return gpiod.request_lines(str(chip), consumer=consumer, config=settings)
 

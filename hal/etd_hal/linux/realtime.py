@@ -10,12 +10,14 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 from etd_hal.bench import Obtained
 
+_PR_SET_PDEATHSIG = 1
 _PR_SET_TIMERSLACK = 29
 _PR_GET_TIMERSLACK = 30
 _TIMER_SLACK_NS = 1
@@ -80,6 +82,21 @@ def scheduling(priority: int) -> str | None:
         lambda: os.sched_setscheduler(0, wanted, os.sched_param(priority)),
         "start it by systemd, or allow rtprio in limits.conf; pulses will be late under load",
     )
+
+
+def perish_with(parent: int) -> None:
+    """The calling process is killed when its parent ends. Raises: OSError; ProcessLookupError if
+    it has ended already.
+    """
+    _call("prctl", _PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        raise ProcessLookupError(parent, "the parent has ended")
+
+
+def ordinary() -> None:
+    """On every core that there is, at no priority: a child of a thread that was set up."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))
 
 
 def _affinity(core: int | None) -> str | None:

@@ -62,6 +62,7 @@ FAULTS = [
     pytest.param(DacGain(1.3), "probe", "ramp", id="too strong a source"),
     pytest.param(SwitchOutput(9, "open"), "switches", "every_switch", id="dead switch"),
 ]
+POL, HV_ENABLE = BOARD.used_lines()["POL"], BOARD.used_lines()["HV"]
 TRIED = FAULTS[: int(os.environ.get("ETD_FAULTS", "4"))]
 
 
@@ -73,6 +74,17 @@ def test_a_fault_of_the_board_is_named(
     status, found = outcome(folder, bench)
     assert status == 1
     assert failed(found)[:1] == [(stage, name)]
+
+
+def test_a_pull_that_is_missing_is_named_after_a_kill(folder: Path, bench: Chips) -> None:
+    """The process that holds the lines is killed for real; HV ENABLE then goes up by itself."""
+    set_parameter("pulled_up", 1 << POL | 1 << HV_ENABLE)
+    try:
+        status, found = outcome(folder, bench)
+    finally:
+        set_parameter("pulled_up", 1 << POL)
+    assert status == 1
+    assert failed(found) == [("rail", "killed_lines")]
 
 
 def test_what_is_wrong_with_the_machine_is_named(folder: Path, bench: Chips) -> None:

@@ -29,6 +29,10 @@ static bool strict_gpiod;
 module_param(strict_gpiod, bool, 0644);
 MODULE_PARM_DESC(strict_gpiod, "outputs that are let go of become inputs (default: they stay)");
 
+static unsigned long pulled_up = BIT(4);
+module_param(pulled_up, ulong, 0644);
+MODULE_PARM_DESC(pulled_up, "a bit for each line with a pull-up, the others have pull-downs (POL)");
+
 /* One bit a line. An input reads `levels`, too, unless it is in `ask_at_read`. */
 static DECLARE_BITMAP(levels, LINES);
 static DECLARE_BITMAP(outputs, LINES);
@@ -87,10 +91,13 @@ static int chip_direction_output(struct gpio_chip *gc, unsigned int line, int le
 	return 0;
 }
 
+/* With nobody driving it, the board sees what the line's pull makes of it. */
 static void chip_free(struct gpio_chip *gc, unsigned int line)
 {
-	if (strict_gpiod)
-		clear_bit(line, outputs);
+	if (!strict_gpiod || !test_bit(line, outputs))
+		return;
+	clear_bit(line, outputs);
+	drive(line, (pulled_up >> line) & 1);
 }
 
 /* Pulls: the levels of inputs come from the answerer anyway. */

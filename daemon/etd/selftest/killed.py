@@ -1,0 +1,128 @@
+"""Stage 5: whoever drives the board is killed, and nobody is left: what pulls and gates make of it.
+
+Owns: what the lines and the supply must do then, and within which time. Must not know: what a
+process is (`etd_hal.bench.Understudy`).
+
+No program can make a board safe after its own `kill -9`: `etd safe` takes most of a second to
+start. So the board must do it. The kernel lets go of the lines, and their pulls say safe; the
+heartbeat's monostable says so too, where pins stay driven or a process is stopped, not killed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from etd.selftest.bed import Bed
+from etd.selftest.fall import seen_within_ms, watch_fall
+from etd.selftest.log import Log
+from etd_hal.boardfile import HalfBridgeLines, RailMonitor
+
+#: The time that a fault may last; see docs/hardware.md, Guards.
+_SAFE_WITHIN_MS = 20.0
+_UP_EVERY_MS = 20
+
+
+def check(bed: Bed, log: Log, rises: Callable[[str], bool]) -> None:
+    """Begins and ends with the supply on. Raises: BusError, BoardFault, GuardRefusal."""
+    guards = bed.file.guards
+    monitor = guards.rail_monitor
+    try:
+        bed.understudy.take_over()
+        if monitor == "absent":
+            bed.wait_ms(_UP_EVERY_MS, is_beating=False)
+            _check_lines(bed, log, bed.understudy.kill())
+        else:
+            _check_watched(bed, log, monitor)
+    finally:
+        bed.understudy.step_back()
+        problems = bed.board.safe_off()
+    if problems:
+        log.judge("killed_safe_state", False, "; ".join(problems), "reached", _ADVICE)
+    if guards.hv_enable != "absent" and not log.stage_failed:
+        rises("rise_after_kill")
+
+
+_ADVICE = (
+    "fit the pull that this line needs (docs/bring-up.md, Wires and pulls): it is what says safe"
+    " while nobody drives it"
+)
+
+
+def _check_watched(bed: Bed, log: Log, monitor: RailMonitor) -> None:
+    """The rail is up and beaten for by the other process, which is then killed."""
+    if not _comes_up(bed, log, monitor):
+        return
+    from_v = bed.rail_v(is_beating=False)
+    killed_ns = bed.clock.now_ns()
+    took_ms = bed.understudy.kill()
+    guards = bed.file.guards
+    if guards.hv_enable == "absent" and guards.heartbeat == "absent":
+        _check_lines(bed, log, took_ms)
+        return
+    guard_ms = max(
+        _SAFE_WITHIN_MS, 0.0 if guards.heartbeat == "absent" else float(guards.heartbeat.window_ms)
+    )
+    fall = watch_fall(bed, monitor, from_v, guard_ms + monitor.fall_ms, killed_ns)
+    _check_lines(bed, log, took_ms)
+    within_ms = seen_within_ms(monitor, guard_ms)
+    begun = "not seen to fall" if fall.begun_ms is None else f"falls after {fall.begun_ms:.0f} ms"
+    gone = "stays" if fall.gone_ms is None else f"gone after {fall.gone_ms:.0f} ms"
+    log.judge(
+        "killed_supply",
+        fall.begun_ms is not None and fall.begun_ms <= within_ms and fall.gone_ms is not None,
+        f"{begun}, {gone}",
+        f"cut within {guard_ms:.0f} ms of the kill, so seen to fall within {within_ms:.0f} ms, and"
+        f" below {monitor.off_v} V within {monitor.fall_ms} ms",
+        "the enable's pull and the heartbeat's gate must each cut the supply without any program",
+    )
+
+
+def _comes_up(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
+    rail_v = 0.0
+
+    def is_up() -> bool:
+        nonlocal rail_v
+        rail_v = bed.rail_v(is_beating=False)
+        return rail_v >= monitor.low_v
+
+    is_there = bed.wait_until(is_up, monitor.rise_ms, is_beating=False)
+    bed.wait_ms(monitor.rise_ms, is_beating=False)
+    rail_v = bed.rail_v(is_beating=False)
+    if is_there and rail_v >= monitor.low_v:
+        return True
+    return log.judge(
+        "killed_rise",
+        False,
+        f"{rail_v:.0f} V while another process held the board",
+        f"at least {monitor.low_v} V",
+        "what else runs on this machine kept it from beating in time: end that",
+    )
+
+
+def _check_lines(bed: Bed, log: Log, took_ms: float) -> None:
+    """By their own levels, with nobody driving them."""
+    levels = bed.understudy.levels()
+    wanted = _safe_levels(bed)
+    wrong = [f"{name} {levels[line]}" for name, line, level in wanted if levels[line] != level]
+    listed = ", ".join(f"{name} {level}" for name, _, level in wanted)
+    is_in_time = took_ms <= _SAFE_WITHIN_MS or bed.file.guards.heartbeat != "absent"
+    log.judge(
+        "killed_lines",
+        not wrong and is_in_time,
+        f"{', '.join(wrong) or listed}; let go of after {took_ms:.1f} ms",
+        f"{listed}, by the pulls alone, within {_SAFE_WITHIN_MS:.0f} ms of the kill",
+        _ADVICE if wrong else "end what else runs; fit a heartbeat's gate (docs/hardware.md)",
+    )
+
+
+def _safe_levels(bed: Bed) -> list[tuple[str, int, int]]:
+    """(function, line, level) wherever one level is wanted while nobody drives the line."""
+    found: list[tuple[str, int, int]] = []
+    lines = bed.file.switch.lines
+    if isinstance(lines, HalfBridgeLines):
+        found += [("POL", lines.POL, 1), ("BL", lines.BL, 0)]
+    found += [("LE", lines.LE, 0), ("CLK", lines.CLK, 0)]
+    enable = bed.file.guards.hv_enable
+    if enable != "absent":
+        found.append(("HV ENABLE", enable.line, 1 - enable.on))
+    return found

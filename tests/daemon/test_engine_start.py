@@ -1,0 +1,52 @@
+"""An engine that starts beside something busy: a few attempts at its timing, each told."""
+
+from __future__ import annotations
+
+import pytest
+
+from engine_rig import EngineRig, make
+from etd.errors import BoardFault, BusError
+from etd_hal.fake.faults import Fault, SpiError, SpiJitter, SpiStall
+
+#: Messages of the first attempt; more than one of the seven that are timed alike.
+DISTURBED: list[Fault] = [SpiStall(300, at_message=message) for message in range(20, 26)]
+
+
+def begun(faults: list[Fault]) -> tuple[EngineRig, list[str]]:
+    told: list[str] = []
+    return make(faults=faults, tell=told.append), told
+
+
+def test_one_disturbed_calibration_is_repeated_and_told() -> None:
+    rig, told = begun(DISTURBED)
+    assert len(told) == 1
+    assert told[0].startswith("attempt 1 of 3: timing calibration, ")
+    assert " us" in told[0]
+    assert rig.engine.limitations == tuple(told)
+    assert rig.engine.reporter.counters["calibration_attempts_failed"] == 1
+    rig.open()
+    rig.arm()
+    assert rig.state == "ARMED"
+    assert rig.close() == ()
+
+
+def test_an_undisturbed_one_says_nothing() -> None:
+    rig, told = begun([])
+    assert told == []
+    assert rig.engine.limitations == ()
+    assert "calibration_attempts_failed" not in rig.engine.reporter.counters
+    assert rig.close() == ()
+
+
+def test_what_is_really_wrong_fails_three_times_and_ends_it() -> None:
+    told: list[str] = []
+    with pytest.raises(BoardFault, match="timing calibration"):
+        make(faults=[SpiJitter(3, 20)], tell=told.append)
+    assert [one[:14] for one in told] == [f"attempt {one} of 3" for one in (1, 2, 3)]
+
+
+def test_a_bus_that_fails_is_not_tried_again() -> None:
+    told: list[str] = []
+    with pytest.raises(BusError):
+        make(faults=[SpiError(at_message=20)], tell=told.append)
+    assert told == []
