@@ -4,7 +4,9 @@ meanwhile.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
@@ -239,3 +241,13 @@ def test_a_source_that_is_too_strong_by_any_factor_stays_within_the_bound_on_ski
 def test_at_least_twenty_five_kinds_of_trouble_are_tried() -> None:
     assert len({case.faults[0] if case.faults else case.what for case in CASES}) >= 25
     assert len(CASES) == len({case.what for case in CASES})
+
+
+def test_every_check_that_is_made_or_fails_is_in_the_table_of_what_to_do() -> None:
+    table = (Path(__file__).parents[2] / "docs/bring-up.md").read_text(encoding="utf-8")
+    told = set(re.findall(r"`(?:[a-z]+: )?([a-z_]+)`", table))
+    told |= {f"{name}_idle" for name in told if name.startswith("rise")}
+    made = {
+        check.name for board in (ALL, BARE, RELAY) for check in selftest_rig(board).run().checks
+    }
+    assert (made | {case.name for case in CASES}) - told == set()

@@ -23,11 +23,13 @@ from etd_hal.fake.faults import (
     Fault,
     HeartbeatIgnored,
     HeartbeatRearms,
+    I2cFailure,
     LineCut,
     StopCutsNothing,
     SwitchOutput,
 )
 from etd_hal.fake.hand import FakeHand
+from etd_hal.fake.understudy import FakeUnderstudy
 from selftest_rig import DATE, LOAD_OHM, LazyHand, SelftestRig, bad, selftest_rig
 from stepped_board import shipped_board
 
@@ -193,6 +195,47 @@ def test_a_stop_that_is_held_is_seen_to_take_the_supply_away(board: str) -> None
 def test_a_stop_that_cuts_nothing_is_named_on_every_board(board: str, stop: Any) -> None:
     rig = selftest_rig(board, file=with_stops(board, cuts=True), faults=[StopCutsNothing(stop)])
     assert bad(rig.run())[:1] == [("rail", f"{stop}_gate")]
+
+
+def test_a_supply_that_outlives_the_program_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever was killed goes on beating: as a gate that takes something else for a beat."""
+    rig = selftest_rig()
+    monkeypatch.setattr(FakeUnderstudy, "kill", lambda _: 3.0)
+    failed = [name for _, name in bad(rig.run())]
+    assert failed == ["killed_lines", "killed_supply"]
+
+
+@pytest.mark.parametrize(("has_heartbeat", "failed"), [(True, []), (False, ["killed_lines"])])
+def test_lines_that_are_let_go_of_late_are_the_heartbeats_business_if_there_is_one(
+    monkeypatch: pytest.MonkeyPatch, has_heartbeat: bool, failed: list[str]
+) -> None:
+    kill = FakeUnderstudy.kill
+    monkeypatch.setattr(FakeUnderstudy, "kill", lambda one: kill(one) + 40.0)
+    file = fake_config("reference-hv507").board
+    if not has_heartbeat:
+        file = msgspec.structs.replace(
+            file, guards=msgspec.structs.replace(file.guards, heartbeat="absent")
+        )
+    assert [name for _, name in bad(selftest_rig(file=file).run())] == failed
+
+
+def test_a_process_that_cannot_bring_the_rail_up_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FakeUnderstudy, "_beat", lambda _: None)
+    assert bad(selftest_rig().run()) == [("rail", "killed_rise")]
+
+
+def test_an_error_while_another_process_has_the_board_ends_with_the_lines_taken_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = selftest_rig()
+
+    def kill(_: FakeUnderstudy) -> float:
+        rig.fake.world.put_in(I2cFailure(0x48, "io"))
+        return 3.0
+
+    monkeypatch.setattr(FakeUnderstudy, "kill", kill)
+    assert bad(rig.run()) == [("rail", "bus")]
+    assert rig.rail_v_after_a_while() < 30.0
 
 
 @pytest.mark.parametrize("board", BOARDS)
