@@ -15,7 +15,8 @@ from etd.array import Array, load_array
 from etd.bodysite import BodySite, load_body_site
 from etd.calibration import Calibration, ElectrodeLimits
 from etd.engine.limits import Maxima, PersonLimits, limits_of_calibration, maxima_of
-from etd.engine.plan import Planner, Rules
+from etd.engine.plan import Planner
+from etd.engine.room import Rules
 from etd.errors import CannotSelect
 from etd.frame import Frame
 from etd.shipped import find

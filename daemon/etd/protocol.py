@@ -334,7 +334,9 @@ class Fired(msgspec.Struct, frozen=True, kw_only=True):
 
     `wanted_ua` is what the frame asked for, `current_ua` what the source was told: an upper bound
     of what passes the skin. `delivered_ua` passed it at the end of the pulse, the leak taken out.
-    `contact` is the kind of contact that the pulse found.
+    `contact` is the kind of contact that the pulse found. `prepulse_ua` and `probe_ua` are what
+    the source was told of a step that led into the pulse, and of a probe that went before it in the
+    same visit; 0 where there was none. Their widths follow from the body-site file.
     """
 
     wanted_ua: tuple[int, ...]
@@ -344,6 +346,8 @@ class Fired(msgspec.Struct, frozen=True, kw_only=True):
     voltage_v: tuple[float | None, ...]
     resistance_ohm: tuple[int | None, ...]
     contact: tuple[ContactState | None, ...]
+    prepulse_ua: tuple[int, ...] = ()
+    probe_ua: tuple[int, ...] = ()
 
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True):

@@ -30,20 +30,23 @@ class CostModel:
         self._timing = timing
         self._call_us = machine.gpio_call_us
 
-    def visit(self, width_us: int, phases: int, clocks: int) -> Cost:
-        """A visit whose selection is `clocks` shifts away from the one before it."""
+    def visit(self, width_us: int, phases: int, clocks: int, probe_us: int = 0) -> Cost:
+        """A visit whose selection is `clocks` shifts away from the one before it; with a probe
+        first, after which everything is decided anew, with the current's way still connected.
+        """
         switch = self._board.switch
         message_us = self._timing.message_us + width_us
         shift_us = 2 * clocks * self._call_us
         work_us = self._machine.visit_us
+        probing_us = self._timing.message_us + probe_us + work_us if probe_us else 0.0
         if isinstance(switch, Relays):
             stages = 2 * switch.outputs
             relay_us = switch.ton_us + switch.toff_us
             calls_us = (4 * stages + 4) * self._call_us
-            active_us = phases * (message_us + calls_us)
+            active_us = phases * (message_us + calls_us) + probing_us
             slot_us = active_us + phases * relay_us + self._board.rest_us + work_us
             return Cost(slot_us, active_us + work_us + phases * 2 * SPIN_NS / 1_000)
-        active_us = phases * (message_us + self._call_us) + self._call_us
+        active_us = phases * (message_us + self._call_us) + self._call_us + probing_us
         prepare_us = shift_us + work_us
         slept_us = max(0.0, self._board.rest_us - prepare_us - SPIN_NS / 1_000)
         slot_us = active_us + max(float(self._board.rest_us), prepare_us)

@@ -15,7 +15,9 @@ from the first word on one level besides zero, or two of which the second is hig
 and its pulse. For a message that is not silent: permitted in this state; approved, this one
 pulse, each step of it, for just these outputs; worst-case width and charge of its steps together
 within the maxima; not more often than the rate; outputs un-blanked, latch closed, one output
-alone on its side and at least one on the other.
+alone on its side and at least one on the other. A visit is one message; or two whose second is the
+reverse; and before these at most one within the probe's bounds, the same way and with the switch
+untouched in between, whose charge counts to that of the pulse behind it.
 The rules for GPIO are in `watch.py`, with the decoding of the switch.
 """
 
@@ -48,6 +50,16 @@ class Step:
     longest_us: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class _Leading:
+    """A message within the probe's bounds that began a visit: a pulse may follow it."""
+
+    approval: Approval
+    #: Of the switch, when it was sent.
+    moves: int
+    longest_nc: float
+
+
 #: What the bytes of one message would do: nothing, a pulse, or a prepulse and a pulse.
 Decoded = tuple[Step, ...]
 
@@ -67,6 +79,8 @@ class Guard:
         self._fired_ns: dict[int, deque[int]] = {}
         #: The first phase of a visit, until the one that reverses it.
         self._first_phase: Approval | None = None
+        #: The probe that began a visit, until whatever is fired next.
+        self._leading: _Leading | None = None
         self.switch: SwitchWatch = (
             RelayWatch(board.switch, clock)
             if isinstance(board.switch, Relays)
@@ -86,7 +100,7 @@ class Guard:
 
     def forget(self, levels: Changes) -> None:
         """After safe_off: these levels are known, the registers are not."""
-        self._approval = self._first_phase = None
+        self._approval = self._first_phase = self._leading = None
         self.switch.forget(levels)
 
     def check(self, message: Message) -> None:
@@ -163,14 +177,22 @@ class Guard:
         if longest_us > maxima.width_us * _TOLERANCE:
             raise GuardRefusal("width", f"{longest_us:.0f} us", f"{maxima.width_us} us")
         charge_nc = sum(self._current_ua(step) * step.longest_us for step in steps) / 1_000
+        leading, approval = self._leading, self._approval
+        is_led = leading is not None and approval is not None and self._leads(leading, approval)
+        if leading is not None and is_led:
+            charge_nc += leading.longest_nc
         if charge_nc > maxima.charge_nc * _TOLERANCE:
             raise GuardRefusal("charge", f"{charge_nc:.0f} nC", f"{maxima.charge_nc} nC")
-        approval = self._approval
         if approval is None:
             raise GuardRefusal("approval", "a pulse that no limit has seen", "approve it first")
         self._check_steps(steps, approval)
         self.switch.check_selection(approval)
-        self._check_rate(approval)
+        self._leading = None
+        if is_led:
+            # Counted with its probe; what reverses it is the second phase of the same visit.
+            self._first_phase = approval
+        elif self._begins(approval) and self._is_probe(steps):
+            self._leading = _Leading(approval, self.switch.moves, charge_nc)
         self._approval = None
 
     def _current_ua(self, step: Step) -> float:
@@ -195,13 +217,27 @@ class Guard:
                 f"{most_ua} uA for {most_us} us",
             )
 
-    def _check_rate(self, approval: Approval) -> None:
-        """Visits of one output in any second. A pulse and the next one, if that reverses it on
-        the same outputs, are the two phases of one visit.
+    def _leads(self, leading: _Leading, approval: Approval) -> bool:
+        """The same outputs the same way, and nothing has moved: they were not let go in between."""
+        probe = leading.approval
+        is_same_way = (approval.source, approval.ground) == (probe.source, probe.ground)
+        return is_same_way and self.switch.moves == leading.moves
+
+    def _is_probe(self, steps: Decoded) -> bool:
+        maxima, probe = self._board.maxima, steps[-1]
+        return (
+            len(steps) == 1
+            and self._current_ua(probe) <= maxima.probe_current_ua
+            and probe.shortest_us <= maxima.probe_width_us + 1
+        )
+
+    def _begins(self, approval: Approval) -> bool:
+        """Whether it begins a visit, of which one output gets so many in any second. A pulse and
+        the next one, if that reverses it on the same outputs, are the two phases of one visit.
         """
         first, self._first_phase = self._first_phase, None
         if first is not None and _reverses(approval, first):
-            return
+            return False
         now_ns = self._clock.now_ns()
         # The visited output is the one alone on its side; with one on each side, both are alike.
         alone = approval.source if approval.source.bit_count() == 1 else approval.ground
@@ -214,6 +250,7 @@ class Guard:
             )
         fired_ns.append(now_ns)
         self._first_phase = approval
+        return True
 
 
 def _reverses(second: Approval, first: Approval) -> bool:

@@ -51,6 +51,8 @@ class HalfBridgeWatch:
         self._hv = hv
         self._outputs = switch.outputs
         self._full = (1 << switch.outputs) - 1
+        #: How often a line has changed: between two equal readings nothing has moved.
+        self.moves = 0
         self._watched = {self._data, self._clk, self._le, self._bl, self._pol}
         if hv is not None:
             self._watched.add(hv[0])
@@ -76,6 +78,7 @@ class HalfBridgeWatch:
             return
         level = self._level
         was = level[line]
+        self.moves += value != was
         level[line] = value
         if line == self._clk:
             if value and not was:
@@ -135,6 +138,8 @@ class RelayWatch:
         self._data, self._clk, self._le = switch.lines.DATA, switch.lines.CLK, switch.lines.LE
         self._stages = switch.outputs * 2
         self._full = (1 << self._stages) - 1
+        #: How often a line has changed: between two equal readings nothing has moved.
+        self.moves = 0
         self._pairs = sum(1 << stage for stage in range(0, self._stages, 2))
         self.forget(())
 
@@ -156,6 +161,7 @@ class RelayWatch:
         if was is None or was == value:
             return
         self._level[line] = value
+        self.moves += 1
         if not value:
             return
         if line == self._clk:

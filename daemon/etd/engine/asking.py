@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from msgspec import structs
+
 from etd.calibration import Calibration
 from etd.engine.contact import ContactMap
 from etd.engine.impedance import ImpedanceMap, Samples
@@ -64,7 +66,24 @@ class Asker:
         """What is wanted of this visit, all told: no wider than its slot."""
         if not self._stabilizers:
             return visit.wish
-        asked = ask_all(self._stabilizers, visit.wish, self.known(visit.electrode, now_ns))
+        return self._asked(visit, self.known(visit.electrode, now_ns))
+
+    def wish_again(
+        self, visit: Visit, before: Wish, expected_ohm: float | None, now_ns: int
+    ) -> Wish:
+        """The same, when a probe has told more of this very moment: with the skin resistance that
+        it makes expected, where that is more than what is known. Never more than was wished for
+        without the probe, whatever it says: no current and no width rises by it.
+        """
+        if not self._stabilizers:
+            return before
+        known = self.known(visit.electrode, now_ns)
+        if expected_ohm is not None and known.skin_ohm is not None:
+            known = structs.replace(known, skin_ohm=max(known.skin_ohm, expected_ohm))
+        return before.not_above(self._asked(visit, known))
+
+    def _asked(self, visit: Visit, known: Known) -> Wish:
+        asked = ask_all(self._stabilizers, visit.wish, known)
         counters = self._reporter.counters
         if not asked.is_possible:
             counters["impossible_wishes"] += 1
@@ -81,7 +100,7 @@ class Asker:
             self._dead.discard(electrode)
         elif electrode not in self._dead and self._pressed.is_dead(electrode, now_ns):
             self._dead.add(electrode)
-            self._reporter.counters["not_believed_pressure"] += 1
+            self.not_believed("pressure")
         return kpa
 
     def known(self, electrode: int, now_ns: int) -> Known:
@@ -105,10 +124,14 @@ class Asker:
             pressure_kpa=self._pressure(electrode, now_ns),
         )
 
+    def not_believed(self, what: str) -> None:
+        """Counted once, when it begins."""
+        self._reporter.counters[f"not_believed_{what}"] += 1
+
     def learn(self, electrode: int, samples: Samples) -> None:
         """What a stimulus pulse said; that it is not believed is counted once, when it begins."""
         if not self._stabilizers:
             return
         doubt = self._impedance.learn(electrode, samples)
         if doubt is not None:
-            self._reporter.counters[f"not_believed_{doubt}"] += 1
+            self.not_believed(doubt)

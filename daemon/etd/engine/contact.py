@@ -22,7 +22,7 @@ from etd_hal.boardfile import Source
 #: Of the compliance: above, a pulse was not delivered; below the second, one was again.
 _SATURATED, _DELIVERED = 0.95, 0.90
 #: A resistance that rises by so much from one pulse to a like one: the contact shrinks.
-_PEELED = 1.5
+PEELED = 1.5
 #: A like one: at least this part of the current before, since skin resists weak currents more.
 _LIKE = 0.8
 #: A short ends well above where it began.
@@ -104,26 +104,37 @@ class ContactMap:
         """
         if told_ua <= 0:
             return False
-        signature_v = min(told_ua * self._leak_ohm / 1e6, self._compliance_v)
         self.voltage_v[electrode] = round(voltage_v, 2)
-        resistance_ohm = self._resistance(told_ua, voltage_v)
-        was = self.is_touched[electrode]
-        fraction = voltage_v / signature_v
+        resistance_ohm = self.seen_ohm(told_ua, voltage_v)
+        is_again = self.learn_touch(electrode, told_ua, voltage_v)
+        now = self.is_touched[electrode]
+        if is_again or (now and self._peels(electrode, told_ua, resistance_ohm, is_at_end)):
+            self._soft_since_ns[electrode] = now_ns
+        self._learn_delivery(electrode, told_ua, voltage_v)
+        self._learn_short(electrode, resistance_ohm)
+        self.resistance_ohm[electrode] = resistance_ohm
+        self._told_ua[electrode], self._was_at_end[electrode] = told_ua, is_at_end
+        return is_again
+
+    def learn_touch(self, electrode: int, told_ua: int, voltage_v: float) -> bool:
+        """Of what a pulse says, only whether anything touches: all that a weak one tells surely.
+
+        Returns True when an electrode known to be open is touched again.
+        """
+        signature_v = min(told_ua * self._leak_ohm / 1e6, self._compliance_v)
+        fraction, was = voltage_v / signature_v, self.is_touched[electrode]
         if fraction < self._touch_fraction:
             now = True
         elif fraction > self._open_fraction or was is None:
             now = False
         else:
             now = was
-        is_again = now and was is False
-        if is_again or (now and self._peels(electrode, told_ua, resistance_ohm, is_at_end)):
-            self._soft_since_ns[electrode] = now_ns
-        self._learn_delivery(electrode, told_ua, voltage_v)
-        self._learn_short(electrode, resistance_ohm)
         self.is_touched[electrode] = now
-        self.resistance_ohm[electrode] = resistance_ohm
-        self._told_ua[electrode], self._was_at_end[electrode] = told_ua, is_at_end
-        return is_again
+        return now and was is False
+
+    def shrank(self, electrode: int, now_ns: int) -> None:
+        """Somebody saw it peel: it is soft from now on."""
+        self._soft_since_ns[electrode] = now_ns
 
     def _peels(
         self, electrode: int, told_ua: int, resistance_ohm: int | None, is_at_end: bool
@@ -134,7 +145,7 @@ class ContactMap:
         is_alike = (
             told_ua >= _LIKE * self._told_ua[electrode] and is_at_end == self._was_at_end[electrode]
         )
-        return is_alike and resistance_ohm > _PEELED * before_ohm
+        return is_alike and resistance_ohm > PEELED * before_ohm
 
     def _learn_delivery(self, electrode: int, told_ua: int, voltage_v: float) -> None:
         can_saturate = told_ua * self._leak_ohm / 1e6 > self._compliance_v
@@ -149,8 +160,8 @@ class ContactMap:
         ends = _SHORT_ENDS if self._is_shorted[electrode] else 1.0
         self._is_shorted[electrode] = resistance_ohm < ends * self._shorted_ohm
 
-    def _resistance(self, told_ua: int, voltage_v: float) -> int | None:
-        """V / (I - V / leak); undefined near the compliance and where the leak takes it all."""
+    def seen_ohm(self, told_ua: int, voltage_v: float) -> int | None:
+        """V / (I - V / leak); None near the compliance and where the leak takes it all."""
         through_ua = told_ua - voltage_v / self._leak_ohm * 1e6
         if through_ua < told_ua * 0.02 or voltage_v >= 0.95 * self._compliance_v:
             return None

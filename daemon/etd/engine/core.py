@@ -20,10 +20,12 @@ from etd.engine.impedance import ImpedanceMap
 from etd.engine.lease import Lease
 from etd.engine.ledger import Bounds, Ledger
 from etd.engine.limits import maxima_of
+from etd.engine.looking_ahead import LookingAhead
 from etd.engine.opening import Opening
-from etd.engine.plan import Planner, Rules
+from etd.engine.plan import Planner
 from etd.engine.probes import probes_of
 from etd.engine.reporting import Reporter
+from etd.engine.room import Rules
 from etd.engine.scan import Scanner
 from etd.engine.sensors import PressureSensors, RailSensor
 from etd.engine.sharing import Sharing
@@ -78,6 +80,7 @@ class Core:
             stabilizers = pipeline(loaded.body_site.stabilize, loaded.board.source)
         impedance = ImpedanceMap(loaded.array.count, loaded.board.source)
         self.asker = Asker(stabilizers, self.contact, impedance, self.pressure, self.reporter)
+        self.ahead = LookingAhead(loaded.array.count, self.contact, impedance)
         self._tools = Tools(
             self.board,
             self.maxima,
@@ -87,6 +90,7 @@ class Core:
             self.sharing,
             self.reporter,
             self.asker,
+            self.ahead,
         )
         self._visitor = Visitor(self._tools)
         self._planner: Planner | None = None
@@ -145,6 +149,7 @@ class Core:
         self.lease = lease
         self.opening.restart()
         self.asker.serve(lease.person.calibration)
+        self.ahead.forget()
         self.planner_of_lease()
         self._tell_state(self.clock.now_ns())
 
@@ -261,6 +266,7 @@ class Core:
         self.contact.forget()
         self.sharing.forget()
         self.asker.forget()
+        self.ahead.forget()
         self._drop_energizer(why)
         self.reporter.scan_report(self.clock.now_ns(), 0, is_due=True)
         return problems

@@ -37,7 +37,7 @@ _SHORTEST_TAU_US, _LONGEST_TAU_US = 0.5, 60.0
 #: Outside of these no contact with skin is believed to be one.
 LEAST_OHM, MOST_OHM = 1_000.0, 2_000_000.0
 #: With the DAC at zero the node is on ground.
-_RESTING_V = 5.0
+RESTING_V = 5.0
 _NEAR_COMPLIANCE = 0.95
 
 #: The filter: a new value's weight in the mean of logarithms, and the step it is restarted at.
@@ -91,6 +91,13 @@ class ImpedanceMap:
             return None
         return math.exp(skin.log_ohm)
 
+    def last_ohm(self, electrode: int) -> float | None:
+        """Rs + Rp of the last pulse alone; None where unknown or not believed."""
+        skin = self._skins[electrode]
+        if skin.last_log_ohm is None or skin.doubt is not None:
+            return None
+        return math.exp(skin.last_log_ohm)
+
     def at_ua(self, electrode: int) -> int:
         """The current that it was last measured with."""
         return self._skins[electrode].at_ua
@@ -112,7 +119,7 @@ class ImpedanceMap:
 
     def _read(self, skin: _Skin, samples: Samples) -> Doubt | None:
         last_v = samples.early_v if samples.end_v is None else samples.end_v
-        if samples.resting_v > _RESTING_V:
+        if samples.resting_v > RESTING_V:
             return "adc"
         if last_v >= _NEAR_COMPLIANCE * self._compliance_v:
             return "compliance"

@@ -39,7 +39,7 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One visit: what the electrode gets, and who carries it back.
+    """One visit, or a part of it: what the electrode gets, and who carries it back.
 
     `returns` None: all others, at `share` each; otherwise each named one as if it alone did.
     """
@@ -49,6 +49,8 @@ class Entry:
     on_us: int
     returns: tuple[int, ...] | None
     share: float
+    #: 0 where it goes on with a visit that is booked already, as a pulse does after its probe.
+    pulses: int = 1
 
 
 class _Window:
@@ -115,9 +117,9 @@ class Ledger:
         total_pc = self.charge_pc(entry.electrode, now_ns) + entry.charge_pc
         own = self._own[entry.electrode]
         self._array.forget(now_ns)
-        if now_ns < self.rested_ns(entry.electrode):
+        if entry.pulses and now_ns < self.rested_ns(entry.electrode):
             return "interval"
-        if own.pulses + 1 > bounds.pulses:
+        if own.pulses + entry.pulses > bounds.pulses:
             return "pulses"
         if total_pc > self._charge_pc:
             return "charge"
@@ -130,11 +132,12 @@ class Ledger:
         return None if self._returns_fit(entry, now_ns) else "return charge"
 
     def book(self, entry: Entry, now_ns: int) -> None:
-        """One visit that was fired."""
+        """What was fired."""
         electrode = entry.electrode
-        self._begun_ns[electrode] = now_ns
-        self._own[electrode].book(now_ns, entry.charge_pc, entry.on_us, 1)
-        self._array.book(now_ns, entry.charge_pc, entry.on_us, 1)
+        if entry.pulses:
+            self._begun_ns[electrode] = now_ns
+        self._own[electrode].book(now_ns, entry.charge_pc, entry.on_us, entry.pulses)
+        self._array.book(now_ns, entry.charge_pc, entry.on_us, entry.pulses)
         if entry.returns is None:
             share_pc = _share_pc(entry)
             self._pool.book(now_ns, share_pc, 0, 0)

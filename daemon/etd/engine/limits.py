@@ -189,6 +189,7 @@ def last_word(
     is_open: bool,
     most: Most | None = None,
     charge_us: int = 0,
+    before_pc: int = 0,
 ) -> tuple[int, Clamp | None]:
     """What this electrode gets, in uA, of what is wanted; and the clamp to tell, if any.
 
@@ -196,14 +197,15 @@ def last_word(
     the electrode's own after a re-contact (None: none), `is_open` that nothing touches it.
     `most` is the frame's own, where stabilizers ask: in a pulse wider than the frame's a cap lets
     through the charge that it has at the frame's width, because nobody has allowed more.
-    `charge_us` is the width that a pulse would have with the charge of its prepulse in it.
+    `charge_us` is the width that a pulse would have with the charge of its prepulse in it,
+    `before_pc` the charge of the probe that goes before.
     """
     charge_us = max(width_us, charge_us)
     part = 1.0 if most is None else min(1.0, most.own_us / charge_us)
     bounds: list[tuple[int, str, int]] = [
         (int(path.cap_ua * part), "cap", path.electrode),
         (int(path.return_cap_ua / path.share * part), "return_cap", path.return_electrode),
-        (maxima.charge_pc // charge_us, "charge", path.electrode),
+        ((maxima.charge_pc - before_pc) // charge_us, "charge", path.electrode),
         (opening_ua, "opening", path.electrode),
     ]
     if most is not None:

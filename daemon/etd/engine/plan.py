@@ -11,15 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from etd.array import Array
-from etd.bodysite import BodySite, SiteDefaults
+from etd.bodysite import SiteDefaults
 from etd.calibration import Calibration, current_of_level
-from etd.engine.limits import PC_PER_NC, Maxima, Path, PersonLimits, last_word, path_of
+from etd.engine.limits import Path, last_word, path_of
+from etd.engine.room import Room, Rules, pc_of
 from etd.errors import CannotSelect, Refused
 from etd.frame import Frame, Polarity, Returns, Ring, per_electrode
 from etd.protocol import Clamp, Thinned
 from etd.stabilize.bursts import groups
-from etd.stabilize.pipeline import NO_FURTHER, Most, Reach, Wish
+from etd.stabilize.pipeline import Most, Wish
 from etd_hal.cost import Cost, CostModel
 from etd_hal.selection import Selection
 
@@ -68,6 +68,13 @@ class Visit:
     path: Path
     #: What stabilizers may make of it at the most; its slot in the scan is this wide.
     most: Most
+    #: What goes before its pulse, in the same visit; its charge and its time are planned for.
+    probe: Wish | None = None
+
+    @property
+    def probe_pc(self) -> int:
+        """The charge that goes before each of its pulses."""
+        return pc_of(self.probe)
 
     @property
     def wish(self) -> Wish:
@@ -94,20 +101,6 @@ class Plan:
     interval_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class Rules:
-    """What planning knows besides the frame; made once a lease."""
-
-    array: Array
-    site: BodySite
-    maxima: Maxima
-    person: PersonLimits
-    #: One step of the DAC.
-    resolution_ua: float
-    #: How far stabilizers go beyond a frame: there must be room for it.
-    reach: Reach = NO_FURTHER
-
-
 class Planner:
     """See the module."""
 
@@ -115,8 +108,7 @@ class Planner:
         self._board = board
         self._rules = rules
         self._cost = cost
-        self._prepulse = rules.site.stabilize.prepulse
-        self._prepulse_us = rules.site.stabilize.prepulse_us
+        self._room = Room(rules)
         self._bursts = rules.site.stabilize.bursts
         self._pulses = 1 if self._bursts is None else self._bursts.pulses
         self._interval_us = 0.0 if self._bursts is None else self._bursts.interval_us
@@ -202,11 +194,13 @@ class Planner:
         phases: tuple[bool, ...],
         rate_hz: float,
     ) -> Visit:
-        self._check_minimum(electrode, current_ua)
-        self._check_maxima(electrode, current_ua, width_us, len(phases), rate_hz)
+        self._room.check_minimum(electrode, current_ua)
+        probe = self._room.probe(electrode, current_ua)
+        visits_hz, count = rate_hz * self._pulses, len(phases)
+        self._room.check_maxima(electrode, current_ua, width_us, count, visits_hz, pc_of(probe))
         returns = self._returns(frame, electrode)
         path = self._path(electrode, returns)
-        most = self._most(Wish(current_ua, width_us), rate_hz * self._pulses * len(phases))
+        most = self._room.most(Wish(current_ua, width_us), visits_hz, count, probe)
         return Visit(
             electrode,
             self._select(electrode, returns),
@@ -217,77 +211,19 @@ class Planner:
             returns,
             path,
             most,
+            probe,
         )
-
-    def _most(self, wish: Wish, phases_hz: float) -> Most:
-        """The frame's own most: what stabilizers reach, within what no frame may pass. Its charge
-        does not hang on any resistance: a falsely low one must not find an open door.
-        """
-        rules, reach = self._rules, self._rules.reach
-        maxima = rules.maxima
-        width_us = int(wish.width_us * reach.width)
-        allowed_us = min(maxima.width_us, rules.person.width_us, maxima.on_us_per_s / phases_hz)
-        allowed_us -= self._prepulse_us
-        charge_pc = wish.current_ua * wish.width_us
-        allowed_pc = min(
-            maxima.charge_pc,
-            int(maxima.mean_current_ua * 1e6 / phases_hz),
-        )
-        return Most(
-            current_ua=max(
-                wish.current_ua, min(int(wish.current_ua * reach.current), maxima.current_ua)
-            ),
-            own_us=wish.width_us,
-            width_us=max(wish.width_us, min(width_us, int(allowed_us))),
-            charge_pc=max(charge_pc, min(int(charge_pc * reach.charge), allowed_pc)),
-            prepulse_us=self._prepulse_us,
-        )
-
-    def _check_minimum(self, electrode: int, current_ua: int) -> None:
-        if current_ua < self._rules.resolution_ua:
-            raise Refused(
-                "bad_frame",
-                f"electrode {electrode}: {current_ua} uA is less than one step of this board's"
-                f" source ({self._rules.resolution_ua:.1f} uA): send 0 for silence",
-                electrode,
-            )
-
-    def _check_maxima(
-        self, electrode: int, current_ua: int, width_us: int, phases: int, rate_hz: float
-    ) -> None:
-        maxima = self._rules.maxima
-        width_most_us = min(maxima.width_us, self._rules.person.width_us)
-        charge_pc = self._charge_pc(current_ua, width_us)
-        pulses_hz = rate_hz * self._pulses
-        mean_ua = charge_pc * phases * pulses_hz / 1e6
-        for what, asked, most, unit in (
-            ("current", current_ua, maxima.current_ua, "uA"),
-            ("width", width_us + self._prepulse_us, width_most_us, "us"),
-            ("charge of a pulse", charge_pc / PC_PER_NC, maxima.charge_pc / PC_PER_NC, "nC"),
-            ("rate", pulses_hz, maxima.rate_hz, "Hz"),
-            ("mean current", mean_ua, maxima.mean_current_ua, "uA"),
-        ):
-            if asked > most:
-                raise Refused(
-                    "over_maximum",
-                    f"electrode {electrode}: {what} {asked:g} {unit}, nobody gets more than"
-                    f" {most:g} {unit} here",
-                    electrode,
-                )
-
-    def _charge_pc(self, current_ua: int, width_us: int) -> int:
-        """Of one phase, its prepulse included."""
-        prepulse_ua = 0 if self._prepulse is None else int(current_ua * self._prepulse.part)
-        return current_ua * width_us + prepulse_ua * self._prepulse_us
 
     def _check_array_mean(self, visits: Sequence[Visit], rate_hz: float) -> None:
         """At the rate that the scan will have; a lower one slows all down alike."""
+        charge_pc = self._room.charge_pc
         slower = rate_hz / max((one.rate_hz for one in visits), default=rate_hz)
         mean_ua = (
             slower
             * self._pulses
             * sum(
-                self._charge_pc(one.current_ua, one.width_us) * len(one.phases) * one.rate_hz
+                one.rate_hz
+                * (charge_pc(one.current_ua, one.width_us) * len(one.phases) + one.probe_pc)
                 for one in visits
             )
         )
@@ -345,7 +281,14 @@ class Planner:
                 share = share_of_all or 1.0 / max(1, self._count - 1)
                 path = path.with_share(share)
             _, clamp = last_word(
-                path, one.current_ua, one.width_us, maxima, maxima.current_ua, None, False
+                path,
+                one.current_ua,
+                one.width_us,
+                maxima,
+                maxima.current_ua,
+                None,
+                False,
+                before_pc=one.probe_pc,
             )
             if clamp is not None:
                 found.append(clamp)
@@ -418,7 +361,8 @@ class Planner:
             output = one.selection.output
             clocks = self._cost.clocks(before, output) if is_again or output > before else 0
             width_us = one.most.width_us + one.most.prepulse_us
-            cost = self._cost.visit(width_us, len(one.phases), clocks)
+            probe_us = 0 if one.probe is None else one.probe.width_us
+            cost = self._cost.visit(width_us, len(one.phases), clocks, probe_us)
             slot_us += cost.slot_us
             busy_us += cost.busy_us
             before = output

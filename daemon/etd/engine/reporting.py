@@ -80,6 +80,8 @@ class FiredPulse:
     voltage_v: float
     resistance_ohm: int | None
     contact: ContactState
+    prepulse_ua: int = 0
+    probe_ua: int = 0
 
 
 class BodyFelt(Protocol):
@@ -116,6 +118,8 @@ class Reporter:
         self._voltage_v: list[float | None] = [None] * n
         self._resistance_ohm: list[int | None] = [None] * n
         self._contact: list[ContactState | None] = [None] * n
+        self._prepulse_ua = [0] * n
+        self._probe_ua = [0] * n
 
     # --- frames and scans --------------------------------------------------------------------
 
@@ -154,6 +158,8 @@ class Reporter:
         self._voltage_v[electrode] = pulse.voltage_v
         self._resistance_ohm[electrode] = pulse.resistance_ohm
         self._contact[electrode] = pulse.contact
+        self._prepulse_ua[electrode] = pulse.prepulse_ua
+        self._probe_ua[electrode] = pulse.probe_ua
         self.counters["pulses"] += 1
 
     def clamped(self, clamp: Clamp) -> None:
@@ -187,6 +193,8 @@ class Reporter:
                 voltage_v=tuple(self._voltage_v),
                 resistance_ohm=tuple(self._resistance_ohm),
                 contact=tuple(self._contact),
+                prepulse_ua=tuple(self._prepulse_ua),
+                probe_ua=tuple(self._probe_ua),
             ),
             clamped=tuple(pending.clamped.values()),
             thinned=tuple(

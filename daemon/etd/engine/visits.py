@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from etd.engine.asking import Asker
 from etd.engine.contact import ContactMap
 from etd.engine.impedance import Samples
 from etd.engine.ledger import Entry, Ledger
 from etd.engine.limits import Maxima, last_word
+from etd.engine.looking_ahead import LookingAhead
 from etd.engine.opening import Opening
 from etd.engine.plan import Visit
 from etd.engine.reporting import FiredPulse, Reporter
@@ -42,6 +43,22 @@ class Tools:
     sharing: Sharing
     reporter: Reporter
     asker: Asker
+    ahead: LookingAhead
+
+
+@dataclass(frozen=True, slots=True)
+class _Ready:
+    """A pulse that limits and ledger let through, and the clamp to tell, if any."""
+
+    given: Wish
+    pulse: Pulse
+    entry: Entry
+    clamp: Clamp | None
+
+    def with_probe(self, probe: Wish) -> Entry:
+        """What the ledger must have room for before the probe is fired."""
+        charge_pc = self.entry.charge_pc + probe.current_ua * probe.width_us
+        return replace(self.entry, charge_pc=charge_pc, on_us=self.entry.on_us + probe.width_us)
 
 
 class Visitor:
@@ -121,35 +138,96 @@ class Visitor:
         now_ns: int,
         may_still: Callable[[], bool],
     ) -> int | None:
-        electrode, reporter = visit.electrode, self._tools.reporter
+        tools = self._tools
+        ready = self._ready(visit, wish, opening_ua, now_ns)
+        if ready is None:
+            return None
+        probe = tools.ahead.probe_of(visit, ready.given)
+        if probe is not None and not self._fits(visit, ready.with_probe(probe), now_ns):
+            return None
+        tools.board.connect(visit.selection, visit.phases[0])
+        probe_ua = 0
+        if probe is not None and may_still():
+            probe_ua = self._probe_first(visit, probe, ready.entry.share)
+            ready = self._ready_again(visit, wish, opening_ua, now_ns)
+        if ready is None or not may_still():
+            tools.board.discharge()
+            return None
+        shots = self._fire(visit, ready.pulse, ready.entry, ready.given)
+        self._learn(visit, ready.pulse, *shots)
+        tools.ahead.was_followed(visit.electrode)
+        self._tell(visit, ready.pulse, shots[0].begun_ns, probe_ua)
+        if ready.clamp is not None:
+            # Told with its pulse: a report may have gone out while relays moved.
+            tools.reporter.clamped(ready.clamp)
+        return shots[0].begun_ns
+
+    def _ready(
+        self, visit: Visit, wish: Wish, opening_ua: int, now_ns: int, pulses: int = 1
+    ) -> _Ready | None:
+        """What limits and ledger let through of a wish; None, and told why, where that is nothing.
+        `pulses` 0: the visit is booked already.
+        """
+        electrode, tools = visit.electrode, self._tools
         share = self._share(visit, now_ns)
         current_ua, clamp = self._limited(visit, wish, share, opening_ua, now_ns)
         given = wish.at(current_ua)
-        pulse = self._tools.board.pulse(current_ua, given.width_us, _prepulse(given))
-        entry = _entry(visit, given, share)
+        pulse = tools.board.pulse(current_ua, given.width_us, _prepulse(given))
         if pulse.code == 0:
             if clamp is not None:
-                reporter.clamped(clamp)
+                tools.reporter.clamped(clamp)
             elif wish.current_ua > 0:
-                reporter.skipped(electrode, "resolution")
+                tools.reporter.skipped(electrode, "resolution")
             return None
-        if self._tools.ledger.why_not(entry, now_ns) is not None:
-            self._tools.sharing.want(now_ns)
-            reporter.skipped(electrode, "ledger")
+        entry = _entry(visit, given, share, pulses)
+        if not self._fits(visit, entry, now_ns):
             return None
         if clamp is not None and clamp.reason == "return_cap":
-            self._tools.sharing.want(now_ns)
-        self._tools.board.connect(visit.selection, visit.phases[0])
-        if not may_still():
-            self._tools.board.discharge()
+            tools.sharing.want(now_ns)
+        return _Ready(given, pulse, entry, clamp)
+
+    def _fits(self, visit: Visit, entry: Entry, now_ns: int) -> bool:
+        tools = self._tools
+        if tools.ledger.why_not(entry, now_ns) is None:
+            return True
+        tools.sharing.want(now_ns)
+        tools.reporter.skipped(visit.electrode, "ledger")
+        return False
+
+    def _probe_first(self, visit: Visit, probe: Wish, share: float) -> int:
+        """Fire, book and learn; the current that the source was told, in uA."""
+        tools, electrode = self._tools, visit.electrode
+        pulse = tools.board.pulse(probe.current_ua, probe.width_us)
+        charge_pc = probe.current_ua * probe.width_us
+        entry = Entry(electrode, charge_pc, probe.width_us, visit.returns, share)
+        is_anodic = visit.phases[0]
+        shot = tools.board.fire(pulse, visit.selection, is_anodic, *_allowed(probe))
+        tools.ledger.book(entry, shot.begun_ns)
+        self._check_duration(shot, pulse, entry)
+        if tools.ahead.learn(electrode, pulse, shot):
+            tools.asker.not_believed("probe")
+        self._learn_share(visit, shot.begun_ns)
+        return pulse.told_ua
+
+    def _ready_again(self, visit: Visit, wish: Wish, opening_ua: int, now_ns: int) -> _Ready | None:
+        """After a probe: everything is asked anew, at the same instant, so that nothing can have
+        risen. An electrode that the probe has found open gets nothing more.
+        """
+        tools, electrode = self._tools, visit.electrode
+        if tools.contact.is_touched[electrode] is False:
+            tools.reporter.clamped(
+                Clamp(
+                    electrode=electrode,
+                    wanted_ua=wish.current_ua,
+                    got_ua=0,
+                    reason="contact_open",
+                    limited_by=electrode,
+                )
+            )
             return None
-        shots = self._fire(visit, pulse, entry, given)
-        self._learn(visit, pulse, *shots)
-        self._tell(visit, pulse, shots[0].begun_ns)
-        if clamp is not None:
-            # Told with its pulse: a report may have gone out while relays moved.
-            reporter.clamped(clamp)
-        return shots[0].begun_ns
+        expected_ohm = tools.ahead.expected_ohm(electrode)
+        wish = tools.asker.wish_again(visit, wish, expected_ohm, now_ns)
+        return self._ready(visit, wish, opening_ua, now_ns, pulses=0)
 
     def _share(self, visit: Visit, now_ns: int) -> float:
         """What one return may carry: explicit ones are each reckoned as if alone."""
@@ -171,13 +249,14 @@ class Visitor:
             tools.contact.is_touched[electrode] is False,
             visit.most,
             wish.charge_us,
+            visit.probe_pc,
         )
 
     def _fire(self, visit: Visit, pulse: Pulse, entry: Entry, given: Wish) -> tuple[Shot, Shot]:
         """The first and the last phase's."""
         board = self._tools.board
         first, *others = visit.phases
-        allowed = (given.current_ua, given.width_us, _prepulse(given))
+        allowed = _allowed(given)
         shot = board.fire(pulse, visit.selection, first, *allowed)
         self._tools.ledger.book(entry, shot.begun_ns)
         first_shot = shot
@@ -214,13 +293,17 @@ class Visitor:
         if pulse.told_ua > tools.maxima.probe_current_ua:
             # Of a second phase the skin is not at rest before: the first one tells more.
             tools.asker.learn(electrode, _samples(pulse, first))
+        self._learn_share(visit, begun_ns)
+
+    def _learn_share(self, visit: Visit, begun_ns: int) -> None:
+        tools, electrode = self._tools, visit.electrode
         touches = tools.contact.is_touched[electrode] is True
         if visit.returns is None:
             tools.sharing.learn(electrode, touches, begun_ns)
         elif not touches:
             tools.sharing.lose(electrode)
 
-    def _tell(self, visit: Visit, pulse: Pulse, begun_ns: int) -> None:
+    def _tell(self, visit: Visit, pulse: Pulse, begun_ns: int, probe_ua: int) -> None:
         contact, electrode = self._tools.contact, visit.electrode
         self._tools.reporter.fired(
             FiredPulse(
@@ -233,14 +316,21 @@ class Visitor:
                 voltage_v=contact.voltage_v[electrode] or 0.0,
                 resistance_ohm=contact.resistance_ohm[electrode],
                 contact=contact.state(electrode, begun_ns),
+                prepulse_ua=pulse.prepulse_ua,
+                probe_ua=probe_ua,
             )
         )
 
 
-def _entry(visit: Visit, given: Wish, share: float) -> Entry:
+def _entry(visit: Visit, given: Wish, share: float, pulses: int = 1) -> Entry:
     phases = len(visit.phases)
     charge_pc = given.current_ua * given.width_us + given.prepulse_ua * given.prepulse_us
-    return Entry(visit.electrode, charge_pc * phases, given.whole_us * phases, visit.returns, share)
+    on_us = given.whole_us * phases
+    return Entry(visit.electrode, charge_pc * phases, on_us, visit.returns, share, pulses)
+
+
+def _allowed(given: Wish) -> tuple[int, int, Prepulse | None]:
+    return given.current_ua, given.width_us, _prepulse(given)
 
 
 def _prepulse(given: Wish) -> Prepulse | None:

@@ -58,6 +58,15 @@ class Wish:
             return self.width_us
         return self.width_us + math.ceil(self.prepulse_ua * self.prepulse_us / self.current_ua)
 
+    def not_above(self, other: Wish) -> Wish:
+        """No part of it more than of another one."""
+        return Wish(
+            min(self.current_ua, other.current_ua),
+            min(self.width_us, other.width_us),
+            min(self.prepulse_ua, other.prepulse_ua),
+            min(self.prepulse_us, other.prepulse_us),
+        )
+
     def at(self, current_ua: int) -> Wish:
         """The same at a lower current: what leads into a pulse falls with it."""
         if current_ua == self.current_ua:

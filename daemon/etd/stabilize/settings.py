@@ -44,6 +44,9 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     prepulse: Prepulse | None = None
     #: Not a stabilizer: when pulses come, not what they are.
     bursts: Bursts | None = None
+    #: Whether a weak probe goes before every pulse, in the same visit, for the stabilizers to look
+    #: at: the board's `probe_current_ua` for its `probe_width_us`.
+    probe_first: bool = False
 
     @property
     def prepulse_us(self) -> int:

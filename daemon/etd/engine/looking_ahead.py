@@ -1,0 +1,105 @@
+"""A weak probe directly before a pulse, in the same visit: what has changed since the last one.
+
+Owns: the probe of the visit before of each electrode, the comparison with it, when a probe is not
+to be believed, and what skin resistance it makes expected of the pulse to come.
+Must not know: what follows from it, limits, ledgers, clocks.
+
+Skin resists a weak current far more than a stimulus (van Boxtel 1977), so what a probe measures is
+never taken for the skin's resistance. What counts is its ratio to the probe of the visit before,
+whose stimulus pulse has told `skin_ohm`: both probes see the same skin at the same current, and a
+contact that shrinks by half doubles both resistances. So
+
+    expected skin_ohm = that of the last pulse x (probe now / probe then)
+
+Only a rise counts: a resistance that a probe says has fallen waits for the pulse to confirm it. A
+ratio within `RISEN` of 1 is what pulses see of each other anyhow, and tells nothing. Above `PEELED`
+the contact has shrunk and is soft; above the board's open-circuit signature it is open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd.engine.contact import PEELED, ContactMap
+from etd.engine.impedance import MOST_OHM, RESTING_V, ImpedanceMap
+from etd.engine.plan import Visit
+from etd.stabilize.pipeline import Wish
+from etd_hal.board import Pulse, Shot
+
+#: A rise by less is not answered before the pulse has confirmed it.
+RISEN = 1.05
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What one probe measured; comparable to another only at the same current and width."""
+
+    told_ua: int
+    width_us: float
+    ohm: float
+
+
+class LookingAhead:
+    """See the module."""
+
+    def __init__(self, electrodes: int, contact: ContactMap, impedance: ImpedanceMap) -> None:
+        self._electrodes = electrodes
+        self._contact = contact
+        self._impedance = impedance
+        self.forget()
+
+    def forget(self) -> None:
+        """The supply was off: whoever touched may have gone."""
+        #: Of the last visit whose pulse was fired; and of the visit under way.
+        self._then: list[_Seen | None] = [None] * self._electrodes
+        self._now: list[_Seen | None] = [None] * self._electrodes
+        self._is_doubted = [False] * self._electrodes
+
+    @staticmethod
+    def probe_of(visit: Visit, given: Wish) -> Wish | None:
+        """What goes before a pulse that the limits let through: nothing before one that is as weak
+        as a probe itself. It is within every limit that the pulse was held to.
+        """
+        probe = visit.probe
+        if probe is None or given.current_ua <= probe.current_ua:
+            return None
+        return probe
+
+    def learn(self, electrode: int, probe: Pulse, shot: Shot) -> bool:
+        """What a probe says. Returns True when it is not believed, as that begins: a node that is
+        not at rest before it (the ADC stands still, or is not the node's).
+        """
+        was_doubted = self._is_doubted[electrode]
+        self._is_doubted[electrode] = shot.baseline_v > RESTING_V
+        self._now[electrode] = None
+        if self._is_doubted[electrode]:
+            return not was_doubted
+        contact = self._contact
+        ohm = contact.seen_ohm(probe.told_ua, shot.voltage_v)
+        seen = _Seen(probe.told_ua, probe.shape.width_us, MOST_OHM if ohm is None else ohm)
+        self._now[electrode] = seen
+        contact.learn_touch(electrode, probe.told_ua, shot.voltage_v)
+        if contact.is_touched[electrode] and self._risen(electrode) > PEELED:
+            contact.shrank(electrode, shot.begun_ns)
+        return False
+
+    def expected_ohm(self, electrode: int) -> float | None:
+        """What the skin will resist the pulse to come; None where it is what is known of it."""
+        risen, skin_ohm = self._risen(electrode), self._impedance.last_ohm(electrode)
+        if skin_ohm is None or risen <= RISEN:
+            return None
+        return min(skin_ohm * risen, MOST_OHM)
+
+    def was_followed(self, electrode: int) -> None:
+        """The pulse was fired: it and its probe are what the next probe is compared with."""
+        if self._now[electrode] is not None:
+            self._then[electrode] = self._now[electrode]
+
+    def _risen(self, electrode: int) -> float:
+        """Probe over probe; 1 where they cannot be compared."""
+        now, then = self._now[electrode], self._then[electrode]
+        if now is None or then is None or then.ohm <= 0.0:
+            return 1.0
+        if (now.told_ua, now.width_us) != (then.told_ua, then.width_us):
+            return 1.0
+        return now.ohm / then.ohm

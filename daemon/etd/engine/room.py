@@ -1,0 +1,129 @@
+"""The room that one electrode's pulses have: what is refused outright, and how far others may go.
+
+Owns: the maxima as they hold for one pulse with all that belongs to it (prepulse, probe, phases),
+what goes before it, and the most that stabilizers may make of it. Must not know: frames, schedules,
+hardware calls; what was felt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd.array import Array
+from etd.bodysite import BodySite
+from etd.engine.limits import PC_PER_NC, Maxima, PersonLimits
+from etd.errors import Refused
+from etd.stabilize.pipeline import NO_FURTHER, Most, Reach, Wish
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What planning knows besides the frame; made once a lease."""
+
+    array: Array
+    site: BodySite
+    maxima: Maxima
+    person: PersonLimits
+    #: One step of the DAC.
+    resolution_ua: float
+    #: How far stabilizers go beyond a frame: there must be room for it.
+    reach: Reach = NO_FURTHER
+
+
+class Room:
+    """See the module."""
+
+    def __init__(self, rules: Rules) -> None:
+        self._rules = rules
+        stabilize = rules.site.stabilize
+        self._is_probe_first = stabilize.probe_first
+        self._prepulse = stabilize.prepulse
+        self._prepulse_us = stabilize.prepulse_us
+
+    def probe(self, electrode: int, current_ua: int) -> Wish | None:
+        """What goes before each pulse of it, where the site says so: one that can never be
+        stronger than a probe needs none.
+        """
+        rules, maxima = self._rules, self._rules.maxima
+        probe_ua = min(maxima.probe_current_ua, rules.person.caps_ua[electrode])
+        if not self._is_probe_first or current_ua * rules.reach.current <= probe_ua:
+            return None
+        return Wish(probe_ua, min(maxima.probe_width_us, rules.person.width_us))
+
+    def most(self, wish: Wish, visits_hz: float, phases: int, probe: Wish | None) -> Most:
+        """The frame's own most: what stabilizers reach, within what no frame may pass. Its charge
+        does not hang on any resistance: a falsely low one must not find an open door.
+        """
+        rules, reach = self._rules, self._rules.reach
+        maxima = rules.maxima
+        width_us = int(wish.width_us * reach.width)
+        probe_us = 0 if probe is None else probe.width_us
+        on_us = (maxima.on_us_per_s / visits_hz - probe_us) / phases
+        allowed_us = min(maxima.width_us, rules.person.width_us, on_us)
+        allowed_us -= self._prepulse_us
+        charge_pc = wish.current_ua * wish.width_us
+        allowed_pc = min(
+            maxima.charge_pc - pc_of(probe),
+            int((maxima.mean_current_ua * 1e6 / visits_hz - pc_of(probe)) / phases),
+        )
+        return Most(
+            current_ua=max(
+                wish.current_ua, min(int(wish.current_ua * reach.current), maxima.current_ua)
+            ),
+            own_us=wish.width_us,
+            width_us=max(wish.width_us, min(width_us, int(allowed_us))),
+            charge_pc=max(charge_pc, min(int(charge_pc * reach.charge), allowed_pc)),
+            prepulse_us=self._prepulse_us,
+        )
+
+    def check_minimum(self, electrode: int, current_ua: int) -> None:
+        """Raises: Refused (`bad_frame`)."""
+        if current_ua < self._rules.resolution_ua:
+            raise Refused(
+                "bad_frame",
+                f"electrode {electrode}: {current_ua} uA is less than one step of this board's"
+                f" source ({self._rules.resolution_ua:.1f} uA): send 0 for silence",
+                electrode,
+            )
+
+    def check_maxima(
+        self,
+        electrode: int,
+        current_ua: int,
+        width_us: int,
+        phases: int,
+        visits_hz: float,
+        probe_pc: int,
+    ) -> None:
+        """Raises: Refused (`over_maximum`). A probe's charge counts to the pulse that it goes
+        before, and not its width: the current is off between them.
+        """
+        maxima = self._rules.maxima
+        width_most_us = min(maxima.width_us, self._rules.person.width_us)
+        charge_pc = self.charge_pc(current_ua, width_us)
+        mean_ua = (charge_pc * phases + probe_pc) * visits_hz / 1e6
+        first_nc = (charge_pc + probe_pc) / PC_PER_NC
+        for what, asked, most, unit in (
+            ("current", current_ua, maxima.current_ua, "uA"),
+            ("width", width_us + self._prepulse_us, width_most_us, "us"),
+            ("charge of a pulse", first_nc, maxima.charge_pc / PC_PER_NC, "nC"),
+            ("rate", visits_hz, maxima.rate_hz, "Hz"),
+            ("mean current", mean_ua, maxima.mean_current_ua, "uA"),
+        ):
+            if asked > most:
+                raise Refused(
+                    "over_maximum",
+                    f"electrode {electrode}: {what} {asked:g} {unit}, nobody gets more than"
+                    f" {most:g} {unit} here",
+                    electrode,
+                )
+
+    def charge_pc(self, current_ua: int, width_us: int) -> int:
+        """Of one phase, its prepulse included."""
+        prepulse_ua = 0 if self._prepulse is None else int(current_ua * self._prepulse.part)
+        return current_ua * width_us + prepulse_ua * self._prepulse_us
+
+
+def pc_of(probe: Wish | None) -> int:
+    """The charge of a probe, if there is one."""
+    return 0 if probe is None else probe.current_ua * probe.width_us
