@@ -20,6 +20,7 @@ from etd.engine.room import Rules
 from etd.errors import CannotSelect
 from etd.frame import Frame
 from etd.shipped import find
+from etd.stabilize.pipeline import NO_FURTHER, Reach
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.cost import CostModel
 from etd_hal.selection import Selection
@@ -106,6 +107,7 @@ def planner(
     site: BodySite | None = None,
     layout: Array | None = None,
     can_choose: bool = True,
+    reach: Reach = NO_FURTHER,
 ) -> Planner:
     """For a person with these caps; Kajimoto's board, 16 electrodes unless told otherwise."""
     board, site, layout = board or board_file(), site or body_site(), layout or array()
@@ -117,7 +119,7 @@ def planner(
         person = PersonLimits(caps, maxima.width_us, None)
     return Planner(
         AnySelector(can_choose=can_choose),
-        Rules(layout, site, maxima, person, 10_000 / 4_095),
+        Rules(layout, site, maxima, person, 10_000 / 4_095, reach),
         CostModel(board, machine_file(), TIMING),
     )
 

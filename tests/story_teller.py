@@ -29,6 +29,7 @@ from etd.link import (
     StopNow,
 )
 from etd.stabilize.pipeline import Known, Reach, Wish
+from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 from etd_hal.fake.faults import RailOff
 from etd_hal.fake.world import StopLine
@@ -66,10 +67,15 @@ class Setting:
     electrodes: int
     maxima: SiteMaxima
     slot_ns: int
+    is_probe_first: bool = False
 
     def loaded(self) -> LoadedConfig:
         loaded = fake_config(board=self.board, electrodes=self.electrodes)
-        site = msgspec.structs.replace(loaded.body_site, maxima=self.maxima)
+        site = msgspec.structs.replace(
+            loaded.body_site,
+            maxima=self.maxima,
+            stabilize=Settings(probe_first=self.is_probe_first),
+        )
         return LoadedConfig(
             config=loaded.config,
             board=loaded.board,
@@ -104,7 +110,9 @@ class Teller:
             loaded=setting.loaded(), stabilizers=(self._asker,) if wishes else ()
         )
         self._asker.clock = self.rig.clock
-        self.story = Story(setting.bounds(), setting.electrodes)
+        self.story = Story(
+            setting.bounds(), setting.electrodes, is_probe_first=setting.is_probe_first
+        )
         self._look(range(setting.electrodes))
         self._calibration: Calibration | None = None
 

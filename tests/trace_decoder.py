@@ -16,12 +16,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 Record = dict[str, Any]
 DAC_BITS = 16
 HALF_BRIDGES = ("HV507", "HV513")
+SWITCH_LINES = ("POL", "BL", "LE", "CLK", "DATA")
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,8 @@ class Phase:
     seq: int | None
     tag: int | None
     scan: int | None
+    #: How often a line of the switch had changed before it.
+    moves: int = field(default=0, compare=False, repr=False)
 
     @property
     def width_us(self) -> float:
@@ -206,14 +210,16 @@ class Decoder:
         self._frame: tuple[int | None, int | None] = (None, None)
         self._scan: int | None = None
         self._since_ns = 0
+        self._moves = 0
 
     def take(self, record: Record) -> None:
         t_ns, bus, event = record["t_ns"], record["bus"], record.get("event")
         if bus == "gpio":
             before_sides = self.wires.sides() if self.dac.code else None
-            self.wires.change(t_ns, record["line"], record["value"])
+            is_moved = self.wires.change(t_ns, record["line"], record["value"])
             if self.dac.code and self.wires.sides() != before_sides:
                 self._cut(t_ns, self.dac.code, before_sides)
+            self._moves += is_moved and self.wires.name(record["line"]) in SWITCH_LINES
         elif bus == "spi" and event == "transfer":
             self.dac.transfer(bytes.fromhex(record["tx"]))
         elif bus == "spi" and event == "cs":
@@ -249,6 +255,7 @@ class Decoder:
                 seq,
                 tag,
                 self._scan,
+                self._moves,
             )
         )
 
@@ -309,21 +316,31 @@ def _follows(first: Phase, second: Phase) -> bool:
 
 
 def visits(phases: Iterable[Phase]) -> Iterator[tuple[Phase, ...]]:
-    """Phases that belong together: a pulse, with its prepulse if it has one; and the next one, if
-    that is on the same electrode, the other way round, in the same scan.
+    """Phases that belong together: a pulse, with its prepulse if it has one; a probe that went
+    before it; and the next one, if that is on the same electrode, the other way round, in the same
+    scan.
     """
-    pending: Pulse = ()
+    pending: list[Pulse] = []
     for pulse in pulses(phases):
-        if not pending:
-            pending = pulse
-        elif _is_second(pending[-1], pulse[0]):
-            yield (*pending, *pulse)
-            pending = ()
+        if len(pending) == 1 and is_led(pending[0][-1], pulse[0]):
+            pending.append(pulse)
+        elif pending and _is_second(pending[-1][-1], pulse[0]):
+            yield (*chain(*pending), *pulse)
+            pending = []
         else:
-            yield pending
-            pending = pulse
+            if pending:
+                yield tuple(chain(*pending))
+            pending = [pulse]
     if pending:
-        yield pending
+        yield tuple(chain(*pending))
+
+
+def is_led(probe: Phase, pulse: Phase) -> bool:
+    """A weaker one, the current off, and then the pulse: the same way, with nothing moved."""
+    is_same = (probe.source, probe.ground) == (pulse.source, pulse.ground)
+    is_same &= (probe.scan, probe.seq) == (pulse.scan, pulse.seq)
+    is_unmoved = probe.moves == pulse.moves and probe.to_ns < pulse.from_ns
+    return is_same and is_unmoved and probe.current_ua < pulse.current_ua
 
 
 def _is_second(first: Phase, second: Phase) -> bool:

@@ -12,9 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from trace_decoder import DAC_BITS, Dac, Facts, Record, Wires
+from trace_decoder import DAC_BITS, SWITCH_LINES, Dac, Facts, Record, Wires
 
-SWITCH_LINES = ("POL", "BL", "LE", "CLK", "DATA")
 MOST_DATA_TRANSFERS = 32
 TRANSFERS_THAT_WRAP = 512
 LONGEST_DELAY_US = 10
@@ -41,6 +40,11 @@ class Rules:
         self._grounded_since_ns: int | None = None
         self._rested_ns = 0
         self._is_second = False
+        #: The strongest code of the pulse before, whether a line of the switch has moved since,
+        #: and whether that pulse went behind a probe.
+        self._code_before = 0
+        self._has_moved = False
+        self._is_led = False
         self._steps = 0
         #: Relays: when each stage was last told to open.
         self._opened_ns: dict[int, int] = {}
@@ -77,6 +81,7 @@ class Rules:
         latch_before = wires.latch
         if not wires.change(t_ns, line, value):
             return
+        self._has_moved |= name in SWITCH_LINES
         if self._dac.code and name in SWITCH_LINES:
             self._unexcused.append((t_ns, f"{name} changes while the DAC is at {self._dac.code}"))
         if name in ("POL", "BL", "HV"):
@@ -177,6 +182,7 @@ class Rules:
             if code < code_before or self._steps > 1:
                 self._broken(t_ns, f"current steps from code {code_before} to {code}")
         elif code_before and not code:
+            self._code_before, self._has_moved = code_before, False
             self._zero_ns, self._zero_sides = t_ns, self._wires.sides()
             self._rested_ns, self._grounded_since_ns = 0, None
             self._follow_rest(t_ns)
@@ -206,10 +212,15 @@ class Rules:
         self._check_rest(t_ns, source, ground)
 
     def _check_rest(self, t_ns: int, source: frozenset[int], ground: frozenset[int]) -> None:
-        """Before each pulse, but for the second phase of a biphasic one: the other way round."""
+        """Before each pulse, but for the second phase of a biphasic one: the other way round; and
+        for one that follows a weaker one, once, with nothing moved: that was its probe.
+        """
         self._follow_rest(t_ns)
         if self._zero_ns is None or self._rested_ns >= self._rest_ns:
-            self._is_second = False
+            self._is_second = self._is_led = False
+            return
+        if not (self._has_moved or self._is_led) and self._dac.code > self._code_before:
+            self._is_led = True
             return
         self._is_second = self._zero_sides == (ground, source) and not self._is_second
         if not self._is_second:

@@ -167,7 +167,7 @@ def steps(board: str, most: SiteMaxima) -> st.SearchStrategy[Step]:
 @st.composite
 def whole_stories(draw: st.DrawFn, board: str) -> tuple[Setting, tuple[int, ...], list[Step]]:
     most = draw(maxima())
-    setting = Setting(board, ELECTRODES, most, SLOTS[board])
+    setting = Setting(board, ELECTRODES, most, SLOTS[board], draw(st.booleans()))
     lifted = draw(st.sets(electrodes, max_size=ELECTRODES - 2))
     told = [Step("lift", {"electrode": one}) for one in sorted(lifted)]
     told.append(Step("new_person", {"caps_ua": draw(caps(most.current_ua))}))
@@ -234,6 +234,7 @@ WIDE_OPEN = SiteMaxima(
     staying=st.sets(electrodes, min_size=1, max_size=2),
     is_at_once=st.booleans(),
     pause_ms=st.sampled_from([10, 2_000]),
+    is_probe_first=st.booleans(),
 )
 def test_returns_that_lose_the_skin_while_a_frame_stands_make_no_other_return_carry_too_much(
     caps_ua: tuple[int, ...],
@@ -241,8 +242,11 @@ def test_returns_that_lose_the_skin_while_a_frame_stands_make_no_other_return_ca
     staying: set[int],
     is_at_once: bool,
     pause_ms: int,
+    is_probe_first: bool,
 ) -> None:
-    teller = Teller(Setting("kajimoto-hv507", ELECTRODES, WIDE_OPEN, HALF_BRIDGE_SLOT_NS))
+    teller = Teller(
+        Setting("kajimoto-hv507", ELECTRODES, WIDE_OPEN, HALF_BRIDGE_SLOT_NS, is_probe_first)
+    )
     current_ua = tuple(3_000 if one in active else 0 for one in range(ELECTRODES))
     frame = {
         "fields": {"current_ua": current_ua, "width_us": 100, "rate_hz": 60.0},

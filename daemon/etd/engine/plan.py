@@ -195,12 +195,13 @@ class Planner:
         rate_hz: float,
     ) -> Visit:
         self._room.check_minimum(electrode, current_ua)
-        probe = self._room.probe(electrode, current_ua)
+        wish = Wish(current_ua, width_us)
+        probe = self._room.probe(electrode, wish)
         visits_hz, count = rate_hz * self._pulses, len(phases)
         self._room.check_maxima(electrode, current_ua, width_us, count, visits_hz, pc_of(probe))
         returns = self._returns(frame, electrode)
         path = self._path(electrode, returns)
-        most = self._room.most(Wish(current_ua, width_us), visits_hz, count, probe)
+        most = self._room.most(wish, visits_hz, count, probe)
         return Visit(
             electrode,
             self._select(electrode, returns),

@@ -40,15 +40,15 @@ class Room:
         self._prepulse = stabilize.prepulse
         self._prepulse_us = stabilize.prepulse_us
 
-    def probe(self, electrode: int, current_ua: int) -> Wish | None:
-        """What goes before each pulse of it, where the site says so: one that can never be
-        stronger than a probe needs none.
+    def probe(self, electrode: int, wish: Wish) -> Wish | None:
+        """What goes before each pulse of it, where the site says so: never longer than the frame's
+        own; and none where the pulse can never be stronger.
         """
         rules, maxima = self._rules, self._rules.maxima
         probe_ua = min(maxima.probe_current_ua, rules.person.caps_ua[electrode])
-        if not self._is_probe_first or current_ua * rules.reach.current <= probe_ua:
+        if not self._is_probe_first or wish.current_ua * rules.reach.current <= probe_ua:
             return None
-        return Wish(probe_ua, min(maxima.probe_width_us, rules.person.width_us))
+        return Wish(probe_ua, min(maxima.probe_width_us, wish.width_us))
 
     def most(self, wish: Wish, visits_hz: float, phases: int, probe: Wish | None) -> Most:
         """The frame's own most: what stabilizers reach, within what no frame may pass. Its charge
