@@ -71,7 +71,8 @@ def calibrating_file(name: str, which: str) -> Path:
 
     With the user who calibrates, not with the daemon: it is no limit of anybody yet.
     """
-    return _user_state() / check_name(name) / "calibrating" / f"{check_name(which)}.json"
+    file = check_name(which, "the calibration's name")
+    return _user_state() / check_name(name) / "calibrating" / f"{file}.json"
 
 
 def control_address(name: str) -> str:
@@ -176,13 +177,11 @@ def prepare_runtime(folder: Path) -> None:
         )
 
 
-def check_name(name: str) -> str:
-    """Raises: FileError for a name that could not be a folder's everywhere."""
+def check_name(name: str, whose: str = "the daemon's name") -> str:
+    """Raises: FileError for a name that could not be a file's everywhere."""
     if _NAME.fullmatch(name):
         return name
-    raise FileError(
-        "the daemon's name", "", repr(name), "give 1 to 32 letters, digits, hyphens or underscores"
-    )
+    raise FileError(whose, "", repr(name), "give 1 to 32 letters, digits, hyphens or underscores")
 
 
 def _user_runtime() -> Path:

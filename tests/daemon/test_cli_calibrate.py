@@ -22,7 +22,8 @@ class Typed:
     def __init__(self) -> None:
         self.fd, self._end = os.pipe()
         self.asked: list[Question] = []
-        self.keyboard = Keyboard(self.fd, self.asked.append)
+        self.heard: list[Answer | None] = []
+        self.keyboard = Keyboard(self.fd, self.asked.append, self.heard.append)
         self.when_asked = b""
 
     def press(self, keys: bytes) -> None:
@@ -47,7 +48,7 @@ class Typed:
             if not keys and kept == 2:
                 self.press(b"f")
 
-        return Keyboard(self.fd, show).answer(Question(ask, 3), keep), kept
+        return Keyboard(self.fd, show, self.heard.append).answer(Question(ask, 3), keep), kept
 
     def close(self) -> None:
         os.close(self.fd)
@@ -85,6 +86,7 @@ def test_keys_of_another_question_and_unknown_ones_are_no_answer(typed: Typed) -
     answer, kept = typed.answer("strength", b"wx\xffsf")
     assert answer == "felt"
     assert kept == 4
+    assert typed.heard == [None, None, None, None, "felt"]
 
 
 def test_while_nobody_answers_the_lease_is_kept(typed: Typed) -> None:
@@ -151,6 +153,11 @@ def test_the_picture_shows_what_is_done_without_a_current(
     assert "2 of 4 electrodes, 50 presentations" in said
     assert not any(figure in said for figure in ("1111", "2222", "2333", "777"))
 
+    for answer in ("not_felt", None, "pause"):
+        screen.heard(answer)
+    told = capsys.readouterr().out
+    assert told == "   not felt; now the next\n   that key is no answer here\n"
+
 
 @pytest.mark.parametrize(
     "given",
@@ -170,3 +177,23 @@ def test_what_does_not_go_together_is_used_wrongly(
         main(["calibrate", *given])
     assert ended.value.code == USED_WRONGLY
     assert capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["P 1", "--max-current-ua", "2000"], "the code, or --as: 'P 1'"),
+        (["P1", "--as", "../x", "--max-current-ua", "2000"], "the code, or --as: '../x'"),
+        (["P1", "--max-current-ua", "20000"], "--max-current-ua: it says 20000"),
+        (["P1", "--max-current-ua", "2000", "--width-us", "500"], "--width-us: it says 500"),
+        (["P1", "--max-current-ua", "2000", "--rate-hz", "500"], "--rate-hz: it says 500"),
+        (["P1", "--max-current-ua", "2000", "--pulses", "90"], "90 pulses at 60 Hz last 1.50 s"),
+        (["P1", "--max-current-ua", "2000", "--leave-out", "8"], "--leave-out: there is no elec"),
+        (["P1", "--max-current-ua", "2000", "--reference", "-1"], "--reference: there is no elec"),
+    ],
+)
+def test_what_cannot_be_is_told_by_the_name_it_has_on_the_command_line(
+    given: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["calibrate", *given, "--board", "fake", "--array", "pad-8"]) == 1
+    assert said in capsys.readouterr().err

@@ -38,7 +38,7 @@ from etd.cli.keys import keyboard
 from etd.cli.private_daemon import private_daemon
 from etd.client import Display, clock
 from etd.config import fake_config
-from etd.errors import Refused
+from etd.errors import FileError, Refused
 from etd.frame import Polarity
 from etd.places import calibrating_file, check_name
 from etd.version import __version__
@@ -63,12 +63,22 @@ ARM_WITHIN_S = 20.0
 _SAFE_WITHIN_S = 5.0
 _LOOK_S = 0.3
 _SILENT_MS = 300
+#: What is called otherwise on the command line.
+_OPTIONS = {
+    "participant": "CODE",
+    "cap_ua": "--max-current-ua",
+    "width_us": "--width-us",
+    "rate_hz": "--rate-hz",
+    "pulses": "--pulses",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("participant", metavar="CODE", help="a code for the person, never a name")
     options.add_name(parser)
-    parser.add_argument("--method", choices=get_args(Method), default="limits")
+    parser.add_argument(
+        "--method", choices=get_args(Method), default="limits", help="default: limits"
+    )
     parser.add_argument("--max-current-ua", type=int, metavar="I", help="nothing above it, ever")
     parser.add_argument("--width-us", type=int, metavar="W", help="default: the body site's")
     parser.add_argument("--rate-hz", type=options.positive, metavar="HZ", help="default: as well")
@@ -112,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     Raises: Refused, FileError, HardwareMissing, DaemonGone, PartEnded.
     """
     _check_combinations(args)
-    which = check_name(args.which or args.participant)
+    which = check_name(args.which or args.participant, "the code, or --as")
     with _address(args) as address, _display(args, address) as display:
         calibrating = _Calibrating(args, display, which)
         try:
@@ -170,6 +180,7 @@ class _Calibrating:
         self._which = which
         self._file = calibrating_file(args.name if args.board is None else "fake", which)
         self._baseline = display.calibration(args.baseline) if args.baseline else None
+        self._check_electrodes()
         conditions = check_conditions(self._conditions())
         check_laws(conditions, display.facts.stabilizers)
         if self._baseline is not None:
@@ -192,7 +203,7 @@ class _Calibrating:
             if self._args.answers == "simulated":
                 answerer = SimulatedPerson(body.sense, self._args.seed)
             else:
-                answerer = stack.enter_context(keyboard(self._screen.ask))
+                answerer = stack.enter_context(keyboard(self._screen.ask, self._screen.heard))
             stimulator = Stimulator(
                 self._display,
                 reports,
@@ -264,7 +275,25 @@ class _Calibrating:
             "shape": msgspec.to_builtins(facts.shape.at(width_us)),
             "cap_ua": most_ua,
         }
-        return convert(asked, Conditions, "the command line")
+        try:
+            return convert(asked, Conditions, "the command line")
+        except FileError as error:
+            key = _OPTIONS.get(error.key, error.key)
+            raise FileError(error.file, key, error.value, error.allowed) from error
+
+    def _check_electrodes(self) -> None:
+        """Raises: FileError, for one that the array does not have."""
+        count = self._display.facts.array.electrodes
+        named = {"--leave-out": self._args.leave_out, "--reference": (self._args.reference,)}
+        for option, electrodes in named.items():
+            for one in electrodes:
+                if one is not None and not 0 <= one < count:
+                    raise FileError(
+                        "the command line",
+                        option,
+                        f"there is no electrode {one}",
+                        f"0 to {count - 1}",
+                    )
 
     def _begun(self, conditions: Conditions) -> Progress:
         """What there is of it. Raises: FileError, where that is under other conditions."""

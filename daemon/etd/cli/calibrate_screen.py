@@ -7,7 +7,7 @@ meanings, daemons. No current is ever shown: nobody should answer by number.
 from __future__ import annotations
 
 from etd.apps.picture import Picture
-from etd.calibrate.answers import Question
+from etd.calibrate.answers import Answer, Question
 from etd.calibrate.conditions import Progress
 from etd.cli.keys import legend
 from etd.cli.terminal import is_terminal
@@ -38,6 +38,15 @@ class Screen:
             above = [_CLEAR] if is_terminal() else []
             print("\n".join([*above, *self.rows(), self.line()]))
         print(f"{_ASKED[question.ask]}   {legend(question.ask)}", flush=True)
+
+    def heard(self, answer: Answer | None) -> None:
+        """After each key: that it was taken, and that the next one comes."""
+        if self._is_quiet:
+            return
+        if answer is None:
+            print("   that key is no answer here", flush=True)
+        elif answer not in ("stop", "pause"):
+            print(f"   {answer.replace('_', ' ')}; now the next", flush=True)
 
     def found(self) -> None:
         """After an electrode: a line, where no picture is drawn over."""

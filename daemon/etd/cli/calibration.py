@@ -183,7 +183,7 @@ def _export(args: argparse.Namespace) -> int:
 
 def _import(args: argparse.Namespace) -> int:
     calibration = load_calibration(args.file)
-    name = check_name(args.which or args.file.stem)
+    name = check_name(args.which or args.file.stem, "the calibration's name")
     with _display(args) as display:
         display.set_calibration(name, calibration)
     _done(args, f"{name}: {_sentence(calibration)}", name)

@@ -42,11 +42,16 @@ def legend(ask: Ask) -> str:
 
 
 class Keyboard:
-    """Keeps `Answerer`. `show` is told of each question before its key is waited for."""
+    """Keeps `Answerer`. `show` is told of each question before its key is waited for, `heard` of
+    each key then: what it means, or None for one that is no answer to this question.
+    """
 
-    def __init__(self, fd: int, show: Callable[[Question], None]) -> None:
+    def __init__(
+        self, fd: int, show: Callable[[Question], None], heard: Callable[[Answer | None], None]
+    ) -> None:
         self._fd = fd
         self._show = show
+        self._heard = heard
 
     def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
         if self.wants_stop():
@@ -54,9 +59,13 @@ class Keyboard:
         self._show(question)
         allowed = (*ANSWERS[question.ask], "pause", "stop")
         while True:
-            answer = self._pressed(_KEEP_S)
-            if answer in allowed:
-                return answer
+            pressed = self._pressed(_KEEP_S)
+            for answer in allowed:
+                if pressed == answer:
+                    self._heard(answer)
+                    return answer
+            if pressed is not None:
+                self._heard(None)
             keep()
 
     def wants_stop(self) -> bool:
@@ -76,11 +85,13 @@ class Keyboard:
 
 
 @contextmanager
-def keyboard(show: Callable[[Question], None]) -> Iterator[Keyboard]:
+def keyboard(
+    show: Callable[[Question], None], heard: Callable[[Answer | None], None]
+) -> Iterator[Keyboard]:
     """The terminal's, key by key while it lasts; a pipe's where there is no terminal."""
     fd = sys.stdin.fileno()
     with _key_by_key(fd):
-        yield Keyboard(fd, show)
+        yield Keyboard(fd, show, heard)
 
 
 @contextmanager
