@@ -16,11 +16,14 @@ from etd_hal.errors import FileError
 
 T = TypeVar("T")
 
+#: A calibration of 256 electrodes with explicit returns has a quarter of it.
+MOST_BYTES = 1_048_576
+
 
 def load_toml(path: Path, kind: type[T]) -> T:
     """Read `path` into `kind`. Raises: FileError, naming file, key, value and what is allowed."""
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(_text_of(path))
     except FileNotFoundError:
         raise FileError(str(path), "", "there is no such file", "name one that exists") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -28,6 +31,23 @@ def load_toml(path: Path, kind: type[T]) -> T:
     except tomllib.TOMLDecodeError as error:
         raise FileError(str(path), "", f"it is not TOML ({error})", "correct the line") from error
     return convert(data, kind, str(path))
+
+
+def _text_of(path: Path) -> str:
+    """No more than is any file of ours is read: a device or a pipe may have no end.
+
+    Raises: FileError, OSError, UnicodeDecodeError.
+    """
+    with path.open("rb") as file:
+        data = file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise FileError(
+            str(path),
+            "",
+            f"it has more than {MOST_BYTES} bytes",
+            "no file of this kind has so many",
+        )
+    return data.decode("utf-8")
 
 
 def convert(data: object, kind: type[T], file: str) -> T:

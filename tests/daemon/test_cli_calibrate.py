@@ -188,6 +188,7 @@ def test_what_does_not_go_together_is_used_wrongly(
         (["P1", "--max-current-ua", "2000", "--width-us", "500"], "--width-us: it says 500"),
         (["P1", "--max-current-ua", "2000", "--rate-hz", "500"], "--rate-hz: it says 500"),
         (["P1", "--max-current-ua", "2000", "--pulses", "90"], "90 pulses at 60 Hz last 1.50 s"),
+        (["P1", "--max-current-ua", "2000", "--out", "/none/P1.toml"], "there is no such folder"),
         (["P1", "--max-current-ua", "2000", "--leave-out", "8"], "--leave-out: there is no elec"),
         (["P1", "--max-current-ua", "2000", "--reference", "-1"], "--reference: there is no elec"),
     ],

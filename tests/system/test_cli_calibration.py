@@ -38,7 +38,7 @@ def test_a_calibration_is_imported_shown_exported_and_deleted(rig: CommandRig) -
         assert listed["P01"]["electrodes"] == 8
 
         shown = rig.run("calibration", "show", "P01").out
-        assert "polarity      anodic\n" in shown
+        assert "polarity       anodic\n" in shown
         assert "        7       1000         2000      3000        not known\n" in shown
 
         assert rig.run("calibration", "export", "P01").out == path.read_text()
@@ -66,6 +66,28 @@ def test_what_does_not_fit_or_is_there_already_is_refused_in_a_sentence(rig: Com
         assert "shipped" in shipped.err
         path = written(rig.folder, "P04.toml")
         assert rig.run("calibration", "import", str(path), "--as", "../x").status == 1
+        for verb in ("show", "delete", "export"):
+            named = rig.run("calibration", verb, "../x")
+            assert (named.status, "calibration's name: '../x'" in named.err) == (1, True)
+        nowhere = rig.run("calibration", "export", "fake-fingertip-pad-8", "none/P05.toml")
+        assert nowhere.status == 1
+        assert "none/P05.toml: it cannot be written (No such file" in nowhere.err
+        endless = rig.run("calibration", "import", "/dev/zero", "--as", "P06")
+        assert (endless.status, "more than 1048576 bytes" in endless.err) == (1, True)
+
+
+def test_what_a_file_says_does_not_write_over_the_terminal(rig: CommandRig) -> None:
+    path = written(rig.folder, "P01.toml")
+    path.write_text(path.read_text().replace('program = "', 'program = "\\u001b[2J'))
+    with rig.daemon("--array", "pad-8"):
+        assert rig.run("calibration", "import", str(path)).status == 0
+        shown = rig.run("calibration", "show", "P01").out
+        assert "\x1b" not in shown
+        assert "'\\x1b[2J" in shown
+        assert "method         limits" in shown
+
+
+def test_what_to_do_with_calibrations_must_be_said(rig: CommandRig) -> None:
     assert rig.run("calibration").status == 2
 
 

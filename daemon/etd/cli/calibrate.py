@@ -122,6 +122,8 @@ def run(args: argparse.Namespace) -> int:
     Raises: Refused, FileError, HardwareMissing, DaemonGone, PartEnded.
     """
     _check_combinations(args)
+    if args.out is not None and not args.out.parent.is_dir():
+        raise FileError(str(args.out), "", "there is no such folder", "name one that exists")
     which = check_name(args.which or args.participant, "the code, or --as")
     with _address(args) as address, _display(args, address) as display:
         calibrating = _Calibrating(args, display, which)

@@ -36,6 +36,9 @@ for the participant, never a name. `etd calibrate` makes one.
 """
 
 
+WHOSE = "the calibration's name"
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(title="what", metavar="WHAT", required=True)
     _action(actions, "list", _list, "the names there are, and what they hold for")
@@ -67,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     """Raises: Refused (`not_found`, `not_permitted`, `bad_calibration`, `wrong_state`), FileError,
     DaemonGone.
     """
+    if args.act in (_show, _export, _delete):
+        check_name(args.which, WHOSE)
     return int(args.act(args))
 
 
@@ -99,7 +104,7 @@ def _show(args: argparse.Namespace) -> int:
         _print_json({"ok": True, "name": args.which, "calibration": calibration})
         return 0
     for key, value in _conditions(calibration).items():
-        print(f"{key:<13} {value}")
+        print(f"{key:<14} {_printable(value)}")
     if calibration.array == array.name and len(calibration.electrode) == array.electrodes:
         signs = _signs([one.threshold_ua for one in calibration.electrode])
         print("thresholds, low to high from 0 to 9:")
@@ -127,6 +132,12 @@ def _conditions(calibration: Calibration) -> dict[str, object]:
         "electrodes": len(calibration.electrode),
         "largest_cap_ua": max((one.cap_ua for one in calibration.electrode), default=0),
     }
+
+
+def _printable(value: object) -> str:
+    """Whatever a file says must not write over the terminal."""
+    text = "not said" if value is None else str(value)
+    return text if text.isprintable() else repr(text)
 
 
 def _returns(returns: Returns) -> str:
@@ -176,14 +187,19 @@ def _export(args: argparse.Namespace) -> int:
         return 0
     if args.file.exists():
         raise FileError(str(args.file), "", "it is there already", "name a new file")
-    write_whole(args.file, text.encode(), mode=0o640)
+    try:
+        write_whole(args.file, text.encode(), mode=0o640)
+    except OSError as error:
+        raise FileError(
+            str(args.file), "", f"it cannot be written ({error.strerror})", "name another place"
+        ) from error
     _done(args, f"{args.which} is in {args.file}")
     return 0
 
 
 def _import(args: argparse.Namespace) -> int:
     calibration = load_calibration(args.file)
-    name = check_name(args.which or args.file.stem, "the calibration's name")
+    name = check_name(args.which or args.file.stem, WHOSE)
     with _display(args) as display:
         display.set_calibration(name, calibration)
     _done(args, f"{name}: {_sentence(calibration)}", name)
