@@ -34,7 +34,7 @@ class Outcome:
     presentation (`wander`: the largest over the least, less 1); then it is the median over the
     later half of those that were for it: the earlier half are of the way there.
     `unfelt`, `weaker`: where nothing was felt up to the cap, or it was not as strong as the
-    reference: the body's own over the cap.
+    reference: the body's own over the cap, at its largest in those.
     """
 
     presentations: int = 0
@@ -109,6 +109,7 @@ class _Sitting:
         self._outcome = Outcome()
         self._true_ua: dict[int, list[float]] = {}
         self._own_ua: dict[int, float] = {}
+        self._largest_ua: dict[int, float] = {}
         person = SimulatedPerson(felt.sense, person_seed)
         self._stimulator = Stimulator(
             display, display, daemon, conditions, person.wants_stop, felt.hear
@@ -147,7 +148,8 @@ class _Sitting:
 
     def _settle(self, electrode: int) -> None:
         true_ua = self._true_ua.pop(electrode)
-        self._own_ua[electrode] = median(true_ua[len(true_ua) // 2 :])
+        later_ua = true_ua[len(true_ua) // 2 :]
+        self._own_ua[electrode], self._largest_ua[electrode] = median(later_ua), max(later_ua)
         self._outcome.wander[electrode] = max(true_ua) / min(true_ua) - 1.0
 
     def _compare(self, progress: Progress) -> None:
@@ -163,14 +165,14 @@ class _Sitting:
         if found.felt:
             self._outcome.errors[electrode] = found.threshold_ua / own_ua - 1.0
         else:
-            self._outcome.unfelt[electrode] = own_ua / CAP_UA
+            self._outcome.unfelt[electrode] = self._largest_ua[electrode] / CAP_UA
 
     def _compare_strength(self, electrode: int, found: ElectrodeLimits) -> None:
         own_ua = self._own_ua[electrode]
         if found.comfortable_ua < found.cap_ua:
             self._outcome.errors[electrode] = found.comfortable_ua / own_ua - 1.0
         else:
-            self._outcome.weaker[electrode] = own_ua / found.cap_ua
+            self._outcome.weaker[electrode] = self._largest_ua[electrode] / found.cap_ua
 
 
 def conditions_of(daemon: SteppedDaemon, method: Method, pulses: int = 10) -> Conditions:

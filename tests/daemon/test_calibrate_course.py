@@ -23,9 +23,10 @@ from etd.calibrate.conditions import (
 )
 from etd.calibrate.course import Course
 from etd.calibrate.person import Felt, Manner, SimulatedPerson
-from etd.calibrate.reach import RISE
+from etd.calibrate.reach import RISE, Reach
+from etd.calibrate.staircase import staircase
 from etd.calibrate.stimulator import Delivered, NotDelivered
-from etd.calibrate.trial import Stopped
+from etd.calibrate.trial import Stopped, run
 from etd.calibration import Calibration, Method, check_order
 from etd.errors import FileError, HardwareMissing, Refused
 from etd.stabilize.bursts import Bursts
@@ -94,6 +95,21 @@ def test_quest_plus_does_not_take_one_miss_at_the_cap_for_the_end_of_feeling(of_
     progress = Progress(conditions=conditions("quest-plus", 6))
     found = Course(progress, skin, SimulatedPerson(skin.sense, 2, Manner(lapses=0.0))).run(range(6))
     assert [one.felt for one in found.found.values()] == [of_cap < 1.0] * 6
+
+
+@pytest.mark.parametrize(("misses", "felt"), [(1, True), (2, False)])
+def test_a_staircase_misses_twice_at_the_cap_before_it_says_not_felt(
+    misses: int, felt: bool
+) -> None:
+    """At the cap it is felt on the way up, then missed so many times, then felt again."""
+    places = iter(range(100))
+
+    def present(current_ua: int) -> Answer:
+        is_missed = current_ua < 4_000 or 1 <= next(places) <= misses
+        return "not_felt" if is_missed else "felt"
+
+    found = run(staircase(3_800), Reach(4_000, 3_800), present)
+    assert found.is_felt is felt
 
 
 def test_caps_were_all_presented_and_levels_are_comfortable() -> None:

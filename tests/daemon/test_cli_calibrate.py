@@ -146,6 +146,8 @@ def test_the_picture_shows_what_is_done_without_a_current(
     progress = Progress(conditions=conditions, found={0: found, 1: unfelt}, presentations=50)
     screen = Screen(facts, progress, is_quiet=False)
 
+    screen.begin()
+    assert "by limits, 2 electrodes to come" in capsys.readouterr().out
     screen.ask(Question("strength", 2))
 
     said = capsys.readouterr().out

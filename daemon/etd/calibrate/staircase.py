@@ -16,6 +16,8 @@ from etd.calibrate.trial import Procedure
 TURNS = 8
 #: The first turns still carry where it began.
 _IGNORED = 2
+#: It was felt on the way up: so often in a row it must be missed at the cap to count as not felt.
+_MISSES_AT_CAP = 2
 
 
 def staircase(start_ua: float, felt_in_a_row: int = 1) -> Procedure[Threshold]:
@@ -23,7 +25,7 @@ def staircase(start_ua: float, felt_in_a_row: int = 1) -> Procedure[Threshold]:
     first = yield from coarse(start_ua)
     if not first.is_felt:
         return first
-    wish_ua, row, was_up = first.current_ua, 0, None
+    wish_ua, row, misses, was_up = first.current_ua, 0, 0, None
     turns: list[float] = []
     while len(turns) < TURNS:
         heard = yield wish_ua
@@ -32,7 +34,8 @@ def staircase(start_ua: float, felt_in_a_row: int = 1) -> Procedure[Threshold]:
         if heard.is_felt and row < felt_in_a_row:
             continue
         is_up, row = not heard.is_felt, 0
-        if is_up and heard.is_at_cap and not heard.is_cap_felt:
+        misses = misses + 1 if is_up and heard.is_at_cap and not heard.is_cap_felt else 0
+        if misses == _MISSES_AT_CAP:
             return Threshold(heard.current_ua, is_felt=False)
         if was_up is not None and is_up is not was_up:
             turns.append(heard.current_ua)

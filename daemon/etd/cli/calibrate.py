@@ -227,6 +227,7 @@ class _Calibrating:
             reference=self._reference(),
             on_progress=self._keep,
         )
+        self._screen.begin()
         stimulator.open()
         course.run(self._wanted())
         self._left = course.left

@@ -29,6 +29,13 @@ class Screen:
         self._is_quiet = is_quiet
         self._electrode: int | None = None
 
+    def begin(self) -> None:
+        """Before the first question, while the opening rises."""
+        if not self._is_quiet:
+            to_come = len(self._progress.missing)
+            method = self._progress.conditions.method
+            print(f"by {method}, {to_come} electrodes to come: a moment", flush=True)
+
     def ask(self, question: Question) -> None:
         """The picture where the electrode is another one, and the question."""
         if self._is_quiet:
