@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from engine_parts import (
     array,
     board_with,
+    body_site,
     calibration,
     currents,
     frame,
@@ -22,6 +24,8 @@ from etd.calibration import ElectrodeLimits
 from etd.engine.plan import Plan
 from etd.errors import Refused
 from etd.frame import Ring
+from etd.stabilize.prepulse import Prepulse
+from etd.stabilize.settings import Settings
 
 N = 16
 LEVELS = (0.5,) * N
@@ -96,6 +100,21 @@ def test_a_level_frame_that_departs_from_its_calibration_is_refused(key: str, ot
 )
 def test_a_level_frame_may_repeat_what_it_was_calibrated_with(key: str, same: Any) -> None:
     planner(calibrated=calibration()).plan(frame(level=LEVELS, **{key: same}))
+
+
+def test_levels_of_plain_pulses_are_refused_where_the_site_makes_others_of_them() -> None:
+    settings = Settings(order=("prepulse",), prepulse=Prepulse(below_db=6.0, width_us=50))
+    site = msgspec.structs.replace(body_site(), stabilize=settings)
+    refusal = refusal_of(planner(calibrated=calibration(), site=site), level=LEVELS)
+    assert refusal.code == "bad_frame"
+    assert "makes a prepulse of 50 us, 6 dB below of it" in str(refusal)
+
+    led_into = calibration(shape=settings.shape)
+    assert planner(calibrated=led_into, site=site).plan(frame(level=LEVELS)).visits
+    assert (
+        planner(calibrated=calibration(), site=site).plan(frame(current_ua=currents(e0=500))).visits
+    )
+    assert refusal_of(planner(calibrated=led_into), level=LEVELS).code == "bad_frame"
 
 
 def test_a_current_frame_need_not_follow_the_calibration() -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from etd.bodysite import SiteDefaults
-from etd.calibration import Calibration, current_of_level
+from etd.calibration import Calibration, check_shape_of_levels, current_of_level
 from etd.engine.limits import Path, last_word, path_of
 from etd.engine.room import Room, Rules, pc_of
 from etd.errors import CannotSelect, Refused
@@ -145,6 +145,7 @@ class Planner:
     def _visits(self, frame: Frame) -> tuple[Visit, ...]:
         if frame.level is not None:
             _check_conditions(frame, self._calibration_for_levels())
+            check_shape_of_levels(self._calibration_for_levels(), self._rules.site.stabilize.shape)
         wanted_ua = self._currents(frame)
         default = self._defaults()
         widths_us = self._values("width_us", frame.width_us, default.width_us)
