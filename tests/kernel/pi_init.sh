@@ -26,6 +26,8 @@ done
 /bin/busybox ip link set lo up
 /bin/busybox --install -s /bin
 
+# A Pi has no clock of its own: what is run was written a moment ago, by a machine that has one.
+date -s "@$(stat -c %Y /command)" >/dev/null || fail "the date cannot be set"
 stty -F /dev/ttyAMA0 raw
 sh /command </dev/null >/dev/ttyAMA0 2>&1
 echo "rig: status $?" >/dev/ttyAMA0
