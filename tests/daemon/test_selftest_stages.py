@@ -235,6 +235,8 @@ def test_an_error_while_another_process_has_the_board_ends_with_the_lines_taken_
 
     monkeypatch.setattr(FakeUnderstudy, "kill", kill)
     assert bad(rig.run()) == [("rail", "bus")]
+    assert isinstance(rig.bench.understudy, FakeUnderstudy)
+    assert not rig.bench.understudy.is_alive
     assert rig.rail_v_after_a_while() < 30.0
 
 

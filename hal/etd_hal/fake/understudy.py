@@ -28,18 +28,19 @@ class FakeUnderstudy:
         self._gpio = gpio
         self._setup = setup
         self._clock = clock
-        self._is_alive = False
+        #: It holds the lines and beats.
+        self.is_alive = False
         self._level = 0
 
     def take_over(self) -> None:
-        self._is_alive = True
+        self.is_alive = True
         enable = self._board.guards.hv_enable
         if enable != "absent":
             self._gpio.set(((enable.line, enable.on),))
         self._beat()
 
     def kill(self) -> float:
-        self._is_alive = False
+        self.is_alive = False
         self._clock.spend(_DIES_NS)
         if not self._fake.world.host.keeps_pins():
             self._fake.let_float()
@@ -49,13 +50,13 @@ class FakeUnderstudy:
         return {line: self._gpio.get(line) for line, _ in self._setup.outputs}
 
     def step_back(self) -> None:
-        self._is_alive = False
+        self.is_alive = False
         for change in self._setup.outputs:
             self._gpio.set((change,))
 
     def _beat(self) -> None:
         heartbeat = self._board.guards.heartbeat
-        if heartbeat == "absent" or not self._is_alive:
+        if heartbeat == "absent" or not self.is_alive:
             return
         self._level = 1 - self._level
         self._gpio.set(((heartbeat.line, self._level),))
