@@ -27,7 +27,7 @@ class Table:
 
     def check(self, check: Check) -> None:
         expected = f"  ({check.expected})" if check.expected else ""
-        line = f"  {check.result:6} {check.name:22} {check.measured}{expected}"
+        line = f"  {check.result:6} {check.name:25} {check.measured}{expected}"
         self._print(line, _COLORS[check.result])
 
     def ask(self, what: str) -> None:
