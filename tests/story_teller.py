@@ -133,6 +133,7 @@ class Teller:
             returns="all",
             date=datetime.date(2025, 1, 1),
             program="test",
+            shape=loaded.body_site.stabilize.shape,
             electrode=tuple(
                 ElectrodeLimits(threshold_ua=cap // 4, comfortable_ua=cap // 2, cap_ua=cap)
                 for cap in caps_ua

@@ -170,9 +170,11 @@ def _returns(returns: Returns) -> str:
 
 
 def _table(values: dict[str, Any]) -> str:
-    """Numbers and tables of numbers, on one line; what is None is left out."""
-    there = ((key, value) for key, value in values.items() if value is not None)
-    each = (f"{key} = {_table(v) if isinstance(v, dict) else repr(v)}" for key, v in there)
+    """Numbers and truths, and tables of them, on one line."""
+    each = (
+        f"{key} = {_table(value) if isinstance(value, dict) else json.dumps(value)}"
+        for key, value in values.items()
+    )
     return "{ " + ", ".join(each) + " }"
 
 

@@ -62,6 +62,7 @@ SHAPES = st.builds(
     | st.builds(Prepulse, below_db=st.floats(2.0, 10.0), width_us=st.integers(20, 150)),
     bursts=st.none()
     | st.builds(Bursts, pulses=st.integers(2, 20), rate_hz=st.floats(50.0, 1_500.0)),
+    probe_first=st.booleans(),
 )
 CALIBRATIONS = st.builds(
     Calibration,
@@ -131,6 +132,7 @@ BURSTS = Bursts(pulses=6, rate_hz=350.0)
             "a prepulse of 50 us, 6 dB below of it: put that back, calibrate anew, or send",
         ),
         (PLAIN, Shape(narrow=Narrow(width_us=50, tau_us=151.0)), r"narrowed to 50 us \(tau 151"),
+        (PLAIN, Shape(probe_first=True), "now makes a probe before each of it"),
         (
             Shape(bursts=BURSTS),
             Shape(bursts=Bursts(pulses=6, rate_hz=300.0)),

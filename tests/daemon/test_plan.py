@@ -103,11 +103,12 @@ def test_a_level_frame_may_repeat_what_it_was_calibrated_with(key: str, same: An
 
 
 def test_levels_of_plain_pulses_are_refused_where_the_site_makes_others_of_them() -> None:
-    settings = Settings(order=("prepulse",), prepulse=Prepulse(below_db=6.0, width_us=50))
+    prepulse = Prepulse(below_db=6.0, width_us=50)
+    settings = Settings(order=("prepulse",), prepulse=prepulse, probe_first=True)
     site = msgspec.structs.replace(body_site(), stabilize=settings)
     refusal = refusal_of(planner(calibrated=calibration(), site=site), level=LEVELS)
     assert refusal.code == "bad_frame"
-    assert "makes a prepulse of 50 us, 6 dB below of it" in str(refusal)
+    assert "makes a prepulse of 50 us, 6 dB below, a probe before each of it" in str(refusal)
 
     led_into = calibration(shape=settings.shape)
     assert planner(calibrated=led_into, site=site).plan(frame(level=LEVELS)).visits

@@ -56,7 +56,12 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     @property
     def shape(self) -> Shape:
         """What all this makes of every pulse, whatever the skin does."""
-        return Shape(narrow=self.narrow, prepulse=self.prepulse, bursts=self.bursts)
+        return Shape(
+            narrow=self.narrow,
+            prepulse=self.prepulse,
+            bursts=self.bursts,
+            probe_first=self.probe_first,
+        )
 
 
 NOTHING = Settings()

@@ -1,4 +1,4 @@
-"""What a body site makes of every pulse of a level: narrower, led into by a weaker one, repeated.
+"""What a body site makes of every pulse of a level: narrower, led into by others, repeated.
 
 Owns: which settings those are, what is left of them at a width, and their words. Must not know:
 limits, hardware, clocks, calibrations.
@@ -17,18 +17,22 @@ from etd.stabilize.narrow import Narrow
 from etd.stabilize.prepulse import Prepulse
 
 
-class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """None: not there. All None: a plain pulse."""
+class Shape(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True
+):
+    """None: not there. Nothing of it: a plain pulse."""
 
     narrow: Narrow | None = None
     prepulse: Prepulse | None = None
     bursts: Bursts | None = None
+    #: The board's probe goes before each: too weak to be felt, near enough to add to what comes.
+    probe_first: bool = False
 
     def at(self, width_us: int) -> Shape:
         """What is left of it for pulses of one width: narrow ones are not made narrower."""
         if self.narrow is None or width_us > self.narrow.width_us:
             return self
-        return Shape(prepulse=self.prepulse, bursts=self.bursts)
+        return msgspec.structs.replace(self, narrow=None)
 
     @property
     def prepulse_us(self) -> int:
@@ -44,6 +48,8 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
             words.append(f"a prepulse of {one.width_us} us, {one.below_db:g} dB below")
         if self.bursts is not None:
             words.append(f"bursts of {self.bursts.pulses} at {self.bursts.rate_hz:g} Hz")
+        if self.probe_first:
+            words.append("a probe before each")
         return ", ".join(words) or "plain pulses"
 
 
