@@ -67,19 +67,14 @@ def uml(linux: Path, module: Path, out: Path) -> list[str]:
 
 
 def with_systemd(line: list[str], layers: list[Path]) -> list[str]:
-    """The emulator's command line with systemd as the guest's first process, in these layers."""
-    words = line.index("-append") + 1
-    return [
-        *(*line[:words], f"{line[words]} {service_layers.boot_words(layers)}", *line[words + 1 :]),
-        *("-fsdev", f"local,id=f2,path={CACHE},security_model=none,readonly=on,multidevs=remap"),
-        *("-device", "virtio-9p-pci,fsdev=f2,mount_tag=layers"),
-    ]
+    """The kernel's command line with systemd as the guest's first process, in these layers."""
+    return [*line, f"rig.pieces={CACHE}", *service_layers.boot_words(layers)]
 
 
 def _command_line(guest: Guest, out: Path) -> list[str]:
-    if guest == "uml":
-        return uml(*build_uml.build(sys.executable), out)
-    line = x86(*build_x86.build(sys.executable), out)
+    if guest == "x86":
+        return x86(*build_x86.build(sys.executable), out)
+    line = uml(*build_uml.build(sys.executable), out)
     return with_systemd(line, service_layers.build()) if guest == "service" else line
 
 

@@ -1,4 +1,4 @@
-"""What the x86 guest has above this machine's root when systemd is its first process.
+"""What the guest has above this machine's root when systemd is its first process.
 
 Owns: three folders that are laid over the root: systemd and udev as far as this machine lacks them,
 what `make install` writes, and the units that run a command. Must not know: which command.
@@ -128,13 +128,11 @@ def build() -> list[Path]:
         os.umask(before)
 
 
-def boot_words(layers: list[Path]) -> str:
+def boot_words(layers: list[Path]) -> list[str]:
     """What the guest's first program, its kernel and systemd are told."""
-    return " ".join(
-        [
-            f"rig.layers={':'.join(str(layer.relative_to(CACHE)) for layer in layers)}",
-            "rig.first=/lib/systemd/systemd",
-            "systemd.unit=rig.target systemd.show_status=no fstab=no",
-            *(f"systemd.mask=systemd-{name}.service" for name in _MASKED),
-        ]
-    )
+    return [
+        f"rig.layers={':'.join(str(layer.relative_to(CACHE)) for layer in layers)}",
+        "rig.first=/lib/systemd/systemd",
+        *("systemd.unit=rig.target", "systemd.show_status=no", "fstab=no"),
+        *(f"systemd.mask=systemd-{name}.service" for name in _MASKED),
+    ]

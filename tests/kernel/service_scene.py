@@ -42,7 +42,7 @@ PERSON, STRANGER = "person", "stranger"
 SETTINGS = f"""
 backend = "linux"
 board = "{BOARD.name}"
-machine = "./service-guest.toml"
+machine = "./virtual-time.toml"
 array = "grid-8x8"
 body_site = "fingertip"
 accept_absent_guards = {json.dumps(BOARD.absent_guards)}
@@ -93,7 +93,7 @@ def set_up() -> None:
     settings = Path("/etc/etd/main.toml")
     settings.write_text(SETTINGS)
     # Beside it, as an operator's own file: a service does not see every folder.
-    shutil.copy(TREE / "tests/kernel/service-guest.toml", settings.parent)
+    shutil.copy(TREE / "tests/kernel/virtual-time.toml", settings.parent)
     save(passed_selftest(load_config(settings)), Path("/var/lib/etd/main.selftest.json"))
 
 
