@@ -19,6 +19,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 from xml.etree import ElementTree
 
 import build_uml
@@ -28,7 +29,7 @@ import mutants
 import service_layers
 from etd.client import clock
 from pieces import BUILD, TREE, RigFailure
-from run import Guest, boot
+from run import PROCESSOR_S, Guest, boot
 
 _CHECKS = TREE / "tests/kernel/in_guest"
 _CONTRACT = TREE / "tests/contract"
@@ -36,11 +37,13 @@ _EVERYWHERE = ("check_lines.py", "check_faults.py", "check_pulse.py")
 _ONLY: dict[Guest, tuple[str, ...]] = {
     "x86": ("check_kills.py", "check_hog.py"),
     "uml": ("check_scene.py", "check_selftest.py", "check_unplugged.py", "check_refusals.py"),
-    "service": ("check_service.py",),
+    "service": ("check_service.py", "check_service_kills.py"),
+    "service-x86": ("check_service.py", "check_service_kills.py"),
 }
+#: Those that run together, every day.
 _GUESTS: tuple[Guest, ...] = ("x86", "uml", "service")
 #: What is so exact that nothing may be different from one run to the next.
-_APART: dict[Guest, tuple[str, ...]] = {"x86": (), "uml": ("check_width.py",), "service": ()}
+_APART: dict[Guest, tuple[str, ...]] = {"uml": ("check_width.py",)}
 _PYTEST = ("-m", "pytest", "-q", "-s", "--color=no", "-p", "no:cacheprovider")
 #: Of the contract only what runs on the guest's drivers; of the checks all.
 _WITH_CONTRACT = (
@@ -51,10 +54,15 @@ _AS_EVER = (
     *("-p", "no:randomly", "-o", "python_files=check_*.py"),
     "--junitxml=/run/rig/tests-apart.xml",
 )
-_SERVICE = ("-o", "python_files=check_*.py", "--junitxml=/run/rig/tests.xml")
+#: Stories, in their order.
+_LIGHT = ("PYTEST_DISABLE_PLUGIN_AUTOLOAD=1",)
+_SERVICE = (
+    *("-p", "pytest_timeout", "-p", "running_services", "-o", "python_files=check_*.py"),
+    "--junitxml=/run/rig/tests.xml",
+)
 #: At most, on a machine that has other things to do.
 _A_KILL_S = 20.0
-_TIMEOUT_S = {"x86": 900.0, "uml": 900.0, "service": 900.0}
+_TIMEOUT_S = 900.0
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,7 @@ class Amounts:
         ]
 
 
-EVERYDAY = Amounts(kills=3, pulses=1_000, hog_s=3, faults=1)
+EVERYDAY = Amounts(kills=5, pulses=1_000, hog_s=3, faults=1)
 THOROUGH = Amounts(kills=200, pulses=1_000, hog_s=60, faults=4)
 
 
@@ -85,6 +93,7 @@ class Done:
 
     guest: Guest
     seconds: float
+    processor_s: float
     status: int
     counts: Counter[str]
     figures: str
@@ -98,23 +107,16 @@ class Done:
     def line(self) -> str:
         told = ", ".join(f"{count} {what}" for what, count in self.counts.items() if count)
         said = "passed" if self.passed else f"FAILED ({self.status})"
-        return f"{self.seconds:6.0f} s  {self.guest}: {said}: {told or 'nothing ran'}"
+        took = f"{self.seconds:6.0f} s, {self.processor_s:4.0f} s of a processor"
+        return f"{took}  {self.guest}: {said}: {told or 'nothing ran'}"
 
 
 def command(guest: Guest, amounts: Amounts) -> list[str]:
     """What runs in a guest."""
-    if guest == "service":
-        # One story, and every plugin that is loaded costs a second.
-        light = (
-            "env",
-            "PYTEST_DISABLE_PLUGIN_AUTOLOAD=1",
-            "python",
-            *_PYTEST,
-            "-p",
-            "pytest_timeout",
-        )
-        return [*light, *_SERVICE, *(str(_CHECKS / name) for name in _ONLY[guest])]
-    apart = [str(_CHECKS / name) for name in _APART[guest]]
+    if guest in ("service", "service-x86"):
+        checks = [str(_CHECKS / name) for name in _ONLY[guest]]
+        return ["env", *amounts.for_guest(), *_LIGHT, "python", *_PYTEST, *_SERVICE, *checks]
+    apart = [str(_CHECKS / name) for name in _APART.get(guest, ())]
     checks = [str(_CHECKS / name) for name in (*_EVERYWHERE, *_ONLY[guest])]
     tests = [*_PYTEST, *_WITH_CONTRACT, *checks]
     # Where processors are emulated, counting lines takes too long.
@@ -140,15 +142,16 @@ def check(guest: Guest, amounts: Amounts) -> Done:
     begun_ns = clock.now_ns()
     status, failure = 3, ""
     try:
-        timeout_s = _TIMEOUT_S[guest] + amounts.kills * _A_KILL_S + amounts.hog_s * 20.0
+        timeout_s = _TIMEOUT_S + amounts.kills * _A_KILL_S + amounts.hog_s * 20.0
         status = boot(guest, command(guest, amounts), timeout_s)
     except RigFailure as error:
         failure = f"{guest}: {error}"
     out = BUILD / guest / "out"
-    figures = out / "figures"
+    figures, used = out / "figures", out / PROCESSOR_S
     return Done(
         guest=guest,
         seconds=(clock.now_ns() - begun_ns) / 1e9,
+        processor_s=float(used.read_text()) if used.exists() else 0.0,
         status=status,
         counts=counted(out.glob("tests*.xml")),
         figures=figures.read_text() if figures.exists() else "",
@@ -158,9 +161,9 @@ def check(guest: Guest, amounts: Amounts) -> Done:
 
 def _chosen() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--guest", choices=_GUESTS, help="this one only")
+    parser.add_argument("--guest", choices=get_args(Guest), help="this one only")
     parser.add_argument("--thorough", action="store_true", help=f"{THOROUGH}, not {EVERYDAY}")
-    parser.add_argument("--kills", type=int, help="of the engine, in x86")
+    parser.add_argument("--kills", type=int, help="of the service's engine")
     parser.add_argument("--pulses", type=int, help="of each width, in uml")
     parser.add_argument("--faults", type=int, help="of the board, named by the self-test, in uml")
     parser.add_argument("--hog-s", type=int, help="seconds beside a hog, in x86")

@@ -38,6 +38,8 @@ WITHIN_S = 30.0
 #: What is looked at runs on the first processor, what answers and serves on the last.
 FIRST_PROCESSOR = {0}
 LAST_PROCESSOR = {max(os.sched_getaffinity(1))}
+#: Above the engine's, its stopper's included.
+HIGHEST_PRIORITY = 98
 #: Longer than the answerer takes for any message, so that it is the same for all.
 ANSWERED_AFTER_US = 3_000
 
@@ -80,6 +82,16 @@ def unplugged(bus: Literal["rig-gpio", "rig-spi", "rig-i2c"]) -> Iterator[None]:
         yield
     finally:
         (_DRIVERS / bus / "bind").write_text(bus)
+
+
+@contextmanager
+def above_the_engine() -> Iterator[None]:
+    """Run as soon as there is something to do: on one processor the engine would come first."""
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(HIGHEST_PRIORITY))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Boots a guest, runs one command in it, and brings back what it said and its status.
 
-    .venv/bin/python tests/kernel/run.py [--timeout SECONDS] x86|uml|service COMMAND ...
+    .venv/bin/python tests/kernel/run.py [--timeout SECONDS] x86|uml|service|service-x86 COMMAND ...
 
 Owns: the guests' command lines, the shared folder, the time limit, the guest's end.
 Must not know: what the command does.
@@ -17,10 +17,12 @@ import argparse
 import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Literal
+from threading import Timer
+from typing import Literal, get_args
 
 import build_uml
 import build_x86
@@ -28,8 +30,10 @@ import service_layers
 from build_x86 import spidev_package
 from pieces import BUILD, CACHE, HERE, TREE, RigFailure
 
-Guest = Literal["x86", "uml", "service"]
+Guest = Literal["x86", "uml", "service", "service-x86"]
 _TIMEOUT_S = 300
+#: The file beside its output that says what a guest took of this machine's processors.
+PROCESSOR_S = "processor-s"
 #: 2 ns an instruction: about as fast as a Pi.
 _CLOCK = "shift=1"
 #: So much of the console is shown when something went wrong.
@@ -66,16 +70,34 @@ def uml(linux: Path, module: Path, out: Path) -> list[str]:
     ]
 
 
-def with_systemd(line: list[str], layers: list[Path]) -> list[str]:
+def uml_with_systemd(line: list[str], layers: list[Path]) -> list[str]:
     """The kernel's command line with systemd as the guest's first process, in these layers."""
     return [*line, f"rig.pieces={CACHE}", *service_layers.boot_words(layers)]
 
 
+def x86_with_systemd(line: list[str], layers: list[Path]) -> list[str]:
+    """The emulator's command line, for the same."""
+    words = line.index("-append") + 1
+    told = " ".join([line[words], *service_layers.boot_words(layers)])
+    return [
+        *(*line[:words], told, *line[words + 1 :]),
+        *("-fsdev", f"local,id=f2,path={CACHE},security_model=none,readonly=on,multidevs=remap"),
+        *("-device", "virtio-9p-pci,fsdev=f2,mount_tag=layers"),
+    ]
+
+
 def _command_line(guest: Guest, out: Path) -> list[str]:
-    if guest == "x86":
-        return x86(*build_x86.build(sys.executable), out)
-    line = uml(*build_uml.build(sys.executable), out)
-    return with_systemd(line, service_layers.build()) if guest == "service" else line
+    match guest:
+        case "x86":
+            return x86(*build_x86.build(sys.executable), out)
+        case "uml":
+            return uml(*build_uml.build(sys.executable), out)
+        case "service":
+            line = uml(*build_uml.build(sys.executable), out)
+            return uml_with_systemd(line, service_layers.build())
+        case "service-x86":
+            line = x86(*build_x86.build(sys.executable), out)
+            return x86_with_systemd(line, service_layers.build())
 
 
 def command_file(out: Path, command: list[str]) -> None:
@@ -116,25 +138,25 @@ def boot(guest: Guest, command: list[str], timeout_s: float) -> int:
 
 def _run_machine(line: list[str], out: Path, timeout_s: float) -> bool:
     """Run it to its end; False if it had to be ended, which takes its whole process group."""
-    with (out / "said").open("wb") as said:
-        # A pipe, because User-Mode Linux does not take a file for its console.
-        machine = subprocess.Popen(
-            line,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            env=os.environ | {"TMPDIR": "/dev/shm"},
-            start_new_session=True,
-        )
-        try:
-            told, _ = machine.communicate(timeout=timeout_s)
-        except subprocess.TimeoutExpired:
-            os.killpg(machine.pid, 9)
-            told, _ = machine.communicate()
-            said.write(told)
-            return False
-        said.write(told)
-    return True
+    # A pipe, because User-Mode Linux does not take a file for its console.
+    machine = subprocess.Popen(
+        line,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env=os.environ | {"TMPDIR": "/dev/shm"},
+        start_new_session=True,
+    )
+    assert machine.stdout is not None
+    late = Timer(timeout_s, os.killpg, (machine.pid, signal.SIGKILL))
+    late.start()
+    with machine.stdout as said:
+        (out / "said").write_bytes(said.read())
+    _, status, used = os.wait4(machine.pid, 0)
+    late.cancel()
+    machine.returncode = os.waitstatus_to_exitcode(status)
+    (out / PROCESSOR_S).write_text(str(used.ru_utime + used.ru_stime))
+    return machine.returncode != -signal.SIGKILL
 
 
 def _console(out: Path) -> str:
@@ -145,7 +167,7 @@ def _console(out: Path) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="run a command in a guest")
-    parser.add_argument("guest", choices=("x86", "uml", "service"))
+    parser.add_argument("guest", choices=get_args(Guest))
     parser.add_argument("--timeout", type=float, default=_TIMEOUT_S, help="seconds")
     parser.add_argument("command", nargs=argparse.REMAINDER)
     chosen = parser.parse_args()

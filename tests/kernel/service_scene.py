@@ -27,22 +27,25 @@ from etd.protocol import StateReport
 from etd.selftest_report import save
 from etd_hal.boardfile import load_board
 from etd_hal.linux.clock import LinuxClock
-from guest_board import TREE, WITHIN_S
+from guest_board import IS_VIRTUAL_TIME, TREE, WITHIN_S
 
 T = TypeVar("T")
 
 BOARD = load_board(TREE / "config/boards/kajimoto-hv507.toml")
 ENGINE, GATEWAY, TARGET = "etd-engine@main.service", "etd-gateway@main.service", "etd@main.target"
 SOCKETS = Path("/run/etd/main")
+#: Written by the unit of OnFailure=.
+TOLD = Path("/run/rig-told")
 ADDRESS = f"ipc://{SOCKETS / 'control.sock'}"
 CLOCK = LinuxClock()
+MACHINE = TREE / "tests/kernel" / ("virtual-time.toml" if IS_VIRTUAL_TIME else "service-x86.toml")
 #: May use the display; may not.
 PERSON, STRANGER = "person", "stranger"
 
 SETTINGS = f"""
 backend = "linux"
 board = "{BOARD.name}"
-machine = "./virtual-time.toml"
+machine = "./{MACHINE.name}"
 array = "grid-8x8"
 body_site = "fingertip"
 accept_absent_guards = {json.dumps(BOARD.absent_guards)}
@@ -93,7 +96,7 @@ def set_up() -> None:
     settings = Path("/etc/etd/main.toml")
     settings.write_text(SETTINGS)
     # Beside it, as an operator's own file: a service does not see every folder.
-    shutil.copy(TREE / "tests/kernel/virtual-time.toml", settings.parent)
+    shutil.copy(MACHINE, settings.parent)
     save(passed_selftest(load_config(settings)), Path("/var/lib/etd/main.selftest.json"))
 
 
@@ -123,15 +126,19 @@ def restarts() -> int:
     return int(shown(ENGINE, "NRestarts")["NRestarts"])
 
 
-def started_again_or_down() -> bool:
-    """Wait for what becomes of an engine that has ended: True if systemd has started it again."""
+def started_again(after: int) -> int | None:
+    """Wait for what becomes of an engine that has ended, which was process `after`.
 
-    def decided() -> str | None:
+    The process id of the next one; None if systemd does not start it any more.
+    """
+
+    def decided() -> tuple[str, int] | None:
         told = shown(ENGINE, "ActiveState", "MainPID")
-        is_there = told["MainPID"] != "0" and Path(f"/proc/{told['MainPID']}").exists()
-        return told["ActiveState"] if is_there or told["ActiveState"] == "failed" else None
+        state, pid = told["ActiveState"], int(told["MainPID"])
+        return (state, pid) if state == "failed" or pid not in (0, after) else None
 
-    return wait(decided, "a start, or none any more") != "failed"
+    state, pid = wait(decided, "a start, or none any more")
+    return None if state == "failed" else pid
 
 
 @dataclass(frozen=True)
@@ -155,6 +162,11 @@ def journal(since: str, unit: str = ENGINE) -> list[Entry]:
     told = said_by("journalctl", "--no-pager", "--output=json", f"--unit={unit}", *after)
     entries = [json.loads(line) for line in told.splitlines()]
     return [Entry(int(entry["_PID"]), str(entry["MESSAGE"])) for entry in entries]
+
+
+def safe_pids(of: list[Entry]) -> list[int]:
+    """Of each `etd safe` that said that it was."""
+    return [one.pid for one in of if one.text.startswith("safe (linux): ")]
 
 
 def wait(ask: Callable[[], T | None], what: str, within_s: float = WITHIN_S) -> T:
@@ -195,12 +207,12 @@ def play(pattern: Path, levels: dict[int, float]) -> subprocess.CompletedProcess
 
 
 @contextmanager
-def showing(currents_ua: list[int]) -> Iterator[None]:
+def showing(currents_ua: list[int]) -> Iterator[Display]:
     """For a second at most; for the first two tenths the opening lets nothing through."""
     with Display(address=ADDRESS, max_current_ua=1_000, width_us=100) as display:
         display.arm()
         display.show_current(currents_ua, ttl_ms=1_000, rate_hz=5, thin=True)
-        yield
+        yield display
 
 
 def owner_of(path: Path) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -20,33 +19,15 @@ import trace_decoder
 import trace_rules
 from etd_hal.fake.trace import header
 from etd_hal.linux import gpio
-from guest_board import report, set_parameter, unplugged
+from guest_board import report, unplugged
 from kernel_trace import Event
-from service_scene import CLOCK, ENGINE, GATEWAY, PERSON, STRANGER
+from service_scene import CLOCK, ENGINE, GATEWAY, PERSON, STRANGER, TOLD
 
 FACTS = trace_decoder.parse(header(scene.BOARD, range(scene.BOARD.switch.outputs)))[0]
 #: Stamps are cut to whole microseconds.
 REST_US = scene.BOARD.rest_us - 1
 #: More than a probe, in uA: somebody is to feel it.
 FELT_UA = 310
-TOLD = Path("/run/rig-told")
-
-
-@pytest.fixture(scope="module")
-def installed() -> Iterator[None]:
-    set_parameter("alone", 1)
-    scene.set_up()
-    yield
-    scene.stop()
-
-
-@pytest.fixture
-def services(installed: None) -> None:
-    """Both are there, in SAFE; the trace goes back to where the engine was started."""
-    TOLD.unlink(missing_ok=True)
-    if not scene.main_pid(ENGINE):
-        kernel_trace.begin()
-    scene.start()
 
 
 def pulses(events: list[Event]) -> list[trace_decoder.Phase]:
@@ -63,11 +44,6 @@ def assert_made_safe_by(pid: int, events: list[Event]) -> int:
     assert {f"{named['POL']} 1", f"{named['BL']} 0"} <= lines
     assert bytes(2) in [event.tx for event in mine if event.name == "spi_transfer_start"]
     return mine[0].t_us * 1_000
-
-
-def safe_in(journal: list[scene.Entry]) -> list[int]:
-    """The process ids of each `etd safe` that said that it was."""
-    return [one.pid for one in journal if one.text.startswith("safe (linux): ")]
 
 
 def test_both_are_ready_and_each_is_a_user_of_its_own_without_rights(services: None) -> None:
@@ -138,7 +114,7 @@ def test_stopping_ends_both_in_peace_and_leaves_a_safe_board(services: None) -> 
     for unit, since in before.items():
         said = [one.text for one in scene.journal(since, unit)]
         assert f"{unit}: Deactivated successfully." in said
-    (pid,) = safe_in(scene.journal(before[ENGINE]))
+    (pid,) = scene.safe_pids(scene.journal(before[ENGINE]))
     assert_made_safe_by(pid, kernel_trace.events())
     chip = gpio.find_chip(scene.BOARD.gpio_chip_labels)
     assert gpio.holders(chip, tuple(scene.BOARD.used_lines().values())) == {}
@@ -152,15 +128,17 @@ def test_an_engine_that_ends_is_made_safe_and_started_again_and_in_the_end_stays
     assert_found_hanging()
     before = scene.cursor()
     killed = 0
-    while scene.started_again_or_down():
+    engine: int | None = scene.main_pid(ENGINE)
+    while engine:
         assert not TOLD.exists()
-        end_engine(signal.SIGKILL)
+        end_engine(signal.SIGKILL, engine)
         killed += 1
+        engine = scene.started_again(engine)
     scene.wait(TOLD.exists, "the unit of OnFailure=")
     assert TOLD.read_text().split() == [ENGINE, "signal"]
     # The first start does not count where `reset-failed` came after it.
     assert killed in (3, 4)
-    assert len(safe_in(scene.journal(before))) == killed
+    assert len(scene.safe_pids(scene.journal(before))) == killed
     told = scene.status()
     assert told is not None
     assert told.engine == "gone"
@@ -178,7 +156,7 @@ def assert_killed_as_it_shows_a_frame() -> None:
     scene.wait_for_state("SAFE")
     events = kernel_trace.events()
     fired = pulses(events)
-    # Where in a scan does not matter here: check_kills.py has all its moments.
+    # Where in a scan does not matter here: check_service_kills.py has all its moments.
     assert shown_ns < fired[-1].to_ns < killed_ns + 1_000_000, "it fired not then, or afterwards"
     for message in kernel_trace.messages(events):
         assert [event.tx for event in message if event.tx][-1] == bytes(2)
@@ -204,6 +182,7 @@ def assert_found_hanging() -> None:
 def end_engine(number: signal.Signals, pid: int | None = None) -> int:
     """Send it, to this process id if it is known already; when it was sent."""
     pid = scene.main_pid(ENGINE) if pid is None else pid
+    assert pid > 0, "there is no engine"
     sent_ns = CLOCK.now_ns()
     os.kill(pid, number)
     return sent_ns
@@ -212,7 +191,7 @@ def end_engine(number: signal.Signals, pid: int | None = None) -> int:
 def assert_made_safe(before: str, ended_ns: int, events: list[Event]) -> str:
     """By ExecStopPost, once. Returns what the journal says."""
     journal = scene.journal(before)
-    (pid,) = safe_in(journal)
+    (pid,) = scene.safe_pids(journal)
     late_ms = (assert_made_safe_by(pid, events) - ended_ns) / 1e6
     report(f"from the signal to the first line of `etd safe`: {late_ms:.0f} ms")
     return "\n".join(one.text for one in journal)
