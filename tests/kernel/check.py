@@ -44,20 +44,21 @@ _ONLY: dict[Guest, tuple[str, ...]] = {
 _GUESTS: tuple[Guest, ...] = ("x86", "uml", "service")
 #: What is so exact that nothing may be different from one run to the next.
 _APART: dict[Guest, tuple[str, ...]] = {"uml": ("check_width.py",)}
-_PYTEST = ("-m", "pytest", "-q", "-s", "--color=no", "-p", "no:cacheprovider")
-#: Of the contract only what runs on the guest's drivers; of the checks all.
+#: Every plugin that is loaded and not used costs a second and more: only those named here are.
+_BY_NAME = "PYTEST_DISABLE_PLUGIN_AUTOLOAD=1"
+_PYTEST = (
+    *("-m", "pytest", "-q", "-s", "--color=no", "-p", "no:cacheprovider", "-p", "pytest_timeout"),
+)
+#: Of the contract only what runs on the guest's drivers; of the checks all. In random order.
 _WITH_CONTRACT = (
-    *("-p", "contract_chips", "-k", "check_ or linux", "-o", "python_files=check_*.py test_*.py"),
+    *("-p", "pytest_randomly", "-p", "contract_chips", "-k", "check_ or linux"),
+    *("-o", "python_files=check_*.py test_*.py"),
     *("--junitxml=/run/rig/tests.xml", str(_CONTRACT)),
 )
-_AS_EVER = (
-    *("-p", "no:randomly", "-o", "python_files=check_*.py"),
-    "--junitxml=/run/rig/tests-apart.xml",
-)
+_AS_EVER = ("-o", "python_files=check_*.py", "--junitxml=/run/rig/tests-apart.xml")
 #: Stories, in their order.
-_LIGHT = ("PYTEST_DISABLE_PLUGIN_AUTOLOAD=1",)
 _SERVICE = (
-    *("-p", "pytest_timeout", "-p", "running_services", "-o", "python_files=check_*.py"),
+    *("-p", "running_services", "-o", "python_files=check_*.py"),
     "--junitxml=/run/rig/tests.xml",
 )
 #: At most, on a machine that has other things to do.
@@ -83,7 +84,7 @@ class Amounts:
         ]
 
 
-EVERYDAY = Amounts(kills=5, pulses=1_000, hog_s=3, faults=1)
+EVERYDAY = Amounts(kills=3, pulses=1_000, hog_s=3, faults=1)
 THOROUGH = Amounts(kills=200, pulses=1_000, hog_s=60, faults=4)
 
 
@@ -113,18 +114,19 @@ class Done:
 
 def command(guest: Guest, amounts: Amounts) -> list[str]:
     """What runs in a guest."""
+    env = ["env", _BY_NAME, *amounts.for_guest()]
+    checks = [str(_CHECKS / name) for name in _ONLY[guest]]
     if guest in ("service", "service-x86"):
-        checks = [str(_CHECKS / name) for name in _ONLY[guest]]
-        return ["env", *amounts.for_guest(), *_LIGHT, "python", *_PYTEST, *_SERVICE, *checks]
+        return [*env, "python", *_PYTEST, *_SERVICE, *checks]
     apart = [str(_CHECKS / name) for name in _APART.get(guest, ())]
-    checks = [str(_CHECKS / name) for name in (*_EVERYWHERE, *_ONLY[guest])]
-    tests = [*_PYTEST, *_WITH_CONTRACT, *checks]
+    everywhere = [str(_CHECKS / name) for name in _EVERYWHERE]
+    tests = [*_PYTEST, *_WITH_CONTRACT, *everywhere, *checks]
     # Where processors are emulated, counting lines takes too long.
     parts = [measured.command(tests) if guest == "uml" else ["python", *tests]]
     if apart:
         parts.insert(0, ["python", *_PYTEST, *_AS_EVER, *apart])
     all_parts = "; ".join(f"{shlex.join(part)} || status=$?" for part in parts)
-    return ["env", *amounts.for_guest(), "sh", "-c", f"status=0; {all_parts}; exit $status"]
+    return [*env, "sh", "-c", f"status=0; {all_parts}; exit $status"]
 
 
 def counted(reports: Iterable[Path]) -> Counter[str]:

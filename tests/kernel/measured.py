@@ -73,14 +73,14 @@ def _lines(measured: Coverage, path: Path, excuses: dict[str, list[dict[str, str
     text = path.read_text("utf-8").splitlines()
     _, statements, _, missing, _ = measured.analysis2(str(path))
     lines = Lines(path.name, len(statements))
-    beginnings = {one["line"] for one in excuses.get(path.name, [])}
-    used = set()
+    excused = {one["line"] for one in excuses.get(path.name, [])}
+    used: set[str] = set()
     for number in missing:
-        found = [one for one in beginnings if text[number - 1].strip().startswith(one)]
+        found = {text[number - 1].strip()} & excused
         if found:
             lines.excused += 1
             used.update(found)
         else:
             lines.missed.append(f"{number}: {text[number - 1].strip()}")
-    lines.missed += [f"excused, but it ran or is gone: {one}" for one in beginnings - used]
+    lines.missed += [f"excused, but it ran or is gone: {one}" for one in sorted(excused - used)]
     return lines

@@ -23,7 +23,7 @@ from guest_board import BARE_BOARD as BOARD
 from guest_board import above_the_engine, report
 
 #: For how long it takes; check_service_kills.py has many.
-KILLS = 3
+KILLS = 2
 CLOCK = LinuxClock()
 #: Words are read where their transfer is over: less to read, on a slow processor.
 TRACED = tuple(event for event in kernel_trace.EVENTS if event != "spi/spi_transfer_start")

@@ -204,6 +204,8 @@ def test_an_engine_without_its_bus_is_not_tried_again_and_somebody_is_told(
     with unplugged("rig-spi"):
         assert scene.run("systemctl", "start", ENGINE).returncode != 0
         shown = scene.shown(ENGINE, "ActiveState", "ExecMainStatus", "NRestarts")
+    # What comes back is nobody's until udev has seen it.
+    scene.said_by("udevadm", "settle")
     assert shown == {"ActiveState": "failed", "ExecMainStatus": "3", "NRestarts": "0"}
     scene.wait(TOLD.exists, "the unit of OnFailure=")
     assert TOLD.read_text().split() == [ENGINE, "exit-code"]
