@@ -327,7 +327,7 @@ class Oracle:
         """What was wanted of this pulse when the limits saw it."""
         assert visit.frame is not None
         asked_ua = visit.frame.current_ua[visit.electrode]
-        for until_ns in {one.from_ns for one in visit.phases}:
+        for until_ns in sorted(one.from_ns for one in visit.phases):
             wished = [
                 one for one in self.story.wishes if one[1] == visit.electrode and one[0] <= until_ns
             ]
@@ -358,9 +358,14 @@ class Oracle:
             assert all(_makes_sense(one) for one in clamps)
 
     def _is_excused(self, visit: Visit, told: Scan) -> bool:
-        """A probe with no pulse behind it: named as thinned, or its frame's time was over."""
+        """A probe with no pulse behind it: named as thinned, or its frame's time was over, or that
+        is all that the stabilizer then wished for.
+        """
         assert visit.frame is not None
-        is_over = visit.begun_ns + self.story.bounds.slot_ns >= visit.frame.expires_ns
+        until_ns = visit.begun_ns + self.story.bounds.slot_ns
+        if self._wished_for_nothing(visit.electrode, visit.begun_ns, until_ns):
+            return True
+        is_over = until_ns >= visit.frame.expires_ns
         return is_over or any(one.electrode == visit.electrode for one in told.thinned)
 
     def check_thinning_is_told(self) -> None:

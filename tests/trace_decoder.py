@@ -40,6 +40,8 @@ class Facts:
     return_bit: int = 1
     ton_ns: int = 0
     toff_ns: int = 0
+    #: Nothing stronger is a probe; 0 where the trace does not say it: then nothing is.
+    probe_ua: float = 0.0
 
     @classmethod
     def of(cls, header: Record) -> Facts:
@@ -55,6 +57,7 @@ class Facts:
             header.get("return_bit", 1),
             header.get("ton_us", 0) * 1_000,
             header.get("toff_us", 0) * 1_000,
+            header.get("probe_current_ua", 0),
         )
 
     def current_ua(self, code: int) -> float:
@@ -84,6 +87,8 @@ class Phase:
     scan: int | None
     #: How often a line of the switch had changed before it.
     moves: int = field(default=0, compare=False, repr=False)
+    #: No stronger than the board's probes.
+    is_weak: bool = field(default=False, compare=False, repr=False)
 
     @property
     def width_us(self) -> float:
@@ -256,6 +261,7 @@ class Decoder:
                 tag,
                 self._scan,
                 self._moves,
+                self.facts.current_ua(code) <= self.facts.probe_ua,
             )
         )
 
@@ -336,11 +342,13 @@ def visits(phases: Iterable[Phase]) -> Iterator[tuple[Phase, ...]]:
 
 
 def is_led(probe: Phase, pulse: Phase) -> bool:
-    """A weaker one, the current off, and then the pulse: the same way, with nothing moved."""
+    """One no stronger than a probe, the current off, and then the pulse, which may have become
+    weaker still: the same way, with nothing moved.
+    """
     is_same = (probe.source, probe.ground) == (pulse.source, pulse.ground)
     is_same &= (probe.scan, probe.seq) == (pulse.scan, pulse.seq)
     is_unmoved = probe.moves == pulse.moves and probe.to_ns < pulse.from_ns
-    return is_same and is_unmoved and probe.current_ua < pulse.current_ua
+    return is_same and is_unmoved and probe.is_weak
 
 
 def _is_second(first: Phase, second: Phase) -> bool:

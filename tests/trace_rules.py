@@ -40,8 +40,8 @@ class Rules:
         self._grounded_since_ns: int | None = None
         self._rested_ns = 0
         self._is_second = False
-        #: The strongest code of the pulse before, whether a line of the switch has moved since,
-        #: and whether that pulse went behind a probe.
+        #: The last code of the pulse before, whether a line of the switch has moved since, and
+        #: whether that pulse went behind a probe.
         self._code_before = 0
         self._has_moved = False
         self._is_led = False
@@ -213,13 +213,14 @@ class Rules:
 
     def _check_rest(self, t_ns: int, source: frozenset[int], ground: frozenset[int]) -> None:
         """Before each pulse, but for the second phase of a biphasic one: the other way round; and
-        for one that follows a weaker one, once, with nothing moved: that was its probe.
+        for one that follows a probe, or one as weak, once, with nothing moved.
         """
         self._follow_rest(t_ns)
         if self._zero_ns is None or self._rested_ns >= self._rest_ns:
             self._is_second = self._is_led = False
             return
-        if not (self._has_moved or self._is_led) and self._dac.code > self._code_before:
+        is_weak = self.facts.current_ua(self._code_before) <= self.facts.probe_ua
+        if is_weak and not (self._has_moved or self._is_led):
             self._is_led = True
             return
         self._is_second = self._zero_sides == (ground, source) and not self._is_second

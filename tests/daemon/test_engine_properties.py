@@ -213,6 +213,27 @@ def test_a_stabilizer_may_ask_for_anything_and_widens_no_limit(
     judged(Teller(setting, asked), caps_ua, told)
 
 
+@pytest.mark.parametrize(
+    "behind", [Wish(3, 20), Wish(0, 20), Wish(290, 20), Wish(200_000, 400)], ids=str
+)
+def test_behind_a_probe_a_stabilizer_may_ask_for_anything_as_well(behind: Wish) -> None:
+    """For one electrode at 300 uA: its probes are as strong."""
+    current_ua = tuple(301 if one == 7 else 0 for one in range(ELECTRODES))
+    frame = {
+        "fields": {"current_ua": current_ua, "width_us": 50, "rate_hz": 15.0, "ttl_ms": 300},
+        "is_streamed": False,
+        "repeats": 3,
+        "pause_ms": 150,
+    }
+    setting = Setting("kajimoto-hv507", ELECTRODES, WIDE_OPEN, HALF_BRIDGE_SLOT_NS, True)
+    oracle = judged(
+        Teller(setting, [Wish(400, 50), behind]), (1_500,) * ELECTRODES, [Step("frame", frame)]
+    )
+    fired = [one for one in oracle.visits if one.state == "ARMED"]
+    assert fired
+    assert all(one.phases[0].is_weak for one in fired)
+
+
 WIDE_OPEN = SiteMaxima(
     uncalibrated_current_ua=3_000,
     current_ua=3_000,

@@ -26,7 +26,7 @@ class TestTrace:
         header = rig.trace_lines()[0]
         assert list(header) == [
             *("etd_trace", "board", "switch", "outputs", "lines"),
-            *("full_scale_ua", "codes", "electrodes"),
+            *("full_scale_ua", "codes", "probe_current_ua", "electrodes"),
         ]
         assert header["lines"] == {"POL": 4, "DATA": 5, "LE": 22, "BL": 23, "CLK": 24}
         assert (header["switch"], header["electrodes"]) == ("HV507", [5, 3, 60])

@@ -25,6 +25,7 @@ def header(board: BoardFile, electrodes: Sequence[int]) -> bytes:
         "lines": board.used_lines(),
         "full_scale_ua": board.source.full_scale_ua,
         "codes": board.source.codes,
+        "probe_current_ua": board.maxima.probe_current_ua,
         "electrodes": list(electrodes),
     }
     if isinstance(board.switch, Relays):
