@@ -28,7 +28,7 @@ from bench import steady_plots  # noqa: E402
 from bench.run import Bound, at_least, at_most  # noqa: E402
 from bench.steady_figures import SteadyFigures, figures  # noqa: E402
 from bench.steady_fit import TUNING_SEEDS  # noqa: E402
-from bench.steady_laws import CALIBRATED, CONTACT, LAWS, NONE  # noqa: E402
+from bench.steady_laws import AHEAD, CALIBRATED, CONTACT, CONTACT_AHEAD, LAWS, NONE  # noqa: E402
 from bench.steady_run import ELECTRODES, Kept, run  # noqa: E402
 from bench.steady_skin import PIECE_S, RATE_HZ, WIDTH_US  # noqa: E402
 
@@ -42,15 +42,16 @@ MOST_VARIATION, MOST_STEP = 0.5, 1.2
 def bounds(found: dict[str, SteadyFigures]) -> list[Bound]:
     """What must hold of the laws that were run."""
     held: list[Bound] = []
-    plain, calibrated, contact = (found.get(one) for one in (NONE, CALIBRATED, CONTACT))
-    if plain is not None and calibrated is not None:
-        part = calibrated.over_time / plain.over_time
+    plain, ahead = found.get(NONE), found.get(AHEAD)
+    if plain is not None and ahead is not None:
+        part = ahead.over_time / plain.over_time
         held += [
-            at_most(f"{CALIBRATED}: variation over time, of that of {NONE}", part, MOST_VARIATION),
+            at_most(f"{AHEAD}: variation over time, of that of {NONE}", part, MOST_VARIATION),
             at_least(f"{NONE}: scans of an electrode above pain", plain.scans_above_pain, 1),
-            at_most(f"{CALIBRATED}: the same", calibrated.scans_above_pain, 0),
+            at_most(f"{AHEAD}: the same", ahead.scans_above_pain, 0),
         ]
-    for one in (contact, calibrated):
+    for name in (CONTACT, CALIBRATED, CONTACT_AHEAD, AHEAD):
+        one = found.get(name)
         if one is not None:
             what = f"{one.name}: felt on touching again, of what it settles to"
             held.append(at_most(what, one.recontact_step, MOST_STEP))
@@ -79,7 +80,7 @@ def measure(
 def show(console: Console, found: list[SteadyFigures], held: list[Bound], said: str) -> None:
     table = Table(title=f"felt strength, modelled: {said}")
     columns = ("", "felt", "over time", "over electrodes", "not felt", "above pain")
-    for column in (*columns, "of them firm", "most pain", "touching again", "(mean)"):
+    for column in (*columns, "of them firm", "most pain", "touching again", "(mean)", "of before"):
         table.add_column(column, justify="right" if column else "left")
     for one in found:
         table.add_row(
@@ -93,11 +94,13 @@ def show(console: Console, found: list[SteadyFigures], held: list[Bound], said: 
             f"{one.most_pain:.2f}",
             f"{one.recontact_step:.2f}",
             f"{one.recontact_step_mean:.2f}",
+            f"{one.recontact_of_before:.2f}",
         )
     table.caption = (
         "felt: 1 is the threshold; over time, over electrodes: standard deviation over mean, firm"
         " contacts only; not felt, above pain: of the scans of an electrode (how many of them);"
-        " touching again: the most felt at first, over what the same contact then settles to"
+        " touching again: the most felt at first, over what the same contact then settles to; of"
+        " before: the most felt in the first second, over what it was felt as before it peeled"
     )
     console.print(table)
     for bound in held:

@@ -9,7 +9,7 @@ that is never felt has no variation over time: it counts among those not felt.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,7 @@ FIRM_S = 1.0
 STEP_S = 0.75
 #: What it settles to is what is felt directly after that: later, pressing has changed it.
 SETTLED_S = 0.5
+FIRST_SECOND_S = 1.0
 Mask = NDArray[np.bool_]
 
 
@@ -45,6 +46,8 @@ class SteadyFigures:
     #: contact settles to in the next moment; the second: the mean over all such contacts.
     recontact_step: float
     recontact_step_mean: float
+    #: The most felt in the first second, over the strength of the same electrode before it peeled.
+    recontact_of_before: float
     recontacts: int
     scans: int
 
@@ -55,6 +58,7 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
     over_electrodes: list[float] = []
     means: list[float] = []
     steps: list[float] = []
+    before: list[float] = []
     shown = below = painful = firm_painful = scans = 0
     most_pain = 0.0
     for one in kept:
@@ -67,6 +71,7 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         over_electrodes.append(float(mean.std() / mean.mean()))
         means.extend(mean)
         steps.extend(recontact_steps(one))
+        before.extend(steps_of_before(one))
         touching = one.attached > 0.0
         shown += int(touching.sum())
         below += int((touching & (one.felt < 1.0)).sum())
@@ -86,6 +91,7 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         most_pain=most_pain,
         recontact_step=max(steps, default=0.0),
         recontact_step_mean=float(np.mean(steps)) if steps else 0.0,
+        recontact_of_before=max(before, default=0.0),
         recontacts=len(steps),
         scans=scans,
     )
@@ -107,21 +113,39 @@ def firm_of(kept: Kept) -> Mask:
 def recontact_steps(kept: Kept) -> list[float]:
     """One for each electrode that touched again, in each piece."""
     found: list[float] = []
-    for scan in range(1, len(kept.felt)):
-        if kept.piece[scan] != kept.piece[scan - 1]:
-            continue
-        again = np.flatnonzero((kept.attached[scan - 1] == 0.0) & (kept.attached[scan] > 0.0))
-        if len(again) == 0:
-            continue
-        here = kept.piece == kept.piece[scan]
-        after_s = kept.inside_s - kept.inside_s[scan]
-        soon = here & (after_s >= 0.0) & (after_s <= STEP_S)
-        settled = here & (after_s > STEP_S) & (after_s <= STEP_S + SETTLED_S)
-        for electrode in again:
-            found.append(
-                _step(kept.felt[:, electrode], settled & (kept.attached[:, electrode] >= 1.0), soon)
-            )
+    for scan, electrode in _touched_again(kept):
+        soon = _within(kept, scan, 0.0, STEP_S)
+        settled = _within(kept, scan, STEP_S, STEP_S + SETTLED_S) & ~soon
+        whole = kept.attached[:, electrode] >= 1.0
+        found.append(_step(kept.felt[:, electrode], settled & whole, soon))
     return [one for one in found if np.isfinite(one)]
+
+
+def steps_of_before(kept: Kept) -> list[float]:
+    """The same, against the half second before the electrode began to peel, where it was felt."""
+    found: list[float] = []
+    for scan, electrode in _touched_again(kept):
+        whole = kept.attached[:, electrode] >= 1.0
+        lying = np.flatnonzero(whole[:scan] & (kept.piece[:scan] == kept.piece[scan]))
+        if len(lying):
+            before = _within(kept, int(lying[-1]), -SETTLED_S, 0.0) & whole
+            soon = _within(kept, scan, 0.0, FIRST_SECOND_S)
+            found.append(_step(kept.felt[:, electrode], before, soon))
+    return [one for one in found if np.isfinite(one)]
+
+
+def _touched_again(kept: Kept) -> Iterator[tuple[int, int]]:
+    """(scan, electrode), for each return."""
+    for scan in range(1, len(kept.felt)):
+        if kept.piece[scan] == kept.piece[scan - 1]:
+            again = (kept.attached[scan - 1] == 0.0) & (kept.attached[scan] > 0.0)
+            yield from ((scan, int(electrode)) for electrode in np.flatnonzero(again))
+
+
+def _within(kept: Kept, scan: int, from_s: float, to_s: float) -> Mask:
+    """The scans of the same piece, so long after one of them."""
+    after_s = kept.inside_s - kept.inside_s[scan]
+    return np.asarray((kept.piece == kept.piece[scan]) & (after_s >= from_s) & (after_s <= to_s))
 
 
 def _step(felt: Floats, steady: Mask, soon: Mask) -> float:

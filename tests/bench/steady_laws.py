@@ -19,6 +19,9 @@ from etd.stabilize.settings import NOTHING, Settings
 NONE, CONTACT = "none", "contact"
 #: Those that follow resistance by what was fitted to a person, with contact before them.
 CALIBRATED = "contact + fitted"
+#: The same, looking ahead before every pulse.
+AHEAD = "contact + fitted + probe"
+CONTACT_AHEAD = "contact + probe"
 
 _CONTACT = ContactLaw()
 _FITTED = FittedLaw(k=0.73)
@@ -31,6 +34,10 @@ LAWS: dict[str, Settings] = {
     "fitted": Settings(order=("fitted",), fitted=_FITTED),
     "lines": Settings(order=("lines",), lines=_LINES),
     CALIBRATED: Settings(order=("contact", "fitted"), contact=_CONTACT, fitted=_FITTED),
+    CONTACT_AHEAD: Settings(order=("contact",), contact=_CONTACT, probe_first=True),
+    AHEAD: Settings(
+        order=("contact", "fitted"), contact=_CONTACT, fitted=_FITTED, probe_first=True
+    ),
     "narrow": Settings(order=("narrow",), narrow=Narrow(width_us=50, tau_us=151.0)),
     "prepulse": Settings(order=("prepulse",), prepulse=Prepulse(below_db=6.0, width_us=50)),
 }
