@@ -25,7 +25,10 @@ WIDTH_US = 100
 CURRENT_UA = 400
 #: Far enough apart that each scan stands alone, whatever it takes.
 RATE_HZ = 10.0
-SCANS = 5
+#: In the first ones contacts are still soft, and too weak for probes to go before them.
+SCANS = 8
+#: What the modelled Pi 4 takes for an SPI message besides the pulse.
+MESSAGE_US = 13.0
 #: The lines of one call change 50 ns apart; calls are microseconds apart.
 _SAME_CALL_NS = 1_000
 
@@ -60,6 +63,8 @@ STABILIZED = Settings(
     lines=LinesLaw(),
     contact=ContactLaw(),
 )
+#: The same, with a probe before every pulse.
+AHEAD = msgspec.structs.replace(STABILIZED, probe_first=True)
 
 
 def loaded_with(rest_us: int, machine: str = "pi4", stabilize: Settings = NOTHING) -> LoadedConfig:
@@ -73,14 +78,25 @@ def loaded_with(rest_us: int, machine: str = "pi4", stabilize: Settings = NOTHIN
     )
 
 
-def limit_us(rest_us: int) -> float:
-    """What no program can go below: the sum of widths and rests."""
-    return float(ELECTRODES * (WIDTH_US + rest_us))
+def messages_of(stabilize: Settings) -> int:
+    """How many a pulse."""
+    return 2 if stabilize.probe_first else 1
+
+
+def limit_us(loaded: LoadedConfig) -> float:
+    """What no program can go below: the sum of widths and rests; and where probes go first, of
+    their widths, and of what the kernel takes for the message that each of them is.
+    """
+    each_us = float(WIDTH_US + loaded.board.rest_us)
+    if loaded.body_site.stabilize.probe_first:
+        each_us += loaded.board.maxima.probe_width_us + MESSAGE_US
+    return ELECTRODES * each_us
 
 
 def engine_scan(rest_us: int, stabilize: Settings = NOTHING) -> ScanFigures:
     """All electrodes active, in scan order; the slowest of a few scans."""
-    rig = engine_rig.make(loaded=loaded_with(rest_us, stabilize=stabilize))
+    loaded = loaded_with(rest_us, stabilize=stabilize)
+    rig = engine_rig.make(loaded=loaded)
     rig.open()
     rig.arm()
     rig.hold(
@@ -92,22 +108,24 @@ def engine_scan(rest_us: int, stabilize: Settings = NOTHING) -> ScanFigures:
     )
     problems = rig.close()
     assert problems == ()
-    scans = [_figures(scan, rest_us) for scan in _whole_scans(rig.trace())]
+    messages = ELECTRODES * messages_of(stabilize)
+    scans = [_figures(scan, loaded) for scan in _whole_scans(rig.trace(), messages)]
     return max(scans, key=lambda scan: scan.scan_us)
 
 
-def _whole_scans(trace: list[Record]) -> list[list[Record]]:
+def _whole_scans(trace: list[Record], messages: int) -> list[list[Record]]:
     """The bus events from one scan's remark to the next one's, where all electrodes had a pulse."""
     starts = [place for place, one in enumerate(trace) if one.get("event") == "frame"]
     scans = [trace[begin:end] for begin, end in pairwise(starts)]
-    return [scan for scan in scans if _pulses(scan) == ELECTRODES]
+    return [scan for scan in scans if _messages(scan) == messages]
 
 
-def _pulses(scan: list[Record]) -> int:
+def _messages(scan: list[Record]) -> int:
     return sum(one.get("event") == "message" for one in scan)
 
 
-def _figures(scan: list[Record], rest_us: int) -> ScanFigures:
+def _figures(scan: list[Record], loaded: LoadedConfig) -> ScanFigures:
+    rest_us = loaded.board.rest_us
     calls = _calls(scan)
     messages = [place for place, (_, kind) in enumerate(calls) if kind == "message"]
     # The first electrode's connecting, and the last one's discharge, enclose the pulses.
@@ -118,7 +136,7 @@ def _figures(scan: list[Record], rest_us: int) -> ScanFigures:
         rest_us,
         (rested_ns - scan[0]["t_ns"]) / 1_000,
         max(0, calls[-1][0] - rested_ns) / 1_000,
-        limit_us(rest_us),
+        limit_us(loaded),
         enclosed / ELECTRODES,
         len(calls) - enclosed,
     )

@@ -10,8 +10,9 @@ import platform
 import socket
 import statistics
 from dataclasses import dataclass
+from itertools import pairwise
 
-from bench.modelled import CURRENT_UA, ELECTRODES, WIDTH_US, loaded_with
+from bench.modelled import CURRENT_UA, ELECTRODES, WIDTH_US, loaded_with, messages_of
 from etd.client import clock as real_clock
 from etd.engine.engine import Engine
 from etd.frame import Frame
@@ -27,10 +28,12 @@ _REST_US = 200
 _WORD_NS, _DELAY_NS, _MESSAGE_NS = 16_000, 300, 10_000
 #: What a touched electrode of a fingertip answers: about 10 V at 400 uA.
 ADC_CODES_PER_DAC_CODE = 112 / 163
-_RATE_HZ = 40.0
+#: Probes first need room as well.
+_RATE_HZ = 20.0
 #: Above those of the opening.
 _FIRST_SEQ = 10_000
-_WARM_UP = 5
+#: Half a second: contacts are firm then.
+_WARM_UP = 20
 
 
 @dataclass(frozen=True)
@@ -109,15 +112,17 @@ def measure(scans: int, stabilize: Settings = NOTHING) -> ProcessorFigures:
     engine, gateway, ends = _armed(clock, spi, stabilize)
     spi.begun_ns.clear()
     periods_us: list[float] = []
+    messages = messages_of(stabilize)
     for seq in range(_FIRST_SEQ, _FIRST_SEQ + _WARM_UP + scans):
         gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
         gateway[0].send(Alive())
         spi.begun_ns.clear()
-        while len(spi.begun_ns) < ELECTRODES:
+        while len(spi.begun_ns) < ELECTRODES or engine.scanner.standing is not None:
             engine.turn()
             _drain(gateway[0])
         if seq >= _FIRST_SEQ + _WARM_UP:
-            between = zip(spi.begun_ns, spi.begun_ns[1:], strict=False)
+            assert len(spi.begun_ns) == ELECTRODES * messages
+            between = pairwise(spi.begun_ns[::messages])
             periods_us += [(after - before) / 1_000 for before, after in between]
         clock.t_ns += int(1e9 / _RATE_HZ)
     engine.end()

@@ -62,6 +62,8 @@ class Comparison:
     scan: ScanFigures
     #: The same with a stabilizer of each kind.
     stabilized: ScanFigures
+    #: And with a probe before every pulse.
+    ahead: ScanFigures
     script_us: float
     script_calls_per_pulse: float
     gpiod_us: tuple[float, ...]
@@ -83,8 +85,18 @@ class Comparison:
                 MOST_OVER_LIMIT[self.scan.rest_us],
             ),
             at_most(
+                f"{rest}: the same with probes first, over the limit of such a scan",
+                self.ahead.ratio_with_rewrite,
+                MOST_OVER_LIMIT[self.scan.rest_us],
+            ),
+            at_most(
                 f"{rest}: bus calls per pulse with stabilizers",
                 self.stabilized.calls_per_pulse,
+                MOST_CALLS_PER_PULSE,
+            ),
+            at_most(
+                f"{rest}: bus calls per pulse with its probe",
+                self.ahead.calls_per_pulse,
                 MOST_CALLS_PER_PULSE,
             ),
             at_least(
@@ -102,6 +114,7 @@ def compare(rest_us: int) -> Comparison:
     return Comparison(
         modelled.engine_scan(rest_us),
         modelled.engine_scan(rest_us, modelled.STABILIZED),
+        modelled.engine_scan(rest_us, modelled.AHEAD),
         script.scan_us,
         script.calls_per_pulse,
         tuple(one.scan_us for one in gpiod),
@@ -115,7 +128,7 @@ def compare(rest_us: int) -> Comparison:
 def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None:
     for comparison in figures["scans"]:
         console.print(_scan_table(comparison))
-    console.print(_processor_table(figures["processor"], figures["stabilized"]))
+    console.print(_processor_table(figures["processor"], figures["stabilized"], figures["ahead"]))
     console.print(_latency_table(figures["latency"]))
     console.print(_body_table(figures["body"]))
     for one in bounds:
@@ -132,8 +145,8 @@ def _scan_table(found: Comparison) -> Table:
         table.add_column(column, justify="right" if column else "left")
     whole_us = scan.scan_us + scan.rewrite_us
 
-    def row(who: str, took_us: float, calls: str = "") -> None:
-        limits, whole = took_us / scan.limit_us, took_us / whole_us
+    def row(who: str, took_us: float, calls: str = "", limit_us: float = scan.limit_us) -> None:
+        limits, whole = took_us / limit_us, took_us / whole_us
         table.add_row(who, f"{took_us / 1_000:.2f} ms", f"{limits:.3f}", f"{whole:.2f}", calls)
 
     row("widths and rests alone: the limit", scan.limit_us)
@@ -145,6 +158,14 @@ def _scan_table(found: Comparison) -> Table:
         stabilized.scan_us + stabilized.rewrite_us,
         f"{stabilized.calls_per_pulse:.2f}",
     )
+    ahead = found.ahead
+    row("widths, probes and rests: the limit with probes first (4)", ahead.limit_us)
+    row(
+        "etd with stabilizers and probes first, over that limit",
+        ahead.scan_us + ahead.rewrite_us,
+        f"{ahead.calls_per_pulse:.2f}",
+        ahead.limit_us,
+    )
     row("usual script, raw calls (1)", found.script_us, f"{found.script_calls_per_pulse:.0f}")
     for call_us, took_us in zip(GPIOD_CALLS_US, found.gpiod_us, strict=True):
         row(f"usual script, gpiod, {call_us:g} us (2)", took_us)
@@ -153,12 +174,15 @@ def _scan_table(found: Comparison) -> Table:
         f"(1) time.sleep assumed to take {usual_script.OVERSLEEP_US} us more than asked"
         " (2) cost of a call assumed"
         f" (3) computed: 2 words of {ESP32_WORD_US} us, as stated by the kits, and nothing else"
+        f" (4) {modelled.MESSAGE_US:g} us of the kernel's for each probe's message included"
     )
     return table
 
 
 def _processor_table(
-    found: processor.ProcessorFigures, stabilized: processor.ProcessorFigures
+    found: processor.ProcessorFigures,
+    stabilized: processor.ProcessorFigures,
+    ahead: processor.ProcessorFigures,
 ) -> Table:
     table = Table(
         title="the engine's processor time for a pulse, measured here",
@@ -167,7 +191,8 @@ def _processor_table(
     for column in ("", "median", "p99"):
         table.add_column(column, justify="left" if not column else "right")
     factor = processor.PI4_FACTOR
-    for what, one in (("", found), (", with stabilizers", stabilized)):
+    kinds = (("", found), (", with stabilizers", stabilized), (", and a probe first", ahead))
+    for what, one in kinds:
         table.add_row(f"here{what}", f"{one.median_us:.1f} us", f"{one.p99_us:.1f} us")
         table.add_row(
             f"on a Pi 4, {factor:g} times slower{what}",
@@ -214,6 +239,7 @@ def main() -> int:
         "scans": comparisons,
         "processor": processor.measure(10 if args.quick else 100),
         "stabilized": processor.measure(10 if args.quick else 100, modelled.STABILIZED),
+        "ahead": processor.measure(10 if args.quick else 100, modelled.AHEAD),
         "latency": list(latency.measure(args.quick)),
         "body": [body.measure(side) for side in ((8,) if args.quick else (8, 16))],
     }
@@ -225,6 +251,7 @@ def main() -> int:
             "scans": [asdict(one) for one in comparisons],
             "processor": asdict(figures["processor"]),
             "stabilized": asdict(figures["stabilized"]),
+            "ahead": asdict(figures["ahead"]),
             "latency": [asdict(one) for one in figures["latency"]],
             "body": [asdict(one) for one in figures["body"]],
             "bounds": [asdict(one) for one in bounds],
