@@ -305,6 +305,12 @@ def test_stabilizers_find_no_room_where_the_probe_needs_it(polarity: str) -> Non
     assert (phases_of * most.width_us + PROBE_US) * 120 <= 24_000
 
 
+def test_stabilizers_get_no_charge_that_the_probe_needs() -> None:
+    made = planner(site=probing(body_site()), reach=Reach(width=1.3, charge=4.0))
+    (visit,) = made.plan(frame(current_ua=currents(e3=3_000), width_us=150, rate_hz=10.0)).visits
+    assert visit.most.charge_pc + PROBE_UA * PROBE_US == 500_000
+
+
 def test_a_slot_has_room_for_the_probe_and_for_what_is_decided_behind_it() -> None:
     asked = frame(current_ua=(500,) * 64, width_us=100, rate_hz=120.0, thin=True)
     alone, led = (
@@ -333,8 +339,10 @@ def test_a_scan_with_probes_ends_in_time(make_rig: MakeRig) -> None:
 
 
 def test_the_ledger_counts_the_time_of_probe_and_pulse(make_rig: MakeRig) -> None:
-    """130 us each: ten in a second; and a probe is no visit of its own."""
-    rig = make_rig(loaded=with_probes(maxima={"on_us_per_s": 1_300}))
+    """130 us each: ten in a second; no probe where its pulse would not fit; and none is a visit of
+    its own.
+    """
+    rig = make_rig(loaded=with_probes(maxima={"on_us_per_s": 1_390}))
     rig = opened(rig, CURRENT_UA)
     rig.run_ms(870)
     found = [one for one in hold(rig, 950) if one[0].electrode == 4]
