@@ -39,6 +39,9 @@ class HandClock:
     def sleep_until_ns(self, deadline_ns: int) -> None:
         self.t_ns = max(self.t_ns, deadline_ns)
 
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self.sleep_until_ns(deadline_ns)
+
 
 class RunningClock:
     """CLOCK_MONOTONIC, for a gateway that serves clients which block."""
@@ -48,6 +51,9 @@ class RunningClock:
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         clock.sleep_s((deadline_ns - clock.now_ns()) / 1e9)
+
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self.sleep_until_ns(deadline_ns)
 
 
 class GatewayRig:

@@ -137,6 +137,9 @@ class SteppedDaemon:
                 self.gateway.turn(0)
             self.step()
 
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self.sleep_until_ns(deadline_ns)
+
     def _socket(self, kind: int, name: str) -> zmq.Socket[bytes]:
         socket = self._context.socket(kind)
         socket.connect(f"ipc://{self.folder / name}")

@@ -113,6 +113,10 @@ class Clock(Protocol):
         """
         ...
 
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        """The same where being late does not matter: sleeps all of it, and costs no processor."""
+        ...
+
 
 class Marker(Protocol):
     def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:

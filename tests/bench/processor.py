@@ -58,6 +58,9 @@ class FreeClock:
     def sleep_until_ns(self, deadline_ns: int) -> None:
         self.t_ns = max(self.t_ns, deadline_ns)
 
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self.sleep_until_ns(deadline_ns)
+
 
 class FreeSpi:
     """Answers at once; notes the real time of every pulse."""

@@ -51,6 +51,10 @@ class WallClock:
         self.real.sleep_until_ns(deadline_ns)
         self.behind_ns = max(0, min(self.behind_ns, self.real.now_ns() - deadline_ns))
 
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self.real.doze_until_ns(deadline_ns)
+        self.behind_ns = max(0, min(self.behind_ns, self.real.now_ns() - deadline_ns))
+
 
 class WallSpi:
     """Busy for as long as the message lasts, as the kernel is."""

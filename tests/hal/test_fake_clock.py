@@ -26,6 +26,9 @@ class HandClock:
         if deadline_ns > self.t_ns:
             self.t_ns = deadline_ns + self.late_ns
 
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self.sleep_until_ns(deadline_ns)
+
 
 class TestSteppedClock:
     def test_time_passes_only_by_being_spent_or_slept(self) -> None:

@@ -57,6 +57,14 @@ def test_it_is_awake_before_the_deadline_when_the_sleep_is_exact() -> None:
     assert deadline_ns - SPIN_NS <= system.slept_until_ns[0] < deadline_ns
 
 
+def test_a_doze_sleeps_all_of_it_and_is_never_early() -> None:
+    system = System(100, 3_000)
+    deadline_ns = system.t_ns + 1_000_000
+    LinuxClock(system.monotonic_ns, system.sleep_s).doze_until_ns(deadline_ns)
+    assert system.slept_until_ns == [deadline_ns]
+    assert system.t_ns >= deadline_ns
+
+
 def test_a_deadline_that_has_passed_returns_at_once() -> None:
     system = System(100, 0)
     LinuxClock(system.monotonic_ns, system.sleep_s).sleep_until_ns(system.t_ns - 1)

@@ -50,6 +50,8 @@ $busybox mount -t tracefs tracefs /srv/new/sys/kernel/tracing
 $busybox mkdir -p /srv/new/run/rig
 $busybox mount -t hostfs -o "$out" none /srv/new/run/rig || fail "no shared folder"
 $busybox ip link set lo up
+# High-resolution timers begin at a tick of the clock, and without waiting none comes.
+$busybox usleep 50000
 
 if [ -n "$first" ]; then
     # The root of the whole machine, not of this process alone: a service that has users of its own

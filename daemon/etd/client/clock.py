@@ -28,3 +28,6 @@ class ClientClock:
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         sleep_s((deadline_ns - now_ns()) / 1e9)
+
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self.sleep_until_ns(deadline_ns)

@@ -36,6 +36,6 @@ def calibrate_at_start(
             tell(failed[-1])
             if len(failed) == ATTEMPTS:
                 raise
-            clock.sleep_until_ns(clock.now_ns() + _PAUSE_NS)
+            clock.doze_until_ns(clock.now_ns() + _PAUSE_NS)
         else:
             return tuple(failed)

@@ -44,6 +44,15 @@ class BusyClock:
             self._slept_ns += slept_ns
             self._forget(deadline_ns)
 
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        """All of it counts as slept."""
+        slept_ns = deadline_ns - self._clock.now_ns()
+        self._clock.doze_until_ns(deadline_ns)
+        if slept_ns > 0:
+            self._sleeps.append((deadline_ns, slept_ns))
+            self._slept_ns += slept_ns
+            self._forget(deadline_ns)
+
     @property
     def busy_percent(self) -> float:
         """Of the 100 ms before the last look."""

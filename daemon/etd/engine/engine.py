@@ -76,7 +76,7 @@ class Engine(Core):
         except (BusError, GuardRefusal, BoardFault) as fault:
             self.halt("fault", type(fault).__name__, str(fault))
             # A board that is gone for good fails every turn: that must not keep a core busy.
-            self.clock.sleep_until_ns(self.clock.now_ns() + TICK_NS)
+            self.clock.doze_until_ns(self.clock.now_ns() + TICK_NS)
 
     def _work(self, now_ns: int) -> None:
         if self._energizer is not None:
@@ -84,20 +84,28 @@ class Engine(Core):
         standing = self.scanner.standing
         if standing is None or self.states.state != "ARMED":
             self.opening.hold()
-            self._sleep_until(now_ns + TICK_NS)
+            self._doze_until(now_ns + TICK_NS)
             return
         if now_ns < standing.next_ns:
             self.opening.rise(now_ns)
-            self._sleep_until(min(standing.next_ns, standing.expires_ns, now_ns + TICK_NS))
+            self._wait_for(min(standing.next_ns, standing.expires_ns), now_ns + TICK_NS)
             return
         if self._visitor.has_drifted:
             self._calibrate_again()
         self._look_at_stop_levels()
         self.scanner.scan(self._visitor, self._may_fire)
 
-    def _sleep_until(self, deadline_ns: int) -> None:
+    def _wait_for(self, next_ns: int, tick_ns: int) -> None:
+        """A scan begins when it is due; a look between two of them may be late, by half a tick."""
+        if next_ns > tick_ns + TICK_NS // 2:
+            self._doze_until(tick_ns)
+            return
         self.reporter.scan_report(self.clock.now_ns(), self.opening.ceiling_ua)
-        self.clock.sleep_until_ns(deadline_ns)
+        self.clock.sleep_until_ns(next_ns)
+
+    def _doze_until(self, deadline_ns: int) -> None:
+        self.reporter.scan_report(self.clock.now_ns(), self.opening.ceiling_ua)
+        self.clock.doze_until_ns(deadline_ns)
 
     def _calibrate_again(self) -> None:
         self.board.calibrate(lambda: self._beat(self.clock.now_ns()))

@@ -113,7 +113,7 @@ class Bed:
             now_ns = self.clock.now_ns()
             if now_ns >= until_ns:
                 return False
-            self.clock.sleep_until_ns(min(until_ns, now_ns + _TICK_NS))
+            self.clock.doze_until_ns(min(until_ns, now_ns + _TICK_NS))
             if is_beating:
                 self.beat()
         return True

@@ -30,6 +30,8 @@ class BoardClock(Protocol):
 
     def sleep_until_ns(self, deadline_ns: int) -> None: ...
 
+    def doze_until_ns(self, deadline_ns: int) -> None: ...
+
     def lag_ns(self) -> int:
         """How far it is behind the real clock."""
         ...
@@ -67,6 +69,10 @@ class SteppedClock:
         return self._now_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
+        self._move_to(deadline_ns)
+
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        """Nothing is late here."""
         self._move_to(deadline_ns)
 
     def lag_ns(self) -> int:
@@ -138,6 +144,10 @@ class LiveClock:
         self._real.sleep_until_ns(deadline_ns)
         while (now_ns := self.now_ns()) < deadline_ns:
             self._real.sleep_until_ns(self._real.now_ns() + deadline_ns - now_ns)
+
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        """Time that is played lags behind: only the exact sleep catches up with it."""
+        self.sleep_until_ns(deadline_ns)
 
     def begin_call(self) -> int:
         return self.now_ns()

@@ -133,8 +133,8 @@ def _beat(board: BoardFile, gpio: LinuxGpio) -> None:
     ends_ns, level = clock.now_ns() + _LONGEST_NS, 0
     while clock.now_ns() < ends_ns:
         if heartbeat == "absent":
-            clock.sleep_until_ns(clock.now_ns() + _IDLE_NS)
+            clock.doze_until_ns(clock.now_ns() + _IDLE_NS)
             continue
         level = 1 - level
         gpio.set(((heartbeat.line, level),))
-        clock.sleep_until_ns(clock.now_ns() + heartbeat.window_ms * 1_000_000 // _BEATS_PER_WINDOW)
+        clock.doze_until_ns(clock.now_ns() + heartbeat.window_ms * 1_000_000 // _BEATS_PER_WINDOW)
