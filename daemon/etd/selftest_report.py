@@ -111,6 +111,11 @@ def load(path: Path) -> Report | None:
         ) from error
 
 
+_COMMAND = "etd selftest"
+#: A daemon reads the report when it starts.
+_AGAIN = f"run {_COMMAND}, and then start the daemon anew"
+
+
 def why_not_armed(path: Path, now: Subject) -> str | None:
     """The sentence for which arming is refused; None where the last self-test allows it.
 
@@ -122,7 +127,7 @@ def why_not_armed(path: Path, now: Subject) -> str | None:
     except FileError as error:
         return str(error)
     if report is None:
-        return None if is_fake else f"this board has not been tested (no {path}): run etd selftest"
+        return None if is_fake else f"this board has not been tested (no {path}): {_AGAIN}"
     another = difference(report.subject, now)
     if another is not None:
         return None if is_fake else _of_another(report, another)
@@ -130,18 +135,16 @@ def why_not_armed(path: Path, now: Subject) -> str | None:
     if report.passed and bad is None:
         return None
     what = "it was cut short" if bad is None else f"{bad.title} ({bad.result}) {bad.measured}"
-    remedy = f"put that right, and run {_COMMAND} again"
+    remedy = f"put that right, {_AGAIN}"
     if is_fake:
         remedy = (
             f"on this fake {_COMMAND} --board fake:{now.board} --array {now.array}"
-            f" --dummy-load 47000 --load-electrodes 0,1 puts it right, and so does removing {path}"
+            f" --dummy-load 47000 --load-electrodes 0,1 puts it right, and so does removing {path};"
+            " then start the daemon again"
         )
     return f"the self-test of {report.date:%Y-%m-%d %H:%M} did not pass: {what.strip()}: {remedy}"
 
 
-_COMMAND = "etd selftest"
-
-
 def _of_another(report: Report, another: str) -> str:
     date = f"{report.date:%Y-%m-%d %H:%M}"
-    return f"the last self-test, of {date}, was of {another}: run {_COMMAND} again"
+    return f"the last self-test, of {date}, was of {another}: {_AGAIN}"

@@ -81,6 +81,7 @@ def test_every_guard_of_the_reference_board_is_proved(capsys: pytest.CaptureFixt
         ["--dummy-load", "100001", "--load-electrodes", "0,1"],
         ["--dummy-load", "47k", "--load-electrodes", "0,1"],
         ["--dummy-load", "47000", "--load-electrodes", "1,1"],
+        ["--dummy-load", "47000", "--load-electrodes", "0,00"],
         ["--dummy-load", "47000", "--load-electrodes", "1"],
         ["--dummy-load", "47000", "--load-electrodes", "0,16"],
         ["--one-shot-us", "0"],
@@ -143,6 +144,17 @@ def test_a_pass_does_not_outlive_a_later_test_that_was_cut_short(
     report = load(state)
     assert report is not None
     assert (report.passed, report.checks) == (False, ())
+
+
+def test_a_pass_is_not_given_up_for_a_copy_that_cannot_be_written(
+    state: Path, tmp_path: Path
+) -> None:
+    assert cli.main([*FULL, *LOAD]) == 0
+    (tmp_path / "file").write_text("a file where a folder should be")
+    assert cli.main([*FULL, *LOAD, "--report", str(tmp_path / "file" / "r.json")]) == 1
+    report = load(state)
+    assert report is not None
+    assert report.passed
 
 
 def test_where_the_report_cannot_be_kept_nothing_is_tested(

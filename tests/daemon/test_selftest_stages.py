@@ -25,6 +25,7 @@ from etd_hal.fake.faults import (
     HeartbeatRearms,
     I2cFailure,
     LineCut,
+    SpiError,
     StopCutsNothing,
     SwitchOutput,
 )
@@ -306,6 +307,25 @@ def test_an_error_ends_in_the_safe_state_all_the_same() -> None:
         run(bed, DATE, on_stage=interrupt)
     assert not bed.board.is_supply_on
     assert rig.rail_v_after_a_while() < 30
+
+
+def test_an_interrupted_test_says_why_the_board_is_not_safe(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    rig = selftest_rig()
+    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+
+    def interrupt(name: str, _what: str) -> None:
+        if name == "probe":
+            for number in range(1, 20):
+                rig.fake.world.put_in(SpiError(at_message=number))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(bed, DATE, on_stage=interrupt)
+    told = capsys.readouterr().err
+    assert "NOT SAFE" in told
+    assert "cut the supply by hand" in told
 
 
 def bed_after_rail(rig: SelftestRig, log: Log) -> tuple[Bed, Prober]:

@@ -110,9 +110,12 @@ def _one_shot_us(text: str) -> int:
 
 def _pair(text: str) -> tuple[int, int]:
     parts = text.split(",")
-    if len(parts) != 2 or not all(part.isdecimal() for part in parts) or parts[0] == parts[1]:
+    if len(parts) != 2 or not all(part.isdecimal() for part in parts):
         raise argparse.ArgumentTypeError(f"{text!r} is not two electrodes (A,B)")
-    return int(parts[0]), int(parts[1])
+    first, second = map(int, parts)
+    if first == second:
+        raise argparse.ArgumentTypeError(f"{text!r} is the same electrode twice")
+    return first, second
 
 
 def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> Asked:
@@ -153,7 +156,8 @@ def _tested(
     table = table_of(is_quiet=args.json)
     operator = None if args.no_operator else _Operator(table, bench.hand)
     bed = Bed(loaded, bench, operator, asked)
-    for path in (kept, *_copies(args)):
+    # What was passed before is given up last.
+    for path in (*_copies(args), kept):
         save(cut_short(bed, wall_time()), path)
     return run_stages(bed, wall_time(), table.check, table.stage)
 

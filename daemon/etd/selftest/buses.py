@@ -28,7 +28,7 @@ def check(bed: Bed, log: Log) -> None:
     log.judge(
         "safe_state",
         not problems,
-        "; ".join(problems) or "reached, and verified",
+        "; ".join(problems) or "told, and the node is at rest",
         "outputs off, DAC at zero, nothing selected",
         "look at the first thing that did not work; leave the supply off",
     )

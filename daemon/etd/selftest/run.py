@@ -31,6 +31,8 @@ STAGES = (
     ("source", "strong pulses into the dummy load"),
 )
 
+_BY_HAND = "cut the supply by hand"
+
 
 def run(
     bed: Bed,
@@ -50,15 +52,18 @@ def run(
             if log.stage_failed:
                 _skip_rest(log, name, index)
                 break
-    finally:
-        problems = bed.board.safe_off()
+    except BaseException:
+        for problem in bed.board.safe_off():
+            print(f"etd selftest: NOT SAFE: {problem}: {_BY_HAND}", file=sys.stderr)  # noqa: T201
+        raise
+    problems = bed.board.safe_off()
     log.stage = "end"
     log.judge(
         "safe_state",
         not problems,
-        "; ".join(problems) or "reached, and verified",
+        "; ".join(problems) or "told, and the node is at rest",
         "outputs off, supply off, DAC at zero",
-        "cut the supply by hand",
+        _BY_HAND,
     )
     return _report(bed, prober, log, date)
 
