@@ -149,7 +149,8 @@ def _within(kept: Kept, scan: int, from_s: float, to_s: float) -> Mask:
 
 
 def _step(felt: Floats, steady: Mask, soon: Mask) -> float:
-    if not steady.any():
-        return float("nan")
-    strength = float(np.median(felt[steady]))
-    return float(felt[soon].max()) / strength if strength > 0.0 else float("nan")
+    """Over the strength of the scans that were felt: at the threshold every other one is, and
+    half of a strength is none. A contact that was never felt has no step.
+    """
+    strengths = felt[steady & (felt > 0.0)]
+    return float(felt[soon].max() / np.median(strengths)) if len(strengths) else float("nan")

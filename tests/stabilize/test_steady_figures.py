@@ -68,6 +68,14 @@ def test_a_step_is_the_most_felt_in_a_second_over_what_the_contact_settles_to() 
     assert found.recontact_step == pytest.approx(1.5)
 
 
+def test_a_contact_that_settles_to_the_threshold_is_compared_with_what_is_felt_of_it() -> None:
+    attached = [[1.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 31
+    felt = [[0.0]] * 45 + [[1.1], [1.0]] * 15 + [[0.0]]
+    felt[60:] = [[0.0], [0.0], [1.1], [0.0]] * 4
+    found = figures("x", [kept(felt, attached=attached)])
+    assert found.recontact_step == pytest.approx(1.0)
+
+
 def test_pieces_run_from_a_moment_before_each_peeling_and_hold_the_skin_before_that() -> None:
     pieces = Pieces((10.0, 300.0))
     assert pieces.at(SETTLING_S / 2)[0] == 10.0
