@@ -70,8 +70,7 @@ def test_a_step_is_the_most_felt_in_a_second_over_what_the_contact_settles_to() 
 
 def test_a_contact_that_settles_to_the_threshold_is_compared_with_what_is_felt_of_it() -> None:
     attached = [[1.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 31
-    felt = [[0.0]] * 45 + [[1.1], [1.0]] * 15 + [[0.0]]
-    felt[60:] = [[0.0], [0.0], [1.1], [0.0]] * 4
+    felt = [[0.0]] * 45 + [[1.1]] * 3 + [[0.0], [0.0], [1.1], [0.0]] * 7
     found = figures("x", [kept(felt, attached=attached)])
     assert found.recontact_step == pytest.approx(1.0)
 
