@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -94,3 +95,19 @@ def test_a_daemon_that_is_not_armed_is_waited_for(rig: CommandRig) -> None:
         missing = rig.run("calibrate", "P02", "--method", "equalize", "--baseline", "P01")
         assert missing.status == 1
         assert "not_found" in missing.err or "no calibration" in missing.err
+
+
+@pytest.mark.parametrize("ending", [signal.SIGHUP, signal.SIGTERM])
+def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Signals) -> None:
+    with rig.daemon("--array", "pad-8"):
+        at = AtTerminal(rig, "calibrate", "P01", "--max-current-ua", "2000")
+        try:
+            at.command.line_with("waiting for the operator")
+            assert rig.run("arm").status == 0
+            at.answer("n")
+            at.process.send_signal(ending)
+            said = at.command.ended()
+        finally:
+            at.close()
+        assert said.status == 130, said.err
+        assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"

@@ -35,7 +35,7 @@ from etd.calibration import Calibration, Method, to_toml
 from etd.cli import options
 from etd.cli.calibrate_screen import Screen
 from etd.cli.keys import keyboard
-from etd.cli.private_daemon import private_daemon
+from etd.cli.private_daemon import private_daemon, termination_as_ctrl_c
 from etd.client import Display, clock
 from etd.config import fake_config
 from etd.errors import FileError, Refused
@@ -125,10 +125,18 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None and not args.out.parent.is_dir():
         raise FileError(str(args.out), "", "there is no such folder", "name one that exists")
     which = check_name(args.which or args.participant, "the code, or --as")
-    with _address(args) as address, _display(args, address) as display:
+    with (
+        termination_as_ctrl_c(),
+        _address(args) as address,
+        _display(args, address) as display,
+    ):
         calibrating = _Calibrating(args, display, which)
         try:
             calibrating.run()
+        except KeyboardInterrupt:
+            # A terminal that goes away, among others: nobody could press a key any more.
+            display.stop()
+            raise
         except Stopped as stopped:
             print(f"etd: {stopped}; the same command goes on with it", file=sys.stderr)
             return 1
