@@ -14,10 +14,11 @@ from engine_scenes import fully_open, only, phases
 from etd.config import LoadedConfig, fake_config
 from etd.stabilize.contact import ContactLaw
 from etd.stabilize.energy import EnergyLaw
+from etd.stabilize.fitted import FittedLaw
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 from etd_hal.boardfile import BoardFile
-from etd_hal.fake.faults import AdcScale
+from etd_hal.fake.faults import AdcScale, AdcStuck
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -101,6 +102,31 @@ def test_an_adc_that_goes_wrong_gives_the_frames_own_pulse_and_is_counted_once(
     assert width_us == pytest.approx(WIDTH_US, abs=2)
     assert current_ua <= CURRENT_UA
     assert rig.engine.reporter.counters["not_believed_implausible"] == 1
+
+
+@pytest.mark.parametrize("volts", [0.1, 0.2, 1.0, 3.0, 4.9, 60.0])
+@pytest.mark.parametrize("laws", [{"fitted": FittedLaw(k=0.73)}, {"energy": EnergyLaw()}])
+@pytest.mark.parametrize("told_ua", [500, CURRENT_UA])
+def test_an_adc_that_stands_still_gives_the_frames_own_pulse_and_is_counted_once(
+    make_rig: MakeRig, laws: dict[str, Any], volts: float, told_ua: int
+) -> None:
+    rig = standing(make_rig(loaded=with_laws(**laws)))
+    frame = {"current_ua": only(N, e4=told_ua), "width_us": WIDTH_US, "rate_hz": 50.0}
+    rig.hold(300, **frame)
+    node_v = fake_config(electrodes=N).board.source.node_uv_per_code / 1e6
+    fault = AdcStuck(round(volts / node_v))
+    rig.fake.world.put_in(fault)
+    since_ns = rig.clock.now_ns()
+    rig.hold(600, **frame)
+    rig.fake.world.take_out(fault)
+    # The first one is what is asked before anybody can know.
+    fired = phases(rig, since_ns)[1:]
+    assert max(one.current_ua for one in fired) <= told_ua
+    assert fired[-1].width_us == pytest.approx(WIDTH_US, abs=2)
+    assert max(one.width_us for one in fired) <= WIDTH_US + 2
+    counters = rig.engine.reporter.counters
+    told = {name: count for name, count in counters.items() if name.startswith("not_believed")}
+    assert told == {"not_believed_adc": 1}
 
 
 def test_a_contact_made_anew_rises_from_half_and_never_above_what_is_wanted(

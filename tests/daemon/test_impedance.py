@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from engine_parts import board_file
 from etd.engine.impedance import BEFORE_END_US, EARLY_US, ImpedanceMap, Samples
@@ -88,6 +90,33 @@ def test_a_node_that_is_not_at_rest_before_the_pulse_is_not_believed() -> None:
     assert found.learn(1, stuck) is None, "it is told once"
     found.learn(1, pulse(50_000))
     assert found.skin_ohm(1) == pytest.approx(50_000, rel=0.03)
+
+
+@given(volts=st.floats(0.1, 60.0), told_ua=st.integers(301, 8_000), width_us=st.integers(20, 200))
+def test_a_value_that_stands_still_is_never_believed_whatever_it_is(
+    volts: float, told_ua: int, width_us: int
+) -> None:
+    found = impedances()
+    found.learn(1, pulse(50_000))
+    end_v = volts if width_us >= 33 else None
+    assert found.learn(1, Samples(told_ua, width_us, volts, volts, end_v)) == "adc"
+    assert (found.skin_ohm(1), found.last_ohm(1)) == (None, None)
+
+
+@pytest.mark.parametrize(("resting_v", "is_believed"), [(0.27, True), (0.36, False)])
+def test_a_weak_pulse_may_have_an_offset_before_it_and_no_more(
+    resting_v: float, is_believed: bool
+) -> None:
+    found = impedances()
+    doubt = found.learn(1, Samples(350, 100.0, resting_v, 0.8, 0.9))
+    assert doubt == (None if is_believed else "adc")
+
+
+def test_what_a_probe_left_in_the_skin_is_no_doubt_and_what_no_skin_keeps_is() -> None:
+    found = impedances()
+    assert found.learn(1, Samples(500, 100.0, 2.6, 9.0, 10.5)) is None
+    assert found.learn(1, Samples(500, 100.0, 3.6, 9.0, 10.5)) == "adc"
+    assert found.learn(2, Samples(2_000, 100.0, 5.1, 50.0, 60.0)) == "adc"
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ Rs assumed (1 to 3 k on a fingertip) they give V_end and tau, hence Rp and Cp. A
 pulses before it or an assumed one. Skin resists less at higher currents, and a weak probe reads far
 above a stimulus (van Boxtel 1977): only pulses above the probe's current count here.
 
-Not believed: a node that is not at rest before the pulse (the ADC is stuck, or not the node's), a
-source at its end, a resistance no skin has, one that flickers from pulse to pulse.
+Not believed: a node that is not at rest before the pulse, or that a pulse does not move (the ADC is
+stuck, or not the node's), a source at its end, a resistance no skin has, one that flickers from
+pulse to pulse.
 """
 
 from __future__ import annotations
@@ -36,8 +37,12 @@ _SHORTEST_TAU_US, _LONGEST_TAU_US = 0.5, 60.0
 
 #: Outside of these no contact with skin is believed to be one.
 LEAST_OHM, MOST_OHM = 1_000.0, 2_000_000.0
-#: With the DAC at zero the node is on ground.
-RESTING_V = 5.0
+#: With the DAC at zero the node is on ground, but for the ADC's offset and what charge is left in
+#: the skin: at most this much, this part of what the pulse makes (a quarter is left after a probe
+#: in the same visit), and never above the last.
+_OFFSET_V, _RESTING_PART, _RESTING_V = 0.3, 1.0 / 3.0, 5.0
+#: A pulse moves the node by more codes of the ADC than this.
+_STILL_CODES = 2
 _NEAR_COMPLIANCE = 0.95
 
 #: The filter: a new value's weight in the mean of logarithms, and the step it is restarted at.
@@ -77,6 +82,7 @@ class ImpedanceMap:
     def __init__(self, electrodes: int, source: Source) -> None:
         self._leak_ohm = float(source.leak_ohm)
         self._compliance_v = source.compliance_v
+        self._still_v = (_STILL_CODES + 0.5) * source.node_uv_per_code / 1e6
         self._electrodes = electrodes
         self.forget()
 
@@ -117,9 +123,18 @@ class ImpedanceMap:
         before, skin.doubt = skin.doubt, self._read(skin, samples)
         return skin.doubt if skin.doubt != before else None
 
+    def is_adc_doubted(self, resting_v: float, *pulse_v: float) -> bool:
+        """Whether what was sampled before a pulse and within it, the last near its end, is of an
+        ADC that stands still (on zero it only tells no skin), or of a node that was not at rest.
+        """
+        moved_v = max(abs(one - resting_v) for one in pulse_v)
+        stands_still = resting_v > 0.0 and moved_v < self._still_v
+        most_v = min(max(_OFFSET_V, _RESTING_PART * pulse_v[-1]), _RESTING_V)
+        return stands_still or resting_v > most_v
+
     def _read(self, skin: _Skin, samples: Samples) -> Doubt | None:
         last_v = samples.early_v if samples.end_v is None else samples.end_v
-        if samples.resting_v > RESTING_V:
+        if self.is_adc_doubted(samples.resting_v, samples.early_v, last_v):
             return "adc"
         if last_v >= _NEAR_COMPLIANCE * self._compliance_v:
             return "compliance"

@@ -21,7 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from etd.engine.contact import PEELED, ContactMap
-from etd.engine.impedance import MOST_OHM, RESTING_V, ImpedanceMap
+from etd.engine.impedance import MOST_OHM, ImpedanceMap
 from etd.engine.plan import Visit
 from etd.stabilize.pipeline import Wish
 from etd_hal.board import Pulse, Shot
@@ -66,13 +66,17 @@ class LookingAhead:
         return probe
 
     def learn(self, electrode: int, probe: Pulse, shot: Shot) -> bool:
-        """What a probe says. Returns True when it is not believed, as that begins: a node that is
-        not at rest before it (the ADC stands still, or is not the node's).
+        """What a probe says. Returns True when it is not believed, as that begins: a node that was
+        not at rest before it, or that it does not move (the ADC stands still, or is not the
+        node's). What was seen before is then compared with nothing any more.
         """
         was_doubted = self._is_doubted[electrode]
-        self._is_doubted[electrode] = shot.baseline_v > RESTING_V
+        self._is_doubted[electrode] = self._impedance.is_adc_doubted(
+            shot.baseline_v, shot.early_v, shot.voltage_v
+        )
         self._now[electrode] = None
         if self._is_doubted[electrode]:
+            self._then[electrode] = None
             return not was_doubted
         contact = self._contact
         ohm = contact.seen_ohm(probe.told_ua, shot.voltage_v)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from etd_body.interface import Body, Side, Sides
 from etd_hal.boardfile import BoardFile
-from etd_hal.fake.faults import AdcScale, DacGain, DacOffset, DacStuck, Faults
+from etd_hal.fake.faults import AdcScale, AdcStuck, DacGain, DacOffset, DacStuck, Faults
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.trace import Trace
 
@@ -86,6 +86,8 @@ class CurrentPath:
         for scale in self._faults.of(AdcScale):
             volts *= scale.factor
         code = round(volts * 1_000_000 / self._source.node_uv_per_code)
+        for stuck in self._faults.of(AdcStuck):
+            code = stuck.code
         return min(max(code, 0), _ADC_CODES - 1)
 
     def settle(self, t_ns: int) -> None:

@@ -103,6 +103,12 @@ class AdcScale(_Fault, frozen=True, tag=True):
     factor: float
 
 
+class AdcStuck(_Fault, frozen=True, tag=True):
+    """The ADC gives this code, whatever the node is at."""
+
+    code: int
+
+
 class SpiMode(_Fault, frozen=True, tag=True):
     """The bus runs in this mode, whatever was set."""
 
@@ -222,6 +228,7 @@ Fault = (
     | DacOffset
     | DacStuck
     | AdcScale
+    | AdcStuck
     | SpiMode
     | SlowWords
     | SpiJitter
