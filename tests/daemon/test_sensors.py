@@ -73,6 +73,20 @@ def test_a_value_older_than_half_a_second_says_nothing() -> None:
     assert sensor.rail_v(read_ns + 501 * MS) is None
 
 
+def test_a_conversion_that_could_not_be_begun_leaves_the_rail_unknown() -> None:
+    made = stepped_board("reference-hv507")
+    sensor, sensors = sensor_of(made), pressure_of(made)
+    made.fake.world.set_sensor_v(MONITOR, NEAR, 1.5)
+    made.fake.world.set_sensor_v(MONITOR, FAR, 1.0)
+    read(made, sensor)
+    read_all(made, sensors)
+    made.fake.world.put_in(I2cFailure(MONITOR, "io", times=1))
+    assert read(made, sensor) is None, "what the chip holds is a pressure"
+    assert "io" in sensor.problem
+    assert read(made, sensor) == pytest.approx(0.0, abs=0.1)
+    assert sensor.problem == ""
+
+
 @pytest.mark.parametrize("kind", ["absent", "io", "timeout"])
 def test_an_i2c_error_makes_the_rail_unknown_and_is_told(kind: str) -> None:
     made = stepped_board("reference-hv507")
@@ -192,6 +206,33 @@ def test_a_pressure_that_is_stale_or_cannot_be_read_is_unknown() -> None:
     made.fake.world.put_in(I2cFailure(MONITOR, "io"))
     assert read_all(made, sensors) == [None, None]
     assert "pressure sensor 1: " in sensors.problem
+
+
+def test_a_conversion_that_could_not_be_begun_is_not_taken_from_another_channel() -> None:
+    made = stepped_board("reference-hv507")
+    sensors = pressure_of(made)
+    made.fake.world.set_sensor_v(MONITOR, NEAR, 0.6)
+    made.fake.world.set_sensor_v(MONITOR, FAR, 2.0)
+    assert read_all(made, sensors) == [pytest.approx(10.0, rel=0.01), pytest.approx(150.0)]
+    made.fake.world.put_in(I2cFailure(MONITOR, "io", times=1))
+    sensors.begin(0)
+    made.clock.spend(3 * MS)
+    sensors.end(0)
+    now_ns = made.clock.now_ns()
+    assert sensors.kpa(0, now_ns) is None, "the chip still holds the 150 kPa of the other one"
+    assert sensors.is_dead(0, now_ns)
+    assert "pressure sensor 0: " in sensors.problem
+    assert read_all(made, sensors)[0] == pytest.approx(10.0, rel=0.01)
+
+
+def test_what_another_sensor_began_is_not_read_as_this_ones() -> None:
+    made = stepped_board("reference-hv507")
+    sensors = pressure_of(made)
+    made.fake.world.set_sensor_v(MONITOR, FAR, 2.0)
+    sensors.begin(1)
+    made.clock.spend(3 * MS)
+    sensors.end(0)
+    assert sensors.kpa(0, made.clock.now_ns()) is None
 
 
 def test_an_array_without_sensors_has_none_to_die() -> None:

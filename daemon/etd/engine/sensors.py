@@ -32,6 +32,7 @@ class RailSensor:
         # One tuple, replaced whole: the scan thread never sees half a value.
         self._latest: tuple[float, int] | None = None
         self._is_set = self._setpoint == "absent"
+        self._is_begun = False
         self.problem = ""
 
     @property
@@ -47,6 +48,7 @@ class RailSensor:
 
     def begin(self) -> None:
         """Set the rail (once), start a conversion. Never raises; `problem` tells."""
+        self._is_begun = False
         if self._i2c is None:
             return
         try:
@@ -55,13 +57,17 @@ class RailSensor:
                 self._is_set = True
             if self._monitor != "absent":
                 ads1115.start(self._i2c, self._monitor.address, self._monitor.channel)
+                self._is_begun = True
         except EtdError as error:
             self._lost(error)
 
     def end(self) -> None:
-        """Read the conversion begun a few milliseconds ago. Never raises."""
-        if self._i2c is None or self._monitor == "absent":
+        """Read the conversion begun a few milliseconds ago. Never raises. Where none was begun,
+        what the chip holds is of another channel, and is not read.
+        """
+        if self._i2c is None or self._monitor == "absent" or not self._is_begun:
             return
+        self._is_begun = False
         try:
             volts = ads1115.read_v(self._i2c, self._monitor.address) * self._monitor.divider
         except EtdError as error:
@@ -85,6 +91,8 @@ class PressureSensors:
         self._clock = clock
         # Tuples, replaced whole: the scan thread never sees half a value.
         self._latest: list[tuple[float, int] | None] = [None] * len(self._sensors)
+        #: Whose conversion is under way.
+        self._begun: int | None = None
         self.problem = ""
 
     @property
@@ -105,6 +113,7 @@ class PressureSensors:
 
     def begin(self, sensor: int) -> None:
         """Start a conversion. Never raises; `problem` tells."""
+        self._begun = None
         if self._i2c is None:
             return
         one = self._sensors[sensor]
@@ -112,11 +121,16 @@ class PressureSensors:
             ads1115.start(self._i2c, one.address, one.channel)
         except EtdError as error:
             self._lost(sensor, str(error))
+        else:
+            self._begun = sensor
 
     def end(self, sensor: int) -> None:
-        """Read the conversion begun a few milliseconds ago. Never raises."""
-        if self._i2c is None:
+        """Read the conversion begun a few milliseconds ago. Never raises. Where none of this sensor
+        was begun, what the chip holds is of another channel, and is not read.
+        """
+        if self._i2c is None or self._begun != sensor:
             return
+        self._begun = None
         one = self._sensors[sensor]
         try:
             volts = ads1115.read_v(self._i2c, one.address)
