@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
 
 import pytest
 
+from etd.calibrate import quest_plus
 from etd.calibrate.answers import ANSWERS, Answer, Ask, Question
 from etd.calibrate.conditions import Conditions, Progress
 from etd.calibration import ElectrodeLimits
@@ -200,3 +204,18 @@ def test_what_cannot_be_is_told_by_the_name_it_has_on_the_command_line(
 ) -> None:
     assert main(["calibrate", *given, "--board", "fake", "--array", "pad-8"]) == 1
     assert said in capsys.readouterr().err
+
+
+def test_what_quest_plus_needs_is_made_ready_before_a_daemon_is_asked_for_a_lease(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its import takes longer than a lease lasts unkept."""
+    given = ["calibrate", "P1", "--max-current-ua", "2000", "--method", "quest-plus"]
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(quest_plus, "_fresh", cache(quest_plus._fresh.__wrapped__))
+    assert main(given) == 3, "there is no daemon"
+    assert "is the daemon running?" in capsys.readouterr().err
+    assert quest_plus._fresh.cache_info().currsize == 1
+    monkeypatch.setitem(sys.modules, "questplus", None)
+    assert main(given) == 3
+    assert "etd[quest-plus]" in capsys.readouterr().err

@@ -16,7 +16,7 @@ from etd.calibrate.comfortable import comfortable
 from etd.calibrate.conditions import Progress, check_baseline
 from etd.calibrate.equalize import equalize, lead_up
 from etd.calibrate.limits import Threshold, limits
-from etd.calibrate.quest_plus import check_questplus, quest_plus
+from etd.calibrate.quest_plus import quest_plus, ready_questplus
 from etd.calibrate.reach import Reach
 from etd.calibrate.staircase import staircase
 from etd.calibrate.stimulator import Delivered, NotDelivered
@@ -101,7 +101,7 @@ class Course:
         if self._baseline is not None:
             check_baseline(self._progress.conditions, self._baseline)
         if method == "quest-plus":
-            check_questplus()
+            ready_questplus()
 
     def run(self, electrodes: Sequence[int]) -> Progress:
         """Those of them that are missing. Those that could not be settled are in `left`, with the

@@ -32,8 +32,12 @@ _MOST_TRIALS = 24
 _KNOWN = log10(1.025)
 
 
-def check_questplus() -> None:
-    """Raises: HardwareMissing, with what to install, before anything is begun."""
+def ready_questplus() -> None:
+    """Import it and make what each electrode begins with: the first time that takes a second or
+    more, in which no lease is kept, so it goes before one is opened. Nothing the next time.
+
+    Raises: HardwareMissing, with what to install, before anything is begun.
+    """
     try:
         import questplus  # noqa: F401
     except ModuleNotFoundError:
@@ -43,6 +47,7 @@ def check_questplus() -> None:
                 " choose another --method",
             )
         ) from None
+    _fresh()
 
 
 def quest_plus(start_ua: float) -> Procedure[Threshold]:
@@ -50,7 +55,7 @@ def quest_plus(start_ua: float) -> Procedure[Threshold]:
 
     Raises: HardwareMissing (questplus is not installed).
     """
-    check_questplus()
+    ready_questplus()
     first = yield from coarse(start_ua)
     while first.is_felt:
         found = yield from _around(first.current_ua)

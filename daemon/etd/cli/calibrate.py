@@ -29,6 +29,7 @@ from etd.calibrate.conditions import (
 from etd.calibrate.course import Course, Presents
 from etd.calibrate.modelled import FeltPresents, ModelledBody
 from etd.calibrate.person import SimulatedPerson
+from etd.calibrate.quest_plus import ready_questplus
 from etd.calibrate.stimulator import Stimulator
 from etd.calibrate.trial import Stopped
 from etd.calibration import Calibration, Method, to_toml
@@ -125,6 +126,8 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None and not args.out.parent.is_dir():
         raise FileError(str(args.out), "", "there is no such folder", "name one that exists")
     which = check_name(args.which or args.participant, "the code, or --as")
+    if args.method == "quest-plus":
+        ready_questplus()
     with (
         termination_as_ctrl_c(),
         _address(args) as address,
