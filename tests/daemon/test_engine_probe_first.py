@@ -215,6 +215,18 @@ def test_a_probe_of_a_node_that_is_not_at_rest_is_not_believed_and_counted_once(
     assert rig.engine.reporter.counters["not_believed_probe"] == 1
 
 
+def test_a_probe_whose_pulse_is_withheld_is_counted(make_rig: MakeRig) -> None:
+    rig = standing(make_rig(loaded=with_probes(contact=ContactLaw())))
+    counters = rig.engine.reporter.counters
+    before = counters["probes_alone"]
+    hold(rig, 50)
+    assert counters["probes_alone"] == before, "each was followed by its pulse"
+    rig.fake.world.lift(4)
+    first = hold(rig, 15)[0]
+    assert len(first) == 1
+    assert counters["probes_alone"] == before + 1
+
+
 @pytest.mark.parametrize("factor", [0.0, 0.3, 3.0])
 def test_a_probe_that_is_read_wrong_never_gives_more(make_rig: MakeRig, factor: float) -> None:
     rig = standing(make_rig(loaded=with_probes(fitted=FittedLaw(k=0.7), contact=ContactLaw())))

@@ -103,7 +103,7 @@ def test_what_a_body_felt_is_shown_only_where_there_is_a_model_and_named_so() ->
     felt = panel(made, "felt (modelled)")
     assert felt.bright[3] == 1.0
     assert felt.alarming == {3}
-    assert "modelled: felt at 2, up to 5.0 x threshold, PAIN at 1" in made.line()
+    assert "modelled: felt at 2, strength up to 5.0, PAIN at 1" in made.line()
 
 
 def test_every_kind_of_contact_has_a_sign_of_its_own() -> None:

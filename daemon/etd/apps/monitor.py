@@ -192,5 +192,5 @@ def _bright_of_ohm(resistance_ohm: int | None) -> float | None:
 def _felt(modelled: Modelled) -> str:
     felt = sum(one >= 1.0 for one in modelled.felt)
     hurt = sum(one >= 1.0 for one in modelled.pain)
-    told = f"modelled: felt at {felt}, up to {max(modelled.felt):.1f} x threshold"
+    told = f"modelled: felt at {felt}, strength up to {max(modelled.felt):.1f}"
     return f"{told}, PAIN at {hurt}" if hurt else told

@@ -152,6 +152,8 @@ class Visitor:
             ready = self._ready_again(visit, wish, opening_ua, now_ns)
         if ready is None or not may_still():
             tools.board.discharge()
+            if probe_ua:
+                tools.reporter.counters["probes_alone"] += 1
             return None
         shots = self._fire(visit, ready.pulse, ready.entry, ready.given)
         self._learn(visit, ready.pulse, *shots)

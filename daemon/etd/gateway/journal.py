@@ -23,7 +23,7 @@ _ROOM = 1_000
 #: Counters of the engine's that are each worth a line, once they begin: what is no longer believed,
 #: so that stabilizers leave the pulse as the frame has it.
 _NOT_BELIEVED = {
-    "not_believed_adc": "the source's node was not at rest before a pulse",
+    "not_believed_adc": "the ADC stood still, or the source's node was not at rest before a pulse",
     "not_believed_compliance": "the source was at its end, so no resistance is known",
     "not_believed_implausible": "a resistance that no skin has was read",
     "not_believed_noise": "resistances flicker from pulse to pulse",
