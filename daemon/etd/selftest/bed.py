@@ -1,6 +1,7 @@
 """The board under test: what is known of it, its ports, its load, who stands beside it.
 
-Owns: waiting (with the heartbeat beating and the stop lines watched), and reading the rail.
+Owns: waiting (with the heartbeat beating and the stop lines watched), the account of its own beats,
+and reading the rail.
 Must not know: what is checked, reports, what is printed.
 """
 
@@ -68,7 +69,10 @@ class Bed:
         #: The leak as measured beside the load; the board file's until then.
         self.leak_ohm = float(loaded.board.source.leak_ohm)
         self._i2c = bench.backend.i2c
+        #: Go on beating without the supply: so the enable line's end is seen alone.
+        self.beats_when_off = False
         self._beaten_ns = 0
+        self._longest_gap_ns = 0
 
     @property
     def free(self) -> list[int]:
@@ -88,11 +92,40 @@ class Bed:
         """One edge of the heartbeat, if it is time for one."""
         heartbeat = self.file.guards.heartbeat
         now_ns = self.clock.now_ns()
-        if heartbeat == "absent" or not self.board.is_supply_on:
+        is_wanted = self.board.is_supply_on or self.beats_when_off
+        if heartbeat == "absent" or not is_wanted:
             return
         if now_ns - self._beaten_ns >= heartbeat.window_ms * MS // _BEATS_PER_WINDOW:
-            self._beaten_ns = now_ns
-            self.board.beat()
+            self.beat_now()
+
+    def beat_now(self) -> None:
+        """An edge of the heartbeat, whether or not the supply is on."""
+        now_ns = self.clock.now_ns()
+        self._longest_gap_ns = max(self._longest_gap_ns, now_ns - self._beaten_ns)
+        self._beaten_ns = now_ns
+        self.board.beat()
+
+    def begin_beats(self) -> None:
+        """The account of beats begins anew, with an edge."""
+        self._beaten_ns = self.clock.now_ns()
+        self._longest_gap_ns = 0
+        self.board.beat()
+
+    def supply_on(self) -> None:
+        """With the first edge; a gate that cuts it from now on stays so until it was off."""
+        self.board.supply_on()
+        self.begin_beats()
+
+    def missed_ms(self) -> float | None:
+        """The longest time without an edge since the account began, if a gate may have acted in it.
+
+        A heartbeat that is absent is never missed.
+        """
+        heartbeat = self.file.guards.heartbeat
+        if heartbeat == "absent":
+            return None
+        gap_ns = max(self._longest_gap_ns, self.clock.now_ns() - self._beaten_ns)
+        return gap_ns / MS if gap_ns > heartbeat.window_ms * MS else None
 
     def watch_stops(self) -> None:
         """Raises: BoardFault when a stop line is open that nobody was asked to hold."""

@@ -1,7 +1,7 @@
 """How a rail falls, by its monitor: when that began, and when it was gone.
 
-Owns: both moments, and how soon after a guard's time the first can be seen. Must not know: why it
-falls.
+Owns: both moments, how soon after a guard's time the first can be seen, and that a fall which the
+test itself may have caused proves nothing. Must not know: why it falls.
 
 A store falls slowly, so its beginning says when the supply was cut, and its end what the bleeder
 does. A fall is seen when a fiftieth is gone.
@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from etd.selftest.bed import MS, Bed
+from etd.selftest.log import Log
 from etd_hal.boardfile import RailMonitor
 
 _SEEN = 0.98
@@ -57,3 +58,30 @@ def watch_fall(
             return Fall(begun_ms, None)
         if begun_ms is not None:
             bed.wait_ms(_LATER_MS, is_beating=False)
+
+
+_BEAT_ADVICE = (
+    "what else runs on this machine kept the test from beating in time, so that the supply may have"
+    " gone for that alone: end that, and begin again"
+)
+
+
+def judge_fall(
+    log: Log,
+    missed_ms: float | None,
+    name: str,
+    is_good: bool,
+    measured: str,
+    expected: str,
+    advice: str,
+) -> bool:
+    """As `Log.judge`; with a beat missed by the test (`Bed.missed_ms`) it never passes."""
+    if missed_ms is None:
+        return log.judge(name, is_good, measured, expected, advice)
+    return log.judge(
+        name,
+        False,
+        f"the test itself missed a beat: {missed_ms:.0f} ms; {measured}",
+        expected,
+        _BEAT_ADVICE if is_good else advice,
+    )

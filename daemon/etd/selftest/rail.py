@@ -13,7 +13,7 @@ from collections.abc import Callable
 from etd.selftest import killed, stopgate
 from etd.selftest.bed import MS, Bed
 from etd.selftest.buses import check_idle
-from etd.selftest.fall import seen_within_ms, watch_fall
+from etd.selftest.fall import judge_fall, seen_within_ms, watch_fall
 from etd.selftest.log import Log
 from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
@@ -24,8 +24,11 @@ from etd_hal.boardfile import RailMonitor
 _UNWATCHED_MS = 10_000
 _UNWATCHED_RISE_MS = 500
 _LOOK_EVERY_MS = 50
-#: Of the node's open voltage: below it the supply is gone, above it it is there.
+#: Of the node's open voltage: below the one the supply is gone, above the other it is there.
 _NODE_GONE = 0.1
+_NODE_THERE = 0.5
+#: Of the least rail: a stop's two contacts may open some ms apart.
+_NEARLY = 0.9
 
 
 def check(bed: Bed, log: Log, prober: Prober) -> None:
@@ -61,10 +64,13 @@ def _watch_by_monitor(bed: Bed, log: Log, monitor: RailMonitor) -> SupplyWatch:
         read_v = bed.rail_v()
         return read_v < monitor.off_v
 
+    def is_there() -> bool:
+        return bed.rail_v() >= monitor.low_v * _NEARLY
+
     def rises(name: str) -> bool:
         return _check_rise(bed, log, monitor, name)
 
-    return SupplyWatch(is_gone, lambda: f"{read_v:.0f} V", monitor.fall_ms, rises)
+    return SupplyWatch(is_there, is_gone, lambda: f"{read_v:.0f} V", monitor.fall_ms, rises)
 
 
 def _watch_by_node(bed: Bed, log: Log, prober: Prober) -> SupplyWatch:
@@ -76,13 +82,17 @@ def _watch_by_node(bed: Bed, log: Log, prober: Prober) -> SupplyWatch:
         bed.wait_ms(_LOOK_EVERY_MS)
         return read_v < _gone_v(prober)
 
+    def is_there() -> bool:
+        voltage_v = prober.probe(bed.free[0])[1].voltage_v
+        return voltage_v >= prober.open_v(prober.probe_ua) * _NODE_THERE
+
     def told() -> str:
         return f"{read_v:.2f} V at {prober.probe_ua} uA"
 
     def rises(name: str) -> bool:
         return _check_node_rises(bed, log, prober, name)
 
-    return SupplyWatch(is_gone, told, _UNWATCHED_MS, rises)
+    return SupplyWatch(is_there, is_gone, told, _UNWATCHED_MS, rises)
 
 
 def _gone_v(prober: Prober) -> float:
@@ -144,8 +154,7 @@ def _wait_for(bed: Bed, is_there: Callable[[float], bool], within_ms: float) -> 
 
 
 def _check_rise(bed: Bed, log: Log, monitor: RailMonitor, name: str = "rise") -> bool:
-    bed.board.supply_on()
-    bed.beat()
+    bed.supply_on()
     took_ms = _wait_for(bed, lambda rail_v: rail_v >= monitor.low_v, monitor.rise_ms)
     bed.wait_ms(monitor.rise_ms)
     rail_v = bed.rail_v()
@@ -165,8 +174,10 @@ def _check_rise(bed: Bed, log: Log, monitor: RailMonitor, name: str = "rise") ->
 def _check_enable(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
     """Off by its line alone: the heartbeat goes on."""
     bed.board.supply_off()
-    took_ms = _wait_falling(bed, monitor, monitor.fall_ms, bed.board.beat)
-    is_good = log.judge(
+    took_ms = _wait_falling(bed, monitor, monitor.fall_ms)
+    is_good = judge_fall(
+        log,
+        bed.missed_ms(),
         "hv_enable",
         took_ms is not None,
         _fell(bed, monitor, took_ms),
@@ -176,14 +187,12 @@ def _check_enable(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
     return is_good and _check_rise(bed, log, monitor, "rise_again")
 
 
-def _wait_falling(
-    bed: Bed, monitor: RailMonitor, within_ms: float, beat: Callable[[], None]
-) -> float | None:
+def _wait_falling(bed: Bed, monitor: RailMonitor, within_ms: float) -> float | None:
     begun_ns = bed.clock.now_ns()
     while bed.rail_v(is_beating=False) >= monitor.off_v:
         if bed.clock.now_ns() - begun_ns > within_ms * MS:
             return None
-        beat()
+        bed.beat_now()
     return (bed.clock.now_ns() - begun_ns) / MS
 
 
@@ -199,12 +208,16 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
         return
     within_ms = heartbeat.window_ms + monitor.fall_ms
     from_v = bed.rail_v()
+    missed_ms = bed.missed_ms()
     fall = watch_fall(bed, monitor, from_v, within_ms, bed.clock.now_ns())
-    is_good = log.judge(
+    is_good = judge_fall(
+        log,
+        missed_ms,
         "heartbeat",
-        fall.gone_ms is not None,
-        _fell(bed, monitor, fall.gone_ms),
-        f"below {monitor.off_v} V within {within_ms} ms of the last beat, the enable being on",
+        from_v >= monitor.low_v and fall.begun_ms is not None and fall.gone_ms is not None,
+        f"from {from_v:.0f} V, {_fell(bed, monitor, fall.gone_ms)}",
+        f"from at least {monitor.low_v} V, below {monitor.off_v} V within {within_ms} ms of the"
+        " last beat, the enable being on",
         _GATE_ADVICE,
     )
     if not is_good or fall.begun_ms is None:
@@ -217,9 +230,12 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
         f"{heartbeat.window_ms} ms, so seen to fall within {seen_ms:.0f} ms",
         _WINDOW_ADVICE,
     )
+    bed.begin_beats()
     bed.wait_ms(monitor.rise_ms)
     rail_v = bed.rail_v()
-    log.judge(
+    judge_fall(
+        log,
+        bed.missed_ms(),
         "heartbeat_latch",
         rail_v < monitor.off_v,
         f"{rail_v:.0f} V after beating again for {monitor.rise_ms} ms",
@@ -237,22 +253,38 @@ def _check_by_node(bed: Bed, log: Log, prober: Prober) -> None:
     if not check_ramp(bed, log, prober, "off_ramp", is_supplied=False):
         return
     is_off = _judge_gone(bed, log, prober, "off", "the supply is on though its enable is off")
-    if is_off and _check_node_rises(bed, log, prober, "rise"):
-        bed.board.supply_off()
-        is_off = _judge_gone(bed, log, prober, "hv_enable", _ENABLE_ADVICE)
-        if is_off and _check_node_rises(bed, log, prober, "rise_again"):
-            _check_heartbeat_by_node(bed, log, prober)
+    is_good = (
+        is_off
+        and _check_node_rises(bed, log, prober, "rise")
+        and _check_enable_by_node(bed, log, prober)
+        and _check_node_rises(bed, log, prober, "rise_again")
+    )
+    if is_good:
+        _check_heartbeat_by_node(bed, log, prober)
+
+
+def _check_enable_by_node(bed: Bed, log: Log, prober: Prober) -> bool:
+    bed.board.supply_off()
+    bed.beats_when_off = True
+    try:
+        return _judge_gone(bed, log, prober, "hv_enable", _ENABLE_ADVICE, missed_ms=bed.missed_ms)
+    finally:
+        bed.beats_when_off = False
 
 
 def _check_heartbeat_by_node(bed: Bed, log: Log, prober: Prober) -> None:
     """Silent until any store has run down; each look afterwards beats again, in vain."""
     if bed.file.guards.heartbeat == "absent":
         return
+    missed_ms = bed.missed_ms()
     bed.wait_ms(_UNWATCHED_MS, is_beating=False)
-    if not _judge_gone(bed, log, prober, "heartbeat", _GATE_ADVICE):
+    if not _judge_gone(bed, log, prober, "heartbeat", _GATE_ADVICE, missed_ms=lambda: missed_ms):
         return
+    bed.begin_beats()
     bed.wait_ms(_UNWATCHED_RISE_MS)
-    if _judge_gone(bed, log, prober, "heartbeat_latch", _LATCH_ADVICE, within_ms=0):
+    if _judge_gone(
+        bed, log, prober, "heartbeat_latch", _LATCH_ADVICE, missed_ms=bed.missed_ms, within_ms=0
+    ):
         bed.board.supply_off()
         bed.wait_ms(1)
         _check_node_rises(bed, log, prober, "rise_after_heartbeat")
@@ -261,7 +293,7 @@ def _check_heartbeat_by_node(bed: Bed, log: Log, prober: Prober) -> None:
 def _check_node_rises(bed: Bed, log: Log, prober: Prober, name: str) -> bool:
     """Nothing is connected before the node was seen idle with the supply behind it."""
     bed.board.release()
-    bed.board.supply_on()
+    bed.supply_on()
     bed.wait_ms(_UNWATCHED_RISE_MS)
     check_idle(bed, log, f"{name}_idle")
     return not log.stage_failed and check_ramp(bed, log, prober, name)
@@ -273,9 +305,14 @@ def _judge_gone(
     prober: Prober,
     name: str,
     advice: str,
+    *,
+    missed_ms: Callable[[], float | None] = lambda: None,
     within_ms: int = _UNWATCHED_MS,
 ) -> bool:
-    """A probe of the open node again and again, until it lifts it no more, or time is over."""
+    """A probe of the open node again and again, until it lifts it no more, or time is over.
+
+    `missed_ms`: see `judge_fall`; asked at the end.
+    """
     bound_v = _gone_v(prober)
     read_v = 0.0
 
@@ -286,7 +323,9 @@ def _judge_gone(
         return read_v < bound_v
 
     is_good = bed.wait_until(look, within_ms)
-    return log.judge(
+    return judge_fall(
+        log,
+        missed_ms(),
         name,
         is_good,
         f"{read_v:.2f} V at {prober.probe_ua} uA",

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from etd.selftest.bed import MS, Bed
+from etd.selftest.fall import judge_fall
 from etd.selftest.log import Log
 from etd_hal.bench import Hand, StopName
 
@@ -27,8 +28,9 @@ _LOOK_EVERY_MS = 10
 class SupplyWatch:
     """How this board's supply is looked at."""
 
+    is_there: Callable[[], bool]
     is_gone: Callable[[], bool]
-    #: What was read last, for people.
+    #: What `is_gone` read last, for people.
     told: Callable[[], str]
     #: How long it may take to fall.
     within_ms: int
@@ -63,12 +65,18 @@ def _check_one(bed: Bed, log: Log, operator: Hand, name: StopName, supply: Suppl
     if not cuts:
         log.absent(f"{name}_gate")
     bed.held_stop = name
+    was_there = supply.is_there()
     operator.hold(name)
-    is_open = bed.wait_until(lambda: bed.board.stops()[name], _OPERATOR_WITHIN_MS)
+    is_open, was_there = _opens(bed, name, supply, was_there)
+    missed_ms = bed.missed_ms()
     if is_open and not cuts:
         bed.board.supply_off()
     is_gone, measured = _fall(bed, name, supply) if is_open else (False, "not seen to open")
-    log.judge(
+    if is_open and not was_there:
+        is_gone, measured = False, f"gone before it was seen to open; {measured}"
+    is_gone = judge_fall(
+        log,
+        bed.missed_ms() if cuts else missed_ms,
         _title(bed, name),
         is_gone,
         measured,
@@ -89,6 +97,22 @@ _GATE_ADVICE = (
     " alone says so: stop_cuts_supply = false"
 )
 _OFF_ADVICE = "hold it until you are told to let go; if you did, cut the supply by hand"
+
+
+def _opens(bed: Bed, name: StopName, supply: SupplyWatch, was_there: bool) -> tuple[bool, bool]:
+    """Whether the stop was seen to open, and whether the supply was there until then.
+
+    Of each look at the supply the stop is asked afterwards: one that was closed then is no reason.
+    """
+    is_there = was_there
+
+    def look() -> bool:
+        nonlocal was_there, is_there
+        was_there = was_there and is_there
+        is_there = supply.is_there()
+        return bed.board.stops()[name]
+
+    return bed.wait_until(look, _OPERATOR_WITHIN_MS), was_there
 
 
 def _fall(bed: Bed, name: StopName, supply: SupplyWatch) -> tuple[bool, str]:
