@@ -3,8 +3,9 @@
 Owns: the walk. Must not know: how a person or a fake moves the load.
 
 One end of the load stays on its first electrode. The other end touches every other electrode in
-turn, in any order: while it does, that electrode reads the load in both polarities and no other
-one does. So each output has been seen on the source's side, on ground, and alone.
+turn, in any order: the first that reads the load, in both polarities, is found. So each output has
+been seen on the source's side and on ground. Whether another output switches with it is not seen:
+that would be a probe of every other electrode at every touch.
 """
 
 from __future__ import annotations
