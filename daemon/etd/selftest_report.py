@@ -25,8 +25,7 @@ NOT_SEEN = (
     "a source that fails short, and what the supply's store holds then",
     "a pull on the board's side: at the pin, the Raspberry Pi's own pull reads alike",
     "an output that switches another one with it, and two electrodes whose wires are swapped",
-    "hands, or a person, that come between the source and the load after it was found: the strong"
-    " pulses of stage 8 go to whatever is connected then",
+    "hands that come to the array while stage 8 fires: its strong pulses go to whatever is there",
 )
 
 

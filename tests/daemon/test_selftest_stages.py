@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -15,6 +16,7 @@ from etd.selftest.log import Log
 from etd.selftest.prober import Prober
 from etd.selftest.run import STAGES, run
 from etd.selftest_report import Check, Report
+from etd_body.electrode import load
 from etd_hal.boardfile import GUARDS, BoardFile, Heartbeat
 from etd_hal.errors import GuardRefusal
 from etd_hal.fake.faults import (
@@ -326,6 +328,33 @@ def test_an_interrupted_test_says_why_the_board_is_not_safe(
     told = capsys.readouterr().err
     assert "NOT SAFE" in told
     assert "cut the supply by hand" in told
+
+
+class Swapping:
+    """Does what is asked; but with the hands off, skin has taken the load's place."""
+
+    def __init__(self, rig: SelftestRig, touched: Sequence[int]) -> None:
+        self._rig, self._hand, self._touched = rig, rig.hand, touched
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._hand, name)
+
+    def stand_back(self) -> None:
+        for one in self._touched:
+            self._rig.fake.world.touch(one, load(20_000.0))
+
+
+@pytest.mark.parametrize(
+    ("touched", "name"), [((0, 1), "load_still_there"), ((7, 8), "still_alone")]
+)
+def test_who_comes_to_the_array_before_the_strong_pulses_gets_none_of_them(
+    touched: Sequence[int], name: str
+) -> None:
+    rig = selftest_rig()
+    rig.hand = Swapping(rig, touched)
+    report = rig.run()
+    assert ("source", name) in bad(report)
+    assert rig.most_charge_nc <= report.bound.charge_nc
 
 
 def bed_after_rail(rig: SelftestRig, log: Log) -> tuple[Bed, Prober]:
