@@ -354,6 +354,7 @@ def test_who_comes_to_the_array_before_the_strong_pulses_gets_none_of_them(
     rig.hand = Swapping(rig, touched)
     report = rig.run()
     assert ("source", name) in bad(report)
+    assert "steps" not in [check.name for check in report.checks]
     assert rig.most_charge_nc <= report.bound.charge_nc
 
 
