@@ -31,6 +31,8 @@ class Obtained:
     priority: int
     cores: tuple[int, ...]
     locked_kb: int
+    #: All that the process has mapped: what there would be to lock.
+    mapped_kb: int
     timer_slack_ns: int
 
 

@@ -69,6 +69,7 @@ MACHINE = [
         "granted, but not scheduled", ALL, [MachineTrouble("not_scheduled")], "machine", "realtime"
     ),
     Case("granted, but not locked", ALL, [MachineTrouble("not_locked")], "machine", "realtime"),
+    Case("locked in part", ALL, [MachineTrouble("partly_locked")], "machine", "realtime"),
     Case("hardly any memory", ALL, [MachineTrouble("little_memory")], "machine", "free_memory"),
     Case("a clock that goes back", ALL, [MachineTrouble("clock_back")], "machine", "clock"),
     Case("a coarse clock", ALL, [MachineTrouble("clock_coarse")], "machine", "clock"),

@@ -206,6 +206,7 @@ class MachineTrouble(_Fault, frozen=True, tag=True):
         "not_locked",
         "not_scheduled",
         "package_missing",
+        "partly_locked",
         "pins_kept",
         "realtime_refused",
         "throttled",

@@ -12,6 +12,8 @@ from etd_hal.fake.faults import Faults, MachineTrouble
 
 _WARM_C = 52.0
 _HOT_C = 84.5
+#: Of a process of its own size; the kernel's own pages in it are never locked.
+_MAPPED_KB, _KERNELS_OWN_KB = 40_000, 32
 _EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 _INSTALLED = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
 _TODAY = datetime.datetime(2026, 3, 1, tzinfo=datetime.UTC)
@@ -72,9 +74,15 @@ class FakeHost:
             policy="SCHED_OTHER" if self._has("not_scheduled") else "SCHED_FIFO",
             priority=self._priority,
             cores=self._cores,
-            locked_kb=0 if self._has("not_locked") else 40_000,
+            locked_kb=self._locked_kb(),
+            mapped_kb=_MAPPED_KB,
             timer_slack_ns=1,
         )
+
+    def _locked_kb(self) -> int:
+        if self._has("not_locked"):
+            return 0
+        return _MAPPED_KB // 2 if self._has("partly_locked") else _MAPPED_KB - _KERNELS_OWN_KB
 
     def _has(self, kind: str) -> bool:
         return any(trouble.kind == kind for trouble in self._faults.of(MachineTrouble))

@@ -56,18 +56,20 @@ def set_up(priority: int, core: int | None) -> tuple[str, ...]:
 def obtained() -> Obtained:
     """What the calling thread and its process have now, by the kernel's own account."""
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    status = Path("/proc/self/status").read_text(encoding="ascii")
     return Obtained(
         policy=_POLICIES.get(policy, f"scheduling policy {policy}"),
         priority=os.sched_getparam(0).sched_priority,
         cores=tuple(sorted(os.sched_getaffinity(0))),
-        locked_kb=_locked_kb(Path("/proc/self/status").read_text(encoding="ascii")),
+        locked_kb=_kb(status, "VmLck"),
+        mapped_kb=_kb(status, "VmSize"),
         timer_slack_ns=_call("prctl", _PR_GET_TIMERSLACK, 0, 0, 0, 0),
     )
 
 
-def _locked_kb(status: str) -> int:
-    found = [line.split()[1] for line in status.splitlines() if line.startswith("VmLck:")]
-    return int(found[0]) if found else 0
+def _kb(status: str, name: str) -> int:
+    (found,) = (line.split()[1] for line in status.splitlines() if line.startswith(f"{name}:"))
+    return int(found)
 
 
 def scheduling(priority: int) -> str | None:

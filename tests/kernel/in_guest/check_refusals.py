@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
+import mmap
 import os
 import sys
 from collections.abc import Iterator
@@ -13,19 +15,21 @@ from typing import Literal
 
 import pytest
 
+from etd.selftest.realtime import missing
 from etd_hal.boardfile import load_machine
 from etd_hal.compose import Backend, line_setup, open_linux
 from etd_hal.errors import BusError, HardwareMissing
 from etd_hal.linux import open_to_make_safe
 from etd_hal.linux.gpio import LinuxGpio, find_chip, holders, open_gpio
 from etd_hal.linux.machine import facts
-from etd_hal.linux.realtime import set_up
+from etd_hal.linux.realtime import obtained, set_up
 from etd_hal.ports import LineSetup, Message, Transfer
 from guest_board import BOARD, MACHINE, TREE, Chips, unplugged
 
 LINES = BOARD.used_lines()
 OUTPUT, INPUT = LINES["DATA"], LINES["READBACK"]
 NOBODY = 65_534
+UNLOCKED_BYTES = 8 << 20
 #: Zero words at code 0: nothing is fired here.
 ZERO = Transfer(bytes(2))
 
@@ -58,6 +62,16 @@ def problems() -> tuple[str, ...]:
     with pytest.raises(HardwareMissing) as raised:
         open_linux(BOARD, MACHINE)
     return raised.value.problems
+
+
+@pytest.fixture
+def quiet_interpreter() -> Iterator[None]:
+    """What real time asks of Python is undone again."""
+    interval_s = sys.getswitchinterval()
+    yield
+    gc.unfreeze()
+    gc.enable()
+    sys.setswitchinterval(interval_s)
 
 
 class TestLines:
@@ -131,16 +145,29 @@ class TestMissing:
         with pytest.raises(HardwareMissing, match="name the right machine file"):
             open_linux(BOARD, pi4)
 
-    def test_what_is_not_granted_of_real_time_is_told(self) -> None:
-        interval_s = sys.getswitchinterval()
-        try:
-            with without_rights():
-                told = set_up(80, None)
-        finally:
-            gc.unfreeze()
-            gc.enable()
-            sys.setswitchinterval(interval_s)
+    def test_what_is_not_granted_of_real_time_is_told(self, quiet_interpreter: None) -> None:
+        with without_rights():
+            told = set_up(80, None)
         assert any("SCHED_FIFO 80" in sentence for sentence in told)
+
+    def test_all_memory_is_locked_and_what_is_unlocked_again_is_missed(
+        self, quiet_interpreter: None
+    ) -> None:
+        library = ctypes.CDLL(None)
+        with mmap.mmap(-1, UNLOCKED_BYTES) as large:
+            try:
+                assert set_up(1, None) == ()
+                locked = obtained()
+                whole = (ctypes.c_char * UNLOCKED_BYTES).from_buffer(large)
+                assert library.munlock(whole, ctypes.c_size_t(UNLOCKED_BYTES)) == 0
+                partly = obtained()
+                del whole
+            finally:
+                library.munlockall()
+                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        assert missing(locked, 1, None) == []
+        (told,) = missing(partly, 1, None)
+        assert f"of {partly.mapped_kb} kB" in told
 
 
 class TestMessages:
