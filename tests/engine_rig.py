@@ -197,7 +197,7 @@ def make(
     faults: Sequence[Fault] = (),
     stabilizers: Sequence[Stabilizer] | None = None,
     wrap: Callable[[Backend], Backend] = lambda backend: backend,
-    untested: str | None = None,
+    untested: Callable[[], str | None] = lambda: None,
     tell: Callable[[str], object] = lambda _: None,
 ) -> EngineRig:
     """An engine that has begun, with a gateway attached. `wrap` may put something before a port;

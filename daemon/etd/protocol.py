@@ -309,6 +309,8 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     timing: dict[str, float] = {}
     machine: tuple[str, ...] = ()
     last_disarm: str | None = None
+    #: Why `arm` will be refused until somebody has tested or changed something, with what to do.
+    arming_refused: str | None = None
 
 
 class StatusReply(Success, frozen=True, kw_only=True):

@@ -114,8 +114,8 @@ def load(path: Path) -> Report | None:
 
 
 _COMMAND = "etd selftest"
-#: A daemon reads the report when it starts.
-_AGAIN = f"run {_COMMAND}, and then start the daemon anew"
+#: The lines have one holder.
+_AGAIN = f"run {_COMMAND}, with the daemon stopped"
 
 
 def why_not_armed(path: Path, now: Subject) -> str | None:
@@ -141,8 +141,7 @@ def why_not_armed(path: Path, now: Subject) -> str | None:
     if is_fake:
         remedy = (
             f"on this fake {_COMMAND} --board fake:{now.board} --array {now.array}"
-            f" --dummy-load 47000 --load-electrodes 0,1 puts it right, and so does removing {path};"
-            " then start the daemon again"
+            f" --dummy-load 47000 --load-electrodes 0,1 puts it right, and so does removing {path}"
         )
     return f"the self-test of {report.date:%Y-%m-%d %H:%M} did not pass: {what.strip()}: {remedy}"
 

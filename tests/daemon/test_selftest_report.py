@@ -126,7 +126,7 @@ def test_a_pass_of_something_else_is_no_pass_of_a_board(
     reason = why_not_armed(tmp_path / "r.json", now(**changes))
     assert reason is not None
     assert f"was of another {what} " in reason
-    assert "run etd selftest, and then start the daemon anew" in reason
+    assert "run etd selftest, with the daemon stopped" in reason
 
 
 @pytest.mark.parametrize(("what", "changes"), OTHERS, ids=lambda one: str(one))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 from collections.abc import Iterator
 
@@ -72,6 +73,19 @@ def test_stop_halts_until_it_is_cleared(rig: CommandRig) -> None:
         assert (refused.status, refused.answer["error"]) == (1, "halted")
         assert rig.run("clear").status == 0
         assert rig.run("clear", "--json").answer["error"] == "wrong_state"
+
+
+def test_status_tells_why_arming_is_refused_until_it_is_not(rig: CommandRig) -> None:
+    report = rig.folder / "report.json"
+    report.write_text("no report")
+    with rig.daemon("--selftest", str(report)):
+        assert re.search(
+            r"^arm is refused .*run etd selftest$", rig.run("status").out, re.MULTILINE
+        )
+        report.unlink()
+        assert rig.run("measure").status == 0
+        assert rig.run("status", "--json").answer["status"]["arming_refused"] is None
+        assert "refused" not in rig.run("status").out
 
 
 def test_measure_finds_all_electrodes_on_the_fakes_skin(rig: CommandRig) -> None:

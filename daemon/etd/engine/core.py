@@ -15,7 +15,7 @@ from etd.engine.calibrating import calibrate_at_start
 from etd.engine.contact import ContactMap
 from etd.engine.dialogue import Dialogue
 from etd.engine.duty import BusyClock
-from etd.engine.energize import Energizer, Goal, Readiness, check_ready
+from etd.engine.energize import Energizer, Goal, Readiness, check_ready, lasting_refusal
 from etd.engine.impedance import ImpedanceMap
 from etd.engine.lease import Lease
 from etd.engine.ledger import Bounds, Ledger
@@ -51,9 +51,9 @@ class Core:
         backend: Backend,
         *,
         stabilizers: Sequence[Stabilizer] | None = None,
-        untested: str | None = None,
+        untested: Callable[[], str | None] = lambda: None,
     ) -> None:
-        """`stabilizers` None: those of the body-site file."""
+        """`stabilizers` None: those of the body-site file. `untested`: see `Engine`."""
         self.loaded = loaded
         self._untested = untested
         self.clock = BusyClock(backend.clock)
@@ -210,8 +210,14 @@ class Core:
             tuple(name for name, is_open in stops.items() if is_open),
             self._is_wearer_stop_tried,
             not self.stopper.has_acted,
-            self._untested,
+            self._untested(),
         )
+
+    def _lasting_refusal(self) -> str | None:
+        """Asked while nothing can flow: it may have to read a file."""
+        if self.states.state in ("PROBE", "ARMED"):
+            return None
+        return lasting_refusal(self.loaded.unaccepted_guards, self._untested())
 
     def _climb(
         self, energizer: Energizer, now_ns: int, may_fire: Callable[[int], int | None]
@@ -353,4 +359,5 @@ class Core:
             },
             machine=self.backend.facts,
             last_disarm=self.last_silence,
+            arming_refused=self._lasting_refusal(),
         )

@@ -37,16 +37,21 @@ class Readiness:
     untested: str | None = None
 
 
+def lasting_refusal(unaccepted_guards: tuple[str, ...], untested: str | None) -> str | None:
+    """Why arming is refused until somebody has changed or tested something, with what to do."""
+    if unaccepted_guards:
+        return (
+            f"the board has no {', '.join(unaccepted_guards)}: accept each by name in"
+            " accept_absent_guards of the configuration, or wire it"
+        )
+    return untested
+
+
 def check_ready(ready: Readiness) -> None:
     """Before the supply goes on. Raises: Refused (`arm_failed`), with what to do."""
-    if ready.unaccepted_guards:
-        raise Refused(
-            "arm_failed",
-            f"the board has no {', '.join(ready.unaccepted_guards)}: accept each by name in"
-            " accept_absent_guards of the configuration, or wire it",
-        )
-    if ready.untested is not None:
-        raise Refused("arm_failed", ready.untested)
+    lasting = lasting_refusal(ready.unaccepted_guards, ready.untested)
+    if lasting is not None:
+        raise Refused("arm_failed", lasting)
     if ready.open_stops:
         raise Refused("arm_failed", f"{' and '.join(ready.open_stops)} open: release or plug it in")
     if not ready.is_wearer_stop_tried:

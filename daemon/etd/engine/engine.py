@@ -43,9 +43,11 @@ class Engine(Core):
         *,
         stabilizers: Sequence[Stabilizer] | None = None,
         feed_watchdog: Callable[[int], None] = lambda _: None,
-        untested: str | None = None,
+        untested: Callable[[], str | None] = lambda: None,
     ) -> None:
-        """`untested`: the sentence for which arming is refused, from the last self-test."""
+        """`untested`: the sentence for which arming is refused, by the last self-test. Asked
+        at each arming, and for each state report while nothing can flow.
+        """
         super().__init__(loaded, backend, stabilizers=stabilizers, untested=untested)
         self._feed_watchdog = feed_watchdog
         self._beaten_ns = 0

@@ -20,7 +20,7 @@ from etd.engine.sensors import SensorThread
 from etd.engine.stopper import StopperThread
 from etd.link import Listener
 from etd.notify import Notifier
-from etd.selftest_report import why_not_armed
+from etd.selftest_gate import SelftestGate
 from etd.selftest_subject import subject_of
 from etd_hal.compose import Backend, set_up_realtime, set_up_urgent_thread
 
@@ -39,8 +39,8 @@ def run_engine(
     """Drive the board until SIGTERM, SIGINT or SIGHUP. Main thread only.
 
     `folder` is the daemon's runtime folder, where the gateway finds the link; `selftest` is where
-    the last self-test's report is kept, read once, before anything is driven. Returns the exit
-    status: 0, or 1 when the board could not be made safe at the end.
+    the last self-test's report is kept. Returns the exit status: 0, or 1 when the board could
+    not be made safe at the end.
     Raises: AlreadyRunning, BoardFault, BusError; the board has been made safe then.
     """
     listener = Listener(folder)
@@ -49,7 +49,7 @@ def run_engine(
         loaded,
         backend,
         feed_watchdog=_Feeder(notifier),
-        untested=why_not_armed(selftest, subject_of(loaded, backend.name, backend.identity)),
+        untested=SelftestGate(selftest, subject_of(loaded, backend.name, backend.identity)),
     )
     try:
         problems = _drive(engine, listener, notifier, on_ready)
