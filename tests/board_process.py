@@ -6,7 +6,6 @@ Owns: starting and ending the process, and knocking at the door.
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from board_door import knock_at
 from etd_hal.boardfile import BoardFile
 from etd_hal.fake import wire
 from stepped_board import BOARDS
@@ -30,14 +30,8 @@ class RunningBoard:
     process: subprocess.Popen[bytes]
 
     def knock(self, knock: wire.Knock) -> wire.State:
-        """Do something to the world behind the board; the answer is the board's state."""
-        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as door:
-            door.settimeout(_ANSWERS_WITHIN_S)
-            door.connect(str(self.door))
-            door.send(wire.encode(knock))
-            answer = wire.decode_answer(door.recv(wire.MAX_DATAGRAM_BYTES))
-        assert isinstance(answer, wire.State)
-        return answer
+        """See `board_door.knock_at`."""
+        return knock_at(self.door, knock, _ANSWERS_WITHIN_S)
 
     def state(self) -> wire.State:
         return self.knock(wire.AskState())

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from board_door import knock_at
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.fake import wire
 from etd_hal.fake.trace import header
@@ -103,14 +103,8 @@ class Chips:
     process: subprocess.Popen[bytes]
 
     def knock(self, knock: wire.Knock) -> wire.State:
-        """Do something to the world behind the board; the answer is the board's state."""
-        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as door:
-            door.settimeout(WITHIN_S)
-            door.connect(str(self.door))
-            door.send(wire.encode(knock))
-            answer = wire.decode_answer(door.recv(wire.MAX_DATAGRAM_BYTES))
-        assert isinstance(answer, wire.State)
-        return answer
+        """See `board_door.knock_at`."""
+        return knock_at(self.door, knock, WITHIN_S)
 
     def state(self) -> wire.State:
         return self.knock(wire.AskState())
