@@ -108,14 +108,28 @@ def levels(of: list[Event]) -> dict[int, int]:
     return {int(line): int(level) for line, level in told}
 
 
-def durations_us(of: list[Event]) -> Iterator[tuple[str, int]]:
-    """Of each SPI message that ended: what the kernel says of its length, and how long it took."""
-    begun_us = 0
+@dataclass(frozen=True)
+class Taken:
+    """An SPI message that ended: its words, its transfers without data, and how long it took."""
+
+    words: int
+    delays: int
+    duration_us: int
+
+
+def durations_us(of: list[Event]) -> Iterator[Taken]:
+    """Of each SPI message that ended, in order."""
+    begun_us = words = delays = 0
     for event in of:
-        if event.name == "spi_message_start":
-            begun_us = event.t_us
-        elif event.name == "spi_message_done":
-            yield event.rest, event.t_us - begun_us
+        match event.name:
+            case "spi_message_start":
+                begun_us, words, delays = event.t_us, 0, 0
+            case "spi_transfer_start" if event.rest.endswith("tx=[] rx=[]"):
+                delays += 1
+            case "spi_transfer_start":
+                words += 1
+            case "spi_message_done":
+                yield Taken(words, delays, event.t_us - begun_us)
 
 
 def records(of: list[Event], header: dict[str, Any]) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -75,10 +75,16 @@ def board(ports: Backend) -> Board:
 
 
 @pytest.fixture
-def lone_daemon() -> Iterator[Daemon]:
+def traced() -> Sequence[str]:
+    """What is traced from before the engine starts. A file that asks for less has its own."""
+    return kernel_trace.EVENTS
+
+
+@pytest.fixture
+def lone_daemon(traced: Sequence[str]) -> Iterator[Daemon]:
     """A daemon whose chips nobody plays: everything reads zero, and so it keeps its pace."""
     set_parameter("alone", 1)
-    kernel_trace.begin()
+    kernel_trace.begin(traced)
     try:
         with running_daemon(BARE_BOARD.name, MACHINE_PATH, BARE_BOARD.absent_guards) as running:
             running.wait_until(engine="there", state="SAFE")
