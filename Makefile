@@ -95,6 +95,7 @@ install: ## Install the daemon for systemd on a Raspberry Pi (as root; DESTDIR= 
 	ln -sfn $(PREFIX)/venv/bin/etd $(DESTDIR)/usr/local/bin/etd
 	test -e $(DESTDIR)/etc/etd/main.toml || install -m 0644 config/etd.toml $(DESTDIR)/etc/etd/main.toml
 	install -D -m 0644 -t $(DESTDIR)$(UNIT_DIR) $(addprefix systemd/,$(UNITS))
+	install -D -m 0644 systemd/etd-spidev.conf $(DESTDIR)$(UNIT_DIR)/dev-spidev0.0.device.d/etd.conf
 	install -D -m 0644 systemd/etd.sysusers.conf $(DESTDIR)/usr/lib/sysusers.d/etd.conf
 	install -D -m 0644 systemd/etd.tmpfiles.conf $(DESTDIR)/usr/lib/tmpfiles.d/etd.conf
 	install -D -m 0644 systemd/90-etd.rules $(DESTDIR)/usr/lib/udev/rules.d/90-etd.rules
@@ -116,6 +117,8 @@ uninstall: ## Remove what install put there; settings and calibrations stay
 	$(if $(DESTDIR),,if [ -d /run/systemd/system ]; then systemctl stop 'etd@*.target' 'etd-gateway@*.service' 'etd-engine@*.service'; fi)
 	rm -rf $(DESTDIR)$(PREFIX)
 	rm -f $(DESTDIR)/usr/local/bin/etd $(addprefix $(DESTDIR)$(UNIT_DIR)/,$(UNITS) multi-user.target.wants/etd@*.target)
+	rm -f $(DESTDIR)$(UNIT_DIR)/dev-spidev0.0.device.d/etd.conf
+	rmdir --ignore-fail-on-non-empty $(DESTDIR)$(UNIT_DIR)/dev-spidev0.0.device.d 2>/dev/null || true
 	rm -f $(DESTDIR)/usr/lib/sysusers.d/etd.conf $(DESTDIR)/usr/lib/tmpfiles.d/etd.conf $(DESTDIR)/usr/lib/udev/rules.d/90-etd.rules
 	$(if $(DESTDIR),,if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi)
 	@echo "Removed. Kept, because they are yours: $(DESTDIR)/etc/etd (settings), $(DESTDIR)/var/lib/etd (calibrations of people)."

@@ -65,10 +65,15 @@ class BusError(EtdError):
 
 
 class HardwareMissing(EtdError):
-    """Everything that was missing when the hardware was opened, each with what to do about it."""
+    """Everything that was missing when the hardware was opened, each with what to do about it.
 
-    def __init__(self, problems: tuple[str, ...]) -> None:
+    Fields: problems; may_come: each of them may go by itself, because the system is still setting
+    its devices up.
+    """
+
+    def __init__(self, problems: tuple[str, ...], may_come: bool = False) -> None:
         self.problems = problems
+        self.may_come = may_come
         lines = "".join(f"\n  - {problem}" for problem in problems)
         super().__init__(f"the hardware cannot be used:{lines}")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import pytest
 
 from etd_hal import linux
 from etd_hal.boardfile import BoardFile, load_board, load_machine
-from etd_hal.errors import HardwareMissing
+from etd_hal.errors import BusError, HardwareMissing
 from etd_hal.ports import LineSetup
 
 pytest.importorskip("gpiod", reason="gpiod is there on Linux only")
@@ -45,6 +47,38 @@ def test_everything_that_is_missing_is_listed_at_once_with_what_to_do() -> None:
     assert "raspi-config" in i2c
     assert "no-such-chip" in gpio
     assert "gpio_chip_labels" in gpio
+
+
+def test_devices_that_are_not_there_may_come_and_another_machine_does_not() -> None:
+    machine = load_machine(CONFIG / "machines" / "pi4.toml")
+    right = msgspec.structs.replace(machine, models=())
+    for here, may_come in ((right, find_spec("spidev") is not None), (machine, False)):
+        with pytest.raises(HardwareMissing) as caught:
+            linux.open_ports(board_without_devices(), here, LINES)
+        assert caught.value.may_come is may_come
+
+
+def test_a_device_that_is_of_another_kind_is_not_waited_for() -> None:
+    machine = msgspec.structs.replace(load_machine(CONFIG / "machines" / "pi4.toml"), models=())
+    board = msgspec.structs.replace(board_without_devices(), i2c="/dev/null")
+    with pytest.raises(HardwareMissing) as caught:
+        linux.open_ports(board, machine, LINES)
+    assert not caught.value.may_come
+
+
+@pytest.mark.parametrize(("number", "may_come"), [(errno.EACCES, True), (errno.EPERM, False)])
+def test_what_a_file_does_not_permit_may_come_and_what_a_unit_does_not_needs_the_unit(
+    monkeypatch: pytest.MonkeyPatch, number: int, may_come: bool
+) -> None:
+    def refused(_: BoardFile) -> None:
+        raise BusError.of(OSError(number, os.strerror(number)), "/dev/spidev0.0", "opening")
+
+    monkeypatch.setattr(linux, "_open_spi", refused)
+    machine = msgspec.structs.replace(load_machine(CONFIG / "machines" / "pi4.toml"), models=())
+    with pytest.raises(HardwareMissing) as caught:
+        linux.open_ports(board_without_devices(), machine, LINES)
+    assert caught.value.may_come is may_come
+    assert ("DeviceAllow=" in caught.value.problems[0]) is not may_come
 
 
 def test_a_board_without_i2c_does_not_ask_for_it() -> None:

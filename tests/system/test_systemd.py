@@ -97,6 +97,17 @@ def test_whoever_stays_down_is_told_of_after_so_many_starts_and_not_after_each()
         assert unit["Restart"] == ["on-failure"]
 
 
+def test_the_engine_comes_after_the_device_that_its_unit_allows_and_udev_tells_systemd_of() -> None:
+    engine = settings("etd-engine@.service")
+    assert engine["Wants"] == engine["After"] == ["dev-spidev0.0.device"]
+    assert "/dev/spidev0.0 rw" in engine["DeviceAllow"]
+    rules = (SYSTEMD / "90-etd.rules").read_text().splitlines()
+    (spidev,) = (rule for rule in rules if 'SUBSYSTEM=="spidev"' in rule)
+    assert 'TAG+="systemd"' in spidev
+    waits_s = float(engine["ExecStart"][0].partition("--wait ")[2])
+    assert waits_s < float(engine["TimeoutStartSec"][0]) / 2
+
+
 def test_the_rules_give_each_bus_to_its_group_and_to_nobody_else() -> None:
     rules = (SYSTEMD / "90-etd.rules").read_text().splitlines()
     given = [re.findall(r'(\w+)==?"([^"]*)"', rule) for rule in rules if not rule.startswith("#")]

@@ -32,6 +32,7 @@ from etd.places import (
 from etd.selftest_subject import subject_of
 from etd.shipped import config_dir
 from etd_hal.compose import Backend, open_fake, open_linux, system_clock
+from etd_hal.patience import open_patiently
 
 NAME = "run"
 HELP = "run the daemon: engine and gateway, until Ctrl-C"
@@ -75,6 +76,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--selftest", type=Path, metavar="FILE", help="the self-test's report that arming looks at"
     )
+    parser.add_argument(
+        "--wait",
+        type=options.positive,
+        default=0.0,
+        metavar="S",
+        help="with --part engine: so long for devices that are not there, or not permitted, yet",
+    )
     parser.add_argument("--lifeline", action="store_true", help="end when standard input ends")
     options.add_seconds(parser)
 
@@ -83,6 +91,8 @@ def run(args: argparse.Namespace) -> int:
     """Raises: FileError, AlreadyRunning, HardwareMissing, PartEnded and what a part raises."""
     loaded = loaded_config(args)
     _check_fake_only(args, loaded)
+    if args.wait and args.part != "engine":
+        args.misused("--wait goes with --part engine: as a service it may be started early")
     folder = args.folder if args.folder is not None else runtime_folder(args.name)
     prepare_runtime(folder)
     if args.part is None:
@@ -241,7 +251,12 @@ def kept_selftest(name: str, loaded: LoadedConfig) -> Path:
 def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
     """Raises: HardwareMissing, BusError."""
     if loaded.config.backend == "linux":
-        return open_linux(loaded.board, loaded.machine)
+        return open_patiently(
+            lambda: open_linux(loaded.board, loaded.machine),
+            system_clock(),
+            int(args.wait * 1e9),
+            lambda sentence: print(f"etd engine: {sentence}", file=sys.stderr),
+        )
     return open_fake(
         loaded.board,
         electrodes=loaded.array.outputs(),

@@ -9,10 +9,12 @@ The ports that `open_ports` returns have a `close` each.
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from etd_hal.boardfile import BoardFile, MachineFile
 from etd_hal.errors import BusError, HardwareMissing
@@ -36,10 +38,10 @@ def open_ports(board: BoardFile, machine: MachineFile, lines: LineSetup) -> Port
     All or nothing: what was opened is closed again before it raises.
     Raises: HardwareMissing, with every problem and what to do about it.
     """
-    problems: list[str] = []
+    problems: list[_Problem] = []
     wrong_machine = this_machine.problem(machine)
     if wrong_machine:
-        problems.append(wrong_machine)
+        problems.append(_Problem(wrong_machine))
     spi = _opened(problems, lambda: _open_spi(board), _SWITCH_ON)
     i2c = None
     if board.i2c != "absent":
@@ -54,7 +56,7 @@ def open_ports(board: BoardFile, machine: MachineFile, lines: LineSetup) -> Port
         for port in (spi, i2c):
             if port is not None:
                 port.close()
-        raise HardwareMissing(tuple(problems))
+        raise _missing(problems)
     return spi, gpio, i2c, LinuxClock()
 
 
@@ -66,15 +68,15 @@ def open_to_make_safe(
 
     Raises: HardwareMissing (the outputs cannot be had, and so nothing can be done).
     """
-    problems: list[str] = []
+    problems: list[_Problem] = []
     gpio = _opened(problems, lambda: open_lines(board, lines), _OTHER_CHIP)
     if gpio is None and lines.inputs:
         outputs = replace(lines, inputs=())
         gpio = _opened([], lambda: open_lines(board, outputs), _OTHER_CHIP)
     if gpio is None:
-        raise HardwareMissing(tuple(problems))
+        raise _missing(problems)
     spi = _opened(problems, lambda: _open_spi(board), _SWITCH_ON)
-    return gpio, spi, tuple(problems)
+    return gpio, spi, tuple(one.sentence for one in problems)
 
 
 def open_lines(board: BoardFile, lines: LineSetup) -> LinuxGpio:
@@ -98,19 +100,43 @@ def _free_lines(board: BoardFile, lines: LineSetup) -> Path:
     return chip
 
 
-def _opened(problems: list[str], open_one: Callable[[], T], if_absent: str) -> T | None:
+class _Problem(NamedTuple):
+    sentence: str
+    #: The device may still be on its way, or what it belongs to.
+    may_come: bool = False
+
+
+def _missing(problems: list[_Problem]) -> HardwareMissing:
+    return HardwareMissing(
+        tuple(one.sentence for one in problems), all(one.may_come for one in problems)
+    )
+
+
+def _opened(problems: list[_Problem], open_one: Callable[[], T], if_absent: str) -> T | None:
     try:
         return open_one()
     except ImportError as error:
-        problems.append(f"a Python package cannot be loaded ({error}): pip install 'etd[pi]'")
+        sentence = f"a Python package cannot be loaded ({error}): pip install 'etd[pi]'"
+        problems.append(_Problem(sentence))
     except BusError as error:
         advice = if_absent if error.kind == "absent" else _ADVICE.get(error.kind, _LOOK)
-        problems.append(f"{error}; {advice}")
+        if error.detail == _NOT_BY_ITS_MODE:
+            problems.append(_Problem(f"{error}; {_ALLOW}"))
+        else:
+            problems.append(_Problem(f"{error}; {advice}", error.kind in _MAY_COME))
     return None
 
 
 _SWITCH_ON = "switch the bus on (raspi-config, Interface Options), or correct the board file"
 _OTHER_CHIP = "the board file's gpio_chip_labels name the chip of the 40-pin header: correct them"
+#: What udev mends, once it has seen a device.
+_MAY_COME = ("absent", "gone", "permission")
+#: The file's owner, group and mode let it be opened, and the service may not (EACCES is another).
+_NOT_BY_ITS_MODE = os.strerror(errno.EPERM)
+_ALLOW = (
+    "the service may not open it: a DeviceAllow= in its unit (docs/install.md); if the device came"
+    " after the service was started, start that again"
+)
 _LOOK = "the kernel log (dmesg) may say why"
 _ADVICE = {
     "busy": "end the program that holds them (`etd stop` and `systemctl stop` for a daemon)",

@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 import re
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -26,6 +28,9 @@ from service_scene import CLOCK, ENGINE, GATEWAY, PERSON, STRANGER, TOLD
 FACTS = trace_decoder.parse(header(scene.BOARD, range(scene.BOARD.switch.outputs)))[0]
 #: Stamps are cut to whole microseconds.
 REST_US = scene.BOARD.rest_us - 1
+GPIO = Path("/dev/gpiochip0")
+ENDED = ("ActiveState", "ExecMainStatus", "NRestarts")
+STAYS_DOWN = {"ActiveState": "failed", "NRestarts": "0"}
 #: More than a probe, in uA: somebody is to feel it.
 FELT_UA = 310
 
@@ -197,16 +202,88 @@ def assert_made_safe(before: str, ended_ns: int, events: list[Event]) -> str:
     return "\n".join(one.text for one in journal)
 
 
+def test_an_engine_that_starts_before_udev_is_done_with_its_devices_comes_up_with_them(
+    services: None,
+) -> None:
+    """As at boot: the devices come, and udev comes to them later still."""
+    scene.stop()
+    with unplugged("rig-gpio"), unplugged("rig-spi"):
+        scene.said_by("udevadm", "settle")
+        scene.said_by("systemctl", "start", "--no-block", scene.TARGET)
+        pause_s(2)
+        scene.said_by("udevadm", "control", "--stop-exec-queue")
+    try:
+        pause_s(2)
+        assert scene.owner_of(Path("/dev/spidev0.0")) == "root root 600"
+        assert scene.main_pid(ENGINE) == 0
+    finally:
+        scene.said_by("udevadm", "control", "--start-exec-queue")
+    given_ns = CLOCK.now_ns()
+    scene.wait_for_state("SAFE")
+    assert CLOCK.now_ns() - given_ns < 3_000_000_000
+    assert scene.owner_of(Path("/dev/gpiochip0")) == "root gpio 660"
+    assert scene.restarts() == 0
+
+
+def test_an_engine_whose_lines_are_permitted_two_seconds_late_comes_up_then(
+    services: None,
+) -> None:
+    scene.said_by("systemctl", "stop", ENGINE)
+    before = scene.cursor()
+    with nobodys(GPIO):
+        scene.said_by("systemctl", "start", "--no-block", ENGINE)
+        pause_s(2)
+        assert scene.shown(ENGINE, "ActiveState") == {"ActiveState": "activating"}
+    scene.wait_for_state("SAFE")
+    said = [one.text for one in scene.journal(before)]
+    assert any(f"waiting 10.0 s at most for: opening on {GPIO}" in one for one in said)
+    assert any("all devices are there after 2." in one for one in said)
+
+
+def test_an_engine_whose_lines_are_never_permitted_says_what_to_do_and_stays_down(
+    services: None,
+) -> None:
+    scene.said_by("systemctl", "stop", ENGINE)
+    before = scene.cursor()
+    with nobodys(GPIO):
+        begun_ns = CLOCK.now_ns()
+        assert scene.run("systemctl", "start", ENGINE).returncode != 0
+        passed_s = (CLOCK.now_ns() - begun_ns) / 1e9
+    assert 10 <= passed_s < 12
+    assert scene.shown(ENGINE, *ENDED) == {**STAYS_DOWN, "ExecMainStatus": "3"}
+    said = "\n".join(one.text for one in scene.journal(before))
+    assert "join the groups gpio, spi and i2c" in said
+
+
+@contextmanager
+def nobodys(device: Path) -> Iterator[None]:
+    """As the kernel makes its node, before udev has come to it."""
+    scene.said_by("chown", "root:root", str(device))
+    scene.said_by("chmod", "0600", str(device))
+    yield
+    scene.said_by("chgrp", "gpio", str(device))
+    scene.said_by("chmod", "0660", str(device))
+
+
+def pause_s(seconds: int) -> None:
+    CLOCK.sleep_until_ns(CLOCK.now_ns() + seconds * 1_000_000_000)
+
+
 def test_an_engine_without_its_bus_is_not_tried_again_and_somebody_is_told(
     services: None,
 ) -> None:
     scene.said_by("systemctl", "stop", ENGINE)
     with unplugged("rig-spi"):
+        scene.said_by("udevadm", "settle")
+        begun_ns = CLOCK.now_ns()
         assert scene.run("systemctl", "start", ENGINE).returncode != 0
-        shown = scene.shown(ENGINE, "ActiveState", "ExecMainStatus", "NRestarts")
+        passed_s = (CLOCK.now_ns() - begun_ns) / 1e9
+        shown = scene.shown(ENGINE, *ENDED)
     # What comes back is nobody's until udev has seen it.
     scene.said_by("udevadm", "settle")
-    assert shown == {"ActiveState": "failed", "ExecMainStatus": "3", "NRestarts": "0"}
+    assert shown == {**STAYS_DOWN, "ExecMainStatus": "3"}
+    # Ten seconds until systemd starts it all the same, and ten of its own.
+    assert 20 <= passed_s < 22
     scene.wait(TOLD.exists, "the unit of OnFailure=")
     assert TOLD.read_text().split() == [ENGINE, "exit-code"]
 
