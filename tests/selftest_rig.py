@@ -6,7 +6,7 @@ Owns: how tests put a board, its faults and a load together. Time passes only as
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from etd.config import LoadedConfig, fake_config
@@ -26,7 +26,9 @@ from etd_hal.fake.hand import FakeHand
 from etd_hal.fake.understudy import FakeUnderstudy
 from etd_hal.ports import Message, Spi
 
-LOAD_OHM = 47_000
+LOAD_OHM, SECOND_OHM = 47_000, 10_000
+#: Sixteen electrodes say what 64 say, in a sixteenth of the time.
+ARRAY = "grid-4x4"
 DATE = datetime.datetime(2026, 3, 4, 5, 6, tzinfo=datetime.UTC)
 
 
@@ -42,7 +44,10 @@ class LazyHand:
     def let_go(self, stop: StopName) -> None:
         pass
 
-    def clip(self, first: int, second: int) -> None:
+    def clip(self, load_ohm: int, first: int, second: int) -> None:
+        pass
+
+    def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
         pass
 
     def stand_back(self) -> None:
@@ -50,7 +55,10 @@ class LazyHand:
 
 
 class ChargeWatch:
-    """The Spi port, with the body's own account taken around each message."""
+    """The Spi port, with the body's own account taken around each message.
+
+    `before_pulse`: what happens to the world before the first, second, ... message with a pulse.
+    """
 
     def __init__(self, inner: Spi, body: MinimalBody) -> None:
         self._inner = inner
@@ -58,8 +66,17 @@ class ChargeWatch:
         self._before = self._charges_pc()
         #: The most that any electrode got in one message, or between two.
         self.most_pc = 0.0
+        self.pulses = 0
+        #: The strongest that was on the wire.
+        self.most_code = 0
+        self.before_pulse: dict[int, Callable[[], None]] = {}
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
+        code = max(_dac_code(transfer.tx) for transfer in message.transfers)
+        if code:
+            self.pulses += 1
+            self.most_code = max(self.most_code, code)
+            self.before_pulse.get(self.pulses, _nothing)()
         self.look()
         try:
             return self._inner.transfer(message)
@@ -77,6 +94,15 @@ class ChargeWatch:
     def _charges_pc(self) -> list[float]:
         body = self._body
         return [body.absolute_charge_pc(one) for one in range(body.electrode_count)]
+
+
+def _dac_code(word: bytes) -> int:
+    """Of an AD5452: two bits of control, twelve of code, two of nothing. A delay has no word."""
+    return int.from_bytes(word) >> 2 & 0xFFF
+
+
+def _nothing() -> None:
+    pass
 
 
 @dataclass
@@ -101,6 +127,13 @@ class SelftestRig:
         self.bench.backend.gpio.edges()
         return self.fake.world.rail_v()
 
+    def lay_finger_on(self) -> None:
+        """A dry fingertip on the whole array, over whatever is there."""
+        count = self.body.electrode_count
+        skin = fingertip_body(self.loaded.board, count)
+        for electrode in range(count):
+            self.fake.world.touch(electrode, skin.contact(electrode))
+
     @property
     def most_charge_nc(self) -> float:
         """Of one pulse at one electrode, by the body's own account."""
@@ -115,11 +148,13 @@ def bad(report: Report) -> list[tuple[str, str]]:
 
 def selftest_rig(
     board: str = "reference-hv507",
+    array: str | None = ARRAY,
     *,
     faults: Sequence[Fault] = (),
     file: BoardFile | None = None,
     load_ohm: int | None = LOAD_OHM,
-    real_load_ohm: float | None = None,
+    second_ohm: int | None = SECOND_OHM,
+    really_ohm: Mapping[int, float] | None = None,
     leak_factor: float = 1.0,
     on_skin: bool = False,
     has_operator: bool = True,
@@ -127,7 +162,7 @@ def selftest_rig(
     one_shot_us: int | None = 250,
 ) -> SelftestRig:
     """A board on a bench: nothing on it but, with `load_ohm`, a resistor between 1 and 2."""
-    loaded = fake_config(board)
+    loaded = fake_config(board, array)
     if file is not None:
         loaded = replace(loaded, board=file)
     clock = SteppedClock()
@@ -143,11 +178,13 @@ def selftest_rig(
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
     watch = ChargeWatch(ports.spi, body)
     backend = Backend("fake", watch, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
-    hand = FakeHand(fake.world, clock, real_load_ohm or load_ohm)
-    load = None
+    hand = FakeHand(fake.world, clock, really_ohm or {})
+    load = second = None
     if load_ohm is not None:
         load = DummyLoad(load_ohm, 1, 2)
-        hand.clip(load.first, load.second)
+        if second_ohm is not None:
+            second = DummyLoad(second_ohm, 1, 2)
+        hand.clip(load.resistance_ohm, load.first, load.second)
     operator: Hand | None = LazyHand() if is_lazy else hand
     return SelftestRig(
         loaded,
@@ -161,6 +198,6 @@ def selftest_rig(
             FakeUnderstudy(fake, loaded.board, ports.gpio, line_setup(loaded.board), clock),
         ),
         operator if has_operator else None,
-        Asked(load, one_shot_us),
+        Asked(load, one_shot_us, second),
         watch,
     )

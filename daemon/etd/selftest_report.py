@@ -15,6 +15,7 @@ import msgspec
 from etd.errors import FileError
 from etd.selftest_subject import Subject, difference
 from etd.wholefile import write_whole
+from etd_hal.boardfile import BoardFile
 
 Result = Literal["pass", "fail", "skip", "absent"]
 
@@ -24,9 +25,20 @@ NOT_SEEN = (
     "the current through the load itself: all figures lean on the load's value and on the divider",
     "a source that fails short, and what the supply's store holds then",
     "a pull on the board's side: at the pin, the Raspberry Pi's own pull reads alike",
-    "an output that switches another one with it, and two electrodes whose wires are swapped",
     "hands that come to the array while stage 8 fires: its strong pulses go to whatever is there",
 )
+
+
+def not_seen_of(board: BoardFile) -> tuple[str, ...]:
+    """What no check of this board can see."""
+    guards = board.guards
+    if guards.heartbeat == "absent" or guards.rail_monitor != "absent":
+        return NOT_SEEN
+    window = (
+        f"whether the heartbeat's window is {guards.heartbeat.window_ms} ms: without a rail_monitor"
+        " nobody sees when the supply begins to fall, only that it is gone"
+    )
+    return (*NOT_SEEN, window)
 
 
 class Check(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -60,7 +72,7 @@ class ProbeBound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole self-test, to be kept with a study's records. Lists are in the order of checking."""
 
-    etd_selftest: Literal[2] = 2
+    etd_selftest: Literal[3] = 3
     passed: bool
     date: datetime.datetime
     subject: Subject
@@ -69,6 +81,7 @@ class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     absent_guards: tuple[str, ...]
     bound: ProbeBound
     dummy_load_ohm: int | None
+    second_load_ohm: int | None
     load_electrodes: tuple[int, int] | None
     not_seen: tuple[str, ...]
     checks: tuple[Check, ...]
@@ -141,7 +154,8 @@ def why_not_armed(path: Path, now: Subject) -> str | None:
     if is_fake:
         remedy = (
             f"on this fake {_COMMAND} --board fake:{now.board} --array {now.array}"
-            f" --dummy-load 47000 --load-electrodes 0,1 puts it right, and so does removing {path}"
+            " --dummy-load 47000 --second-load 10000 --load-electrodes 0,1 puts it right, and so"
+            f" does removing {path}"
         )
     return f"the self-test of {report.date:%Y-%m-%d %H:%M} did not pass: {what.strip()}: {remedy}"
 

@@ -130,8 +130,14 @@ class Hand(Protocol):
         """Release the stop that is held."""
         ...
 
-    def clip(self, first: int, second: int) -> None:
-        """Connect the dummy load between these two electrodes, and to nothing else."""
+    def clip(self, load_ohm: int, first: int, second: int) -> None:
+        """Connect the dummy load of this value between these two electrodes, and to nothing else;
+        any other goes off.
+        """
+        ...
+
+    def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
+        """Hear that the load was asked for at one electrode, and that others answer."""
         ...
 
     def stand_back(self) -> None:

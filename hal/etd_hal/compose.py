@@ -229,10 +229,8 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
     )
 
 
-def open_fake_bench(
-    board: BoardFile, *, electrodes: Sequence[int], load_ohm: float | None
-) -> Bench:
-    """A fake board on a bench: nobody touches it, and a hand can put a resistor on it.
+def open_fake_bench(board: BoardFile, *, electrodes: Sequence[int]) -> Bench:
+    """A fake board on a bench: nobody touches it, and a hand can put any resistor on it.
 
     One thread drives it and nobody else looks at the clock, so time only steps.
     """
@@ -257,7 +255,7 @@ def open_fake_bench(
     return Bench(
         backend,
         fake.world.host,
-        FakeHand(fake.world, clock, load_ohm),
+        FakeHand(fake.world, clock),
         FakeUnderstudy(fake, board, ports.gpio, line_setup(board), clock),
     )
 

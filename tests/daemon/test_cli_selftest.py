@@ -17,7 +17,8 @@ from etd.selftest_subject import subject_of
 from etd_hal.board import Board
 
 FULL = ["selftest", "--board", "fake", "--array", "grid-4x4"]
-LOAD = ["--dummy-load", "47000", "--load-electrodes", "0,5"]
+ONE_LOAD = ["--dummy-load", "47000", "--load-electrodes", "0,5"]
+LOAD = [*ONE_LOAD, "--second-load", "10000"]
 
 
 @pytest.fixture(autouse=True)
@@ -44,8 +45,8 @@ def test_a_skip_is_status_1_and_says_what_to_do(
     assert cli.main(FULL) == 1
     told = capsys.readouterr().out
     assert "SKIP probe: load_agrees, probe: leak" in told
-    assert "     --dummy-load OHM --load-electrodes A,B\n" in told
-    assert "NOT PASSED: 9 failed or were skipped" in told
+    assert "     --dummy-load OHM --second-load OHM --load-electrodes A,B\n" in told
+    assert "NOT PASSED: 12 failed or were skipped" in told
     report = load(state)
     assert report is not None
     assert not report.passed
@@ -54,13 +55,14 @@ def test_a_skip_is_status_1_and_says_what_to_do(
 def test_with_json_the_answer_is_one_object_and_prompts_go_elsewhere(
     capsys: pytest.CaptureFixture[str], state: Path, tmp_path: Path
 ) -> None:
-    kept = tmp_path / "study" / "board.json"
+    kept = tmp_path / "board.json"
     assert cli.main([*FULL, *LOAD, "--json", "--report", str(kept)]) == 0
     told = capsys.readouterr()
     answer = json.loads(told.out)
     assert (answer["ok"], answer["kept"]) == (True, str(state))
     assert answer["report"]["checks"][0]["stage"] == "machine"
-    assert "the load between electrode 0 and electrode 15" in told.err
+    assert "47000 ohm between electrode 0 and electrode 15" in told.err
+    assert "10000 ohm between electrode 0 and electrode 15" in told.err
     assert kept.read_bytes() == state.read_bytes()
 
 
@@ -84,6 +86,10 @@ def test_every_guard_of_the_reference_board_is_proved(capsys: pytest.CaptureFixt
         ["--dummy-load", "47000", "--load-electrodes", "0,00"],
         ["--dummy-load", "47000", "--load-electrodes", "1"],
         ["--dummy-load", "47000", "--load-electrodes", "0,16"],
+        ["--second-load", "10000"],
+        [*ONE_LOAD, "--second-load", "31334"],
+        [*ONE_LOAD, "--second-load", "70499"],
+        [*ONE_LOAD, "--second-load", "9999"],
         ["--one-shot-us", "0"],
         ["--one-shot-us", "-5"],
         ["--one-shot-us", "250"],
@@ -102,16 +108,70 @@ def test_what_cannot_be_is_used_wrongly(
     assert any(one in answer["reason"] for one in arguments)
 
 
-@pytest.mark.parametrize("where", ["a-folder", "no-folder/r.json"])
-def test_a_copy_that_could_not_be_kept_is_told_before_anything_is_tested(
-    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_with_one_load_the_second_walk_is_a_skip_that_says_what_to_add(
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    (tmp_path / "a-folder").mkdir()
-    (tmp_path / "no-folder").write_text("a file")
-    assert cli.main([*FULL, *LOAD, "--report", str(tmp_path / where)]) == 1
+    assert cli.main([*FULL, *ONE_LOAD]) == 1
+    told = capsys.readouterr().out
+    assert (
+        "SKIP switches: second_load, switches: every_switch_again\n     --second-load OHM" in told
+    )
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Why a use is wrong, told to people and to programs alike, and that nothing was tested."""
+    with pytest.raises(SystemExit) as ended:
+        cli.main(arguments)
+    assert ended.value.code == 2
     told = capsys.readouterr()
-    assert "cannot be kept" in told.err
-    assert "1/8" not in told.out
+    assert told.out == ""
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*arguments, "--json"])
+    assert ended.value.code == 2
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["ok"], answer["error"]) == (False, "used_wrongly")
+    reason: str = answer["reason"].removeprefix("etd selftest: ")
+    assert reason in told.err
+    return reason
+
+
+def test_a_report_is_never_written_over_and_needs_a_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = tmp_path / "study.json"
+    assert cli.main([*FULL, *LOAD, "--report", str(kept)]) == 0
+    capsys.readouterr()
+    first = kept.read_bytes()
+    assert "choose another name" in refused([*FULL, *LOAD, "--report", str(kept)], capsys)
+    assert kept.read_bytes() == first
+    (tmp_path / "nowhere.json").symlink_to(tmp_path / "nothing")
+    for there in (tmp_path, tmp_path / "nowhere.json"):
+        reason = refused([*FULL, *LOAD, "--report", str(there)], capsys)
+        assert "it is there already" in reason
+    for where in ("no-folder/r.json", "study.json/r.json"):
+        reason = refused([*FULL, *LOAD, "--report", str(tmp_path / where)], capsys)
+        assert "there is no such folder" in reason
+
+
+def test_a_copy_that_cannot_be_written_is_told_before_anything_is_tested(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert "cannot be kept" in refused([*FULL, *LOAD, "--report", "/proc/r.json"], capsys)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--config", "/nowhere/etd.toml"], "there is no such configuration"),
+        (["--board", "fake:no-such-board"], "no-such-board"),
+        (["--board", "fake", "--name", "a/b"], "a/b"),
+        (["--board", "fake", "--array", "no-such-array"], "no-such-array"),
+    ],
+)
+def test_what_is_not_there_is_used_wrongly(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert said in refused(["selftest", *arguments], capsys)
 
 
 def test_one_fake_that_did_not_pass_is_not_another_one(
@@ -147,11 +207,11 @@ def test_a_pass_does_not_outlive_a_later_test_that_was_cut_short(
 
 
 def test_a_pass_is_not_given_up_for_a_copy_that_cannot_be_written(
-    state: Path, tmp_path: Path
+    state: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main([*FULL, *LOAD]) == 0
-    (tmp_path / "file").write_text("a file where a folder should be")
-    assert cli.main([*FULL, *LOAD, "--report", str(tmp_path / "file" / "r.json")]) == 1
+    capsys.readouterr()
+    refused([*FULL, *LOAD, "--report", "/proc/r.json"], capsys)
     report = load(state)
     assert report is not None
     assert report.passed
@@ -161,10 +221,7 @@ def test_where_the_report_cannot_be_kept_nothing_is_tested(
     state: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     state.parent.parent.write_text("a file where the folder should be")
-    assert cli.main([*FULL, *LOAD]) == 1
-    told = capsys.readouterr()
-    assert "cannot be kept" in told.err
-    assert "1/8" not in told.out
+    assert "cannot be kept" in refused([*FULL, *LOAD], capsys)
 
 
 @pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGHUP])

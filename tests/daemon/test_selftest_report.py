@@ -13,7 +13,7 @@ from etd.config import fake_config
 from etd.errors import FileError
 from etd.selftest_report import Check, Report, load, save, to_json, why_not_armed
 from etd.selftest_subject import Subject, subject_of
-from selftest_rig import selftest_rig
+from selftest_rig import ARRAY, selftest_rig
 
 BOARD = "reference-hv507"
 
@@ -33,7 +33,7 @@ def spoiled(report: Report, **changes: Any) -> Report:
 
 def now(backend: Any = "linux", **changes: Any) -> Subject:
     """What is to be armed."""
-    subject = subject_of(fake_config(BOARD), backend, "")
+    subject = subject_of(fake_config(BOARD, ARRAY), backend, "")
     return msgspec.structs.replace(subject, **changes)
 
 
@@ -158,7 +158,7 @@ def test_a_fake_that_did_not_pass_says_how_it_passes(passed: Report, tmp_path: P
     save(spoiled(passed, result="fail"), tmp_path / "r.json")
     reason = why_not_armed(tmp_path / "r.json", now("fake"))
     assert reason is not None
-    assert f"--board fake:{BOARD} --array {now().array} --dummy-load" in reason
+    assert f"--board fake:{BOARD} --array {now().array} --dummy-load 47000 --second-load" in reason
     assert f"removing {tmp_path / 'r.json'}" in reason
 
 

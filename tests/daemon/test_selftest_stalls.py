@@ -107,11 +107,11 @@ class SlowHand(FakeHand):
 
 
 def slow_handed(rig: SelftestRig, stall_ms: int) -> SelftestRig:
-    hand = SlowHand(rig.fake.world, rig.clock, 47_000)
+    hand = SlowHand(rig.fake.world, rig.clock)
     hand.clock, hand.spends_ns = rig.clock, stall_ms * MS
     assert isinstance(rig.hand, FakeHand)
-    rig.hand.clip(1, 2)
-    hand.clip(1, 2)
+    rig.hand.clip(47_000, 1, 2)
+    hand.clip(47_000, 1, 2)
     rig.hand = hand
     return rig
 

@@ -32,7 +32,7 @@ CONFIG = """
 backend = "linux"
 board = "{board}"
 machine = "{machine}"
-array = "grid-8x8"
+array = "{array}"
 body_site = "fingertip"
 accept_absent_guards = [{accepted}]
 operators = []
@@ -122,14 +122,20 @@ def arm(display: Display, chips: Chips) -> None:
     display.arm()
 
 
-def write_config(path: Path, board: str, machine: Path, accepted: tuple[str, ...]) -> None:
+def write_config(
+    path: Path, board: str, machine: Path, accepted: tuple[str, ...], array: str = "grid-8x8"
+) -> None:
     quoted = ", ".join(f'"{name}"' for name in accepted)
-    path.write_text(CONFIG.format(board=board, machine=machine, accepted=quoted))
+    path.write_text(CONFIG.format(board=board, machine=machine, array=array, accepted=quoted))
 
 
 @contextmanager
 def running_daemon(
-    board: str, machine: Path, accepted: tuple[str, ...], tested: Path | None = None
+    board: str,
+    machine: Path,
+    accepted: tuple[str, ...],
+    tested: Path | None = None,
+    array: str = "grid-8x8",
 ) -> Iterator[Daemon]:
     """A gateway, and engines on request; all ended at the end.
 
@@ -139,7 +145,7 @@ def running_daemon(
         # A Unix socket's path has at most 107 bytes: not in pytest's folder.
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="etd")))
         config = folder / "etd.toml"
-        write_config(config, board, machine, accepted)
+        write_config(config, board, machine, accepted, array)
         if tested is not None:
             shutil.copy(tested, folder / "selftest.json")
         nursery = subprocess.Popen(

@@ -40,6 +40,7 @@ def passed_selftest(loaded: LoadedConfig) -> Report:
         absent_guards=loaded.board.absent_guards,
         bound=ProbeBound(current_ua=0, width_us=0, charge_nc=0.0),
         dummy_load_ohm=None,
+        second_load_ohm=None,
         load_electrodes=None,
         not_seen=(),
         checks=(),

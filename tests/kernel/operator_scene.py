@@ -19,29 +19,29 @@ from etd_hal.fake.world import StopLine
 from etd_hal.linux.clock import LinuxClock
 from guest_board import Chips
 
-LOAD_OHM = 47_000
+LOAD_OHM, SECOND_OHM = 47_000, 10_000
 _FIRST, _SECOND = 1, 2
 _STOP = re.compile(r"(press|release) the (emergency|wearer) stop(, and (release|HOLD) it.*)?")
 _NAMES: dict[str, StopLine] = {"emergency": "emergency_stop", "wearer": "wearer_stop"}
-_CLIP = re.compile(r"the load between electrode (\d+) and electrode (\d+)")
+_CLIP = re.compile(r"(\d+) ohm between electrode (\d+) and electrode (\d+)")
 _PRESSES_NS = 200_000_000
 _CLOCK = LinuxClock()
 
 
 class Operator:
-    """A person with one resistor."""
+    """A person with two resistors."""
 
     def __init__(self, chips: Chips) -> None:
         self._chips = chips
         self._on: tuple[int, ...] = ()
-        self.clip(_FIRST, _SECOND)
+        self.clip(LOAD_OHM, _FIRST, _SECOND)
 
     def hear(self, said: str) -> None:
         """Do it, if it is something to be done."""
         asked = said.removeprefix("  -> ").strip()
         clip = _CLIP.fullmatch(asked)
         if clip:
-            self.clip(int(clip[1]), int(clip[2]))
+            self.clip(int(clip[1]), int(clip[2]), int(clip[3]))
         stop = _STOP.fullmatch(asked)
         if stop:
             self._move(_NAMES[stop[2]], is_pressed=stop[1] == "press", is_held=stop[4] == "HOLD")
@@ -55,12 +55,12 @@ class Operator:
             self._chips.knock(wire.Press(stop, 1))
             _CLOCK.sleep_until_ns(_CLOCK.now_ns() + _PRESSES_NS)
 
-    def clip(self, *electrodes: int) -> None:
+    def clip(self, load_ohm: int, *electrodes: int) -> None:
         """Half of the resistance at each of the two: what flows in at one leaves by the other."""
         for electrode in self._on:
             self._touch(electrode, OPEN_CONTACT)
         for electrode in electrodes:
-            self._touch(electrode, resistor(LOAD_OHM / 2))
+            self._touch(electrode, resistor(load_ohm / 2))
         self._on = electrodes
 
     def _touch(self, electrode: int, contact: Contact) -> None:
@@ -80,7 +80,8 @@ def selftest(config: Path, chips: Chips, kept: Path) -> tuple[int, Report]:
     operator = Operator(chips)
     command = [
         *(sys.executable, "-m", "etd", "selftest", "--config", str(config)),
-        *("--dummy-load", str(LOAD_OHM), "--load-electrodes", f"{_FIRST},{_SECOND}"),
+        *("--dummy-load", str(LOAD_OHM), "--second-load", str(SECOND_OHM)),
+        *("--load-electrodes", f"{_FIRST},{_SECOND}"),
         *("--one-shot-us", "250", "--report", str(kept)),
     ]
     with subprocess.Popen(

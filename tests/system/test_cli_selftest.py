@@ -9,7 +9,7 @@ import pytest
 from command_rig import CommandRig, command_rig
 
 TEST = ("selftest", "--board", "fake", "--array", "pad-8")
-LOAD = ("--dummy-load", "47000", "--load-electrodes", "0,1")
+LOAD = ("--dummy-load", "47000", "--second-load", "10000", "--load-electrodes", "0,1")
 
 
 @pytest.fixture

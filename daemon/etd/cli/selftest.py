@@ -16,6 +16,7 @@ from etd.cli.private_daemon import termination_as_ctrl_c
 from etd.cli.run import kept_selftest, loaded_config
 from etd.cli.selftest_table import Quiet, Table, table_of
 from etd.config import LoadedConfig
+from etd.errors import FileError
 from etd.selftest.bed import Asked, Bed, DummyLoad
 from etd.selftest.run import cut_short
 from etd.selftest.run import run as run_stages
@@ -28,21 +29,25 @@ HELP = "prove the board in stages of growing risk, before it meets a person"
 EPILOG = """
 examples:
   etd selftest                                                the board of /etc/etd/main.toml
-  etd selftest --dummy-load 47000 --load-electrodes 0,1       all of it, with a resistor
-  etd selftest --board fake --dummy-load 47000 --load-electrodes 0,1
+  etd selftest --dummy-load 47000 --second-load 10000 --load-electrodes 0,1
+                                                              all of it, with two resistors
+  etd selftest --board fake --dummy-load 47000 --second-load 10000 --load-electrodes 0,1
 
 Without --dummy-load nothing stronger than an imperceptible probe is fired, and what needs a load is
 skipped. With it you say that NO PERSON is connected: the resistor is between the two electrodes,
-and nothing else touches the array. The daemon must not run. docs/bring-up.md goes through it.
+and nothing else touches the array. Every electrode is touched with the resistor when it is asked
+for, then all again with the second one. The daemon must not run. docs/bring-up.md goes through it.
 
 A board is armed only after a self-test without a failure and without a skip.
 
-exit status: 0 all passed, 1 a check failed or was skipped, 2 used wrongly, 3 the hardware is not
-there or is in use
+exit status: 0 all passed, 1 a check failed or was skipped, 2 used wrongly, or a file cannot be read
+or kept, 3 the hardware is not there or is in use
 """
 
 #: Below, the ADC tells too little of it at a probe; above, the leak takes too much.
 LOAD_OHM = (10_000, 100_000)
+#: Two loads that are nearer to each other could be taken for one another.
+LEAST_RATIO = 1.5
 #: No one-shot; what an oscilloscope may show of a broken one.
 LONGEST_ONE_SHOT_US = 1_000_000
 
@@ -59,6 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--dummy-load", type=_load_ohm, metavar="OHM", help="no person is connected, a resistor is"
     )
     parser.add_argument(
+        "--second-load",
+        type=_load_ohm,
+        metavar="OHM",
+        help=f"another resistor, {LEAST_RATIO} times larger or smaller, for every switch again",
+    )
+    parser.add_argument(
         "--load-electrodes", type=_pair, metavar="A,B", help="the two electrodes it is between"
     )
     parser.add_argument(
@@ -71,16 +82,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-operator", action="store_true", help="nobody is there: what needs a hand is skipped"
     )
     parser.add_argument(
-        "--report", type=Path, metavar="FILE", help="keep the report there too, for your records"
+        "--report",
+        type=Path,
+        metavar="FILE",
+        help="keep the report there too, for your records: a new file",
     )
     options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Raises: HardwareMissing, BusError. Files that cannot be had are wrong use: status 2."""
+    try:
+        return _run(args)
+    except FileError as error:
+        args.misused(str(error))
+        raise
+
+
+def _run(args: argparse.Namespace) -> int:
     """Raises: FileError, HardwareMissing, BusError."""
     loaded = loaded_config(args)
     asked = _asked(args, loaded)
     kept = kept_selftest(args.name, loaded)
+    _check_new(args.report)
     with termination_as_ctrl_c():
         bench = _open(loaded, asked)
         try:
@@ -91,6 +115,18 @@ def run(args: argparse.Namespace) -> int:
         save(report, path)
     _tell(args, report, kept)
     return 0 if report.passed else 1
+
+
+def _check_new(path: Path | None) -> None:
+    """A report that was kept is never lost to a later one. Raises: FileError."""
+    if path is None:
+        return
+    if path.exists() or path.is_symlink():
+        raise FileError(
+            str(path), "", "it is there already, and is not written over", "choose another name"
+        )
+    if not path.parent.is_dir():
+        raise FileError(str(path.parent), "", "there is no such folder", "make it first")
 
 
 def _load_ohm(text: str) -> int:
@@ -119,19 +155,27 @@ def _pair(text: str) -> tuple[int, int]:
 
 
 def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> Asked:
-    ohm, pair = args.dummy_load, args.load_electrodes
+    ohm, pair, second_ohm = args.dummy_load, args.load_electrodes, args.second_load
     if args.one_shot_us is not None and loaded.board.guards.one_shot == "absent":
         args.misused(f"--one-shot-us: {loaded.board.name} has no one_shot")
     if (ohm is None) != (pair is None):
         args.misused("--dummy-load and --load-electrodes go together")
     if ohm is None:
+        if second_ohm is not None:
+            args.misused("--second-load goes with --dummy-load and --load-electrodes")
         return Asked(None, args.one_shot_us)
+    if second_ohm is not None and max(ohm, second_ohm) < LEAST_RATIO * min(ohm, second_ohm):
+        args.misused(
+            f"--second-load: {second_ohm} ohm is too near to {ohm} ohm to be told from it; take one"
+            f" that is at least {LEAST_RATIO} times larger or smaller"
+        )
     count = loaded.array.count
     if max(pair) >= count:
         args.misused(f"--load-electrodes: {loaded.array.name} has electrodes 0 to {count - 1}")
     if count < 3:
         args.misused("a load needs an array with a third electrode, that stays open")
-    return Asked(DummyLoad(ohm, *pair), args.one_shot_us)
+    second = None if second_ohm is None else DummyLoad(second_ohm, *pair)
+    return Asked(DummyLoad(ohm, *pair), args.one_shot_us, second)
 
 
 def _open(loaded: LoadedConfig, asked: Asked) -> Bench:
@@ -139,13 +183,9 @@ def _open(loaded: LoadedConfig, asked: Asked) -> Bench:
     if loaded.config.backend == "linux":
         return open_linux_bench(loaded.board, loaded.machine)
     load = asked.load
-    bench = open_fake_bench(
-        loaded.board,
-        electrodes=loaded.array.outputs(),
-        load_ohm=None if load is None else load.resistance_ohm,
-    )
+    bench = open_fake_bench(loaded.board, electrodes=loaded.array.outputs())
     if load is not None and bench.hand is not None:
-        bench.hand.clip(load.first, load.second)
+        bench.hand.clip(load.resistance_ohm, load.first, load.second)
     return bench
 
 
@@ -188,10 +228,18 @@ class _Operator:
         if self._hand is not None:
             self._hand.let_go(stop)
 
-    def clip(self, first: int, second: int) -> None:
-        self._table.ask(f"the load between electrode {first} and electrode {second}")
+    def clip(self, load_ohm: int, first: int, second: int) -> None:
+        self._table.ask(f"{load_ohm} ohm between electrode {first} and electrode {second}")
         if self._hand is not None:
-            self._hand.clip(first, second)
+            self._hand.clip(load_ohm, first, second)
+
+    def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
+        who = "electrode " + ", ".join(map(str, found[:8]))
+        self._table.ask(
+            f"{who} answers where {asked} was asked for: the wrong place, or wires swapped"
+        )
+        if self._hand is not None:
+            self._hand.misplaced(asked, found)
 
     def stand_back(self) -> None:
         self._table.ask("HANDS OFF the board: strong pulses go into the load now")

@@ -1,7 +1,7 @@
 """The board under test: what is known of it, its ports, its load, who stands beside it.
 
-Owns: waiting (with the heartbeat beating and the stop lines watched), the account of its own beats,
-and reading the rail.
+Owns: waiting (with the heartbeat beating and, while the supply is on, the stop lines watched), the
+account of its own beats, and reading the rail.
 Must not know: what is checked, reports, what is printed.
 """
 
@@ -25,6 +25,11 @@ _BEATS_PER_WINDOW = 4
 _TICK_NS = 5 * MS
 
 
+#: What to add to the command where a load was missed.
+SECOND_LOAD_OPTION = "--second-load OHM"
+LOAD_OPTIONS = f"--dummy-load OHM {SECOND_LOAD_OPTION} --load-electrodes A,B"
+
+
 @dataclass(frozen=True, slots=True)
 class DummyLoad:
     """A resistor between two electrodes; whoever names it says that no person is connected."""
@@ -41,6 +46,8 @@ class Asked:
     load: DummyLoad | None = None
     #: What an oscilloscope showed of the one-shot; software cannot see it.
     one_shot_us: int | None = None
+    #: Another resistor, that takes the first one's place when it is asked for.
+    second_load: DummyLoad | None = None
 
 
 class Bed:
@@ -71,6 +78,8 @@ class Bed:
         self._i2c = bench.backend.i2c
         #: Go on beating without the supply: so the enable line's end is seen alone.
         self.beats_when_off = False
+        #: Another process holds the lines: nobody here can read a stop.
+        self.is_lent = False
         self._beaten_ns = 0
         self._longest_gap_ns = 0
 
@@ -134,19 +143,24 @@ class Bed:
                 raise BoardFault(name, "open", "closed during the test")
 
     def wait_ms(self, duration_ms: float, is_beating: bool = True) -> None:
-        """Sleep, with edges of the heartbeat in between."""
+        """Sleep, as `wait_until`."""
         self.wait_until(lambda: False, duration_ms, is_beating)
 
     def wait_until(
         self, is_done: Callable[[], bool], within_ms: float, is_beating: bool = True
     ) -> bool:
-        """Look again and again; False when it has not come true in time."""
+        """Look again and again; False when it has not come true in time.
+
+        Raises: BoardFault as `watch_stops`, within a tick, while the supply is on.
+        """
         until_ns = self.clock.now_ns() + int(within_ms * MS)
         while not is_done():
             now_ns = self.clock.now_ns()
             if now_ns >= until_ns:
                 return False
             self.clock.doze_until_ns(min(until_ns, now_ns + _TICK_NS))
+            if self.board.is_supply_on and not self.is_lent:
+                self.watch_stops()
             if is_beating:
                 self.beat()
         return True

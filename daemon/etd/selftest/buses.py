@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from etd.selftest.bed import Bed
 from etd.selftest.log import Log
-from etd_hal.bench import StopName
+from etd_hal.bench import Hand, StopName
 from etd_hal.boardfile import HalfBridgeLines
 from etd_hal.chips import ad7276, ads1115, mcp4725
 from etd_hal.errors import BoardFault, BusError
@@ -166,9 +166,7 @@ def _check_stop(bed: Bed, log: Log, name: StopName) -> None:
     if bed.operator is None:
         log.skip(name, "closed; nobody is there to press it", "run it without --no-operator")
         return
-    bed.operator.press(name)
-    is_seen = bed.wait_until(lambda: bed.board.stops()[name], _OPERATOR_WITHIN_MS)
-    is_closed = is_seen and bed.wait_until(lambda: not bed.board.stops()[name], _RELEASED_WITHIN_MS)
+    is_seen, is_closed = _pressed_and_released(bed, bed.operator, name)
     measured = "pressed and released" if is_closed else "pressed, and it stays open"
     log.judge(
         name,
@@ -177,3 +175,16 @@ def _check_stop(bed: Bed, log: Log, name: StopName) -> None:
         "seen to open, and closed again",
         "measure the loop at the line: the contact must open it",
     )
+
+
+def _pressed_and_released(bed: Bed, operator: Hand, name: StopName) -> tuple[bool, bool]:
+    """Whether it was seen to open, and to close again; a board without enable is energized."""
+    bed.held_stop = name
+    try:
+        operator.press(name)
+        is_seen = bed.wait_until(lambda: bed.board.stops()[name], _OPERATOR_WITHIN_MS)
+        return is_seen, is_seen and bed.wait_until(
+            lambda: not bed.board.stops()[name], _RELEASED_WITHIN_MS
+        )
+    finally:
+        bed.held_stop = None

@@ -26,6 +26,7 @@ def check(bed: Bed, log: Log, rises: Callable[[str], bool]) -> None:
     """Begins and ends with the supply on. Raises: BusError, BoardFault, GuardRefusal."""
     guards = bed.file.guards
     monitor = guards.rail_monitor
+    bed.is_lent = True
     try:
         bed.understudy.take_over()
         if monitor == "absent":
@@ -35,6 +36,7 @@ def check(bed: Bed, log: Log, rises: Callable[[str], bool]) -> None:
             _check_watched(bed, log, monitor)
     finally:
         bed.understudy.step_back()
+        bed.is_lent = False
         problems = bed.board.safe_off()
     if problems:
         log.judge("killed_safe_state", False, "; ".join(problems), "reached", _ADVICE)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import statistics
 from dataclasses import dataclass
 
-from etd.selftest.bed import Bed, DummyLoad
+from etd.selftest.bed import LOAD_OPTIONS, Bed, DummyLoad
 from etd.selftest.buses import IDLE_V
 from etd.selftest.log import Log
 from etd.selftest.prober import Prober
@@ -62,7 +62,7 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
     is_alone = check_alone(bed, log, found, free, "nothing_else")
     if load is None:
         for name in ("load_agrees", "leak", "ua_per_code"):
-            log.skip(name, "no load was named", "--dummy-load OHM --load-electrodes A,B")
+            log.skip(name, "no load was named", LOAD_OPTIONS)
     elif is_alone:
         _check_load(bed, log, prober, load, free[0])
 

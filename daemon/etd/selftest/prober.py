@@ -7,7 +7,8 @@ Nobody says that no person is on the board, so a probe asks for a third of the b
 bound: a source that makes three times what it is told still stays within it. The ramp up to it
 begins at an eighth of that, where a source 24 times too strong would still be within the bound, and
 goes on only while the node reads as with nothing connected. Skin of 50 k takes so much of the
-current that only a source twice to three times too strong could pass for an open electrode.
+current that only a source twice to three times too strong could pass for an open electrode. If it
+becomes too strong after the ramp, the first probe that shows it is the last one.
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ class Prober:
             ),
         )
         self._outputs = bed.loaded.array.outputs()
+        self._slack_v = _RAMP_CODES * bed.file.source.node_uv_per_code / 1e6
         self._is_chain_known = False
 
     @property
@@ -94,12 +96,11 @@ class Prober:
         Without a supply nothing lifts the node: then only too much counts.
         Raises: BusError, BoardFault, GuardRefusal.
         """
-        slack_v = _RAMP_CODES * self._bed.file.source.node_uv_per_code / 1e6
         for divisor in _RAMP:
             told_ua, shot = self._fire(electrode, self.probe_ua // divisor, True)
             open_v = self.open_v(told_ua)
-            least_v = open_v * _LEAST - slack_v if is_supplied else 0.0
-            most_v = open_v * _MOST + slack_v
+            least_v = open_v * _LEAST - self._slack_v if is_supplied else 0.0
+            most_v = self._most_open_v(told_ua)
             is_good = least_v <= shot.voltage_v <= most_v
             measured = f"{shot.voltage_v:.2f} V at {told_ua} uA"
             if not is_good:
@@ -107,8 +108,20 @@ class Prober:
         return Ramp(is_good, measured, f"{max(0.0, least_v):.2f} to {most_v:.2f} V")
 
     def probe(self, electrode: int, is_anodic: bool = True) -> tuple[int, Shot]:
-        """(told_ua, shot) of the weak probe. Raises: BusError, BoardFault, GuardRefusal."""
-        return self._fire(electrode, self.probe_ua, is_anodic)
+        """(told_ua, shot) of the weak probe.
+
+        Raises: BusError, GuardRefusal; BoardFault, among others for a node above what the current
+        makes with nothing connected: a source that became too strong since the ramp.
+        """
+        told_ua, shot = self._fire(electrode, self.probe_ua, is_anodic)
+        most_v = self._most_open_v(told_ua)
+        if shot.voltage_v > most_v:
+            raise BoardFault(
+                "strength of a probe",
+                f"{shot.voltage_v:.2f} V at {told_ua} uA",
+                f"at most {most_v:.2f} V",
+            )
+        return told_ua, shot
 
     def into_load(self, electrode: int, current_ua: int) -> tuple[int, Shot]:
         """(told_ua, shot), into a confirmed load only. Raises: as `probe`."""
@@ -117,6 +130,9 @@ class Prober:
                 "self-test", f"{current_ua} uA", f"{self.probe_ua} uA: no load was found"
             )
         return self._fire(electrode, min(current_ua, self.strongest_ua), True)
+
+    def _most_open_v(self, told_ua: int) -> float:
+        return self.open_v(told_ua) * _MOST + self._slack_v
 
     def forget_chain(self) -> None:
         """After the chain was used for something else: the next pulse writes it whole."""

@@ -214,7 +214,7 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
         log,
         missed_ms,
         "heartbeat",
-        from_v >= monitor.low_v and fall.begun_ms is not None and fall.gone_ms is not None,
+        from_v >= monitor.low_v and fall.gone_ms is not None,
         f"from {from_v:.0f} V, {_fell(bed, monitor, fall.gone_ms)}",
         f"from at least {monitor.low_v} V, below {monitor.off_v} V within {within_ms} ms of the"
         " last beat, the enable being on",

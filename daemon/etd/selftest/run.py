@@ -15,7 +15,7 @@ from etd.selftest import buses, machine, probe, rail, register, source, switches
 from etd.selftest.bed import Bed
 from etd.selftest.log import Log, OnCheck
 from etd.selftest.prober import Prober
-from etd.selftest_report import NOT_SEEN, Report
+from etd.selftest_report import Report, not_seen_of
 from etd.version import __version__
 from etd_hal.errors import BoardFault, BusError, CannotSelect, GuardRefusal
 
@@ -108,7 +108,7 @@ def _skip_rest(log: Log, failed: str, index: int) -> None:
 
 
 def _report(bed: Bed, prober: Prober, log: Log, date: datetime.datetime) -> Report:
-    load = bed.asked.load
+    load, second = bed.asked.load, bed.asked.second_load
     versions = {"etd": __version__, "python": sys.version.split()[0]}
     versions |= {name: version or "missing" for name, version in bed.host.packages().items()}
     return Report(
@@ -120,7 +120,8 @@ def _report(bed: Bed, prober: Prober, log: Log, date: datetime.datetime) -> Repo
         absent_guards=bed.file.absent_guards,
         bound=prober.bound,
         dummy_load_ohm=None if load is None else load.resistance_ohm,
+        second_load_ohm=None if second is None else second.resistance_ohm,
         load_electrodes=None if load is None else (load.first, load.second),
-        not_seen=NOT_SEEN,
+        not_seen=not_seen_of(bed.file),
         checks=tuple(log.checks),
     )

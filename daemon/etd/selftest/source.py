@@ -1,6 +1,6 @@
 """Stage 8, strong, into the dummy load alone: the source over its range.
 
-Owns: the steps, and what they must look like. Must not know: persons; without a confirmed load
+Owns: what the steps must look like together. Must not know: persons; without a confirmed load
 nothing here fires.
 """
 
@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import statistics
 
-from etd.selftest.bed import Bed, DummyLoad
+from etd.selftest.bed import LOAD_OPTIONS, Bed, DummyLoad
+from etd.selftest.ladder import LINEARITY, climb
 from etd.selftest.log import Log
 from etd.selftest.probe import TOLERANCE, check_alone, read_map
 from etd.selftest.prober import Prober
 from etd_hal.board import Shot
 
-_STEPS = 16
 #: Of the compliance: beyond it the source cannot follow.
 _HEADROOM = 0.8
-_LINEARITY = 0.03
 #: To be well into the compliance with nothing connected.
 _INTO_COMPLIANCE = 1.3
 _CODES = 4_096
@@ -32,7 +31,7 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
     load = bed.asked.load
     if load is None or not bed.is_load_confirmed:
         for name in ("steps", "linearity", "zero", "adc_bits", "compliance"):
-            log.skip(name, "no load was found", "--dummy-load OHM --load-electrodes A,B")
+            log.skip(name, "no load was found", LOAD_OPTIONS)
     else:
         _clear_the_board(bed)
         if _is_still_there(bed, log, prober, load):
@@ -72,11 +71,11 @@ def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
     beside_ohm = 1 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
     source = bed.file.source
     most_ua = min(prober.strongest_ua, int(source.compliance_v * _HEADROOM / beside_ohm * 1e6))
-    shots = [
-        prober.into_load(load.first, most_ua * step // _STEPS) for step in range(1, _STEPS + 1)
-    ]
-    told_ua = [float(told) for told, _ in shots]
-    made_ua = [shot.voltage_v / beside_ohm * 1e6 for _, shot in shots]
+    rungs = climb(bed, log, prober, load, beside_ohm, most_ua)
+    if log.stage_failed:
+        return
+    told_ua = [float(rung.told_ua) for rung in rungs]
+    made_ua = [rung.made_ua for rung in rungs]
     gain, zero_ua = statistics.linear_regression(told_ua, made_ua)
     off_ua = max(
         abs(made - gain * told - zero_ua) for told, made in zip(told_ua, made_ua, strict=True)
@@ -92,19 +91,19 @@ def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
     )
     log.judge(
         "linearity",
-        off_ua <= _LINEARITY * most_ua + step_ua,
+        off_ua <= LINEARITY * most_ua + step_ua,
         f"at most {off_ua:.0f} uA off the line",
-        f"within {_LINEARITY:.0%} of {most_ua} uA",
+        f"within {LINEARITY:.0%} of {most_ua} uA",
         "the source saturates: look at its mirror, and at the rail under load",
     )
     log.judge(
         "zero",
-        abs(zero_ua) <= _LINEARITY * most_ua + step_ua,
+        abs(zero_ua) <= LINEARITY * most_ua + step_ua,
         f"{zero_ua:.0f} uA at code 0",
-        f"0 uA within {_LINEARITY:.0%} of {most_ua} uA",
+        f"0 uA within {LINEARITY:.0%} of {most_ua} uA",
         "the source has an offset",
     )
-    _check_bits(bed, log, [shot for _, shot in shots])
+    _check_bits(bed, log, [rung.shot for rung in rungs])
 
 
 def _check_bits(bed: Bed, log: Log, shots: list[Shot]) -> None:

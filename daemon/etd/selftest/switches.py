@@ -1,104 +1,194 @@
-"""Stage 7, imperceptible probes: every electrode's switch, found with the load's free end.
+"""Stage 7, imperceptible probes: every electrode's switch on two known loads, and nothing with it.
 
-Owns: the walk. Must not know: how a person or a fake moves the load.
+Owns: who is asked to touch what, how long, and what is concluded. Must not know: how a touch is
+read (`touch.py`); how a person or a fake moves the load.
 
-One end of the load stays on its first electrode. The other end touches every other electrode in
-turn, in any order: the first that reads the load, in both polarities, is found. So each output has
-been seen on the source's side and on ground. Whether another output switches with it is not seen:
-that would be a probe of every other electrode at every touch.
+One end of the load stays on its first electrode. The other end touches every other electrode when
+it is asked for, and that one must answer, alone. Then the same with the second load.
 """
 
 from __future__ import annotations
 
-from etd.selftest.bed import Bed, DummyLoad
+from dataclasses import replace
+
+from etd.selftest.bed import LOAD_OPTIONS, MS, SECOND_LOAD_OPTION, Bed, DummyLoad
 from etd.selftest.log import Log
 from etd.selftest.probe import TOLERANCE, check_alone, read_map
 from etd.selftest.prober import Prober
+from etd.selftest.touch import Look, Touch
+from etd_hal.bench import Hand
 
-#: For each electrode, from the last one found.
+_FIRST, _ALONE, _CHANGE, _SECOND = _ALL = (
+    "every_switch",
+    "one_at_a_time",
+    "second_load",
+    "every_switch_again",
+)
+#: For each electrode, from when it was asked for.
 _WITHIN_MS = 30_000
+#: To put one resistor in the place of another.
+_CHANGE_WITHIN_MS = 60_000
 _LOOK_EVERY_MS = 60
+#: After a round that was not good.
+_ROUND_EVERY_MS = 300
+#: A hand on its way is still where it was: who else answers is asked after this, and so often.
+_ON_ITS_WAY_MS = 3_000
+_OTHERS_EVERY_MS = 1_000
 
 
 def check(bed: Bed, log: Log, prober: Prober) -> None:
     """Raises: BusError, BoardFault, GuardRefusal."""
-    load = bed.asked.load
+    load, second = bed.asked.load, bed.asked.second_load
     if load is None or not bed.is_load_confirmed:
-        log.skip("every_switch", "no load was found", "--dummy-load OHM --load-electrodes A,B")
+        _skip(log, _ALL, "no load was found", LOAD_OPTIONS)
         return
     if bed.operator is None:
-        log.skip("every_switch", "nobody is there to move the load", "run it without --no-operator")
+        _skip(log, _ALL, "nobody is there to move the load", "run it without --no-operator")
         return
-    walk = _Walk(bed, prober, load)
-    missing = [one for one in range(bed.loaded.array.count) if one != load.first]
-    while missing:
-        target = missing[0]
-        bed.operator.clip(load.first, target)
-        found = walk.wait_for(missing)
-        if found is None:
-            break
-        missing.remove(found)
-    listed = ", ".join(map(str, missing[:16]))
-    log.judge(
-        "every_switch",
-        not missing,
-        f"not found: {listed}" if missing else f"{bed.loaded.array.count} electrodes found",
-        "the load, just where it is and in both polarities",
-        "touch it longer; if it is not found then, this output or its wire is dead",
-    )
-    _put_back(bed, log, prober, load)
+    bed.is_load_confirmed = False
+    touch = Touch(bed, prober, load)
+    _Walk(bed, log, bed.operator, touch, load).over_all(_FIRST)
+    if second is None:
+        _skip(log, (_CHANGE, _SECOND), "no second load was named", SECOND_LOAD_OPTION)
+    elif not log.stage_failed:
+        bed.operator.clip(second.resistance_ohm, second.first, second.second)
+        expected_v = touch.load_v * _beside_ohm(bed, second) / _beside_ohm(bed, load)
+        if _is_changed(bed, log, prober, second, expected_v):
+            _Walk(bed, log, bed.operator, Touch(bed, prober, second), second).over_all(_SECOND)
+    if not log.stage_failed:
+        bed.operator.clip(load.resistance_ohm, load.first, load.second)
+        _check_back(bed, log, prober, touch, load)
+
+
+def _skip(log: Log, names: tuple[str, ...], why: str, advice: str) -> None:
+    for name in names:
+        log.skip(name, why, advice)
+
+
+def _beside_ohm(bed: Bed, load: DummyLoad) -> float:
+    return 1 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
 
 
 class _Walk:
-    """Looks for the load's free end; one look is one probe at some of the electrodes."""
+    """With one load, over every electrode but its fixed end's."""
 
-    def __init__(self, bed: Bed, prober: Prober, load: DummyLoad) -> None:
+    def __init__(self, bed: Bed, log: Log, operator: Hand, touch: Touch, load: DummyLoad) -> None:
         self._bed = bed
-        self._prober = prober
-        # What the load makes of a probe, as measured where it was first.
-        told_ua = prober.probe(load.second)[0]
-        beside_ohm = 1 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
-        self._load_v = told_ua * beside_ohm / 1e6
-        self._slack_v = 2 * TOLERANCE * self._load_v + bed.file.source.node_uv_per_code / 1e6
+        self._log = log
+        self._operator = operator
+        self._touch = touch
+        self._load = load
 
-    def wait_for(self, missing: list[int]) -> int | None:
-        """The electrode that the load is on; None if it is on none of them in time."""
-        found: list[int] = []
+    def over_all(self, name: str) -> None:
+        """Ends at the first electrode that does not answer as it should."""
+        count = self._bed.loaded.array.count
+        for asked in range(count):
+            if asked == self._load.first:
+                continue
+            self._operator.clip(self._load.resistance_ohm, self._load.first, asked)
+            look = self._wait_for(asked)
+            if not look.is_good:
+                self._judge(asked, look, name)
+                return
+        self._log.judge(
+            name,
+            True,
+            f"{count} electrodes found on {self._load.resistance_ohm} ohm",
+            "the load, where it was asked for and in both polarities",
+        )
+        self._log.judge(_ALONE, True, f"{count - 1} rounds over all others", "nobody else answers")
 
-        def look() -> bool:
-            found[:] = self._look(missing)
-            self._bed.wait_ms(_LOOK_EVERY_MS)
-            return len(found) == 1
+    def _wait_for(self, asked: int) -> Look:
+        """The look that is good, or the last one when time is over."""
+        begun_ns = self._bed.clock.now_ns()
+        told: tuple[int, ...] = ()
+        others_after_ms = float(_ON_ITS_WAY_MS)
+        # However fast the hand, no electrode is probed oftener than its rate.
+        again_ms = _LOOK_EVERY_MS
+        while True:
+            self._bed.wait_ms(again_ms)
+            look = self._touch.look(asked)
+            took_ms = (self._bed.clock.now_ns() - begun_ns) / MS
+            is_over = took_ms >= _WITHIN_MS
+            if not look.answers and (is_over or took_ms >= others_after_ms):
+                others_after_ms = took_ms + _OTHERS_EVERY_MS
+                look = replace(look, others=self._touch.answering(asked))
+                if look.others and look.others != told:
+                    self._operator.misplaced(asked, look.others)
+                told = look.others
+            if look.is_good or is_over:
+                return look
+            again_ms = _ROUND_EVERY_MS if look.answers else _LOOK_EVERY_MS
 
-        return found[0] if self._bed.wait_until(look, _WITHIN_MS) else None
-
-    def _look(self, missing: list[int]) -> list[int]:
-        """Those of `missing` that read the load; the one that was asked for is looked at first."""
-        if self._reads_load(missing[0]):
-            return missing[:1]
-        return [one for one in missing[1:] if self._reads_load(one)]
-
-    def _reads_load(self, electrode: int) -> bool:
-        return all(
-            abs(self._prober.probe(electrode, is_anodic)[1].voltage_v - self._load_v)
-            <= self._slack_v
-            for is_anodic in (True, False)
+    def _judge(self, asked: int, look: Look, name: str) -> None:
+        """What was wrong with the last look at an electrode."""
+        listed = ", ".join(map(str, look.others[:8]))
+        if look.answers and look.others:
+            self._log.judge(
+                _ALONE,
+                False,
+                f"with electrode {asked}: {listed}",
+                "every other electrode is open, and the load's fixed end reads the load",
+                _ALONE_ADVICE,
+            )
+            return
+        said = f"electrode {asked} reads {look.read_v[0]:.2f} V and {look.read_v[1]:.2f} V"
+        if look.answers:
+            said = f"electrode {asked} was let go of before all others were looked at"
+        elif look.others:
+            said += f"; {listed} answers in its place"
+        self._log.judge(
+            name,
+            False,
+            said,
+            f"{self._touch.load_v:.2f} V in both polarities within {_WITHIN_MS // 1_000} s",
+            _FOUND_ADVICE,
         )
 
 
-def _put_back(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
+_FOUND_ADVICE = (
+    "touch it longer. If another one answers, look for the right place, then for swapped wires and"
+    " the array file's outputs; else this output or its wire is dead, or half dead"
+)
+_ALONE_ADVICE = (
+    "let the tip touch one pin only. If it does, these outputs switch together, or their wires"
+    " touch; if the load's fixed end is among them, its wire is another one's"
+)
+
+
+def _is_changed(bed: Bed, log: Log, prober: Prober, second: DummyLoad, expected_v: float) -> bool:
+    """The second load is in the first one's place, and is what it is said to be."""
+    slack_v = TOLERANCE * expected_v + bed.file.source.node_uv_per_code / 1e6
+    ends_v: list[float] = []
+
+    def look() -> bool:
+        ends_v[:] = [prober.probe(one)[1].voltage_v for one in (second.first, second.second)]
+        bed.wait_ms(_LOOK_EVERY_MS)
+        return all(abs(volts - expected_v) <= slack_v for volts in ends_v)
+
+    return log.judge(
+        _CHANGE,
+        bed.wait_until(look, _CHANGE_WITHIN_MS),
+        " and ".join(f"{volts:.2f} V" for volts in ends_v),
+        f"{expected_v:.2f} V, {second.resistance_ohm} ohm, at electrodes {second.first} and"
+        f" {second.second} within {_CHANGE_WITHIN_MS // 1_000} s",
+        "measure this resistor, too, and look where it is",
+    )
+
+
+def _check_back(bed: Bed, log: Log, prober: Prober, touch: Touch, load: DummyLoad) -> None:
     """The load between its two electrodes and nothing else: what comes next is strong."""
-    bed.is_load_confirmed = False
-    if log.stage_failed or bed.operator is None:
-        return
-    bed.operator.clip(load.first, load.second)
-    walk = _Walk(bed, prober, load)
-    is_there = walk.wait_for([load.second]) is not None
+
+    def look() -> bool:
+        bed.wait_ms(_LOOK_EVERY_MS)
+        return touch.reads_load(load.second)
+
+    is_there = bed.wait_until(look, _CHANGE_WITHIN_MS)
     is_back = log.judge(
         "load_back",
         is_there,
-        "it is back" if is_there else f"not seen there within {_WITHIN_MS // 1_000} s",
-        f"the load is between electrodes {load.first} and {load.second} again",
+        "it is back" if is_there else f"not seen there within {_CHANGE_WITHIN_MS // 1_000} s",
+        f"{load.resistance_ohm} ohm between electrodes {load.first} and {load.second} again",
         "put it back, and begin again",
     )
     is_alone = check_alone(bed, log, read_map(bed, prober), bed.free, "nothing_else")

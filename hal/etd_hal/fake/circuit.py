@@ -58,7 +58,9 @@ class Circuit:
             board, self._switch, self._path, self._rail, faulty, self._timeline, trace
         )
         self._spi = SpiBus(board.source.spi, self._path, faulty, self._timeline, trace)
-        self.world = World(body, self._rail, faulty, self._header.move_stop, self.now_ns)
+        self.world = World(
+            body, electrodes, self._rail, faulty, self._header.move_stop, self.now_ns
+        )
         self._i2c = I2cBus(board, self._rail, faulty, self.world.sensor_v, self._timeline, trace)
         trace.begin(board, electrodes)
 

@@ -11,7 +11,16 @@ from dataclasses import dataclass
 
 from etd_body.interface import Body, Side, Sides
 from etd_hal.boardfile import BoardFile
-from etd_hal.fake.faults import AdcScale, AdcStuck, DacGain, DacOffset, DacStuck, Faults
+from etd_hal.fake.faults import (
+    AdcScale,
+    AdcStuck,
+    DacGain,
+    DacOffset,
+    DacStuck,
+    Faults,
+    GainAbove,
+    Saturation,
+)
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.trace import Trace
 
@@ -108,6 +117,10 @@ class CurrentPath:
         current_ua = code * self._source.full_scale_ua / (self._source.codes - 1)
         for gain in self._faults.of(DacGain):
             current_ua *= gain.factor
+        for above in self._faults.of(GainAbove):
+            current_ua *= above.factor if code > above.code else 1.0
+        for most in self._faults.of(Saturation):
+            current_ua = min(current_ua, most.current_ua)
         return current_ua + sum(offset.offset_ua for offset in self._faults.of(DacOffset))
 
     def _follow_rail(self, t_ns: int) -> None:

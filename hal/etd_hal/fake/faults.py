@@ -46,6 +46,19 @@ class DacGain(_Fault, frozen=True, tag=True):
     factor: float
 
 
+class GainAbove(_Fault, frozen=True, tag=True):
+    """Above this code the source makes this multiple of what it is told."""
+
+    code: int
+    factor: float
+
+
+class Saturation(_Fault, frozen=True, tag=True):
+    """The source makes no more than this, whatever it is told."""
+
+    current_ua: float
+
+
 class MisoStuck(_Fault, frozen=True, tag=True):
     """The ADC's data line does not move."""
 
@@ -187,6 +200,29 @@ class SwitchOutput(_Fault, frozen=True, tag=True):
     side: Literal["open", "source", "ground"]
 
 
+class AlsoSwitches(_Fault, frozen=True, tag=True):
+    """Whatever selects `output` of the chain selects `also` with it, in either polarity; of a relay
+    board, what closes its relay to the source closes the other's.
+    """
+
+    output: int
+    also: int
+
+
+class OutputsSwapped(_Fault, frozen=True, tag=True):
+    """The wires behind two outputs of the chain are swapped."""
+
+    first: int
+    second: int
+
+
+class OutputSeries(_Fault, frozen=True, tag=True):
+    """A switch that is half dead: so much in the way to whatever is put on its electrode next."""
+
+    output: int
+    resistance_ohm: float
+
+
 class Bridge(_Fault, frozen=True, tag=True):
     """A drop of solder between two electrodes: on opposite sides they short the source."""
 
@@ -220,6 +256,8 @@ Fault = (
     | SpiStall
     | SpiShort
     | DacGain
+    | GainAbove
+    | Saturation
     | MisoStuck
     | I2cFailure
     | StuckLine
@@ -244,6 +282,9 @@ Fault = (
     | StopCutsNothing
     | LineCut
     | SwitchOutput
+    | AlsoSwitches
+    | OutputsSwapped
+    | OutputSeries
     | Bridge
     | MachineTrouble
 )

@@ -15,7 +15,8 @@ import random
 from collections.abc import Callable, Sequence
 
 from etd_body.interface import Side, Sides
-from etd_hal.fake.faults import Faults, LatchIgnored, LostClock, SwitchOutput
+from etd_hal.fake.faults import AlsoSwitches, Faults, LatchIgnored, LostClock, SwitchOutput
+from etd_hal.fake.wiring import WiringFault, outputs_behind, wiring_faults
 
 _CACHED_SIDES = 4_096
 
@@ -42,7 +43,7 @@ class HalfBridgeChain:
         self._register = power_up.getrandbits(outputs)
         self._latch = power_up.getrandbits(outputs)
         self._high = 0
-        self._cache: dict[tuple[int, tuple[SwitchOutput, ...]], Sides] = {}
+        self._cache: dict[tuple[int, tuple[WiringFault, ...]], Sides] = {}
         self.sides = self._sides_of(0)
 
     @property
@@ -77,7 +78,8 @@ class HalfBridgeChain:
     def _drive(self, t_ns: int) -> None:
         levels = self._levels
         if levels["BL"]:
-            high = self._latch if levels["POL"] else self._latch ^ self._all
+            latch = self._latched()
+            high = latch if levels["POL"] else latch ^ self._all
         else:
             high = 0 if levels["POL"] else self._all
         if high != self._high:
@@ -85,16 +87,26 @@ class HalfBridgeChain:
             self.sides = self._sides_of(high)
             self._on_sides(t_ns, self.sides)
 
+    def _latched(self) -> int:
+        """With the stages that others take along."""
+        latch = self._latch
+        for both in self._faults.of(AlsoSwitches):
+            latch |= (self._latch >> both.output & 1) << both.also
+        return latch
+
     def _sides_of(self, high: int) -> Sides:
         """One object for one state, as long as the cache lasts: the body caches by identity."""
-        stuck = self._faults.of(SwitchOutput)
-        found = self._cache.get((high, stuck))
+        wrong = wiring_faults(self._faults)
+        found = self._cache.get((high, wrong))
         if found is None:
             if len(self._cache) >= _CACHED_SIDES:
                 self._cache.clear()
-            stays = {fault.output: Side[fault.side.upper()] for fault in stuck}
-            found = self._cache[high, stuck] = tuple(
-                stays.get(output, Side.SOURCE if high >> output & 1 else Side.GROUND)
-                for output in self._electrodes
-            )
+            found = self._cache[high, wrong] = self._new_sides(high)
         return found
+
+    def _new_sides(self, high: int) -> Sides:
+        stays = {one.output: Side[one.side.upper()] for one in self._faults.of(SwitchOutput)}
+        return tuple(
+            stays.get(output, Side.SOURCE if high >> output & 1 else Side.GROUND)
+            for output in outputs_behind(self._electrodes, self._faults)
+        )

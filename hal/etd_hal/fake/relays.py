@@ -16,7 +16,8 @@ from collections.abc import Callable, Sequence
 
 from etd_body.interface import Side, Sides
 from etd_hal.boardfile import Relays
-from etd_hal.fake.faults import Faults, LatchIgnored, LostClock, SwitchOutput
+from etd_hal.fake.faults import AlsoSwitches, Faults, LatchIgnored, LostClock, SwitchOutput
+from etd_hal.fake.wiring import WiringFault, outputs_behind, wiring_faults
 
 _CACHED_STATES = 4_096
 _SIDE_OF_PAIR = {(0, 0): Side.OPEN, (1, 0): Side.SOURCE, (0, 1): Side.GROUND, (1, 1): Side.SOURCE}
@@ -50,7 +51,7 @@ class RelayChain:
         self._closed = self._outputs
         #: What is under way: (time, stages that close or open then, those of them that close).
         self._moves: list[tuple[int, int, int]] = []
-        self._cache: dict[int, Sides] = {}
+        self._cache: dict[tuple[int, tuple[WiringFault, ...]], Sides] = {}
         self.sides = self._sides_of(self._closed)
 
     @property
@@ -61,7 +62,8 @@ class RelayChain:
     @property
     def shorted(self) -> bool:
         """Some electrode has both its relays closed."""
-        pairs = self._closed & (self._closed >> 1)
+        closed = self._really(self._closed)
+        pairs = closed & (closed >> 1)
         return any(pairs >> 2 * channel & 1 for channel in range(self._switch.outputs))
 
     @property
@@ -102,14 +104,24 @@ class RelayChain:
         self._moves.sort()
 
     def _sides_of(self, closed: int) -> Sides:
-        found = self._cache.get(closed)
+        wrong = wiring_faults(self._faults)
+        found = self._cache.get((closed, wrong))
         if found is None:
             if len(self._cache) >= _CACHED_STATES:
                 self._cache.clear()
-            found = self._cache[closed] = tuple(
-                self._side_of(closed, channel) for channel in self._electrodes
+            really = self._really(closed)
+            found = self._cache[closed, wrong] = tuple(
+                self._side_of(really, channel)
+                for channel in outputs_behind(self._electrodes, self._faults)
             )
         return found
+
+    def _really(self, closed: int) -> int:
+        """With the relays that others close along with theirs; the one to ground stays closed."""
+        on_bit = self._switch.on_bit
+        for both in self._faults.of(AlsoSwitches):
+            closed |= (closed >> (2 * both.output + on_bit) & 1) << (2 * both.also + on_bit)
+        return closed
 
     def _side_of(self, closed: int, channel: int) -> Side:
         for fault in self._faults.of(SwitchOutput):

@@ -5,13 +5,14 @@ Owns: the verbs of that door. Must not know: buses, words.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from etd_body.electrode import OPEN_CONTACT, Contact
 from etd_body.interface import Body
 from etd_hal.bench import StopName
-from etd_hal.fake.faults import Fault, Faults
+from etd_hal.fake.faults import Fault, Faults, OutputSeries
 from etd_hal.fake.host import FakeHost
 from etd_hal.fake.rail import Rail
 
@@ -32,12 +33,14 @@ class World:
     def __init__(
         self,
         body: Touchable,
+        electrodes: Sequence[int],
         rail: Rail,
         faults: Faults,
         move_line: Callable[[StopLine, int, int | None], None],
         now_ns: Callable[[], int],
     ) -> None:
         self.body = body
+        self._electrodes = electrodes
         self._rail = rail
         self._faults = faults
         self._move_line = move_line
@@ -56,7 +59,13 @@ class World:
 
     def touch(self, electrode: int, contact: Contact) -> None:
         """Put something else under an electrode."""
-        self.body.touch(self._now_ns(), electrode, contact)
+        in_the_way_ohm = sum(
+            fault.resistance_ohm
+            for fault in self._faults.of(OutputSeries)
+            if fault.output == self._electrodes[electrode]
+        )
+        behind = replace(contact, series_ohm=contact.series_ohm + in_the_way_ohm)
+        self.body.touch(self._now_ns(), electrode, behind)
 
     def lift(self, electrode: int) -> None:
         """Take the skin off an electrode."""

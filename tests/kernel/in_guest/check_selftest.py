@@ -38,7 +38,9 @@ def folder() -> Iterator[Path]:
 @pytest.fixture
 def bench(folder: Path) -> Iterator[Chips]:
     set_parameter("strict_gpiod", 1)
-    write_config(folder / "etd.toml", str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards)
+    write_config(
+        folder / "etd.toml", str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards, "grid-4x4"
+    )
     with running_chips(folder, "--on-bench") as chips:
         yield chips
         state = chips.state()

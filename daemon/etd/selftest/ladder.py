@@ -1,0 +1,70 @@
+"""A ladder of ever stronger pulses into the dummy load; each must agree before the next is fired.
+
+Owns: how far a step may be off, and where the climb ends: a source that is wrong never comes to its
+strongest. Must not know: what the steps together say; who is near.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd.selftest.bed import Bed, DummyLoad
+from etd.selftest.buses import IDLE_V
+from etd.selftest.log import Log
+from etd.selftest.probe import TOLERANCE
+from etd.selftest.prober import Prober
+from etd_hal.board import Shot
+
+_STEPS = 16
+#: Off the line, of a step's own current.
+LINEARITY = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """What the source was told, and what it made of it by the node's voltage."""
+
+    told_ua: int
+    made_ua: float
+    shot: Shot
+
+
+def climb(
+    bed: Bed, log: Log, prober: Prober, load: DummyLoad, beside_ohm: float, most_ua: int
+) -> list[Rung]:
+    """All steps up to `most_ua`, or those until one was off: that is judged a failure.
+
+    Raises: BusError, BoardFault, GuardRefusal.
+    """
+    rungs: list[Rung] = []
+    for step in range(1, _STEPS + 1):
+        told_ua, shot = prober.into_load(load.first, most_ua * step // _STEPS)
+        rung = Rung(told_ua, shot.voltage_v / beside_ohm * 1e6, shot)
+        rungs.append(rung)
+        slack_ua = _slack_ua(bed, rung, beside_ohm)
+        if abs(rung.made_ua - told_ua) > slack_ua:
+            _judge_off(log, rung, step, slack_ua)
+            break
+    return rungs
+
+
+def _slack_ua(bed: Bed, rung: Rung, beside_ohm: float) -> float:
+    """Gain and line, what a node at rest may show already, and a step of the ADC."""
+    reading_v = IDLE_V + bed.file.source.node_uv_per_code / 1e6
+    return (TOLERANCE + LINEARITY) * rung.told_ua + reading_v / beside_ohm * 1e6
+
+
+def _judge_off(log: Log, rung: Rung, step: int, slack_ua: float) -> None:
+    """Too little after steps that agreed is a source that saturates; all else is its gain."""
+    is_saturated = step > 1 and rung.made_ua < rung.told_ua
+    log.judge(
+        "linearity" if is_saturated else "steps",
+        False,
+        f"{rung.made_ua:.0f} uA where {rung.told_ua} uA were told, at step {step} of {_STEPS}:"
+        " nothing stronger was fired",
+        f"{rung.told_ua} +-{slack_ua:.0f} uA",
+        "the source saturates: look at its mirror, and at the rail under load"
+        if is_saturated
+        else "the source makes something else than it is told: look at the DAC's reference, and at"
+        " the mirror",
+    )

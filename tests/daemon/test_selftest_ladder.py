@@ -1,0 +1,54 @@
+"""Stage 8 climbs a ladder, and stops at the first step that is off."""
+
+from __future__ import annotations
+
+import pytest
+
+from etd_hal.chips import ad5452
+from etd_hal.fake.faults import Fault, GainAbove, Saturation
+from selftest_rig import bad, selftest_rig
+
+#: Half a milliampere a step, up to what the body site allows.
+STEP_UA, MOST_UA = 500, 8_000
+
+
+def code_of(current_ua: int) -> int:
+    return ad5452.code_for(current_ua, 10_000, 4_096)
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "step"),
+    [
+        (GainAbove(60, 1.5), "steps", 1),
+        (GainAbove(60, 0.5), "steps", 1),
+        (GainAbove(code_of(2_000), 2.0), "steps", 5),
+        (GainAbove(code_of(2_000), 1.3), "steps", 5),
+        (GainAbove(code_of(7_500), 1.3), "steps", 16),
+        (GainAbove(code_of(2_000), 0.5), "linearity", 5),
+        (Saturation(4_000.0), "linearity", 10),
+        (Saturation(450.0), "linearity", 2),
+    ],
+)
+def test_a_source_that_is_wrong_never_comes_to_its_strongest(
+    fault: Fault, name: str, step: int
+) -> None:
+    """By what was on the wire; a few per cent more than it should make is nobody's fault."""
+    rig = selftest_rig(faults=[fault])
+    report = rig.run()
+    assert bad(report) == [("source", name)]
+    assert rig.watch.most_code == code_of(step * STEP_UA)
+    said = next(one.measured for one in report.checks if one.result == "fail")
+    assert f"at step {step} of 16: nothing stronger was fired" in said
+
+
+def test_a_source_in_order_is_climbed_to_the_top() -> None:
+    rig = selftest_rig()
+    assert rig.run().passed
+    assert rig.watch.most_code == code_of(MOST_UA)
+
+
+def test_a_source_that_is_a_little_off_is_climbed_and_then_judged_as_a_line() -> None:
+    """Off by less than a step may be, and by more than the line may be."""
+    rig = selftest_rig(faults=[Saturation(7_000.0)])
+    assert ("source", "linearity") in bad(rig.run())
+    assert rig.watch.most_code == code_of(MOST_UA)

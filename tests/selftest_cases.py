@@ -1,0 +1,223 @@
+"""What can be wrong with a board, each with the check of a self-test that must say so.
+
+Owns: the cases. Must not know: what is asserted of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from etd_hal.fake.faults import (
+    AdcScale,
+    AlsoSwitches,
+    Bridge,
+    DacGain,
+    DacOffset,
+    DacStuck,
+    EnableStuck,
+    Fault,
+    GainAbove,
+    HeartbeatIgnored,
+    HeartbeatRearms,
+    HeartbeatSlow,
+    I2cFailure,
+    LineCut,
+    LostClock,
+    MachineTrouble,
+    MisoStuck,
+    MonitorStuck,
+    OutputSeries,
+    OutputsSwapped,
+    PullMissing,
+    RailOff,
+    RailStays,
+    Saturation,
+    SetpointAtPowerUp,
+    SlowWords,
+    SpiError,
+    SpiJitter,
+    SpiMode,
+    SpiShort,
+    SpiStall,
+    StopCutsNothing,
+    StuckLine,
+    SwitchOutput,
+)
+from selftest_rig import LOAD_OHM, SECOND_OHM, SelftestRig, selftest_rig
+
+ALL, BARE, RELAY = "reference-hv507", "kajimoto-hv507", "feetthrough-relay"
+
+
+class Case(NamedTuple):
+    """A fault on a board, and (stage, name) of the first check that must fail."""
+
+    what: str
+    board: str
+    faults: Sequence[Fault]
+    stage: str
+    name: str
+    how: dict[str, Any] = {}  # noqa: RUF012 - never changed
+
+
+MACHINE = [
+    Case("a Pi that is hot", ALL, [MachineTrouble("hot")], "machine", "temperature"),
+    Case("throttled", ALL, [MachineTrouble("throttled")], "machine", "throttling"),
+    Case("under-voltage", ALL, [MachineTrouble("under_voltage")], "machine", "supply_voltage"),
+    Case("pins that stay", ALL, [MachineTrouble("pins_kept")], "machine", "pins_after_exit"),
+    Case("no real time", ALL, [MachineTrouble("realtime_refused")], "machine", "realtime"),
+    Case(
+        "granted, but not scheduled", ALL, [MachineTrouble("not_scheduled")], "machine", "realtime"
+    ),
+    Case("granted, but not locked", ALL, [MachineTrouble("not_locked")], "machine", "realtime"),
+    Case("locked in part", ALL, [MachineTrouble("partly_locked")], "machine", "realtime"),
+    Case("hardly any memory", ALL, [MachineTrouble("little_memory")], "machine", "free_memory"),
+    Case("a clock that goes back", ALL, [MachineTrouble("clock_back")], "machine", "clock"),
+    Case("a coarse clock", ALL, [MachineTrouble("clock_coarse")], "machine", "clock"),
+    Case("a date of 1970", ALL, [MachineTrouble("date_wrong")], "machine", "date"),
+    Case("no gpiod", ALL, [MachineTrouble("package_missing")], "machine", "libraries"),
+    Case("a Pi 5", ALL, [MachineTrouble("wrong_model")], "machine", "model"),
+]
+BUSES = [
+    Case("MISO floats high", ALL, [MisoStuck(1)], "buses", "spi_echo"),
+    Case("the DAC does not move", BARE, [DacStuck(200)], "buses", "idle_node"),
+    Case("the source has an offset", BARE, [DacOffset(60.0)], "buses", "idle_node"),
+    *(
+        Case(f"{name} is stuck at {level}", ALL, [StuckLine(name, level)], "buses", "lines")
+        for name in ("POL", "BL", "LE", "CLK", "DATA", "HEARTBEAT", "SYNC")
+        for level in (0, 1)
+    ),
+    Case("CLK is stuck, relays", RELAY, [StuckLine("CLK", 0)], "buses", "lines"),
+    Case("no rail monitor", ALL, [I2cFailure(0x48, "absent")], "buses", "rail_monitor"),
+    Case("the I2C bus is stuck", ALL, [I2cFailure(0x48, "timeout")], "buses", "rail_monitor"),
+    Case("the monitor errs", ALL, [I2cFailure(0x48, "io")], "buses", "rail_monitor"),
+    Case("no set-point", ALL, [I2cFailure(0x60, "absent")], "buses", "rail_setpoint"),
+    Case("a set-point that wakes up", ALL, [SetpointAtPowerUp(900)], "buses", "rail_setpoint"),
+    Case("the stop loop is open", ALL, [StuckLine("EMERGENCY_STOP", 0)], "buses", "emergency_stop"),
+    Case("the stop is bridged", ALL, [StuckLine("EMERGENCY_STOP", 1)], "buses", "emergency_stop"),
+    Case("the wearer's is bridged", ALL, [StuckLine("WEARER_STOP", 1)], "buses", "wearer_stop"),
+    Case("nobody presses", ALL, [], "buses", "emergency_stop", {"is_lazy": True}),
+]
+CHAIN = [
+    Case("read-back is stuck", ALL, [StuckLine("READBACK", 1)], "register", "readback"),
+    Case("DATA is cut", ALL, [LineCut("DATA")], "register", "readback"),
+    Case("CLK is cut", ALL, [LineCut("CLK")], "register", "readback"),
+    Case("a lost clock", ALL, [LostClock(350)], "register", "readback"),
+    Case("slow words", ALL, [SlowWords(8)], "timing", "one_word"),
+    Case("a noisy kernel", ALL, [SpiJitter(3, 20)], "timing", "spread_of_a_message"),
+    Case("SPI fails", ALL, [SpiError(at_message=60)], "timing", "bus"),
+]
+RAIL = [
+    Case("the monitor says 300 V", ALL, [MonitorStuck(300)], "rail", "off"),
+    Case("the monitor says 0 V", ALL, [MonitorStuck(0)], "rail", "rise"),
+    Case("the rail is low", ALL, [RailOff(0.8)], "rail", "rise"),
+    Case("the rail is high", ALL, [RailOff(1.2)], "rail", "rise"),
+    Case("the rail does not come", ALL, [RailOff(0.0)], "rail", "rise"),
+    Case("the rail does not come, relays", RELAY, [RailOff(0.0)], "rail", "rise"),
+    Case("HV ENABLE is cut", ALL, [LineCut("HV")], "rail", "rise"),
+    Case("HEARTBEAT is cut", ALL, [LineCut("HEARTBEAT")], "rail", "rise"),
+    Case("the rail does not fall", ALL, [RailStays()], "rail", "hv_enable"),
+    Case("the rail does not fall, relays", RELAY, [RailStays()], "rail", "hv_enable"),
+    Case("the supply cannot be switched", ALL, [EnableStuck()], "rail", "hv_enable"),
+    Case("the same, relays", RELAY, [EnableStuck()], "rail", "off"),
+    Case("the gate ignores the heartbeat", ALL, [HeartbeatIgnored()], "rail", "heartbeat"),
+    Case("the gate has no latch", ALL, [HeartbeatRearms()], "rail", "heartbeat_latch"),
+    Case(
+        "the emergency stop cuts nothing",
+        ALL,
+        [StopCutsNothing("emergency_stop")],
+        "rail",
+        "emergency_stop_gate",
+    ),
+    Case(
+        "the wearer's stop cuts nothing",
+        ALL,
+        [StopCutsNothing("wearer_stop")],
+        "rail",
+        "wearer_stop_gate",
+    ),
+    Case("a slow monostable", ALL, [HeartbeatSlow(150)], "rail", "heartbeat_window"),
+    *(
+        Case(f"{name} lacks its pull", ALL, [PullMissing(name)], "rail", "killed_lines")
+        for name in ("POL", "BL", "LE", "CLK", "HV")
+    ),
+    Case("POL lacks its pull, no guard", BARE, [PullMissing("POL")], "rail", "killed_lines"),
+    Case("LE lacks its pull, relays", RELAY, [PullMissing("LE")], "rail", "killed_lines"),
+    Case("a stuck DAC behind a supply", ALL, [DacStuck(200)], "rail", "idle_node_live"),
+    Case("an offset behind a supply", ALL, [DacOffset(60.0)], "rail", "idle_node_live"),
+    Case("a stuck DAC before relays", RELAY, [DacStuck(200)], "rail", "rise_idle"),
+]
+PROBE = [
+    Case("MISO is stuck low", ALL, [MisoStuck(0)], "probe", "ramp"),
+    Case("four times the current", ALL, [DacGain(4.1)], "probe", "ramp"),
+    Case("a third more current", ALL, [DacGain(1.3)], "probe", "ramp"),
+    Case("another divider", ALL, [AdcScale(1.3)], "probe", "ramp"),
+    Case("no rail, nobody sees it", BARE, [RailOff(0.0)], "probe", "ramp"),
+    Case("too much current", ALL, [DacGain(1.15)], "probe", "ua_per_code"),
+    Case("too little current", ALL, [DacGain(0.75)], "probe", "ua_per_code"),
+    Case("too small a leak", ALL, [], "probe", "leak", {"leak_factor": 0.75}),
+    Case("too large a leak", ALL, [], "probe", "leak", {"leak_factor": 1.15}),
+    Case("another load", ALL, [], "probe", "load_agrees", {"really_ohm": {LOAD_OHM: 30_000}}),
+    Case("a finger on the array", ALL, [], "probe", "ramp", {"on_skin": True}),
+    Case("LE is cut", BARE, [LineCut("LE")], "probe", "load_agrees"),
+    Case("BL is cut", BARE, [LineCut("BL")], "probe", "load_agrees"),
+    Case("DATA is cut, nobody reads back", BARE, [LineCut("DATA")], "probe", "load_agrees"),
+    Case("the load's output is dead", ALL, [SwitchOutput(1, "open")], "probe", "load_agrees"),
+    Case("an output on ground", ALL, [SwitchOutput(2, "ground")], "probe", "load_agrees"),
+    Case("solder between two", ALL, [Bridge(5, 6)], "probe", "nothing_else"),
+    Case("solder between two, relays", RELAY, [Bridge(5, 6)], "probe", "nothing_else"),
+    Case(
+        "the kernel holds a pulse up",
+        ALL,
+        [SpiStall(500, at_message=150)],
+        "probe",
+        "length_of_a_message",
+    ),
+    Case("two relays at once", RELAY, [AlsoSwitches(5, 6)], "probe", "nothing_else"),
+    Case("the load's wire on another", ALL, [OutputsSwapped(1, 9)], "probe", "nothing_else"),
+    Case("SPI says short", ALL, [SpiShort(at_message=160)], "probe", "bus"),
+]
+STRONG = [
+    Case("a dead output", ALL, [SwitchOutput(9, "open")], "switches", "every_switch"),
+    Case("a dead output, relays", RELAY, [SwitchOutput(9, "open")], "switches", "every_switch"),
+    Case("an output at the source", ALL, [SwitchOutput(9, "source")], "switches", "every_switch"),
+    Case("an output at ground", ALL, [SwitchOutput(9, "ground")], "switches", "every_switch"),
+    *(
+        Case(f"{what}, {board}", board, [OutputsSwapped(5, 9)], "switches", "every_switch")
+        for what, board in (("swapped wires", ALL), ("swapped wires", RELAY))
+    ),
+    Case(
+        "the fixed end's wire on another", ALL, [OutputsSwapped(1, 2)], "switches", "one_at_a_time"
+    ),
+    Case("two outputs at once", ALL, [AlsoSwitches(5, 6)], "switches", "one_at_a_time"),
+    Case("the other way about", BARE, [AlsoSwitches(6, 5)], "switches", "one_at_a_time"),
+    Case("one with the fixed end", ALL, [AlsoSwitches(1, 6)], "switches", "one_at_a_time"),
+    Case("half a switch", ALL, [OutputSeries(9, 15_000)], "switches", "every_switch"),
+    Case("half a switch, relays", RELAY, [OutputSeries(9, 15_000)], "switches", "every_switch"),
+    Case("a fifth of it", ALL, [OutputSeries(9, 5_000)], "switches", "every_switch_again"),
+    Case("a fifth, relays", RELAY, [OutputSeries(9, 5_000)], "switches", "every_switch_again"),
+    Case(
+        "another second load",
+        ALL,
+        [],
+        "switches",
+        "second_load",
+        {"really_ohm": {SECOND_OHM: 30_000}},
+    ),
+    Case("too strong from a code on", ALL, [GainAbove(1_000, 2.0)], "source", "steps"),
+    Case("too strong above probes", RELAY, [GainAbove(60, 1.5)], "source", "steps"),
+    Case("a source that saturates", ALL, [Saturation(4_000)], "source", "linearity"),
+    Case("too weak from a code on", BARE, [GainAbove(1_000, 0.5)], "source", "linearity"),
+    Case("the wrong SPI mode", ALL, [SpiMode(3)], "source", "adc_bits"),
+    Case("a low rail, nobody sees it", BARE, [RailOff(0.8)], "source", "compliance"),
+    Case("a slow one-shot", ALL, [], "source", "one_shot", {"one_shot_us": 900}),
+]
+CASES = [*MACHINE, *BUSES, *CHAIN, *RAIL, *PROBE, *STRONG]
+
+
+def case_id(case: Case) -> str:
+    return case.what.replace(" ", "-")
+
+
+def rig_of(case: Case, **how: Any) -> SelftestRig:
+    return selftest_rig(case.board, faults=case.faults, **{**case.how, **how})
