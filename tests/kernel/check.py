@@ -36,7 +36,10 @@ _CONTRACT = TREE / "tests/contract"
 _EVERYWHERE = ("check_lines.py", "check_faults.py", "check_pulse.py")
 _ONLY: dict[Guest, tuple[str, ...]] = {
     "x86": ("check_kills.py", "check_hog.py"),
-    "uml": ("check_scene.py", "check_selftest.py", "check_unplugged.py", "check_refusals.py"),
+    "uml": (
+        *("check_scene.py", "check_selftest.py", "check_unplugged.py", "check_refusals.py"),
+        *("check_missing.py", "check_understudy.py"),
+    ),
     "service": ("check_service.py", "check_service_kills.py"),
     "service-x86": ("check_service.py", "check_service_kills.py"),
 }

@@ -40,6 +40,8 @@ FIRST_PROCESSOR = {0}
 LAST_PROCESSOR = {max(os.sched_getaffinity(1))}
 #: Above the engine's, its stopper's included.
 HIGHEST_PRIORITY = 98
+#: Who has no group and owns nothing.
+_NOBODY = 65_534
 #: Longer than the answerer takes for any message, so that it is the same for all.
 ANSWERED_AFTER_US = 3_000
 
@@ -82,6 +84,21 @@ def unplugged(bus: Literal["rig-gpio", "rig-spi", "rig-i2c"]) -> Iterator[None]:
         yield
     finally:
         (_DRIVERS / bus / "bind").write_text(bus)
+
+
+@contextmanager
+def without_rights() -> Iterator[None]:
+    """The files are opened, and real time is asked for, as a user without any group."""
+    groups = os.getgroups()
+    os.setgroups([])
+    os.setegid(_NOBODY)
+    os.seteuid(_NOBODY)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+        os.setegid(0)
+        os.setgroups(groups)
 
 
 @contextmanager

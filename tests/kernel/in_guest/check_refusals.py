@@ -1,8 +1,9 @@
-"""What the kernel refuses, and how it is told: lines that are held, no rights, no devices."""
+"""What the kernel refuses, and how it is told: lines held, no real time, what it misreads."""
 
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import gc
 import mmap
 import os
@@ -11,25 +12,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import pytest
 
+import kernel_trace
 from etd.selftest.realtime import missing
-from etd_hal.boardfile import load_machine
-from etd_hal.compose import Backend, line_setup, open_linux
+from etd_hal.compose import Backend, line_setup
 from etd_hal.errors import BusError, HardwareMissing
-from etd_hal.linux import open_to_make_safe
+from etd_hal.linux import open_to_make_safe, uapi
 from etd_hal.linux.gpio import LinuxGpio, find_chip, holders, open_gpio
 from etd_hal.linux.machine import facts
 from etd_hal.linux.realtime import obtained, set_up
 from etd_hal.ports import LineSetup, Message, Transfer
-from guest_board import BOARD, MACHINE, TREE, Chips, unplugged
+from guest_board import BOARD, Chips, unplugged, without_rights
 
 LINES = BOARD.used_lines()
 OUTPUT, INPUT = LINES["DATA"], LINES["READBACK"]
-NOBODY = 65_534
 UNLOCKED_BYTES = 8 << 20
+#: Of <linux/spi/spidev.h>; 14 bits of it are the size of what is passed.
+SPI_IOC_MESSAGE_0 = 0x40006B00
 #: Zero words at code 0: nothing is fired here.
 ZERO = Transfer(bytes(2))
 
@@ -41,27 +42,6 @@ def held_by_somebody(line: int) -> Iterator[LinuxGpio]:
     taken = open_gpio(find_chip(BOARD.gpio_chip_labels), setup)
     yield taken
     taken.close()
-
-
-@contextmanager
-def without_rights() -> Iterator[None]:
-    """The files are opened, and real time is asked for, as a user without any group."""
-    groups = os.getgroups()
-    os.setgroups([])
-    os.setegid(NOBODY)
-    os.seteuid(NOBODY)
-    try:
-        yield
-    finally:
-        os.seteuid(0)
-        os.setegid(0)
-        os.setgroups(groups)
-
-
-def problems() -> tuple[str, ...]:
-    with pytest.raises(HardwareMissing) as raised:
-        open_linux(BOARD, MACHINE)
-    return raised.value.problems
 
 
 @pytest.fixture
@@ -122,29 +102,7 @@ class TestLines:
         assert raised.value.kind == "absent"
 
 
-class TestMissing:
-    @pytest.mark.parametrize(
-        ("bus", "device"), [("rig-spi", BOARD.source.spi), ("rig-i2c", BOARD.i2c)]
-    )
-    def test_a_bus_that_is_not_there_is_named_with_what_to_do(
-        self, chips: Chips, bus: Literal["rig-spi", "rig-i2c"], device: str
-    ) -> None:
-        with unplugged(bus):
-            (told,) = problems()
-        assert device in told
-        assert "raspi-config" in told
-
-    def test_without_rights_all_that_is_closed_is_told_at_once(self, chips: Chips) -> None:
-        with without_rights():
-            told = problems()
-        assert len(told) == 3
-        assert all("join the groups gpio, spi and i2c" in sentence for sentence in told)
-
-    def test_the_machine_file_of_another_machine_is_refused(self, chips: Chips) -> None:
-        pi4 = load_machine(TREE / "config/machines/pi4.toml")
-        with pytest.raises(HardwareMissing, match="name the right machine file"):
-            open_linux(BOARD, pi4)
-
+class TestRealTime:
     def test_what_is_not_granted_of_real_time_is_told(self, quiet_interpreter: None) -> None:
         with without_rights():
             told = set_up(80, None)
@@ -186,6 +144,17 @@ class TestMessages:
         with pytest.raises(BusError) as raised:
             ports.spi.transfer(message)
         assert raised.value.kind == "invalid"
+
+    def test_a_message_of_512_transfers_is_taken_by_the_kernel_and_not_sent(
+        self, ports: Backend
+    ) -> None:
+        """Its size no longer fits into the request's number, which then asks for nothing."""
+        number = SPI_IOC_MESSAGE_0 | (512 * uapi.TRANSFER_BYTES & 0x3FFF) << 16
+        with Path(BOARD.source.spi).open("rb+", buffering=0) as device:
+            assert fcntl.ioctl(device, number, bytearray(512 * uapi.TRANSFER_BYTES)) == 0
+        assert list(kernel_trace.messages(kernel_trace.events())) == []
+        with pytest.raises(ValueError, match="not 512"):
+            uapi.spi_ioc_message(512)
 
     def test_an_i2c_transaction_of_nothing_is_refused(self, ports: Backend) -> None:
         assert ports.i2c is not None
