@@ -6,6 +6,7 @@ import pytest
 
 from engine_parts import board_file, body_site
 from etd.engine.contact import ContactMap
+from etd.stabilize.belief import BELIEVED_NS
 
 #: 300 uA across a leak of 66 k and nothing else.
 OPEN_V = 19.8
@@ -124,11 +125,20 @@ def at(contact: ContactMap, skin_ohm: float, now_ms: int, told_ua: int = 2_000) 
     contact.learn(0, told_ua, node_v, now_ms * MS)
 
 
-def test_a_contact_that_was_always_there_is_closed() -> None:
+def lying(skin_ohm: float, until_ms: int, told_ua: int = 2_000) -> ContactMap:
+    """A contact that was there for as long as it takes to be closed."""
+    contact = contact_map()
+    for now_ms in range(until_ms - 3_200, until_ms + 1, 800):
+        at(contact, skin_ohm, now_ms, told_ua)
+    return contact
+
+
+def test_a_contact_is_soft_at_first_and_then_closed() -> None:
     contact = contact_map()
     assert contact.state(0, 0) == "unknown"
     at(contact, 50_000, 0)
-    assert contact.state(0, MS) == "closed"
+    assert contact.state(0, MS) == "soft"
+    assert contact.state(0, SOFTEN_MS * MS) == "closed"
 
 
 def test_a_contact_made_anew_is_soft_for_a_while() -> None:
@@ -142,8 +152,7 @@ def test_a_contact_made_anew_is_soft_for_a_while() -> None:
 
 
 def test_a_resistance_that_rises_by_half_from_pulse_to_pulse_is_peeling() -> None:
-    contact = contact_map()
-    at(contact, 50_000, 0)
+    contact = lying(50_000, 0)
     at(contact, 74_000, 16)
     assert contact.state(0, 16 * MS) == "closed"
     at(contact, 112_000, 32)
@@ -151,8 +160,7 @@ def test_a_resistance_that_rises_by_half_from_pulse_to_pulse_is_peeling() -> Non
 
 
 def test_a_weaker_pulse_that_reads_higher_is_no_peeling() -> None:
-    contact = contact_map()
-    at(contact, 50_000, 0, told_ua=2_000)
+    contact = lying(50_000, 0)
     at(contact, 100_000, 16, told_ua=1_000)
     assert contact.state(0, 16 * MS) == "closed"
 
@@ -175,6 +183,73 @@ def test_a_short_to_a_neighbor_is_told_and_ends_well_above_where_it_began() -> N
     assert contact.state(0, 0) == "shorted"
     at(contact, 2_000, 16)
     assert contact.state(0, 16 * MS) == "shorted"
-    at(contact, 2_300, 1_000)
-    at(contact, 2_300, 2_000)
-    assert contact.state(0, 3_000 * MS) == "closed"
+    at(contact, 2_300, 800)
+    assert contact.state(0, 1_600 * MS) == "closed"
+
+
+# --- and how long it is known -------------------------------------------------------------------
+
+BELIEVED_MS = BELIEVED_NS // MS
+
+
+def test_a_contact_that_no_pulse_visits_is_not_known_after_a_second() -> None:
+    contact = lying(50_000, 0)
+    assert contact.state(0, BELIEVED_NS - 1) == "closed"
+    assert contact.state(0, BELIEVED_NS) == "unknown"
+    assert contact.is_touched[0] is None
+    assert contact.resistance_ohm[0] is None
+    assert contact.voltage_v[0] is None
+
+
+def test_a_touch_after_a_pause_is_soft_and_not_one_that_looks_have_followed() -> None:
+    paused, looked_at = lying(50_000, 0), lying(50_000, 0)
+    for now_ms in range(500, 3_001, 500):
+        looked_at.learn(0, 300, TOUCHED_V, now_ms * MS)
+    for contact in (paused, looked_at):
+        at(contact, 50_000, 3_016)
+    assert paused.state(0, 3_016 * MS) == "soft"
+    assert paused.firmness(0, 3_016 * MS) == 0.0
+    assert looked_at.state(0, 3_016 * MS) == "closed"
+
+
+def test_what_was_found_open_stays_open_until_it_is_touched_again() -> None:
+    contact = contact_map()
+    at(contact, 1e9, 0)
+    assert contact.state(0, 100 * BELIEVED_NS) == "open"
+    assert contact.is_touched[0] is False
+    assert contact.learn(0, 300, TOUCHED_V, 101 * BELIEVED_NS), "its own ramp begins"
+
+
+def test_after_a_pause_hysteresis_begins_anew_on_the_open_side() -> None:
+    contact = lying(50_000, 0)
+    contact.learn(0, 300, 0.86 * OPEN_V, BELIEVED_NS)
+    assert contact.is_touched[0] is False
+
+
+def test_an_overstrained_or_shorted_contact_is_not_known_after_a_pause_either() -> None:
+    contact = contact_map()
+    contact.learn(0, 6_000, 299.0, 0)
+    at_short = contact_map()
+    at(at_short, 1_400, 0)
+    for one in (contact, at_short):
+        assert one.state(0, BELIEVED_NS) in ("unknown", "open")
+    assert contact.undelivered_ua[0] is None
+    at(at_short, 2_000, BELIEVED_MS)
+    assert at_short.state(0, BELIEVED_NS) == "soft"
+
+
+def test_a_rise_over_a_pause_is_no_peeling_but_a_new_contact() -> None:
+    contact = lying(50_000, 0)
+    at(contact, 120_000, BELIEVED_MS)
+    assert contact.state(0, BELIEVED_NS) == "soft"
+    assert contact.state(0, BELIEVED_NS + SOFTEN_MS * MS) == "closed"
+
+
+def test_a_contact_that_was_seen_to_be_as_before_is_closed_and_an_open_one_is_not() -> None:
+    contact = lying(50_000, 0)
+    contact.is_as_before(0, BELIEVED_NS)
+    at(contact, 50_000, BELIEVED_MS)
+    assert contact.state(0, BELIEVED_NS) == "closed"
+    at(contact, 1e9, BELIEVED_MS + 16)
+    contact.is_as_before(0, 3 * BELIEVED_NS)
+    assert contact.is_touched[0] is False

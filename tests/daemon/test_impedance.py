@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from engine_parts import board_file
 from etd.engine.impedance import BEFORE_END_US, EARLY_US, ImpedanceMap, Samples
+from etd.stabilize.belief import BELIEVED_NS
 
 LEAK_OHM, COMPLIANCE_V = 66_000.0, 300.0
 
@@ -53,43 +54,43 @@ def impedances() -> ImpedanceMap:
 @pytest.mark.parametrize("width_us", [35.0, 50.0, 200.0])
 def test_two_samples_tell_resistance_and_capacitance(skin_ohm: int, width_us: float) -> None:
     found = impedances()
-    assert found.learn(1, pulse(skin_ohm, width_us=width_us)) is None
-    assert found.skin_ohm(1) == pytest.approx(skin_ohm, rel=0.03)
-    assert found.capacitance_nf(1) == pytest.approx(0.3, rel=0.05)
+    assert found.learn(1, pulse(skin_ohm, width_us=width_us), 0) is None
+    assert found.skin_ohm(1, 0) == pytest.approx(skin_ohm, rel=0.03)
+    assert found.capacitance_nf(1, 0) == pytest.approx(0.3, rel=0.05)
     assert found.at_ua(1) == 2_000
 
 
 @pytest.mark.parametrize("series_ohm", [1_000, 3_000])
 def test_what_is_assumed_of_the_series_part_costs_little(series_ohm: int) -> None:
     found = impedances()
-    found.learn(1, pulse(50_000, series_ohm=series_ohm))
-    assert found.skin_ohm(1) == pytest.approx(50_000, rel=0.01)
-    assert found.capacitance_nf(1) == pytest.approx(0.3, rel=0.1)
+    found.learn(1, pulse(50_000, series_ohm=series_ohm), 0)
+    assert found.skin_ohm(1, 0) == pytest.approx(50_000, rel=0.01)
+    assert found.capacitance_nf(1, 0) == pytest.approx(0.3, rel=0.1)
 
 
 def test_a_pulse_without_an_end_sample_goes_by_the_time_constant_of_wider_ones() -> None:
     found = impedances()
-    found.learn(1, pulse(30_000, 1.0))
-    found.learn(1, pulse(30_000, 1.0, width_us=25.0))
-    assert found.skin_ohm(1) == pytest.approx(30_000, rel=0.05)
+    found.learn(1, pulse(30_000, 1.0), 0)
+    found.learn(1, pulse(30_000, 1.0, width_us=25.0), 0)
+    assert found.skin_ohm(1, 0) == pytest.approx(30_000, rel=0.05)
 
 
 def test_without_a_wider_pulse_it_is_an_estimate_with_an_assumed_time_constant() -> None:
     found = impedances()
-    found.learn(1, pulse(50_000, width_us=25.0))
-    assert found.skin_ohm(1) == pytest.approx(50_000, rel=0.1)
-    assert found.capacitance_nf(1) is None
+    found.learn(1, pulse(50_000, width_us=25.0), 0)
+    assert found.skin_ohm(1, 0) == pytest.approx(50_000, rel=0.1)
+    assert found.capacitance_nf(1, 0) is None
 
 
 def test_a_node_that_is_not_at_rest_before_the_pulse_is_not_believed() -> None:
     found = impedances()
-    found.learn(1, pulse(50_000))
+    found.learn(1, pulse(50_000), 0)
     stuck = Samples(2_000, 100.0, 57.0, 57.0, 57.0)
-    assert found.learn(1, stuck) == "adc"
-    assert found.skin_ohm(1) is None
-    assert found.learn(1, stuck) is None, "it is told once"
-    found.learn(1, pulse(50_000))
-    assert found.skin_ohm(1) == pytest.approx(50_000, rel=0.03)
+    assert found.learn(1, stuck, 0) == "adc"
+    assert found.skin_ohm(1, 0) is None
+    assert found.learn(1, stuck, 0) is None, "it is told once"
+    found.learn(1, pulse(50_000), 0)
+    assert found.skin_ohm(1, 0) == pytest.approx(50_000, rel=0.03)
 
 
 @given(volts=st.floats(0.1, 60.0), told_ua=st.integers(301, 8_000), width_us=st.integers(20, 200))
@@ -97,10 +98,10 @@ def test_a_value_that_stands_still_is_never_believed_whatever_it_is(
     volts: float, told_ua: int, width_us: int
 ) -> None:
     found = impedances()
-    found.learn(1, pulse(50_000))
+    found.learn(1, pulse(50_000), 0)
     end_v = volts if width_us >= 33 else None
-    assert found.learn(1, Samples(told_ua, width_us, volts, volts, end_v)) == "adc"
-    assert (found.skin_ohm(1), found.last_ohm(1)) == (None, None)
+    assert found.learn(1, Samples(told_ua, width_us, volts, volts, end_v), 0) == "adc"
+    assert (found.skin_ohm(1, 0), found.last_ohm(1)) == (None, None)
 
 
 @pytest.mark.parametrize(("resting_v", "is_believed"), [(0.27, True), (0.36, False)])
@@ -108,15 +109,15 @@ def test_a_weak_pulse_may_have_an_offset_before_it_and_no_more(
     resting_v: float, is_believed: bool
 ) -> None:
     found = impedances()
-    doubt = found.learn(1, Samples(350, 100.0, resting_v, 0.8, 0.9))
+    doubt = found.learn(1, Samples(350, 100.0, resting_v, 0.8, 0.9), 0)
     assert doubt == (None if is_believed else "adc")
 
 
 def test_what_a_probe_left_in_the_skin_is_no_doubt_and_what_no_skin_keeps_is() -> None:
     found = impedances()
-    assert found.learn(1, Samples(500, 100.0, 2.6, 9.0, 10.5)) is None
-    assert found.learn(1, Samples(500, 100.0, 3.6, 9.0, 10.5)) == "adc"
-    assert found.learn(2, Samples(2_000, 100.0, 5.1, 50.0, 60.0)) == "adc"
+    assert found.learn(1, Samples(500, 100.0, 2.6, 9.0, 10.5), 0) is None
+    assert found.learn(1, Samples(500, 100.0, 3.6, 9.0, 10.5), 0) == "adc"
+    assert found.learn(2, Samples(2_000, 100.0, 5.1, 50.0, 60.0), 0) == "adc"
 
 
 @pytest.mark.parametrize(
@@ -124,40 +125,90 @@ def test_what_a_probe_left_in_the_skin_is_no_doubt_and_what_no_skin_keeps_is() -
 )
 def test_a_resistance_that_no_skin_has_is_not_believed(end_v: float, doubt: str) -> None:
     found = impedances()
-    assert found.learn(1, Samples(2_000, 100.0, 0.0, end_v, end_v)) == doubt
-    assert found.skin_ohm(1) is None
+    assert found.learn(1, Samples(2_000, 100.0, 0.0, end_v, end_v), 0) == doubt
+    assert found.skin_ohm(1, 0) is None
 
 
 def test_a_source_at_its_end_tells_nothing() -> None:
     found = impedances()
-    assert found.learn(1, Samples(8_000, 100.0, 0.0, 280.0, 290.0)) == "compliance"
-    assert found.skin_ohm(1) is None
+    assert found.learn(1, Samples(8_000, 100.0, 0.0, 280.0, 290.0), 0) == "compliance"
+    assert found.skin_ohm(1, 0) is None
 
 
 def test_readings_that_flicker_are_noise_and_those_that_drift_or_step_are_not() -> None:
     flickering, drifting, stepping = impedances(), impedances(), impedances()
     doubts = [
-        flickering.learn(1, pulse(50_000, noise=1.0 if step % 2 else 0.75)) for step in range(20)
+        flickering.learn(1, pulse(50_000, noise=1.0 if step % 2 else 0.75), 0) for step in range(20)
     ]
-    assert doubts.count("noise") == 1
-    assert flickering.skin_ohm(1) is None
+    assert doubts.count("flicker") == 1
+    assert flickering.skin_ohm(1, 0) is None
     for step in range(20):
-        assert drifting.learn(1, pulse(50_000 * 0.97**step)) is None
-        assert stepping.learn(1, pulse(50_000 if step < 10 else 25_000)) is None
-    assert stepping.skin_ohm(1) == pytest.approx(25_000, rel=0.03)
+        assert drifting.learn(1, pulse(50_000 * 0.97**step), 0) is None
+        assert stepping.learn(1, pulse(50_000 if step < 10 else 25_000), 0) is None
+    assert stepping.skin_ohm(1, 0) == pytest.approx(25_000, rel=0.03)
 
 
 def test_small_noise_is_averaged_and_a_step_is_taken_at_once() -> None:
     found = impedances()
     for step in range(20):
-        found.learn(1, pulse(50_000, noise=1.01 if step % 2 else 0.99))
-    assert found.skin_ohm(1) == pytest.approx(50_000, rel=0.015)
-    found.learn(1, pulse(80_000))
-    assert found.skin_ohm(1) == pytest.approx(80_000, rel=0.03)
+        found.learn(1, pulse(50_000, noise=1.01 if step % 2 else 0.99), 0)
+    assert found.skin_ohm(1, 0) == pytest.approx(50_000, rel=0.015)
+    found.learn(1, pulse(80_000), 0)
+    assert found.skin_ohm(1, 0) == pytest.approx(80_000, rel=0.03)
 
 
 def test_forgetting_leaves_everything_unknown() -> None:
     found = impedances()
-    found.learn(1, pulse(50_000))
+    found.learn(1, pulse(50_000), 0)
     found.forget()
-    assert found.skin_ohm(1) is None
+    assert found.skin_ohm(1, 0) is None
+
+
+# --- how long it is known -----------------------------------------------------------------------
+
+
+def test_what_no_pulse_has_told_for_a_second_is_not_known() -> None:
+    found = impedances()
+    found.learn(1, pulse(50_000), 0)
+    assert found.skin_ohm(1, BELIEVED_NS - 1) is not None
+    assert not found.is_too_old(1, BELIEVED_NS - 1)
+    assert found.skin_ohm(1, BELIEVED_NS) is None
+    assert found.capacitance_nf(1, BELIEVED_NS) is None
+    assert found.is_too_old(1, BELIEVED_NS)
+    assert found.last_ohm(1) == pytest.approx(50_000, rel=0.03), "for a probe to compare with"
+    assert not found.is_too_old(2, BELIEVED_NS), "nobody ever knew anything of it"
+
+
+def test_after_a_pause_the_next_pulse_counts_alone() -> None:
+    found = impedances()
+    for step in range(20):
+        found.learn(1, pulse(50_000), step)
+    found.learn(1, pulse(45_000), BELIEVED_NS + 20)
+    assert found.skin_ohm(1, BELIEVED_NS + 20) == pytest.approx(45_000, rel=0.01)
+
+
+def test_after_a_pause_a_time_constant_of_another_contact_is_not_used() -> None:
+    found = impedances()
+    found.learn(1, pulse(30_000, 1.0), 0)
+    found.learn(1, pulse(50_000, width_us=25.0), BELIEVED_NS)
+    assert found.skin_ohm(1, BELIEVED_NS) == pytest.approx(50_000, rel=0.1)
+
+
+def test_what_flickers_is_no_more_believed_after_a_pause_than_before() -> None:
+    found = impedances()
+    for step in range(20):
+        found.learn(1, pulse(50_000, noise=1.0 if step % 2 else 0.75), step)
+    found.learn(1, pulse(50_000), BELIEVED_NS + 20)
+    assert found.skin_ohm(1, BELIEVED_NS + 20) is None
+    for step in range(20):
+        found.learn(1, pulse(50_000), BELIEVED_NS + 21 + step)
+    assert found.skin_ohm(1, BELIEVED_NS + 41) is not None
+
+
+def test_noise_that_lasts_longer_than_what_is_believed_ends_with_the_noise() -> None:
+    found, now_ns = impedances(), 0
+    for step in range(60):
+        now_ns = step * 100_000_000
+        is_noisy = step < 40
+        found.learn(1, pulse(50_000, noise=0.75 if is_noisy and step % 2 else 1.0), now_ns)
+    assert found.skin_ohm(1, now_ns) is not None

@@ -44,13 +44,20 @@ def test_what_is_not_believed_is_told_once_while_a_board_is_live() -> None:
     stream = io.StringIO()
     journal = Journal("main", stream)
     for state, count in (("ARMED", 0), ("ARMED", 1), ("ARMED", 2), ("SAFE", 2), ("ARMED", 2)):
-        journal.state(report(state, counters={"not_believed_noise": count}))
-    journal.state(report("ARMED", counters={"not_believed_noise": 3}))
+        journal.state(report(state, counters={"not_believed_flicker": count}))
+    journal.state(report("ARMED", counters={"not_believed_flicker": 3}))
     told = [line for line in lines_of(journal, stream) if "not stabilized" in line]
-    assert (
-        told
-        == ["etd main: not stabilized for a while: resistances flicker from pulse to pulse"] * 2
-    )
+    why = "resistances flicker (a noisy ADC, a shaking hand)"
+    assert told == [f"etd main: not stabilized for a while: {why}"] * 2
+
+
+def test_a_pulse_that_a_probe_withheld_is_told_once_while_a_board_is_live() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    for count in (0, 1, 2):
+        journal.state(report("ARMED", counters={"probes_alone": count}))
+    (told,) = [line for line in lines_of(journal, stream) if "withheld" in line]
+    assert "not stabilized" not in told
 
 
 def test_a_lease_is_told_when_it_begins_and_when_it_ends() -> None:

@@ -8,7 +8,18 @@ import msgspec
 
 from etd.apps.monitor import CONTACT_SIGNS, Monitor, Panel
 from etd.gateway.replies import hello
-from etd.protocol import Contact, Endpoints, Fired, Hello, HelloReply, Modelled, Scan, Shown
+from etd.protocol import (
+    Contact,
+    Endpoints,
+    Fired,
+    Hello,
+    HelloReply,
+    Modelled,
+    Scan,
+    Shown,
+    StateReport,
+)
+from etd.stabilize.belief import BELIEVED_NS
 from scripted_engine import greeting
 
 
@@ -74,6 +85,21 @@ def test_after_a_frame_has_ended_nothing_is_delivered_and_contact_stays() -> Non
     made.hear(scan(is_ended=True))
     assert set(panel(made, "delivered").bright) == {0.0}
     assert panel(made, "contact").signs == ["#", "?", "!", "?"]
+
+
+def test_what_nobody_has_told_for_a_second_is_drawn_as_unknown() -> None:
+    made = monitor()
+    made.hear(scan())
+    made.hear(state(BELIEVED_NS - 1))
+    assert panel(made, "contact").signs == ["#", "?", "!", "?"]
+    made.hear(state(BELIEVED_NS))
+    assert panel(made, "contact").signs == ["?"] * 4
+    assert panel(made, "resistance").bright == [None] * 4
+    assert "0 of 4 touch the skin" in made.line()
+
+
+def state(now_ns: int) -> StateReport:
+    return StateReport(state="ARMED", now_ns=now_ns, engine="there")
 
 
 def test_a_contact_that_is_saturated_or_shorted_is_seen_at_once() -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from etd.engine.sharing import FRESH_NS, LOOK_AGAIN_NS, Sharing
+from etd.engine.sharing import Sharing
+from etd.stabilize.belief import BELIEVED_NS, LOOK_AGAIN_NS
 
 
 def seen(*touches: bool, at_ns: int = 0) -> Sharing:
@@ -34,11 +35,11 @@ def test_forgetting_is_knowing_nothing() -> None:
 
 def test_a_look_is_believed_for_a_second() -> None:
     sharing = seen(True, True, True, True)
-    sharing.learn(1, True, FRESH_NS // 2)
-    sharing.learn(2, True, FRESH_NS // 2)
-    assert sharing.largest(0, FRESH_NS - 1) == pytest.approx(1 / 3)
-    assert sharing.largest(0, FRESH_NS) == 1 / 2
-    assert sharing.largest(0, FRESH_NS + FRESH_NS // 2) == 1.0
+    sharing.learn(1, True, BELIEVED_NS // 2)
+    sharing.learn(2, True, BELIEVED_NS // 2)
+    assert sharing.largest(0, BELIEVED_NS - 1) == pytest.approx(1 / 3)
+    assert sharing.largest(0, BELIEVED_NS) == 1 / 2
+    assert sharing.largest(0, BELIEVED_NS + BELIEVED_NS // 2) == 1.0
 
 
 def test_what_will_be_known_once_looked_is_told_before() -> None:
@@ -67,9 +68,9 @@ def test_one_that_never_touched_is_not_lost() -> None:
 
 def test_looks_are_wanted_only_where_they_would_help() -> None:
     sharing = seen(True, True, True)
-    sharing.want(FRESH_NS - 1)
+    sharing.want(BELIEVED_NS - 1)
     assert not sharing.is_wanted
-    sharing.want(FRESH_NS)
+    sharing.want(BELIEVED_NS)
     assert sharing.is_wanted
     sharing.forget()
     assert not sharing.is_wanted
@@ -84,6 +85,6 @@ def test_those_who_are_known_not_to_touch_need_no_look() -> None:
 def test_the_next_look_is_due_half_a_second_after_the_last() -> None:
     sharing = Sharing(2)
     assert sharing.is_due(1, 0)
-    sharing.learn(1, True, FRESH_NS)
-    assert not sharing.is_due(1, FRESH_NS + LOOK_AGAIN_NS - 1)
-    assert sharing.is_due(1, FRESH_NS + LOOK_AGAIN_NS)
+    sharing.learn(1, True, BELIEVED_NS)
+    assert not sharing.is_due(1, BELIEVED_NS + LOOK_AGAIN_NS - 1)
+    assert sharing.is_due(1, BELIEVED_NS + LOOK_AGAIN_NS)

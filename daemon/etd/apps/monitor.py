@@ -1,7 +1,7 @@
 """What the daemon reports, gathered into what a person wants to see at a glance.
 
-Owns: the latest of each report, the panels of the picture, and the line of state. Must not know:
-the terminal, where the reports come from.
+Owns: the latest of each report, for how long what it tells of skin is shown, the panels of the
+picture, and the line of state. Must not know: the terminal, where the reports come from.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from etd.protocol import (
     Scan,
     StateReport,
 )
+from etd.stabilize.belief import is_old
 
 #: From silent to strong.
 SIGNS = "·░▒▓█"
@@ -71,6 +72,8 @@ class Monitor:
     refused: RefusedReport | None = None
     _contact: dict[int, ContactState] = field(default_factory=dict)
     _known_ohm: dict[int, int] = field(default_factory=dict)
+    #: When contact and resistance of an electrode were told.
+    _told_ns: dict[int, int] = field(default_factory=dict)
 
     def hear(self, report: object) -> None:
         """Any telemetry report."""
@@ -81,6 +84,7 @@ class Monitor:
                 self.ceiling_ua = report.ceiling_ua
                 self.pulses = report.counters.get("pulses", self.pulses)
                 self.frames = report.counters.get("frames_shown", self.frames)
+                self._let_go(report.now_ns)
             case Scan():
                 self._hear_scan(report)
             case Contact():
@@ -100,7 +104,9 @@ class Monitor:
         for electrode, state in enumerate(scan.fired.contact):
             if state is not None:
                 self._contact[electrode] = state
+                self._told_ns[electrode] = scan.now_ns
                 self._set_ohm(electrode, scan.fired.resistance_ohm[electrode])
+        self._let_go(scan.now_ns)
 
     def _hear_contact(self, report: Contact) -> None:
         for electrode, touches in enumerate(report.contact):
@@ -110,7 +116,16 @@ class Monitor:
                 None: "unknown",
             }
             self._contact[electrode] = kinds[touches]
+            self._told_ns[electrode] = report.t_ns
             self._set_ohm(electrode, report.resistance_ohm[electrode])
+
+    def _let_go(self, now_ns: int) -> None:
+        """Of what the engine does not believe any more: it is drawn as unknown."""
+        old = [one for one, told_ns in self._told_ns.items() if is_old(told_ns, now_ns)]
+        for electrode in old:
+            del self._told_ns[electrode]
+            self._contact[electrode] = "unknown"
+            self._known_ohm.pop(electrode, None)
 
     def _set_ohm(self, electrode: int, resistance_ohm: int | None) -> None:
         if resistance_ohm is None:

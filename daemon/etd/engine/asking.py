@@ -16,6 +16,7 @@ from etd.engine.contact import ContactMap
 from etd.engine.impedance import ImpedanceMap, Samples
 from etd.engine.plan import Visit
 from etd.engine.reporting import Reporter
+from etd.stabilize.contact import Contact
 from etd.stabilize.pipeline import Known, Stabilizer, Wish, ask_all, reach_of
 
 
@@ -49,7 +50,10 @@ class Asker:
         self._reporter = reporter
         self._calibration: Calibration | None = None
         self._dead: set[int] = set()
+        self._old: set[int] = set()
         self.reach = reach_of(self._stabilizers)
+        #: A law that makes more of a contact that stayed than of a new one.
+        self.goes_by_contact = any(isinstance(one, Contact) for one in self._stabilizers)
 
     def serve(self, calibration: Calibration | None) -> None:
         """Another person, perhaps: with this calibration, or without one."""
@@ -59,6 +63,7 @@ class Asker:
     def forget(self) -> None:
         """The supply was off: whoever touched may have gone."""
         self._impedance.forget()
+        self._old.clear()
         for stabilizer in self._stabilizers:
             stabilizer.forget()
 
@@ -66,20 +71,25 @@ class Asker:
         """What is wanted of this visit, all told: no wider than its slot."""
         if not self._stabilizers:
             return visit.wish
-        return self._asked(visit, self.known(visit.electrode, now_ns))
+        known = self.known(visit.electrode, now_ns)
+        if visit.probe is not None and known.state == "unknown":
+            # A probe goes first and tells of the contact: what it does not find is taken away then.
+            known = structs.replace(known, state="closed")
+        return self._asked(visit, known)
 
     def wish_again(
         self, visit: Visit, before: Wish, expected_ohm: float | None, now_ns: int
     ) -> Wish:
         """The same, when a probe has told more of this very moment: with the skin resistance that
-        it makes expected, where that is more than what is known. Never more than was wished for
-        without the probe, whatever it says: no current and no width rises by it.
+        it makes expected, where that is more than what is known, or what is known is too old.
+        Never more than was wished for before the probe, whatever it says: no current and no width
+        rises by it.
         """
         if not self._stabilizers:
             return before
         known = self.known(visit.electrode, now_ns)
-        if expected_ohm is not None and known.skin_ohm is not None:
-            known = structs.replace(known, skin_ohm=max(known.skin_ohm, expected_ohm))
+        if expected_ohm is not None:
+            known = structs.replace(known, skin_ohm=max(known.skin_ohm or 0.0, expected_ohm))
         return before.not_above(self._asked(visit, known))
 
     def _asked(self, visit: Visit, known: Known) -> Wish:
@@ -103,9 +113,21 @@ class Asker:
             self.not_believed("pressure")
         return kpa
 
+    def _skin_ohm(self, electrode: int, now_ns: int) -> float | None:
+        """What was believed and is too old is counted once, until a pulse tells anew."""
+        impedance = self._impedance
+        if impedance.is_too_old(electrode, now_ns):
+            if electrode not in self._old:
+                self._old.add(electrode)
+                self.not_believed("old")
+        else:
+            self._old.discard(electrode)
+        return impedance.skin_ohm(electrode, now_ns)
+
     def known(self, electrode: int, now_ns: int) -> Known:
         """All that stabilizers get to see."""
         contact, impedance = self._contact, self._impedance
+        state = contact.state(electrode, now_ns)
         person = None if self._calibration is None else self._calibration.electrode[electrode]
         return Known(
             electrode=electrode,
@@ -113,10 +135,10 @@ class Asker:
             resistance_ohm=contact.resistance_ohm[electrode],
             voltage_v=contact.voltage_v[electrode],
             now_ns=now_ns,
-            state=contact.state(electrode, now_ns),
+            state=state,
             firmness=contact.firmness(electrode, now_ns),
             undelivered_ua=contact.undelivered_ua[electrode],
-            skin_ohm=impedance.skin_ohm(electrode),
+            skin_ohm=self._skin_ohm(electrode, now_ns),
             skin_at_ua=impedance.at_ua(electrode),
             reference_ohm=None if person is None else person.resistance_ohm,
             reference_at_ua=None if person is None else person.comfortable_ua,
@@ -128,10 +150,10 @@ class Asker:
         """Counted once, when it begins."""
         self._reporter.counters[f"not_believed_{what}"] += 1
 
-    def learn(self, electrode: int, samples: Samples) -> None:
+    def learn(self, electrode: int, samples: Samples, now_ns: int) -> None:
         """What a stimulus pulse said; that it is not believed is counted once, when it begins."""
         if not self._stabilizers:
             return
-        doubt = self._impedance.learn(electrode, samples)
+        doubt = self._impedance.learn(electrode, samples, now_ns)
         if doubt is not None:
             self.not_believed(doubt)

@@ -1,22 +1,27 @@
 """Which electrodes are touched, and how: as far as pulses have told.
 
-Owns: contact by threshold with hysteresis, the resistance with the leak taken out, and the state of
-each contact. Must not know: what follows from it, clocks, hardware beyond its constants.
+Owns: contact by threshold with hysteresis, the resistance with the leak taken out, the state of
+each contact, and how long that is known. Must not know: what follows from it, clocks (time comes
+in), hardware beyond its constants.
 
 With nothing connected the node rises to I x leak, or to the compliance: the open-circuit
 signature. A touched electrode holds it well below. Both thresholds are fractions of that
-signature, from the body-site file. An electrode that no pulse has visited is unknown.
+signature, from the body-site file. An electrode that no pulse has visited is unknown, and so is one
+that none has visited for as long as `belief` has it: whoever touched may have gone and come back.
+What was found open stays open until a pulse tells otherwise, since less goes there.
 
-States: `open`; `soft`, for a while after a contact was made anew or shrank (its resistance rose by
-half from one pulse to the next: peeling); `saturated`, when a strong pulse ended near the
-compliance, so that less was delivered than asked (whether anything touches, the next weak pulse
-tells); `shorted`, when it resists less than skin can, as beside a neighbor under paste; `closed`.
+States: `open`; `soft`, for a while after a contact was made anew (after none, or after it was not
+known) or shrank (its resistance rose by half from one pulse to the next: peeling); `saturated`,
+when a strong pulse ended near the compliance, so that less was delivered than asked (whether
+anything touches, the next weak pulse tells); `shorted`, when it resists less than skin can, beside
+a neighbor under paste; `closed`.
 """
 
 from __future__ import annotations
 
 from etd.bodysite import SiteContact
 from etd.protocol import ContactState
+from etd.stabilize.belief import LOOK_AGAIN_NS, is_old
 from etd_hal.boardfile import Source
 
 #: Of the compliance: above, a pulse was not delivered; below the second, one was again.
@@ -30,7 +35,9 @@ _SHORT_ENDS = 1.5
 
 
 class ContactMap:
-    """Contact, resistance and voltage of every electrode; None where unknown."""
+    """Contact, resistance and voltage of every electrode; None where unknown. The lists are what
+    pulses told last; what of it is too old goes with the first call that names a time.
+    """
 
     def __init__(self, electrodes: int, source: Source, site: SiteContact) -> None:
         self._leak_ohm = source.leak_ohm
@@ -48,19 +55,34 @@ class ContactMap:
         self._soft_since_ns: list[int | None] = [None] * electrodes
         self._told_ua = [0] * electrodes
         self._was_at_end = [False] * electrodes
+        self._told_ns: list[int | None] = [None] * electrodes
 
     def forget(self) -> None:
         """The supply was off: whoever touched may have gone."""
-        electrodes = len(self.is_touched)
-        self.is_touched[:] = [None] * electrodes
-        self.resistance_ohm[:] = [None] * electrodes
-        self.voltage_v[:] = [None] * electrodes
-        self.undelivered_ua[:] = [None] * electrodes
-        self._is_shorted = [False] * electrodes
-        self._soft_since_ns = [None] * electrodes
+        for electrode in range(len(self.is_touched)):
+            self.is_touched[electrode] = None
+            self._forget_one(electrode)
+
+    def _forget_one(self, electrode: int) -> None:
+        """All but that it is open, if it is."""
+        if self.is_touched[electrode]:
+            self.is_touched[electrode] = None
+        self.resistance_ohm[electrode] = None
+        self.voltage_v[electrode] = None
+        self.undelivered_ua[electrode] = None
+        self._is_shorted[electrode] = False
+        self._soft_since_ns[electrode] = None
+        self._told_ns[electrode] = None
+
+    def _let_go(self, electrode: int, now_ns: int) -> None:
+        """Of what is too old."""
+        told_ns = self._told_ns[electrode]
+        if told_ns is not None and is_old(told_ns, now_ns):
+            self._forget_one(electrode)
 
     def state(self, electrode: int, now_ns: int) -> ContactState:
         """What kind of contact it is now."""
+        self._let_go(electrode, now_ns)
         is_touched = self.is_touched[electrode]
         if self.undelivered_ua[electrode] is not None:
             return "saturated"
@@ -104,23 +126,24 @@ class ContactMap:
         """
         if told_ua <= 0:
             return False
-        self.voltage_v[electrode] = round(voltage_v, 2)
         resistance_ohm = self.seen_ohm(told_ua, voltage_v)
-        is_again = self.learn_touch(electrode, told_ua, voltage_v)
-        now = self.is_touched[electrode]
-        if is_again or (now and self._peels(electrode, told_ua, resistance_ohm, is_at_end)):
+        is_again = self.learn_touch(electrode, told_ua, voltage_v, now_ns)
+        is_touched = self.is_touched[electrode]
+        if is_touched and self._peels(electrode, told_ua, resistance_ohm, is_at_end):
             self._soft_since_ns[electrode] = now_ns
+        self.voltage_v[electrode] = round(voltage_v, 2)
         self._learn_delivery(electrode, told_ua, voltage_v)
         self._learn_short(electrode, resistance_ohm)
         self.resistance_ohm[electrode] = resistance_ohm
         self._told_ua[electrode], self._was_at_end[electrode] = told_ua, is_at_end
         return is_again
 
-    def learn_touch(self, electrode: int, told_ua: int, voltage_v: float) -> bool:
+    def learn_touch(self, electrode: int, told_ua: int, voltage_v: float, now_ns: int) -> bool:
         """Of what a pulse says, only whether anything touches: all that a weak one tells surely.
 
         Returns True when an electrode known to be open is touched again.
         """
+        self._let_go(electrode, now_ns)
         signature_v = min(told_ua * self._leak_ohm / 1e6, self._compliance_v)
         fraction, was = voltage_v / signature_v, self.is_touched[electrode]
         if fraction < self._touch_fraction:
@@ -129,8 +152,21 @@ class ContactMap:
             now = False
         else:
             now = was
-        self.is_touched[electrode] = now
+        if now and not was:
+            self._soft_since_ns[electrode] = now_ns
+        self.is_touched[electrode], self._told_ns[electrode] = now, now_ns
         return now and was is False
+
+    def is_as_before(self, electrode: int, now_ns: int) -> None:
+        """Somebody saw that a contact which is not known any more is what it was."""
+        self._let_go(electrode, now_ns)
+        if self.is_touched[electrode] is None:
+            self.is_touched[electrode], self._told_ns[electrode] = True, now_ns
+
+    def is_look_due(self, electrode: int, now_ns: int) -> bool:
+        """Whether it is time for a look, for it to stay known."""
+        told_ns = self._told_ns[electrode]
+        return told_ns is None or now_ns - told_ns >= LOOK_AGAIN_NS
 
     def shrank(self, electrode: int, now_ns: int) -> None:
         """Somebody saw it peel: it is soft from now on."""

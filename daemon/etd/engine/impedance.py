@@ -2,7 +2,7 @@
 
 Owns: the model of a contact (Rs in series with Rp beside Cp, all of it beside the board's leak),
 what the samples of a pulse tell of it, the filter across pulses, and when it is not to be believed.
-Must not know: what follows from it, contact, clocks, hardware beyond its constants.
+Must not know: what follows from it, contact, clocks (time comes in), hardware beyond its constants.
 
 At a constant current I the node rises from V0, which Rs alone makes, to V_end with one time
 constant:  V(t) = V_end - (V_end - V0) exp(-t / tau),  tau = Cp x (Rp beside (Rs + leak)).
@@ -14,7 +14,8 @@ above a stimulus (van Boxtel 1977): only pulses above the probe's current count 
 
 Not believed: a node that is not at rest before the pulse, or that a pulse does not move (the ADC is
 stuck, or not the node's), a source at its end, a resistance no skin has, one that flickers from
-pulse to pulse.
+pulse to pulse. What no pulse has told for as long as `belief` has it is not known any more: the
+next pulse begins anew, but for what flickers, which is the ADC's rather than the skin's.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from etd.stabilize.belief import is_old
 from etd_hal.boardfile import Source
 
-Doubt = Literal["adc", "compliance", "implausible", "noise"]
+Doubt = Literal["adc", "compliance", "implausible", "flicker"]
 
 #: When the samples of a pulse are taken, after its beginning and before its end, in us.
 EARLY_US = 10.0
@@ -63,6 +65,12 @@ class _Skin:
     at_ua: int = 0
     tau_us: float | None = None
     doubt: Doubt | None = None
+    told_ns: int | None = None
+
+    def begin_anew(self) -> None:
+        """What was told is too old: the next pulse is the first one."""
+        self.log_ohm = self.last_log_ohm = self.tau_us = self.told_ns = None
+        self.last_step = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,15 +98,21 @@ class ImpedanceMap:
         """The supply was off: whoever touched may have gone."""
         self._skins = [_Skin() for _ in range(self._electrodes)]
 
-    def skin_ohm(self, electrode: int) -> float | None:
-        """Rs + Rp, filtered; None where unknown or not believed."""
+    def skin_ohm(self, electrode: int, now_ns: int) -> float | None:
+        """Rs + Rp, filtered; None where unknown, too old or not believed."""
         skin = self._skins[electrode]
-        if skin.log_ohm is None or skin.doubt is not None:
+        if skin.log_ohm is None or skin.doubt is not None or is_old(skin.told_ns, now_ns):
             return None
         return math.exp(skin.log_ohm)
 
+    def is_too_old(self, electrode: int, now_ns: int) -> bool:
+        """Whether there is a resistance that would be believed if it were newer."""
+        skin = self._skins[electrode]
+        is_there = skin.log_ohm is not None and skin.doubt is None
+        return is_there and is_old(skin.told_ns, now_ns)
+
     def last_ohm(self, electrode: int) -> float | None:
-        """Rs + Rp of the last pulse alone; None where unknown or not believed."""
+        """Rs + Rp of the last pulse alone, however old; None where unknown or not believed."""
         skin = self._skins[electrode]
         if skin.last_log_ohm is None or skin.doubt is not None:
             return None
@@ -108,19 +122,21 @@ class ImpedanceMap:
         """The current that it was last measured with."""
         return self._skins[electrode].at_ua
 
-    def capacitance_nf(self, electrode: int) -> float | None:
+    def capacitance_nf(self, electrode: int, now_ns: int) -> float | None:
         """Cp, where a pulse was wide enough to tell."""
-        skin, skin_ohm = self._skins[electrode], self.skin_ohm(electrode)
+        skin, skin_ohm = self._skins[electrode], self.skin_ohm(electrode, now_ns)
         if skin_ohm is None or skin.tau_us is None or skin_ohm <= SERIES_OHM:
             return None
         way_ohm = SERIES_OHM + self._leak_ohm
         parallel_ohm = skin_ohm - SERIES_OHM
         return skin.tau_us * 1e3 * (1.0 / parallel_ohm + 1.0 / way_ohm)
 
-    def learn(self, electrode: int, samples: Samples) -> Doubt | None:
+    def learn(self, electrode: int, samples: Samples, now_ns: int) -> Doubt | None:
         """What one stimulus pulse says. Returns why it is not believed, when that begins."""
         skin = self._skins[electrode]
-        before, skin.doubt = skin.doubt, self._read(skin, samples)
+        if is_old(skin.told_ns, now_ns):
+            skin.begin_anew()
+        before, skin.doubt = skin.doubt, self._read(skin, samples, now_ns)
         return skin.doubt if skin.doubt != before else None
 
     def is_adc_doubted(self, resting_v: float, *pulse_v: float) -> bool:
@@ -132,7 +148,7 @@ class ImpedanceMap:
         most_v = min(max(_OFFSET_V, _RESTING_PART * pulse_v[-1]), _RESTING_V)
         return stands_still or resting_v > most_v
 
-    def _read(self, skin: _Skin, samples: Samples) -> Doubt | None:
+    def _read(self, skin: _Skin, samples: Samples, now_ns: int) -> Doubt | None:
         last_v = samples.early_v if samples.end_v is None else samples.end_v
         if self.is_adc_doubted(samples.resting_v, samples.early_v, last_v):
             return "adc"
@@ -145,7 +161,7 @@ class ImpedanceMap:
         skin_ohm = end_v / through_ua * 1e6
         if not LEAST_OHM <= skin_ohm <= MOST_OHM:
             return "implausible"
-        skin.at_ua = samples.told_ua
+        skin.at_ua, skin.told_ns = samples.told_ua, now_ns
         return self._filter(skin, math.log(skin_ohm))
 
     def _end_v(self, skin: _Skin, samples: Samples) -> float:
@@ -174,7 +190,8 @@ class ImpedanceMap:
         last, skin.last_log_ohm = skin.last_log_ohm, log_ohm
         if last is None or skin.log_ohm is None:
             skin.log_ohm = log_ohm
-            return None
+            skin.flicker -= _WEIGHT * skin.flicker
+            return "flicker" if skin.flicker > _FLICKER else None
         step, before = log_ohm - last, skin.last_step
         skin.last_step = step
         flickered = min(abs(step), abs(before)) if step * before < 0.0 else 0.0
@@ -183,4 +200,4 @@ class ImpedanceMap:
             skin.log_ohm = log_ohm
         else:
             skin.log_ohm += _WEIGHT * (log_ohm - skin.log_ohm)
-        return "noise" if skin.flicker > _FLICKER else None
+        return "flicker" if skin.flicker > _FLICKER else None

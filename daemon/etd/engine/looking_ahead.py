@@ -2,7 +2,7 @@
 
 Owns: the probe of the visit before of each electrode, the comparison with it, when a probe is not
 to be believed, and what skin resistance it makes expected of the pulse to come.
-Must not know: what follows from it, limits, ledgers, clocks.
+Must not know: what follows from it, limits, ledgers, clocks: time comes in.
 
 Skin resists a weak current far more than a stimulus (van Boxtel 1977), so what a probe measures is
 never taken for the skin's resistance. What counts is its ratio to the probe of the visit before,
@@ -14,6 +14,10 @@ contact that shrinks by half doubles both resistances. So
 Only a rise counts: a resistance that a probe says has fallen waits for the pulse to confirm it. A
 ratio within `RISEN` of 1 is what pulses see of each other anyhow, and tells nothing. Above `PEELED`
 the contact has shrunk and is soft; above the board's open-circuit signature it is open.
+
+After a pause that outlasts what is believed, the probe is the only one who can tell. Up to `PEELED`
+it sees the contact that was there before, whoever may have lifted and come back; and `expected` is
+what is known then. Without a probe to compare with, the contact is a new one.
 """
 
 from __future__ import annotations
@@ -82,16 +86,21 @@ class LookingAhead:
         ohm = contact.seen_ohm(probe.told_ua, shot.voltage_v)
         seen = _Seen(probe.told_ua, probe.shape.width_us, MOST_OHM if ohm is None else ohm)
         self._now[electrode] = seen
-        contact.learn_touch(electrode, probe.told_ua, shot.voltage_v)
-        if contact.is_touched[electrode] and self._risen(electrode) > PEELED:
+        risen = self._risen(electrode)
+        if risen is not None and risen <= PEELED:
+            contact.is_as_before(electrode, shot.begun_ns)
+        contact.learn_touch(electrode, probe.told_ua, shot.voltage_v, shot.begun_ns)
+        if contact.is_touched[electrode] and risen is not None and risen > PEELED:
             contact.shrank(electrode, shot.begun_ns)
         return False
 
-    def expected_ohm(self, electrode: int) -> float | None:
+    def expected_ohm(self, electrode: int, now_ns: int) -> float | None:
         """What the skin will resist the pulse to come; None where it is what is known of it."""
         risen, skin_ohm = self._risen(electrode), self._impedance.last_ohm(electrode)
-        if skin_ohm is None or risen <= RISEN:
+        if skin_ohm is None or risen is None:
             return None
+        if risen <= RISEN:
+            return skin_ohm if self._impedance.is_too_old(electrode, now_ns) else None
         return min(skin_ohm * risen, MOST_OHM)
 
     def was_followed(self, electrode: int) -> None:
@@ -99,11 +108,11 @@ class LookingAhead:
         if self._now[electrode] is not None:
             self._then[electrode] = self._now[electrode]
 
-    def _risen(self, electrode: int) -> float:
-        """Probe over probe; 1 where they cannot be compared."""
+    def _risen(self, electrode: int) -> float | None:
+        """Probe over probe; None where they cannot be compared."""
         now, then = self._now[electrode], self._then[electrode]
         if now is None or then is None or then.ohm <= 0.0:
-            return 1.0
+            return None
         if (now.told_ua, now.width_us) != (then.told_ua, then.width_us):
-            return 1.0
+            return None
         return now.ohm / then.ohm

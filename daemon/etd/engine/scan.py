@@ -204,15 +204,18 @@ class Scanner:
     def _look_around(
         self, standing: Standing, visitor: Visitor, may_fire: Callable[[int], int | None]
     ) -> bool:
-        """Look at the silent electrodes whose turn it is: one at least, others while there is time.
+        """Look at the silent electrodes whose turn it is: at one at least that a clamped pulse
+        waits for, at others while there is time.
 
         False if firing must not go on.
         """
         active = {visit.electrode for visit in standing.plan.visits}
         silent = [probe for probe in self.probes if probe.electrode not in active]
-        waiting = visitor.awaited(silent, self._clock.now_ns())
-        for index, probe in enumerate(waiting):
-            if index and self._clock.now_ns() > standing.next_ns - _LOOK_TAKES_NS:
+        now_ns = self._clock.now_ns()
+        waiting = visitor.awaited(silent, now_ns)
+        must = min(len(waiting), 1)
+        for index, probe in enumerate(waiting or visitor.due(silent, now_ns)):
+            if index >= must and self._clock.now_ns() > standing.next_ns - _LOOK_TAKES_NS:
                 break
             now_ns, ceiling_ua = self._rested(standing, may_fire)
             if ceiling_ua is None or self.standing is not standing:

@@ -12,11 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 
-#: A look is believed for this long.
-FRESH_NS = 1_000_000_000
-
-#: Where looks are wanted, the next one comes so long after the last.
-LOOK_AGAIN_NS = 500_000_000
+from etd.stabilize.belief import BELIEVED_NS, LOOK_AGAIN_NS, is_old
 
 
 class Sharing:
@@ -69,7 +65,7 @@ class Sharing:
             self.lose(electrode)
         else:
             self._known.add(electrode)
-            self._ending.append((now_ns + FRESH_NS, electrode))
+            self._ending.append((now_ns + BELIEVED_NS, electrode))
         self._touches[electrode] = touches
         self._looked_ns[electrode] = now_ns
 
@@ -84,6 +80,5 @@ class Sharing:
     def _expire(self, now_ns: int) -> None:
         while self._ending and self._ending[0][0] <= now_ns:
             _, electrode = self._ending.popleft()
-            looked_ns = self._looked_ns[electrode]
-            if looked_ns is None or now_ns - looked_ns >= FRESH_NS:
+            if is_old(self._looked_ns[electrode], now_ns):
                 self._known.discard(electrode)

@@ -100,11 +100,20 @@ class Visitor:
         return self._let_through(visit, visit.wish, opening_ua, now_ns, may_still)
 
     def awaited(self, probes: Sequence[Visit], now_ns: int) -> list[Visit]:
-        """Those of these probes that somebody waits for."""
+        """Those of these probes that a clamped pulse waits for."""
         sharing = self._tools.sharing
         if not sharing.is_wanted:
             return []
         return [one for one in probes if sharing.is_due(one.electrode, now_ns)]
+
+    def due(self, probes: Sequence[Visit], now_ns: int) -> list[Visit]:
+        """Those that keep a contact known, for a law that goes by it. Relays have no time to spare,
+        and wear.
+        """
+        tools = self._tools
+        if not tools.asker.goes_by_contact or tools.board.switch.can_choose_returns:
+            return []
+        return [one for one in probes if tools.contact.is_look_due(one.electrode, now_ns)]
 
     def look(
         self, probe: Visit, opening_ua: int, now_ns: int, may_still: Callable[[], bool]
@@ -227,7 +236,7 @@ class Visitor:
                 )
             )
             return None
-        expected_ohm = tools.ahead.expected_ohm(electrode)
+        expected_ohm = tools.ahead.expected_ohm(electrode, now_ns)
         wish = tools.asker.wish_again(visit, wish, expected_ohm, now_ns)
         return self._ready(visit, wish, opening_ua, now_ns, pulses=0)
 
@@ -294,7 +303,7 @@ class Visitor:
             tools.opening.touched_again(electrode)
         if pulse.told_ua > tools.maxima.probe_current_ua:
             # Of a second phase the skin is not at rest before: the first one tells more.
-            tools.asker.learn(electrode, _samples(pulse, first))
+            tools.asker.learn(electrode, _samples(pulse, first), begun_ns)
         self._learn_share(visit, begun_ns)
 
     def _learn_share(self, visit: Visit, begun_ns: int) -> None:

@@ -22,13 +22,17 @@ from etd.protocol import StateReport
 _ROOM = 1_000
 #: Counters of the engine's that are each worth a line, once they begin: what is no longer believed,
 #: so that stabilizers leave the pulse as the frame has it.
-_NOT_BELIEVED = {
+_NOT_STABILIZED = {
     "not_believed_adc": "the ADC stood still, or the source's node was not at rest before a pulse",
     "not_believed_compliance": "the source was at its end, so no resistance is known",
     "not_believed_implausible": "a resistance that no skin has was read",
-    "not_believed_noise": "resistances flicker from pulse to pulse",
+    "not_believed_flicker": "resistances flicker (a noisy ADC, a shaking hand)",
+    "not_believed_old": "nothing was told of an electrode for a second: a silence, or a slow rate",
     "not_believed_pressure": "a pressure sensor says nothing",
+    "not_believed_probe": "the ADC stood still in the probe before a pulse, or the node was not at"
+    " rest",
 }
+_WITHHELD = "probes_alone"
 #: Refusals are summed up at most this often.
 SUM_UP_NS = 10_000_000_000
 
@@ -66,7 +70,7 @@ class Journal:
         self._log.addHandler(self._queue)
         self._state = ""
         self._doubts: set[str] = set()
-        self._believed: dict[str, int] = {}
+        self._counted: dict[str, int] = {}
         self._holder: StandingLease | None = None
         self._refused: Counter[str] = Counter()
         self._summed_ns = 0
@@ -119,11 +123,21 @@ class Journal:
             self._log.warning("%s", sentence)
 
     def _tell_doubts(self, counters: dict[str, int]) -> None:
-        for key, why in _NOT_BELIEVED.items():
-            if counters.get(key, 0) > self._believed.get(key, 0) and key not in self._doubts:
-                self._doubts.add(key)
+        for key, why in _NOT_STABILIZED.items():
+            if self._has_begun(key, counters):
                 self._log.warning("not stabilized for a while: %s", why)
-        self._believed = {key: counters.get(key, 0) for key in _NOT_BELIEVED}
+        if self._has_begun(_WITHHELD, counters):
+            self._log.info(
+                "a pulse was withheld: the probe before it found nobody, or came too late"
+            )
+        self._counted = {key: counters.get(key, 0) for key in (*_NOT_STABILIZED, _WITHHELD)}
+
+    def _has_begun(self, key: str, counters: dict[str, int]) -> bool:
+        """For the first time while this board is live."""
+        if key in self._doubts or counters.get(key, 0) <= self._counted.get(key, 0):
+            return False
+        self._doubts.add(key)
+        return True
 
     def lease(self, standing: StandingLease | None) -> None:
         """Whoever holds it now; only a change is a line."""

@@ -13,10 +13,11 @@ whole programmed current at once. Nobody describes a rule for it in print; this 
     saturated   `back_off` of what could not be delivered, and from there up again slowly, to
                 what the known resistance lets through at 0.9 of the compliance, and no further
     shorted     the same as soft at firmness 0: the current goes to a neighbor
+    unknown     the same: after a pause nobody knows who touches, until this pulse has told
     closed      what is wanted
 
-Soft begins at a contact after none, and at a resistance that rose by half from one pulse to the
-next (peeling). It never asks for more than was wanted.
+Soft begins at a contact after none or after a pause, and at a resistance that rose by half from one
+pulse to the next (peeling). It never asks for more than was wanted.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class Contact:
         return replace(wish, current_ua=current_ua)
 
     def _softened(self, wanted_ua: int, known: Known) -> int:
-        if known.state in ("closed", "saturated", "unknown"):
+        if known.state in ("closed", "saturated"):
             return wanted_ua
         firmness = known.firmness if known.state == "soft" else 0.0
         felt_ua = wanted_ua if known.threshold_ua is None else known.threshold_ua

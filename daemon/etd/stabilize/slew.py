@@ -1,9 +1,13 @@
 """Factors that may rise only so fast, and fall at once.
 
 Owns: the one rule that all laws share. Must not know: what is multiplied, sensors, limits.
+
+A factor is knowledge too: when nobody has asked for longer than it is believed, it starts anew.
 """
 
 from __future__ import annotations
+
+from etd.stabilize.belief import is_old
 
 #: Between two pulses no more than this counts: a pause must not show as a step.
 LONGEST_STEP_NS = 100_000_000
@@ -23,6 +27,8 @@ class Slew:
     def toward(self, electrode: int, wanted: float, now_ns: int) -> float:
         """As much of `wanted` as there is by now; all of it where it is less than before."""
         before, then_ns = self._reached.get(electrode, (self._start, now_ns))
+        if is_old(then_ns, now_ns):
+            before, then_ns = self._start, now_ns
         elapsed_ns = min(max(0, now_ns - then_ns), LONGEST_STEP_NS)
         reached = min(wanted, before + self._rise_per_ns * elapsed_ns)
         self._reached[electrode] = (reached, now_ns)
