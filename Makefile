@@ -83,6 +83,7 @@ $(VENV)/bin/pip:
 install: ## Install the daemon for systemd on a Raspberry Pi (as root; DESTDIR= is understood)
 	$(require_python)
 	@test -n "$(DESTDIR)" || test "$$(id -u)" = 0 || { echo "this writes to $(PREFIX) and /etc: sudo make install"; exit 1; }
+	@# What ProtectHome= of our units hides from them.
 	@test -n "$(DESTDIR)" || $(PYTHON) -c 'import sys; sys.exit(sys.base_prefix.startswith(("/home/", "/root/")))' || { \
 	  echo "$$($(PYTHON) -c 'import sys; print(sys.executable)') is in somebody's home, which the services cannot see: make install PYTHON=/usr/bin/python3"; exit 1; }
 	@{ command -v cc && $(PYTHON) -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))'; } >/dev/null || { \

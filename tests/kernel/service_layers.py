@@ -30,7 +30,7 @@ _PACKAGES = ("systemd", "udev", "kmod")
 _TOOLS = {"apt-get": "apt", "dpkg-deb": "dpkg", "setpriv": "util-linux", "cc": "gcc"}
 #: What `make install` takes from the tree.
 _INSTALLED_FROM = ("daemon", "hal", "config", "systemd", "Makefile", "pyproject.toml", "README.md")
-#: A service sees nobody's home.
+#: What ProtectHome= hides from a service, as `make install` has it too.
 _HOMES = ("/home/", "/root/")
 _UNITS = HERE / "service_units"
 #: Nothing of this machine's own: no clock that is set, no sweeping of its temporary files.
