@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from etd.errors import Refused
 from etd.frame import Polarity, Returns, Ring
@@ -83,8 +84,25 @@ def check_shape_of_levels(calibration: Calibration, shape: Shape) -> None:
         raise Refused(
             "bad_frame",
             f"level means what it was calibrated to, which is {made_with}; the body site's"
-            f" [stabilize] now makes {now} of it: put that back, calibrate anew, or send"
-            " current_ua",
+            f" [stabilize] now makes {now} of it: put that back, calibrate anew, or open"
+            " with limits and send current_ua",
+        )
+
+
+def check_shape_of_caps(calibration: Calibration, shape: Shape) -> None:
+    """A cap was accepted with what led into its pulses and how many came: with a prepulse, a probe
+    or bursts that were not there it would let through more than was tried. Narrower pulses of no
+    more current are less, so that `narrow` is left to levels.
+
+    Raises: Refused (`bad_frame`).
+    """
+    made_with, now = (replace(one, narrow=None) for one in (calibration.shape, shape))
+    if made_with != now:
+        raise Refused(
+            "bad_frame",
+            f"the calibration's caps were accepted with {made_with}; the body site's [stabilize]"
+            f" now makes {now} of a frame: put that back, calibrate anew, or open with limits"
+            " instead of the calibration",
         )
 
 

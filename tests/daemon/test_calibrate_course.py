@@ -31,6 +31,8 @@ from etd.calibration import Calibration, Method, check_order
 from etd.errors import FileError, HardwareMissing, Refused
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.narrow import Narrow
+from etd.stabilize.pipeline import Wish
+from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.shape import Shape
 from noisy_skin import NoisySkin, resistance_ohm
 
@@ -348,3 +350,15 @@ def test_a_simulated_person_feels_half_of_what_is_at_the_threshold() -> None:
     assert 450 < said.count("not_felt") < 550
     hurt = SimulatedPerson(lambda _: Felt(2.0, 1.2), 3)
     assert {hurt.answer(Question("strength", 0), lambda: None) for _ in range(50)} == {"too_strong"}
+
+
+def test_what_is_presented_with_a_prepulse_has_the_charge_of_the_limit_and_no_more() -> None:
+    prepulse = Prepulse(below_db=6.0, width_us=60)
+    led = conditions(shape=Shape(prepulse=prepulse))
+    assert conditions().presented_ua == 4_000
+    assert led.presented_ua == 3_075
+    assert prepulse.of(Wish(led.presented_ua, 100)).charge_pc <= 4_000 * 100
+    skin = NoisySkin(2, seed=3, median_ua=5_000.0, sigma=0.0)
+    begun = Progress(conditions=conditions(electrodes=2, shape=led.shape))
+    Course(begun, skin, SimulatedPerson(skin.sense, skin.seed)).run((0,))
+    assert max(current_ua for _, current_ua in skin.presented) == 3_075

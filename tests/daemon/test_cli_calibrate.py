@@ -148,8 +148,19 @@ def test_the_picture_shows_what_is_done_without_a_current(
     found = ElectrodeLimits(threshold_ua=1_111, comfortable_ua=2_222, cap_ua=2_333)
     unfelt = ElectrodeLimits(threshold_ua=777, comfortable_ua=777, cap_ua=777, felt=False)
     progress = Progress(conditions=conditions, found={0: found, 1: unfelt}, presentations=50)
-    screen = Screen(facts, progress, is_quiet=False)
+    quiet = Screen(facts, progress, is_quiet=True)
+    quiet.begin()
+    quiet.ask(Question("strength", 2))
+    quiet.heard("felt")
+    quiet.found()
+    told = capsys.readouterr()
+    assert told.out == "", "there the answer comes, in JSON"
+    assert [line.split(",")[0] for line in told.err.splitlines()] == [
+        "by limits",
+        "2 of 4 electrodes",
+    ]
 
+    screen = Screen(facts, progress, is_quiet=False)
     screen.begin()
     assert "by limits, 2 electrodes to come" in capsys.readouterr().out
     screen.ask(Question("strength", 2))
@@ -161,8 +172,8 @@ def test_the_picture_shows_what_is_done_without_a_current(
 
     for answer in ("not_felt", None, "pause"):
         screen.heard(answer)
-    told = capsys.readouterr().out
-    assert told == "   not felt; now the next\n   that key is no answer here\n"
+    heard = capsys.readouterr().out
+    assert heard == "   not felt; now the next\n   that key is no answer here\n"
 
 
 @pytest.mark.parametrize(
@@ -191,6 +202,8 @@ def test_what_does_not_go_together_is_used_wrongly(
         (["P 1", "--max-current-ua", "2000"], "the code, or --as: 'P 1'"),
         (["P1", "--as", "../x", "--max-current-ua", "2000"], "the code, or --as: '../x'"),
         (["P1", "--max-current-ua", "20000"], "--max-current-ua: it says 20000"),
+        (["P1", "--max-current-ua", "3001"], "at most 3000 uA: nobody gets more before being"),
+        (["P1", "--max-current-ua", "7"], "--max-current-ua: it says 7"),
         (["P1", "--max-current-ua", "2000", "--width-us", "500"], "--width-us: it says 500"),
         (["P1", "--max-current-ua", "2000", "--rate-hz", "500"], "--rate-hz: it says 500"),
         (["P1", "--max-current-ua", "2000", "--pulses", "90"], "90 pulses at 60 Hz last 1.50 s"),

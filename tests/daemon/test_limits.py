@@ -28,6 +28,7 @@ from etd.engine.limits import (
 )
 from etd.errors import Refused
 from etd.protocol import Limits
+from etd.stabilize.pipeline import Wish
 
 HIGH = 10_000
 
@@ -212,11 +213,14 @@ def test_a_path_is_as_weak_as_its_weakest_return() -> None:
 
 
 def test_what_is_within_all_bounds_passes_as_it_is() -> None:
-    assert last_word(path(), 2_000, 100, maxima_with(), 8_000, None, False) == (2_000, None)
+    assert last_word(path(), Wish(2_000, 100), maxima_with(), 8_000, None, False) == (2_000, None)
 
 
 def test_exactly_the_bound_is_no_clamp() -> None:
-    assert last_word(path(cap_ua=900), 900, 100, maxima_with(), HIGH, None, False) == (900, None)
+    assert last_word(path(cap_ua=900), Wish(900, 100), maxima_with(), HIGH, None, False) == (
+        900,
+        None,
+    )
 
 
 @pytest.mark.parametrize(
@@ -225,7 +229,7 @@ def test_exactly_the_bound_is_no_clamp() -> None:
         ({"path": path(cap_ua=900)}, 900, "cap", 3),
         ({"path": path(return_cap_ua=800)}, 800, "return_cap", 9),
         ({"path": path(return_cap_ua=800, share=0.5)}, 1_600, "return_cap", 9),
-        ({"width_us": 200}, 2_500, "charge", 3),
+        ({"wish": Wish(4_000, 200)}, 2_500, "charge", 3),
         ({"opening_ua": 700}, 700, "opening", 3),
         ({"recontact_ua": 600}, 600, "recontact", 3),
         ({"is_open": True}, 300, "contact_open", 3),
@@ -236,8 +240,7 @@ def test_the_smallest_bound_wins_and_says_whose_it_is(
 ) -> None:
     asked: dict[str, object] = {
         "path": path(),
-        "wanted_ua": 4_000,
-        "width_us": 100,
+        "wish": Wish(4_000, 100),
         "maxima": maxima_with(),
         "opening_ua": HIGH,
         "recontact_ua": None,
@@ -252,7 +255,7 @@ def test_the_smallest_bound_wins_and_says_whose_it_is(
 
 def test_of_several_bounds_the_smallest_is_named() -> None:
     got, clamp = last_word(
-        path(cap_ua=900, return_cap_ua=500), 4_000, 200, maxima_with(), 450, 440, True
+        path(cap_ua=900, return_cap_ua=500), Wish(4_000, 200), maxima_with(), 450, 440, True
     )
     assert got == 300
     assert clamp is not None
@@ -262,7 +265,12 @@ def test_of_several_bounds_the_smallest_is_named() -> None:
 def test_a_share_never_lets_a_return_carry_more_than_its_cap() -> None:
     for others in range(1, 256):
         got, _ = last_word(
-            path(return_cap_ua=97, share=1.0 / others), HIGH, 20, maxima_with(), HIGH, None, False
+            path(return_cap_ua=97, share=1.0 / others),
+            Wish(HIGH, 20),
+            maxima_with(),
+            HIGH,
+            None,
+            False,
         )
         assert got / others <= 97
         assert got in (HIGH, 97 * others, 97 * others - 1)

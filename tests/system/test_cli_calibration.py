@@ -49,6 +49,9 @@ def test_a_calibration_is_imported_shown_exported_and_deleted(rig: CommandRig) -
         assert rig.run("calibration", "delete", "P01").status == 0
         gone = rig.run("calibration", "show", "P01", "--json")
         assert (gone.status, gone.answer["error"]) == (1, "not_found")
+        again = rig.run("calibration", "delete", "P01")
+        assert again.status == 1
+        assert "no calibration 'P01' is kept here; kept are: none" in again.err
 
 
 def test_what_does_not_fit_or_is_there_already_is_refused_in_a_sentence(rig: CommandRig) -> None:

@@ -17,6 +17,7 @@ from msgspec import Meta
 from etd.calibration import Calibration, ElectrodeLimits, Method
 from etd.errors import FileError, Refused
 from etd.frame import Polarity, Returns
+from etd.stabilize.pipeline import Wish
 from etd.stabilize.shape import PLAIN, Shape
 from etd.wholefile import write_whole
 
@@ -46,6 +47,16 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     pulses: Annotated[int, Meta(ge=1, le=140)]
     shape: Shape = PLAIN
     cap_ua: Annotated[int, Meta(ge=50, le=10_000)]
+
+    @property
+    def presented_ua(self) -> int:
+        """The most that is presented: `cap_ua` in the charge of a plain pulse, because nobody has
+        accepted what a prepulse adds. With equalize each electrode's cap is one of such pulses.
+        """
+        if self.method == "equalize":
+            return self.cap_ua
+        plain = Wish(self.cap_ua, self.width_us)
+        return self.shape.of(plain).current_of(plain.charge_pc)
 
     @property
     def presentation_s(self) -> float:

@@ -128,7 +128,7 @@ class Course:
             return self._equalized(electrode)
         conditions = self._progress.conditions
         before = self._earlier(electrode)
-        reach = Reach(conditions.cap_ua, self._start_ua(electrode))
+        reach = Reach(conditions.presented_ua, self._start_ua(electrode))
         procedure = PROCEDURES[conditions.method](reach.most_ua)
         threshold = run(procedure, reach, lambda ua: self._asked("strength", electrode, ua))
         self._on_threshold(electrode)

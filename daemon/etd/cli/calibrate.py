@@ -42,6 +42,7 @@ from etd.config import fake_config
 from etd.errors import FileError, Refused
 from etd.frame import Polarity
 from etd.places import calibrating_file, check_name
+from etd.protocol import HelloReply
 from etd.version import __version__
 from etd.wholefile import write_whole
 from etd_hal.compose import wall_time
@@ -173,6 +174,7 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
     if args.method == "equalize":
         return Display(args.name, address=address, client=client, calibration=args.baseline)
     with Display(args.name, address=address, client=client) as asking:
+        _check_limit(args.max_current_ua, asking.facts)
         width_us = args.width_us or asking.facts.default_width_us
         width_us += asking.facts.shape.prepulse_us
     return Display(
@@ -182,6 +184,19 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
         max_current_ua=args.max_current_ua,
         width_us=width_us,
     )
+
+
+def _check_limit(max_current_ua: int, facts: HelloReply) -> None:
+    """Raises: FileError, naming the bound: the daemon would say to calibrate."""
+    most_ua = facts.maxima.uncalibrated_current_ua
+    if max_current_ua > most_ua:
+        raise FileError(
+            "the command line",
+            "--max-current-ua",
+            f"it says {max_current_ua}",
+            f"at most {most_ua} uA: nobody gets more before being calibrated"
+            f" (uncalibrated_current_ua of body site {facts.body_site}, and the board's maxima)",
+        )
 
 
 class _Calibrating:

@@ -1,10 +1,13 @@
 """What a person sees while being calibrated: the array, how far it is, and the keys.
 
 Owns: the lines, and drawing them over themselves on a terminal. Must not know: procedures, keys'
-meanings, daemons. No current is ever shown: nobody should answer by number.
+meanings, daemons. No current is ever shown: nobody should answer by number. Where the answer is to
+be JSON (`is_quiet`), how far it is goes to standard error, and nothing else is said.
 """
 
 from __future__ import annotations
+
+import sys
 
 from etd.apps.picture import Picture
 from etd.calibrate.answers import Answer, Question
@@ -31,10 +34,14 @@ class Screen:
 
     def begin(self) -> None:
         """Before the first question, while the opening rises."""
-        if not self._is_quiet:
-            to_come = len(self._progress.missing)
-            method = self._progress.conditions.method
-            print(f"by {method}, {to_come} electrodes to come: a moment", flush=True)
+        to_come = len(self._progress.missing)
+        method = self._progress.conditions.method
+        said = f"by {method}, {to_come} electrodes to come"
+        if self._is_quiet:
+            said += ", about half a minute each at the quickest"
+            print(said, file=sys.stderr, flush=True)
+        else:
+            print(f"{said}: a moment", flush=True)
 
     def ask(self, question: Question) -> None:
         """The picture where the electrode is another one, and the question."""
@@ -57,7 +64,9 @@ class Screen:
 
     def found(self) -> None:
         """After an electrode: a line, where no picture is drawn over."""
-        if not self._is_quiet and not is_terminal():
+        if self._is_quiet:
+            print(self.count(), file=sys.stderr, flush=True)
+        elif not is_terminal():
             print(self.line(), flush=True)
 
     def rows(self) -> list[str]:
@@ -67,11 +76,11 @@ class Screen:
         )
 
     def line(self) -> str:
+        return f"{self.count()}   (@ now, # done, x nothing felt, . to come)"
+
+    def count(self) -> str:
         done, all_of_them = len(self._progress.found), self._progress.conditions.electrodes
-        return (
-            f"{done} of {all_of_them} electrodes, {self._progress.presentations} presentations"
-            "   (@ now, # done, x nothing felt, . to come)"
-        )
+        return f"{done} of {all_of_them} electrodes, {self._progress.presentations} presentations"
 
     def _sign(self, electrode: int) -> str:
         if electrode in self._progress.found:

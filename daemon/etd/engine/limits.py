@@ -18,7 +18,7 @@ from etd.bodysite import BodySite
 from etd.calibration import Calibration
 from etd.errors import Refused
 from etd.protocol import Clamp, Limits, MaximaFacts
-from etd.stabilize.pipeline import Most
+from etd.stabilize.pipeline import Most, Wish
 from etd_hal.boardfile import BoardFile
 
 #: uA x us = pC: charge is an integer throughout.
@@ -181,47 +181,52 @@ def path_of(electrode: int, caps_ua: Sequence[int], returns: Sequence[int], shar
 
 def last_word(
     path: Path,
-    wanted_ua: int,
-    width_us: int,
+    wish: Wish,
     maxima: Maxima,
     opening_ua: int,
     recontact_ua: int | None,
     is_open: bool,
     most: Most | None = None,
-    charge_us: int = 0,
     before_pc: int = 0,
 ) -> tuple[int, Clamp | None]:
     """What this electrode gets, in uA, of what is wanted; and the clamp to tell, if any.
 
     The smallest bound wins and is named. `opening_ua` is the array's ceiling now, `recontact_ua`
     the electrode's own after a re-contact (None: none), `is_open` that nothing touches it.
-    `most` is the frame's own, where stabilizers ask: in a pulse wider than the frame's a cap lets
-    through the charge that it has at the frame's width, because nobody has allowed more.
-    `charge_us` is the width that a pulse would have with the charge of its prepulse in it,
-    `before_pc` the charge of the probe that goes before.
+    `most` is the frame's own, where stabilizers ask. `before_pc` is the charge of the probe that
+    goes before. What leads into the pulse falls with it, and its charge counts.
     """
-    charge_us = max(width_us, charge_us)
-    part = 1.0 if most is None else min(1.0, most.own_us / charge_us)
+    return_ua = path.return_cap_ua / path.share
     bounds: list[tuple[int, str, int]] = [
-        (int(path.cap_ua * part), "cap", path.electrode),
-        (int(path.return_cap_ua / path.share * part), "return_cap", path.return_electrode),
-        ((maxima.charge_pc - before_pc) // charge_us, "charge", path.electrode),
+        (_within_cap(path.cap_ua, wish, most), "cap", path.electrode),
+        (_within_cap(return_ua, wish, most), "return_cap", path.return_electrode),
+        (wish.current_of(maxima.charge_pc - before_pc), "charge", path.electrode),
         (opening_ua, "opening", path.electrode),
     ]
     if most is not None:
-        bounds.append((min(most.current_ua, most.charge_pc // width_us), "frame", path.electrode))
+        frame_ua = min(most.current_ua, most.charge_pc // wish.width_us)
+        bounds.append((frame_ua, "frame", path.electrode))
     if recontact_ua is not None:
         bounds.append((recontact_ua, "recontact", path.electrode))
     if is_open:
         bounds.append((maxima.probe_current_ua, "contact_open", path.electrode))
     bound_ua, reason, limited_by = min(bounds, key=lambda bound: bound[0])
-    if wanted_ua <= bound_ua:
-        return wanted_ua, None
+    if wish.current_ua <= bound_ua:
+        return wish.current_ua, None
     clamp = Clamp(
         electrode=path.electrode,
-        wanted_ua=wanted_ua,
+        wanted_ua=wish.current_ua,
         got_ua=bound_ua,
         reason=reason,  # type: ignore[arg-type]
         limited_by=limited_by,
     )
     return bound_ua, clamp
+
+
+def _within_cap(cap_ua: float, wish: Wish, most: Most | None) -> int:
+    """A cap is a current, and the charge that it has in the frame's own pulses: where one is wider,
+    or something leads into it that the cap was not accepted with, nobody has allowed more.
+    """
+    if most is None:
+        return int(cap_ua)
+    return min(int(cap_ua), wish.current_of(most.capped_pc(cap_ua)))

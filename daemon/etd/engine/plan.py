@@ -12,7 +12,12 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from etd.bodysite import SiteDefaults
-from etd.calibration import Calibration, check_shape_of_levels, current_of_level
+from etd.calibration import (
+    Calibration,
+    check_shape_of_caps,
+    check_shape_of_levels,
+    current_of_level,
+)
 from etd.engine.limits import Path, last_word, path_of
 from etd.engine.room import Room, Rules, pc_of
 from etd.errors import CannotSelect, Refused
@@ -143,10 +148,13 @@ class Planner:
     # --- visits ----------------------------------------------------------------------------
 
     def _visits(self, frame: Frame) -> tuple[Visit, ...]:
+        shape = self._rules.site.stabilize.shape
         if frame.level is not None:
             _check_conditions(frame, self._calibration_for_levels())
-            check_shape_of_levels(self._calibration_for_levels(), self._rules.site.stabilize.shape)
+            check_shape_of_levels(self._calibration_for_levels(), shape)
         wanted_ua = self._currents(frame)
+        if self._rules.person.calibration is not None and any(wanted_ua):
+            check_shape_of_caps(self._rules.person.calibration, shape)
         default = self._defaults()
         widths_us = self._values("width_us", frame.width_us, default.width_us)
         rates_hz = self._values("rate_hz", frame.rate_hz, default.rate_hz)
@@ -275,7 +283,8 @@ class Planner:
     # --- what its limits will take away ------------------------------------------------------
 
     def _preview(self, visits: Sequence[Visit], share_of_all: float) -> tuple[Clamp, ...]:
-        maxima = self._rules.maxima
+        """Of the pulses that will be fired, where no law answers the skin."""
+        maxima, shape = self._rules.maxima, self._rules.site.stabilize.shape
         found = []
         for one in visits:
             path = one.path
@@ -284,13 +293,13 @@ class Planner:
                 path = path.with_share(share)
             _, clamp = last_word(
                 path,
-                one.current_ua,
-                one.width_us,
+                one.most.in_slot(shape.of(one.wish)),
                 maxima,
                 maxima.current_ua,
                 None,
                 False,
-                before_pc=one.probe_pc,
+                one.most,
+                one.probe_pc,
             )
             if clamp is not None:
                 found.append(clamp)

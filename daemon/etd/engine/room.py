@@ -39,6 +39,10 @@ class Room:
         self._is_probe_first = stabilize.probe_first
         self._prepulse = stabilize.prepulse
         self._prepulse_us = stabilize.prepulse_us
+        # A calibration's caps were accepted with the prepulse that there is: the shape is checked
+        # (`etd.calibration`). A client's number is of nothing but a current.
+        is_led = self._prepulse is not None and rules.person.calibration is not None
+        self._cap_led_part = self._prepulse.part if self._prepulse and is_led else 0.0
 
     def probe(self, electrode: int, wish: Wish) -> Wish | None:
         """What goes before each pulse of it, where the site says so: never longer than the frame's
@@ -74,6 +78,7 @@ class Room:
             width_us=max(wish.width_us, min(width_us, int(allowed_us))),
             charge_pc=max(charge_pc, min(int(charge_pc * reach.charge), allowed_pc)),
             prepulse_us=self._prepulse_us,
+            cap_led_part=self._cap_led_part,
         )
 
     def check_minimum(self, electrode: int, current_ua: int) -> None:

@@ -252,14 +252,12 @@ class Visitor:
         tools, electrode = self._tools, visit.electrode
         return last_word(
             visit.path.with_share(share),
-            wish.current_ua,
-            wish.width_us,
+            wish,
             tools.maxima,
             opening_ua,
             tools.opening.recontact_ua(electrode, now_ns),
             tools.contact.is_touched[electrode] is False,
             visit.most,
-            wish.charge_us,
             visit.probe_pc,
         )
 
@@ -335,9 +333,8 @@ class Visitor:
 
 def _entry(visit: Visit, given: Wish, share: float, pulses: int = 1) -> Entry:
     phases = len(visit.phases)
-    charge_pc = given.current_ua * given.width_us + given.prepulse_ua * given.prepulse_us
     on_us = given.whole_us * phases
-    return Entry(visit.electrode, charge_pc * phases, on_us, visit.returns, share, pulses)
+    return Entry(visit.electrode, given.charge_pc * phases, on_us, visit.returns, share, pulses)
 
 
 def _allowed(given: Wish) -> tuple[int, int, Prepulse | None]:

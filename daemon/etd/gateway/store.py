@@ -60,7 +60,13 @@ class CalibrationStore:
         """
         if self._is_shipped(name):
             raise Refused("bad_calibration", f"{name!r} is a shipped one: it stays")
-        path = self._find(name, with_shipped=False)
+        path = self._own / f"{name}.toml"
+        if not path.is_file():
+            own = ", ".join(self.names(with_shipped=False)) or "none"
+            raise Refused(
+                "not_found",
+                f"no calibration {name!r} is kept here; kept are: {own} (what is shipped stays)",
+            )
         try:
             path.unlink()
         except OSError as error:

@@ -46,6 +46,10 @@ class Narrow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         """It remembers nothing."""
 
     def ask(self, wish: Wish, known: Known) -> Wish:  # noqa: ARG002 - others look at it
+        return self.of(wish)
+
+    def of(self, wish: Wish) -> Wish:
+        """As far above the curve as it was, and narrower."""
         if wish.width_us <= self.width_us:
             return wish
         rise = strength(self.width_us, self.tau_us) / strength(wish.width_us, self.tau_us)

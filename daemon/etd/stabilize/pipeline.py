@@ -52,11 +52,15 @@ class Wish:
         return self.width_us + self.prepulse_us
 
     @property
-    def charge_us(self) -> int:
-        """The width that has the charge of both steps at the pulse's current."""
+    def charge_pc(self) -> int:
+        """Of both steps."""
+        return self.current_ua * self.width_us + self.prepulse_ua * self.prepulse_us
+
+    def current_of(self, charge_pc: int) -> int:
+        """The current, in uA, at which both steps together have this charge and no more."""
         if not self.current_ua:
-            return self.width_us
-        return self.width_us + math.ceil(self.prepulse_ua * self.prepulse_us / self.current_ua)
+            return charge_pc // self.width_us
+        return charge_pc * self.current_ua // self.charge_pc
 
     def not_above(self, other: Wish) -> Wish:
         """No part of it more than of another one."""
@@ -127,7 +131,8 @@ class Most:
     """The frame's own most for one electrode: no stabilizer gets more, whatever it asks.
 
     `own_us` is the width that the frame asked for, `width_us` how wide its slot in the scan is,
-    beside the `prepulse_us` that the body site leaves for a prepulse.
+    beside the `prepulse_us` that the body site leaves for a prepulse. `cap_led_part`: of a cap's
+    current, what led into the pulses that it was accepted with; 0: they were plain ones.
     Current and charge are cut, and told, together with the limits (`engine/limits.py`).
     """
 
@@ -136,6 +141,11 @@ class Most:
     width_us: int
     charge_pc: int
     prepulse_us: int = 0
+    cap_led_part: float = 0.0
+
+    def capped_pc(self, cap_ua: float) -> int:
+        """The charge that a cap has in the frame's own width, with what led into its pulses."""
+        return int(cap_ua * self.own_us) + int(cap_ua * self.cap_led_part) * self.prepulse_us
 
     def in_slot(self, wish: Wish) -> Wish:
         """No step of it wider than there is room."""

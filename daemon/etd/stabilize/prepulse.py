@@ -46,5 +46,9 @@ class Prepulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         """It remembers nothing."""
 
     def ask(self, wish: Wish, known: Known) -> Wish:  # noqa: ARG002 - others look at it
+        return self.of(wish)
+
+    def of(self, wish: Wish) -> Wish:
+        """The same, led into."""
         prepulse_ua = int(wish.current_ua * self.part)
         return replace(wish, prepulse_ua=prepulse_ua, prepulse_us=self.width_us)

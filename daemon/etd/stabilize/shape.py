@@ -14,6 +14,7 @@ import msgspec
 
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.narrow import Narrow
+from etd.stabilize.pipeline import Wish
 from etd.stabilize.prepulse import Prepulse
 
 
@@ -33,6 +34,12 @@ class Shape(
         if self.narrow is None or width_us > self.narrow.width_us:
             return self
         return msgspec.structs.replace(self, narrow=None)
+
+    def of(self, wish: Wish) -> Wish:
+        """What it makes of one pulse, in the order in which a body site must name them."""
+        for one in (self.narrow, self.prepulse):
+            wish = wish if one is None else one.of(wish)
+        return wish
 
     @property
     def prepulse_us(self) -> int:

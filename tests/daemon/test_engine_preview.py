@@ -1,0 +1,151 @@
+"""Caps against prepulses: what is fired is within the cap, uses it, and is what was announced."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import msgspec
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import engine_rig
+from engine_parts import array, body_site, maxima_with
+from engine_parts import calibration as calibrated
+from engine_rig import EngineRig
+from engine_scenes import calibration, clamps, config, only, open_calibrated, phases
+from etd.calibration import Calibration
+from etd.engine.limits import Path, PersonLimits, last_word
+from etd.engine.room import Room, Rules
+from etd.stabilize.narrow import Narrow
+from etd.stabilize.pipeline import NO_FURTHER, Wish
+from etd.stabilize.prepulse import Prepulse
+from etd.stabilize.settings import Settings
+from trace_decoder import visits
+
+N, ELECTRODE = 16, 3
+STEP_UA = 10_000 / 4_095
+HIGH_UA = 8_000
+prepulses = st.builds(Prepulse, below_db=st.floats(2.0, 10.0), width_us=st.integers(20, 90))
+narrows = st.builds(Narrow, width_us=st.integers(30, 100), tau_us=st.just(151.0))
+
+
+def table(prepulse: Prepulse | None, narrow: Narrow | None, is_probe_first: bool) -> Settings:
+    named = {"narrow": narrow, "prepulse": prepulse}
+    laws: dict[str, Any] = {name: one for name, one in named.items() if one is not None}
+    return Settings(order=tuple(laws), probe_first=is_probe_first, **laws)  # type: ignore[arg-type]
+
+
+def accepted_pc(cap_ua: int, width_us: int, prepulse: Prepulse | None) -> int:
+    """The charge of the pulse that somebody accepted, by hand."""
+    led_pc = 0 if prepulse is None else int(cap_ua * prepulse.part) * prepulse.width_us
+    return cap_ua * width_us + led_pc
+
+
+def rules(prepulse: Prepulse | None, made: Calibration | None) -> Rules:
+    site = msgspec.structs.replace(body_site(), stabilize=table(prepulse, None, False))
+    person = PersonLimits((HIGH_UA,) * N, 200, made)
+    return Rules(array(), site, maxima_with(), person, STEP_UA, NO_FURTHER)
+
+
+@given(
+    prepulse=st.none() | prepulses,
+    is_calibrated=st.booleans(),
+    cap_ua=st.integers(50, 3_000),
+    wanted_ua=st.integers(1, 6_000),
+    own_us=st.integers(20, 110),
+    wider=st.floats(0.3, 1.8),
+)
+def test_a_cap_lets_through_the_charge_that_was_accepted_and_all_of_it(
+    prepulse: Prepulse | None,
+    is_calibrated: bool,
+    cap_ua: int,
+    wanted_ua: int,
+    own_us: int,
+    wider: float,
+) -> None:
+    made = calibrated(shape=table(prepulse, None, False).shape) if is_calibrated else None
+    frame_wish = Wish(wanted_ua, own_us)
+    most = dataclasses.replace(
+        Room(rules(prepulse, made)).most(frame_wish, 1.0, 1, None),
+        current_ua=HIGH_UA,
+        charge_pc=HIGH_UA * 200,
+    )
+    wish = Wish(wanted_ua, max(20, int(own_us * wider)))
+    wish = wish if prepulse is None else prepulse.of(wish)
+    free = maxima_with(charge_pc=2_000_000)
+    path = Path(ELECTRODE, cap_ua, HIGH_UA, 9, 1 / 15)
+    got_ua, clamp = last_word(path, wish, free, HIGH_UA, None, False, most)
+    most_pc = accepted_pc(cap_ua, own_us, prepulse if is_calibrated else None)
+    assert got_ua <= min(cap_ua, wanted_ua)
+    assert wish.at(got_ua).charge_pc <= most_pc
+    if clamp is None:
+        assert got_ua == wanted_ua
+    else:
+        assert got_ua == cap_ua or wish.at(got_ua + 1).charge_pc > most_pc - wish.prepulse_us
+
+
+# --- announced, and fired -----------------------------------------------------------------------
+
+
+@settings(
+    deadline=None,
+    max_examples=25,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+@given(
+    prepulse=st.none() | prepulses,
+    narrow=st.none() | narrows,
+    is_probe_first=st.booleans(),
+    is_calibrated=st.booleans(),
+    cap_ua=st.integers(400, 2_000),
+    wanted_ua=st.integers(400, 3_000),
+    width_us=st.integers(40, 100),
+)
+def test_what_is_announced_as_clamped_is_what_is_fired(
+    prepulse: Prepulse | None,
+    narrow: Narrow | None,
+    is_probe_first: bool,
+    is_calibrated: bool,
+    cap_ua: int,
+    wanted_ua: int,
+    width_us: int,
+) -> None:
+    rig = opened(table(prepulse, narrow, is_probe_first), cap_ua, is_calibrated)
+    asked = {"current_ua": only(N, e3=wanted_ua), "width_us": width_us, "rate_hz": 20.0}
+    refusal = rig.show(**asked, strict=True, ttl_ms=20)
+    rig.run_ms(100)
+    since_ns, told = rig.clock.now_ns(), len(clamps(rig))
+    answer = rig.show(**asked, pulses=1)
+    assert answer.error is None, answer.reason
+    rig.run_ms(120)
+    assert (refusal.error == "over_limit") == bool(answer.clamped)
+    assert clamps(rig)[told:] == list(answer.clamped)
+    (fired,) = [one for one in visits(phases(rig, since_ns)) if one[0].electrode == ELECTRODE]
+    *before, pulse = fired[1:] if is_probe_first else fired
+    if answer.clamped:
+        got_ua = answer.clamped[0].got_ua
+    else:
+        got_ua = wanted_ua if narrow is None else narrow.of(Wish(wanted_ua, width_us)).current_ua
+    assert got_ua - STEP_UA <= pulse.current_ua <= got_ua
+    assert pulse.current_ua <= cap_ua
+    led = prepulse if is_calibrated else None
+    charge_pc = sum(one.charge_pc for one in before) + pulse.charge_pc
+    assert charge_pc <= accepted_pc(cap_ua, width_us, led) + 1.0
+    assert rig.close() == ()
+
+
+def opened(table_: Settings, cap_ua: int, is_calibrated: bool) -> EngineRig:
+    """Armed, under caps that this shape has, with the opening wide."""
+    loaded = config(electrodes=N)
+    site = msgspec.structs.replace(loaded.body_site, stabilize=table_)
+    rig = engine_rig.make(loaded=dataclasses.replace(loaded, body_site=site))
+    if is_calibrated:
+        made = calibration(rig, (cap_ua,) * N, shape=table_.shape)
+        assert open_calibrated(rig, made).error is None
+    else:
+        rig.open(max_current_ua=cap_ua, width_us=190)
+    rig.arm()
+    # Up to the highest that any bound but the opening lets through.
+    rig.hold(1_300, current_ua=only(N, e0=20), rate_hz=20.0, width_us=40)
+    return rig
