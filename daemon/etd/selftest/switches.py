@@ -28,7 +28,7 @@ _FIRST, _ALONE, _CHANGE, _SECOND = _ALL = (
 _WITHIN_MS = 30_000
 #: To put one resistor in the place of another.
 _CHANGE_WITHIN_MS = 60_000
-_LOOK_EVERY_MS = 60
+_LOOK_EVERY_MS = 100
 #: After a round that was not good.
 _ROUND_EVERY_MS = 300
 #: A hand on its way is still where it was: who else answers is asked after this, and so often.

@@ -1,0 +1,121 @@
+"""What is wrong behind a chain's register, or in a source above some current, on the fake."""
+
+from __future__ import annotations
+
+import pytest
+
+from board_hand import PAUSE, Hand, pulse
+from etd_body.electrode import OPEN_CONTACT, load
+from etd_body.interface import Side
+from etd_body.minimal import MinimalBody
+from etd_hal.board import Board
+from etd_hal.boardfile import load_machine
+from etd_hal.fake.faults import (
+    AlsoSwitches,
+    Fault,
+    GainAbove,
+    OutputSeries,
+    OutputsSwapped,
+    Saturation,
+    SwitchOutput,
+)
+from stepped_board import BOARDS, SteppedBoard, shipped_board, stepped_board
+
+
+def selected(rig: SteppedBoard, output: int, polarity: int = 1) -> set[int]:
+    """Who stands on the other side than all the rest."""
+    Hand(rig).select(output, polarity)
+    alone = Side.SOURCE if polarity else Side.GROUND
+    return {electrode for electrode, side in enumerate(rig.fake.sides) if side == alone}
+
+
+@pytest.mark.parametrize("polarity", [1, 0])
+@pytest.mark.parametrize(
+    ("faults", "output", "found"),
+    [
+        ([AlsoSwitches(5, 6)], 5, {5, 6}),
+        ([AlsoSwitches(5, 6)], 6, {6}),
+        ([OutputsSwapped(5, 9)], 5, {9}),
+        ([OutputsSwapped(5, 9)], 9, {5}),
+        ([OutputsSwapped(5, 9)], 6, {6}),
+        ([OutputsSwapped(5, 9), AlsoSwitches(5, 6)], 5, {9, 6}),
+    ],
+)
+def test_half_bridges_connect_what_they_are_wired_to(
+    faults: list[Fault], output: int, polarity: int, found: set[int]
+) -> None:
+    assert selected(stepped_board(faults=faults), output, polarity) == found
+
+
+def test_an_output_that_stays_is_the_chains_and_not_the_electrodes() -> None:
+    rig = stepped_board(faults=[OutputsSwapped(5, 9), SwitchOutput(9, "source")])
+    assert selected(rig, 3) == {3, 5}
+
+
+def relays(*faults: Fault) -> tuple[SteppedBoard, Board]:
+    rig = stepped_board("feetthrough-relay", faults=faults)
+    machine = load_machine(BOARDS.parent / "machines" / "pi4.toml")
+    return rig, Board(rig.board, machine, rig.backend.spi, rig.backend.gpio, rig.clock)
+
+
+def connected(rig: SteppedBoard, board: Board, output: int) -> set[int]:
+    """Who is on the source, when the relays have moved."""
+    selection = board.selection(output, None)
+    board.prepare(selection, whole=True)
+    board.connect(selection, is_anodic=True)
+    rig.clock.spend(10_000_000)
+    rig.backend.gpio.edges()
+    return {one for one, side in enumerate(rig.fake.sides) if side == Side.SOURCE}
+
+
+def test_relays_that_close_together_put_the_source_on_ground() -> None:
+    """The other one's relay to ground is closed, as that of all returns."""
+    rig, board = relays(AlsoSwitches(5, 6))
+    assert connected(rig, board, 6) == {6}
+    assert rig.fake.violations == []
+    rig.fake.world.put_in(SwitchOutput(0, "open"))
+    assert connected(rig, board, 5) == {5, 6}
+
+
+def test_relays_connect_what_they_are_wired_to_from_when_they_are_swapped() -> None:
+    rig, board = relays()
+    assert connected(rig, board, 5) == {5}
+    rig.fake.world.put_in(OutputsSwapped(5, 9))
+    assert connected(rig, board, 6) == {6}
+    assert connected(rig, board, 5) == {9}
+
+
+def test_half_a_switch_is_in_series_with_what_is_put_on_its_electrode_next() -> None:
+    body = MinimalBody((OPEN_CONTACT,) * 3, leak_ohm=66_000, compliance_v=300)
+    rig = stepped_board(electrodes=(4, 5, 6), body=body, faults=[OutputSeries(5, 15_000)])
+    for electrode in range(3):
+        rig.fake.world.touch(electrode, load(10_000))
+    assert [rig.body.contact(one).resistance_ohm for one in range(3)] == [10_000, 25_000, 10_000]
+    rig.fake.world.lift(1)
+    assert body.contact(1).kind == "open"
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "made_ua"),
+    [
+        (GainAbove(1_000, 2.0), 1_000, 2_442),
+        (GainAbove(1_000, 2.0), 1_001, 2 * 2_444.4),
+        (Saturation(4_000.0), 1_600, 3_907),
+        (Saturation(4_000.0), 1_700, 4_000),
+    ],
+)
+def test_a_source_that_is_wrong_above_some_current(fault: Fault, code: int, made_ua: float) -> None:
+    """Into 10 k beside a leak of 66 k, at the end of 30 us."""
+    board = shipped_board("kajimoto-hv507")
+    body = MinimalBody(
+        (load(5_000),) * 2,
+        leak_ohm=board.source.leak_ohm,
+        compliance_v=board.source.compliance_v,
+    )
+    rig = stepped_board(electrodes=(0, 1), body=body, faults=[fault])
+    Hand(rig).select(0)
+    rig.backend.spi.transfer(pulse(code, PAUSE, PAUSE, PAUSE))
+    beside_ohm = 1 / (1 / 10_000 + 1 / board.source.leak_ohm)
+    through_ua = made_ua * beside_ohm / 10_000
+    width_us = rig.events("body")[0]["to_ns"] / 1e3 - rig.events("body")[0]["from_ns"] / 1e3
+    assert body.charge_pc(0) == pytest.approx(through_ua * width_us, rel=0.002)
