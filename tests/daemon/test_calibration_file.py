@@ -129,7 +129,7 @@ BURSTS = Bursts(pulses=6, rate_hz=350.0)
         (
             PLAIN,
             Shape(prepulse=Prepulse(below_db=6.0, width_us=50)),
-            "a prepulse of 50 us, 6 dB below of it: put that back, calibrate anew, or send",
+            "a prepulse of 50 us, 6 dB below of it: put that back, calibrate anew, or open",
         ),
         (PLAIN, Shape(narrow=Narrow(width_us=50, tau_us=151.0)), r"narrowed to 50 us \(tau 151"),
         (PLAIN, Shape(probe_first=True), "now makes a probe before each of it"),
