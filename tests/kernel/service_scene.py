@@ -149,9 +149,15 @@ class Entry:
     text: str
 
 
+def _journalctl(*arguments: str) -> str:
+    """All that has been said so far: what still lies in the journal's sockets is written first."""
+    said_by("journalctl", "--sync")
+    return said_by("journalctl", "--no-pager", *arguments)
+
+
 def cursor(unit: str = ENGINE) -> str:
     """The last of a service's entries: `--after-cursor` counts within what is asked for."""
-    told = said_by("journalctl", "--no-pager", "--lines=1", "--show-cursor", f"--unit={unit}")
+    told = _journalctl("--lines=1", "--show-cursor", f"--unit={unit}")
     found = re.search(r"-- cursor: (\S+)", told)
     return found[1] if found else ""
 
@@ -159,7 +165,7 @@ def cursor(unit: str = ENGINE) -> str:
 def journal(since: str, unit: str = ENGINE) -> list[Entry]:
     """A service's entries after a cursor."""
     after = (f"--after-cursor={since}",) if since else ()
-    told = said_by("journalctl", "--no-pager", "--output=json", f"--unit={unit}", *after)
+    told = _journalctl("--output=json", f"--unit={unit}", *after)
     entries = [json.loads(line) for line in told.splitlines()]
     return [Entry(int(entry["_PID"]), str(entry["MESSAGE"])) for entry in entries]
 
