@@ -22,13 +22,11 @@ sys.path[:0] = [str(_CLONE / one) for one in ("tests", "daemon", "hal")]
 
 import numpy as np  # noqa: E402
 
-from bench.steady_skin import WIDTH_US, asked_body, body_of  # noqa: E402
+from bench.steady_skin import CALIBRATED_S, WIDTH_US, attachment_of, body_of, seen_ohm  # noqa: E402
 from etd.config import fake_config  # noqa: E402
-from etd_body.living import LivingBody  # noqa: E402
 from etd_body.tissue import Floats  # noqa: E402
-from etd_body.ways import Ways  # noqa: E402
 
-TUNING_SEEDS = (1, 2, 3, 4)
+TUNING_SEEDS = (1, 2, 3, 4, 5, 6, 7, 8)
 _AT_S = (3.0, 21.0, 47.0, 90.0, 170.0, 290.0, 430.0, 590.0)
 _WIDTHS_US = np.array([35.0, 50.0, 70.0, 100.0, 140.0, 200.0])
 _EVERY = 5
@@ -69,10 +67,13 @@ def _slope(rise: Floats, part: Floats) -> float:
 
 def _finger(seed: int) -> tuple[Floats, ...]:
     loaded = fake_config(electrodes=64)
-    asked = asked_body(seed, loaded.board, loaded.array)
-    electrodes = range(0, 64, _EVERY)
+    asked = body_of(seed, loaded.board, loaded.array)
+    asked.look_at(0)
+    asked.look_at(int(CALIBRATED_S * 1e9))
+    lies_on = attachment_of(seed, loaded.array).at(CALIBRATED_S).area >= 1.0
+    electrodes = [one for one in range(0, 64, _EVERY) if lies_on[one]]
     told_ua = {one: _OVER * asked.told_threshold_ua(one, WIDTH_US) for one in electrodes}
-    first_ohm = {one: _seen_ohm(asked, one, told_ua[one]) for one in electrodes}
+    first_ohm = {one: seen_ohm(asked, one, told_ua[one]) for one in electrodes}
     skin_ua = {one: asked.sensation.true_threshold_ua(one, WIDTH_US) for one in electrodes}
     body = body_of(seed, loaded.board, loaded.array)
     rows: list[tuple[float, float, float, float]] = []
@@ -88,18 +89,12 @@ def _finger(seed: int) -> tuple[Floats, ...]:
             )
             if not _WIDTHS_US[0] < width_us < _WIDTHS_US[-1]:
                 continue
-            ratio = _seen_ohm(body, one, told_ua[one]) / first_ohm[one]
+            ratio = seen_ohm(body, one, told_ua[one]) / first_ohm[one]
             true_ua = body.sensation.true_threshold_ua(one, width_us)
             charge = true_ua * width_us / (skin_ua[one] * WIDTH_US)
             energy = (true_ua / skin_ua[one]) ** 2 * ratio * width_us / WIDTH_US
             rows.append((np.log(ratio), np.log(width_us / WIDTH_US), charge, energy))
     return tuple(np.array(rows).T)
-
-
-def _seen_ohm(body: LivingBody, electrode: int, told_ua: float) -> float:
-    """What the end of a long pulse tells, returns and films included."""
-    way = Ways(body.skin).against_all(electrode)
-    return 1.0 / (1.0 / (body.resistance_ohm(electrode, told_ua) + way.rest_ohm) + way.shunt_s)
 
 
 if __name__ == "__main__":

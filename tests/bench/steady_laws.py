@@ -24,8 +24,8 @@ AHEAD = "contact + fitted + probe"
 CONTACT_AHEAD = "contact + probe"
 
 _CONTACT = ContactLaw()
-_FITTED = FittedLaw(k=0.73)
-_LINES = LinesLaw(charge_slope=-1.0, energy_slope=0.0)
+_FITTED = FittedLaw(k=1.05)
+_LINES = LinesLaw(charge_slope=-0.48, energy_slope=0.22)
 
 LAWS: dict[str, Settings] = {
     NONE: NOTHING,

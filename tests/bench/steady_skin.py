@@ -14,6 +14,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from statistics import median
 
 import numpy as np
 
@@ -22,16 +23,19 @@ from etd.calibration import Calibration, ElectrodeLimits
 from etd_body.course import BUSY, Course, SkinNow
 from etd_body.living import LivingBody
 from etd_body.tissue import Floats
+from etd_body.ways import Ways
 from etd_hal.boardfile import BoardFile
 
-WIDTH_US, RATE_HZ = 100, 20.0
+WIDTH_US, RATE_HZ = 100, 10.0
 SCRIPT = BUSY
 SETTLING_S, BEFORE_S, PIECE_S = 0.8, 0.6, 4.4
-#: About when it is calibrated: asking for 64 electrodes takes minutes, so it has sweated.
-CALIBRATED_S = 300.0
+#: When it is begun to be asked, and how long and how often it is asked for each electrode.
+CALIBRATED_S, ASKED_S, _ASKED_TIMES = 300.0, 32.0, 8
 #: Where the first piece begins to be looked for: when the finger has lain for a moment.
 FIRST_S = 2.0
 _GRAIN_S = 0.02
+#: The charge that a fingertip gets at the most, in a pulse of this width: nobody is asked for more.
+MOST_UA = 500_000 / WIDTH_US
 _COMFORTABLE, _COMFORTABLE_BELOW_PAIN, _CAP_BELOW_PAIN = 2.0, 0.75, 0.9
 
 
@@ -98,9 +102,8 @@ class Finger:
 
 def finger(seed: int, board: BoardFile, array: Array, minutes: float, count: int | None) -> Finger:
     """`count` pieces, spread over the minutes; None is all of them."""
-    places = list(zip(array.x_mm, array.y_mm, strict=True))
-    attachment = Course(replace(SCRIPT, sweat=0.0, pressing=0.0), places, seed=seed)
-    calibration = calibrated(asked_body(seed, board, array), array)
+    attachment = attachment_of(seed, array)
+    calibration = calibrated(seed, board, array)
     body = body_of(seed, board, array)
     lasting_s = minutes * 60.0
     pieces = (
@@ -126,13 +129,10 @@ def body_of(seed: int, board: BoardFile, array: Array) -> LivingBody:
     )
 
 
-def asked_body(seed: int, board: BoardFile, array: Array) -> LivingBody:
-    """The same finger when it is calibrated: it has lain for a while, and lies on wholly."""
-    body = body_of(seed, board, array)
+def attachment_of(seed: int, array: Array) -> Course:
+    """The peelings of a finger that neither sweats nor presses: `area` is what lies on."""
     places = list(zip(array.x_mm, array.y_mm, strict=True))
-    attachment = Course(replace(SCRIPT, sweat=0.0, pressing=0.0), places, seed=seed)
-    body.look_at(int((_peeling_after(attachment, CALIBRATED_S) - BEFORE_S) * 1e9))
-    return body
+    return Course(replace(SCRIPT, sweat=0.0, pressing=0.0), places, seed=seed)
 
 
 def pieces_of(attachment: Course, lasting_s: float, count: int) -> Pieces:
@@ -143,9 +143,8 @@ def pieces_of(attachment: Course, lasting_s: float, count: int) -> Pieces:
 
 
 def whole_of(attachment: Course, lasting_s: float) -> Pieces:
-    """From the first peeling to the end."""
-    start_s = _peeling_after(attachment, FIRST_S) - BEFORE_S
-    return Pieces((start_s,), lasting_s - start_s)
+    """All of it, from the first peeling on."""
+    return Pieces((_peeling_after(attachment, FIRST_S) - BEFORE_S,), lasting_s)
 
 
 def _peeling_after(attachment: Course, from_s: float) -> float:
@@ -161,10 +160,13 @@ def _peeling_after(attachment: Course, from_s: float) -> float:
         t_s += _GRAIN_S
 
 
-def calibrated(body: LivingBody, array: Array) -> Calibration:
-    """What a person with this finger says: the true thresholds, and twice that for comfortable,
-    where that stays well below pain.
+def calibrated(seed: int, board: BoardFile, array: Array) -> Calibration:
+    """What a person with this finger says when it has lain for a while, one electrode after
+    another.
     """
+    body, attachment = body_of(seed, board, array), attachment_of(seed, array)
+    # The body's time begins when it is first looked at.
+    body.look_at(0)
     return Calibration(
         participant="modelled",
         body_site="fingertip",
@@ -175,22 +177,38 @@ def calibrated(body: LivingBody, array: Array) -> Calibration:
         returns="all",
         date=datetime.date(2025, 1, 15),
         program="bench",
-        electrode=tuple(limits_of(body, one) for one in range(array.count)),
+        electrode=tuple(limits_of(body, attachment, one) for one in range(array.count)),
     )
 
 
-def limits_of(body: LivingBody, electrode: int) -> ElectrodeLimits:
-    """One electrode's, on the skin as it is now."""
-    threshold_ua = body.told_threshold_ua(electrode, WIDTH_US)
-    pain_ua = body.told_pain_threshold_ua(electrode, WIDTH_US)
+def limits_of(body: LivingBody, attachment: Course, electrode: int) -> ElectrodeLimits:
+    """One electrode's: medians of what is true while it is asked, and lies on. Comfortable is
+    twice the threshold, where that stays well below pain and within what anybody gets.
+    """
+    found: list[tuple[float, float, float]] = []
+    for part in range(_ASKED_TIMES):
+        at_s = CALIBRATED_S + (electrode + part / _ASKED_TIMES) * ASKED_S
+        if attachment.at(at_s).area[electrode] >= 1.0:
+            body.look_at(int(at_s * 1e9))
+            threshold_ua = min(MOST_UA, body.told_threshold_ua(electrode, WIDTH_US))
+            pain_ua = body.told_pain_threshold_ua(electrode, WIDTH_US)
+            ohm = seen_ohm(body, electrode, min(MOST_UA, _COMFORTABLE * threshold_ua))
+            found.append((threshold_ua, pain_ua, ohm))
+    threshold_ua, pain_ua, ohm = map(median, zip(*found, strict=True))
     comfortable_ua = min(_COMFORTABLE * threshold_ua, _COMFORTABLE_BELOW_PAIN * pain_ua)
-    comfortable_ua = max(comfortable_ua, 1.02 * threshold_ua)
+    comfortable_ua = min(MOST_UA, max(comfortable_ua, 1.02 * threshold_ua))
     return ElectrodeLimits(
         threshold_ua=round(threshold_ua),
         comfortable_ua=round(comfortable_ua),
-        cap_ua=round(max(comfortable_ua, _CAP_BELOW_PAIN * pain_ua)),
-        resistance_ohm=body.resistance_ohm(electrode, comfortable_ua),
+        cap_ua=round(min(MOST_UA, max(comfortable_ua, _CAP_BELOW_PAIN * pain_ua))),
+        resistance_ohm=round(ohm),
     )
+
+
+def seen_ohm(body: LivingBody, electrode: int, told_ua: float) -> float:
+    """What the end of a long pulse tells, returns and films included."""
+    way = Ways(body.skin).against_all(electrode)
+    return 1.0 / (1.0 / (body.resistance_ohm(electrode, told_ua) + way.rest_ohm) + way.shunt_s)
 
 
 def attached(finger: Finger, body_s: Sequence[float]) -> Floats:
