@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.steady_run import Kept
-from etd_body.tissue import Floats
 
 FIRM_S = 1.0
 #: After a contact is made anew, what is felt within this is the step: it has its whole area after
-#: a quarter of a second, its whole current after half of one.
+#: a quarter of a second, and by the engine's own ramp most of its current after half of one.
 STEP_S = 0.75
-#: What it settles to is what is felt directly after that: later, pressing has changed it.
-SETTLED_S = 0.5
-FIRST_SECOND_S = 1.0
+#: It is compared with what the same electrode is felt as, while it lies on firmly, so long before
+#: and after.
+STEADY_S = 10.0
 Mask = NDArray[np.bool_]
 
 
@@ -42,12 +41,10 @@ class SteadyFigures:
     #: Of these, how many where the contact was firm: the others are at a peeling or a return.
     firm_scans_above_pain: int
     most_pain: float
-    #: The most that is felt on touching again, over the strength that the same
-    #: contact settles to in the next moment; the second: the mean over all such contacts.
+    #: The most that is felt just after touching again, over the steady strength of the same
+    #: electrode; the second: the mean over all such contacts.
     recontact_step: float
     recontact_step_mean: float
-    #: The most felt in the first second, over the strength of the same electrode before it peeled.
-    recontact_of_before: float
     recontacts: int
     scans: int
 
@@ -58,7 +55,6 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
     over_electrodes: list[float] = []
     means: list[float] = []
     steps: list[float] = []
-    before: list[float] = []
     shown = below = painful = firm_painful = scans = 0
     most_pain = 0.0
     for one in kept:
@@ -70,8 +66,7 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         over_time.extend(np.nanstd(felt, axis=0)[is_felt] / mean[is_felt])
         over_electrodes.append(float(mean.std() / mean.mean()))
         means.extend(mean)
-        steps.extend(recontact_steps(one))
-        before.extend(steps_of_before(one))
+        steps.extend(recontact_steps(one, firm))
         touching = one.attached > 0.0
         shown += int(touching.sum())
         below += int((touching & (one.felt < 1.0)).sum())
@@ -91,7 +86,6 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         most_pain=most_pain,
         recontact_step=max(steps, default=0.0),
         recontact_step_mean=float(np.mean(steps)) if steps else 0.0,
-        recontact_of_before=max(before, default=0.0),
         recontacts=len(steps),
         scans=scans,
     )
@@ -110,28 +104,17 @@ def firm_of(kept: Kept) -> Mask:
     return firm
 
 
-def recontact_steps(kept: Kept) -> list[float]:
-    """One for each electrode that touched again, in each piece."""
+def recontact_steps(kept: Kept, firm: Mask) -> list[float]:
+    """One for each return, where the electrode was felt at all while it lay on firmly."""
     found: list[float] = []
     for scan, electrode in _touched_again(kept):
-        soon = _within(kept, scan, 0.0, STEP_S)
-        settled = _within(kept, scan, STEP_S, STEP_S + SETTLED_S) & ~soon
-        whole = kept.attached[:, electrode] >= 1.0
-        found.append(_step(kept.felt[:, electrode], settled & whole, soon))
-    return [one for one in found if np.isfinite(one)]
-
-
-def steps_of_before(kept: Kept) -> list[float]:
-    """The same, against the half second before the electrode began to peel, where it was felt."""
-    found: list[float] = []
-    for scan, electrode in _touched_again(kept):
-        whole = kept.attached[:, electrode] >= 1.0
-        lying = np.flatnonzero(whole[:scan] & (kept.piece[:scan] == kept.piece[scan]))
-        if len(lying):
-            before = _within(kept, int(lying[-1]), -SETTLED_S, 0.0) & whole
-            soon = _within(kept, scan, 0.0, FIRST_SECOND_S)
-            found.append(_step(kept.felt[:, electrode], before, soon))
-    return [one for one in found if np.isfinite(one)]
+        near = _within(kept, scan, -STEADY_S, STEADY_S)
+        steady = kept.felt[near & firm[:, electrode], electrode]
+        soon = kept.felt[_within(kept, scan, 0.0, STEP_S), electrode]
+        if steady.any():
+            # At the threshold every other scan is felt, and half of a strength is none.
+            found.append(float(soon.max() / np.median(steady[steady > 0.0])))
+    return found
 
 
 def _touched_again(kept: Kept) -> Iterator[tuple[int, int]]:
@@ -146,11 +129,3 @@ def _within(kept: Kept, scan: int, from_s: float, to_s: float) -> Mask:
     """The scans of the same piece, so long after one of them."""
     after_s = kept.inside_s - kept.inside_s[scan]
     return np.asarray((kept.piece == kept.piece[scan]) & (after_s >= from_s) & (after_s <= to_s))
-
-
-def _step(felt: Floats, steady: Mask, soon: Mask) -> float:
-    """Over the strength of the scans that were felt: at the threshold every other one is, and
-    half of a strength is none. A contact that was never felt has no step.
-    """
-    strengths = felt[steady & (felt > 0.0)]
-    return float(felt[soon].max() / np.median(strengths)) if len(strengths) else float("nan")

@@ -7,7 +7,7 @@ of it. Must not know: what is made of the figures.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -15,15 +15,23 @@ import numpy as np
 import engine_rig
 from bench import steady_skin
 from bench.steady_skin import Finger
+from engine_rig import EngineRig
+from etd.array import PressureSensor
 from etd.config import LoadedConfig, fake_config
 from etd.link import OpenLease
 from etd.stabilize.settings import Settings
 from etd_body.tissue import Floats
+from etd_hal.boardfile import BoardFile, RailMonitor
 from etd_hal.compose import Backend
 from etd_hal.ports import Clock, Marker
 
 ELECTRODES = 64
-_OPENING_MS = 1_600
+_OPENING_MS, _RENEWED_MS = 1_600, 500.0
+SENSOR = PressureSensor(
+    address=0x48, channel=0, x_mm=0.0, y_mm=0.0, zero_v=0.5, kpa_per_v=100.0, low_v=0.2, high_v=3.2
+)
+#: What a conversion is given.
+_CONVERTED_NS = 15_000_000
 
 
 @dataclass(frozen=True)
@@ -59,11 +67,62 @@ class _Scans:
         self._marker.mark(event, seq, tag)
 
 
+class _Sensed:
+    """A sensor under the middle of the array, and the engine's sensor thread, without a thread:
+    the chip has one converter, so that it reads the rail and the sensor by turns.
+    """
+
+    def __init__(self, rig: EngineRig, finger: Finger) -> None:
+        self._rig = rig
+        self._finger = finger
+        self._turned_ns = 0
+        self._is_rail_next = True
+        rig.is_sensing = False
+
+    def turn(self, now_ns: int) -> None:
+        if now_ns - self._turned_ns < _CONVERTED_NS:
+            return
+        self._turned_ns = now_ns
+        rail, pressure = self._rig.engine.rail, self._rig.engine.pressure
+        volts = SENSOR.zero_v + self._finger.course.pressure_kpa(now_ns * 1e-9) / SENSOR.kpa_per_v
+        self._rig.fake.world.set_sensor_v(SENSOR.address, SENSOR.channel, volts)
+        if self._is_rail_next:
+            pressure.end(0)
+            rail.begin()
+        else:
+            rail.end()
+            pressure.begin(0)
+        self._is_rail_next = not self._is_rail_next
+
+
 def loaded_with(settings: Settings) -> LoadedConfig:
-    """The fake's board and a site with these stabilizers."""
+    """The fake's board and a site with these stabilizers; for those that go by pressure, with a
+    sensor under the middle of the array, on the chip that watches the rail.
+    """
     loaded = fake_config(electrodes=ELECTRODES)
     site = msgspec.structs.replace(loaded.body_site, stabilize=settings)
-    return replace(loaded, body_site=site)
+    loaded = replace(loaded, body_site=site)
+    if settings.pressure is None:
+        return loaded
+    guards = msgspec.structs.replace(loaded.board.guards, rail_monitor=_monitor(loaded.board))
+    board = msgspec.structs.replace(loaded.board, i2c="/dev/i2c-1", guards=guards)
+    return replace(
+        loaded, board=board, array=msgspec.structs.replace(loaded.array, pressure=(SENSOR,))
+    )
+
+
+def _monitor(board: BoardFile) -> RailMonitor:
+    rail_v = board.source.compliance_v
+    return RailMonitor(
+        address=SENSOR.address,
+        channel=SENSOR.channel + 1,
+        divider=200.0,
+        low_v=0.9 * rail_v,
+        high_v=1.1 * rail_v,
+        off_v=30.0,
+        rise_ms=500,
+        fall_ms=3_500,
+    )
 
 
 def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int | None) -> Kept:
@@ -77,6 +136,8 @@ def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int
         return replace(backend, marker=made[0])
 
     rig = engine_rig.make(loaded=loaded, body=finger.body, is_traced=False, wrap=watched)
+    if settings.pressure is not None:
+        rig.meanwhile = _Sensed(rig, finger).turn
     answer = rig.ask(
         OpenLease,
         lease=engine_rig.LEASE,
@@ -87,15 +148,29 @@ def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int
     )
     assert answer.error is None, answer.reason
     rig.arm()
-    frame = {"level": (level,) * ELECTRODES, "ttl_ms": 1_000}
+    # What was not felt up to the most that anybody gets is left out, as a person's would be.
+    levels = tuple(level * one.felt for one in finger.calibration.electrode)
+    frame = {"level": levels, "ttl_ms": 1_000}
     rig.hold(_OPENING_MS, **frame)
     begun_ns = rig.clock.now_ns()
     finger.course.begin(begun_ns * 1e-9)
-    rig.hold(finger.pieces.engine_s * 1e3, **frame)
+    _hold(rig, begun_ns + int(finger.pieces.engine_s * 1e9), frame)
     counters = dict(rig.engine.reporter.counters)
     problems = rig.close()
     assert problems == (), problems
     return _kept(finger, made[0], begun_ns, counters)
+
+
+def _hold(rig: EngineRig, until_ns: int, frame: dict[str, Any]) -> None:
+    """The same frame, sent anew before it lapses. A report for every pulse of ten minutes is more
+    than anybody reads.
+    """
+    while rig.clock.now_ns() < until_ns:
+        answer = rig.show(**frame)
+        assert answer.error is None, answer.reason
+        rig.run_ms(min(_RENEWED_MS, (until_ns - rig.clock.now_ns()) / 1e6))
+        rig.reports.clear()
+        rig.others.clear()
 
 
 def _kept(finger: Finger, scans: _Scans, begun_ns: int, counters: dict[str, int]) -> Kept:

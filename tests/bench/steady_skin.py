@@ -1,10 +1,10 @@
-"""A finger for ten minutes, of which some seconds are looked at: who it is, and when.
+"""A finger for ten minutes: who it is, what was calibrated of it, and when it is looked at.
 
-Owns: the body of a seed, its calibration, and the seconds that stand for the ten minutes.
+Owns: the body of a seed, its calibration, and the seconds that are played of the ten minutes.
 Must not know: engines, stabilizers, what is made of it.
 
-Ten minutes of 64 electrodes are most of a million pulses, each with its own wires: some minutes of
-a processor for each law. To look sooner, the body's time can run in pieces: a few seconds around a
+Ten minutes of 64 electrodes at 10 Hz are 384000 pulses, each with its own wires: some minutes of a
+processor for each law. To look sooner, the body's time can run in pieces: a few seconds around a
 peeling, then on to the next one minutes later. Before each piece the skin is held as it is then for
 `SETTLING_S`, in which nothing counts. All of it is one long piece.
 """
@@ -29,13 +29,14 @@ from etd_hal.boardfile import BoardFile
 WIDTH_US, RATE_HZ = 100, 10.0
 SCRIPT = BUSY
 SETTLING_S, BEFORE_S, PIECE_S = 0.8, 0.6, 4.4
-#: When it is begun to be asked, and how long and how often it is asked for each electrode.
+#: When asking begins, how long it takes for each electrode, and of how many moments of that the
+#: answer is the median.
 CALIBRATED_S, ASKED_S, _ASKED_TIMES = 300.0, 32.0, 8
 #: Where the first piece begins to be looked for: when the finger has lain for a moment.
 FIRST_S = 2.0
 _GRAIN_S = 0.02
-#: The charge that a fingertip gets at the most, in a pulse of this width: nobody is asked for more.
-MOST_UA = 500_000 / WIDTH_US
+#: Nobody is asked for more: a fingertip gets 500 nC a pulse, and prepulse and probe are part of it.
+MOST_UA = 4_500.0
 _COMFORTABLE, _COMFORTABLE_BELOW_PAIN, _CAP_BELOW_PAIN = 2.0, 0.75, 0.9
 
 
@@ -202,6 +203,7 @@ def limits_of(body: LivingBody, attachment: Course, electrode: int) -> Electrode
         comfortable_ua=round(comfortable_ua),
         cap_ua=round(min(MOST_UA, max(comfortable_ua, _CAP_BELOW_PAIN * pain_ua))),
         resistance_ohm=round(ohm),
+        felt=threshold_ua < MOST_UA,
     )
 
 

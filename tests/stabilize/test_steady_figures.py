@@ -60,15 +60,22 @@ def test_pain_is_counted_from_one_on_and_told_apart_where_the_contact_is_firm() 
     assert found.most_pain == 1.2
 
 
-def test_a_step_is_the_most_felt_in_a_second_over_what_the_contact_settles_to() -> None:
+def test_a_step_is_the_most_felt_just_after_touching_over_the_steady_strength() -> None:
     attached = [[1.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 31
-    felt = [[9.0]] * 40 + [[0.0]] * 5 + [[1.0], [3.0]] + [[2.0]] * 29
+    felt = [[2.0]] * 40 + [[0.0]] * 5 + [[1.0], [3.0]] + [[2.0]] * 29
     found = figures("x", [kept(felt, attached=attached)])
     assert found.recontacts == 1
     assert found.recontact_step == pytest.approx(1.5)
 
 
-def test_a_contact_that_settles_to_the_threshold_is_compared_with_what_is_felt_of_it() -> None:
+def test_what_is_felt_later_than_just_after_touching_is_no_step() -> None:
+    attached = [[1.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 31
+    felt = [[2.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 9 + [[3.0]] + [[2.0]] * 21
+    found = figures("x", [kept(felt, attached=attached)])
+    assert found.recontact_step == pytest.approx(0.5)
+
+
+def test_the_steady_strength_is_of_scans_in_which_something_was_felt() -> None:
     attached = [[1.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 31
     felt = [[0.0]] * 45 + [[1.1]] * 3 + [[0.0], [0.0], [1.1], [0.0]] * 7
     found = figures("x", [kept(felt, attached=attached)])
@@ -86,10 +93,10 @@ def test_pieces_run_from_a_moment_before_each_peeling_and_hold_the_skin_before_t
         assert course.at(start_s + 0.62).area.min() < 1.0
 
 
-def test_the_whole_is_one_piece_from_the_first_peeling_to_the_end() -> None:
+def test_the_whole_is_one_piece_from_the_first_peeling_on() -> None:
     course = Course(Script(peels_per_min=6.0), [(0.0, 0.0), (5.0, 0.0), (0.0, 5.0)], seed=3)
     whole = whole_of(course, 60.0)
     assert whole.starts_s == pieces_of(course, 60.0, 3).starts_s[:1]
     at_s = [whole.at(elapsed_s)[0] for elapsed_s in (0.0, SETTLING_S, whole.engine_s - 1e-6)]
-    assert at_s == pytest.approx([whole.starts_s[0], whole.starts_s[0], 60.0])
+    assert at_s == pytest.approx([whole.starts_s[0], whole.starts_s[0], whole.starts_s[0] + 60.0])
     assert [whole.at(SETTLING_S + one)[1] for one in (1.0, 40.0)] == pytest.approx([1.0, 40.0])

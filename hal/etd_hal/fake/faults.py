@@ -311,6 +311,8 @@ class Faults:
 
     def of(self, kind: type[_F]) -> tuple[_F, ...]:
         """All faults of a kind that are in."""
+        if not self._counts:
+            return ()
         return tuple(fault for fault in self._counts if isinstance(fault, kind))
 
     def spi_message(self) -> tuple[SpiError | SpiStall | SpiShort, ...]:

@@ -127,5 +127,7 @@ class Rail:
         return target_v
 
     def _is_cut_by_a_stop(self) -> bool:
+        if not self._open_stops:
+            return False
         bridged = {fault.stop for fault in self._faults.of(StopCutsNothing)}
         return self._stops_cut and bool(self._open_stops - bridged)

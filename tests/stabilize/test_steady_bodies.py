@@ -1,0 +1,65 @@
+"""The benchmark of steadiness on one piece of a finger's time: what it claims of body and runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.steady import MOST_STEP, bounds
+from bench.steady_figures import SteadyFigures, figures
+from bench.steady_laws import AHEAD, CONTACT, LAWS, NONE
+from bench.steady_run import ELECTRODES, run
+from bench.steady_skin import CALIBRATED_S, MOST_UA, WIDTH_US, body_of, calibrated
+from etd.config import fake_config
+from etd.engine.opening import Opening
+
+SEED, LEVEL, MINUTES, PIECES = 5, 0.6, 2.0, 1
+
+
+def found_with(name: str) -> SteadyFigures:
+    return figures(name, [run(SEED, LAWS[name], LEVEL, MINUTES, PIECES)])
+
+
+def test_the_finger_has_sweated_when_it_is_calibrated() -> None:
+    loaded = fake_config(electrodes=ELECTRODES)
+    found = calibrated(SEED, loaded.board, loaded.array).electrode
+    body = body_of(SEED, loaded.board, loaded.array)
+    body.look_at(0)
+    dry_ua = [body.told_threshold_ua(one, WIDTH_US) for one in range(0, ELECTRODES, 7)]
+    body.look_at(int((CALIBRATED_S + 1_000.0) * 1e9))
+    wet_ua = [body.told_threshold_ua(one, WIDTH_US) for one in range(0, ELECTRODES, 7)]
+    asked_ua = [found[one].threshold_ua for one in range(0, ELECTRODES, 7)]
+    assert np.median(asked_ua) > 1.3 * np.median(dry_ua)
+    assert np.median(asked_ua) == pytest.approx(np.median(wet_ua), rel=0.25)
+    assert max(one.comfortable_ua for one in found) <= MOST_UA
+
+
+def test_a_return_is_a_step_where_neither_the_engine_nor_a_law_softens_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Opening, "touched_again", lambda self, electrode: None)
+    assert found_with(NONE).recontact_step > MOST_STEP
+    assert found_with(CONTACT).recontact_step <= MOST_STEP
+
+
+def test_pressing_less_than_the_sensor_is_set_to_is_felt_as_less() -> None:
+    pressed, plain = found_with("pressure"), found_with(NONE)
+    assert pressed.scans == plain.scans
+    assert pressed.mean_felt < plain.mean_felt - 0.1
+
+
+def test_each_bound_can_fail() -> None:
+    good = SteadyFigures(NONE, 2.0, 0.4, 0.1, 0.0, 0.01, 10, 10, 1.5, 1.0, 0.5, 20, 1_000)
+    ahead = replace(good, name=AHEAD, over_time=0.2, scans_above_pain=0)
+    assert all(one.is_met for one in bounds({NONE: good, AHEAD: ahead}))
+    for plain, other in (
+        (good, replace(ahead, over_time=0.21)),
+        (good, replace(ahead, scans_above_pain=1)),
+        (good, replace(ahead, recontact_step=1.21)),
+        (replace(good, scans_above_pain=0), ahead),
+    ):
+        assert sum(not one.is_met for one in bounds({NONE: plain, AHEAD: other})) == 1
+    soft = replace(good, name=CONTACT, recontact_step=1.21)
+    assert not all(one.is_met for one in bounds({CONTACT: soft}))
