@@ -15,6 +15,7 @@ from etd.selftest.run import STAGES
 from etd.selftest_report import load
 from etd.selftest_subject import subject_of
 from etd_hal.board import Board
+from etd_hal.fake.hand import FakeHand
 
 FULL = ["selftest", "--board", "fake", "--array", "grid-4x4"]
 ONE_LOAD = ["--dummy-load", "47000", "--load-electrodes", "0,5"]
@@ -116,6 +117,23 @@ def test_with_one_load_the_second_walk_is_a_skip_that_says_what_to_add(
     assert (
         "SKIP switches: second_load, switches: every_switch_again\n     --second-load OHM" in told
     )
+
+
+def test_a_touch_in_the_wrong_place_is_told_live(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip = FakeHand.clip
+
+    def clip_wrongly(hand: FakeHand, load_ohm: int, first: int, second: int) -> None:
+        clip(hand, load_ohm, first, 9 if second == 7 else second)
+
+    monkeypatch.setattr(FakeHand, "clip", clip_wrongly)
+    assert cli.main([*FULL, *LOAD]) == 1
+    asked, told = capsys.readouterr().out.split("-> 47000 ohm between electrode 0 and electrode 7")
+    assert "wrong place" not in asked
+    said = "-> electrode 9 answers where 7 was asked for: the wrong place, or wires swapped\n"
+    assert told.count(said) == 1
+    assert told.index(said) < told.index("fail   every_switch ")
 
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:

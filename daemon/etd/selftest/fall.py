@@ -32,6 +32,16 @@ class Fall:
     begun_ms: float | None
     gone_ms: float | None
 
+    def begun_within(self, most_ms: float) -> bool:
+        """A fall that was not seen to begin did not begin in time."""
+        return self.begun_ms is not None and self.begun_ms <= most_ms
+
+    @property
+    def told_begun(self) -> str:
+        if self.begun_ms is None:
+            return "is not seen to fall"
+        return f"falls after {self.begun_ms:.0f} ms"
+
 
 def seen_within_ms(monitor: RailMonitor, guard_ms: float) -> float:
     """By when the fall is seen to have begun, if the guard acts within `guard_ms`."""

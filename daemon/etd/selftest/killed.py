@@ -67,12 +67,11 @@ def _check_watched(bed: Bed, log: Log, monitor: RailMonitor) -> None:
     fall = watch_fall(bed, monitor, from_v, guard_ms + monitor.fall_ms, killed_ns)
     _check_lines(bed, log, took_ms)
     within_ms = seen_within_ms(monitor, guard_ms)
-    begun = "not seen to fall" if fall.begun_ms is None else f"falls after {fall.begun_ms:.0f} ms"
     gone = "stays" if fall.gone_ms is None else f"gone after {fall.gone_ms:.0f} ms"
     log.judge(
         "killed_supply",
-        fall.begun_ms is not None and fall.begun_ms <= within_ms and fall.gone_ms is not None,
-        f"{begun}, {gone}",
+        fall.begun_within(within_ms) and fall.gone_ms is not None,
+        f"{fall.told_begun}, {gone}",
         f"cut within {guard_ms:.0f} ms of the kill, so seen to fall within {within_ms:.0f} ms, and"
         f" below {monitor.off_v} V within {monitor.fall_ms} ms",
         "the enable's pull and the heartbeat's gate must each cut the supply without any program",

@@ -220,13 +220,13 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
         " last beat, the enable being on",
         _GATE_ADVICE,
     )
-    if not is_good or fall.begun_ms is None:
+    if not is_good:
         return
     seen_ms = seen_within_ms(monitor, heartbeat.window_ms)
     log.judge(
         "heartbeat_window",
-        fall.begun_ms <= seen_ms,
-        f"the rail falls after {fall.begun_ms:.0f} ms without a beat",
+        fall.begun_within(seen_ms),
+        f"the rail {fall.told_begun} without a beat",
         f"{heartbeat.window_ms} ms, so seen to fall within {seen_ms:.0f} ms",
         _WINDOW_ADVICE,
     )
