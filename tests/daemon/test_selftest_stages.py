@@ -305,6 +305,21 @@ def test_a_stop_that_is_pressed_in_a_wait_ends_the_supply_at_once() -> None:
     assert 0 < rig.clock.now_ns() - pressed_ns[0] < 20_000_000
 
 
+def test_the_board_is_safe_before_an_error_or_the_skips_after_a_failure_are_told() -> None:
+    """A pipe that nobody reads holds the program up at whatever it prints."""
+    for faults, name in (([SpiError(at_message=160)], "bus"), ([LineCut("HV")], "all")):
+        rig = selftest_rig(faults=faults)
+        bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+        is_on: dict[str, bool] = {}
+
+        def on_check(check: Check, bed: Bed = bed, is_on: dict[str, bool] = is_on) -> None:
+            is_on[check.name] = bed.board.is_supply_on
+
+        run(bed, DATE, on_check=on_check)
+        assert is_on["safe_state"] is is_on[name] is False
+        assert is_on["rise" if name == "all" else "idle_node_live"]
+
+
 def test_a_rail_that_sags_before_the_heartbeat_ends_proves_no_gate() -> None:
     rig = selftest_rig()
     bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)

@@ -44,19 +44,21 @@ def run(
     log = Log(on_check)
     prober = Prober(bed)
     stages = _stages(bed, log, prober)
+    failed_at = len(STAGES)
     try:
         for index, (name, what) in enumerate(STAGES):
             log.stage = name
             on_stage(name, what)
-            _run_stage(log, stages[name])
+            _run_stage(bed, log, stages[name])
             if log.stage_failed:
-                _skip_rest(log, name, index)
+                failed_at = index
                 break
     except BaseException:
         for problem in bed.board.safe_off():
             print(f"etd selftest: NOT SAFE: {problem}: {_BY_HAND}", file=sys.stderr)  # noqa: T201
         raise
     problems = bed.board.safe_off()
+    _skip_rest(log, failed_at)
     log.stage = "end"
     log.judge(
         "safe_state",
@@ -87,11 +89,16 @@ def _stages(bed: Bed, log: Log, prober: Prober) -> dict[str, Callable[[], None]]
     }
 
 
-def _run_stage(log: Log, stage: Callable[[], None]) -> None:
-    """An error that a stage does not expect ends it, under the name of what raised it."""
+def _run_stage(bed: Bed, log: Log, stage: Callable[[], None]) -> None:
+    """An error that a stage does not expect ends it, under the name of what raised it.
+
+    The board is safe before it is told: whoever reads the progress may be slow. What goes wrong
+    with that is told at the end, when it is done again.
+    """
     try:
         stage()
     except (BusError, BoardFault, GuardRefusal, CannotSelect) as error:
+        bed.board.safe_off()
         log.judge(_name_of(error), False, str(error), "", "see what it says; then begin again")
 
 
@@ -101,10 +108,10 @@ def _name_of(error: BusError | BoardFault | GuardRefusal | CannotSelect) -> str:
     return {BusError: "bus", GuardRefusal: "guard"}.get(type(error), "selection")
 
 
-def _skip_rest(log: Log, failed: str, index: int) -> None:
-    for name, _ in STAGES[index + 1 :]:
+def _skip_rest(log: Log, failed_at: int) -> None:
+    for name, _ in STAGES[failed_at + 1 :]:
         log.stage = name
-        log.skip("all", f"{failed} failed", "put that right first")
+        log.skip("all", f"{STAGES[failed_at][0]} failed", "put that right first")
 
 
 def _report(bed: Bed, prober: Prober, log: Log, date: datetime.datetime) -> Report:
