@@ -64,6 +64,8 @@ class TestOpening:
         assert found.may_come
 
     def test_without_rights_all_that_is_closed_is_told_at_once(self, chips: Chips) -> None:
+        # Packages are imported when they are first used, from folders that may be closed as well.
+        open_linux(BOARD, MACHINE).close()
         with without_rights():
             found = missing()
         assert len(found.problems) == 3
