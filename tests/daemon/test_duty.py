@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etd.engine.duty import WINDOW_NS, BusyClock
-from etd.engine.plan import BUSY_PART
+from etd.engine.pace import BUSY_PART
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.ports import SPIN_NS
 

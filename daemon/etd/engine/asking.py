@@ -14,8 +14,8 @@ from msgspec import structs
 from etd.calibration import Calibration
 from etd.engine.contact import ContactMap
 from etd.engine.impedance import ImpedanceMap, Samples
-from etd.engine.plan import Visit
 from etd.engine.reporting import Reporter
+from etd.engine.visit import Visit
 from etd.stabilize.contact import Contact
 from etd.stabilize.pipeline import Known, Stabilizer, Wish, ask_all, reach_of
 

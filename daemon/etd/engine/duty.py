@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from etd.engine.plan import BUSY_PART
+from etd.engine.pace import BUSY_PART
 from etd_hal.ports import SPIN_NS, Clock
 
 WINDOW_NS = 100_000_000

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from etd.engine.plan import Visit
 from etd.engine.sensors import RailSensor
+from etd.engine.visit import Visit
 from etd.engine.visits import Tools, Visitor
 from etd.errors import Refused
 from etd_hal.ports import Clock

@@ -92,7 +92,7 @@ class Engine(Core):
             self.opening.rise(now_ns)
             self._wait_for(min(standing.next_ns, standing.expires_ns), now_ns + TICK_NS)
             return
-        if self._visitor.has_drifted:
+        if self._visitor.firing.has_drifted:
             self._calibrate_again()
         self._look_at_stop_levels()
         self.scanner.scan(self._visitor, self._may_fire)
@@ -111,7 +111,7 @@ class Engine(Core):
 
     def _calibrate_again(self) -> None:
         self.board.calibrate(lambda: self._beat(self.clock.now_ns()))
-        self._visitor.forget_drift()
+        self._visitor.firing.forget_drift()
         self.reporter.counters["recalibrated"] += 1
         self.planner_of_lease()
 

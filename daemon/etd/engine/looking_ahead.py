@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 from etd.engine.contact import PEELED, ContactMap
 from etd.engine.impedance import MOST_OHM, ImpedanceMap
-from etd.engine.plan import Visit
+from etd.engine.visit import Visit
 from etd.stabilize.pipeline import Wish
 from etd_hal.board import Pulse, Shot
 

@@ -1,7 +1,8 @@
-"""From a frame to the visits of a scan: levels to currents, maxima, order, and whether it fits.
+"""From a frame to the visits of a scan: levels to currents, maxima, caps foreseen, and order.
 
-Owns: everything that is decided once a frame. Must not know: time of day, sockets, hardware calls;
-what was felt. A plan is refused as a whole, with the reason; nothing is left out of it silently.
+Owns: everything that is decided once a frame, but for how fast it can go (`pace`) and what room a
+pulse has (`room`). Must not know: time of day, sockets, hardware calls; what was felt. A plan is
+refused as a whole, with the reason; nothing is left out of it silently.
 """
 
 from __future__ import annotations
@@ -19,25 +20,17 @@ from etd.calibration import (
     current_of_level,
 )
 from etd.engine.limits import Path, last_word, path_of
+from etd.engine.pace import Pace, Places
 from etd.engine.room import Room, Rules, pc_of
+from etd.engine.visit import Visit
 from etd.errors import CannotSelect, Refused
 from etd.frame import Frame, Polarity, Returns, Ring, per_electrode
 from etd.protocol import Clamp, Thinned
-from etd.stabilize.bursts import groups
-from etd.stabilize.pipeline import Most, Wish
-from etd_hal.cost import Cost, CostModel
+from etd.stabilize.pipeline import Wish
+from etd_hal.cost import CostModel
 from etd_hal.selection import Selection
 
 T = TypeVar("T")
-
-#: Places in the list of visits, group by group.
-Places = tuple[tuple[int, ...], ...]
-
-#: Of any 100 ms the loop may be busy for at most this part; see `engine/duty.py`.
-BUSY_PART = 0.8
-
-#: A plan leaves this much of its period for what comes in between: heartbeat, reports.
-RESERVE = 0.98
 
 #: Anodic phases are True.
 PHASES: dict[Polarity, tuple[bool, ...]] = {
@@ -57,37 +50,6 @@ class Selector(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Visit:
-    """One electrode of a frame, ready to be visited once a scan or less often.
-
-    `returns` None means all others; then the path's share is decided at each visit.
-    """
-
-    electrode: int
-    selection: Selection
-    current_ua: int
-    width_us: int
-    phases: tuple[bool, ...]
-    rate_hz: float
-    returns: tuple[int, ...] | None
-    path: Path
-    #: What stabilizers may make of it at the most; its slot in the scan is this wide.
-    most: Most
-    #: What goes before its pulse, in the same visit; its charge and its time are planned for.
-    probe: Wish | None = None
-
-    @property
-    def probe_pc(self) -> int:
-        """The charge that goes before each of its pulses."""
-        return pc_of(self.probe)
-
-    @property
-    def wish(self) -> Wish:
-        """What the frame itself asks for."""
-        return Wish(self.current_ua, self.width_us)
-
-
-@dataclass(frozen=True, slots=True)
 class Plan:
     """A frame that can be shown: its visits in chain order, and a period that they fit into.
 
@@ -101,7 +63,7 @@ class Plan:
     period_ns: int
     clamped: tuple[Clamp, ...]
     thinned: tuple[Thinned, ...]
-    groups: tuple[tuple[int, ...], ...]
+    groups: Places
     pulses: int
     interval_ns: int
 
@@ -112,11 +74,8 @@ class Planner:
     def __init__(self, board: Selector, rules: Rules, cost: CostModel) -> None:
         self._board = board
         self._rules = rules
-        self._cost = cost
         self._room = Room(rules)
-        self._bursts = rules.site.stabilize.bursts
-        self._pulses = 1 if self._bursts is None else self._bursts.pulses
-        self._interval_us = 0.0 if self._bursts is None else self._bursts.interval_us
+        self._pace = Pace(rules, cost)
         self._outputs = rules.array.outputs()
         self._count = rules.array.count
         caps_ua = rules.person.caps_ua
@@ -130,8 +89,8 @@ class Planner:
         clamped = self._preview(visits, share_of_all)
         if frame.strict and clamped:
             self._refuse_strict(clamped[0])
-        grouped = self._grouped(visits)
-        rate_hz, thinned = self._rate(frame, visits, grouped)
+        grouped = self._pace.grouped(visits)
+        rate_hz, thinned = self._pace.rate(frame, visits, grouped)
         self._check_array_mean(visits, rate_hz)
         return Plan(
             frame,
@@ -141,8 +100,8 @@ class Planner:
             clamped,
             thinned,
             grouped,
-            self._pulses,
-            math.ceil(self._interval_us * 1_000),
+            self._pace.pulses,
+            math.ceil(self._pace.interval_us * 1_000),
         )
 
     # --- visits ----------------------------------------------------------------------------
@@ -206,7 +165,7 @@ class Planner:
         self._room.check_minimum(electrode, current_ua)
         wish = Wish(current_ua, width_us)
         probe = self._room.probe(electrode, wish)
-        visits_hz, count = rate_hz * self._pulses, len(phases)
+        visits_hz, count = rate_hz * self._pace.pulses, len(phases)
         self._room.check_maxima(electrode, current_ua, width_us, count, visits_hz, pc_of(probe))
         returns = self._returns(frame, electrode)
         path = self._path(electrode, returns)
@@ -230,7 +189,7 @@ class Planner:
         slower = rate_hz / max((one.rate_hz for one in visits), default=rate_hz)
         mean_ua = (
             slower
-            * self._pulses
+            * self._pace.pulses
             * sum(
                 one.rate_hz
                 * (charge_pc(one.current_ua, one.width_us) * len(one.phases) + one.probe_pc)
@@ -313,71 +272,6 @@ class Planner:
             f" {clamp.got_ua} uA ({clamp.reason} of electrode {clamp.limited_by})",
             clamp.electrode,
         )
-
-    # --- does it fit -------------------------------------------------------------------------
-
-    def _grouped(self, visits: Sequence[Visit]) -> Places:
-        """The places of the visits that take turns. Raises: Refused, where a burst is too fast."""
-        places = tuple(range(len(visits)))
-        if self._bursts is None or not places:
-            return (places,)
-        found = groups(
-            places,
-            self._interval_us,
-            lambda group: self._round([visits[place] for place in group], True).slot_us,
-        )
-        if found is None:
-            raise Refused(
-                "board_cannot",
-                f"one pulse every {self._interval_us:.0f} us is faster than this board can visit an"
-                " electrode: lower stabilize.bursts.rate_hz of the body site, or shorter pulses",
-            )
-        return found
-
-    def _rate(
-        self, frame: Frame, visits: Sequence[Visit], grouped: Places
-    ) -> tuple[float, tuple[Thinned, ...]]:
-        if not visits:
-            return self._rules.site.defaults.rate_hz, ()
-        wanted_hz = max(one.rate_hz for one in visits)
-        achievable_hz = self._achievable_hz(visits, grouped)
-        if wanted_hz <= achievable_hz:
-            return wanted_hz, ()
-        if not frame.thin:
-            has_room = any(one.most.width_us > one.width_us for one in visits)
-            room = ", with room for what stabilizers may widen" if has_room else ""
-            raise Refused(
-                "too_fast",
-                f"{len(visits)} electrodes at {wanted_hz:g} Hz do not fit: at most"
-                f" {achievable_hz:.1f} Hz{room} (or send thin: true to be slowed down)",
-                achievable_hz=achievable_hz,
-            )
-        return achievable_hz, (Thinned(electrode=None, reason="rate", rate_hz=achievable_hz),)
-
-    def _achievable_hz(self, visits: Sequence[Visit], grouped: Places) -> float:
-        slots_us = busy_us = self._cost.rewrite_us()
-        for group in grouped:
-            once = self._round([visits[place] for place in group], self._bursts is not None)
-            slots_us += once.slot_us + (self._pulses - 1) * self._interval_us
-            busy_us += once.busy_us * self._pulses
-        return RESERVE * min(1e6 / slots_us, BUSY_PART * 1e6 / busy_us)
-
-    def _round(self, visits: Sequence[Visit], is_again: bool) -> Cost:
-        """One pulse of each, the way from the last one to the first included where they come again
-        (after a scan the rewriting of the chain is that way).
-        """
-        slot_us = busy_us = 0.0
-        before = visits[-1].selection.output
-        for one in visits:
-            output = one.selection.output
-            clocks = self._cost.clocks(before, output) if is_again or output > before else 0
-            width_us = one.most.width_us + one.most.prepulse_us
-            probe_us = 0 if one.probe is None else one.probe.width_us
-            cost = self._cost.visit(width_us, len(one.phases), clocks, probe_us)
-            slot_us += cost.slot_us
-            busy_us += cost.busy_us
-            before = output
-        return Cost(slot_us, busy_us)
 
 
 def _check_conditions(frame: Frame, calibration: Calibration) -> None:

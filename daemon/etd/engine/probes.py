@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from etd.array import Array
 from etd.engine.limits import Maxima, PersonLimits, path_of
-from etd.engine.plan import Selector, Visit
+from etd.engine.plan import Selector
+from etd.engine.visit import Visit
 from etd.stabilize.pipeline import Most
 
 

@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from etd.engine.duty import BusyClock
-from etd.engine.plan import Plan, Visit
+from etd.engine.plan import Plan
 from etd.engine.reporting import Reporter
+from etd.engine.visit import Visit
 from etd.engine.visits import Visitor
 from etd_hal.board import Board
 from etd_hal.ports import Marker

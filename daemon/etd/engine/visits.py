@@ -1,34 +1,29 @@
 """One visit of one electrode: stabilize, limit, ledger, fire, discharge, learn, report.
 
 Owns: the order of these, which is the order of safety: whatever a stabilizer asks, the limits and
-the ledger come after it, and nothing after them increases anything.
+the ledger come after it, and nothing after them (`firing`) increases anything.
 Must not know: frames, schedules, sockets, states (beyond being called only when firing may go on).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from etd.engine.asking import Asker
 from etd.engine.contact import ContactMap
+from etd.engine.firing import Firing, entry_of, prepulse_of
 from etd.engine.impedance import Samples
 from etd.engine.ledger import Entry, Ledger
 from etd.engine.limits import Maxima, last_word
 from etd.engine.looking_ahead import LookingAhead
 from etd.engine.opening import Opening
-from etd.engine.plan import Visit
 from etd.engine.reporting import FiredPulse, Reporter
 from etd.engine.sharing import Sharing
-from etd.errors import BoardFault
+from etd.engine.visit import Visit
 from etd.protocol import Clamp
 from etd.stabilize.pipeline import Wish
 from etd_hal.board import Board, Pulse, Shot
-from etd_hal.watch import Prepulse
-
-#: Of the mean deviation from plan, by which drift is seen.
-_DRIFT_WEIGHT = 0.02
 
 
 @dataclass(slots=True)
@@ -57,7 +52,7 @@ class _Ready:
 
     def with_probe(self, probe: Wish) -> Entry:
         """What the ledger must have room for before the probe is fired."""
-        charge_pc = self.entry.charge_pc + probe.current_ua * probe.width_us
+        charge_pc = self.entry.charge_pc + probe.charge_pc
         return replace(self.entry, charge_pc=charge_pc, on_us=self.entry.on_us + probe.width_us)
 
 
@@ -66,19 +61,7 @@ class Visitor:
 
     def __init__(self, tools: Tools) -> None:
         self._tools = tools
-        machine = tools.board.machine
-        self._halt_excess_ns = int(machine.halt_excess_us * 1_000)
-        self._drift_ns = machine.drift_us * 1_000
-        self._deviation_ns = 0.0
-
-    @property
-    def has_drifted(self) -> bool:
-        """Messages take longer or shorter than calibrated, on the mean: calibrate again."""
-        return abs(self._deviation_ns) > self._drift_ns
-
-    def forget_drift(self) -> None:
-        """After a calibration."""
-        self._deviation_ns = 0.0
+        self.firing = Firing(tools.board, tools.ledger)
 
     def visit(
         self, visit: Visit, opening_ua: int, now_ns: int, may_still: Callable[[], bool]
@@ -128,14 +111,14 @@ class Visitor:
         current_ua, _ = self._limited(probe, wish, share, opening_ua, now_ns)
         given = wish.at(current_ua)
         pulse = tools.board.pulse(current_ua, given.width_us)
-        entry = _entry(probe, given, share)
+        entry = entry_of(probe, given, share)
         if pulse.code == 0 or tools.ledger.why_not(entry, now_ns) is not None:
             return
         tools.board.connect(probe.selection, probe.phases[0])
         if not may_still():
             tools.board.discharge()
             return
-        shots = self._fire(probe, pulse, entry, given)
+        shots = self.firing.fire(probe, pulse, entry, given)
         self._learn(probe, pulse, *shots)
         tools.reporter.counters["looks"] += 1
 
@@ -164,7 +147,7 @@ class Visitor:
             if probe_ua:
                 tools.reporter.counters["probes_alone"] += 1
             return None
-        shots = self._fire(visit, ready.pulse, ready.entry, ready.given)
+        shots = self.firing.fire(visit, ready.pulse, ready.entry, ready.given)
         self._learn(visit, ready.pulse, *shots)
         tools.ahead.was_followed(visit.electrode)
         self._tell(visit, ready.pulse, shots[0].begun_ns, probe_ua)
@@ -183,14 +166,14 @@ class Visitor:
         share = self._share(visit, now_ns)
         current_ua, clamp = self._limited(visit, wish, share, opening_ua, now_ns)
         given = wish.at(current_ua)
-        pulse = tools.board.pulse(current_ua, given.width_us, _prepulse(given))
+        pulse = tools.board.pulse(current_ua, given.width_us, prepulse_of(given))
         if pulse.code == 0:
             if clamp is not None:
                 tools.reporter.clamped(clamp)
             elif wish.current_ua > 0:
                 tools.reporter.skipped(electrode, "resolution")
             return None
-        entry = _entry(visit, given, share, pulses)
+        entry = entry_of(visit, given, share, pulses)
         if not self._fits(visit, entry, now_ns):
             return None
         if clamp is not None and clamp.reason == "return_cap":
@@ -209,12 +192,8 @@ class Visitor:
         """Fire, book and learn; the current that the source was told, in uA."""
         tools, electrode = self._tools, visit.electrode
         pulse = tools.board.pulse(probe.current_ua, probe.width_us)
-        charge_pc = probe.current_ua * probe.width_us
-        entry = Entry(electrode, charge_pc, probe.width_us, visit.returns, share)
-        is_anodic = visit.phases[0]
-        shot = tools.board.fire(pulse, visit.selection, is_anodic, *_allowed(probe))
-        tools.ledger.book(entry, shot.begun_ns)
-        self._check_duration(shot, pulse, entry)
+        entry = Entry(electrode, probe.charge_pc, probe.width_us, visit.returns, share)
+        shot = self.firing.first(visit, pulse, entry, probe)
         if tools.ahead.learn(electrode, pulse, shot):
             tools.asker.not_believed("probe")
         self._learn_share(visit, shot.begun_ns)
@@ -261,37 +240,6 @@ class Visitor:
             visit.probe_pc,
         )
 
-    def _fire(self, visit: Visit, pulse: Pulse, entry: Entry, given: Wish) -> tuple[Shot, Shot]:
-        """The first and the last phase's."""
-        board = self._tools.board
-        first, *others = visit.phases
-        allowed = _allowed(given)
-        shot = board.fire(pulse, visit.selection, first, *allowed)
-        self._tools.ledger.book(entry, shot.begun_ns)
-        first_shot = shot
-        self._check_duration(shot, pulse, entry)
-        for is_anodic in others:
-            board.flip(visit.selection, is_anodic)
-            shot = board.fire(pulse, visit.selection, is_anodic, *allowed)
-            self._check_duration(shot, pulse, entry)
-        board.discharge()
-        return first_shot, shot
-
-    def _check_duration(self, shot: Shot, pulse: Pulse, entry: Entry) -> None:
-        """What a message took over its plan bounds what the current flowed too long."""
-        excess_ns = shot.excess_ns
-        self._deviation_ns += _DRIFT_WEIGHT * (excess_ns - self._deviation_ns)
-        if excess_ns <= 0:
-            return
-        excess_pc = math.ceil(pulse.told_ua * excess_ns / 1_000)
-        self._tools.ledger.book_excess(entry, excess_pc, shot.begun_ns)
-        if excess_ns > self._halt_excess_ns:
-            raise BoardFault(
-                f"message for electrode {entry.electrode}",
-                f"{excess_ns / 1_000:.0f} us over its plan",
-                f"at most {self._halt_excess_ns / 1_000:.0f} us",
-            )
-
     def _learn(self, visit: Visit, pulse: Pulse, first: Shot, last: Shot) -> None:
         tools, electrode = self._tools, visit.electrode
         begun_ns, is_at_end = first.begun_ns, pulse.shape.has_end_sample
@@ -329,20 +277,6 @@ class Visitor:
                 probe_ua=probe_ua,
             )
         )
-
-
-def _entry(visit: Visit, given: Wish, share: float, pulses: int = 1) -> Entry:
-    phases = len(visit.phases)
-    on_us = given.whole_us * phases
-    return Entry(visit.electrode, given.charge_pc * phases, on_us, visit.returns, share, pulses)
-
-
-def _allowed(given: Wish) -> tuple[int, int, Prepulse | None]:
-    return given.current_ua, given.width_us, _prepulse(given)
-
-
-def _prepulse(given: Wish) -> Prepulse | None:
-    return Prepulse(given.prepulse_ua, given.prepulse_us) if given.prepulse_us else None
 
 
 def _samples(pulse: Pulse, shot: Shot) -> Samples:

@@ -1,0 +1,45 @@
+"""One electrode of a frame, ready to be visited: what a plan makes and a scan goes through.
+
+Owns: the one struct that plan, pace, scan and visits share. Must not know: how it came about, when
+it is visited, what becomes of it there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd.engine.limits import Path
+from etd.engine.room import pc_of
+from etd.stabilize.pipeline import Most, Wish
+from etd_hal.selection import Selection
+
+
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """One electrode of a frame, ready to be visited once a scan or less often.
+
+    `returns` None means all others; then the path's share is decided at each visit.
+    """
+
+    electrode: int
+    selection: Selection
+    current_ua: int
+    width_us: int
+    phases: tuple[bool, ...]
+    rate_hz: float
+    returns: tuple[int, ...] | None
+    path: Path
+    #: What stabilizers may make of it at the most; its slot in the scan is this wide.
+    most: Most
+    #: What goes before its pulse, in the same visit; its charge and its time are planned for.
+    probe: Wish | None = None
+
+    @property
+    def probe_pc(self) -> int:
+        """The charge that goes before each of its pulses."""
+        return pc_of(self.probe)
+
+    @property
+    def wish(self) -> Wish:
+        """What the frame itself asks for."""
+        return Wish(self.current_ua, self.width_us)
