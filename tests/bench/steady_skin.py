@@ -35,8 +35,9 @@ CALIBRATED_S, ASKED_S, _ASKED_TIMES = 300.0, 32.0, 8
 #: Where the first piece begins to be looked for: when the finger has lain for a moment.
 FIRST_S = 2.0
 _GRAIN_S = 0.02
-#: Nobody is asked for more: a fingertip gets 500 nC a pulse, and prepulse and probe are part of it.
-MOST_UA = 4_500.0
+#: A fingertip gets 500 nC a pulse: no cap is higher. Prepulse and probe are part of that, so that
+#: no level goes so far.
+MOST_CAP_UA, MOST_UA = 5_000.0, 4_500.0
 _COMFORTABLE, _COMFORTABLE_BELOW_PAIN, _CAP_BELOW_PAIN = 2.0, 0.75, 0.9
 
 
@@ -201,7 +202,7 @@ def limits_of(body: LivingBody, attachment: Course, electrode: int) -> Electrode
     return ElectrodeLimits(
         threshold_ua=round(threshold_ua),
         comfortable_ua=round(comfortable_ua),
-        cap_ua=round(min(MOST_UA, max(comfortable_ua, _CAP_BELOW_PAIN * pain_ua))),
+        cap_ua=round(min(MOST_CAP_UA, max(comfortable_ua, _CAP_BELOW_PAIN * pain_ua))),
         resistance_ohm=round(ohm),
         felt=threshold_ua < MOST_UA,
     )

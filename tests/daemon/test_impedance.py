@@ -212,3 +212,15 @@ def test_noise_that_lasts_longer_than_what_is_believed_ends_with_the_noise() -> 
         is_noisy = step < 40
         found.learn(1, pulse(50_000, noise=0.75 if is_noisy and step % 2 else 1.0), now_ns)
     assert found.skin_ohm(1, now_ns) is not None
+
+
+@pytest.mark.parametrize(("period_ms", "pulses"), [(100, 2), (16, 12)])
+def test_the_mean_follows_the_skin_as_fast_where_pulses_are_rare(
+    period_ms: int, pulses: int
+) -> None:
+    found = impedances()
+    found.learn(1, pulse(50_000), 0)
+    for number in range(1, pulses + 1):
+        found.learn(1, pulse(60_000), number * period_ms * 1_000_000)
+    at_ns = pulses * period_ms * 1_000_000
+    assert found.skin_ohm(1, at_ns) == pytest.approx(60_000, rel=0.01)

@@ -49,6 +49,8 @@ _NEAR_COMPLIANCE = 0.95
 
 #: The filter: a new value's weight in the mean of logarithms, and the step it is restarted at.
 _WEIGHT = 0.25
+#: The same in time, for pulses that are rarer than 60 in a second.
+_TAU_NS = 58_000_000
 _STEP = math.log(1.3)
 #: Steps back and forth of this much, on the mean of a few pulses, are noise and no skin.
 _FLICKER = 0.1
@@ -161,8 +163,9 @@ class ImpedanceMap:
         skin_ohm = end_v / through_ua * 1e6
         if not LEAST_OHM <= skin_ohm <= MOST_OHM:
             return "implausible"
+        weight = _weight(skin.told_ns, now_ns)
         skin.at_ua, skin.told_ns = samples.told_ua, now_ns
-        return self._filter(skin, math.log(skin_ohm))
+        return self._filter(skin, math.log(skin_ohm), weight)
 
     def _end_v(self, skin: _Skin, samples: Samples) -> float:
         """Where the node would come to rest."""
@@ -185,7 +188,7 @@ class ImpedanceMap:
         return end_v
 
     @staticmethod
-    def _filter(skin: _Skin, log_ohm: float) -> Doubt | None:
+    def _filter(skin: _Skin, log_ohm: float, weight: float) -> Doubt | None:
         """A mean of logarithms; a step restarts it, flicker is noise."""
         last, skin.last_log_ohm = skin.last_log_ohm, log_ohm
         if last is None or skin.log_ohm is None:
@@ -199,5 +202,11 @@ class ImpedanceMap:
         if abs(log_ohm - skin.log_ohm) > _STEP:
             skin.log_ohm = log_ohm
         else:
-            skin.log_ohm += _WEIGHT * (log_ohm - skin.log_ohm)
+            skin.log_ohm += weight * (log_ohm - skin.log_ohm)
         return "flicker" if skin.flicker > _FLICKER else None
+
+
+def _weight(before_ns: int | None, now_ns: int) -> float:
+    """Of a new value: more where pulses are rare, since it is with time that skin changes."""
+    elapsed_ns = now_ns - (now_ns if before_ns is None else before_ns)
+    return max(_WEIGHT, 1.0 - math.exp(-elapsed_ns / _TAU_NS))
