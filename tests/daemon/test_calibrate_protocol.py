@@ -15,6 +15,7 @@ from etd.client.options import FrameOptions
 from etd.errors import Refused
 from etd.protocol import FrameReply
 from etd.stabilize.bursts import Bursts
+from etd.stabilize.contact import ContactLaw
 from etd.stabilize.narrow import Narrow
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
@@ -177,3 +178,24 @@ def test_nobody_answers_for_minutes_and_the_lease_stands(daemon: SteppedDaemon) 
         stimulating.pause(0.3)
     assert stimulating.present(3, 800).electrode == 3
     display.close()
+
+
+@pytest.mark.parametrize(("is_probe_first", "shown"), [(False, 2), (True, 1)])
+def test_after_a_silence_a_law_of_contact_has_a_presentation_shown_again_and_a_probe_does_not(
+    is_probe_first: bool, shown: int
+) -> None:
+    law = Settings(order=("contact",), contact=ContactLaw(), probe_first=is_probe_first)
+    with SteppedDaemon("pad-8", stabilize=law) as daemon:
+        display = armed(daemon)
+        stimulating = stimulator(daemon, display)
+        stimulating.open()
+        stimulating.present(3, 800)
+        for _ in range(6):
+            stimulating.pause(0.3)
+        before = daemon.engine.reporter.counters["frames_shown"]
+
+        delivered = stimulating.present(3, 800)
+
+        assert 788 <= delivered.current_ua <= 800
+        assert daemon.engine.reporter.counters["frames_shown"] - before == shown
+        display.close()
