@@ -18,8 +18,19 @@ from __future__ import annotations
 import errno as errno_names
 from typing import Literal
 
+#: `permission`: the file's owner, group and mode do not let it be opened. `forbidden`: they do, and
+#: the service that asks may not.
 BusErrorKind = Literal[
-    "absent", "busy", "gone", "invalid", "io", "permission", "short", "timeout", "too_long"
+    "absent",
+    "busy",
+    "forbidden",
+    "gone",
+    "invalid",
+    "io",
+    "permission",
+    "short",
+    "timeout",
+    "too_long",
 ]
 
 _KIND_OF_ERRNO: dict[int, BusErrorKind] = {
@@ -30,7 +41,7 @@ _KIND_OF_ERRNO: dict[int, BusErrorKind] = {
     errno_names.ENODEV: "gone",
     errno_names.ENOENT: "absent",
     errno_names.ENXIO: "absent",
-    errno_names.EPERM: "permission",
+    errno_names.EPERM: "forbidden",
     errno_names.EREMOTEIO if hasattr(errno_names, "EREMOTEIO") else 121: "absent",
     # What spidev says once its controller is gone.
     errno_names.ESHUTDOWN: "gone",

@@ -177,13 +177,16 @@ def _discard_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+_NOT_THERE_KINDS = ("absent", "busy", "forbidden", "gone", "permission")
+
+
 def status_of(error: EtdError) -> int:
     """3 where something is not there, 1 where the answer is no."""
     if isinstance(error, PartEnded):
         return error.status
     if isinstance(error, DaemonGone | HardwareMissing):
         return NOT_THERE
-    if isinstance(error, BusError) and error.kind in ("absent", "busy", "gone", "permission"):
+    if isinstance(error, BusError) and error.kind in _NOT_THERE_KINDS:
         return NOT_THERE
     if isinstance(error, Refused) and error.code == "engine_gone":
         return NOT_THERE

@@ -120,7 +120,7 @@ def _check_monitor(bed: Bed, log: Log) -> None:
         bed.wait_ms(ads1115.CONVERSION_NS / 1e6)
         volts = ads1115.read_v(bed.i2c, monitor.address)
     except BusError as error:
-        log.judge("rail_monitor", False, str(error), expected, _I2C_ADVICE[error.kind])
+        log.judge("rail_monitor", False, str(error), expected, _I2C_ADVICE)
         return
     log.judge("rail_monitor", True, f"{volts:.3f} V at its input", expected)
 
@@ -134,8 +134,7 @@ def _check_setpoint(bed: Bed, log: Log) -> None:
         stored = mcp4725.read_power_up(bed.i2c, setpoint.address)
         mcp4725.write(bed.i2c, setpoint.address, setpoint.code)
     except (BusError, BoardFault) as error:
-        kind = error.kind if isinstance(error, BusError) else "io"
-        log.judge("rail_setpoint", False, str(error), expected, _I2C_ADVICE[kind])
+        log.judge("rail_setpoint", False, str(error), expected, _I2C_ADVICE)
         return
     log.judge(
         "rail_setpoint",
@@ -146,10 +145,7 @@ def _check_setpoint(bed: Bed, log: Log) -> None:
     )
 
 
-_I2C_ADVICE = dict.fromkeys(
-    ("absent", "busy", "gone", "invalid", "io", "permission", "short", "timeout", "too_long"),
-    "SDA, SCL, their pulls and the chip's supply; i2cdetect shows who answers",
-)
+_I2C_ADVICE = "SDA, SCL, their pulls and the chip's supply; i2cdetect shows who answers"
 
 
 def _check_stop(bed: Bed, log: Log, name: StopName) -> None:

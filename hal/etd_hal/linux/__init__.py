@@ -9,8 +9,6 @@ The ports that `open_ports` returns have a `close` each.
 
 from __future__ import annotations
 
-import errno
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -120,10 +118,7 @@ def _opened(problems: list[_Problem], open_one: Callable[[], T], if_absent: str)
         problems.append(_Problem(sentence))
     except BusError as error:
         advice = if_absent if error.kind == "absent" else _ADVICE.get(error.kind, _LOOK)
-        if error.detail == _NOT_BY_ITS_MODE:
-            problems.append(_Problem(f"{error}; {_ALLOW}"))
-        else:
-            problems.append(_Problem(f"{error}; {advice}", error.kind in _MAY_COME))
+        problems.append(_Problem(f"{error}; {advice}", error.kind in _MAY_COME))
     return None
 
 
@@ -131,15 +126,11 @@ _SWITCH_ON = "switch the bus on (raspi-config, Interface Options), or correct th
 _OTHER_CHIP = "the board file's gpio_chip_labels name the chip of the 40-pin header: correct them"
 #: What udev mends, once it has seen a device.
 _MAY_COME = ("absent", "gone", "permission")
-#: The file's owner, group and mode let it be opened, and the service may not (EACCES is another).
-_NOT_BY_ITS_MODE = os.strerror(errno.EPERM)
-_ALLOW = (
-    "the service may not open it: a DeviceAllow= in its unit (docs/install.md); if the device came"
-    " after the service was started, start that again"
-)
 _LOOK = "the kernel log (dmesg) may say why"
 _ADVICE = {
     "busy": "end the program that holds them (`etd stop` and `systemctl stop` for a daemon)",
+    "forbidden": "the service may not open it: a DeviceAllow= in its unit (docs/install.md); if the"
+    " device came after the service was started, start that again",
     "gone": "look whether the device is still there, and its driver loaded",
     "permission": "join the groups gpio, spi and i2c (sudo adduser NAME GROUP), log in again",
     "invalid": "the driver does not take the board file's mode, speed or lines",
