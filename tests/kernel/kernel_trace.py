@@ -28,6 +28,8 @@ EVENTS = (
     "rig/rig_line",
 )
 _BUFFER_KB = 65_536
+#: In the trace's own header: what is left, and what was written.
+_ENTRIES = re.compile(r"entries-in-buffer/entries-written: (\d+)/(\d+)")
 _LINE = re.compile(
     r"-(?P<pid>\d+) +\[\d+\] +\S+ +(?P<t>\d+\.\d+): (?P<name>\w+): (?P<rest>.*)$", re.MULTILINE
 )
@@ -62,14 +64,14 @@ class Event:
         return self.rest.split()[1] == "activate"
 
 
-def begin(of: Sequence[str] = EVENTS) -> None:
+def begin(of: Sequence[str] = EVENTS, buffer_kb: int = _BUFFER_KB) -> None:
     """Start anew, with an empty buffer. The trace goes on until the machine ends.
 
     With fewer events a longer time fits into the buffer.
     """
     _write("tracing_on", "0")
     _write("trace_clock", "mono")
-    _write("buffer_size_kb", str(_BUFFER_KB))
+    _write("buffer_size_kb", str(buffer_kb))
     for event in EVENTS:
         _write(f"events/{event}/enable", "1" if event in of else "0")
     _write("trace", "")
@@ -79,7 +81,9 @@ def begin(of: Sequence[str] = EVENTS) -> None:
 def events() -> list[Event]:
     """All events since `begin`, in order. Fails if any was lost."""
     text = (TRACING / "trace").read_text()
-    assert "LOST" not in text, "the trace has holes: its buffer is too small"
+    entries = _ENTRIES.search(text)
+    assert entries is not None, "the trace does not say how many events it has"
+    assert entries[1] == entries[2], f"the trace has holes: {entries[1]} of {entries[2]} are left"
     return [
         Event(round(float(found["t"]) * 1e6), found["name"], found["rest"], int(found["pid"]))
         for found in _LINE.finditer(text)

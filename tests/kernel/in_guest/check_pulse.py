@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 import kernel_trace
 from etd_hal.compose import Backend
 from etd_hal.timing import Shape, pulse_message
@@ -29,6 +31,14 @@ def starts(message: list[Event]) -> list[Event]:
 def rises_us(message: list[Event]) -> list[int]:
     """When chip select rose: the DAC then takes its word."""
     return [event.t_us for event in message if event.name == "spi_set_cs" and not event.is_active]
+
+
+def test_a_trace_that_lost_events_is_not_read(ports: Backend) -> None:
+    kernel_trace.begin(buffer_kb=8)
+    for _ in range(200):
+        ports.spi.transfer(pulse_message(0, Shape((10,), True, 0.0, 0.0)))
+    with pytest.raises(AssertionError, match="the trace has holes"):
+        kernel_trace.events()
 
 
 def test_the_bus_is_set_to_the_boards_mode_and_to_words_of_8_bits(ports: Backend) -> None:
