@@ -166,6 +166,21 @@ PROBE = [
     Case("an output on ground", ALL, [SwitchOutput(2, "ground")], "probe", "load_agrees"),
     Case("solder between two", ALL, [Bridge(5, 6)], "probe", "nothing_else"),
     Case("solder between two, relays", RELAY, [Bridge(5, 6)], "probe", "nothing_else"),
+    *(
+        Case(f"solder at the load, {board}", board, [Bridge(1, 2)], "probe", "load_agrees")
+        for board in (ALL, BARE, RELAY)
+    ),
+    *(
+        Case(
+            f"a short for a load, {ohm} ohm",
+            ALL,
+            [],
+            "probe",
+            "load_agrees",
+            {"really_ohm": {LOAD_OHM: ohm}},
+        )
+        for ohm in (0.1, 100, 1_000)
+    ),
     Case(
         "the kernel holds a pulse up",
         ALL,

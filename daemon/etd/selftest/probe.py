@@ -22,6 +22,8 @@ from etd.selftest.prober import Prober
 TOLERANCE = 0.1
 #: A few readings of the same are averaged; the ADC's step is what is left.
 _READINGS = 4
+#: Of what the named load would read; a short is no load, and says nothing of the constants.
+_LEAST_OF_LOAD = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +127,8 @@ def _check_load(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) 
         " full scale in the board file is not this board's",
     )
     volts = statistics.mean(ends_v)
-    if volts >= open_v * (1 - TOLERANCE / 2):
+    load_v = told_ua / 1e6 / (1 / ohm + 1 / bed.file.source.leak_ohm)
+    if not load_v * _LEAST_OF_LOAD < volts < open_v * (1 - TOLERANCE / 2):
         return
     _check_constants(bed, log, told_ua, open_v, volts, ohm)
     bed.is_load_confirmed = agrees and not log.stage_failed
