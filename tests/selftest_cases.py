@@ -225,6 +225,17 @@ STRONG = [
     Case("too weak from a code on", BARE, [GainAbove(1_000, 0.5)], "source", "linearity"),
     Case("the wrong SPI mode", ALL, [SpiMode(3)], "source", "adc_bits"),
     Case("a low rail, nobody sees it", BARE, [RailOff(0.8)], "source", "compliance"),
+    *(
+        Case(
+            f"a rail {factor} times too high, {board}",
+            board,
+            [RailOff(factor)],
+            "source",
+            "compliance",
+        )
+        for board in (BARE, RELAY)
+        for factor in (1.2, 1.5, 2.0)
+    ),
     Case("a slow one-shot", ALL, [], "source", "one_shot", {"one_shot_us": 900}),
 ]
 CASES = [*MACHINE, *BUSES, *CHAIN, *RAIL, *PROBE, *STRONG]

@@ -124,7 +124,8 @@ class CurrentPath:
         return current_ua + sum(offset.offset_ua for offset in self._faults.of(DacOffset))
 
     def _follow_rail(self, t_ns: int) -> None:
-        compliance_v = min(float(self._source.compliance_v), self._rail.volts(t_ns))
+        """The source reaches as far as its rail, whatever the board file says of either."""
+        compliance_v = self._rail.volts(t_ns)
         if compliance_v != self._compliance_v:
             self._compliance_v = compliance_v
             self._body.supply(t_ns, compliance_v)
