@@ -88,6 +88,11 @@ class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     checks: tuple[Check, ...]
 
     @property
+    def is_pass(self) -> bool:
+        """It says so, and so do its checks; without any, nothing was looked at."""
+        return self.passed and bool(self.checks) and self.first_bad is None
+
+    @property
     def first_bad(self) -> Check | None:
         """A failed check before a skipped one."""
         bad = [check for check in self.checks if not check.is_good]
@@ -148,7 +153,7 @@ def why_not_armed(path: Path, now: Subject) -> str | None:
     if another is not None:
         return None if is_fake else _of_another(report, another)
     bad = report.first_bad
-    if report.passed and bad is None:
+    if report.is_pass:
         return None
     what = "it was cut short" if bad is None else f"{bad.title} ({bad.result}) {bad.measured}"
     remedy = f"put that right, {_AGAIN}"

@@ -48,7 +48,6 @@ def subject_of(
     loaded: LoadedConfig, backend: Literal["linux", "fake"], machine_identity: str
 ) -> Subject:
     """What would be tested, or armed, now."""
-    maxima = maxima_of(loaded.board, loaded.body_site)
     return Subject(
         backend=backend,
         board=loaded.board.name,
@@ -59,9 +58,15 @@ def subject_of(
         array=loaded.array.name,
         outputs=tuple(loaded.array.outputs()),
         body_site=loaded.body_site.name,
-        strongest_ua=min(maxima.current_ua, maxima.charge_pc // maxima.probe_width_us),
+        strongest_ua=strongest_ua(loaded),
         program=f"etd {__version__}",
     )
+
+
+def strongest_ua(loaded: LoadedConfig) -> int:
+    """The most that anybody may get from this board at this body site, at the probe's width."""
+    maxima = maxima_of(loaded.board, loaded.body_site)
+    return min(maxima.current_ua, maxima.charge_pc // maxima.probe_width_us)
 
 
 def difference(then: Subject, now: Subject) -> str | None:

@@ -171,6 +171,22 @@ def test_a_report_is_never_written_over_and_needs_a_folder(
         assert "there is no such folder" in reason
 
 
+@pytest.mark.parametrize("letters", [250, 300])
+def test_a_name_that_is_too_long_is_used_wrongly(
+    letters: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reason = refused([*FULL, *LOAD, "--report", str(tmp_path / ("r" * letters))], capsys)
+    assert "name too long" in reason
+
+
+def test_a_load_that_hides_the_top_is_refused_with_the_largest_one(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    reason = refused([*FULL, "--dummy-load", "69073", "--load-electrodes", "0,5"], capsys)
+    assert "8000 uA into 69073 ohm" in reason
+    assert "at most 69069 ohm" in reason
+
+
 def test_a_copy_that_cannot_be_written_is_told_before_anything_is_tested(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

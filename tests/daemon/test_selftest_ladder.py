@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from etd.config import fake_config
+from etd.selftest.ladder import largest_ohm
+from etd.selftest_subject import strongest_ua
 from etd_hal.chips import ad5452
 from etd_hal.fake.faults import Fault, GainAbove, Saturation
-from selftest_rig import bad, selftest_rig
+from selftest_rig import ARRAY, bad, selftest_rig
 
 #: Half a milliampere a step, up to what the body site allows.
 STEP_UA, MOST_UA = 500, 8_000
@@ -45,6 +48,30 @@ def test_a_source_in_order_is_climbed_to_the_top() -> None:
     rig = selftest_rig()
     assert rig.run().passed
     assert rig.watch.most_code == code_of(MOST_UA)
+
+
+@pytest.mark.parametrize("fault", [(), (GainAbove(2_600, 2.0),), (Saturation(6_500.0),)])
+def test_a_load_that_keeps_the_top_out_of_reach_is_no_pass(fault: tuple[Fault, ...]) -> None:
+    """With 100 k the ladder ended at 6 mA, and nothing above that was looked at."""
+    rig = selftest_rig(load_ohm=100_000, second_ohm=33_000, faults=fault)
+    assert bad(rig.run()) == [("source", "steps")]
+    assert rig.most_charge_nc <= rig.run().bound.charge_nc
+
+
+@pytest.mark.parametrize(
+    "board", ["reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513"]
+)
+@pytest.mark.parametrize("leak_factor", [0.97, 1.0])
+def test_the_largest_load_that_is_taken_can_be_climbed_to_the_top(
+    board: str, leak_factor: float
+) -> None:
+    """And where the leak is a little smaller than the board file says."""
+    loaded = fake_config(board, ARRAY)
+    most_ohm = largest_ohm(loaded.board.source, strongest_ua(loaded))
+    assert most_ohm is not None
+    rig = selftest_rig(board, load_ohm=most_ohm, leak_factor=leak_factor)
+    assert bad(rig.run()) == []
+    assert largest_ohm(loaded.board.source, 1_000) is None
 
 
 def test_a_source_that_is_a_little_off_is_climbed_and_then_judged_as_a_line() -> None:

@@ -108,6 +108,13 @@ def test_a_report_that_says_passed_without_a_check_that_says_so_does_not_count(
     assert "cut short" in reason
 
 
+def test_a_report_without_any_check_lets_nothing_be_armed(passed: Report, tmp_path: Path) -> None:
+    save(of_hardware(passed, checks=(), passed=True), tmp_path / "r.json")
+    reason = why_not_armed(tmp_path / "r.json", now())
+    assert reason is not None
+    assert "cut short" in reason
+
+
 OTHERS: list[tuple[str, dict[str, Any]]] = [
     ("board file", {"board_digest": "0"}),
     ("machine file", {"machine_digest": "0"}),

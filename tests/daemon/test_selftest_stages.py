@@ -72,7 +72,7 @@ def test_a_heartbeat_is_proved_by_the_node_where_nobody_watches_the_rail(
     assert report.passed is not bool(failed)
 
 
-@pytest.mark.parametrize("load_ohm", [10_000, 22_000, 68_000, 100_000])
+@pytest.mark.parametrize("load_ohm", [10_000, 22_000, 68_000])
 def test_any_load_in_the_range_will_do(load_ohm: int) -> None:
     report = selftest_rig(load_ohm=load_ohm, second_ohm=33_000).run()
     assert (bad(report), report.passed) == ([], True)

@@ -18,9 +18,11 @@ from etd.cli.selftest_table import Quiet, Table, table_of
 from etd.config import LoadedConfig
 from etd.errors import FileError
 from etd.selftest.bed import Asked, Bed, DummyLoad
+from etd.selftest.ladder import largest_ohm
 from etd.selftest.run import cut_short
 from etd.selftest.run import run as run_stages
 from etd.selftest_report import Check, Report, save
+from etd.selftest_subject import strongest_ua
 from etd_hal.bench import Hand, StopName
 from etd_hal.compose import Bench, open_fake_bench, open_linux_bench, wall_time
 
@@ -121,7 +123,12 @@ def _check_new(path: Path | None) -> None:
     """A report that was kept is never lost to a later one. Raises: FileError."""
     if path is None:
         return
-    if path.exists() or path.is_symlink():
+    try:
+        is_there = path.exists() or path.is_symlink()
+    except OSError as error:
+        why = f"it cannot be a file ({error.strerror})"
+        raise FileError(str(path), "", why, "choose another name") from error
+    if is_there:
         raise FileError(
             str(path), "", "it is there already, and is not written over", "choose another name"
         )
@@ -164,6 +171,7 @@ def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> Asked:
         if second_ohm is not None:
             args.misused("--second-load goes with --dummy-load and --load-electrodes")
         return Asked(None, args.one_shot_us)
+    _check_reach(args, loaded, ohm)
     if second_ohm is not None and max(ohm, second_ohm) < LEAST_RATIO * min(ohm, second_ohm):
         args.misused(
             f"--second-load: {second_ohm} ohm is too near to {ohm} ohm to be told from it; take one"
@@ -176,6 +184,17 @@ def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> Asked:
         args.misused("a load needs an array with a third electrode, that stays open")
     second = None if second_ohm is None else DummyLoad(second_ohm, *pair)
     return Asked(DummyLoad(ohm, *pair), args.one_shot_us, second)
+
+
+def _check_reach(args: argparse.Namespace, loaded: LoadedConfig, ohm: int) -> None:
+    """The strongest that anybody may get must be seen."""
+    most_ua = strongest_ua(loaded)
+    largest = largest_ohm(loaded.board.source, most_ua)
+    if largest is not None and ohm > largest:
+        args.misused(
+            f"--dummy-load: {loaded.board.name} cannot make {most_ua} uA into {ohm} ohm, and what"
+            f" is not tested may not go to a person; take at most {largest} ohm"
+        )
 
 
 def _open(loaded: LoadedConfig, asked: Asked) -> Bench:

@@ -14,10 +14,14 @@ from etd.selftest.log import Log
 from etd.selftest.probe import TOLERANCE
 from etd.selftest.prober import Prober
 from etd_hal.board import Shot
+from etd_hal.boardfile import Source
 
 _STEPS = 16
 #: Off the line, of a step's own current.
 LINEARITY = 0.03
+#: Of the compliance: what the top may take of it by the board file, and on this board. The second
+#: is more because the leak may be larger than the file says.
+_HEADROOM_NAMED, _HEADROOM = 0.9, 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +31,19 @@ class Rung:
     told_ua: int
     made_ua: float
     shot: Shot
+
+
+def largest_ohm(source: Source, strongest_ua: int) -> int | None:
+    """Into a larger load the source cannot make its strongest; None where it can into any."""
+    beside_ohm = source.compliance_v * _HEADROOM_NAMED / strongest_ua * 1e6
+    if beside_ohm >= source.leak_ohm:
+        return None
+    return int(1 / (1 / beside_ohm - 1 / source.leak_ohm))
+
+
+def reachable_ua(source: Source, beside_ohm: float) -> int:
+    """What the source can surely make into a load and its leak."""
+    return int(source.compliance_v * _HEADROOM / beside_ohm * 1e6)
 
 
 def climb(

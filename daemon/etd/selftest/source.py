@@ -9,14 +9,12 @@ from __future__ import annotations
 import statistics
 
 from etd.selftest.bed import LOAD_OPTIONS, Bed, DummyLoad
-from etd.selftest.ladder import LINEARITY, climb
+from etd.selftest.ladder import LINEARITY, climb, reachable_ua
 from etd.selftest.log import Log
 from etd.selftest.probe import TOLERANCE, check_alone, read_map
 from etd.selftest.prober import Prober
 from etd_hal.board import Shot
 
-#: Of the compliance: beyond it the source cannot follow.
-_HEADROOM = 0.8
 #: To be well into the compliance with nothing connected.
 _INTO_COMPLIANCE = 1.3
 _CODES = 4_096
@@ -70,7 +68,10 @@ def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
     """A straight line through equal steps, as told against as measured."""
     beside_ohm = 1 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
     source = bed.file.source
-    most_ua = min(prober.strongest_ua, int(source.compliance_v * _HEADROOM / beside_ohm * 1e6))
+    most_ua = min(prober.strongest_ua, reachable_ua(source, beside_ohm))
+    if most_ua < prober.strongest_ua:
+        _judge_too_large(log, most_ua, prober.strongest_ua)
+        return
     rungs = climb(bed, log, prober, load, beside_ohm, most_ua)
     if log.stage_failed:
         return
@@ -104,6 +105,16 @@ def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
         "the source has an offset",
     )
     _check_bits(bed, log, [rung.shot for rung in rungs])
+
+
+def _judge_too_large(log: Log, most_ua: int, strongest_ua: int) -> None:
+    log.judge(
+        "steps",
+        False,
+        f"the source reaches {most_ua} uA into this load: nothing was fired",
+        f"{strongest_ua} uA, the strongest that anybody may get here",
+        "begin again with a smaller resistor as the first one",
+    )
 
 
 def _check_bits(bed: Bed, log: Log, shots: list[Shot]) -> None:
