@@ -54,6 +54,7 @@ class Circuit:
         )
         self._path.set_sides(start_ns, self._switch.sides, self._switch.shorted)
         self._timeline.before_call.append(self._path.settle)
+        self._timeline.reached.append(lambda: self._path.reached_ns)
         self._header = Header(
             board, self._switch, self._path, self._rail, faulty, self._timeline, trace
         )

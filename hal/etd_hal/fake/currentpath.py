@@ -60,16 +60,20 @@ class CurrentPath:
         self._compliance_v = -1.0
         self._cut_at_ns: int | None = None
         self._cut = False
+        #: The body has heard of the last change; a call that was broken off leaves it ignorant.
+        self._is_driven = True
         self._phase: _Phase | None = None
         self._selections: dict[int, tuple[Sides, tuple[int, int] | None]] = {}
         self.code = 0
+        #: The latest time that the body has heard of.
+        self.reached_ns = 0
         #: A relay board's two relays of one electrode are both closed: the node is on ground.
         self.shorted = False
 
     def set_code(self, t_ns: int, code: int) -> None:
         """The DAC's output changes."""
         self.settle(t_ns)
-        if code == self.code:
+        if code == self.code and self._is_driven:
             return
         if self._one_shot_ns is not None and not self.code:
             self._cut_at_ns = t_ns + self._one_shot_ns
@@ -101,15 +105,18 @@ class CurrentPath:
 
     def settle(self, t_ns: int) -> None:
         """What went on by itself until `t_ns`: relays on their way, the one-shot's end."""
+        self.reached_ns = max(self.reached_ns, t_ns)
         self._settle_switch(t_ns)
         if self._cut_at_ns is not None and t_ns >= self._cut_at_ns:
             at_ns, self._cut_at_ns, self._cut = self._cut_at_ns, None, True
             self._drive(at_ns)
 
     def _drive(self, t_ns: int) -> None:
+        self._is_driven = False
         self._follow_rail(t_ns)
         idle = self._cut or self.shorted
         self._body.drive(t_ns, 0.0 if idle else self._current_ua(), self._sides)
+        self._is_driven = True
 
     def _current_ua(self) -> float:
         """What the source really makes of the code."""
@@ -127,8 +134,8 @@ class CurrentPath:
         """The source reaches as far as its rail, whatever the board file says of either."""
         compliance_v = self._rail.volts(t_ns)
         if compliance_v != self._compliance_v:
-            self._compliance_v = compliance_v
             self._body.supply(t_ns, compliance_v)
+            self._compliance_v = compliance_v
 
     # The body's account
 

@@ -83,9 +83,9 @@ class HalfBridgeChain:
         else:
             high = 0 if levels["POL"] else self._all
         if high != self._high:
-            self._high = high
             self.sides = self._sides_of(high)
             self._on_sides(t_ns, self.sides)
+            self._high = high
 
     def _latched(self) -> int:
         """With the stages that others take along."""

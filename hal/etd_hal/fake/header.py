@@ -145,7 +145,14 @@ class Header:
         self._trace.gpio(t_ns, line, value)
         if not self._lines.put(line, value):
             return
-        name = self._names.get(line, "")
+        try:
+            self._tell(t_ns, self._names.get(line, ""), value, exempt)
+        except BaseException:
+            # Not all have heard of it: whoever says it again tells them again.
+            self._lines.put(line, 1 - value)
+            raise
+
+    def _tell(self, t_ns: int, name: str, value: int, exempt: bool) -> None:
         if any(cut.name == name for cut in self._faults.of(LineCut)):
             return
         level = self._stuck(name, value)

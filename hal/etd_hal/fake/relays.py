@@ -83,12 +83,26 @@ class RelayChain:
     def settle(self, t_ns: int) -> None:
         """Move the relays that are due by `t_ns`, each at its time."""
         while self._moves and self._moves[0][0] <= t_ns:
-            due_ns, stages, closing = self._moves.pop(0)
-            closed = (self._closed & ~stages) | closing
-            if closed != self._closed:
-                self._closed = closed
-                self.sides = self._sides_of(closed)
-                self._on_sides(due_ns, self.sides, self.shorted)
+            move = self._moves.pop(0)
+            try:
+                self._move(*move)
+            except BaseException:
+                # Broken off: it is still to come.
+                self._moves.insert(0, move)
+                raise
+
+    def _move(self, due_ns: int, stages: int, closing: int) -> None:
+        before = self._closed
+        closed = (before & ~stages) | closing
+        if closed == before:
+            return
+        self._closed = closed
+        self.sides = self._sides_of(closed)
+        try:
+            self._on_sides(due_ns, self.sides, self.shorted)
+        except BaseException:
+            self._closed = before
+            raise
 
     def _copy(self, t_ns: int) -> None:
         changed = self._register ^ self._outputs

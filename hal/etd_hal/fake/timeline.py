@@ -19,11 +19,13 @@ class Timeline:
         self.violations: list[str] = []
         #: Called with the time of each call's start: what went on by itself since the last one.
         self.before_call: list[Callable[[int], None]] = []
+        #: How far something has come by itself: a call that was broken off leaves it ahead.
+        self.reached: list[Callable[[], int]] = []
         self._trace = trace
 
     def start(self, t_ns: int) -> int:
         """When a call that comes at `t_ns` really starts: never before what already happened."""
-        t_ns = max(t_ns, self.now_ns)
+        t_ns = max(t_ns, self.now_ns, *(reached_ns() for reached_ns in self.reached))
         for follow in self.before_call:
             follow(t_ns)
         self.now_ns = t_ns
