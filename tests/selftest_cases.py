@@ -40,6 +40,7 @@ from etd_hal.fake.faults import (
     SpiMode,
     SpiShort,
     SpiStall,
+    StopCutsLate,
     StopCutsNothing,
     StuckLine,
     SwitchOutput,
@@ -137,6 +138,25 @@ RAIL = [
         "wearer_stop_gate",
     ),
     Case("a slow monostable", ALL, [HeartbeatSlow(150)], "rail", "heartbeat_window"),
+    Case("80 ms for 20", ALL, [HeartbeatSlow(60)], "rail", "heartbeat_window"),
+    Case("50 ms for 20", ALL, [HeartbeatSlow(30)], "rail", "heartbeat_window"),
+    *(
+        Case(
+            f"the wearer's stop cuts {late_ms} ms late",
+            ALL,
+            [StopCutsLate("wearer_stop", late_ms)],
+            "rail",
+            "wearer_stop_gate",
+        )
+        for late_ms in (80, 1_000)
+    ),
+    Case(
+        "the emergency stop cuts late",
+        ALL,
+        [StopCutsLate("emergency_stop", 300)],
+        "rail",
+        "emergency_stop_gate",
+    ),
     *(
         Case(f"{name} lacks its pull", ALL, [PullMissing(name)], "rail", "killed_lines")
         for name in ("POL", "BL", "LE", "CLK", "HV")

@@ -30,16 +30,24 @@ NOT_SEEN = (
 )
 
 
+_UNWATCHED = (
+    "without a rail_monitor nobody sees when the supply begins to fall, only that it is gone"
+)
+
+
 def not_seen_of(board: BoardFile) -> tuple[str, ...]:
     """What no check of this board can see."""
     guards = board.guards
-    if guards.heartbeat == "absent" or guards.rail_monitor != "absent":
+    if guards.rail_monitor != "absent":
         return NOT_SEEN
-    window = (
-        f"whether the heartbeat's window is {guards.heartbeat.window_ms} ms: without a rail_monitor"
-        " nobody sees when the supply begins to fall, only that it is gone"
-    )
-    return (*NOT_SEEN, window)
+    found = list(NOT_SEEN)
+    if guards.heartbeat != "absent":
+        found.append(
+            f"whether the heartbeat's window is {guards.heartbeat.window_ms} ms: {_UNWATCHED}"
+        )
+    if guards.stop_cuts_supply and {guards.emergency_stop, guards.wearer_stop} != {"absent"}:
+        found.append(f"how soon a stop cuts the supply: {_UNWATCHED}")
+    return tuple(found)
 
 
 class Check(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -114,6 +114,11 @@ class Bed:
         self._beaten_ns = now_ns
         self.board.beat()
 
+    @property
+    def beaten_ns(self) -> int:
+        """The time of the last edge."""
+        return self._beaten_ns
+
     def begin_beats(self) -> None:
         """The account of beats begins anew, with an edge."""
         self._beaten_ns = self.clock.now_ns()

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from etd.selftest.bed import Bed
-from etd.selftest.fall import seen_within_ms, watch_fall
+from etd.selftest.fall import reckoned_within_ms, watch_fall
 from etd.selftest.log import Log
 from etd_hal.boardfile import HalfBridgeLines, RailMonitor
 
@@ -66,14 +66,14 @@ def _check_watched(bed: Bed, log: Log, monitor: RailMonitor) -> None:
     )
     fall = watch_fall(bed, monitor, from_v, guard_ms + monitor.fall_ms, killed_ns)
     _check_lines(bed, log, took_ms)
-    within_ms = seen_within_ms(monitor, guard_ms)
+    within_ms = reckoned_within_ms(monitor, guard_ms)
     gone = "stays" if fall.gone_ms is None else f"gone after {fall.gone_ms:.0f} ms"
     log.judge(
         "killed_supply",
-        fall.begun_within(within_ms) and fall.gone_ms is not None,
-        f"{fall.told_begun}, {gone}",
-        f"cut within {guard_ms:.0f} ms of the kill, so seen to fall within {within_ms:.0f} ms, and"
-        f" below {monitor.off_v} V within {monitor.fall_ms} ms",
+        fall.is_cut_within(within_ms) and fall.gone_ms is not None,
+        f"{fall.told_cut}, {gone}",
+        f"cut within {guard_ms:.0f} ms of the kill, so reckoned to be at most {within_ms:.0f} ms,"
+        f" and below {monitor.off_v} V within {monitor.fall_ms} ms",
         "the enable's pull and the heartbeat's gate must each cut the supply without any program",
     )
 

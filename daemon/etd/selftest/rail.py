@@ -13,7 +13,7 @@ from collections.abc import Callable
 from etd.selftest import killed, stopgate
 from etd.selftest.bed import MS, Bed
 from etd.selftest.buses import check_idle
-from etd.selftest.fall import judge_fall, seen_within_ms, watch_fall
+from etd.selftest.fall import Reading, judge_fall, reckoned_within_ms, watch_fall
 from etd.selftest.log import Log
 from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
@@ -57,20 +57,26 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
 
 
 def _watch_by_monitor(bed: Bed, log: Log, monitor: RailMonitor) -> SupplyWatch:
-    read_v = 0.0
+    readings: list[Reading] = []
+
+    def read_v() -> float:
+        rail_v = bed.rail_v()
+        readings.append((bed.clock.now_ns() / MS, rail_v))
+        return rail_v
 
     def is_gone() -> bool:
-        nonlocal read_v
-        read_v = bed.rail_v()
-        return read_v < monitor.off_v
+        return read_v() < monitor.off_v
 
     def is_there() -> bool:
-        return bed.rail_v() >= monitor.low_v * _NEARLY
+        return read_v() >= monitor.low_v * _NEARLY
 
     def rises(name: str) -> bool:
         return _check_rise(bed, log, monitor, name)
 
-    return SupplyWatch(is_there, is_gone, lambda: f"{read_v:.0f} V", monitor.fall_ms, rises)
+    def told() -> str:
+        return f"{readings[-1][1]:.0f} V"
+
+    return SupplyWatch(is_there, is_gone, told, monitor.fall_ms, rises, readings)
 
 
 def _watch_by_node(bed: Bed, log: Log, prober: Prober) -> SupplyWatch:
@@ -92,7 +98,7 @@ def _watch_by_node(bed: Bed, log: Log, prober: Prober) -> SupplyWatch:
     def rises(name: str) -> bool:
         return _check_node_rises(bed, log, prober, name)
 
-    return SupplyWatch(is_there, is_gone, told, _UNWATCHED_MS, rises)
+    return SupplyWatch(is_there, is_gone, told, _UNWATCHED_MS, rises, None)
 
 
 def _gone_v(prober: Prober) -> float:
@@ -209,7 +215,7 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
     within_ms = heartbeat.window_ms + monitor.fall_ms
     from_v = bed.rail_v()
     missed_ms = bed.missed_ms()
-    fall = watch_fall(bed, monitor, from_v, within_ms, bed.clock.now_ns())
+    fall = watch_fall(bed, monitor, from_v, within_ms, bed.beaten_ns)
     is_good = judge_fall(
         log,
         missed_ms,
@@ -222,12 +228,12 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
     )
     if not is_good:
         return
-    seen_ms = seen_within_ms(monitor, heartbeat.window_ms)
+    most_ms = reckoned_within_ms(monitor, heartbeat.window_ms)
     log.judge(
         "heartbeat_window",
-        fall.begun_within(seen_ms),
-        f"the rail {fall.told_begun} without a beat",
-        f"{heartbeat.window_ms} ms, so seen to fall within {seen_ms:.0f} ms",
+        fall.is_cut_within(most_ms),
+        f"the rail {fall.told_cut} without a beat, as reckoned from its fall",
+        f"{heartbeat.window_ms} ms, so reckoned to be at most {most_ms:.0f} ms",
         _WINDOW_ADVICE,
     )
     bed.begin_beats()

@@ -15,13 +15,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from etd.selftest.bed import MS, Bed
-from etd.selftest.fall import judge_fall
+from etd.selftest.fall import Reading, judge_fall, reckon_cut
 from etd.selftest.log import Log
 from etd_hal.bench import Hand, StopName
 
 _STOPS: tuple[StopName, ...] = ("emergency_stop", "wearer_stop")
 _OPERATOR_WITHIN_MS = 20_000
 _LOOK_EVERY_MS = 10
+#: Both contacts of one button, and a few looks.
+_CUT_WITHIN_MS = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,8 @@ class SupplyWatch:
     within_ms: int
     #: Switch it on, and judge that it came, under this name.
     rises: Callable[[str], bool]
+    #: All that was read so far, by the clock; None where nobody watches the rail.
+    readings: list[Reading] | None
 
 
 def check(bed: Bed, log: Log, supply: SupplyWatch) -> None:
@@ -65,22 +69,30 @@ def _check_one(bed: Bed, log: Log, operator: Hand, name: StopName, supply: Suppl
     if not cuts:
         log.absent(f"{name}_gate")
     bed.held_stop = name
+    if supply.readings is not None:
+        supply.readings.clear()
     was_there = supply.is_there()
     operator.hold(name)
     is_open, was_there = _opens(bed, name, supply, was_there)
+    opened_ns = bed.clock.now_ns()
     missed_ms = bed.missed_ms()
     if is_open and not cuts:
         bed.board.supply_off()
     is_gone, measured = _fall(bed, name, supply) if is_open else (False, "not seen to open")
     if is_open and not was_there:
         is_gone, measured = False, f"gone before it was seen to open; {measured}"
+    late_ms = _cut_ms(supply, opened_ns) if is_gone and cuts else None
+    if late_ms is not None:
+        is_gone = late_ms <= _CUT_WITHIN_MS
+        measured = f"cut {late_ms:.0f} ms after the line, {measured}"
     is_gone = judge_fall(
         log,
         bed.missed_ms() if cuts else missed_ms,
         _title(bed, name),
         is_gone,
         measured,
-        f"gone within {supply.within_ms} ms of the opening, "
+        ("" if not cuts or supply.readings is None else f"cut within {_CUT_WITHIN_MS} ms and ")
+        + f"gone within {supply.within_ms} ms of the opening, "
         + ("enable and heartbeat going on" if cuts else "switched off by the program"),
         _GATE_ADVICE if cuts else _OFF_ADVICE,
     )
@@ -126,6 +138,14 @@ def _fall(bed: Bed, name: StopName, supply: SupplyWatch) -> tuple[bool, str]:
             return False, f"still {supply.told()} after {took_ms:.0f} ms"
         bed.wait_ms(_LOOK_EVERY_MS)
     return True, f"{supply.told()} after {(bed.clock.now_ns() - begun_ns) / MS:.0f} ms"
+
+
+def _cut_ms(supply: SupplyWatch, opened_ns: int) -> float | None:
+    """How long after the line was seen to open the supply was cut; None where nobody sees it."""
+    if not supply.readings:
+        return None
+    cut_ms = reckon_cut(supply.readings, supply.readings[0][1])
+    return None if cut_ms is None else cut_ms - opened_ns / MS
 
 
 def _is_closed_again(bed: Bed, log: Log, name: StopName) -> bool:

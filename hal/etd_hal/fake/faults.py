@@ -187,6 +187,13 @@ class StopCutsNothing(_Fault, frozen=True, tag=True):
     stop: Literal["emergency_stop", "wearer_stop"]
 
 
+class StopCutsLate(_Fault, frozen=True, tag=True):
+    """Its second contact, or what that switches, takes so long to break the supply."""
+
+    stop: Literal["emergency_stop", "wearer_stop"]
+    late_ms: int
+
+
 class LineCut(_Fault, frozen=True, tag=True):
     """The wire beyond the pin is cut: the pin moves, the board sees nothing; `name` as above."""
 
@@ -280,6 +287,7 @@ Fault = (
     | HeartbeatSlow
     | PullMissing
     | StopCutsNothing
+    | StopCutsLate
     | LineCut
     | SwitchOutput
     | AlsoSwitches

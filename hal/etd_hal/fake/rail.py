@@ -22,6 +22,7 @@ from etd_hal.fake.faults import (
     HeartbeatSlow,
     RailOff,
     RailStays,
+    StopCutsLate,
     StopCutsNothing,
 )
 
@@ -53,7 +54,8 @@ class Rail:
         self._has_beaten = False
         self._is_latched_off = False
         self._stops_cut = guards.stop_cuts_supply
-        self._open_stops: set[str] = set()
+        #: From when on each that is open cuts the supply.
+        self._open_stops: dict[str, int] = {}
         self._setpoint_code = None if board.rail_setpoint == "absent" else board.rail_setpoint.code
         self._setpoint = 1.0 if self._setpoint_code is None else _LOWEST
         self._faults = faults
@@ -83,9 +85,10 @@ class Rail:
         """The contacts of a stop open or close."""
         self.volts(t_ns)
         if is_open:
-            self._open_stops.add(name)
+            late_ms = sum(one.late_ms for one in self._faults.of(StopCutsLate) if one.stop == name)
+            self._open_stops[name] = t_ns + late_ms * 1_000_000
         else:
-            self._open_stops.discard(name)
+            self._open_stops.pop(name, None)
 
     def set_point(self, t_ns: int, code: int) -> None:
         """The set-point's DAC changes; the board file's code makes the nominal rail."""
@@ -95,12 +98,17 @@ class Rail:
 
     def volts(self, t_ns: int) -> float:
         """The rail at `t_ns`; never earlier than asked before."""
-        if self._window_ns is not None and self._t_ns < self._beat_until_ns < t_ns:
-            self._follow(self._beat_until_ns)
-            rearms = bool(self._faults.of(HeartbeatRearms))
-            self._is_latched_off |= self._has_beaten and self._enabled and not rearms
+        for turn_ns in sorted((self._beat_until_ns, *self._open_stops.values())):
+            if self._t_ns < turn_ns < t_ns:
+                self._follow(turn_ns)
+                self._latch()
         self._follow(t_ns)
         return self._volts
+
+    def _latch(self) -> None:
+        if self._window_ns is not None and self._t_ns == self._beat_until_ns:
+            rearms = bool(self._faults.of(HeartbeatRearms))
+            self._is_latched_off |= self._has_beaten and self._enabled and not rearms
 
     def _follow(self, t_ns: int) -> None:
         target_v = self._target_v()
@@ -130,4 +138,5 @@ class Rail:
         if not self._open_stops:
             return False
         bridged = {fault.stop for fault in self._faults.of(StopCutsNothing)}
-        return self._stops_cut and bool(self._open_stops - bridged)
+        cuts = {name for name, from_ns in self._open_stops.items() if self._t_ns >= from_ns}
+        return self._stops_cut and bool(cuts - bridged)
