@@ -22,6 +22,7 @@ from etd_hal.fake.faults import (
     HeartbeatRearms,
     HeartbeatSlow,
     I2cFailure,
+    LatchIgnored,
     LineCut,
     LostClock,
     MachineTrouble,
@@ -238,6 +239,15 @@ STRONG = [
         "switches",
         "second_load",
         {"really_ohm": {SECOND_OHM: 30_000}},
+    ),
+    *(
+        Case(f"{type(fault).__name__}, {board}", board, [fault], "source", "every_time")
+        for board, fault in (
+            (BARE, LatchIgnored(every=101)),
+            (ALL, LatchIgnored(every=199)),
+            (RELAY, LatchIgnored(every=197)),
+            (RELAY, LostClock(every=4_999)),
+        )
     ),
     Case("too strong from a code on", ALL, [GainAbove(1_000, 2.0)], "source", "steps"),
     Case("too strong above probes", RELAY, [GainAbove(60, 1.5)], "source", "steps"),

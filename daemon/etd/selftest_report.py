@@ -25,6 +25,8 @@ NOT_SEEN = (
     "the current through the load itself: all figures lean on the load's value and on the divider",
     "a source that fails short, and what the supply's store holds then",
     "a pull on the board's side: at the pin, the Raspberry Pi's own pull reads alike",
+    "a clock lost now and then that moves no output of the load: clip it to the outputs that are"
+    " farthest along the chain",
     "a switch that gives way to strong pulses only: all but the load's two were seen with probes",
     "hands that come to the array while stage 8 fires: its strong pulses go to whatever is there",
 )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import statistics
 
+from etd.selftest import everytime
 from etd.selftest.bed import LOAD_OPTIONS, Bed, DummyLoad
 from etd.selftest.ladder import LINEARITY, climb, reachable_ua
 from etd.selftest.log import Log
@@ -28,11 +29,14 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
     """Raises: BusError, BoardFault, GuardRefusal."""
     load = bed.asked.load
     if load is None or not bed.is_load_confirmed:
-        for name in ("steps", "linearity", "zero", "adc_bits", "compliance"):
+        for name in ("every_time", "steps", "linearity", "zero", "adc_bits", "compliance"):
             log.skip(name, "no load was found", LOAD_OPTIONS)
     else:
         _clear_the_board(bed)
         if _is_still_there(bed, log, prober, load):
+            everytime.check(bed, log, prober, load)
+        bed.is_load_confirmed = not log.stage_failed
+        if bed.is_load_confirmed:
             _check_steps(bed, log, prober, load)
         if not log.stage_failed:
             _check_compliance(bed, log, prober)

@@ -55,12 +55,12 @@ class Touch:
     def look(self, asked: int) -> Look:
         """One probe from either side; a round over all others if it answers."""
         read_v = self._both_v(asked)
-        if not all(self._is_load(volts) for volts in read_v):
+        if not all(self.is_load(volts) for volts in read_v):
             return Look(False, read_v)
         others = self.answering(asked)
-        if not self._is_load(self._source_v(self._fixed)):
+        if not self.is_load(self._source_v(self._fixed)):
             others = (*others, self._fixed)
-        if not self._is_load(self._source_v(asked)):
+        if not self.is_load(self._source_v(asked)):
             return Look(True, read_v)
         return Look(True, read_v, others, is_held=True)
 
@@ -69,20 +69,24 @@ class Touch:
         return tuple(
             one
             for one in self._electrodes
-            if one not in (but, self._fixed) and not self._is_open(self._source_v(one))
+            if one not in (but, self._fixed) and not self.is_open(self._source_v(one))
         )
 
     def reads_load(self, electrode: int) -> bool:
-        return all(self._is_load(volts) for volts in self._both_v(electrode))
+        return all(self.is_load(volts) for volts in self._both_v(electrode))
 
     def _both_v(self, electrode: int) -> tuple[float, float]:
-        return self._source_v(electrode), self._prober.probe(electrode, False)[1].voltage_v
+        return self._source_v(electrode), self.read_v(electrode, is_anodic=False)
 
     def _source_v(self, electrode: int) -> float:
-        return self._prober.probe(electrode)[1].voltage_v
+        return self.read_v(electrode, is_anodic=True)
 
-    def _is_load(self, volts: float) -> bool:
+    def read_v(self, electrode: int, is_anodic: bool) -> float:
+        """One probe."""
+        return self._prober.probe(electrode, is_anodic)[1].voltage_v
+
+    def is_load(self, volts: float) -> bool:
         return abs(volts - self.load_v) <= TOLERANCE * self.load_v + self._step_v
 
-    def _is_open(self, volts: float) -> bool:
+    def is_open(self, volts: float) -> bool:
         return abs(volts - self._open_v) <= TOLERANCE * self._open_v + self._step_v

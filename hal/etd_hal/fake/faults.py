@@ -81,15 +81,17 @@ class StuckLine(_Fault, frozen=True, tag=True):
 
 
 class LostClock(_Fault, frozen=True, tag=True):
-    """The chain does not see one rising edge of CLK."""
+    """The chain does not see one rising edge of CLK; or one of so many, again and again."""
 
     at_edge: int = 1
+    every: int | None = None
 
 
 class LatchIgnored(_Fault, frozen=True, tag=True):
-    """The chain does not see one rising edge of LE."""
+    """The chain does not see one rising edge of LE; or one of so many, again and again."""
 
     at_edge: int = 1
+    every: int | None = None
 
 
 class RailOff(_Fault, frozen=True, tag=True):
@@ -345,7 +347,7 @@ class Faults:
         """Count a rising edge, and say whether a fault falls on it."""
         if not self._counts:
             return False
-        due = [fault for fault in self.of(kind) if self._count(fault) == fault.at_edge]
+        due = [fault for fault in self.of(kind) if _is_due(fault, self._count(fault))]
         return bool(due)
 
     def i2c(self, address: int) -> I2cFailure | None:
@@ -360,3 +362,9 @@ class Faults:
     def _count(self, fault: Fault) -> int:
         self._counts[fault] += 1
         return self._counts[fault]
+
+
+def _is_due(fault: LostClock | LatchIgnored, count: int) -> bool:
+    if fault.every is None:
+        return count == fault.at_edge
+    return count % fault.every == 0

@@ -1,0 +1,69 @@
+"""Rounds over all electrodes without hands and without a second look: a switch that follows nearly
+always.
+
+Owns: the order of the rounds, and what is said of those that were off. Must not know: who touches
+what; what is fired next.
+
+The walk looks again for as long as a touch may bounce, and so forgives a chain that bounces. Here
+nobody touches anything. An electrode that reads the load comes before and after each one that is
+open, so that a latch that did not follow shows at once; of a lost clock only what moves the load's
+two outputs shows (`NOT_SEEN`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from etd.engine.limits import maxima_of
+from etd.selftest.bed import MS, Bed, DummyLoad
+from etd.selftest.log import Log
+from etd.selftest.prober import Prober
+from etd.selftest.touch import Touch
+
+#: Enough for a fault that comes once in a hundred times to come five times.
+_LEAST_SELECTIONS = 500
+_LEAST_ROUNDS = 8
+_MOST_TOLD = 6
+_SECOND_MS = 1_000
+#: The load's ends get a pulse each in so many, no oftener than the body site allows.
+_SELECTIONS_PER_END, _MARGIN = 4, 1.2
+
+
+def check(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
+    """With the load between its two electrodes, and alone. Raises: as all that probes."""
+    touch = Touch(bed, prober, load)
+    rate_hz = maxima_of(bed.file, bed.loaded.body_site).rate_hz
+    pause_ms = _SECOND_MS * _MARGIN / rate_hz / _SELECTIONS_PER_END
+    bed.wait_ms(_SECOND_MS)
+    begun_ns = bed.clock.now_ns()
+    done = 0
+    off: list[str] = []
+    for number in range(_rounds(bed)):
+        prober.forget_chain()
+        for electrode, is_loaded in _round(bed, load):
+            bed.wait_ms(pause_ms)
+            done += 1
+            volts = touch.read_v(electrode, is_anodic=number % 2 == 0)
+            if not (touch.is_load(volts) if is_loaded else touch.is_open(volts)):
+                off.append(f"{electrode} ({volts:.2f} V)")
+    took_s = (bed.clock.now_ns() - begun_ns) / MS / 1_000
+    where = f": electrode {', '.join(off[:_MOST_TOLD])}" if off else ""
+    log.judge(
+        "every_time",
+        not off,
+        f"{len(off)} of {done} selections in {took_s:.1f} s were off{where}",
+        "the load at its two electrodes and open at all others, every single time",
+        "the chain of switches does not always follow: look at its clock, data and latch with an"
+        " oscilloscope, at its supply, the level shifter and loose wires",
+    )
+
+
+def _rounds(bed: Bed) -> int:
+    return max(_LEAST_ROUNDS, -(-_LEAST_SELECTIONS // (2 * len(bed.free))))
+
+
+def _round(bed: Bed, load: DummyLoad) -> Iterator[tuple[int, bool]]:
+    """(electrode, whether it reads the load): the load's ends in turn, each before an open one."""
+    for index, one in enumerate(bed.free):
+        yield (load.first, load.second)[index % 2], True
+        yield one, False
