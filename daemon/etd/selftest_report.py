@@ -28,6 +28,8 @@ NOT_SEEN = (
     "a clock lost now and then that moves no output of the load: clip it to the outputs that are"
     " farthest along the chain",
     "a switch that gives way to strong pulses only: all but the load's two were seen with probes",
+    "a source more than 24 times too strong, or that jumps between two probes, before it fired one"
+    " pulse: that pulse exceeds the bound, and is the last",
     "hands that come to the array while stage 8 fires: its strong pulses go to whatever is there",
 )
 
@@ -73,7 +75,11 @@ class Check(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class ProbeBound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What no pulse exceeds while no dummy load was found; a third of it is what is asked for."""
+    """What no pulse exceeds while no dummy load was found; a third of it is what is asked for.
+
+    It holds for a source that is up to 24 times too strong from the first pulse on. One that is
+    stronger, or that becomes so between two pulses, is seen by the pulse that exceeds it.
+    """
 
     current_ua: int
     width_us: int

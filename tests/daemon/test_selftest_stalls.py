@@ -21,6 +21,7 @@ from etd_hal.fake.faults import (
     HeartbeatRearms,
     HeartbeatSlow,
     RailOff,
+    SpiStall,
     StopCutsNothing,
 )
 from etd_hal.fake.hand import FakeHand
@@ -154,3 +155,15 @@ def test_a_supply_that_was_gone_before_the_stop_opened_proves_nothing(
     report = rig.run()
     assert bad(report)[:1] == [("rail", "emergency_stop_gate")]
     assert measured(report, "emergency_stop_gate").startswith("gone before it was seen to open")
+
+
+@pytest.mark.parametrize("board", ["reference-hv507", "kajimoto-hv507"])
+def test_the_longest_message_of_all_pulses_is_told_at_the_end(board: str) -> None:
+    alone = selftest_rig(board)
+    report = alone.run()
+    assert measured(report, "longest_message") == "over the plan: probes 0 us, into the load 0 us"
+    rig = selftest_rig(board)
+    stall = SpiStall(290, at_message=1)
+    rig.watch.before_pulse = {alone.watch.pulses: lambda: rig.fake.world.put_in(stall)}
+    told = measured(rig.run(), "longest_message")
+    assert told == "over the plan: probes 0 us, into the load 290 us"

@@ -35,8 +35,11 @@ examples:
                                                               all of it, with two resistors
   etd selftest --board fake --dummy-load 47000 --second-load 10000 --load-electrodes 0,1
 
-Without --dummy-load nothing stronger than an imperceptible probe is fired, and what needs a load is
-skipped. With it you say that NO PERSON is connected: the resistor is between the two electrodes,
+Without --dummy-load nothing stronger than an imperceptible probe is asked for, and what needs a
+load is skipped. A source up to 24 times too strong is found within a probe's bound; of one that is
+stronger, or that jumps between two pulses, one pulse is above it: keep fingers off the array.
+
+With --dummy-load you say that NO PERSON is connected: the resistor is between the two electrodes,
 and nothing else touches the array. Every electrode is touched with the resistor when it is asked
 for, then all again with the second one. The daemon must not run. docs/bring-up.md goes through it.
 

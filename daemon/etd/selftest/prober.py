@@ -7,8 +7,11 @@ Nobody says that no person is on the board, so a probe asks for a third of the b
 bound: a source that makes three times what it is told still stays within it. The ramp up to it
 begins at an eighth of that, where a source 24 times too strong would still be within the bound, and
 goes on only while the node reads as with nothing connected. Skin of 50 k takes so much of the
-current that only a source twice to three times too strong could pass for an open electrode. If it
-becomes too strong after the ramp, the first probe that shows it is the last one.
+current that only a source twice to three times too strong could pass for an open electrode.
+
+So the bound holds for a source that is the same number of times too strong from the ramp's first
+step on, and no more than 24 times. One that is stronger, or that becomes much too strong between
+two pulses, gives one pulse above the bound: no program knows of it before. That pulse is the last.
 """
 
 from __future__ import annotations
@@ -61,6 +64,8 @@ class Prober:
         self._outputs = bed.loaded.array.outputs()
         self._slack_v = _RAMP_CODES * bed.file.source.node_uv_per_code / 1e6
         self._is_chain_known = False
+        #: By how many us the longest message was over its plan: of probes, of pulses into a load.
+        self.over_us = {"probes": 0.0, "into the load": 0.0}
 
     @property
     def bound(self) -> ProbeBound:
@@ -152,7 +157,7 @@ class Prober:
         shot = bed.board.fire(pulse, selection, is_anodic, current_ua, self.width_us)
         bed.board.discharge()
         bed.board.guard.permit(0)
-        self._check_duration(shot)
+        self._check_duration(shot, current_ua)
         return pulse.told_ua, shot
 
     def _book(self, electrode: int, current_ua: int) -> None:
@@ -165,7 +170,9 @@ class Prober:
             raise GuardRefusal("ledger", f"a pulse above the second's {reason}", "a slower test")
         self._ledger.book(entry, now_ns)
 
-    def _check_duration(self, shot: Shot) -> None:
+    def _check_duration(self, shot: Shot, current_ua: int) -> None:
+        what = "probes" if current_ua <= self.probe_ua else "into the load"
+        self.over_us[what] = max(self.over_us[what], shot.excess_ns / 1_000)
         most_us = self._bed.loaded.machine.halt_excess_us
         if shot.excess_ns > most_us * 1_000:
             raise BoardFault(

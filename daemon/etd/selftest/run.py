@@ -94,8 +94,13 @@ def _stages(bed: Bed, log: Log, prober: Prober) -> dict[str, Callable[[], None]]
         "rail": lambda: rail.check(bed, log, prober),
         "probe": lambda: probe.check(bed, log, prober),
         "switches": lambda: switches.check(bed, log, prober),
-        "source": lambda: source.check(bed, log, prober),
+        "source": lambda: _strong(bed, log, prober),
     }
+
+
+def _strong(bed: Bed, log: Log, prober: Prober) -> None:
+    source.check(bed, log, prober)
+    timing.check_longest(bed, log, prober)
 
 
 def _run_stage(bed: Bed, log: Log, stage: Callable[[], None]) -> None:
