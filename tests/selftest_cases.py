@@ -43,6 +43,7 @@ from etd_hal.fake.faults import (
     SpiStall,
     StopCutsLate,
     StopCutsNothing,
+    StuckBehind,
     StuckLine,
     SwitchOutput,
 )
@@ -185,6 +186,8 @@ PROBE = [
     Case("DATA is cut, nobody reads back", BARE, [LineCut("DATA")], "probe", "load_agrees"),
     Case("the load's output is dead", ALL, [SwitchOutput(1, "open")], "probe", "load_agrees"),
     Case("an output on ground", ALL, [SwitchOutput(2, "ground")], "probe", "load_agrees"),
+    Case("nothing can blank", ALL, [StuckBehind("BL", 1)], "probe", "blanked"),
+    Case("nothing can blank, bare", BARE, [StuckBehind("BL", 1)], "probe", "blanked"),
     Case("solder between two", ALL, [Bridge(5, 6)], "probe", "nothing_else"),
     Case("solder between two, relays", RELAY, [Bridge(5, 6)], "probe", "nothing_else"),
     *(

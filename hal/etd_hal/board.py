@@ -210,9 +210,11 @@ class Board:
         current_ua: int,
         width_us: int,
         prepulse: Prepulse | None = None,
+        *,
+        is_blanked: bool = False,
     ) -> Shot:
         """Send one phase; the limits let `current_ua` for `width_us` through, `prepulse` before
-        it, and no more.
+        it, and no more. `is_blanked`: a probe after `release`, which must reach nobody.
 
         Raises: GuardRefusal (nothing was sent); BusError (make safe at once); BoardFault (what
         came back is no sample).
@@ -224,6 +226,7 @@ class Board:
                 current_ua,
                 width_us,
                 prepulse,
+                is_blanked,
             )
         )
         self.message_due_ns = self._clock.now_ns() + pulse.planned_ns

@@ -18,6 +18,8 @@ within the maxima; not more often than the rate; outputs un-blanked, latch close
 alone on its side and at least one on the other. A visit is one message; or two whose second is the
 reverse; and before these at most one within the probe's bounds, the same way and with the switch
 untouched in between, whose charge counts to that of the pulse behind it.
+A message within the probe's bounds may also be approved for outputs that are blanked, or relays
+that are all open: it begins no visit of two messages.
 The rules for GPIO are in `watch.py`, with the decoding of the switch.
 """
 
@@ -186,9 +188,15 @@ class Guard:
         if approval is None:
             raise GuardRefusal("approval", "a pulse that no limit has seen", "approve it first")
         self._check_steps(steps, approval)
+        if approval.is_blanked and not self._is_probe(steps):
+            raise GuardRefusal("switch", "a pulse while blanked", "a probe alone")
         self.switch.check_selection(approval)
         self._leading = None
-        if is_led:
+        if approval.is_blanked:
+            # Counted, and the first phase of nothing.
+            self._begins(approval)
+            self._first_phase = None
+        elif is_led:
             # Counted with its probe; what reverses it is the second phase of the same visit.
             self._first_phase = approval
         elif self._begins(approval) and self._is_probe(steps):

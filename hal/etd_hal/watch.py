@@ -39,6 +39,9 @@ class Approval:
     current_ua: int
     width_us: int
     prepulse: Prepulse | None = None
+    #: A probe while nothing is connected, which must reach nobody: `source` and `ground` are who
+    #: would get it if the switches failed to let go.
+    is_blanked: bool = False
 
 
 class HalfBridgeWatch:
@@ -113,6 +116,9 @@ class HalfBridgeWatch:
     def check_selection(self, approval: Approval) -> None:
         """One output alone, all others opposite, and just those that were approved."""
         level = self._level
+        if approval.is_blanked:
+            self._check_blanked(approval)
+            return
         if not level[self._bl] or level[self._le]:
             raise GuardRefusal("switch", "blanked, or its latch is open", "closed and un-blanked")
         if not self._is_latch_known:
@@ -126,6 +132,16 @@ class HalfBridgeWatch:
         if high != approval.source or low != approval.ground:
             raise GuardRefusal(
                 "switch", f"outputs {high:x} on source", f"{approval.source:x} was approved"
+            )
+
+    def _check_blanked(self, approval: Approval) -> None:
+        """All on ground, and behind it just the one that was approved."""
+        if self._level[self._bl] or not self._level[self._pol]:
+            raise GuardRefusal("switch", "not blanked to ground", "BL 0 with POL 1")
+        is_one = self._latch.bit_count() == 1 and self._latch == approval.source
+        if not self._is_latch_known or not is_one:
+            raise GuardRefusal(
+                "switch", f"{self._latch:x} behind the blanking", f"{approval.source:x} alone"
             )
 
 
@@ -195,6 +211,10 @@ class RelayWatch:
     def check_selection(self, approval: Approval) -> None:
         """Closed long enough, one output alone on its side, and just those approved."""
         waited_ns = self._clock.now_ns() - self._copied_ns
+        if approval.is_blanked:
+            if self._latch != 0 or waited_ns < self._switch.toff_us * 1_000:
+                raise GuardRefusal("relays", "not all open", "all open, and settled")
+            return
         if not self._latch or waited_ns < self._switch.ton_us * 1_000:
             raise GuardRefusal("relays", "not settled", f"{self._switch.ton_us} us after closing")
         source = self._side(self._latch, self._switch.on_bit)

@@ -63,7 +63,7 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
     _check_open(bed, log, prober, found, free)
     is_alone = check_alone(bed, log, found, free, "nothing_else")
     if load is None:
-        for name in ("load_agrees", "leak", "ua_per_code"):
+        for name in ("load_agrees", "leak", "ua_per_code", "blanked"):
             log.skip(name, "no load was named", LOAD_OPTIONS)
     elif is_alone:
         _check_load(bed, log, prober, load, free[0])
@@ -131,7 +131,23 @@ def _check_load(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) 
     if not load_v * _LEAST_OF_LOAD < volts < open_v * (1 - TOLERANCE / 2):
         return
     _check_constants(bed, log, told_ua, open_v, volts, ohm)
+    if agrees:
+        _check_blanked(bed, log, prober, load, open_v)
     bed.is_load_confirmed = agrees and not log.stage_failed
+
+
+def _check_blanked(bed: Bed, log: Log, prober: Prober, load: DummyLoad, open_v: float) -> None:
+    """With either end of the load in the chain, and nothing connected."""
+    ends_v = [prober.blanked(one)[1].voltage_v for one in (load.first, load.second)]
+    slack_v = TOLERANCE * open_v + bed.file.source.node_uv_per_code / 1e6
+    log.judge(
+        "blanked",
+        all(abs(volts - open_v) <= slack_v for volts in ends_v),
+        " and ".join(f"{volts:.2f} V" for volts in ends_v),
+        f"{open_v:.2f} V with the load's electrodes selected and the outputs blanked: open",
+        "nothing switches the electrodes off: BL stands at its level beyond the pin (a level"
+        " shifter, a shorted wire), or a relay sticks",
+    )
 
 
 def _check_constants(

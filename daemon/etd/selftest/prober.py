@@ -118,7 +118,13 @@ class Prober:
         Raises: BusError, GuardRefusal; BoardFault, among others for a node above what the current
         makes with nothing connected: a source that became too strong since the ramp.
         """
-        told_ua, shot = self._fire(electrode, self.probe_ua, is_anodic)
+        return self._checked(*self._fire(electrode, self.probe_ua, is_anodic))
+
+    def blanked(self, electrode: int) -> tuple[int, Shot]:
+        """The same with this electrode in the chain, but nothing connected. Raises: as `probe`."""
+        return self._checked(*self._fire(electrode, self.probe_ua, True, is_blanked=True))
+
+    def _checked(self, told_ua: int, shot: Shot) -> tuple[int, Shot]:
         most_v = self._most_open_v(told_ua)
         if shot.voltage_v > most_v:
             raise BoardFault(
@@ -143,7 +149,9 @@ class Prober:
         """After the chain was used for something else: the next pulse writes it whole."""
         self._is_chain_known = False
 
-    def _fire(self, electrode: int, current_ua: int, is_anodic: bool) -> tuple[int, Shot]:
+    def _fire(
+        self, electrode: int, current_ua: int, is_anodic: bool, is_blanked: bool = False
+    ) -> tuple[int, Shot]:
         bed = self._bed
         bed.watch_stops()
         bed.beat()
@@ -153,8 +161,13 @@ class Prober:
         bed.board.guard.permit(current_ua)
         bed.board.prepare(selection, whole=not self._is_chain_known)
         self._is_chain_known = True
-        bed.board.connect(selection, is_anodic)
-        shot = bed.board.fire(pulse, selection, is_anodic, current_ua, self.width_us)
+        if is_blanked:
+            bed.board.release()
+        else:
+            bed.board.connect(selection, is_anodic)
+        shot = bed.board.fire(
+            pulse, selection, is_anodic, current_ua, self.width_us, is_blanked=is_blanked
+        )
         bed.board.discharge()
         bed.board.guard.permit(0)
         self._check_duration(shot, current_ua)

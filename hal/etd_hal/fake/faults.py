@@ -80,6 +80,13 @@ class StuckLine(_Fault, frozen=True, tag=True):
     level: Literal[0, 1]
 
 
+class StuckBehind(_Fault, frozen=True, tag=True):
+    """Beyond the pin, from its next change on, the switches see `level`; the pin reads right."""
+
+    name: str
+    level: Literal[0, 1]
+
+
 class LostClock(_Fault, frozen=True, tag=True):
     """The chain does not see one rising edge of CLK; or one of so many, again and again."""
 
@@ -270,6 +277,7 @@ Fault = (
     | MisoStuck
     | I2cFailure
     | StuckLine
+    | StuckBehind
     | LostClock
     | LatchIgnored
     | RailOff

@@ -9,7 +9,7 @@ from __future__ import annotations
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.fake import pi4
 from etd_hal.fake.currentpath import CurrentPath
-from etd_hal.fake.faults import Faults, LineCut, PullMissing, StuckLine
+from etd_hal.fake.faults import Faults, LineCut, PullMissing, StuckBehind, StuckLine
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.lines import Lines
 from etd_hal.fake.rail import Rail
@@ -160,7 +160,7 @@ class Header:
             if self._path.code and not exempt:
                 what = f"{name} changed with the DAC at code {self._path.code}"
                 self._timeline.complain(t_ns, what)
-            self._switch.set(t_ns, name, level)
+            self._switch.set(t_ns, name, self._behind(name, level))
         elif name == "HV":
             hv_enable = self._board.guards.hv_enable
             self._rail.enable(t_ns, hv_enable != "absent" and level == hv_enable.on)
@@ -174,6 +174,11 @@ class Header:
             if fault.name == name:
                 return fault.level
         return level
+
+    def _behind(self, name: str, level: int) -> int:
+        """What the switches see of a line."""
+        stuck = [one.level for one in self._faults.of(StuckBehind) if one.name == name]
+        return stuck[0] if stuck else level
 
     def _is_safe_off(self, changes: Changes) -> bool:
         """All on ground and the supply off: the one call that may come while current flows."""

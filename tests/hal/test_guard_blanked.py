@@ -1,0 +1,82 @@
+"""A probe into outputs that are blanked: what the last guard lets through, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from board_rig import BoardRig, changed
+from etd_hal.errors import GuardRefusal
+from stepped_board import shipped_board
+
+Boards = Callable[..., BoardRig]
+BOARDS = ["kajimoto-hv507", "feetthrough-relay"]
+PROBE, PULSE = (300, 50), (1_000, 100)
+
+
+def fire(
+    rig: BoardRig,
+    output: int = 3,
+    what: tuple[int, int] = PROBE,
+    is_blanked: bool = True,
+    is_anodic: bool = True,
+) -> None:
+    pulse = rig.board.pulse(*what)
+    selection = rig.board.selection(output, None)
+    rig.board.fire(pulse, selection, is_anodic, *what, is_blanked=is_blanked)
+
+
+def prepared(rig: BoardRig, output: int = 3) -> BoardRig:
+    rig.board.prepare(rig.board.selection(output, None))
+    rig.board.release()
+    return rig
+
+
+def connected(rig: BoardRig, output: int = 3) -> BoardRig:
+    selection = rig.board.selection(output, None)
+    rig.board.prepare(selection)
+    rig.board.connect(selection, True)
+    return rig
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_a_probe_may_go_into_outputs_that_are_blanked_and_a_pulse_may_not(
+    boards: Boards, name: str
+) -> None:
+    rig = prepared(boards(name))
+    fire(rig)
+    for stronger in (PULSE, (301 + 3, 50), (300, 60)):
+        with pytest.raises(GuardRefusal, match="a pulse while blanked"):
+            fire(rig, what=stronger)
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_nothing_else_may(boards: Boards, name: str) -> None:
+    rig = prepared(boards(name))
+    with pytest.raises(GuardRefusal):
+        fire(rig, is_blanked=False)
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_what_is_said_to_be_blanked_must_be(boards: Boards, name: str) -> None:
+    rig = connected(boards(name))
+    with pytest.raises(GuardRefusal, match=r"not blanked|not all open"):
+        fire(rig)
+
+
+def test_behind_the_blanking_is_the_one_that_was_approved(boards: Boards) -> None:
+    rig = prepared(boards("kajimoto-hv507"), output=4)
+    with pytest.raises(GuardRefusal, match="behind the blanking"):
+        fire(rig, output=3)
+
+
+def test_it_is_counted_and_is_no_first_phase(boards: Boards) -> None:
+    """What reverses it begins a visit of its own."""
+    file = changed(shipped_board("kajimoto-hv507"), "maxima", rate_hz=1)
+    rig = prepared(boards(board=file))
+    selection = rig.board.selection(3, None)
+    fire(rig)
+    rig.board.connect(selection, False)
+    with pytest.raises(GuardRefusal, match="rate"):
+        fire(rig, is_blanked=False, is_anodic=False)
