@@ -249,7 +249,7 @@ STRONG = [
             (BARE, LatchIgnored(every=101)),
             (ALL, LatchIgnored(every=199)),
             (RELAY, LatchIgnored(every=197)),
-            (RELAY, LostClock(every=4_999)),
+            (RELAY, LostClock(every=9_973)),
         )
     ),
     Case("too strong from a code on", ALL, [GainAbove(1_000, 2.0)], "source", "steps"),
