@@ -16,7 +16,7 @@ import engine_rig
 from engine_oracle import Bounds, SentFrame, Story
 from engine_rig import LEASE
 from etd.bodysite import SiteMaxima
-from etd.calibration import Calibration, ElectrodeLimits, current_of_level
+from etd.calibration import Calibration, ElectrodeLimits, currents_of_levels
 from etd.config import LoadedConfig, fake_config
 from etd.frame import Frame, Returns, Ring
 from etd.link import (
@@ -247,11 +247,7 @@ class Teller:
         current_ua = frame.current_ua
         if current_ua is None:
             assert frame.level is not None
-            limits = self._calibration.electrode
-            current_ua = tuple(
-                current_of_level(one, level, self._calibration.gamma)
-                for one, level in zip(limits, frame.level, strict=True)
-            )
+            current_ua = currents_of_levels(self._calibration, frame.level)
         width_us = frame.width_us if isinstance(frame.width_us, int) else _LEVEL_WIDTH_US
         return SentFrame(
             frame.seq,

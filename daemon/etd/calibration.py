@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import datetime
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -72,6 +73,26 @@ def current_of_level(limits: ElectrodeLimits, level: float, gamma: float) -> int
         return 0
     span_ua = limits.comfortable_ua - limits.threshold_ua
     return limits.threshold_ua + int(span_ua * min(level, 1.0) ** (1.0 / gamma))
+
+
+def currents_of_levels(calibration: Calibration, levels: Sequence[float]) -> tuple[int, ...]:
+    """The same for all electrodes. One that was not felt has neither threshold nor comfortable
+    level: its figures are bounds, and no level stands for anything there.
+
+    Raises: Refused (`level_needs_calibration`).
+    """
+    for electrode, (one, level) in enumerate(zip(calibration.electrode, levels, strict=True)):
+        if level > 0.0 and not one.felt:
+            raise Refused(
+                "level_needs_calibration",
+                f"electrode {electrode} was not felt when it was calibrated (felt = false), so no"
+                " level stands for anything there: leave it out (level 0), or calibrate it again",
+                electrode,
+            )
+    return tuple(
+        current_of_level(one, level, calibration.gamma)
+        for one, level in zip(calibration.electrode, levels, strict=True)
+    )
 
 
 def check_shape_of_levels(calibration: Calibration, shape: Shape) -> None:

@@ -51,7 +51,7 @@ ErrorCode = Literal[
     "engine_gone",  # the process that drives the board is not there
     "expired",  # the frame was too old when it came
     "halted",  # latched: look at the cause, then clear
-    "level_needs_calibration",  # send current_ua, or open with a calibration
+    "level_needs_calibration",  # send current_ua, or open with one in which it was felt
     "limits_missing",  # open with a calibration or with limits
     "no_lease",  # none stands, or it has lapsed
     "not_armed",  # arm first

@@ -64,6 +64,20 @@ def test_levels_run_from_threshold_to_comfortable_and_zero_is_silent() -> None:
     ]
 
 
+def test_a_level_on_an_electrode_that_was_not_felt_is_refused_and_silence_there_is_not() -> None:
+    """Its three figures are the cap: any level would be all that was ever tried."""
+    felt = calibration().electrode[0]
+    unfelt = ElectrodeLimits(threshold_ua=2_500, comfortable_ua=2_500, cap_ua=2_500, felt=False)
+    made = planner(calibrated=calibration(electrode=(felt,) * 5 + (unfelt,) + (felt,) * 10))
+    refusal = refusal_of(made, level=tuple(0.01 if one == 5 else 0.0 for one in range(N)))
+    assert (refusal.code, refusal.electrode) == ("level_needs_calibration", 5)
+    assert "calibrate it again" in refusal.reason
+    plan = made.plan(frame(level=tuple(0.0 if one == 5 else 0.5 for one in range(N))))
+    assert 5 not in {one.electrode for one in plan.visits}
+    named = made.plan(frame(current_ua=currents(e5=200)))
+    assert [one.current_ua for one in named.visits] == [200], "a study says what it wants in uA"
+
+
 @pytest.mark.parametrize(
     ("key", "other"),
     [

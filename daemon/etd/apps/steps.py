@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from etd.calibration import Calibration, current_of_level
+from etd.calibration import Calibration, currents_of_levels
 from etd.client import FrameOptions
 from etd.errors import Refused
 from etd.frame import Polarity
@@ -113,8 +113,7 @@ def _level_step(
     numbers = tuple(one * level for one in frame.level)
     largest_ua = 0
     if calibration is not None:
-        limits = zip(calibration.electrode, numbers, strict=True)
-        largest_ua = max(current_of_level(one, lvl, calibration.gamma) for one, lvl in limits)
+        largest_ua = max(currents_of_levels(calibration, numbers))
     return Step(
         kind="level",
         numbers=numbers,

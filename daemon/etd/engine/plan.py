@@ -17,7 +17,7 @@ from etd.calibration import (
     Calibration,
     check_shape_of_caps,
     check_shape_of_levels,
-    current_of_level,
+    currents_of_levels,
 )
 from etd.engine.limits import Path, last_word, path_of
 from etd.engine.pace import Pace, Places
@@ -140,11 +140,7 @@ class Planner:
     def _currents(self, frame: Frame) -> Sequence[int]:
         if frame.level is None:
             return frame.current_ua or ()
-        calibration = self._calibration_for_levels()
-        return [
-            current_of_level(limits, level, calibration.gamma)
-            for limits, level in zip(calibration.electrode, frame.level, strict=True)
-        ]
+        return currents_of_levels(self._calibration_for_levels(), frame.level)
 
     def _defaults(self) -> Calibration | SiteDefaults:
         """What holds where the frame says nothing."""
