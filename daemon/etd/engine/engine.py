@@ -29,6 +29,9 @@ TICK_NS = 1_000_000
 _STALL_NS = 50_000_000
 #: Whatever lies there, a pulse is not held up by more; the rest is read before the next one.
 _COMMANDS_A_LOOK = 64
+#: After a plan made while a scan is under way, the next one waits so many times as long as it took:
+#: whoever sends frames faster than they can be planned must not take the time of the pulses.
+_PLANS_REST = 9
 #: Edges come this often within the monostable's window.
 _BEATS_PER_WINDOW = 4
 
@@ -55,6 +58,7 @@ class Engine(Core):
         self._looked_ns = self.clock.now_ns()
         #: After a stall: since when nobody has looked at what lies in the queue of frames.
         self._unseen_since_ns: int | None = None
+        self._may_plan_ns = 0
 
     def attach(self, commands_: Channel[ToEngine], frames: Channel[NewFrame]) -> None:
         """A gateway has connected."""
@@ -95,7 +99,7 @@ class Engine(Core):
         if self._visitor.firing.has_drifted:
             self._calibrate_again()
         self._look_at_stop_levels()
-        self.scanner.scan(self._visitor, self._may_fire)
+        self.scanner.scan(self._visitor, self._may_fire, self._take_frames_within)
 
     def _wait_for(self, next_ns: int, tick_ns: int) -> None:
         """A scan begins when it is due; a look between two of them may be late, by half a tick."""
@@ -206,6 +210,14 @@ class Engine(Core):
             else:
                 self.reporter.superseded()
         self._unseen_since_ns = None
+
+    def _take_frames_within(self) -> None:
+        """While a scan is under way, so that a fall need not wait for its end."""
+        begun_ns = self.clock.now_ns()
+        if begun_ns >= self._may_plan_ns:
+            self._take_frames()
+            now_ns = self.clock.now_ns()
+            self._may_plan_ns = now_ns + _PLANS_REST * (now_ns - begun_ns)
 
     def _beat(self, now_ns: int) -> None:
         heartbeat = self.loaded.board.guards.heartbeat

@@ -6,7 +6,7 @@ it is visited, what becomes of it there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from etd.engine.limits import Path
 from etd.engine.room import pc_of
@@ -43,3 +43,18 @@ class Visit:
     def wish(self) -> Wish:
         """What the frame itself asks for."""
         return Wish(self.current_ua, self.width_us)
+
+    def lowered_to(self, newer: Visit | None) -> Visit | None:
+        """What is left of it in a scan under way when a newer frame has come, which asks for
+        `newer` (None: silence). What has not fallen stays, and its rise waits for the next scan. A
+        pulse that fell in one part and not in all cannot be made of the two: None, none.
+        """
+        if newer is None:
+            return None
+        falls = newer.current_ua < self.current_ua or newer.width_us < self.width_us
+        rises = newer.current_ua > self.current_ua or newer.width_us > self.width_us
+        if not falls:
+            return self
+        if rises or (newer.phases, newer.returns) != (self.phases, self.returns):
+            return None
+        return replace(newer, rate_hz=self.rate_hz, most=newer.most.not_above(self.most))

@@ -147,6 +147,15 @@ class Most:
         """The charge that a cap has in the frame's own width, with what led into its pulses."""
         return int(cap_ua * self.own_us) + int(cap_ua * self.cap_led_part) * self.prepulse_us
 
+    def not_above(self, other: Most) -> Most:
+        """For a pulse of this one's width, in the slot of another one."""
+        return replace(
+            self,
+            current_ua=min(self.current_ua, other.current_ua),
+            width_us=min(self.width_us, other.width_us),
+            charge_pc=min(self.charge_pc, other.charge_pc),
+        )
+
     def in_slot(self, wish: Wish) -> Wish:
         """No step of it wider than there is room."""
         return replace(

@@ -1,0 +1,155 @@
+"""A weaker frame that comes while a scan is under way: its falls hold from the next pulse."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import msgspec
+import pytest
+
+from engine_rig import EngineRig
+from engine_scenes import MS, armed, config, only, phases, scans
+from etd.config import LoadedConfig
+from etd.link import Alive
+from etd.stabilize.bursts import Bursts
+from etd.stabilize.settings import Settings
+from trace_decoder import Phase
+
+MakeRig = Callable[..., EngineRig]
+N = 16
+STRONG = {"current_ua": only(N, e3=1_000, e9=1_000), "width_us": 100}
+
+
+def loaded_with(bursts: Bursts | None, board: str, electrodes: int) -> LoadedConfig:
+    loaded = config(board, electrodes)
+    site = msgspec.structs.replace(loaded.body_site, stabilize=Settings(bursts=bursts))
+    return dataclasses.replace(loaded, body_site=site)
+
+
+def bursting(
+    make_rig: MakeRig, bursts: Bursts | None, board: str = "kajimoto-hv507", electrodes: int = N
+) -> EngineRig:
+    """Open to 1 mA, and silent since."""
+    rig = armed(make_rig(loaded=loaded_with(bursts, board, electrodes)))
+    for number in range(1, 60):
+        # A scan may outlast the patience with a gateway that cannot speak meanwhile.
+        rig.clock.at(rig.clock.now_ns() + number * 50 * MS, lambda: rig.commands.send(Alive()))
+    rig.hold(500, current_ua=only(electrodes, e0=20), rate_hz=2.0, ttl_ms=700)
+    rig.run_ms(710)
+    rig.answers.clear()
+    return rig
+
+
+def midway(rig: EngineRig, after_ms: float, rate_hz: float, *newer: dict[str, Any]) -> int:
+    """Show the strong frame, and so much later each newer one; when the last one was sent."""
+    begun_ns = rig.clock.now_ns()
+    rig.send(**STRONG, rate_hz=rate_hz, ttl_ms=1_000)
+    sent_ns = begun_ns
+    for number, one in enumerate(newer):
+        sent_ns = begun_ns + int((after_ms + number) * MS)
+        fields = {"rate_hz": rate_hz, "ttl_ms": 900, **one}
+        rig.clock.at(sent_ns, partial(rig.send, **fields))
+    rig.run_ms(700)
+    assert all(answer.error is None for answer in rig.answers.values())
+    return sent_ns
+
+
+def of(rig: EngineRig, electrode: int, since_ns: int, until_ns: int | None = None) -> list[Phase]:
+    return [
+        one
+        for one in phases(rig, since_ns)
+        if one.electrode == electrode and (until_ns is None or one.from_ns < until_ns)
+    ]
+
+
+BURSTS = [
+    (Bursts(pulses=2, rate_hz=350.0), 15.0, 1.5),
+    (Bursts(pulses=6, rate_hz=350.0), 15.0, 7.0),
+    (Bursts(pulses=20, rate_hz=50.0), 2.0, 90.0),
+]
+
+
+@pytest.mark.parametrize(("bursts", "rate_hz", "after_ms"), BURSTS)
+@pytest.mark.parametrize(
+    "weaker",
+    [
+        {"current_ua": only(N, e9=1_000), "width_us": 100},
+        {"current_ua": only(N, e3=300, e9=1_000), "width_us": 100},
+        {"current_ua": only(N, e3=1_000, e9=1_000), "width_us": (100,) * 3 + (50,) + (100,) * 12},
+        {"current_ua": only(N, e3=1_200, e9=1_000), "width_us": (100,) * 3 + (50,) + (100,) * 12},
+    ],
+    ids=["silent", "less current", "narrower", "narrower, with more current"],
+)
+def test_in_a_burst_a_fall_holds_from_the_next_pulse(
+    make_rig: MakeRig, bursts: Bursts, rate_hz: float, after_ms: float, weaker: dict[str, Any]
+) -> None:
+    rig = bursting(make_rig, bursts)
+    shown_ns = rig.clock.now_ns()
+    sent_ns = midway(rig, after_ms, rate_hz, weaker)
+    before = of(rig, 3, shown_ns, sent_ns)
+    assert 1 <= len(before) < bursts.pulses
+    assert all(one.charge_pc > 90_000 for one in before)
+    assert all(one.charge_pc < 61_000 for one in of(rig, 3, sent_ns))
+    burst_ns = int(bursts.pulses * bursts.interval_us * 1_000)
+    others = of(rig, 9, shown_ns, shown_ns + burst_ns + MS)
+    assert len(others) == bursts.pulses, "who has not fallen keeps the rhythm"
+
+
+def test_what_fell_goes_on_weaker_in_the_same_burst(make_rig: MakeRig) -> None:
+    rig = bursting(make_rig, BURSTS[1][0])
+    shown_ns = rig.clock.now_ns()
+    weaker = {"current_ua": only(N, e3=300, e9=1_000), "width_us": 100}
+    midway(rig, 7.0, 15.0, weaker)
+    burst = [round(one.current_ua, -2) for one in of(rig, 3, shown_ns, shown_ns + 30 * MS)]
+    assert burst == [1_000, 1_000, 1_000, 300, 300, 300]
+
+
+def test_a_rise_waits_for_the_next_burst(make_rig: MakeRig) -> None:
+    rig = bursting(make_rig, BURSTS[1][0])
+    shown_ns, superseded = rig.clock.now_ns(), rig.engine.reporter.counters["frames_superseded"]
+    weaker = {"current_ua": only(N, e3=300), "width_us": 100}
+    stronger = {"current_ua": only(N, e3=800), "width_us": 100}
+    midway(rig, 7.0, 15.0, weaker, stronger)
+    found = [round(one.current_ua, -2) for one in of(rig, 3, shown_ns, shown_ns + 90 * MS)]
+    assert found == [1_000] * 3 + [300] * 3 + [800] * 6
+    assert rig.engine.reporter.counters["frames_superseded"] == superseded + 1
+
+
+def test_a_frame_that_is_refused_takes_nothing_from_a_burst(make_rig: MakeRig) -> None:
+    rig = bursting(make_rig, BURSTS[1][0])
+    begun_ns = rig.clock.now_ns()
+    rig.send(**STRONG, rate_hz=15.0, ttl_ms=1_000)
+    rig.clock.at(begun_ns + 7 * MS, lambda: rig.send(current_ua=only(N, e3=9_000, e9=300)))
+    rig.run_ms(60)
+    assert {answer.error for answer in rig.answers.values()} == {None, "over_maximum"}
+    assert [round(one.current_ua, -2) for one in of(rig, 9, begun_ns)] == [1_000] * 6
+
+
+def test_a_newer_frame_whose_time_is_over_before_its_scan_is_told(make_rig: MakeRig) -> None:
+    rig = bursting(make_rig, BURSTS[2][0])
+    begun_ns = rig.clock.now_ns()
+    rig.send(**STRONG, rate_hz=2.0, ttl_ms=1_000)
+    rig.clock.at(
+        begun_ns + 90 * MS, lambda: rig.send(current_ua=only(N, e3=300), rate_hz=2.0, ttl_ms=100)
+    )
+    rig.run_ms(600)
+    refused = [one.refused for one in rig.reports if one.refused is not None]
+    assert [one.error for one in refused] == ["expired"]
+    assert max(one.current_ua for one in of(rig, 3, begun_ns + 95 * MS)) < 301, "it has fallen"
+    assert rig.last_seq not in {one.seq for scan in scans(rig) for one in scan.shown}
+
+
+def test_in_a_long_scan_of_a_stack_of_boards_a_fall_waits_for_a_twentieth_of_a_second(
+    make_rig: MakeRig,
+) -> None:
+    rig = bursting(make_rig, None, "etactilekit-hv513-x8", 256)
+    begun_ns = rig.clock.now_ns()
+    rig.send(current_ua=(500,) * 256, width_us=100, rate_hz=1.0, ttl_ms=1_000)
+    rig.clock.at(begun_ns + 20 * MS, lambda: rig.send(current_ua=(0,) * 256, ttl_ms=900))
+    rig.run_ms(800)
+    found = phases(rig, begun_ns)
+    assert 1 < len(found) < 256
+    assert begun_ns + 40 * MS < found[-1].from_ns < begun_ns + 53 * MS
