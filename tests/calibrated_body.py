@@ -11,10 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
-from etd.calibrate.conditions import Conditions, Progress, finished
+from msgspec.structs import replace
+
+from etd.calibrate.conditions import Conditions
 from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresents, ModelledBody
 from etd.calibrate.person import SimulatedPerson
+from etd.calibrate.progress import Progress, finished
 from etd.calibrate.stimulator import Stimulator
 from etd.calibration import Calibration, ElectrodeLimits, Method
 from etd_body.course import STILL, Script
@@ -22,6 +25,7 @@ from stepped_daemon import SteppedDaemon, SteppedDisplay
 
 WIDTH_US, CAP_UA = 100, 3_000
 _BASELINE = "first"
+_TODAY = datetime.date(2025, 3, 4)
 
 
 @dataclass(slots=True)
@@ -115,11 +119,11 @@ class _Sitting:
             display, display, daemon, conditions, person.wants_stop, felt.hear
         )
         self._course = Course(
-            Progress(conditions=conditions),
+            Progress(conditions=replace(conditions, reference=self._reference)),
             FeltPresents(self._stimulator, felt),
             person,
+            lambda: _TODAY,
             baseline=baseline,
-            reference=None if baseline is None else self._reference,
             on_progress=self._compare,
             on_presented=self._look,
             on_threshold=self._settle,
@@ -133,7 +137,7 @@ class _Sitting:
         outcome.presentations = progress.presentations
         outcome.minutes = (daemon.now_ns() - begun_ns) / 60e9
         outcome.most_pain, outcome.left = self._felt.most_pain, self._course.left
-        outcome.made = finished(progress, datetime.date(2025, 3, 4), "test")
+        outcome.made = finished(progress, _TODAY, "test")
         return outcome
 
     # --- the truth ---------------------------------------------------------------------------

@@ -38,8 +38,10 @@ class ElectrodeLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     resistance_ohm: Annotated[int, Meta(ge=0)] | None = None
     #: False: nothing was felt up to the cap, or nothing was tried; then the three are bounds only.
     felt: bool = True
-    #: Where it is another day's than the file's: taken over from an earlier calibration.
+    #: Where it is another day's than the file's: found on that day, or taken over from then.
     date: datetime.date | None = None
+    #: Where threshold and cap are an earlier day's than the rest, which was matched to a reference.
+    threshold_date: datetime.date | None = None
 
 
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -225,4 +227,6 @@ def _electrode(limits: ElectrodeLimits) -> str:
         keys["felt"] = "false"
     if limits.date is not None:
         keys["date"] = limits.date.isoformat()
+    if limits.threshold_date is not None:
+        keys["threshold_date"] = limits.threshold_date.isoformat()
     return "{ " + ", ".join(f"{key} = {value}" for key, value in keys.items()) + " }"

@@ -14,20 +14,18 @@ import pytest
 from etd.calibrate.answers import Answer, Question
 from etd.calibrate.conditions import (
     Conditions,
-    Progress,
     check_conditions,
     check_laws,
-    finished,
-    load_progress,
-    save_progress,
+    identity,
 )
 from etd.calibrate.course import Course
 from etd.calibrate.person import Felt, Manner, SimulatedPerson
+from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.reach import RISE, Reach
 from etd.calibrate.staircase import staircase
 from etd.calibrate.stimulator import Delivered, NotDelivered
 from etd.calibrate.trial import Stopped, run
-from etd.calibration import Calibration, Method, check_order
+from etd.calibration import Calibration, ElectrodeLimits, Method, check_order
 from etd.errors import FileError, HardwareMissing, Refused
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.narrow import Narrow
@@ -38,6 +36,7 @@ from noisy_skin import NoisySkin, resistance_ohm
 
 BURSTS = Bursts(pulses=6, rate_hz=350.0)
 TODAY = datetime.date(2025, 3, 4)
+NEXT_DAY = datetime.date(2025, 3, 5)
 
 
 def conditions(method: Method = "limits", electrodes: int = 64, **changes: Any) -> Conditions:
@@ -58,12 +57,16 @@ def conditions(method: Method = "limits", electrodes: int = 64, **changes: Any) 
 
 
 def calibrated(
-    skin: NoisySkin, method: Method = "limits", **more: Any
+    skin: NoisySkin,
+    method: Method = "limits",
+    baseline: Calibration | None = None,
+    today: datetime.date = TODAY,
+    **changes: Any,
 ) -> tuple[Progress, Calibration]:
-    progress = Progress(conditions=conditions(method, skin.electrodes))
+    progress = Progress(conditions=conditions(method, skin.electrodes, **changes))
     person = SimulatedPerson(skin.sense, skin.seed)
-    Course(progress, skin, person, **more).run(range(skin.electrodes))
-    return progress, finished(progress, TODAY, "test")
+    Course(progress, skin, person, lambda: today, baseline=baseline).run(range(skin.electrodes))
+    return progress, finished(progress, today, "test")
 
 
 @pytest.mark.parametrize("seed", [11, 12, 13])
@@ -95,7 +98,9 @@ def test_quest_plus_does_not_take_one_miss_at_the_cap_for_the_end_of_feeling(of_
     skin.threshold_ua = [of_cap * 4_000.0] * 6
     skin.pain_ua = [99_000.0] * 6
     progress = Progress(conditions=conditions("quest-plus", 6))
-    found = Course(progress, skin, SimulatedPerson(skin.sense, 2, Manner(lapses=0.0))).run(range(6))
+    found = Course(
+        progress, skin, SimulatedPerson(skin.sense, 2, Manner(lapses=0.0)), lambda: TODAY
+    ).run(range(6))
     assert [one.felt for one in found.found.values()] == [of_cap < 1.0] * 6
 
 
@@ -136,7 +141,7 @@ def test_an_electrode_that_is_not_felt_up_to_the_cap_is_a_bound_and_no_threshold
     skin.pain_ua[1] = 99_000.0
     progress = Progress(conditions=conditions("limits", 3))
     calm = SimulatedPerson(skin.sense, 1, Manner(lapses=0.0))
-    found = Course(progress, skin, calm).run(range(3)).found
+    found = Course(progress, skin, calm, lambda: TODAY).run(range(3)).found
     assert [one.felt for one in found.values()] == [True, False, True]
     assert found[1].threshold_ua == found[1].cap_ua == 4_000
     assert max(ua for where, ua in skin.presented if where == 1) == 4_000
@@ -166,7 +171,7 @@ def test_equal_strength_is_found_by_comparing_with_a_reference() -> None:
     skin.pain_ua = [4.0 * one for one in skin.threshold_ua]
     _, made = calibrated(skin)
     before = len(skin.presented)
-    _, equal = calibrated(skin, "equalize", baseline=made, reference=5)
+    _, equal = calibrated(skin, "equalize", made, NEXT_DAY, reference=5)
 
     strong = [
         one.comfortable_ua / skin.threshold_ua[where] for where, one in enumerate(equal.electrode)
@@ -178,8 +183,43 @@ def test_equal_strength_is_found_by_comparing_with_a_reference() -> None:
     assert max(abs(strong[one] / strong[5] - 1.0) for one in reached) <= 0.10
     for where, current_ua in skin.presented[before:]:
         assert current_ua <= made.electrode[where].cap_ua
-    assert equal.electrode[5].date == TODAY
     assert equal.electrode[5].comfortable_ua == made.electrode[5].comfortable_ua
+
+
+def test_equal_strength_says_which_figures_are_of_the_day_before() -> None:
+    """The reference's are taken over; the others' thresholds and caps are, and were not asked."""
+    skin = NoisySkin(3, 19)
+    _, made = calibrated(skin)
+    _, equal = calibrated(skin, "equalize", made, NEXT_DAY, reference=1)
+    days = [(one.date, one.threshold_date) for one in equal.electrode]
+    assert equal.date == NEXT_DAY
+    assert days == [(None, TODAY), (TODAY, None), (None, TODAY)]
+
+    _, third = calibrated(skin, "equalize", equal, datetime.date(2025, 3, 6), reference=0)
+    assert third.electrode[0].date == NEXT_DAY, "the reference is as it was matched then"
+    assert [one.threshold_date for one in third.electrode] == [TODAY, TODAY, TODAY]
+
+
+def test_what_was_not_felt_is_no_reference() -> None:
+    skin = NoisySkin(3, 16)
+    _, made = calibrated(skin)
+    numb = msgspec.structs.replace(made.electrode[1], felt=False)
+    made = msgspec.structs.replace(made, electrode=(made.electrode[0], numb, made.electrode[2]))
+    before = len(skin.presented)
+    for reference in (1, 3):
+        with pytest.raises(Refused, match=f"electrode {reference} was not felt in the baseline"):
+            calibrated(skin, "equalize", made, reference=reference)
+    assert len(skin.presented) == before
+
+
+def test_what_goes_on_on_another_day_says_so() -> None:
+    skin = NoisySkin(3, 20)
+    progress = Progress(conditions=conditions("limits", 3))
+    person = SimulatedPerson(skin.sense, 1)
+    Course(progress, skin, person, lambda: TODAY).run((0, 2))
+    Course(progress, skin, person, lambda: NEXT_DAY).run(range(3))
+    made = finished(progress, NEXT_DAY, "test")
+    assert [one.date for one in made.electrode] == [TODAY, None, TODAY]
 
 
 def test_the_reference_is_gone_up_to_and_refused_where_it_is_too_strong_today() -> None:
@@ -189,7 +229,7 @@ def test_the_reference_is_gone_up_to_and_refused_where_it_is_too_strong_today() 
     skin.pain_ua[1] = 1.05 * made.electrode[1].threshold_ua
 
     with pytest.raises(Refused, match="too strong today"):
-        calibrated(skin, "equalize", baseline=made, reference=1)
+        calibrated(skin, "equalize", made, reference=1)
     assert skin.presented[before:] == [(1, made.electrode[1].threshold_ua)]
 
 
@@ -246,6 +286,7 @@ def test_stopped_in_the_middle_it_goes_on_with_what_is_missing(
             Progress(conditions=conditions("limits", 4)),
             skin,
             Scripted(person, 120, last),
+            lambda: TODAY,
             on_progress=lambda progress: save_progress(path, progress),
         ).run(range(4))
     assert skin.stops == stops
@@ -253,7 +294,7 @@ def test_stopped_in_the_middle_it_goes_on_with_what_is_missing(
     kept = load_progress(path, conditions("limits", 4))
     assert 0 < len(kept.found) < 4
     done, before = dict(kept.found), len(skin.presented)
-    Course(kept, skin, person).run(range(4))
+    Course(kept, skin, person, lambda: TODAY).run(range(4))
     assert not {where for where, _ in skin.presented[before:]} & set(done)
     assert {one: kept.found[one] for one in done} == done
     assert kept.missing == ()
@@ -266,6 +307,8 @@ def test_stopped_in_the_middle_it_goes_on_with_what_is_missing(
         ({"cap_ua": 3_000}, "for 4000, this is 3000"),
         ({"participant": "P02"}, "for P01, this is P02"),
         ({"shape": Shape(bursts=BURSTS)}, "for plain pulses, this is bursts of 6 at 350 Hz"),
+        ({"reference": 7}, "what was begun is for None, this is 7"),
+        ({"baseline": "P01 of 2025-03-04 (0123abcd)"}, r"for None, this is P01 of 2025-03-04"),
     ],
 )
 def test_other_conditions_do_not_go_on_with_it(
@@ -277,9 +320,43 @@ def test_other_conditions_do_not_go_on_with_it(
         load_progress(path, conditions(**changes))
 
 
+def test_baselines_of_one_name_and_day_are_told_apart() -> None:
+    _, made = calibrated(NoisySkin(2, 20))
+    other = msgspec.structs.replace(made, electrode=made.electrode[::-1])
+    assert identity("P01", made) == identity("P01", msgspec.structs.replace(made))
+    assert identity("P01", made).startswith("P01 of 2025-03-04 (")
+    assert len({identity("P01", made), identity("P02", made), identity("P01", other)}) == 3
+
+
+@pytest.mark.parametrize(
+    ("electrode", "figures", "said"),
+    [
+        (63, (1_000, 2_000, 4_001), "its cap of 4001 uA is above the 4000 uA"),
+        (64, (1_000, 2_000, 3_000), "no such electrode: the array has 0 to 63"),
+        (-1, (1_000, 2_000, 3_000), "no such electrode"),
+        (5, (2_001, 2_000, 3_000), "do not rise"),
+        (5, (1_000, 3_001, 3_000), "do not rise"),
+    ],
+)
+def test_what_cannot_have_been_found_is_not_gone_on_with(
+    tmp_path: Path, electrode: int, figures: tuple[int, int, int], said: str
+) -> None:
+    threshold_ua, comfortable_ua, cap_ua = figures
+    found = ElectrodeLimits(threshold_ua=threshold_ua, comfortable_ua=comfortable_ua, cap_ua=cap_ua)
+    save_progress(
+        tmp_path / "P01.json", Progress(conditions=conditions(), found={electrode: found})
+    )
+    with pytest.raises(FileError, match=said) as refused:
+        load_progress(tmp_path / "P01.json", conditions())
+    assert refused.value.key == f"found.{electrode}"
+
+
 def test_a_progress_file_that_is_none_is_told(tmp_path: Path) -> None:
     path = tmp_path / "P01.json"
     path.write_text("{")
+    with pytest.raises(FileError, match="--restart"):
+        load_progress(path, conditions())
+    save_progress(path, Progress(conditions=conditions(), presentations=-1))
     with pytest.raises(FileError, match="--restart"):
         load_progress(path, conditions())
     with pytest.raises(FileError, match="cannot be read"):
@@ -303,7 +380,7 @@ def test_pulses_that_would_be_made_narrower_are_asked_about_as_narrow_ones() -> 
 def test_a_calibration_says_what_its_pulses_were(tmp_path: Path) -> None:
     skin = NoisySkin(2, 25)
     progress = Progress(conditions=conditions("limits", 2, shape=Shape(bursts=BURSTS)))
-    Course(progress, skin, SimulatedPerson(skin.sense, 1)).run(range(2))
+    Course(progress, skin, SimulatedPerson(skin.sense, 1), lambda: TODAY).run(range(2))
     save_progress(tmp_path / "P01.json", progress)
     again = load_progress(tmp_path / "P01.json", progress.conditions)
     assert finished(again, TODAY, "test").shape == Shape(bursts=BURSTS)
@@ -323,7 +400,7 @@ def test_an_electrode_that_cannot_be_presented_is_left_with_the_reason() -> None
 
     skin = Loose(3, 21)
     progress = Progress(conditions=conditions("limits", 3))
-    course = Course(progress, skin, SimulatedPerson(skin.sense, 1))
+    course = Course(progress, skin, SimulatedPerson(skin.sense, 1), lambda: TODAY)
     course.run(range(3))
     assert progress.missing == (1,)
     assert "contact_open" in course.left[1]
@@ -360,5 +437,5 @@ def test_what_is_presented_with_a_prepulse_has_the_charge_of_the_limit_and_no_mo
     assert prepulse.of(Wish(led.presented_ua, 100)).charge_pc <= 4_000 * 100
     skin = NoisySkin(2, seed=3, median_ua=5_000.0, sigma=0.0)
     begun = Progress(conditions=conditions(electrodes=2, shape=led.shape))
-    Course(begun, skin, SimulatedPerson(skin.sense, skin.seed)).run((0,))
+    Course(begun, skin, SimulatedPerson(skin.sense, skin.seed), lambda: TODAY).run((0,))
     assert max(current_ua for _, current_ua in skin.presented) == 3_075

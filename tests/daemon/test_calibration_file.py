@@ -44,6 +44,7 @@ def limits(draw: st.DrawFn) -> ElectrodeLimits:
         resistance_ohm=draw(st.none() | st.integers(0, 10**7)),
         felt=draw(st.booleans()),
         date=draw(st.none() | st.dates()),
+        threshold_date=draw(st.none() | st.dates()),
     )
 
 

@@ -12,7 +12,8 @@ import pytest
 
 from etd.calibrate import quest_plus
 from etd.calibrate.answers import ANSWERS, Answer, Ask, Question
-from etd.calibrate.conditions import Conditions, Progress
+from etd.calibrate.conditions import Conditions
+from etd.calibrate.progress import Progress
 from etd.calibration import ElectrodeLimits
 from etd.cli import USED_WRONGLY, main
 from etd.cli.calibrate_screen import Screen
@@ -208,6 +209,8 @@ def test_what_does_not_go_together_is_used_wrongly(
         (["P1", "--max-current-ua", "2000", "--rate-hz", "500"], "--rate-hz: it says 500"),
         (["P1", "--max-current-ua", "2000", "--pulses", "90"], "90 pulses at 60 Hz last 1.50 s"),
         (["P1", "--max-current-ua", "2000", "--out", "/none/P1.toml"], "there is no such folder"),
+        (["P1", "--max-current-ua", "2000", "--out", "/"], "/: it is there already"),
+        (["P1", "--max-current-ua", "2000", "--out", "/proc/P1.toml"], "nothing can be written"),
         (["P1", "--max-current-ua", "2000", "--leave-out", "8"], "--leave-out: there is no elec"),
         (["P1", "--max-current-ua", "2000", "--reference", "-1"], "--reference: there is no elec"),
     ],
@@ -215,7 +218,9 @@ def test_what_does_not_go_together_is_used_wrongly(
 def test_what_cannot_be_is_told_by_the_name_it_has_on_the_command_line(
     given: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["calibrate", *given, "--board", "fake", "--array", "pad-8"]) == 1
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", *given, "--board", "fake", "--array", "pad-8"])
+    assert ended.value.code == USED_WRONGLY
     assert said in capsys.readouterr().err
 
 

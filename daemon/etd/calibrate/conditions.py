@@ -1,25 +1,23 @@
-"""What a calibration is made under, and how far it has come: kept after every electrode.
+"""What a calibration is made under.
 
-Owns: the two structs, the file of an unfinished calibration, and the calibration that a finished
-one becomes. Must not know: procedures, daemons, terminals.
+Owns: the struct, and which conditions cannot be. Must not know: procedures, daemons, terminals,
+how far a calibration has come (progress).
 """
 
 from __future__ import annotations
 
-import datetime
+import hashlib
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
-from etd.calibration import Calibration, ElectrodeLimits, Method
+from etd.calibration import Calibration, Method, to_toml
 from etd.errors import FileError, Refused
 from etd.frame import Polarity, Returns
 from etd.stabilize.pipeline import Wish
 from etd.stabilize.shape import PLAIN, Shape
-from etd.wholefile import write_whole
 
 #: A presentation ends well before its frame would expire.
 MOST_S = 0.7
@@ -47,6 +45,10 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     pulses: Annotated[int, Meta(ge=1, le=140)]
     shape: Shape = PLAIN
     cap_ua: Annotated[int, Meta(ge=50, le=10_000)]
+    #: The earlier calibration that it begins from, as `identity` names it.
+    baseline: str | None = None
+    #: With equalize: the electrode that all others are compared with.
+    reference: Annotated[int, Meta(ge=0, le=255)] | None = None
 
     @property
     def presented_ua(self) -> int:
@@ -101,6 +103,12 @@ def check_laws(conditions: Conditions, stabilizers: Sequence[str]) -> None:
         )
 
 
+def identity(name: str, baseline: Calibration) -> str:
+    """Name, day, and a mark of all that is in it: two of one name and day are told apart."""
+    mark = hashlib.sha256(to_toml(baseline).encode()).hexdigest()[:8]
+    return f"{name} of {baseline.date.isoformat()} ({mark})"
+
+
 def check_baseline(conditions: Conditions, baseline: Calibration) -> None:
     """It must be of the same person under the same conditions: a threshold of another width or
     polarity would be a start in the wrong place. Raises: Refused (`bad_calibration`).
@@ -119,80 +127,3 @@ def check_baseline(conditions: Conditions, baseline: Calibration) -> None:
             f"the baseline has {len(baseline.electrode)} electrodes, here are"
             f" {conditions.electrodes}",
         )
-
-
-class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """What has been found so far, by electrode; `presentations` counts all of them."""
-
-    conditions: Conditions
-    found: dict[int, ElectrodeLimits] = {}
-    presentations: int = 0
-
-    @property
-    def missing(self) -> tuple[int, ...]:
-        return tuple(one for one in range(self.conditions.electrodes) if one not in self.found)
-
-
-def save_progress(path: Path, progress: Progress) -> None:
-    """Raises: OSError."""
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    data = msgspec.json.format(msgspec.json.encode(progress), indent=1)
-    write_whole(path, data + b"\n", mode=0o600)
-
-
-def load_progress(path: Path, conditions: Conditions) -> Progress:
-    """What was found under the same conditions. Raises: FileError."""
-    try:
-        progress = msgspec.json.decode(path.read_bytes(), type=Progress)
-    except OSError as error:
-        raise FileError(
-            str(path), "", f"it cannot be read ({error.strerror})", "check it"
-        ) from error
-    except msgspec.DecodeError as error:
-        raise FileError(str(path), "", f"it is no progress file ({error})", "--restart") from error
-    for key in Conditions.__struct_fields__:
-        was, now = getattr(progress.conditions, key), getattr(conditions, key)
-        if was != now:
-            raise FileError(
-                str(path),
-                f"conditions.{key}",
-                f"what was begun is for {was}, this is {now}",
-                "go on under the same conditions, or give --restart to begin anew",
-            )
-    return progress
-
-
-def finished(
-    progress: Progress, date: datetime.date, program: str, gamma: float = 1.0
-) -> Calibration:
-    """The calibration of all electrodes. One that was left out gets the least threshold that was
-    found for everything, and counts as not felt: a bound, where nothing is known.
-
-    Raises: FileError, if nothing was found at all.
-    """
-    conditions = progress.conditions
-    felt_ua = [one.threshold_ua for one in progress.found.values() if one.felt]
-    if not felt_ua:
-        raise FileError(
-            "the calibration", "", "nothing was felt anywhere", "look at contact and cap first"
-        )
-    least_ua = min(felt_ua)
-    unknown = ElectrodeLimits(
-        threshold_ua=least_ua, comfortable_ua=least_ua, cap_ua=least_ua, felt=False
-    )
-    return Calibration(
-        participant=conditions.participant,
-        body_site=conditions.body_site,
-        array=conditions.array,
-        polarity=conditions.polarity,
-        width_us=conditions.width_us,
-        rate_hz=conditions.rate_hz,
-        returns=conditions.returns,
-        date=date,
-        program=program,
-        electrode=tuple(progress.found.get(one, unknown) for one in range(conditions.electrodes)),
-        method=conditions.method,
-        pulses=conditions.pulses,
-        shape=conditions.shape,
-        gamma=gamma,
-    )

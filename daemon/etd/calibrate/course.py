@@ -6,6 +6,7 @@ each. Must not know: how a current is presented (stimulator), who answers, where
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -13,9 +14,10 @@ import msgspec
 
 from etd.calibrate.answers import Answer, Answerer, Ask, Question
 from etd.calibrate.comfortable import comfortable
-from etd.calibrate.conditions import Progress, check_baseline
+from etd.calibrate.conditions import check_baseline
 from etd.calibrate.equalize import equalize, lead_up
 from etd.calibrate.limits import Threshold, limits
+from etd.calibrate.progress import Progress
 from etd.calibrate.quest_plus import quest_plus, ready_questplus
 from etd.calibrate.reach import Reach
 from etd.calibrate.staircase import staircase
@@ -59,7 +61,8 @@ class Presents(Protocol):
 class Course:
     """`progress` is filled in; `on_progress` hears of it after each electrode, `on_presented` the
     electrode of each presentation, and `on_threshold` the electrode whose threshold is found, which
-    is before its comfortable level is looked for.
+    is before its comfortable level is looked for. `today` dates each: a calibration may go on on
+    another day.
 
     `baseline`: an earlier calibration of the same person. It says where to begin; with the method
     `equalize` it is also what is kept but for the comfortable levels.
@@ -70,9 +73,9 @@ class Course:
         progress: Progress,
         presents: Presents,
         answerer: Answerer,
+        today: Callable[[], datetime.date],
         *,
         baseline: Calibration | None = None,
-        reference: int | None = None,
         on_progress: Callable[[Progress], None] = lambda _: None,
         on_presented: Callable[[int], None] = lambda _: None,
         on_threshold: Callable[[int], None] = lambda _: None,
@@ -80,8 +83,9 @@ class Course:
         self._progress = progress
         self._presents = presents
         self._answerer = answerer
+        self._today = today
         self._baseline = baseline
-        self._reference = reference
+        self._reference = progress.conditions.reference
         self._on_progress = on_progress
         self._on_presented = on_presented
         self._on_threshold = on_threshold
@@ -91,17 +95,29 @@ class Course:
         self._check()
 
     def _check(self) -> None:
-        method = self._progress.conditions.method
-        if method == "equalize" and (self._baseline is None or self._reference is None):
+        conditions = self._progress.conditions
+        if self._baseline is not None:
+            check_baseline(conditions, self._baseline)
+        if conditions.method == "equalize":
+            self._check_reference()
+        if conditions.method == "quest-plus":
+            ready_questplus()
+
+    def _check_reference(self) -> None:
+        baseline, reference = self._baseline, self._reference
+        if baseline is None or reference is None:
             raise Refused(
                 "limits_missing",
                 "equal strength needs a calibration with thresholds to begin with, and a reference"
                 " electrode: name a --baseline of this person",
             )
-        if self._baseline is not None:
-            check_baseline(self._progress.conditions, self._baseline)
-        if method == "quest-plus":
-            ready_questplus()
+        if reference >= len(baseline.electrode) or not baseline.electrode[reference].felt:
+            raise Refused(
+                "bad_calibration",
+                f"electrode {reference} was not felt in the baseline, and nothing can be as strong"
+                " as it: name another --reference",
+                reference,
+            )
 
     def run(self, electrodes: Sequence[int]) -> Progress:
         """Those of them that are missing. Those that could not be settled are in `left`, with the
@@ -124,9 +140,9 @@ class Course:
 
     def _calibrated(self, electrode: int) -> ElectrodeLimits:
         self._resistances = {}
-        if self._progress.conditions.method == "equalize":
-            return self._equalized(electrode)
-        conditions = self._progress.conditions
+        conditions, baseline, reference = self._progress.conditions, self._baseline, self._reference
+        if conditions.method == "equalize" and baseline is not None and reference is not None:
+            return self._equalized(electrode, baseline, reference)
         before = self._earlier(electrode)
         reach = Reach(conditions.presented_ua, self._start_ua(electrode))
         procedure = PROCEDURES[conditions.method](reach.most_ua)
@@ -143,12 +159,12 @@ class Course:
         )
         return self._limits(at_ua, level.comfortable_ua, level.cap_ua)
 
-    def _equalized(self, electrode: int) -> ElectrodeLimits:
-        """The caps of the baseline are in force."""
-        before = self._earlier(electrode)
-        reference = self._reference
-        if before is None or reference is None or electrode == reference or not before.felt:
-            return _taken_over(before, self._baseline)
+    def _equalized(self, electrode: int, baseline: Calibration, reference: int) -> ElectrodeLimits:
+        """The caps of the baseline are in force; what is taken over keeps its day."""
+        before = baseline.electrode[electrode]
+        found_on = before.date or baseline.date
+        if electrode == reference or not before.felt:
+            return msgspec.structs.replace(before, date=found_on)
         self._lead_up_to(reference)
         reach = Reach(before.cap_ua, before.threshold_ua)
         match = run(
@@ -157,7 +173,8 @@ class Course:
             lambda ua: self._asked("compare", electrode, ua, reference),
         )
         cap_ua = min(before.cap_ua, reach.cap_ua)
-        return self._limits(before.threshold_ua, min(match.current_ua, cap_ua), cap_ua)
+        found = self._limits(before.threshold_ua, min(match.current_ua, cap_ua), cap_ua)
+        return msgspec.structs.replace(found, threshold_date=before.threshold_date or found_on)
 
     def _lead_up_to(self, reference: int) -> None:
         """Once, before it is first presented as it is: today's skin is not that of the baseline.
@@ -189,6 +206,7 @@ class Course:
             cap_ua=cap_ua,
             resistance_ohm=self._resistance_at(comfortable_ua),
             felt=is_felt,
+            date=self._today(),
         )
 
     def _resistance_at(self, current_ua: int) -> int | None:
@@ -228,10 +246,3 @@ class Course:
             self._presents.stop()
             raise Stopped("stop")
         return answer
-
-
-def _taken_over(before: ElectrodeLimits | None, baseline: Calibration | None) -> ElectrodeLimits:
-    """As it was, with the day it is from."""
-    if before is None or baseline is None:
-        raise Refused("limits_missing", "equal strength needs a baseline")
-    return msgspec.structs.replace(before, date=before.date or baseline.date)

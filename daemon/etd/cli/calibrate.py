@@ -7,6 +7,7 @@ know: procedures (etd.calibrate), keys, the picture.
 from __future__ import annotations
 
 import argparse
+import datetime
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -18,17 +19,15 @@ import msgspec
 from etd.calibrate.answers import Answerer
 from etd.calibrate.conditions import (
     Conditions,
-    Progress,
     check_baseline,
     check_conditions,
     check_laws,
-    finished,
-    load_progress,
-    save_progress,
+    identity,
 )
 from etd.calibrate.course import Course, Presents
 from etd.calibrate.modelled import FeltPresents, ModelledBody
 from etd.calibrate.person import SimulatedPerson
+from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.quest_plus import ready_questplus
 from etd.calibrate.stimulator import Stimulator
 from etd.calibrate.trial import Stopped
@@ -36,6 +35,7 @@ from etd.calibration import Calibration, Method, to_toml
 from etd.cli import options
 from etd.cli.calibrate_screen import Screen
 from etd.cli.keys import keyboard
+from etd.cli.new_file import check_new_file
 from etd.cli.private_daemon import private_daemon, termination_as_ctrl_c
 from etd.client import Display, clock
 from etd.config import fake_config
@@ -124,9 +124,9 @@ def run(args: argparse.Namespace) -> int:
     Raises: Refused, FileError, HardwareMissing, DaemonGone, PartEnded.
     """
     _check_combinations(args)
-    if args.out is not None and not args.out.parent.is_dir():
-        raise FileError(str(args.out), "", "there is no such folder", "name one that exists")
-    which = check_name(args.which or args.participant, "the code, or --as")
+    with _wrong_use(args):
+        check_new_file(args.out)
+        which = check_name(args.which or args.participant, "the code, or --as")
     if args.method == "quest-plus":
         ready_questplus()
     with (
@@ -134,7 +134,8 @@ def run(args: argparse.Namespace) -> int:
         _address(args) as address,
         _display(args, address) as display,
     ):
-        calibrating = _Calibrating(args, display, which)
+        with _wrong_use(args):
+            calibrating = _Calibrating(args, display, which)
         try:
             calibrating.run()
         except KeyboardInterrupt:
@@ -160,11 +161,23 @@ def _check_combinations(args: argparse.Namespace) -> None:
 
 
 @contextmanager
+def _wrong_use(args: argparse.Namespace) -> Iterator[None]:
+    """What the command line says, or a file that it names, cannot be: status 2."""
+    try:
+        yield
+    except FileError as error:
+        args.misused(str(error))
+        raise
+
+
+@contextmanager
 def _address(args: argparse.Namespace) -> Iterator[str | None]:
     if args.board is None:
         yield None
         return
-    with private_daemon("calibrate", fake_config(args.board.board, args.array)) as address:
+    with _wrong_use(args):
+        loaded = fake_config(args.board.board, args.array)
+    with private_daemon("calibrate", loaded) as address:
         yield address
 
 
@@ -174,7 +187,8 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
     if args.method == "equalize":
         return Display(args.name, address=address, client=client, calibration=args.baseline)
     with Display(args.name, address=address, client=client) as asking:
-        _check_limit(args.max_current_ua, asking.facts)
+        with _wrong_use(args):
+            _check_limit(args.max_current_ua, asking.facts)
         width_us = args.width_us or asking.facts.default_width_us
         width_us += asking.facts.shape.prepulse_us
     return Display(
@@ -249,8 +263,8 @@ class _Calibrating:
             self._progress,
             presents,
             answerer,
+            _today,
             baseline=self._baseline,
-            reference=self._reference(),
             on_progress=self._keep,
         )
         self._screen.begin()
@@ -303,6 +317,8 @@ class _Calibrating:
             "pulses": args.pulses,
             "shape": msgspec.to_builtins(facts.shape.at(width_us)),
             "cap_ua": most_ua,
+            "baseline": None if base is None else identity(args.baseline, base),
+            "reference": self._reference() if args.method == "equalize" else None,
         }
         try:
             return convert(asked, Conditions, "the command line")
@@ -336,14 +352,16 @@ class _Calibrating:
         return [one for one in self._progress.missing if one not in self._args.leave_out]
 
     def _reference(self) -> int:
-        """The one that is named, or the one nearest to the middle."""
+        """The one that is named; else the nearest to the middle of those that the baseline felt."""
         if self._args.reference is not None:
             return int(self._args.reference)
-        array = self._display.facts.array
+        array, base = self._display.facts.array, self._baseline
+        each = () if base is None else base.electrode[: array.electrodes]
+        felt = [index for index, one in enumerate(each) if one.felt]
         middle_x = sum(array.x_mm) / array.electrodes
         middle_y = sum(array.y_mm) / array.electrodes
         return min(
-            range(array.electrodes),
+            felt or range(array.electrodes),
             key=lambda one: (array.x_mm[one] - middle_x) ** 2 + (array.y_mm[one] - middle_y) ** 2,
         )
 
@@ -385,7 +403,7 @@ class _Calibrating:
 
     def _made(self) -> Calibration:
         gamma = 1.0 if self._baseline is None else self._baseline.gamma
-        return finished(self._progress, wall_time().date(), f"etd {__version__}", gamma)
+        return finished(self._progress, _today(), f"etd {__version__}", gamma)
 
     def _answer(self, made: Calibration) -> None:
         count = self._progress.presentations
@@ -402,8 +420,20 @@ class _Calibrating:
         print(
             f"{self._which}: {len(felt)} of {len(made.electrode)} electrodes are felt, thresholds"
             f" {min(one.threshold_ua for one in felt)} to {max(one.threshold_ua for one in felt)}"
-            f" uA, {count} presentations; `etd calibration show {self._which}`"
+            f" uA, {count} presentations; {self._where()}"
         )
+
+    def _where(self) -> str:
+        """It can be looked at again; a fake of one's own ends, and its calibrations with it."""
+        if self._args.board is None:
+            return f"`etd calibration show {self._which}`"
+        if self._args.out is None:
+            return "the fake ends here, and this with it: --out FILE keeps one"
+        return f"kept in {self._args.out}"
+
+
+def _today() -> datetime.date:
+    return wall_time().date()
 
 
 def _electrodes(text: str) -> tuple[int, ...]:

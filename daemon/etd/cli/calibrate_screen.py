@@ -11,7 +11,7 @@ import sys
 
 from etd.apps.picture import Picture
 from etd.calibrate.answers import Answer, Question
-from etd.calibrate.conditions import Progress
+from etd.calibrate.progress import Progress
 from etd.cli.keys import legend
 from etd.cli.terminal import is_terminal
 from etd.protocol import ArrayFacts

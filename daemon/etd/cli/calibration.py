@@ -15,6 +15,7 @@ import msgspec
 from etd.apps.picture import Picture
 from etd.calibration import Calibration, load_calibration, to_toml
 from etd.cli import options
+from etd.cli.new_file import check_new_file
 from etd.client import Display
 from etd.errors import FileError
 from etd.frame import Returns, Ring
@@ -168,6 +169,8 @@ def _table(calibration: Calibration) -> list[str]:
         ohm = "not known" if one.resistance_ohm is None else f"{one.resistance_ohm} ohm"
         told = "" if one.felt else "  not felt"
         day = "" if one.date is None else f"  of {one.date.isoformat()}"
+        if one.threshold_date is not None:
+            day += f"  threshold and cap of {one.threshold_date.isoformat()}"
         lines.append(
             f"{electrode:>9}  {one.threshold_ua:>9}  {one.comfortable_ua:>11}  {one.cap_ua:>8}"
             f"  {ohm:>15}{told}{day}"
@@ -180,13 +183,12 @@ def _table(calibration: Calibration) -> list[str]:
 
 def _export(args: argparse.Namespace) -> int:
     """A file that is there already is not written over."""
+    check_new_file(args.file)
     with _display(args) as display:
         text = to_toml(display.calibration(args.which))
     if args.file is None:
         sys.stdout.write(text)
         return 0
-    if args.file.exists():
-        raise FileError(str(args.file), "", "it is there already", "name a new file")
     try:
         write_whole(args.file, text.encode(), mode=0o640)
     except OSError as error:

@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from etd.cli import options
+from etd.cli.new_file import check_new_file
 from etd.cli.private_daemon import termination_as_ctrl_c
 from etd.cli.run import kept_selftest, loaded_config
 from etd.cli.selftest_table import Quiet, Table, table_of
@@ -109,7 +110,7 @@ def _run(args: argparse.Namespace) -> int:
     loaded = loaded_config(args)
     asked = _asked(args, loaded)
     kept = kept_selftest(args.name, loaded)
-    _check_new(args.report)
+    check_new_file(args.report)
     with termination_as_ctrl_c():
         bench = _open(loaded, asked)
         try:
@@ -120,23 +121,6 @@ def _run(args: argparse.Namespace) -> int:
         save(report, path)
     _tell(args, report, kept)
     return 0 if report.passed else 1
-
-
-def _check_new(path: Path | None) -> None:
-    """A report that was kept is never lost to a later one. Raises: FileError."""
-    if path is None:
-        return
-    try:
-        is_there = path.exists() or path.is_symlink()
-    except OSError as error:
-        why = f"it cannot be a file ({error.strerror})"
-        raise FileError(str(path), "", why, "choose another name") from error
-    if is_there:
-        raise FileError(
-            str(path), "", "it is there already, and is not written over", "choose another name"
-        )
-    if not path.parent.is_dir():
-        raise FileError(str(path.parent), "", "there is no such folder", "make it first")
 
 
 def _load_ohm(text: str) -> int:
