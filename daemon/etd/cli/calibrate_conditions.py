@@ -1,0 +1,89 @@
+"""The conditions of a calibration, from what the command line says and what it leaves out.
+
+Owns: where each of them comes from (asked, else the baseline's, else the body site's), the
+reference electrode, and telling a wrong one by its name on the command line. Must not know: how a
+calibration goes.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import msgspec
+
+from etd.calibrate.conditions import Conditions, identity
+from etd.calibration import Calibration
+from etd.errors import FileError
+from etd.protocol import ArrayFacts, HelloReply
+from etd_hal.tomlfile import convert
+
+COMMAND_LINE = "the command line"
+#: What is called otherwise on the command line.
+_OPTIONS = {
+    "participant": "CODE",
+    "cap_ua": "--max-current-ua",
+    "width_us": "--width-us",
+    "rate_hz": "--rate-hz",
+    "pulses": "--pulses",
+}
+
+
+def conditions_asked(
+    args: argparse.Namespace, facts: HelloReply, base: Calibration | None
+) -> Conditions:
+    """`args`: of `etd calibrate`. Raises: FileError, naming the option."""
+    _check_electrodes(args, facts.array)
+    returns = args.returns or (base.returns if base else "all")
+    most_ua = args.max_current_ua
+    if most_ua is None and base is not None:
+        most_ua = max(one.cap_ua for one in base.electrode)
+    width_us = args.width_us or (base.width_us if base else facts.default_width_us)
+    asked = {
+        "participant": args.participant,
+        "method": args.method,
+        "body_site": facts.body_site,
+        "array": facts.array.name,
+        "electrodes": facts.array.electrodes,
+        "polarity": args.polarity or (base.polarity if base else facts.default_polarity),
+        "width_us": width_us,
+        "rate_hz": args.rate_hz or (base.rate_hz if base else facts.default_rate_hz),
+        "returns": msgspec.to_builtins(returns),
+        "pulses": args.pulses,
+        "shape": msgspec.to_builtins(facts.shape.at(width_us)),
+        "cap_ua": most_ua,
+        "baseline": None if base is None else identity(args.baseline, base),
+        "reference": _reference(args, facts.array, base) if args.method == "equalize" else None,
+    }
+    try:
+        return convert(asked, Conditions, COMMAND_LINE)
+    except FileError as error:
+        key = _OPTIONS.get(error.key, error.key)
+        raise FileError(error.file, key, error.value, error.allowed) from error
+
+
+def _check_electrodes(args: argparse.Namespace, array: ArrayFacts) -> None:
+    """Raises: FileError, for one that the array does not have."""
+    named = {"--leave-out": args.leave_out, "--reference": (args.reference,)}
+    for option, electrodes in named.items():
+        for one in electrodes:
+            if one is not None and not 0 <= one < array.electrodes:
+                raise FileError(
+                    COMMAND_LINE,
+                    option,
+                    f"there is no electrode {one}",
+                    f"0 to {array.electrodes - 1}",
+                )
+
+
+def _reference(args: argparse.Namespace, array: ArrayFacts, base: Calibration | None) -> int:
+    """The one that is named; else the nearest to the middle of those that the baseline felt."""
+    if args.reference is not None:
+        return int(args.reference)
+    each = () if base is None else base.electrode[: array.electrodes]
+    felt = [index for index, one in enumerate(each) if one.felt]
+    middle_x = sum(array.x_mm) / array.electrodes
+    middle_y = sum(array.y_mm) / array.electrodes
+    return min(
+        felt or range(array.electrodes),
+        key=lambda one: (array.x_mm[one] - middle_x) ** 2 + (array.y_mm[one] - middle_y) ** 2,
+    )

@@ -1,0 +1,201 @@
+"""One run of `etd calibrate` on a daemon: arming, going through the electrodes, what becomes of it.
+
+Owns: who answers, that what was found is kept, and what is stored and told in the end. Must not
+know: options' names, procedures (etd.calibrate), keys, the picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import sys
+from contextlib import ExitStack
+
+import msgspec
+
+from etd.calibrate.answers import Answerer
+from etd.calibrate.conditions import Conditions, check_baseline, check_conditions, check_laws
+from etd.calibrate.course import Course, Presents
+from etd.calibrate.modelled import FeltPresents, ModelledBody
+from etd.calibrate.person import SimulatedPerson
+from etd.calibrate.progress import Progress, finished, load_progress, save_progress
+from etd.calibrate.stimulator import Stimulator
+from etd.calibration import Calibration, to_toml
+from etd.cli.calibrate_conditions import conditions_asked
+from etd.cli.calibrate_screen import Screen
+from etd.cli.keys import keyboard
+from etd.client import Display, clock
+from etd.errors import Refused
+from etd.places import calibrating_file
+from etd.version import __version__
+from etd.wholefile import write_whole
+from etd_hal.compose import wall_time
+
+ARM_WITHIN_S = 20.0
+_SAFE_WITHIN_S = 5.0
+_LOOK_S = 0.3
+_SILENT_MS = 300
+
+
+class CalibrateSession:
+    """One run of the command. Raises, when made: FileError, Refused (`bad_calibration`)."""
+
+    def __init__(self, args: argparse.Namespace, display: Display, which: str) -> None:
+        self._args = args
+        self._display = display
+        self._which = which
+        self._file = calibrating_file(args.name if args.board is None else "fake", which)
+        self._baseline = display.calibration(args.baseline) if args.baseline else None
+        conditions = check_conditions(conditions_asked(args, display.facts, self._baseline))
+        check_laws(conditions, display.facts.stabilizers)
+        if self._baseline is not None:
+            check_baseline(conditions, self._baseline)
+        self._progress = self._begun(conditions)
+        self._screen = Screen(display.facts.array, self._progress, is_quiet=args.json)
+        self._left: dict[int, str] = {}
+
+    def run(self) -> None:
+        """Raises: Stopped, Refused, DaemonGone."""
+        if not self._wanted():
+            return
+        self._arm()
+        body = ModelledBody()
+        with ExitStack() as stack:
+            reports = stack.enter_context(
+                self._display.telemetry("scan", "halt", "modelled", "state")
+            )
+            answerer: Answerer
+            if self._args.answers == "simulated":
+                answerer = SimulatedPerson(body.sense, self._args.seed)
+            else:
+                answerer = stack.enter_context(keyboard(self._screen.ask, self._screen.heard))
+            stimulator = Stimulator(
+                self._display,
+                reports,
+                clock.ClientClock(),
+                self._progress.conditions,
+                answerer.wants_stop,
+                body.hear,
+            )
+            is_simulated = self._args.answers == "simulated"
+            presents: Presents = FeltPresents(stimulator, body) if is_simulated else stimulator
+            self._go_through(stimulator, presents, answerer)
+
+    def _go_through(self, stimulator: Stimulator, presents: Presents, answerer: Answerer) -> None:
+        course = Course(
+            self._progress,
+            presents,
+            answerer,
+            _today,
+            baseline=self._baseline,
+            on_progress=self._keep,
+        )
+        self._screen.begin()
+        stimulator.open()
+        course.run(self._wanted())
+        self._left = course.left
+
+    def settle(self) -> int:
+        """Have the daemon keep what is complete; say what is missing otherwise."""
+        missing = [one for one in self._progress.missing if one not in self._args.leave_out]
+        if missing:
+            for electrode in missing:
+                print(f"electrode {electrode}: {self._left.get(electrode)}", file=sys.stderr)
+            print(
+                f"etd: {len(missing)} electrodes are not settled, and nothing is stored: the same"
+                " command tries them again, --leave-out goes without them",
+                file=sys.stderr,
+            )
+            return 1
+        made = self._made()
+        self._display.disarm()
+        self._wait_for_safe()
+        self._display.set_calibration(self._which, made)
+        if self._args.out is not None:
+            write_whole(self._args.out, to_toml(made).encode(), mode=0o640)
+        self._file.unlink(missing_ok=True)
+        self._answer(made)
+        return 0
+
+    # --- how far it is -----------------------------------------------------------------------
+
+    def _begun(self, conditions: Conditions) -> Progress:
+        """What there is of it. Raises: FileError, where that is under other conditions."""
+        if self._args.restart or not self._file.exists():
+            return Progress(conditions=conditions)
+        progress = load_progress(self._file, conditions)
+        print(f"going on: {len(progress.found)} electrodes are done", file=sys.stderr)
+        return progress
+
+    def _wanted(self) -> list[int]:
+        return [one for one in self._progress.missing if one not in self._args.leave_out]
+
+    # --- the daemon --------------------------------------------------------------------------
+
+    def _arm(self) -> None:
+        """The fake's skin is nobody's; everybody else's waits for the operator."""
+        if self._args.board is not None or self._args.arm:
+            self._display.arm(ARM_WITHIN_S)
+            return
+        is_told = False
+        while not self._is_armed():
+            if not is_told:
+                print("waiting for the operator: `etd arm`", file=sys.stderr)
+                is_told = True
+            self._display.keep()
+            clock.sleep_s(_LOOK_S)
+
+    def _is_armed(self) -> bool:
+        """A silent frame is the question, and opens the lease."""
+        try:
+            self._display.show_current([0] * self._display.electrodes, ttl_ms=_SILENT_MS)
+        except Refused as refusal:
+            if refusal.code != "not_armed":
+                raise
+            return False
+        return True
+
+    def _wait_for_safe(self) -> None:
+        until_ns = clock.now_ns() + int(_SAFE_WITHIN_S * 1e9)
+        while self._display.status().state != "SAFE" and clock.now_ns() < until_ns:
+            clock.sleep_s(_LOOK_S / 10)
+
+    # --- what is kept and told ---------------------------------------------------------------
+
+    def _keep(self, progress: Progress) -> None:
+        save_progress(self._file, progress)
+        self._screen.found()
+
+    def _made(self) -> Calibration:
+        gamma = 1.0 if self._baseline is None else self._baseline.gamma
+        return finished(self._progress, _today(), f"etd {__version__}", gamma)
+
+    def _answer(self, made: Calibration) -> None:
+        count = self._progress.presentations
+        if self._args.json:
+            answer = {
+                "ok": True,
+                "name": self._which,
+                "presentations": count,
+                "calibration": made,
+            }
+            print(msgspec.json.encode(answer).decode())
+            return
+        felt = [one for one in made.electrode if one.felt]
+        print(
+            f"{self._which}: {len(felt)} of {len(made.electrode)} electrodes are felt, thresholds"
+            f" {min(one.threshold_ua for one in felt)} to {max(one.threshold_ua for one in felt)}"
+            f" uA, {count} presentations; {self._where()}"
+        )
+
+    def _where(self) -> str:
+        """It can be looked at again; a fake of one's own ends, and its calibrations with it."""
+        if self._args.board is None:
+            return f"`etd calibration show {self._which}`"
+        if self._args.out is None:
+            return "the fake ends here, and this with it: --out FILE keeps one"
+        return f"kept in {self._args.out}"
+
+
+def _today() -> datetime.date:
+    return wall_time().date()
