@@ -57,8 +57,8 @@ ARGUMENTS = ("calibrate", "P01", "--max-current-ua", "2000", "--board", "fake", 
 def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -> None:
     at = AtTerminal(rig, *ARGUMENTS)
     try:
-        # A coarse ascent, five fine ones (they lie apart), comfortable, more accepted; a stop.
-        at.answer("nf" * 6 + "c" + "f" * 7 + " ")
+        # A coarse ascent, seven fine ones (they lie apart), comfortable, more accepted; a stop.
+        at.answer("nf" * 8 + "c" + "f" * 7 + " ")
         said = at.command.ended()
     finally:
         at.close()

@@ -167,13 +167,13 @@ class Course:
             return msgspec.structs.replace(before, date=found_on)
         self._lead_up_to(reference)
         reach = Reach(before.cap_ua, before.threshold_ua)
-        match = run(
+        matched_ua = run(
             equalize(before.threshold_ua),
             reach,
             lambda ua: self._asked("compare", electrode, ua, reference),
         )
         cap_ua = min(before.cap_ua, reach.cap_ua)
-        found = self._limits(before.threshold_ua, min(match.current_ua, cap_ua), cap_ua)
+        found = self._limits(before.threshold_ua, min(matched_ua, cap_ua), cap_ua)
         return msgspec.structs.replace(found, threshold_date=before.threshold_date or found_on)
 
     def _lead_up_to(self, reference: int) -> None:

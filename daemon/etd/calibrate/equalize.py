@@ -6,24 +6,19 @@ electrode is the reference (`trial.run`'s `present` shows that one first).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import exp, log
 
 from etd.calibrate.limits import FINE
 from etd.calibrate.reach import RISE
 from etd.calibrate.trial import Procedure
 
-#: It ends after so many turns, or so many times `same`.
-_TURNS = 4
-_SAME = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Match:
-    """In uA. `is_reached` False: still weaker than the reference at the most that was allowed."""
-
-    current_ua: int
-    is_reached: bool = True
+#: It ends after so many turns, or so many times `same`; skin that moves meanwhile makes few of
+#: them a poor mean.
+_TURNS = 6
+_SAME = 4
+#: It was as strong as the reference before: so often it must be weaker at the most that is allowed
+#: to count as weaker.
+_WEAKER_AT_CAP = 2
 
 
 def lead_up(from_ua: float, to_ua: float) -> Procedure[bool]:
@@ -38,16 +33,19 @@ def lead_up(from_ua: float, to_ua: float) -> Procedure[bool]:
         wish_ua = heard.current_ua * RISE
 
 
-def equalize(start_ua: float) -> Procedure[Match]:
-    """Up by tenths while it is weaker; then by twentieths around it."""
+def equalize(start_ua: float) -> Procedure[int]:
+    """Up by tenths while it is weaker; then by twentieths around it. The current, in uA, that is as
+    strong as the reference; the most that is allowed, where that is weaker.
+    """
     places: list[int] = []
-    same = turns = 0
+    same = turns = weaker_at_cap = 0
     wish_ua, was_up, step = start_ua, True, RISE
     while turns < _TURNS and same < _SAME:
         heard = yield wish_ua
         is_up = heard.answer == "weaker"
-        if is_up and heard.is_at_cap:
-            return Match(heard.current_ua, is_reached=bool(places))
+        weaker_at_cap += is_up and heard.is_at_cap
+        if weaker_at_cap == (_WEAKER_AT_CAP if places else 1):
+            return heard.current_ua
         if heard.answer == "same":
             same += 1
             places.append(heard.current_ua)
@@ -59,4 +57,4 @@ def equalize(start_ua: float) -> Procedure[Match]:
             places.append(heard.current_ua)
         was_up = is_up
         wish_ua = heard.current_ua * (step if is_up else 1.0 / FINE)
-    return Match(round(exp(sum(map(log, places)) / len(places))))
+    return round(exp(sum(map(log, places)) / len(places)))

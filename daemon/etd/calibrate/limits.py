@@ -5,8 +5,9 @@ persons, daemons, reach (`trial` bounds what is wished for here).
 
 The first ascent goes by tenths and only tells where to look; the next ones go by twentieths, each
 ending between the last current that was not felt and the first that was. Their geometric mean
-counts; where they lie apart, two more are taken and the median counts, so that one answer by
-chance does not. An ascent that is felt at once was begun too high.
+counts; where they lie apart, up to four more are taken and the median counts, so that neither one
+answer by chance nor a moment of skin that moves decides. An ascent that is felt at once was begun
+too high.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ ASCENTS = 3
 _BACK = 0.88
 #: Felt at once: so far down.
 _DOWN = 0.7
-#: Ascents that lie further apart than this ask for two more.
+#: Ascents that lie further apart than this ask for more.
 _APART = 1.10
-_MOST_ASCENTS = 5
+_MOST_ASCENTS = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ def coarse(start_ua: float) -> Procedure[Threshold]:
 
 
 def limits(start_ua: float) -> Procedure[Threshold]:
-    """The whole method: three ascents or five after the coarse one."""
+    """The whole method: three ascents after the coarse one, or up to seven."""
     first = yield from coarse(start_ua)
     if not first.is_felt:
         return first
