@@ -107,7 +107,10 @@ class Board:
         if wanted != others and not self.switch.can_choose_returns:
             left_out = (others & ~wanted).bit_length() - 1
             raise CannotSelect(
-                left_out, "OPEN", f"{self.file.switch.chip} connects every output to one side"
+                left_out,
+                "left open",
+                f"the {self.file.switch.chip} connects every output to the source or to ground;"
+                ' on this board returns are "all"',
             )
         return Selection(output, wanted)
 

@@ -5,7 +5,7 @@
     ├── HardwareMissing    all that is missing at start, with what to do about each
     ├── BoardFault         the board does not behave: what, measured, expected
     ├── GuardRefusal       bytes about to go out break a rule: rule, value, allowed
-    ├── CannotSelect       the board has no such electrode state: electrode, state
+    ├── CannotSelect       the board has no such state of an output: output, wanted
     └── FileError          a file says something that cannot be: file, key, value, allowed
 
 (`etd.errors` adds what can be wrong with a frame, a request or a daemon.)
@@ -116,15 +116,15 @@ class GuardRefusal(EtdError):
 
 
 class CannotSelect(EtdError):
-    """The board cannot put these electrodes into these states.
+    """The board cannot put these outputs of its switches into these states.
 
-    Fields: electrode, wanted.
+    Fields: output (the board's own number, not an electrode's), wanted.
     """
 
-    def __init__(self, electrode: int, wanted: str, why: str) -> None:
-        self.electrode = electrode
+    def __init__(self, output: int, wanted: str, why: str) -> None:
+        self.output = output
         self.wanted = wanted
-        super().__init__(f"electrode {electrode} cannot be {wanted}: {why}")
+        super().__init__(f"output {output} of the switches cannot be {wanted}: {why}")
 
 
 class FileError(EtdError):

@@ -219,7 +219,7 @@ def test_after_a_failed_copy_the_selection_before_it_does_not_count_as_closed(
 def test_an_electrode_among_its_own_returns_cannot_be_selected(boards: Boards) -> None:
     with pytest.raises(CannotSelect, match="among its own returns") as caught:
         boards(NAME).board.selection(4, (3, 4))
-    assert caught.value.electrode == 4
+    assert caught.value.output == 4
 
 
 def test_a_return_named_twice_is_that_return(boards: Boards) -> None:
@@ -233,7 +233,7 @@ def test_a_return_that_is_not_there_cannot_be_selected(
 ) -> None:
     with pytest.raises(CannotSelect, match="the board has 32") as caught:
         boards(NAME).board.selection(4, returns)
-    assert caught.value.electrode == returns[-1]
+    assert caught.value.output == returns[-1]
 
 
 def test_an_electrode_without_any_return_cannot_be_selected(boards: Boards) -> None:

@@ -226,7 +226,7 @@ class Planner:
         try:
             return self._board.selection(self._outputs[electrode], outputs)
         except CannotSelect as error:
-            raise Refused("board_cannot", str(error), electrode) from error
+            raise Refused("board_cannot", f"electrode {electrode}: {error}", electrode) from error
 
     def _path(self, electrode: int, returns: tuple[int, ...] | None) -> Path:
         caps_ua = self._rules.person.caps_ua
