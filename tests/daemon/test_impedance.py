@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 
 import pytest
 from hypothesis import given
@@ -141,11 +142,41 @@ def test_readings_that_flicker_are_noise_and_those_that_drift_or_step_are_not() 
         flickering.learn(1, pulse(50_000, noise=1.0 if step % 2 else 0.75), 0) for step in range(20)
     ]
     assert doubts.count("flicker") == 1
+    assert doubts.index("flicker") <= 4
     assert flickering.skin_ohm(1, 0) is None
     for step in range(20):
         assert drifting.learn(1, pulse(50_000 * 0.97**step), 0) is None
         assert stepping.learn(1, pulse(50_000 if step < 10 else 25_000), 0) is None
     assert stepping.skin_ohm(1, 0) == pytest.approx(25_000, rel=0.03)
+
+
+@pytest.mark.parametrize("period_ms", [16, 100])
+def test_an_edge_that_comes_off_once_and_lies_down_again_is_believed_all_the_while(
+    period_ms: int,
+) -> None:
+    found, now_ns = impedances(), 0
+    for kohm in (*(37,) * 10, 120, 50, 48, 45, 43, 42, 41, 40, *(37,) * 10, 100, 90, 36, 37):
+        now_ns += period_ms * 1_000_000
+        assert found.learn(1, pulse(kohm * 1_000), now_ns) is None
+        assert found.skin_ohm(1, now_ns) == pytest.approx(kohm * 1_000, rel=0.25)
+
+
+@pytest.mark.parametrize("period_ms", [16, 100])
+def test_noise_is_told_once_however_it_comes_and_goes_and_again_after_a_calm(
+    period_ms: int,
+) -> None:
+    """Random, so that some pulses look well; and some of them no skin could have."""
+    found, chance, now_ns = impedances(), random.Random(7), 0
+    told: list[str | None] = []
+    for is_noisy in (True,) * 60 + (False,) * 200 + (True,) * 60:
+        now_ns += period_ms * 1_000_000
+        noise = chance.choice([0.3, 0.7, 1.0, 1.0, 1.3, 2.4]) if is_noisy else 1.0
+        told.append(found.learn(1, pulse(50_000, noise=noise), now_ns))
+        if len(told) == 255:
+            assert found.skin_ohm(1, now_ns) is not None
+    for half in (told[:260], told[260:]):
+        assert half.count("flicker") == 1
+        assert half.count("implausible") <= 2, "a second may lie between two of them"
 
 
 def test_small_noise_is_averaged_and_a_step_is_taken_at_once() -> None:

@@ -13,15 +13,19 @@ pulses before it or an assumed one. Skin resists less at higher currents, and a 
 above a stimulus (van Boxtel 1977): only pulses above the probe's current count here.
 
 Not believed: a node that is not at rest before the pulse, or that a pulse does not move (the ADC is
-stuck, or not the node's), a source at its end, a resistance no skin has, one that flickers from
-pulse to pulse. What no pulse has told for as long as `belief` has it is not known any more: the
-next pulse begins anew, but for what flickers, which is the ADC's rather than the skin's.
+stuck, or not the node's), a source at its end, a resistance no skin has, one that flickers. That is
+one that goes back and forth: an edge that comes off and lies down again is one step up and one
+down, and the contact law's matter; it takes some 80 ms each way, so that three turns in a row are
+the ADC's [design]. What flickers is believed after a second without a turn.
+
+What no pulse has told for as long as `belief` has it is not known any more: the next pulse begins
+anew, but for what flickers, which is the ADC's rather than the skin's.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from etd.stabilize.belief import is_old
@@ -52,8 +56,11 @@ _WEIGHT = 0.25
 #: The same in time, for pulses that are rarer than 60 in a second.
 _TAU_NS = 58_000_000
 _STEP = math.log(1.3)
-#: Steps back and forth of this much, on the mean of a few pulses, are noise and no skin.
-_FLICKER = 0.1
+#: Steps back and forth of this much, on the mean of a few pulses, are noise and no skin; one turn
+#: counts as this much at most, so that it takes three in a row.
+_FLICKER, _MOST_OF_A_TURN = 0.1, 0.2
+#: Without a turn for so long, and with a mean of less than this, it has ended.
+_CALM_NS, _CALM = 1_000_000_000, _FLICKER / 3.0
 
 
 @dataclass(slots=True)
@@ -64,15 +71,44 @@ class _Skin:
     last_log_ohm: float | None = None
     last_step: float = 0.0
     flicker: float = 0.0
+    is_flickering: bool = False
+    turned_ns: int = 0
     at_ua: int = 0
     tau_us: float | None = None
     doubt: Doubt | None = None
     told_ns: int | None = None
+    #: Doubts that have begun and not ended, with when each was last had.
+    doubted_ns: dict[Doubt, int] = field(default_factory=dict)
 
     def begin_anew(self) -> None:
         """What was told is too old: the next pulse is the first one."""
         self.log_ohm = self.last_log_ohm = self.tau_us = self.told_ns = None
         self.last_step = 0.0
+
+    def is_news(self, doubt: Doubt | None, now_ns: int) -> bool:
+        """Whether a doubt begins with it. One ends with a pulse that is believed, when it has not
+        been had for a while: what is doubted now and then is one episode.
+        """
+        if doubt is None:
+            self.doubted_ns = {
+                one: then_ns
+                for one, then_ns in self.doubted_ns.items()
+                if now_ns - then_ns < _CALM_NS
+            }
+            return False
+        is_news = doubt not in self.doubted_ns
+        self.doubted_ns[doubt] = now_ns
+        return is_news
+
+    def turn(self, step: float, now_ns: int) -> None:
+        """One more step of the logarithm; it turns where the one before went the other way."""
+        before, self.last_step = self.last_step, step
+        turned = min(abs(step), abs(before)) if step * before < 0.0 else 0.0
+        if turned > _FLICKER:
+            self.turned_ns = now_ns
+        self.flicker += _WEIGHT * (min(turned, _MOST_OF_A_TURN) - self.flicker)
+        is_calm = self.flicker < _CALM and now_ns - self.turned_ns >= _CALM_NS
+        self.is_flickering = self.flicker > _FLICKER or (self.is_flickering and not is_calm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +174,8 @@ class ImpedanceMap:
         skin = self._skins[electrode]
         if is_old(skin.told_ns, now_ns):
             skin.begin_anew()
-        before, skin.doubt = skin.doubt, self._read(skin, samples, now_ns)
-        return skin.doubt if skin.doubt != before else None
+        skin.doubt = self._read(skin, samples, now_ns)
+        return skin.doubt if skin.is_news(skin.doubt, now_ns) else None
 
     def is_adc_doubted(self, resting_v: float, *pulse_v: float) -> bool:
         """Whether what was sampled before a pulse and within it, the last near its end, is of an
@@ -165,7 +201,8 @@ class ImpedanceMap:
             return "implausible"
         weight = _weight(skin.told_ns, now_ns)
         skin.at_ua, skin.told_ns = samples.told_ua, now_ns
-        return self._filter(skin, math.log(skin_ohm), weight)
+        self._filter(skin, math.log(skin_ohm), weight, now_ns)
+        return "flicker" if skin.is_flickering else None
 
     def _end_v(self, skin: _Skin, samples: Samples) -> float:
         """Where the node would come to rest."""
@@ -188,22 +225,14 @@ class ImpedanceMap:
         return end_v
 
     @staticmethod
-    def _filter(skin: _Skin, log_ohm: float, weight: float) -> Doubt | None:
-        """A mean of logarithms; a step restarts it, flicker is noise."""
+    def _filter(skin: _Skin, log_ohm: float, weight: float, now_ns: int) -> None:
+        """A mean of logarithms; a step restarts it."""
         last, skin.last_log_ohm = skin.last_log_ohm, log_ohm
-        if last is None or skin.log_ohm is None:
-            skin.log_ohm = log_ohm
-            skin.flicker -= _WEIGHT * skin.flicker
-            return "flicker" if skin.flicker > _FLICKER else None
-        step, before = log_ohm - last, skin.last_step
-        skin.last_step = step
-        flickered = min(abs(step), abs(before)) if step * before < 0.0 else 0.0
-        skin.flicker += _WEIGHT * (flickered - skin.flicker)
-        if abs(log_ohm - skin.log_ohm) > _STEP:
+        skin.turn(0.0 if last is None else log_ohm - last, now_ns)
+        if skin.log_ohm is None or abs(log_ohm - skin.log_ohm) > _STEP:
             skin.log_ohm = log_ohm
         else:
             skin.log_ohm += weight * (log_ohm - skin.log_ohm)
-        return "flicker" if skin.flicker > _FLICKER else None
 
 
 def _weight(before_ns: int | None, now_ns: int) -> float:
