@@ -45,6 +45,10 @@ class ProcessorFigures:
     p99_us: float
     pulses: int
 
+    def late_us_on_a_pi4(self, rest_us: int) -> float:
+        """What the median of a pulse takes there beyond a rest; the rest itself is idle anyhow."""
+        return max(0.0, self.median_us * PI4_FACTOR - rest_us)
+
 
 class FreeClock:
     """Time that ports and sleeps move, and nothing else."""

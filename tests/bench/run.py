@@ -127,7 +127,7 @@ def compare(rest_us: int) -> Comparison:
 
 def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None:
     for comparison in figures["scans"]:
-        console.print(_scan_table(comparison))
+        console.print(_scan_table(comparison, figures["stabilized"]))
     console.print(_processor_table(figures["processor"], figures["stabilized"], figures["ahead"]))
     console.print(_latency_table(figures["latency"]))
     console.print(_body_table(figures["body"]))
@@ -136,7 +136,7 @@ def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None
         console.print(f"{verdict}  {one.what}: {one.value:g} (bound {one.bound:g})")
 
 
-def _scan_table(found: Comparison) -> Table:
+def _scan_table(found: Comparison, measured: processor.ProcessorFigures) -> Table:
     scan = found.scan
     table = Table(
         title=f"{ELECTRODES} electrodes, {WIDTH_US} us, rest {scan.rest_us} us: modelled Pi 4"
@@ -158,6 +158,11 @@ def _scan_table(found: Comparison) -> Table:
         stabilized.scan_us + stabilized.rewrite_us,
         f"{stabilized.calls_per_pulse:.2f}",
     )
+    late_us = measured.late_us_on_a_pi4(scan.rest_us)
+    row(
+        "the same, and what a Pi 4 computes beyond its rests (5)",
+        stabilized.scan_us + stabilized.rewrite_us + ELECTRODES * late_us,
+    )
     ahead = found.ahead
     row("widths, probes and rests: the limit with probes first (4)", ahead.limit_us)
     row(
@@ -175,6 +180,7 @@ def _scan_table(found: Comparison) -> Table:
         " (2) cost of a call assumed"
         f" (3) computed: 2 words of {ESP32_WORD_US} us, as stated by the kits, and nothing else"
         f" (4) {modelled.MESSAGE_US:g} us of the kernel's for each probe's message included"
+        f" (5) the median measured below, times {processor.PI4_FACTOR:g}: held to nothing"
     )
     return table
 
