@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from etd_hal.fake.faults import (
+    AdcBitStuck,
     AdcScale,
     AlsoSwitches,
     Bridge,
@@ -257,6 +258,7 @@ STRONG = [
     Case("a source that saturates", ALL, [Saturation(4_000)], "source", "linearity"),
     Case("too weak from a code on", BARE, [GainAbove(1_000, 0.5)], "source", "linearity"),
     Case("the wrong SPI mode", ALL, [SpiMode(3)], "source", "adc_bits"),
+    Case("the ADC's lowest bit is stuck", ALL, [AdcBitStuck(0, 1)], "source", "adc_bits"),
     Case("a low rail, nobody sees it", BARE, [RailOff(0.8)], "source", "compliance"),
     *(
         Case(

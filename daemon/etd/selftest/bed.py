@@ -75,6 +75,8 @@ class Bed:
         self.held_stop: StopName | None = None
         #: The leak as measured beside the load; the board file's until then.
         self.leak_ohm = float(loaded.board.source.leak_ohm)
+        #: What the source makes of what it is told, as measured there.
+        self.gain = 1.0
         self._i2c = bench.backend.i2c
         #: Go on beating without the supply: so the enable line's end is seen alone.
         self.beats_when_off = False

@@ -19,6 +19,10 @@ from etd_hal.boardfile import Source
 _STEPS = 16
 #: Off the line, of a step's own current.
 LINEARITY = 0.03
+SATURATES = (
+    "the source saturates: look at its mirror, and at the rail under load; if it comes further with"
+    " a smaller first resistor it is the rail"
+)
 #: Of the compliance: what the top may take of it by the board file, and on this board. The second
 #: is more because the leak may be larger than the file says.
 _HEADROOM_NAMED, _HEADROOM = 0.9, 0.95
@@ -35,15 +39,24 @@ class Rung:
 
 def largest_ohm(source: Source, strongest_ua: int) -> int | None:
     """Into a larger load the source cannot make its strongest; None where it can into any."""
-    beside_ohm = source.compliance_v * _HEADROOM_NAMED / strongest_ua * 1e6
-    if beside_ohm >= source.leak_ohm:
+    return _largest_ohm(source, strongest_ua, source.leak_ohm)
+
+
+def largest_here_ohm(bed: Bed, strongest_ua: int) -> int | None:
+    """The same for this board, as it was measured."""
+    return _largest_ohm(bed.file.source, strongest_ua * bed.gain, bed.leak_ohm)
+
+
+def _largest_ohm(source: Source, most_ua: float, leak_ohm: float) -> int | None:
+    beside_ohm = source.compliance_v * _HEADROOM_NAMED / most_ua * 1e6
+    if beside_ohm >= leak_ohm:
         return None
-    return int(1 / (1 / beside_ohm - 1 / source.leak_ohm))
+    return int(1 / (1 / beside_ohm - 1 / leak_ohm))
 
 
-def reachable_ua(source: Source, beside_ohm: float) -> int:
-    """What the source can surely make into a load and its leak."""
-    return int(source.compliance_v * _HEADROOM / beside_ohm * 1e6)
+def reachable_ua(bed: Bed, beside_ohm: float) -> int:
+    """What the source may be told, and surely makes into a load and its leak."""
+    return int(bed.file.source.compliance_v * _HEADROOM / (beside_ohm * bed.gain) * 1e6)
 
 
 def climb(
@@ -80,7 +93,7 @@ def _judge_off(log: Log, rung: Rung, step: int, slack_ua: float) -> None:
         f"{rung.made_ua:.0f} uA where {rung.told_ua} uA were told, at step {step} of {_STEPS}:"
         " nothing stronger was fired",
         f"{rung.told_ua} +-{slack_ua:.0f} uA",
-        "the source saturates: look at its mirror, and at the rail under load"
+        SATURATES
         if is_saturated
         else "the source makes something else than it is told: look at the DAC's reference, and at"
         " the mirror",

@@ -20,10 +20,14 @@ from etd.selftest.prober import Prober
 
 #: Of a measured against a named value: half of the 20 % that IEC 60601-2-10 asks of amplitudes.
 TOLERANCE = 0.1
-#: A few readings of the same are averaged; the ADC's step is what is left.
-_READINGS = 4
+#: Readings of the same, each of a probe that is weaker by such a part, so that they do not all
+#: round alike; and what is left of the ADC's step then.
+_READINGS, _WEAKER_BY = 8, 32
+_STEP_LEFT = 0.25
 #: Of what the named load would read; a short is no load, and says nothing of the constants.
 _LEAST_OF_LOAD = 0.5
+#: Of the current, that must go through a load.
+_LEAST_THROUGH = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,27 +121,33 @@ def _check_load(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) 
     told_ua, open_v = _mean_v(prober, free)
     ends_v = [_mean_v(prober, one)[1] for one in (load.first, load.second)]
     ohm = load.resistance_ohm
-    found_ohm = [_resistance_ohm(bed, told_ua, volts) for volts in ends_v]
+    left_v = bed.file.source.node_uv_per_code / 1e6 * _STEP_LEFT
+    parts = [_Part.of(volts, open_v, left_v) for volts in ends_v]
+    leak_ohm = bed.file.source.leak_ohm
     agrees = log.judge(
         "load_agrees",
-        all(one is not None and abs(one - ohm) <= TOLERANCE * ohm for one in found_ohm),
-        " and ".join("open" if one is None else f"{one:.0f} ohm" for one in found_ohm),
+        all(part is not None and part.times(leak_ohm).is_near(ohm) for part in parts),
+        " and ".join(
+            "open" if part is None else f"{part.times(leak_ohm).value:.0f} ohm" for part in parts
+        ),
         f"{ohm} ohm +-{TOLERANCE:.0%} at electrodes {load.first} and {load.second}",
-        "measure the resistor and look where it is; if both are right, the leak or the source's"
-        " full scale in the board file is not this board's",
+        "measure the resistor and look where it is; if both are right, the leak in the board file"
+        " is not this board's",
     )
     volts = statistics.mean(ends_v)
-    load_v = told_ua / 1e6 / (1 / ohm + 1 / bed.file.source.leak_ohm)
-    if not load_v * _LEAST_OF_LOAD < volts < open_v * (1 - TOLERANCE / 2):
+    part = _Part.of(volts, open_v, left_v)
+    load_v = told_ua / 1e6 / (1 / ohm + 1 / leak_ohm)
+    if part is None or volts < load_v * _LEAST_OF_LOAD:
         return
-    _check_constants(bed, log, told_ua, open_v, volts, ohm)
+    _check_constants(bed, log, told_ua, open_v, part, ohm)
     if agrees:
-        _check_blanked(bed, log, prober, load, open_v)
+        _check_blanked(bed, log, prober, load)
     bed.is_load_confirmed = agrees and not log.stage_failed
 
 
-def _check_blanked(bed: Bed, log: Log, prober: Prober, load: DummyLoad, open_v: float) -> None:
+def _check_blanked(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
     """With either end of the load in the chain, and nothing connected."""
+    open_v = prober.probe(bed.free[0])[1].voltage_v
     ends_v = [prober.blanked(one)[1].voltage_v for one in (load.first, load.second)]
     slack_v = TOLERANCE * open_v + bed.file.source.node_uv_per_code / 1e6
     log.judge(
@@ -151,35 +161,71 @@ def _check_blanked(bed: Bed, log: Log, prober: Prober, load: DummyLoad, open_v: 
 
 
 def _check_constants(
-    bed: Bed, log: Log, told_ua: float, open_v: float, volts: float, ohm: int
+    bed: Bed, log: Log, told_ua: float, open_v: float, part: _Part, ohm: int
 ) -> None:
     source = bed.file.source
-    leak_ohm = ohm * (open_v / volts - 1)
-    made_ua = open_v / leak_ohm * 1e6
+    leak_ohm = _Reading(ohm / part.value, ohm / part.high, ohm / part.low)
+    made_ua = part.times(open_v / ohm * 1e6)
     log.judge(
         "leak",
-        abs(leak_ohm - source.leak_ohm) <= TOLERANCE * source.leak_ohm,
-        f"{leak_ohm:.0f} ohm",
+        leak_ohm.is_near(source.leak_ohm),
+        f"{leak_ohm.value:.0f} ohm",
         f"{source.leak_ohm} ohm +-{TOLERANCE:.0%}",
         "put the measured figure into leak_ohm of a board file of yours",
     )
     log.judge(
         "ua_per_code",
-        abs(made_ua - told_ua) <= TOLERANCE * told_ua,
-        f"{made_ua:.0f} uA, where {told_ua} uA were told",
+        made_ua.is_near(told_ua),
+        f"{made_ua.value:.0f} uA, where {told_ua:.0f} uA were told",
         f"+-{TOLERANCE:.0%}",
         f"if the divider (node_uv_per_code) is right, full_scale_ua of this board is about"
-        f" {source.full_scale_ua * made_ua / told_ua:.0f}: put that into a board file of yours",
+        f" {source.full_scale_ua * made_ua.value / told_ua:.0f}: put that into a board file of"
+        " yours",
     )
-    bed.leak_ohm = leak_ohm
+    bed.leak_ohm = leak_ohm.value
+    bed.gain = made_ua.value / told_ua
 
 
-def _mean_v(prober: Prober, electrode: int) -> tuple[int, float]:
-    shots = [prober.probe(electrode) for _ in range(_READINGS)]
-    return shots[0][0], statistics.mean(shot.voltage_v for _, shot in shots)
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """What was measured, and what it may be for the ADC's step."""
+
+    value: float
+    low: float
+    high: float
+
+    def is_near(self, named: float) -> bool:
+        return self.low <= named * (1 + TOLERANCE) and self.high >= named * (1 - TOLERANCE)
 
 
-def _resistance_ohm(bed: Bed, told_ua: float, volts: float) -> float | None:
-    """By the board file's constants; None where the leak takes it all."""
-    through_ua = told_ua - volts / bed.file.source.leak_ohm * 1e6
-    return volts / through_ua * 1e6 if through_ua > 0.02 * told_ua else None
+class _Part(_Reading):
+    """A load as a part of the leak, by two readings of one current, whatever that is: a source
+    that is off within its tolerance must not make another load of it.
+    """
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, volts: float, open_v: float, left_v: float) -> _Part | None:
+        """Of the node beside the load, and open; None where the load cannot be told from none."""
+        through_v = open_v - volts
+        if through_v <= max(_LEAST_THROUGH * open_v, 2 * left_v):
+            return None
+        return cls(
+            volts / through_v,
+            max(0.0, volts - left_v) / (through_v + 2 * left_v),
+            (volts + left_v) / (through_v - 2 * left_v),
+        )
+
+    def times(self, of: float) -> _Reading:
+        return _Reading(self.value * of, self.low * of, self.high * of)
+
+
+def _mean_v(prober: Prober, electrode: int) -> tuple[float, float]:
+    """(told_ua, V) of probes up to the weak one."""
+    shots = [
+        prober.probe(electrode, current_ua=prober.probe_ua * (_WEAKER_BY - weaker) // _WEAKER_BY)
+        for weaker in range(_READINGS)
+    ]
+    told_ua = statistics.mean(told_ua for told_ua, _ in shots)
+    return told_ua, statistics.mean(shot.voltage_v for _, shot in shots)

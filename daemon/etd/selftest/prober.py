@@ -112,13 +112,16 @@ class Prober:
                 break
         return Ramp(is_good, measured, f"{max(0.0, least_v):.2f} to {most_v:.2f} V")
 
-    def probe(self, electrode: int, is_anodic: bool = True) -> tuple[int, Shot]:
-        """(told_ua, shot) of the weak probe.
+    def probe(
+        self, electrode: int, is_anodic: bool = True, current_ua: int | None = None
+    ) -> tuple[int, Shot]:
+        """(told_ua, shot) of the weak probe, or of one that is weaker.
 
         Raises: BusError, GuardRefusal; BoardFault, among others for a node above what the current
         makes with nothing connected: a source that became too strong since the ramp.
         """
-        return self._checked(*self._fire(electrode, self.probe_ua, is_anodic))
+        weaker_ua = self.probe_ua if current_ua is None else min(current_ua, self.probe_ua)
+        return self._checked(*self._fire(electrode, weaker_ua, is_anodic))
 
     def blanked(self, electrode: int) -> tuple[int, Shot]:
         """The same with this electrode in the chain, but nothing connected. Raises: as `probe`."""

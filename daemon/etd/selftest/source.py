@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import statistics
 
-from etd.selftest import everytime
+from etd.selftest import adcbits, everytime
 from etd.selftest.bed import LOAD_OPTIONS, Bed, DummyLoad
-from etd.selftest.ladder import LINEARITY, climb, reachable_ua
+from etd.selftest.ladder import LINEARITY, SATURATES, climb, largest_here_ohm, reachable_ua
 from etd.selftest.log import Log
 from etd.selftest.probe import TOLERANCE, check_alone, read_map
 from etd.selftest.prober import Prober
-from etd_hal.board import Shot
 
 #: To be well into the compliance with nothing connected.
 _INTO_COMPLIANCE = 1.3
@@ -54,7 +53,7 @@ def _is_still_there(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> bool
     """Hands were at the board meanwhile: once more with the weak probe, before anything strong."""
     found = read_map(bed, prober)
     is_alone = check_alone(bed, log, found, bed.free, "still_alone")
-    expected_v = found.told_ua / 1e6 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
+    expected_v = found.told_ua * bed.gain / 1e6 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
     ends_v = [found.voltage_v[one] for one in (load.first, load.second)]
     slack_v = TOLERANCE * expected_v + bed.file.source.node_uv_per_code / 1e6
     is_there = log.judge(
@@ -72,9 +71,9 @@ def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
     """A straight line through equal steps, as told against as measured."""
     beside_ohm = 1 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
     source = bed.file.source
-    most_ua = min(prober.strongest_ua, reachable_ua(source, beside_ohm))
+    most_ua = min(prober.strongest_ua, reachable_ua(bed, beside_ohm))
     if most_ua < prober.strongest_ua:
-        _judge_too_large(log, most_ua, prober.strongest_ua)
+        _judge_too_large(bed, log, most_ua, prober.strongest_ua)
         return
     rungs = climb(bed, log, prober, load, beside_ohm, most_ua)
     if log.stage_failed:
@@ -99,7 +98,7 @@ def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
         off_ua <= LINEARITY * most_ua + step_ua,
         f"at most {off_ua:.0f} uA off the line",
         f"within {LINEARITY:.0%} of {most_ua} uA",
-        "the source saturates: look at its mirror, and at the rail under load",
+        SATURATES,
     )
     log.judge(
         "zero",
@@ -108,34 +107,19 @@ def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
         f"0 uA within {LINEARITY:.0%} of {most_ua} uA",
         "the source has an offset",
     )
-    _check_bits(bed, log, [rung.shot for rung in rungs])
+    if log.stage_failed:
+        return
+    read_v = [rung.shot.voltage_v for rung in rungs]
+    adcbits.check(bed, log, prober, load, read_v, gain * beside_ohm / 1e6)
 
 
-def _judge_too_large(log: Log, most_ua: int, strongest_ua: int) -> None:
+def _judge_too_large(bed: Bed, log: Log, most_ua: int, strongest_ua: int) -> None:
     log.judge(
         "steps",
         False,
         f"the source reaches {most_ua} uA into this load: nothing was fired",
         f"{strongest_ua} uA, the strongest that anybody may get here",
-        "begin again with a smaller resistor as the first one",
-    )
-
-
-def _check_bits(bed: Bed, log: Log, shots: list[Shot]) -> None:
-    """Each low bit of the ADC was seen at both levels; a word moved by one bit hides one."""
-    step_v = bed.file.source.node_uv_per_code / 1e6
-    codes = [round(shot.voltage_v / step_v) for shot in shots]
-    seen_1, seen_0 = 0, 0
-    for code in codes:
-        seen_1 |= code
-        seen_0 |= ~code
-    still = [bit for bit in range(6) if not (seen_1 & seen_0) >> bit & 1]
-    log.judge(
-        "adc_bits",
-        not still,
-        f"bits {still} never moved" if still else f"bits 0 to 5 move, {len(codes)} readings",
-        "each of the low bits at 0 and at 1",
-        "the ADC's word comes moved by a bit: use SPI mode 1, and look at the clock's edges",
+        f"begin again with at most {largest_here_ohm(bed, strongest_ua)} ohm as the first one",
     )
 
 

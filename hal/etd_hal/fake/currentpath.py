@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from etd_body.interface import Body, Side, Sides
 from etd_hal.boardfile import BoardFile
 from etd_hal.fake.faults import (
+    AdcBitStuck,
     AdcScale,
     AdcStuck,
     DacGain,
@@ -101,7 +102,10 @@ class CurrentPath:
         code = round(volts * 1_000_000 / self._source.node_uv_per_code)
         for stuck in self._faults.of(AdcStuck):
             code = stuck.code
-        return min(max(code, 0), _ADC_CODES - 1)
+        code = min(max(code, 0), _ADC_CODES - 1)
+        for stands in self._faults.of(AdcBitStuck):
+            code = code & ~(1 << stands.bit) | stands.level << stands.bit
+        return code
 
     def settle(self, t_ns: int) -> None:
         """What went on by itself until `t_ns`: relays on their way, the one-shot's end."""

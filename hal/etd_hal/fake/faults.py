@@ -131,6 +131,13 @@ class AdcStuck(_Fault, frozen=True, tag=True):
     code: int
 
 
+class AdcBitStuck(_Fault, frozen=True, tag=True):
+    """One bit of every conversion stands at `level`; bit 0 is the lowest."""
+
+    bit: int
+    level: Literal[0, 1]
+
+
 class SpiMode(_Fault, frozen=True, tag=True):
     """The bus runs in this mode, whatever was set."""
 
@@ -285,6 +292,7 @@ Fault = (
     | DacStuck
     | AdcScale
     | AdcStuck
+    | AdcBitStuck
     | SpiMode
     | SlowWords
     | SpiJitter
