@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from etd import cli
+from etd.cli import selftest_ending
 from etd.cli.selftest_table import Table
 from etd.config import fake_config
 from etd.selftest.run import STAGES
@@ -279,3 +282,81 @@ def test_being_asked_to_end_makes_the_board_safe_first(
     monkeypatch.setattr(Table, "stage", end_at_rail)
     assert cli.main([*FULL, *LOAD]) == 130
     assert made_safe == ["safe"]
+
+
+#: A self-test that says when it is in stage 6, and when it is half way to the safe state; there it
+#: waits for a line.
+_HALF_WAY = """
+import sys
+from etd import cli
+from etd.cli.selftest_table import Table
+from etd_hal.board import Board
+
+zero_dac, is_asked_to_end = Board._zero_dac, False
+
+def half_way(board):
+    if is_asked_to_end:
+        print("half way", flush=True)
+        sys.stdin.readline()
+    zero_dac(board)
+
+def wait_in_probe(table, name, what):
+    global is_asked_to_end
+    if name == "probe":
+        is_asked_to_end = True
+        print("probing", flush=True)
+        sys.stdin.readline()
+
+Board._zero_dac, Table.stage = half_way, wait_in_probe
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    "ending", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP]
+)
+def test_no_further_signal_breaks_off_the_way_to_the_safe_state(ending: signal.Signals) -> None:
+    told = subprocess.PIPE
+    process = subprocess.Popen(
+        [sys.executable, "-c", _HALF_WAY, *FULL, *LOAD],
+        stdin=told,
+        stdout=told,
+        stderr=told,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        assert "probing\n" in iter(process.stdout.readline, "")
+        process.send_signal(ending)
+        assert "half way\n" in iter(process.stdout.readline, "")
+        further = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT} - {ending}
+        for one in further:
+            process.send_signal(one)
+        said = process.communicate("go on\n", timeout=30.0)[1]
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 130
+    assert said == (
+        "etd selftest: broken off; the board is in its safe state\n"
+        f"etd selftest: {len(further)} more signals came meanwhile, and waited for that\n"
+    )
+
+
+def test_a_way_to_the_safe_state_that_hangs_is_broken_off_in_time_and_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(selftest_ending, "MOST_S", 0.01)
+
+    def hang() -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            signal.raise_signal(signal.SIGTERM)
+            while True:
+                signal.pause()
+
+    with pytest.raises(KeyboardInterrupt), selftest_ending.broken_off_once():
+        hang()
+    assert "cut the supply by hand" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -15,6 +15,7 @@ from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.relays import RelayChain
 from etd_hal.fake.timeline import Timeline
+from etd_hal.fake.understudy import FakeUnderstudy
 from selftest_cases import ALL, BARE, RELAY
 from selftest_rig import DATE, SelftestRig, selftest_rig
 
@@ -108,3 +109,27 @@ def test_broken_off_anywhere_in_a_test_it_says_that_the_board_is_safe(
         assert told == "etd selftest: broken off; the board is in its safe state\n", at_call
         assert is_at_rest(rig)
         assert board == BARE or rig.rail_v_after_a_while() < 30
+
+
+def test_broken_off_while_the_lines_are_taken_back_they_are_taken_back_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = selftest_rig()
+    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+    step_back, tries = FakeUnderstudy.step_back, 0
+
+    def broken_off_once(understudy: FakeUnderstudy) -> None:
+        nonlocal tries
+        tries += 1
+        if tries == 1:
+            raise KeyboardInterrupt
+        step_back(understudy)
+
+    monkeypatch.setattr(FakeUnderstudy, "step_back", broken_off_once)
+    with pytest.raises(KeyboardInterrupt):
+        run(bed, DATE)
+    assert tries == 2
+    assert isinstance(rig.bench.understudy, FakeUnderstudy)
+    assert not rig.bench.understudy.is_alive
+    assert "the board is in its safe state" in capsys.readouterr().err
+    assert rig.rail_v_after_a_while() < 30

@@ -13,8 +13,8 @@ import msgspec
 
 from etd.cli import options
 from etd.cli.new_file import check_new_file
-from etd.cli.private_daemon import termination_as_ctrl_c
 from etd.cli.run import kept_selftest, loaded_config
+from etd.cli.selftest_ending import broken_off_once
 from etd.cli.selftest_table import Quiet, Table, table_of
 from etd.config import LoadedConfig
 from etd.errors import FileError
@@ -111,7 +111,7 @@ def _run(args: argparse.Namespace) -> int:
     asked = _asked(args, loaded)
     kept = kept_selftest(args.name, loaded)
     check_new_file(args.report)
-    with termination_as_ctrl_c():
+    with broken_off_once():
         bench = _open(loaded, asked)
         try:
             report = _tested(args, loaded, bench, asked, kept)
