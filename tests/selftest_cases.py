@@ -189,6 +189,10 @@ PROBE = [
     Case("an output on ground", ALL, [SwitchOutput(2, "ground")], "probe", "load_agrees"),
     Case("nothing can blank", ALL, [StuckBehind("BL", 1)], "probe", "blanked"),
     Case("nothing can blank, bare", BARE, [StuckBehind("BL", 1)], "probe", "blanked"),
+    Case("the latch stays open", ALL, [StuckBehind("LE", 1)], "probe", "latch_holds"),
+    Case("the latch stays open, bare", BARE, [StuckBehind("LE", 1)], "probe", "latch_holds"),
+    Case("the latch stays shut", ALL, [StuckBehind("LE", 0)], "probe", "load_agrees"),
+    Case("nothing is copied, relays", RELAY, [StuckBehind("LE", 1)], "probe", "load_agrees"),
     Case("solder between two", ALL, [Bridge(5, 6)], "probe", "nothing_else"),
     Case("solder between two, relays", RELAY, [Bridge(5, 6)], "probe", "nothing_else"),
     *(

@@ -27,7 +27,6 @@ NOT_SEEN = (
     "a pull on the board's side: at the pin, the Raspberry Pi's own pull reads alike",
     "a clock lost now and then that moves no output of the load: clip it to the outputs that are"
     " farthest along the chain",
-    "an LE that is stuck high beyond the pin: the chain is written with the outputs blanked",
     "a switch that gives way to strong pulses only: all but the load's two were seen with probes",
     "a source more than 24 times too strong, or that jumps between two probes, before it fired one"
     " pulse: that pulse exceeds the bound, and is the last",

@@ -50,7 +50,7 @@ def test_a_skip_is_status_1_and_says_what_to_do(
     told = capsys.readouterr().out
     assert "SKIP probe: load_agrees, probe: leak" in told
     assert "     --dummy-load OHM --second-load OHM --load-electrodes A,B\n" in told
-    assert "NOT PASSED: 14 failed or were skipped" in told
+    assert "NOT PASSED: 15 failed or were skipped" in told
     report = load(state)
     assert report is not None
     assert not report.passed

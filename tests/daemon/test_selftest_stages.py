@@ -119,6 +119,7 @@ def test_without_a_load_what_needs_one_is_skipped_and_a_skip_is_no_pass() -> Non
         "leak",
         "ua_per_code",
         "blanked",
+        "latch_holds",
         *WALK,
         "every_time",
         "steps",

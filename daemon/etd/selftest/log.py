@@ -41,9 +41,9 @@ class Log:
     def skip(self, name: str, why: str, advice: str) -> None:
         self._add(name, "skip", why, "", advice)
 
-    def absent(self, name: str) -> None:
-        """A guard that the board file declares absent."""
-        self._add(name, "absent", "the board file says absent", "", "")
+    def absent(self, name: str, why: str = "the board file says absent") -> None:
+        """A guard that the board file declares absent, or what this kind of board has not."""
+        self._add(name, "absent", why, "", "")
 
     def _add(self, name: str, result: Result, measured: str, expected: str, advice: str) -> None:
         check = Check(

@@ -17,6 +17,7 @@ from etd.selftest.bed import LOAD_OPTIONS, Bed, DummyLoad
 from etd.selftest.buses import IDLE_V
 from etd.selftest.log import Log
 from etd.selftest.prober import Prober
+from etd_hal.boardfile import Relays
 
 #: Of a measured against a named value: half of the 20 % that IEC 60601-2-10 asks of amplitudes.
 TOLERANCE = 0.1
@@ -67,7 +68,7 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
     _check_open(bed, log, prober, found, free)
     is_alone = check_alone(bed, log, found, free, "nothing_else")
     if load is None:
-        for name in ("load_agrees", "leak", "ua_per_code", "blanked"):
+        for name in ("load_agrees", "leak", "ua_per_code", "blanked", "latch_holds"):
             log.skip(name, "no load was named", LOAD_OPTIONS)
     elif is_alone:
         _check_load(bed, log, prober, load, free[0])
@@ -142,6 +143,7 @@ def _check_load(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) 
     _check_constants(bed, log, told_ua, open_v, part, ohm)
     if agrees:
         _check_blanked(bed, log, prober, load)
+        _check_latch(bed, log, prober, load, free)
     bed.is_load_confirmed = agrees and not log.stage_failed
 
 
@@ -157,6 +159,26 @@ def _check_blanked(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
         f"{open_v:.2f} V with the load's electrodes selected and the outputs blanked: open",
         "nothing switches the electrodes off: BL stands at its level beyond the pin (a level"
         " shifter, a shorted wire), or a relay sticks",
+    )
+
+
+def _check_latch(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) -> None:
+    """An end of the load in the latch, an open electrode in the chain behind it. A latch that stays
+    open shows each word while it is shifted, and a glitch of the clock is a selection at once.
+    """
+    if isinstance(bed.file.switch, Relays):
+        log.absent("latch_holds", "relays copy at an edge of LE: it has no open state")
+        return
+    ends = (load.first, load.second)
+    load_v = statistics.mean(prober.probe(one)[1].voltage_v for one in ends)
+    held_v = [prober.latched(one, behind=free)[1].voltage_v for one in ends]
+    slack_v = TOLERANCE * load_v + bed.file.source.node_uv_per_code / 1e6
+    log.judge(
+        "latch_holds",
+        all(abs(volts - load_v) <= slack_v for volts in held_v),
+        " and ".join(f"{volts:.2f} V" for volts in held_v),
+        f"{load_v:.2f} V with the load's electrodes latched and electrode {free} shifted in behind",
+        "LE stands at its open level beyond the pin (a level shifter, a shorted wire)",
     )
 
 

@@ -23,7 +23,8 @@ from etd.engine.limits import PC_PER_NC, maxima_of
 from etd.selftest.bed import Bed
 from etd.selftest_report import ProbeBound
 from etd_hal.board import Shot
-from etd_hal.errors import BoardFault, GuardRefusal
+from etd_hal.chips.hv507 import HalfBridgeSwitch
+from etd_hal.errors import BoardFault, CannotSelect, GuardRefusal
 
 #: Told, of the bound.
 _PART = 3
@@ -127,6 +128,13 @@ class Prober:
         """The same with this electrode in the chain, but nothing connected. Raises: as `probe`."""
         return self._checked(*self._fire(electrode, self.probe_ua, True, is_blanked=True))
 
+    def latched(self, electrode: int, behind: int) -> tuple[int, Shot]:
+        """The same with this electrode in the latch, and another one in the chain behind it; of
+        half-bridges. Raises: as `probe`.
+        """
+        self.forget_chain()
+        return self._checked(*self._fire(electrode, self.probe_ua, True, behind=behind))
+
     def _checked(self, told_ua: int, shot: Shot) -> tuple[int, Shot]:
         most_v = self._most_open_v(told_ua)
         if shot.voltage_v > most_v:
@@ -153,7 +161,13 @@ class Prober:
         self._is_chain_known = False
 
     def _fire(
-        self, electrode: int, current_ua: int, is_anodic: bool, is_blanked: bool = False
+        self,
+        electrode: int,
+        current_ua: int,
+        is_anodic: bool,
+        *,
+        is_blanked: bool = False,
+        behind: int | None = None,
     ) -> tuple[int, Shot]:
         bed = self._bed
         bed.watch_stops()
@@ -164,6 +178,8 @@ class Prober:
         bed.board.guard.permit(current_ua)
         bed.board.prepare(selection, whole=not self._is_chain_known)
         self._is_chain_known = True
+        if behind is not None:
+            self._shift_behind(behind)
         if is_blanked:
             bed.board.release()
         else:
@@ -175,6 +191,12 @@ class Prober:
         bed.board.guard.permit(0)
         self._check_duration(shot, current_ua)
         return pulse.told_ua, shot
+
+    def _shift_behind(self, electrode: int) -> None:
+        switch = self._bed.board.switch
+        if not isinstance(switch, HalfBridgeSwitch):
+            raise CannotSelect(electrode, "behind the latch", "of half-bridges alone")
+        switch.shift_behind(self._bed.board.selection(self._outputs[electrode], None))
 
     def _book(self, electrode: int, current_ua: int) -> None:
         """Before it is fired, with every return as if it alone carried the current."""

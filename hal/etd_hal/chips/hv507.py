@@ -90,6 +90,17 @@ class HalfBridgeSwitch:
         self._gpio.set(self._close)
         self._is_latch_open = False
 
+    def shift_behind(self, selection: Selection) -> None:
+        """For a self-test, with the outputs blanked: another word into the chain, behind the closed
+        latch. What was prepared before is what `connect` shows, if the latch holds it.
+        """
+        if self._is_latch_open:
+            self._gpio.set(self._close)
+            self._is_latch_open = False
+        self._chain.write(selection.alone)
+        # The latch holds something else: the next word is a whole one.
+        self._chain.forget()
+
     def loop_back(self, sent: int) -> int:
         """With the outputs blanked and the latch closed: through the chain and back."""
         self._gpio.set(self._close)

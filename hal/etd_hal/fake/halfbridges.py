@@ -65,11 +65,11 @@ class HalfBridgeChain:
         """Half-bridges switch at once: nothing is ever under way."""
 
     def set(self, t_ns: int, name: str, level: int) -> None:
-        """An input of the chain changes to `level`."""
-        self._levels[name] = level
-        if name == "CLK" and level and not self._faults.edge_is_lost(LostClock):
+        """An input of the chain is at `level` from now on; one that was there has no edge."""
+        was, self._levels[name] = self._levels[name], level
+        if name == "CLK" and level and not was and not self._faults.edge_is_lost(LostClock):
             self._register = ((self._register << 1) | self._levels["DATA"]) & self._all
-        if name == "LE" and level and self._faults.edge_is_lost(LatchIgnored):
+        if name == "LE" and level and not was and self._faults.edge_is_lost(LatchIgnored):
             self._levels["LE"] = 0
         if self._levels["LE"]:
             self._latch = self._register

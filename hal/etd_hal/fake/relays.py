@@ -44,7 +44,7 @@ class RelayChain:
         self._electrodes = tuple(electrodes)
         self._faults = faults
         self._on_sides = on_sides
-        self._data = 0
+        self._levels = {"DATA": 0, "LE": 0, "CLK": 0}
         power_up = random.Random(seed)
         self._register = power_up.getrandbits(self._stages)
         self._outputs = power_up.getrandbits(self._stages)
@@ -72,11 +72,12 @@ class RelayChain:
         return False
 
     def set(self, t_ns: int, name: str, level: int) -> None:
-        """An input of the chain changes to `level`."""
-        if name == "DATA":
-            self._data = level
-        elif name == "CLK" and level and not self._faults.edge_is_lost(LostClock):
-            self._register = ((self._register << 1) | self._data) & self._all
+        """An input of the chain is at `level` from now on; one that was there has no edge."""
+        was, self._levels[name] = self._levels[name], level
+        if level == was:
+            return
+        if name == "CLK" and level and not self._faults.edge_is_lost(LostClock):
+            self._register = ((self._register << 1) | self._levels["DATA"]) & self._all
         elif name == "LE" and level and not self._faults.edge_is_lost(LatchIgnored):
             self._copy(t_ns)
 
