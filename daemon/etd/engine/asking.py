@@ -148,7 +148,7 @@ class Asker:
 
     def not_believed(self, what: str) -> None:
         """Counted once, when it begins."""
-        self._reporter.counters[f"not_believed_{what}"] += 1
+        self._reporter.not_believed(what)
 
     def learn(self, electrode: int, samples: Samples, now_ns: int) -> None:
         """What a stimulus pulse said; that it is not believed is counted once, when it begins."""

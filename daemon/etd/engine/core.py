@@ -77,7 +77,9 @@ class Core:
         self.scanner = Scanner(self.board, self.clock, self.marker, self.reporter)
         self.supply_changed: Callable[[bool], None] = lambda _: None
         if stabilizers is None:
-            stabilizers = pipeline(loaded.body_site.stabilize, loaded.board.source)
+            stabilizers = pipeline(
+                loaded.body_site.stabilize, loaded.board.source, self.reporter.not_believed
+            )
         impedance = ImpedanceMap(loaded.array.count, loaded.board.source)
         self.asker = Asker(stabilizers, self.contact, impedance, self.pressure, self.reporter)
         self.ahead = LookingAhead(loaded.array.count, self.contact, impedance)

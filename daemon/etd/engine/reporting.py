@@ -172,6 +172,10 @@ class Reporter:
         self._pending.skipped[electrode, reason] += 1
         self.counters[f"thinned_{reason}"] += 1
 
+    def not_believed(self, what: str) -> None:
+        """Counted once, when it begins."""
+        self.counters[f"not_believed_{what}"] += 1
+
     def scan_report(self, now_ns: int, ceiling_ua: int, is_due: bool = False) -> None:
         """Send what has gathered, if it is time (or `is_due`)."""
         if not self._has_news or (now_ns - self._sent_ns < _SCAN_PERIOD_NS and not is_due):

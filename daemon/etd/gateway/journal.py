@@ -27,6 +27,8 @@ _NOT_STABILIZED = {
     "not_believed_compliance": "the source was at its end, so no resistance is known",
     "not_believed_implausible": "a resistance that no skin has was read",
     "not_believed_flicker": "resistances flicker (a noisy ADC, a shaking hand)",
+    "not_believed_bound": "a law wanted its widest pulse for 10 s, which skin does not ask for so"
+    " long, and another gain of the ADC does: etd selftest measures it",
     "not_believed_old": "nothing was told of an electrode for a second: a silence, or a slow rate",
     "not_believed_pressure": "a pressure sensor says nothing",
     "not_believed_probe": "the ADC stood still in the probe before a pulse, or the node was not at"

@@ -19,7 +19,8 @@ which takes out what the leak makes of a wandering resistance.
 
 Current never rises above what is wanted: the width makes up for it, from Q alone, by at most
 `most_wider`; below `narrowest_us` the current falls. Where a line is not above zero the pulse is
-what was wanted, and so it is without a believed resistance. The told charge rises by at most
+what was wanted, and so it is without a believed resistance, and when the law has stood at its
+widest for long (`end_stop.py`). The told charge rises by at most
 `rise_per_s` of what is wanted, and falls at once; a soft contact gets no more than that.
 """
 
@@ -31,6 +32,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from etd.stabilize.end_stop import EndStop, Tell, unheard
 from etd.stabilize.pipeline import Known, Reach, Wish
 from etd.stabilize.reference import References
 from etd.stabilize.rounding import as_charge
@@ -50,16 +52,18 @@ class LinesLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 class Lines:
     """See the module."""
 
-    def __init__(self, law: LinesLaw, leak_ohm: float) -> None:
+    def __init__(self, law: LinesLaw, leak_ohm: float, tell: Tell = unheard) -> None:
         self._law = law
         self._leak_ohm = leak_ohm
         self._references = References()
         self._charge = Slew(1.0, law.rise_per_s)
+        self._end_stop = EndStop(law.most_wider, tell)
         self.reach = Reach(width=law.most_wider, charge=law.most_wider)
 
     def forget(self) -> None:
         self._references.forget()
         self._charge.forget()
+        self._end_stop.forget()
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         current, width = self._solved(wish, known) or (1.0, 1.0)
@@ -86,5 +90,8 @@ class Lines:
             return None
         leaks = (self._leak_ohm + now_ohm) / (self._leak_ohm + reference_ohm)
         told = energy / (charge * (1.0 + risen)) * leaks
+        charge *= leaks
+        if self._end_stop.believed(known.electrode, charge, known.now_ns) < charge:
+            return None
         current = min(1.0, told)
-        return current, charge * leaks / current
+        return current, charge / current

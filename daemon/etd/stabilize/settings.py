@@ -15,6 +15,7 @@ import msgspec
 
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.contact import Contact, ContactLaw
+from etd.stabilize.end_stop import Tell, unheard
 from etd.stabilize.energy import Energy, EnergyLaw
 from etd.stabilize.fitted import Fitted, FittedLaw
 from etd.stabilize.lines import Lines, LinesLaw
@@ -67,24 +68,26 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 NOTHING = Settings()
 
 
-def pipeline(settings: Settings, source: Source) -> tuple[Stabilizer, ...]:
-    """The stabilizers in their order, for one board's source, knowing nothing yet."""
-    made = (_made(settings, name, source) for name in settings.order)
+def pipeline(settings: Settings, source: Source, tell: Tell = unheard) -> tuple[Stabilizer, ...]:
+    """The stabilizers in their order, for one board's source, knowing nothing yet. `tell` hears
+    what one does not believe any more, when that begins.
+    """
+    made = (_made(settings, name, source, tell) for name in settings.order)
     return tuple(one for one in made if one is not None)
 
 
-def _made(settings: Settings, name: Name, source: Source) -> Stabilizer | None:
+def _made(settings: Settings, name: Name, source: Source, tell: Tell) -> Stabilizer | None:
     law = getattr(settings, name)
     if isinstance(law, ContactLaw):
         return Contact(law, source.leak_ohm, source.compliance_v)
     if isinstance(law, PressureLaw):
         return Pressure(law)
     if isinstance(law, EnergyLaw):
-        return Energy(law, source.leak_ohm)
+        return Energy(law, source.leak_ohm, tell)
     if isinstance(law, FittedLaw):
-        return Fitted(law)
+        return Fitted(law, tell)
     if isinstance(law, LinesLaw):
-        return Lines(law, source.leak_ohm)
+        return Lines(law, source.leak_ohm, tell)
     if isinstance(law, Narrow | Prepulse):
         return law
     return None

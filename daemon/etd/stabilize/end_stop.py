@@ -1,0 +1,65 @@
+"""A law that stands at its widest for long is not believed any more.
+
+Owns: how near and how long that is, and when it ends. Must not know: what a law goes by, limits.
+
+A reading that is wrong by the same factor all the time (another divider before the ADC, a gain that
+drifted) looks like skin, and a falsely low resistance then holds a law at the most that it may ask
+for. Skin is there too, but not for so long: on the busiest modelled finger (seeds 1 and 2) `fitted`
+wants its most for 7 to 8 % of the time, half of these stretches last for less than 2 s and the
+longest for 16 s. To give up after 10 s takes less than a thousandth of the pulses from it there;
+after 5 s the law would leave up to half more variation.
+
+What a law wants counts, by resistances that are believed; so pulses by others, and pauses, neither
+fill nor end it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Tell = Callable[[str], object]
+
+#: In parts of the way, as logarithms, from unchanged to the widest.
+_NEAR, _AWAY = 0.8, 0.5
+_LONG_NS = 10_000_000_000
+#: Between two pulses no more than this counts.
+_LONGEST_STEP_NS = 1_000_000_000
+
+
+class EndStop:
+    """For all electrodes of one law. `tell` hears "bound" when it is not believed at one."""
+
+    def __init__(self, most: float, tell: Tell) -> None:
+        self._near = most**_NEAR if most > 1.0 else float("inf")
+        self._away = most**_AWAY
+        self._tell = tell
+        self.forget()
+
+    def forget(self) -> None:
+        self._stood_ns: dict[int, int] = {}
+        self._asked_ns: dict[int, int] = {}
+        self._doubted: set[int] = set()
+
+    def believed(self, electrode: int, wanted: float, now_ns: int) -> float:
+        """What a law wants by what is measured, as a factor; 1 where it has wanted its most for too
+        long, until it wants less than half of the way again.
+        """
+        self._count(electrode, wanted, now_ns)
+        if wanted < self._away:
+            self._doubted.discard(electrode)
+        elif electrode not in self._doubted and self._stood_ns[electrode] >= _LONG_NS:
+            self._doubted.add(electrode)
+            self._tell("bound")
+        return min(wanted, 1.0) if electrode in self._doubted else wanted
+
+    def _count(self, electrode: int, wanted: float, now_ns: int) -> None:
+        elapsed_ns = now_ns - self._asked_ns.get(electrode, now_ns)
+        elapsed_ns = min(max(0, elapsed_ns), _LONGEST_STEP_NS)
+        self._asked_ns[electrode] = now_ns
+        stood_ns = self._stood_ns.get(electrode, 0)
+        stood_ns += elapsed_ns if wanted >= self._near else -elapsed_ns
+        self._stood_ns[electrode] = 0 if wanted < self._away else max(0, stood_ns)
+
+
+def unheard(_: str) -> None:
+    """Where nobody counts what is not believed."""

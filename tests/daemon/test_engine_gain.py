@@ -1,0 +1,94 @@
+"""An ADC whose gain or offset is another one: no law stands at the most that it may ask for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import pytest
+
+import engine_rig
+from engine_rig import EngineRig
+from engine_scenes import fully_open, only, phases
+from etd.config import fake_config
+from etd.stabilize.energy import EnergyLaw
+from etd.stabilize.fitted import FittedLaw
+from etd.stabilize.lines import LinesLaw
+from etd.stabilize.settings import Settings
+from etd_body.electrode import skin
+from etd_hal.fake.faults import AdcScale
+
+N, WIDTH_US, CURRENT_UA = 16, 60, 1_000
+NEAR = 1.5**0.8
+LAWS: dict[str, Any] = {
+    "fitted": FittedLaw(k=1.05),
+    "energy": EnergyLaw(),
+    "lines": LinesLaw(charge_slope=-0.48, energy_slope=0.22),
+}
+
+
+def rig_with(name: str) -> EngineRig:
+    """One dry fingertip under electrode 4, which the law has taken for its reference."""
+    loaded = fake_config(electrodes=N)
+    table = Settings(order=(name,), **{name: LAWS[name]})  # type: ignore[arg-type]
+    loaded = replace(loaded, body_site=msgspec.structs.replace(loaded.body_site, stabilize=table))
+    rig = engine_rig.make(loaded=loaded)
+    rig.fake.world.touch(4, skin(1_000.0, 19_000.0, 0.8))
+    fully_open(rig, 1_500)
+    held(rig, 300)
+    return rig
+
+
+def held(rig: EngineRig, duration_ms: float) -> float:
+    """The charge of the last pulse then, as a multiple of the frame's."""
+    begun_ns = rig.clock.now_ns()
+    wanted = only(N, e4=CURRENT_UA)
+    rig.hold(duration_ms, current_ua=wanted, width_us=WIDTH_US, rate_hz=10.0, ttl_ms=300)
+    last = [one for one in phases(rig, begun_ns) if one.electrode == 4][-1]
+    return last.charge_pc / (CURRENT_UA * WIDTH_US)
+
+
+def doubts(rig: EngineRig) -> int:
+    return rig.engine.reporter.counters["not_believed_bound"]
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("gain", [0.5, 0.6, 0.7, 0.85, 1.2, 2.0])
+def test_a_law_that_a_wrong_gain_holds_at_its_widest_gives_up_and_says_so_once(
+    name: str, gain: float
+) -> None:
+    rig = rig_with(name)
+    rig.fake.world.put_in(AdcScale(gain))
+    at_first = held(rig, 3_000)
+    assert doubts(rig) == 0, "skin may ask for that, for a while"
+    at_last = held(rig, 9_000)
+    if at_first < NEAR:
+        assert at_last == pytest.approx(at_first, rel=0.03)
+        assert doubts(rig) == 0
+    else:
+        assert at_last == pytest.approx(1.0, abs=0.02)
+        assert doubts(rig) == 1
+    assert at_last < NEAR
+    assert rig.close() == ()
+
+
+def test_some_gains_do_hold_a_law_at_its_widest() -> None:
+    """What the test above is about."""
+    rig = rig_with("fitted")
+    rig.fake.world.put_in(AdcScale(0.6))
+    assert held(rig, 2_000) > 1.45
+    rig.close()
+
+
+def test_a_law_is_believed_again_when_it_wants_less() -> None:
+    rig = rig_with("fitted")
+    wrong = AdcScale(0.6)
+    rig.fake.world.put_in(wrong)
+    held(rig, 12_000)
+    assert doubts(rig) == 1
+    rig.fake.world.take_out(wrong)
+    held(rig, 500)
+    rig.fake.world.touch(4, skin(1_000.0, 15_000.0, 1.0))
+    assert held(rig, 1_000) > 1.1
+    assert rig.close() == ()
