@@ -117,17 +117,14 @@ class Answerer:
         os.write(self._fd, _ANSWER.pack(0, 0) + pairs)
 
     def take_events(self) -> None:
-        """Read events while there are any, and answer those that are questions."""
-        while True:
-            try:
-                event = os.read(self._fd, _MOST_BYTES)
-            except BlockingIOError:
-                return
-            self._take(event)
+        """Read the events that are there, and answer those that are questions."""
+        events, at = os.read(self._fd, _MOST_BYTES), 0
+        while at < len(events):
+            t_ns, number, kind, length = _EVENT.unpack_from(events, at)
+            at += _EVENT.size + length
+            self._take(t_ns, number, kind, events[at - length : at])
 
-    def _take(self, event: bytes) -> None:
-        t_ns, number, kind, length = _EVENT.unpack_from(event)
-        payload = event[_EVENT.size : _EVENT.size + length]
+    def _take(self, t_ns: int, number: int, kind: int, payload: bytes) -> None:
         if kind == _LINE_DRIVEN:
             self._circuit.drive(t_ns, *_PAIR.unpack(payload))
             return

@@ -12,6 +12,7 @@ started.
 from __future__ import annotations
 
 import argparse
+import secrets
 import shlex
 import sys
 from collections import Counter
@@ -24,6 +25,7 @@ from xml.etree import ElementTree
 
 import build_uml
 import build_x86
+import bytecode
 import measured
 import mutants
 import service_layers
@@ -67,16 +69,19 @@ _SERVICE = (
 #: At most, on a machine that has other things to do.
 _A_KILL_S = 20.0
 _TIMEOUT_S = 900.0
+#: What pytest's random order takes.
+_SEEDS = 2**32
 
 
 @dataclass(frozen=True)
 class Amounts:
-    """How much of what is random or slow."""
+    """How much of what is random or slow, and what chance begins with."""
 
     kills: int
     pulses: int
     hog_s: int
     faults: int
+    seed: int = 0
 
     def for_guest(self) -> list[str]:
         return [
@@ -84,6 +89,7 @@ class Amounts:
             f"ETD_PULSES={self.pulses}",
             f"ETD_HOG_S={self.hog_s}",
             f"ETD_FAULTS={self.faults}",
+            f"ETD_SEED={self.seed}",
         ]
 
 
@@ -123,7 +129,8 @@ def command(guest: Guest, amounts: Amounts) -> list[str]:
         return [*env, "python", *_PYTEST, *_SERVICE, *checks]
     apart = [str(_CHECKS / name) for name in _APART.get(guest, ())]
     everywhere = [str(_CHECKS / name) for name in _EVERYWHERE]
-    tests = [*_PYTEST, *_WITH_CONTRACT, *everywhere, *checks]
+    order = f"--randomly-seed={amounts.seed}"
+    tests = [*_PYTEST, *_WITH_CONTRACT, order, *everywhere, *checks]
     # Where processors are emulated, counting lines takes too long.
     parts = [measured.command(tests) if guest == "uml" else ["python", *tests]]
     if apart:
@@ -172,6 +179,7 @@ def _chosen() -> argparse.Namespace:
     parser.add_argument("--pulses", type=int, help="of each width, in uml")
     parser.add_argument("--faults", type=int, help="of the board, named by the self-test, in uml")
     parser.add_argument("--hog-s", type=int, help="seconds beside a hog, in x86")
+    parser.add_argument("--seed", type=int, help="of the moments of kills and the order of checks")
     return parser.parse_args()
 
 
@@ -182,6 +190,7 @@ def _amounts(chosen: argparse.Namespace) -> Amounts:
         pulses=base.pulses if chosen.pulses is None else chosen.pulses,
         hog_s=base.hog_s if chosen.hog_s is None else chosen.hog_s,
         faults=base.faults if chosen.faults is None else chosen.faults,
+        seed=secrets.randbelow(_SEEDS) if chosen.seed is None else chosen.seed,
     )
 
 
@@ -212,15 +221,18 @@ def main() -> int:
     begun_ns = clock.now_ns()
     try:
         mutants.check_places()
+        bytecode.compile_tree()
         for build in (build_x86.build, build_uml.build):
             build(sys.executable)
         service_layers.build()
     except RigFailure as failure:
         print(f"the kernel rig failed: {failure}", file=sys.stderr)
         return 3
+    amounts = _amounts(chosen)
     print(f"{(clock.now_ns() - begun_ns) / 1e9:.0f} s: built, or found built", flush=True)
+    print(f"drawn by chance: the same again with --seed {amounts.seed}", flush=True)
     with ThreadPoolExecutor(len(guests)) as pool:
-        done = list(pool.map(lambda guest: check(guest, _amounts(chosen)), guests))
+        done = list(pool.map(lambda guest: check(guest, amounts), guests))
     return _account(done)
 
 

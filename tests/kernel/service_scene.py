@@ -38,6 +38,8 @@ SOCKETS = Path("/run/etd/main")
 TOLD = Path("/run/rig-told")
 ADDRESS = f"ipc://{SOCKETS / 'control.sock'}"
 CLOCK = LinuxClock()
+#: Asking again costs a process, in this guest, and waiting nothing.
+_PAUSE_NS = 200_000_000
 MACHINE = TREE / "tests/kernel" / ("virtual-time.toml" if IS_VIRTUAL_TIME else "service-x86.toml")
 #: May use the display; may not.
 PERSON, STRANGER = "person", "stranger"
@@ -182,7 +184,7 @@ def wait(ask: Callable[[], T | None], what: str, within_s: float = WITHIN_S) -> 
         answer = ask()
         if answer is not None and answer is not False:
             return answer
-        CLOCK.sleep_until_ns(CLOCK.now_ns() + 50_000_000)
+        CLOCK.sleep_until_ns(CLOCK.now_ns() + _PAUSE_NS)
     raise AssertionError(f"never: {what}; the journal: {journal('')[-20:]}")
 
 

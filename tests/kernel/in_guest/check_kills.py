@@ -20,7 +20,7 @@ from etd.client import Display
 from etd_hal.fake.trace import header
 from etd_hal.linux.clock import LinuxClock
 from guest_board import BARE_BOARD as BOARD
-from guest_board import above_the_engine, report
+from guest_board import SEED, above_the_engine, report
 
 #: For how long it takes; check_service_kills.py has many.
 KILLS = 2
@@ -51,7 +51,7 @@ def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
 ) -> None:
     daemon = lone_daemon
     kernel_trace.begin(TRACED)
-    chance = random.Random(20_261_121)
+    chance = random.Random(SEED)
     quiet_ms: list[float] = []
     moving_ms: list[float] = []
     safe_ms: list[float] = []

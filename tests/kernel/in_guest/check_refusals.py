@@ -31,6 +31,8 @@ OUTPUT, INPUT = LINES["DATA"], LINES["READBACK"]
 UNLOCKED_BYTES = 8 << 20
 #: Of <linux/spi/spidev.h>; 14 bits of it are the size of what is passed.
 SPI_IOC_MESSAGE_0 = 0x40006B00
+#: The drivers' buffers, of messages and of changes (their `_KEPT`).
+KEPT = 1_024
 #: Zero words at code 0: nothing is fired here.
 ZERO = Transfer(bytes(2))
 
@@ -165,9 +167,10 @@ class TestMessages:
     def test_buffers_are_kept_for_so_many_messages_and_changes_and_no_more(
         self, ports: Backend
     ) -> None:
-        for count in range(1_100):
+        for count in range(KEPT + 6):
             ports.spi.transfer(Message((Transfer(delay_us=count), ZERO)))
-            ports.gpio.set(((OUTPUT, 0),) * (count + 1))
+            # Few calls of the chip, and others each time.
+            ports.gpio.set(tuple((OUTPUT, count >> bit & 1) for bit in range(11)))
 
 
 def test_what_the_kernel_does_to_threads_that_never_sleep_is_told() -> None:

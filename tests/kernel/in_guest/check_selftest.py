@@ -38,9 +38,7 @@ def folder() -> Iterator[Path]:
 @pytest.fixture
 def bench(folder: Path) -> Iterator[Chips]:
     set_parameter("strict_gpiod", 1)
-    write_config(
-        folder / "etd.toml", str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards, "grid-4x4"
-    )
+    write_config(folder / "etd.toml", str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards, "pad-8")
     with running_chips(folder, "--on-bench") as chips:
         yield chips
         state = chips.state()
@@ -62,7 +60,7 @@ FAULTS = [
     pytest.param(LineCut("DATA"), "register", "readback", id="DATA cut"),
     pytest.param(RailOff(0.8), "rail", "rise", id="low rail"),
     pytest.param(DacGain(1.3), "probe", "ramp", id="too strong a source"),
-    pytest.param(SwitchOutput(9, "open"), "switches", "every_switch", id="dead switch"),
+    pytest.param(SwitchOutput(6, "open"), "switches", "every_switch", id="dead switch"),
 ]
 POL, HV_ENABLE = BOARD.used_lines()["POL"], BOARD.used_lines()["HV"]
 TRIED = FAULTS[: int(os.environ.get("ETD_FAULTS", "4"))]

@@ -20,7 +20,7 @@ import service_scene as scene
 import trace_decoder
 import trace_rules
 from etd_hal.fake.trace import header
-from guest_board import above_the_engine, report
+from guest_board import SEED, above_the_engine, report
 from kernel_trace import Event
 from service_scene import CLOCK, ENGINE
 
@@ -135,7 +135,7 @@ def test_however_the_service_is_killed_its_stop_makes_the_board_safe_and_nothing
     services: None,
 ) -> None:
     since = scene.cursor()
-    chance = random.Random(20_261_121)
+    chance = random.Random(SEED)
     kills: list[Told] = []
     for _ in range(KILLS):
         # As an operator does: five starts in five minutes are allowed.
@@ -153,7 +153,10 @@ def tell(kills: list[Told]) -> None:
     in_scan = sum(one.is_in_scan for one in kills)
     assert in_scan >= max(1, KILLS // 2), "the engine was not scanning when it was killed"
     within = sum(one.is_in_message for one in kills)
-    report(f"{KILLS} kills of the service, {in_scan} of them in a scan, {within} in a message")
+    report(
+        f"{KILLS} kills of the service (seed {SEED}), {in_scan} of them in a scan, {within} in a"
+        " message; every message ended in zero"
+    )
     first, last = [one.first_line_ms for one in kills], [one.last_word_ms for one in kills]
     report(f"from the kill to the first line that ExecStopPost= sets: {spread(first)}")
     report(f"from the kill to the end of what ExecStopPost= does: {spread(last)}")

@@ -2,7 +2,7 @@
 /*
  * The door: /dev/rig, through which the module tells and asks a program in user space.
  *
- * One program at a time opens it. Each read() gives one event, whole:
+ * One program at a time opens it. Each read() gives all events that wait and fit, whole, each as
  *
  *	u64 t_ns (CLOCK_MONOTONIC), u32 number, u16 kind, u16 length, then `length` bytes
  *
@@ -27,8 +27,11 @@
 
 #include "rig.h"
 
-/* Few: what is still to be read when a message comes, lengthens that message's call. */
-#define MOST_WAITING 16
+/*
+ * What is still to be played when a message comes, lengthens that message's call; but each time the
+ * teller has to wait costs two changes of the process.
+ */
+#define MOST_WAITING 64
 #define LONGEST_WRITE 65536
 #define PATIENCE (20 * HZ)
 
@@ -211,11 +214,32 @@ static ssize_t door_write(struct file *file, const char __user *from, size_t siz
 	return error ? error : size;
 }
 
+/* With the lock held: the first event out of the list, if it is there and fits. */
+static struct event *take_event(size_t room)
+{
+	struct event *event = list_first_entry_or_null(&events, struct event, node);
+
+	if (!event || sizeof(event->header) + event->header.length > room)
+		return NULL;
+	list_del(&event->node);
+	waiting--;
+	return event;
+}
+
+static int hand_over(const struct event *event, char __user *to)
+{
+	if (copy_to_user(to, &event->header, sizeof(event->header)) ||
+	    copy_to_user(to + sizeof(event->header), event->payload, event->header.length))
+		return -EFAULT;
+	return 0;
+}
+
+/* As many events as are there: a selection tells two hundred, and a read() each would take longest. */
 static ssize_t door_read(struct file *file, char __user *to, size_t size, loff_t *at)
 {
 	struct event *event;
-	size_t length;
-	int error;
+	size_t length = 0;
+	int error = 0;
 
 	do {
 		if (file->f_flags & O_NONBLOCK) {
@@ -227,21 +251,18 @@ static ssize_t door_read(struct file *file, char __user *to, size_t size, loff_t
 				return error;
 		}
 		mutex_lock(&lock);
-		event = list_first_entry_or_null(&events, struct event, node);
-		if (event) {
-			list_del(&event->node);
-			waiting--;
+		while (!error && (event = take_event(size - length))) {
+			error = hand_over(event, to + length);
+			length += sizeof(event->header) + event->header.length;
+			kfree(event);
 		}
+		/* There is one, and it alone is more than the reader has room for. */
+		if (!error && !length && waiting)
+			error = -EFAULT;
 		mutex_unlock(&lock);
-	} while (!event);
+	} while (!error && !length);
 	wake_up(&tellers);
-
-	length = sizeof(event->header) + event->header.length;
-	if (length > size || copy_to_user(to, &event->header, sizeof(event->header)) ||
-	    copy_to_user(to + sizeof(event->header), event->payload, event->header.length))
-		length = -EFAULT;
-	kfree(event);
-	return length;
+	return error ? error : length;
 }
 
 static __poll_t door_poll(struct file *file, poll_table *table)
