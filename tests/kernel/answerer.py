@@ -4,9 +4,9 @@ Owns: answering what the kernel module tells and asks through /dev/rig, and movi
 Must not know: who uses the buses. It sees what comes out of the kernel, in the kernel's order and
 with the kernel's times, and nothing else.
 
-    python answerer.py --board FILE [--on-bench] [--door PATH] [--trace FILE]
+    --board FILE [--on-bench] [--door PATH] [--trace FILE]
 
-Says "answering" when it does. The array is on a fingertip or, `--on-bench`, on nothing. `--door`
+Started by answerer_nursery.py. The array is on a fingertip or, `--on-bench`, on nothing. `--door`
 is the fake's second door: stop lines, contacts, faults.
 """
 
@@ -212,13 +212,14 @@ def _leave(_signal: int, _frame: FrameType | None) -> None:
     sys.exit(0)
 
 
-def main() -> int:
+def main(arguments: list[str], ready: Callable[[], None]) -> None:
+    """Answer until SIGTERM; say so once it does."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--board", type=Path, required=True)
     parser.add_argument("--on-bench", action="store_true")
     parser.add_argument("--door", type=Path)
     parser.add_argument("--trace", type=Path)
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
     board = load_board(chosen.board)
     clock = LinuxClock()
     outputs = range(board.switch.outputs)
@@ -235,13 +236,8 @@ def main() -> int:
     door = Door(circuit, chosen.door) if chosen.door else None
     signal.signal(signal.SIGTERM, _leave)
     gc.freeze()
-    print("answering", flush=True)
+    ready()
     try:
         serve(answerer, fd, door)
     finally:
         circuit.close()
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -56,7 +56,7 @@ _PYTEST = (
 )
 #: Of the contract only what runs on the guest's drivers; of the checks all. In random order.
 _WITH_CONTRACT = (
-    *("-p", "pytest_randomly", "-p", "contract_chips", "-k", "check_ or linux"),
+    *("-p", "drawn_order", "-p", "contract_chips", "-k", "check_ or linux"),
     *("-o", "python_files=check_*.py test_*.py"),
     *("--junitxml=/run/rig/tests.xml", str(_CONTRACT)),
 )
@@ -69,7 +69,6 @@ _SERVICE = (
 #: At most, on a machine that has other things to do.
 _A_KILL_S = 20.0
 _TIMEOUT_S = 900.0
-#: What pytest's random order takes.
 _SEEDS = 2**32
 
 
@@ -94,7 +93,7 @@ class Amounts:
 
 
 EVERYDAY = Amounts(kills=3, pulses=1_000, hog_s=3, faults=1)
-THOROUGH = Amounts(kills=200, pulses=1_000, hog_s=60, faults=4)
+THOROUGH = Amounts(kills=200, pulses=1_000, hog_s=60, faults=5)
 
 
 @dataclass(frozen=True)
@@ -129,8 +128,7 @@ def command(guest: Guest, amounts: Amounts) -> list[str]:
         return [*env, "python", *_PYTEST, *_SERVICE, *checks]
     apart = [str(_CHECKS / name) for name in _APART.get(guest, ())]
     everywhere = [str(_CHECKS / name) for name in _EVERYWHERE]
-    order = f"--randomly-seed={amounts.seed}"
-    tests = [*_PYTEST, *_WITH_CONTRACT, order, *everywhere, *checks]
+    tests = [*_PYTEST, *_WITH_CONTRACT, *everywhere, *checks]
     # Where processors are emulated, counting lines takes too long.
     parts = [measured.command(tests) if guest == "uml" else ["python", *tests]]
     if apart:

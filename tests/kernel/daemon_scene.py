@@ -137,7 +137,7 @@ def running_daemon(
     tested: Path | None = None,
     array: str = "grid-8x8",
 ) -> Iterator[Daemon]:
-    """A gateway, and engines on request; all ended at the end.
+    """A gateway, and engines on request (`start_engine`); all ended at the end.
 
     `tested` is the report of a self-test; without one the board counts as having passed.
     """
@@ -170,7 +170,6 @@ def running_daemon(
         running = Daemon(folder, config, nursery, gateway)
         # What it reads while it starts comes as interrupts, which would spread the calibration.
         _wait_for(folder / "control.sock")
-        running.start_engine()
         try:
             yield running
         finally:

@@ -5,13 +5,16 @@ Owns: starting the answerer, the module's parameters, unplugging. Must not know:
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
+import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -117,7 +120,7 @@ class Chips:
 
     door: Path
     trace: Path
-    process: subprocess.Popen[bytes]
+    pid: int
 
     def knock(self, knock: wire.Knock) -> wire.State:
         """See `board_door.knock_at`."""
@@ -127,27 +130,55 @@ class Chips:
         return self.knock(wire.AskState())
 
 
+class _Nursery:
+    """Of answerers: importing what they are made of takes longest."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, str(TREE / "tests/kernel/answerer_nursery.py")],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        atexit.register(self._end)
+
+    def ask_for(self, arguments: Sequence[str]) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(arguments) + "\n")
+        self._process.stdin.flush()
+
+    def said(self) -> str:
+        assert self._process.stdout is not None
+        return self._process.stdout.readline().strip()
+
+    def _end(self) -> None:
+        self._process.communicate(timeout=WITHIN_S)
+
+
+@cache
+def _nursery() -> _Nursery:
+    """One, from when it is first needed until the run's end."""
+    return _Nursery()
+
+
 @contextmanager
 def running_chips(folder: Path, *on_what: Literal["--on-bench"]) -> Iterator[Chips]:
-    """The answerer, for as long as it is needed: the array on a fingertip, or on nothing."""
+    """An answerer, for as long as it is needed: the array on a fingertip, or on nothing."""
     door, trace = folder / "door.sock", folder / "chips.trace.jsonl"
-    process = subprocess.Popen(
-        [
-            *(sys.executable, str(TREE / "tests/kernel/answerer.py"), "--board", str(BOARD_PATH)),
-            *("--door", str(door), "--trace", str(trace), *on_what),
-        ],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
+    nursery = _nursery()
+    nursery.ask_for(
+        ["--board", str(BOARD_PATH), "--door", str(door), "--trace", str(trace), *on_what]
     )
-    assert process.stdout is not None
+    said = nursery.said()
+    assert said.startswith("answering "), f"the answerer does not start: {said!r}"
+    pid = int(said.split()[1])
     try:
-        os.sched_setaffinity(process.pid, LAST_PROCESSOR)
-        assert process.stdout.readline() == b"answering\n", "the answerer does not start"
+        os.sched_setaffinity(pid, LAST_PROCESSOR)
         # It stands for hardware: nothing else makes it wait.
-        os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(50))
-        yield Chips(door, trace, process)
-        assert process.poll() is None, "the answerer has ended in between"
+        os.sched_setscheduler(pid, os.SCHED_FIFO, os.sched_param(50))
+        yield Chips(door, trace, pid)
     finally:
-        process.terminate()
-        process.wait(WITHIN_S)
-        process.stdout.close()
+        # Fails where it has ended in between: the nursery has waited for it already.
+        os.kill(pid, signal.SIGTERM)
+        said = nursery.said()
+    assert said == "ended 0", f"the answerer has {said}"

@@ -6,6 +6,7 @@ judged is the kernel's trace alone.
 
 from __future__ import annotations
 
+import os
 import random
 import signal
 import statistics
@@ -23,7 +24,7 @@ from guest_board import BARE_BOARD as BOARD
 from guest_board import SEED, above_the_engine, report
 
 #: For how long it takes; check_service_kills.py has many.
-KILLS = 2
+KILLS = max(1, int(os.environ.get("ETD_KILLS", "60")) // 30)
 CLOCK = LinuxClock()
 #: Words are read where their transfer is over: less to read, on a slow processor.
 TRACED = tuple(event for event in kernel_trace.EVENTS if event != "spi/spi_transfer_start")
@@ -71,10 +72,14 @@ def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
         moving_ms.append((made_safe[0].t_us - killed_us) / 1_000)
         safe_ms.append((made_safe[-1].t_us - killed_us) / 1_000)
         kernel_trace.begin(TRACED)
-        daemon.start_engine()
-        daemon.wait_until(engine="there", state="SAFE")
+        # The last one is followed by none.
+        if len(safe_ms) < KILLS:
+            daemon.start_engine()
+            daemon.wait_until(engine="there", state="SAFE")
     assert scanning >= max(1, KILLS // 2), "the engine was not scanning when it was killed"
-    report(f"{KILLS} kills, {scanning} of them in a scan; every message ended in zero")
+    report(
+        f"{KILLS} kills (seed {SEED}), {scanning} of them in a scan; every message ended in zero"
+    )
     report(f"from the kill to the end of the last message: {spread(quiet_ms)}")
     report(f"from the kill to the first line that `etd safe` sets: {spread(moving_ms)}")
     report(f"from the kill to the end of what `etd safe` does: {spread(safe_ms)}")

@@ -80,6 +80,7 @@ def test_a_board_that_passed_makes_felt_what_a_frame_says_until_a_stop(
     chips, kept = tested
     currents_ua = [_SHOWN.get(electrode, 0) for electrode in range(_ELECTRODES)]
     with running_daemon(str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards, kept, _ARRAY) as daemon:
+        daemon.start_engine()
         daemon.wait_until(engine="there", state="SAFE")
         with Display(address=daemon.address, max_current_ua=1_000, width_us=100) as display:
             arm(display, chips)

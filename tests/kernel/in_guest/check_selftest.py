@@ -16,7 +16,7 @@ import pytest
 from daemon_scene import write_config
 from etd.selftest_report import Report
 from etd_hal.fake import wire
-from etd_hal.fake.faults import DacGain, Fault, LineCut, RailOff, SwitchOutput
+from etd_hal.fake.faults import DacGain, Fault, LineCut, OutputsSwapped, RailOff, SwitchOutput
 from guest_board import (
     BOARD,
     BOARD_PATH,
@@ -55,15 +55,16 @@ def failed(of: Report) -> list[tuple[str, str]]:
     return [(check.stage, check.name) for check in of.checks if check.result == "fail"]
 
 
-#: What is found late takes a minute in this guest: how many of them is chosen outside.
+#: What is found late takes long in this guest: how many of them is chosen outside.
 FAULTS = [
     pytest.param(LineCut("DATA"), "register", "readback", id="DATA cut"),
     pytest.param(RailOff(0.8), "rail", "rise", id="low rail"),
     pytest.param(DacGain(1.3), "probe", "ramp", id="too strong a source"),
     pytest.param(SwitchOutput(6, "open"), "switches", "every_switch", id="dead switch"),
+    pytest.param(OutputsSwapped(3, 6), "switches", "every_switch", id="swapped wires"),
 ]
 POL, HV_ENABLE = BOARD.used_lines()["POL"], BOARD.used_lines()["HV"]
-TRIED = FAULTS[: int(os.environ.get("ETD_FAULTS", "4"))]
+TRIED = FAULTS[: int(os.environ.get("ETD_FAULTS", "5"))]
 
 
 @pytest.mark.parametrize(("fault", "stage", "name"), TRIED)

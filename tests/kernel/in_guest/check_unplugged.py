@@ -23,6 +23,7 @@ def test_a_bus_that_is_unplugged_within_a_scan_halts_the_engine_and_leaves_the_s
     chips: Chips, bus: Literal["rig-spi", "rig-gpio"]
 ) -> None:
     with running_daemon(str(BOARD_PATH), MACHINE_PATH, BOARD.absent_guards) as daemon:
+        daemon.start_engine()
         daemon.wait_until(engine="there", state="SAFE")
         with Display(address=daemon.address, max_current_ua=1_000, width_us=100) as display:
             arm(display, chips)

@@ -6,6 +6,7 @@ They are collected in the guest only, by name: `tests/kernel/check.py` boots it.
 from __future__ import annotations
 
 import os
+import signal
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -80,14 +81,23 @@ def traced() -> Sequence[str]:
     return kernel_trace.EVENTS
 
 
+@pytest.fixture(scope="session")
+def lone_gateway() -> Iterator[Daemon]:
+    """A daemon without an engine: importing it takes an emulated processor ten seconds."""
+    with running_daemon(BARE_BOARD.name, MACHINE_PATH, BARE_BOARD.absent_guards) as running:
+        yield running
+
+
 @pytest.fixture
-def lone_daemon(traced: Sequence[str]) -> Iterator[Daemon]:
+def lone_daemon(lone_gateway: Daemon, traced: Sequence[str]) -> Iterator[Daemon]:
     """A daemon whose chips nobody plays: everything reads zero, and so it keeps its pace."""
     set_parameter("alone", 1)
     kernel_trace.begin(traced)
     try:
-        with running_daemon(BARE_BOARD.name, MACHINE_PATH, BARE_BOARD.absent_guards) as running:
-            running.wait_until(engine="there", state="SAFE")
-            yield running
+        lone_gateway.start_engine()
+        lone_gateway.wait_until(engine="there", state="SAFE")
+        yield lone_gateway
     finally:
+        if lone_gateway.engine_pid:
+            lone_gateway.end_engine(signal.SIGTERM)
         set_parameter("alone", 0)
