@@ -22,6 +22,7 @@ from etd_hal.fake.faults import (
     HeartbeatIgnored,
     HeartbeatRearms,
     HeartbeatSlow,
+    HoldShort,
     I2cFailure,
     LatchIgnored,
     LineCut,
@@ -219,6 +220,8 @@ PROBE = [
     ),
     Case("two relays at once", RELAY, [AlsoSwitches(5, 6)], "probe", "nothing_else"),
     Case("the load's wire on another", ALL, [OutputsSwapped(1, 9)], "probe", "nothing_else"),
+    Case("SPI mode 0, and its edge late", ALL, [SpiMode(0), HoldShort()], "probe", "ramp"),
+    Case("SPI mode 3, and its edge late", BARE, [SpiMode(3), HoldShort()], "probe", "ramp"),
     Case("SPI says short", ALL, [SpiShort(at_message=160)], "probe", "bus"),
 ]
 STRONG = [
@@ -251,7 +254,7 @@ STRONG = [
     *(
         Case(f"{type(fault).__name__}, {board}", board, [fault], "source", "every_time")
         for board, fault in (
-            (BARE, LatchIgnored(every=101)),
+            (BARE, LatchIgnored(every=103)),
             (ALL, LatchIgnored(every=199)),
             (RELAY, LatchIgnored(every=197)),
             (RELAY, LostClock(every=9_973)),

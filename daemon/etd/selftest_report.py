@@ -27,6 +27,10 @@ NOT_SEEN = (
     "a pull on the board's side: at the pin, the Raspberry Pi's own pull reads alike",
     "a clock lost now and then that moves no output of the load: clip it to the outputs that are"
     " farthest along the chain",
+    "an LE that misses one edge in several hundred: a single miss in the walk looks like a touch"
+    " that bounces",
+    "SPI mode 0 or 2 in place of 1: both chips read alike as long as the cable leaves the DAC its"
+    " hold time",
     "a switch that gives way to strong pulses only: all but the load's two were seen with probes",
     "a source more than 24 times too strong, or that jumps between two probes, before it fired one"
     " pulse: that pulse exceeds the bound, and is the last",
@@ -42,9 +46,11 @@ _UNWATCHED = (
 def not_seen_of(board: BoardFile) -> tuple[str, ...]:
     """What no check of this board can see."""
     guards = board.guards
-    if guards.rail_monitor != "absent":
-        return NOT_SEEN
     found = list(NOT_SEEN)
+    if board.sync_line != "absent":
+        found.append("a wire of SYNC that is cut beyond the pin: only what listens to it sees that")
+    if guards.rail_monitor != "absent":
+        return tuple(found)
     if guards.heartbeat != "absent":
         found.append(
             f"whether the heartbeat's window is {guards.heartbeat.window_ms} ms: {_UNWATCHED}"

@@ -20,9 +20,12 @@ from etd_hal.fake.faults import (
     HeartbeatIgnored,
     HeartbeatRearms,
     I2cFailure,
+    LatchIgnored,
     LineCut,
     RailOff,
+    SlowWords,
     SpiError,
+    SpiMode,
     StopCutsNothing,
 )
 from etd_hal.fake.hand import FakeHand
@@ -357,6 +360,39 @@ def test_what_no_check_can_see_is_said_in_the_report() -> None:
     report = selftest_rig(faults=[LineCut("POL")]).run()
     assert report.passed
     assert any("POL" in sentence for sentence in report.not_seen)
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [(LineCut("SYNC"), "SYNC"), (SpiMode(0), "SPI mode 0 or 2"), (SpiMode(2), "SPI mode 0 or 2")],
+)
+def test_what_passes_though_it_is_wrong_is_in_the_list_of_what_is_not_seen(
+    fault: Fault, said: str
+) -> None:
+    report = selftest_rig(faults=[fault], second_ohm=None).run()
+    assert bad(report) == []
+    assert any(said in sentence for sentence in report.not_seen)
+
+
+def test_slower_words_within_the_machine_files_bounds_are_measured_and_planned_with() -> None:
+    report = selftest_rig(faults=[SlowWords(4)], second_ohm=None).run()
+    usual = selftest_rig(second_ohm=None, load_ohm=None).run()
+    assert bad(report) == []
+    word_us = [float(by_name(one)["one_word"].measured.split()[0]) for one in (report, usual)]
+    assert word_us[0] - word_us[1] == pytest.approx(4.0, abs=0.1)
+
+
+def test_relays_that_do_not_open_are_found_by_the_probe_that_must_reach_nobody() -> None:
+    """From then on no word is copied: those of the load's end stay closed."""
+    rig = selftest_rig("feetthrough-relay", second_ohm=None)
+    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+
+    def on_check(check: Check) -> None:
+        if check.name == "ua_per_code":
+            rig.fake.world.put_in(LatchIgnored(every=1))
+
+    report = run(bed, DATE, on_check=on_check)
+    assert bad(report)[0] == ("probe", "blanked")
 
 
 def test_an_error_ends_in_the_safe_state_all_the_same() -> None:

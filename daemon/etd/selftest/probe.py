@@ -142,15 +142,18 @@ def _check_load(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) 
         return
     _check_constants(bed, log, told_ua, open_v, part, ohm)
     if agrees:
-        _check_blanked(bed, log, prober, load)
+        _check_blanked(bed, log, prober, load, open_v / told_ua)
         _check_latch(bed, log, prober, load, free)
     bed.is_load_confirmed = agrees and not log.stage_failed
 
 
-def _check_blanked(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
+def _check_blanked(
+    bed: Bed, log: Log, prober: Prober, load: DummyLoad, open_v_per_ua: float
+) -> None:
     """With either end of the load in the chain, and nothing connected."""
-    open_v = prober.probe(bed.free[0])[1].voltage_v
-    ends_v = [prober.blanked(one)[1].voltage_v for one in (load.first, load.second)]
+    fired = [prober.blanked(one) for one in (load.first, load.second)]
+    ends_v = [shot.voltage_v for _, shot in fired]
+    open_v = open_v_per_ua * fired[0][0]
     slack_v = TOLERANCE * open_v + bed.file.source.node_uv_per_code / 1e6
     log.judge(
         "blanked",

@@ -15,6 +15,8 @@ from collections.abc import Callable
 
 _SHIFTS_LATE_WHEN_FALLING = 3
 _SHIFTS_LATE_WHEN_RISING = 1
+#: The master changes data on the edge that the chip samples: after the bit (0), or before it (3).
+_RACES_WHEN_FALLING = (0, 3)
 
 
 class Ad5452:
@@ -36,12 +38,18 @@ class Ad5452:
         """SYNC falls."""
         self._clocks = 0
 
-    def shift(self, data: bytes, mode: int) -> None:
-        """Clock `data` in, most significant bit first, by a master in SPI mode `mode`."""
+    def shift(self, data: bytes, mode: int, is_hold_short: bool = False) -> None:
+        """Clock `data` in, most significant bit first, by a master in SPI mode `mode`.
+
+        `is_hold_short`: of data that changes on the edge that is sampled, the new is taken.
+        """
         bits = 8 * len(data)
         word = int.from_bytes(data, "big")
         last = word & 1
-        if self._samples_before_the_first_bit(mode):
+        if is_hold_short and not self._rising and mode in _RACES_WHEN_FALLING:
+            # Mode 0 has the next bit then, and nothing after the last; mode 3 has its own.
+            word = (word << 1) & ((1 << bits) - 1) if mode == 0 else word
+        elif self._samples_before_the_first_bit(mode):
             word = (self._data_level << (bits - 1)) | (word >> 1)
         self._register = ((self._register << bits) | word) & 0xFFFF
         self._data_level = last

@@ -144,6 +144,12 @@ class SpiMode(_Fault, frozen=True, tag=True):
     mode: Literal[0, 1, 2, 3]
 
 
+class HoldShort(_Fault, frozen=True, tag=True):
+    """Where data changes on the very edge that the DAC samples, it takes what comes, not what was:
+    cable and level shifter make its clock late.
+    """
+
+
 class SlowWords(_Fault, frozen=True, tag=True):
     """Each word takes so much longer."""
 
@@ -294,6 +300,7 @@ Fault = (
     | AdcStuck
     | AdcBitStuck
     | SpiMode
+    | HoldShort
     | SlowWords
     | SpiJitter
     | MonitorStuck

@@ -18,6 +18,7 @@ from etd_hal.fake.ad7276 import Ad7276
 from etd_hal.fake.currentpath import CurrentPath
 from etd_hal.fake.faults import (
     Faults,
+    HoldShort,
     MisoStuck,
     SlowWords,
     SpiError,
@@ -138,7 +139,7 @@ class SpiBus:
             t_ns += pi4.CS_TO_CLOCK_NS + pi4.clocking_ns(len(transfer.tx), setup.speed_hz)
             t_ns += sum(slow.extra_us * 1_000 for slow in self._faults.of(SlowWords))
             mode = next((fault.mode for fault in self._faults.of(SpiMode)), setup.mode)
-            self._dac.shift(transfer.tx, mode)
+            self._dac.shift(transfer.tx, mode, bool(self._faults.of(HoldShort)))
             read = self._adc.shift(len(transfer.tx), mode)
             for stuck in self._faults.of(MisoStuck):
                 read = (b"\xff" if stuck.level else b"\x00") * len(transfer.tx)
