@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 from build_x86 import SERIES, spidev_package
@@ -100,8 +101,9 @@ def module(tree: Path) -> Path:
     return folder / "rig.ko"
 
 
+@cache
 def build(python: str) -> tuple[Path, Path]:
-    """The kernel and the module. Raises: RigFailure."""
+    """The kernel and the module, looked up once a run. Raises: RigFailure."""
     need(_TOOLS)
     with only_builder():
         tree = kernel()

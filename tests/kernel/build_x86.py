@@ -16,6 +16,7 @@ import stat
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from pieces import HERE, RigFailure, fingerprint, is_made, making, need, only_builder, piece, run
@@ -170,8 +171,9 @@ def spidev_package(python: str) -> Path:
     return folder
 
 
+@cache
 def build(python: str) -> tuple[Path, Path]:
-    """The kernel and the initial file system. Raises: RigFailure."""
+    """The kernel and the initial file system, looked up once a run. Raises: RigFailure."""
     need(_TOOLS)
     release = kernel_release()
     with only_builder():

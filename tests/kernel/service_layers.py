@@ -10,6 +10,7 @@ import os
 import shutil
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from pieces import (
@@ -117,8 +118,9 @@ def _units() -> Path:
     return folder
 
 
+@cache
 def build() -> list[Path]:
-    """The folders to lay over the root, the uppermost first. Raises: RigFailure."""
+    """The folders to lay over the root, the uppermost first; once a run. Raises: RigFailure."""
     need(_TOOLS)
     before = os.umask(0o022)
     try:
