@@ -339,6 +339,10 @@ class Fired(msgspec.Struct, frozen=True, kw_only=True):
     `contact` is the kind of contact that the pulse found. `prepulse_ua` and `probe_ua` are what
     the source was told of a step that led into the pulse, and of a probe that went before it in the
     same visit; 0 where there was none. Their widths follow from the body-site file.
+
+    `resistance_ohm` is of the last sample of the last pulse alone, `skin_ohm` what the skin resists
+    a long pulse, by all pulses above the probe's current, and `capacitance_nf` what lies beside it,
+    where pulses were wide enough to tell; None where they are not believed.
     """
 
     wanted_ua: tuple[int, ...]
@@ -350,6 +354,8 @@ class Fired(msgspec.Struct, frozen=True, kw_only=True):
     contact: tuple[ContactState | None, ...]
     prepulse_ua: tuple[int, ...] = ()
     probe_ua: tuple[int, ...] = ()
+    skin_ohm: tuple[int | None, ...] = ()
+    capacitance_nf: tuple[float | None, ...] = ()
 
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True):

@@ -40,7 +40,9 @@ _WIDER_US = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Delivered:
-    """One presentation: what the source was told, and the resistance that its pulses saw."""
+    """One presentation: what the source was told, and what the skin resisted its pulses, in the
+    same way as stabilizers have it.
+    """
 
     electrode: int
     current_ua: int
@@ -173,7 +175,7 @@ class Stimulator:
             )
         if not current_ua - _STEPS_UA <= fired_ua <= current_ua:
             return None, f"{fired_ua} uA were fired, {current_ua} uA were asked for"
-        return Delivered(electrode, fired_ua, scan.fired.resistance_ohm[electrode]), ""
+        return Delivered(electrode, fired_ua, scan.fired.skin_ohm[electrode]), ""
 
     def _show(self, electrode: int, current_ua: int, pulses: int | None, ttl_ms: int) -> int:
         conditions, returns = self._conditions, self._conditions.returns

@@ -49,15 +49,18 @@ class Asker:
         self._pressed = pressed
         self._reporter = reporter
         self._calibration: Calibration | None = None
+        self._is_reference_early = False
         self._dead: set[int] = set()
         self._old: set[int] = set()
         self.reach = reach_of(self._stabilizers)
         #: A law that makes more of a contact that stayed than of a new one.
         self.goes_by_contact = any(isinstance(one, Contact) for one in self._stabilizers)
 
-    def serve(self, calibration: Calibration | None) -> None:
-        """Another person, perhaps: with this calibration, or without one."""
-        self._calibration = calibration
+    def serve(self, calibration: Calibration | None, is_early: bool = False) -> None:
+        """Another person, perhaps: with this calibration, or without one. `is_early`: it was made
+        with pulses that are too short for a sample at their end.
+        """
+        self._calibration, self._is_reference_early = calibration, is_early
         self.forget()
 
     def forget(self) -> None:
@@ -89,7 +92,7 @@ class Asker:
             return before
         known = self.known(visit.electrode, now_ns)
         if expected_ohm is not None:
-            known = structs.replace(known, skin_ohm=max(known.skin_ohm or 0.0, expected_ohm))
+            known = _expecting(known, expected_ohm)
         return before.not_above(self._asked(visit, known))
 
     def _asked(self, visit: Visit, known: Known) -> Wish:
@@ -140,8 +143,11 @@ class Asker:
             undelivered_ua=contact.undelivered_ua[electrode],
             skin_ohm=self._skin_ohm(electrode, now_ns),
             skin_at_ua=impedance.at_ua(electrode),
+            early_ohm=impedance.early_ohm(electrode, now_ns),
+            is_estimated=impedance.is_estimated(electrode),
             reference_ohm=None if person is None else person.resistance_ohm,
             reference_at_ua=None if person is None else person.comfortable_ua,
+            is_reference_early=self._is_reference_early,
             threshold_ua=None if person is None else person.threshold_ua,
             pressure_kpa=self._pressure(electrode, now_ns),
         )
@@ -151,9 +157,26 @@ class Asker:
         self._reporter.not_believed(what)
 
     def learn(self, electrode: int, samples: Samples, now_ns: int) -> None:
-        """What a stimulus pulse said; that it is not believed is counted once, when it begins."""
-        if not self._stabilizers:
-            return
+        """What a stimulus pulse said; that it is not believed is counted once, when it begins, and
+        where somebody goes by it.
+        """
         doubt = self._impedance.learn(electrode, samples, now_ns)
-        if doubt is not None:
+        if doubt is not None and self._stabilizers:
             self.not_believed(doubt)
+
+    def told(self, electrode: int, now_ns: int) -> tuple[int | None, float | None]:
+        """For reports: what the skin resists, in ohm, and its capacitance, in nF."""
+        skin_ohm = self._impedance.skin_ohm(electrode, now_ns)
+        if skin_ohm is None:
+            return None, None
+        nf = self._impedance.capacitance_nf(electrode, now_ns)
+        return round(skin_ohm), None if nf is None else round(nf, 3)
+
+
+def _expecting(known: Known, expected_ohm: float) -> Known:
+    """With a higher resistance, by as much in what was estimated."""
+    skin_ohm, early_ohm = known.skin_ohm, known.early_ohm
+    risen_ohm = max(skin_ohm or 0.0, expected_ohm)
+    if skin_ohm is not None and early_ohm is not None:
+        early_ohm *= risen_ohm / skin_ohm
+    return structs.replace(known, skin_ohm=risen_ohm, early_ohm=early_ohm)

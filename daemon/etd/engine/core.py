@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 
+from etd.calibration import Calibration
 from etd.config import LoadedConfig
 from etd.engine.asking import Asker
 from etd.engine.calibrating import calibrate_at_start
@@ -35,7 +36,7 @@ from etd.engine.visits import Tools, Visitor
 from etd.errors import BoardFault, Refused
 from etd.link import Answer, LeaseEnded
 from etd.protocol import Halt, StateReport
-from etd.stabilize.pipeline import Stabilizer
+from etd.stabilize.pipeline import Stabilizer, Wish
 from etd.stabilize.settings import pipeline
 from etd_hal.board import Board
 from etd_hal.compose import Backend
@@ -150,10 +151,18 @@ class Core:
         """A new person, perhaps: everything starts from zero."""
         self.lease = lease
         self.opening.restart()
-        self.asker.serve(lease.person.calibration)
+        self._serve(lease.person.calibration)
         self.ahead.forget()
         self.planner_of_lease()
         self._tell_state(self.clock.now_ns())
+
+    def _serve(self, calibration: Calibration | None) -> None:
+        if calibration is None:
+            self.asker.serve(None)
+            return
+        fired = calibration.shape.of(Wish(self.maxima.probe_current_ua, calibration.width_us))
+        pulse = self.board.pulse(fired.current_ua, fired.width_us)
+        self.asker.serve(calibration, is_early=not pulse.shape.has_end_sample)
 
     def planner_of_lease(self) -> None:
         """Plans follow the person's limits and the calibrated timing."""

@@ -9,8 +9,11 @@ constant:  V(t) = V_end - (V_end - V0) exp(-t / tau),  tau = Cp x (Rp beside (Rs
 The word stream gives two samples: 10 us after the beginning, and near the end of the pulse. With
 Rs assumed (1 to 3 k on a fingertip) they give V_end and tau, hence Rp and Cp. A pulse below about
 33 us has no sample at its end: then V_end is *estimated* from the early one, with the tau of wider
-pulses before it or an assumed one. Skin resists less at higher currents, and a weak probe reads far
-above a stimulus (van Boxtel 1977): only pulses above the probe's current count here.
+pulses before it or an assumed one. By the assumed one the early sample of any pulse tells the same
+*early* estimate, whatever the width, off by some 30 % where the skin's own time constant is
+another: by it, short pulses and wider ones are compared. Skin resists less at higher currents, and
+a weak probe reads far above a stimulus (van Boxtel 1977): only pulses above the probe's current
+count here.
 
 Not believed: a node that is not at rest before the pulse, or that a pulse does not move (the ADC is
 stuck, or not the node's), a source at its end, a resistance no skin has, one that flickers. That is
@@ -68,6 +71,9 @@ class _Skin:
     """Of one electrode."""
 
     log_ohm: float | None = None
+    early_log_ohm: float | None = None
+    #: The last pulse had no sample at its end, and no wider one has told a time constant.
+    is_estimated: bool = False
     last_log_ohm: float | None = None
     last_step: float = 0.0
     flicker: float = 0.0
@@ -83,6 +89,7 @@ class _Skin:
     def begin_anew(self) -> None:
         """What was told is too old: the next pulse is the first one."""
         self.log_ohm = self.last_log_ohm = self.tau_us = self.told_ns = None
+        self.early_log_ohm = None
         self.last_step = 0.0
 
     def is_news(self, doubt: Doubt | None, now_ns: int) -> bool:
@@ -143,6 +150,17 @@ class ImpedanceMap:
             return None
         return math.exp(skin.log_ohm)
 
+    def early_ohm(self, electrode: int, now_ns: int) -> float | None:
+        """The same as estimated from early samples alone, with the assumed time constant."""
+        skin = self._skins[electrode]
+        if self.skin_ohm(electrode, now_ns) is None or skin.early_log_ohm is None:
+            return None
+        return math.exp(skin.early_log_ohm)
+
+    def is_estimated(self, electrode: int) -> bool:
+        """Whether `skin_ohm` is no more than the early estimate."""
+        return self._skins[electrode].is_estimated
+
     def is_too_old(self, electrode: int, now_ns: int) -> bool:
         """Whether there is a resistance that would be believed if it were newer."""
         skin = self._skins[electrode]
@@ -192,24 +210,40 @@ class ImpedanceMap:
             return "adc"
         if last_v >= _NEAR_COMPLIANCE * self._compliance_v:
             return "compliance"
-        end_v = self._end_v(skin, samples)
-        through_ua = samples.told_ua - end_v / self._leak_ohm * 1e6
-        if through_ua <= 0.02 * samples.told_ua:
-            return "implausible"
-        skin_ohm = end_v / through_ua * 1e6
-        if not LEAST_OHM <= skin_ohm <= MOST_OHM:
+        is_estimated = samples.end_v is None and skin.tau_us is None
+        log_ohm = self._log_ohm(samples.told_ua, self._end_v(skin, samples))
+        if log_ohm is None:
             return "implausible"
         weight = _weight(skin.told_ns, now_ns)
-        skin.at_ua, skin.told_ns = samples.told_ua, now_ns
-        self._filter(skin, math.log(skin_ohm), weight, now_ns)
+        skin.at_ua, skin.told_ns, skin.is_estimated = samples.told_ua, now_ns, is_estimated
+        last, skin.last_log_ohm = skin.last_log_ohm, log_ohm
+        skin.turn(0.0 if last is None else log_ohm - last, now_ns)
+        skin.log_ohm = _mean(skin.log_ohm, log_ohm, weight)
+        early = self._log_ohm(samples.told_ua, self._estimated_v(samples, ASSUMED_TAU_US))
+        skin.early_log_ohm = None if early is None else _mean(skin.early_log_ohm, early, weight)
         return "flicker" if skin.is_flickering else None
+
+    def _log_ohm(self, told_ua: int, end_v: float) -> float | None:
+        """None for what no skin has."""
+        through_ua = told_ua - end_v / self._leak_ohm * 1e6
+        if through_ua <= 0.02 * told_ua:
+            return None
+        skin_ohm = end_v / through_ua * 1e6
+        return math.log(skin_ohm) if LEAST_OHM <= skin_ohm <= MOST_OHM else None
+
+    def _series_v(self, samples: Samples) -> float:
+        return samples.told_ua / 1e6 / (1.0 / SERIES_OHM + 1.0 / self._leak_ohm)
+
+    def _estimated_v(self, samples: Samples, tau_us: float) -> float:
+        """Where the node would come to rest, by the early sample alone."""
+        left = math.exp(-EARLY_US / tau_us)
+        return (samples.early_v - self._series_v(samples) * left) / (1.0 - left)
 
     def _end_v(self, skin: _Skin, samples: Samples) -> float:
         """Where the node would come to rest."""
-        series_v = samples.told_ua / 1e6 / (1.0 / SERIES_OHM + 1.0 / self._leak_ohm)
         if samples.end_v is None:
-            left = math.exp(-EARLY_US / (skin.tau_us or ASSUMED_TAU_US))
-            return (samples.early_v - series_v * left) / (1.0 - left)
+            return self._estimated_v(samples, skin.tau_us or ASSUMED_TAU_US)
+        series_v = self._series_v(samples)
         late = (samples.width_us - BEFORE_END_US) / EARLY_US
         end_v = samples.end_v
         if not series_v < samples.early_v < end_v:
@@ -224,18 +258,15 @@ class ImpedanceMap:
         skin.tau_us = min(max(tau_us, _SHORTEST_TAU_US), _LONGEST_TAU_US)
         return end_v
 
-    @staticmethod
-    def _filter(skin: _Skin, log_ohm: float, weight: float, now_ns: int) -> None:
-        """A mean of logarithms; a step restarts it."""
-        last, skin.last_log_ohm = skin.last_log_ohm, log_ohm
-        skin.turn(0.0 if last is None else log_ohm - last, now_ns)
-        if skin.log_ohm is None or abs(log_ohm - skin.log_ohm) > _STEP:
-            skin.log_ohm = log_ohm
-        else:
-            skin.log_ohm += weight * (log_ohm - skin.log_ohm)
-
 
 def _weight(before_ns: int | None, now_ns: int) -> float:
     """Of a new value: more where pulses are rare, since it is with time that skin changes."""
     elapsed_ns = now_ns - (now_ns if before_ns is None else before_ns)
     return max(_WEIGHT, 1.0 - math.exp(-elapsed_ns / _TAU_NS))
+
+
+def _mean(before: float | None, log_ohm: float, weight: float) -> float:
+    """Of logarithms; a step restarts it."""
+    if before is None or abs(log_ohm - before) > _STEP:
+        return log_ohm
+    return before + weight * (log_ohm - before)

@@ -82,6 +82,8 @@ class FiredPulse:
     contact: ContactState
     prepulse_ua: int = 0
     probe_ua: int = 0
+    skin_ohm: int | None = None
+    capacitance_nf: float | None = None
 
 
 class BodyFelt(Protocol):
@@ -120,6 +122,8 @@ class Reporter:
         self._contact: list[ContactState | None] = [None] * n
         self._prepulse_ua = [0] * n
         self._probe_ua = [0] * n
+        self._skin_ohm: list[int | None] = [None] * n
+        self._capacitance_nf: list[float | None] = [None] * n
 
     # --- frames and scans --------------------------------------------------------------------
 
@@ -160,6 +164,8 @@ class Reporter:
         self._contact[electrode] = pulse.contact
         self._prepulse_ua[electrode] = pulse.prepulse_ua
         self._probe_ua[electrode] = pulse.probe_ua
+        self._skin_ohm[electrode] = pulse.skin_ohm
+        self._capacitance_nf[electrode] = pulse.capacitance_nf
         self.counters["pulses"] += 1
 
     def clamped(self, clamp: Clamp) -> None:
@@ -199,6 +205,8 @@ class Reporter:
                 contact=tuple(self._contact),
                 prepulse_ua=tuple(self._prepulse_ua),
                 probe_ua=tuple(self._probe_ua),
+                skin_ohm=tuple(self._skin_ohm),
+                capacitance_nf=tuple(self._capacitance_nf),
             ),
             clamped=tuple(pending.clamped.values()),
             thinned=tuple(

@@ -262,6 +262,7 @@ class Visitor:
 
     def _tell(self, visit: Visit, pulse: Pulse, begun_ns: int, probe_ua: int) -> None:
         contact, electrode = self._tools.contact, visit.electrode
+        skin_ohm, capacitance_nf = self._tools.asker.told(electrode, begun_ns)
         self._tools.reporter.fired(
             FiredPulse(
                 electrode=electrode,
@@ -275,6 +276,8 @@ class Visitor:
                 contact=contact.state(electrode, begun_ns),
                 prepulse_ua=pulse.prepulse_ua,
                 probe_ua=probe_ua,
+                skin_ohm=skin_ohm,
+                capacitance_nf=capacitance_nf,
             )
         )
 

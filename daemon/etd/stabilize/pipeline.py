@@ -100,9 +100,14 @@ class Known(msgspec.Struct, frozen=True, gc=False):
     undelivered_ua: int | None = None
     skin_ohm: float | None = None
     skin_at_ua: int = 0
+    #: The same as estimated from the beginning of pulses alone; and whether `skin_ohm` is no more.
+    early_ohm: float | None = None
+    is_estimated: bool = False
     #: From the calibration: resistance then, at which current, and where feeling begins.
     reference_ohm: int | None = None
     reference_at_ua: int | None = None
+    #: Whether it was made with pulses of which only the beginning is known.
+    is_reference_early: bool = False
     threshold_ua: int | None = None
     #: Of the sensor under this electrode.
     pressure_kpa: float | None = None

@@ -7,12 +7,20 @@ The calibration's holds between days and between electrodes. Without it, the fir
 resistance at (nearly) the wanted current takes its place: then a law only keeps an electrode what
 it was at the beginning, and does not make electrodes alike.
 
+Like is compared with like. Of short pulses only the beginning is known, and what it makes expected
+of their end is off by some 30 % where the skin's time constant is not the assumed one. So a
+reference that such pulses told is compared with the beginning of whatever pulse there is; and with
+a reference that wider pulses told, short ones are compared only where a wider one has told the
+time constant. Otherwise there is no reference.
+
 Skin resists less at higher currents (van Boxtel 1977; Rp ~ 1 / (I + bend), a shape by design), so
 a reference is carried over to the current of the pulse that is compared with it. The calibration's
 is taken to have been measured at the comfortable level.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from etd.stabilize.pipeline import Known
 
@@ -21,11 +29,20 @@ _NEARLY = 0.9
 BEND_UA = 8_000.0
 
 
+@dataclass(frozen=True, slots=True)
+class _Reference:
+    """`is_early`: estimated from the beginning of pulses."""
+
+    ohm: float
+    at_ua: int
+    is_early: bool
+
+
 class References:
     """One an electrode."""
 
     def __init__(self) -> None:
-        self._first: dict[int, tuple[float, int]] = {}
+        self._first: dict[int, _Reference] = {}
 
     def forget(self) -> None:
         self._first.clear()
@@ -34,17 +51,27 @@ class References:
         """(resistance now, reference), or None where either is not known."""
         if known.skin_ohm is None or known.state not in ("closed", "soft"):
             return None
-        reference = self._reference(known, known.skin_ohm, wanted_ua)
+        reference = self._reference(known, wanted_ua)
         if reference is None:
             return None
-        reference_ohm, at_ua = reference
-        eased = (at_ua + BEND_UA) / (known.skin_at_ua + BEND_UA)
-        return known.skin_ohm, reference_ohm * eased
+        now_ohm = known.early_ohm if reference.is_early else _measured(known)
+        if now_ohm is None:
+            return None
+        eased = (reference.at_ua + BEND_UA) / (known.skin_at_ua + BEND_UA)
+        return now_ohm, reference.ohm * eased
 
-    def _reference(self, known: Known, skin_ohm: float, wanted_ua: int) -> tuple[float, int] | None:
+    def _reference(self, known: Known, wanted_ua: int) -> _Reference | None:
+        at_ua = known.skin_at_ua
         if known.reference_ohm:
-            return float(known.reference_ohm), known.reference_at_ua or known.skin_at_ua
+            at_ua = known.reference_at_ua or at_ua
+            return _Reference(float(known.reference_ohm), at_ua, known.is_reference_early)
         first = self._first.get(known.electrode)
-        if first is None and known.state == "closed" and known.skin_at_ua >= _NEARLY * wanted_ua:
-            first = self._first[known.electrode] = (skin_ohm, known.skin_at_ua)
+        if first is None and known.state == "closed" and at_ua >= _NEARLY * wanted_ua:
+            ohm = known.early_ohm if known.is_estimated else known.skin_ohm
+            if ohm is not None:
+                first = self._first[known.electrode] = _Reference(ohm, at_ua, known.is_estimated)
         return first
+
+
+def _measured(known: Known) -> float | None:
+    return None if known.is_estimated else known.skin_ohm
