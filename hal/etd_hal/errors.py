@@ -50,7 +50,15 @@ _KIND_OF_ERRNO: dict[int, BusErrorKind] = {
 
 
 class EtdError(Exception):
-    """The root: every error this project raises on purpose."""
+    """The root: every error this project raises on purpose. Its fields cross processes with it."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # An exception is made again from its arguments, which here are not those of its class.
+        return _again, (type(self), self.args), self.__dict__
+
+
+def _again(kind: type[EtdError], args: tuple[object, ...]) -> EtdError:
+    return kind.__new__(kind, *args)
 
 
 class BusError(EtdError):
