@@ -61,6 +61,7 @@ class Asker:
         with pulses that are too short for a sample at their end.
         """
         self._calibration, self._is_reference_early = calibration, is_early
+        self._impedance.is_early_wanted = is_early
         self.forget()
 
     def forget(self) -> None:
@@ -166,11 +167,7 @@ class Asker:
 
     def told(self, electrode: int, now_ns: int) -> tuple[int | None, float | None]:
         """For reports: what the skin resists, in ohm, and its capacitance, in nF."""
-        skin_ohm = self._impedance.skin_ohm(electrode, now_ns)
-        if skin_ohm is None:
-            return None, None
-        nf = self._impedance.capacitance_nf(electrode, now_ns)
-        return round(skin_ohm), None if nf is None else round(nf, 3)
+        return self._impedance.told(electrode, now_ns)
 
 
 def _expecting(known: Known, expected_ohm: float) -> Known:

@@ -137,6 +137,8 @@ class ImpedanceMap:
         self._compliance_v = source.compliance_v
         self._still_v = (_STILL_CODES + 0.5) * source.node_uv_per_code / 1e6
         self._electrodes = electrodes
+        #: Somebody compares with a reference that short pulses told.
+        self.is_early_wanted = False
         self.forget()
 
     def forget(self) -> None:
@@ -180,7 +182,18 @@ class ImpedanceMap:
 
     def capacitance_nf(self, electrode: int, now_ns: int) -> float | None:
         """Cp, where a pulse was wide enough to tell."""
-        skin, skin_ohm = self._skins[electrode], self.skin_ohm(electrode, now_ns)
+        return self._capacitance_nf(electrode, self.skin_ohm(electrode, now_ns))
+
+    def told(self, electrode: int, now_ns: int) -> tuple[int | None, float | None]:
+        """For reports: `skin_ohm` and `capacitance_nf`, rounded."""
+        skin_ohm = self.skin_ohm(electrode, now_ns)
+        if skin_ohm is None:
+            return None, None
+        nf = self._capacitance_nf(electrode, skin_ohm)
+        return int(skin_ohm), None if nf is None else round(nf, 3)
+
+    def _capacitance_nf(self, electrode: int, skin_ohm: float | None) -> float | None:
+        skin = self._skins[electrode]
         if skin_ohm is None or skin.tau_us is None or skin_ohm <= SERIES_OHM:
             return None
         way_ohm = SERIES_OHM + self._leak_ohm
@@ -219,8 +232,9 @@ class ImpedanceMap:
         last, skin.last_log_ohm = skin.last_log_ohm, log_ohm
         skin.turn(0.0 if last is None else log_ohm - last, now_ns)
         skin.log_ohm = _mean(skin.log_ohm, log_ohm, weight)
-        early = self._log_ohm(samples.told_ua, self._estimated_v(samples, ASSUMED_TAU_US))
-        skin.early_log_ohm = None if early is None else _mean(skin.early_log_ohm, early, weight)
+        if is_estimated or self.is_early_wanted or skin.early_log_ohm is not None:
+            early = self._log_ohm(samples.told_ua, self._estimated_v(samples, ASSUMED_TAU_US))
+            skin.early_log_ohm = None if early is None else _mean(skin.early_log_ohm, early, weight)
         return "flicker" if skin.is_flickering else None
 
     def _log_ohm(self, told_ua: int, end_v: float) -> float | None:
