@@ -124,6 +124,8 @@ class CurrentPath:
 
     def _current_ua(self) -> float:
         """What the source really makes of the code."""
+        if not self._faults.are_there:
+            return self.code * self._source.full_scale_ua / (self._source.codes - 1)
         code = next((stuck.code for stuck in self._faults.of(DacStuck)), self.code)
         current_ua = code * self._source.full_scale_ua / (self._source.codes - 1)
         for gain in self._faults.of(DacGain):

@@ -332,15 +332,19 @@ class Faults:
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
         self._counts: dict[Fault, int] = {}
+        #: Whether any is in: a board without faults is asked for them at every edge of a line.
+        self.are_there = False
         for fault in faults:
             self.add(fault)
 
     def add(self, fault: Fault) -> None:
         self._counts[fault] = 0
+        self.are_there = True
 
     def remove(self, fault: Fault) -> None:
         """Raises: KeyError when it is not in."""
         del self._counts[fault]
+        self.are_there = bool(self._counts)
 
     def of(self, kind: type[_F]) -> tuple[_F, ...]:
         """All faults of a kind that are in."""

@@ -90,6 +90,8 @@ class HalfBridgeChain:
     def _latched(self) -> int:
         """With the stages that others take along."""
         latch = self._latch
+        if not self._faults.are_there:
+            return latch
         for both in self._faults.of(AlsoSwitches):
             latch |= (self._latch >> both.output & 1) << both.also
         return latch

@@ -79,7 +79,8 @@ class Header:
         """Set outputs, one after another in ascending order. Raises: BusError."""
         ordered = self._lines.ascending(changes)
         t_ns = self._timeline.start(t_ns)
-        exempt = self._is_safe_off(changes)
+        # Asked only while current flows.
+        exempt = bool(self._path.code) and self._is_safe_off(changes)
         at_ns = t_ns + pi4.GPIO_FIRST_LINE_NS
         for line, value in ordered:
             self._put(at_ns, line, value, exempt)
@@ -153,9 +154,11 @@ class Header:
             raise
 
     def _tell(self, t_ns: int, name: str, value: int, exempt: bool) -> None:
-        if any(cut.name == name for cut in self._faults.of(LineCut)):
-            return
-        level = self._stuck(name, value)
+        level = value
+        if self._faults.are_there:
+            if any(cut.name == name for cut in self._faults.of(LineCut)):
+                return
+            level = self._stuck(name, value)
         if name in _SWITCH_LINES:
             if self._path.code and not exempt:
                 what = f"{name} changed with the DAC at code {self._path.code}"
@@ -177,6 +180,8 @@ class Header:
 
     def _behind(self, name: str, level: int) -> int:
         """What the switches see of a line."""
+        if not self._faults.are_there:
+            return level
         stuck = [one.level for one in self._faults.of(StuckBehind) if one.name == name]
         return stuck[0] if stuck else level
 

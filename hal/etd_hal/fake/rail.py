@@ -98,12 +98,16 @@ class Rail:
 
     def volts(self, t_ns: int) -> float:
         """The rail at `t_ns`; never earlier than asked before."""
+        if self._open_stops or self._t_ns < self._beat_until_ns < t_ns:
+            self._turn_until(t_ns)
+        self._follow(t_ns)
+        return self._volts
+
+    def _turn_until(self, t_ns: int) -> None:
         for turn_ns in sorted((self._beat_until_ns, *self._open_stops.values())):
             if self._t_ns < turn_ns < t_ns:
                 self._follow(turn_ns)
                 self._latch()
-        self._follow(t_ns)
-        return self._volts
 
     def _latch(self) -> None:
         if self._window_ns is not None and self._t_ns == self._beat_until_ns:
@@ -112,6 +116,9 @@ class Rail:
 
     def _follow(self, t_ns: int) -> None:
         target_v = self._target_v()
+        if self._volts == target_v:
+            self._t_ns = max(t_ns, self._t_ns)
+            return
         gap_v = self._volts - target_v
         if gap_v > 0 and self._faults.of(RailStays):
             self._t_ns = max(t_ns, self._t_ns)
@@ -125,8 +132,10 @@ class Rail:
     def _target_v(self) -> float:
         beating = self._window_ns is None or self._t_ns < self._beat_until_ns
         beating = beating and not self._is_latched_off
-        beating = beating or bool(self._faults.of(HeartbeatIgnored))
-        enabled = self._enabled or bool(self._faults.of(EnableStuck))
+        enabled = self._enabled
+        if self._faults.are_there:
+            beating = beating or bool(self._faults.of(HeartbeatIgnored))
+            enabled = enabled or bool(self._faults.of(EnableStuck))
         if not (enabled and beating) or self._is_cut_by_a_stop():
             return 0.0
         target_v = self._nominal_v * self._setpoint

@@ -137,8 +137,10 @@ class SpiBus:
         read = b""
         if transfer.tx:
             t_ns += pi4.CS_TO_CLOCK_NS + pi4.clocking_ns(len(transfer.tx), setup.speed_hz)
-            t_ns += sum(slow.extra_us * 1_000 for slow in self._faults.of(SlowWords))
-            mode = next((fault.mode for fault in self._faults.of(SpiMode)), setup.mode)
+            mode = setup.mode
+            if self._faults.are_there:
+                t_ns += sum(slow.extra_us * 1_000 for slow in self._faults.of(SlowWords))
+                mode = next((fault.mode for fault in self._faults.of(SpiMode)), mode)
             self._dac.shift(transfer.tx, mode, bool(self._faults.of(HoldShort)))
             read = self._adc.shift(len(transfer.tx), mode)
             for stuck in self._faults.of(MisoStuck):

@@ -25,7 +25,9 @@ class Timeline:
 
     def start(self, t_ns: int) -> int:
         """When a call that comes at `t_ns` really starts: never before what already happened."""
-        t_ns = max(t_ns, self.now_ns, *(reached_ns() for reached_ns in self.reached))
+        t_ns = max(t_ns, self.now_ns)
+        for reached_ns in self.reached:
+            t_ns = max(t_ns, reached_ns())
         for follow in self.before_call:
             follow(t_ns)
         self.now_ns = t_ns

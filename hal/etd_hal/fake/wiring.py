@@ -14,6 +14,8 @@ WiringFault = SwitchOutput | AlsoSwitches | OutputsSwapped
 
 def wiring_faults(faults: Faults) -> tuple[WiringFault, ...]:
     """All that change what one state of the register connects."""
+    if not faults.are_there:
+        return ()
     return (*faults.of(SwitchOutput), *faults.of(AlsoSwitches), *faults.of(OutputsSwapped))
 
 
