@@ -17,7 +17,8 @@ whole programmed current at once. Nobody describes a rule for it in print; this 
     closed      what is wanted
 
 Soft begins at a contact after none or after a pause, and at a resistance that rose by half from one
-pulse to the next (peeling). It never asks for more than was wanted.
+pulse to the next (peeling). What is wanted of it is then only a part, as long as `settling` has it
+that the contact is not yet what it was. It never asks for more than was wanted.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.stabilize.pipeline import Known, Reach, Wish
+from etd.stabilize.settling import Settling
 from etd.stabilize.slew import Slew
 
 #: Of the compliance: what a pulse may need by the resistance known.
@@ -51,19 +53,25 @@ class Contact:
 
     reach = Reach()
 
-    def __init__(self, law: ContactLaw, leak_ohm: float, compliance_v: float) -> None:
+    def __init__(
+        self, law: ContactLaw, leak_ohm: float, compliance_v: float, *, is_alone: bool
+    ) -> None:
+        """`is_alone`: no law by resistance follows."""
         self._law = law
         self._leak_s = 1.0 / leak_ohm
         self._liftable_ua = _LIFTED * compliance_v * 1e6
         self._deliverable = Slew(1.0, law.rise_per_s)
+        self._settling = Settling(goes_by_resistance=is_alone)
 
     def forget(self) -> None:
         self._deliverable.forget()
+        self._settling.forget()
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         if wish.current_ua <= 0:
             return wish
-        current_ua = self._softened(wish.current_ua, known)
+        settled_ua = int(wish.current_ua * self._settling.part(known))
+        current_ua = self._softened(settled_ua, known)
         current_ua = min(current_ua, self._deliverable_ua(wish.current_ua, known))
         if current_ua == wish.current_ua:
             return wish

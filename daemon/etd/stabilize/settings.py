@@ -79,7 +79,8 @@ def pipeline(settings: Settings, source: Source, tell: Tell = unheard) -> tuple[
 def _made(settings: Settings, name: Name, source: Source, tell: Tell) -> Stabilizer | None:
     law = getattr(settings, name)
     if isinstance(law, ContactLaw):
-        return Contact(law, source.leak_ohm, source.compliance_v)
+        is_alone = not set(settings.order) & set(BY_RESISTANCE)
+        return Contact(law, source.leak_ohm, source.compliance_v, is_alone=is_alone)
     if isinstance(law, PressureLaw):
         return Pressure(law)
     if isinstance(law, EnergyLaw):

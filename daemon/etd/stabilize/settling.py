@@ -1,0 +1,107 @@
+"""What part of a pulse a contact gets that touched again, until it has settled.
+
+Owns: the memory of how firm each contact was of late, when a return has settled, and the part.
+Must not know: how contact is told from none, how a touch begins softly, limits.
+
+What touches again lies on with a part of its area and is then pressed as the finger happens to
+come down; the fewer square millimeters carry the current, the more is felt of it (Kajimoto,
+Electro-tactile Display, sections 3.1 and 4). Resistance goes with the inverse of that area, and so
+tells it. No rule is in print; this one is by design:
+
+    part = 0.85 x (R_firm / R)^0.6
+
+from the touch on, for 3 s and until R has come down to R_firm. R_firm is the lowest that this
+contact resisted of late when it was firm, at first the calibration's; it is forgotten upward with a
+time constant of 20 s, since a finger that stays lighter must come to its strength in the end. The
+part is never more than 0.85, and never less than 0.4, so that what is left is enough to measure by.
+It falls at once and rises slowly. Where a law by resistance follows in the order, that law answers
+the area, and the part is 0.85 for 3 s. The exponent and the bounds were tuned on modelled fingers.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from etd.stabilize.pipeline import Known
+from etd.stabilize.reference import BEND_UA
+from etd.stabilize.slew import LONGEST_STEP_NS, Slew
+
+SETTLING_NS = 3_000_000_000
+MOST_PART, LEAST_PART = 0.85, 0.4
+_EXPONENT = 0.6
+_FORGOTTEN_NS = 20_000_000_000
+_RISE_PER_S = 0.5
+
+
+@dataclass(slots=True)
+class _Contact:
+    """Logarithms of resistance, as it would be at no current."""
+
+    firm_log_ohm: float | None
+    then_ns: int = 0
+    #: None: it has settled.
+    touched_ns: int | None = None
+
+    def remember(self, log_ohm: float, now_ns: int) -> None:
+        """The lowest of late: down at once, up slowly."""
+        elapsed_ns = min(max(0, now_ns - self.then_ns), LONGEST_STEP_NS)
+        self.then_ns = now_ns
+        if self.firm_log_ohm is None or log_ohm <= self.firm_log_ohm:
+            self.firm_log_ohm = log_ohm
+        else:
+            rise = log_ohm - self.firm_log_ohm
+            self.firm_log_ohm -= rise * math.expm1(-elapsed_ns / _FORGOTTEN_NS)
+
+
+class Settling:
+    """One an electrode. `goes_by_resistance`: False where another law does."""
+
+    def __init__(self, *, goes_by_resistance: bool) -> None:
+        self._goes_by_resistance = goes_by_resistance
+        self._contacts: dict[int, _Contact] = {}
+        self._part = Slew(1.0, _RISE_PER_S)
+
+    def forget(self) -> None:
+        self._contacts.clear()
+        self._part.forget()
+
+    def part(self, known: Known) -> float:
+        """Of what is wanted; 1 where the contact has settled."""
+        contact = self._contacts.get(known.electrode)
+        if contact is None:
+            contact = self._contacts[known.electrode] = _Contact(_calibrated(known))
+        if known.state in ("open", "unknown") or known.firmness == 0.0:
+            contact.touched_ns = known.now_ns
+        wanted = self._wanted(contact, _log_ohm(known), known.now_ns)
+        if known.state == "closed" and known.skin_ohm is not None:
+            contact.remember(_at_no_current(known.skin_ohm, known.skin_at_ua), known.now_ns)
+        return self._part.toward(known.electrode, wanted, known.now_ns)
+
+    def _wanted(self, contact: _Contact, log_ohm: float | None, now_ns: int) -> float:
+        if contact.touched_ns is None:
+            return 1.0
+        above = 0.0
+        if self._goes_by_resistance and log_ohm is not None and contact.firm_log_ohm is not None:
+            above = log_ohm - contact.firm_log_ohm
+        if above <= 0.0 and now_ns - contact.touched_ns >= SETTLING_NS:
+            contact.touched_ns = None
+            return 1.0
+        return max(LEAST_PART, MOST_PART * math.exp(-_EXPONENT * max(0.0, above)))
+
+
+def _log_ohm(known: Known) -> float | None:
+    if known.skin_ohm is None or known.state not in ("soft", "closed"):
+        return None
+    return _at_no_current(known.skin_ohm, known.skin_at_ua)
+
+
+def _calibrated(known: Known) -> float | None:
+    if not known.reference_ohm or known.reference_at_ua is None:
+        return None
+    return _at_no_current(known.reference_ohm, known.reference_at_ua)
+
+
+def _at_no_current(ohm: float, at_ua: int) -> float:
+    """Skin resists weak currents more, see `reference`."""
+    return math.log(ohm * (at_ua + BEND_UA) / BEND_UA)
