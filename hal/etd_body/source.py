@@ -10,20 +10,18 @@ Display, section 3.1, Figure 10, and the boards' resistors to ground).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import expm1, inf, log
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class _Regime:
+class _Regime(NamedTuple):
     """One linear law of the loop: current = (drive_v - held_v) / loop_ohm."""
 
     drive_v: float
     loop_ohm: float
 
 
-@dataclass(frozen=True, slots=True)
-class Loop:
+class Loop(NamedTuple):
     """`series_ohm` is all between the node and ground but the capacitor's own way.
 
     `parallel_ohm` 0 is no capacitor at all.

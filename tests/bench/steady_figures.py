@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from bench.steady_run import Kept
 
 FIRM_S = 1.0
-#: After a contact is made anew, what is felt within this is the step: it has its whole area after
-#: a quarter of a second, and by the engine's own ramp most of its current after half of one.
-STEP_S = 0.75
+#: After a contact is made anew, what is felt within this is the step: longer than any ramp takes,
+#: the engine's own (about half a second) and the law's (`soften_ms`, one second) together.
+STEP_S = 3.0
 #: It is compared with what the same electrode is felt as, while it lies on firmly, so long before
-#: and after.
-STEADY_S = 10.0
+#: and after; a return with less than `LEAST_STEADY_S` of that on either side is not judged.
+STEADY_S, LEAST_STEADY_S = 10.0, 2.0
+#: Of the steady strength: what a return may reach.
+MOST_STEP = 1.2
 Mask = NDArray[np.bool_]
 
 
@@ -43,8 +45,10 @@ class SteadyFigures:
     most_pain: float
     #: The most that is felt just after touching again, over the steady strength of the same
     #: electrode; the second: the mean over all such contacts.
-    recontact_step: float
-    recontact_step_mean: float
+    recontact_step: float | None
+    recontact_step_mean: float | None
+    #: How many of them are above 1.2.
+    recontacts_above: int
     recontacts: int
     scans: int
 
@@ -84,8 +88,9 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         scans_above_pain=painful,
         firm_scans_above_pain=firm_painful,
         most_pain=most_pain,
-        recontact_step=max(steps, default=0.0),
-        recontact_step_mean=float(np.mean(steps)) if steps else 0.0,
+        recontact_step=max(steps, default=None),
+        recontact_step_mean=float(np.mean(steps)) if steps else None,
+        recontacts_above=sum(step > MOST_STEP for step in steps),
         recontacts=len(steps),
         scans=scans,
     )
@@ -108,13 +113,31 @@ def recontact_steps(kept: Kept, firm: Mask) -> list[float]:
     """One for each return, where the electrode was felt at all while it lay on firmly."""
     found: list[float] = []
     for scan, electrode in _touched_again(kept):
-        near = _within(kept, scan, -STEADY_S, STEADY_S)
-        steady = kept.felt[near & firm[:, electrode], electrode]
-        soon = kept.felt[_within(kept, scan, 0.0, STEP_S), electrode]
-        if steady.any():
+        before, after = (
+            kept.felt[_within(kept, scan, *span) & firm[:, electrode], electrode]
+            for span in ((-STEADY_S, 0.0), (0.0, STEADY_S))
+        )
+        steady = np.concatenate([before, after])
+        soon = kept.felt[_lying_on(kept, scan, electrode), electrode]
+        least = LEAST_STEADY_S / _period_s(kept)
+        if min(len(before), len(after)) >= least and steady.any():
             # At the threshold every other scan is felt, and half of a strength is none.
             found.append(float(soon.max() / np.median(steady[steady > 0.0])))
     return found
+
+
+def _lying_on(kept: Kept, scan: int, electrode: int) -> slice:
+    """The scans within `STEP_S` of a touch, up to the one before which the contact comes off anew:
+    what is felt then is of that peeling.
+    """
+    end = scan + int(_within(kept, scan, 0.0, STEP_S).sum())
+    part = kept.attached[scan:end, electrode]
+    leaving = np.flatnonzero(np.diff(part) < 0.0)
+    return slice(scan, scan + max(1, int(leaving[0])) if len(leaving) else end)
+
+
+def _period_s(kept: Kept) -> float:
+    return float(np.median(np.diff(kept.inside_s)))
 
 
 def _touched_again(kept: Kept) -> Iterator[tuple[int, int]]:

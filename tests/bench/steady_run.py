@@ -6,6 +6,7 @@ of it. Must not know: what is made of the figures.
 
 from __future__ import annotations
 
+import gc
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -26,6 +27,9 @@ from etd_hal.compose import Backend
 from etd_hal.ports import Clock, Marker
 
 ELECTRODES = 64
+#: A pulse makes a hundred objects that are gone at once: looking for circles among them costs more
+#: than all that it finds.
+_COLLECT_AFTER = 200_000
 _OPENING_MS, _RENEWED_MS = 1_600, 500.0
 SENSOR = PressureSensor(
     address=0x48, channel=0, x_mm=0.0, y_mm=0.0, zero_v=0.5, kpa_per_v=100.0, low_v=0.2, high_v=3.2
@@ -133,6 +137,7 @@ def _monitor(board: BoardFile) -> RailMonitor:
 
 def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int | None) -> Kept:
     """All electrodes at the same level, all the time (None) or in so many pieces of it."""
+    gc.set_threshold(_COLLECT_AFTER)
     loaded = loaded_with(settings)
     finger = steady_skin.finger(seed, loaded.board, loaded.array, minutes, pieces)
     made: list[_Scans] = []

@@ -28,7 +28,7 @@ from etd_hal.boardfile import BoardFile
 
 WIDTH_US, RATE_HZ = 100, 10.0
 SCRIPT = BUSY
-SETTLING_S, BEFORE_S, PIECE_S = 0.8, 0.6, 4.4
+SETTLING_S, BEFORE_S, PIECE_S = 0.8, 3.4, 9.6
 #: When asking begins, how long it takes for each electrode, and of how many moments of that the
 #: answer is the median.
 CALIBRATED_S, ASKED_S, _ASKED_TIMES = 300.0, 32.0, 8

@@ -366,6 +366,8 @@ def test_a_progress_file_that_is_none_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("law", ["pressure", "energy", "fitted", "lines"])
 def test_a_law_that_answers_the_skin_is_not_there_while_the_person_answers(law: str) -> None:
     check_laws(conditions(), ("contact", "prepulse"))
+    with pytest.raises(FileError, match="contact would change pulses"):
+        check_laws(conditions(), ("contact", "prepulse"), has_baseline=True)
     with pytest.raises(FileError, match=f"{law} would change pulses .*put it back afterwards"):
         check_laws(conditions(), ("contact", law))
 

@@ -18,7 +18,7 @@ STATES: tuple[ContactState, ...] = ("unknown", "open", "soft", "closed", "satura
 
 
 def contact(**law: float) -> Contact:
-    return Contact(ContactLaw(**law), leak_ohm=66_000.0, compliance_v=300.0)
+    return Contact(ContactLaw(**law), leak_ohm=66_000.0, compliance_v=300.0, is_alone=True)
 
 
 def test_a_firm_contact_gets_what_is_wanted() -> None:

@@ -78,13 +78,16 @@ def check_conditions(conditions: Conditions) -> Conditions:
     return conditions
 
 
-def check_laws(conditions: Conditions, stabilizers: Sequence[str]) -> None:
+def check_laws(
+    conditions: Conditions, stabilizers: Sequence[str], *, has_baseline: bool = False
+) -> None:
     """What is asked about must be what was presented. Raises: FileError.
 
     `stabilizers`: those of the body site. `contact` only weakens the first moments of a touch,
-    which are presented again.
+    which are presented again; with a calibration in use, as a baseline is, it goes by the skin too.
     """
-    answering = [one for one in stabilizers if one in _ANSWER_THE_SKIN]
+    answers = (*_ANSWER_THE_SKIN, "contact") if has_baseline else _ANSWER_THE_SKIN
+    answering = [one for one in stabilizers if one in answers]
     if answering:
         raise FileError(
             "the body site",

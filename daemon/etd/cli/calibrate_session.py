@@ -47,7 +47,8 @@ class CalibrateSession:
         self._file = calibrating_file(args.name if args.board is None else "fake", which)
         self._baseline = display.calibration(args.baseline) if args.baseline else None
         conditions = check_conditions(conditions_asked(args, display.facts, self._baseline))
-        check_laws(conditions, display.facts.stabilizers)
+        has_baseline = self._baseline is not None
+        check_laws(conditions, display.facts.stabilizers, has_baseline=has_baseline)
         if self._baseline is not None:
             check_baseline(conditions, self._baseline)
         self._progress = self._begun(conditions)

@@ -15,7 +15,8 @@ contact resisted of late when it was firm, at first the calibration's; it is for
 time constant of 20 s, since a finger that stays lighter must come to its strength in the end. The
 part is never more than 0.85, and never less than 0.4, so that what is left is enough to measure by.
 It falls at once and rises slowly. Where a law by resistance follows in the order, that law answers
-the area, and the part is 0.85 for 3 s. The exponent and the bounds were tuned on modelled fingers.
+the area, and the part is 0.85 for 3 s. Without a calibration there is no part: whoever calibrates
+gets what is asked for. The exponent and the bounds were tuned on modelled fingers.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _RISE_PER_S = 0.5
 class _Contact:
     """Logarithms of resistance, as it would be at no current."""
 
-    firm_log_ohm: float | None
+    firm_log_ohm: float
     then_ns: int = 0
     #: None: it has settled.
     touched_ns: int | None = None
@@ -47,7 +48,7 @@ class _Contact:
         """The lowest of late: down at once, up slowly."""
         elapsed_ns = min(max(0, now_ns - self.then_ns), LONGEST_STEP_NS)
         self.then_ns = now_ns
-        if self.firm_log_ohm is None or log_ohm <= self.firm_log_ohm:
+        if log_ohm <= self.firm_log_ohm:
             self.firm_log_ohm = log_ohm
         else:
             rise = log_ohm - self.firm_log_ohm
@@ -67,22 +68,26 @@ class Settling:
         self._part.forget()
 
     def part(self, known: Known) -> float:
-        """Of what is wanted; 1 where the contact has settled."""
+        """Of what is wanted; 1 where the contact has settled, or without a calibration."""
+        if not known.reference_ohm or known.reference_at_ua is None:
+            return 1.0
         contact = self._contacts.get(known.electrode)
         if contact is None:
-            contact = self._contacts[known.electrode] = _Contact(_calibrated(known))
+            firm_log_ohm = _at_no_current(known.reference_ohm, known.reference_at_ua)
+            contact = self._contacts[known.electrode] = _Contact(firm_log_ohm)
         if known.state in ("open", "unknown") or known.firmness == 0.0:
             contact.touched_ns = known.now_ns
-        wanted = self._wanted(contact, _log_ohm(known), known.now_ns)
-        if known.state == "closed" and known.skin_ohm is not None:
-            contact.remember(_at_no_current(known.skin_ohm, known.skin_at_ua), known.now_ns)
+        log_ohm = _log_ohm(known)
+        wanted = self._wanted(contact, log_ohm, known.now_ns)
+        if known.state == "closed" and log_ohm is not None:
+            contact.remember(log_ohm, known.now_ns)
         return self._part.toward(known.electrode, wanted, known.now_ns)
 
     def _wanted(self, contact: _Contact, log_ohm: float | None, now_ns: int) -> float:
         if contact.touched_ns is None:
             return 1.0
         above = 0.0
-        if self._goes_by_resistance and log_ohm is not None and contact.firm_log_ohm is not None:
+        if self._goes_by_resistance and log_ohm is not None:
             above = log_ohm - contact.firm_log_ohm
         if above <= 0.0 and now_ns - contact.touched_ns >= SETTLING_NS:
             contact.touched_ns = None
@@ -94,12 +99,6 @@ def _log_ohm(known: Known) -> float | None:
     if known.skin_ohm is None or known.state not in ("soft", "closed"):
         return None
     return _at_no_current(known.skin_ohm, known.skin_at_ua)
-
-
-def _calibrated(known: Known) -> float | None:
-    if not known.reference_ohm or known.reference_at_ua is None:
-        return None
-    return _at_no_current(known.reference_ohm, known.reference_at_ua)
 
 
 def _at_no_current(ohm: float, at_ua: int) -> float:
