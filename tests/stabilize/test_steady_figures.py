@@ -90,7 +90,7 @@ def test_pieces_run_from_a_moment_before_each_peeling_and_hold_the_skin_before_t
     course = Course(Script(peels_per_min=6.0), [(0.0, 0.0), (5.0, 0.0), (0.0, 5.0)], seed=3)
     for start_s in pieces_of(course, 60.0, 3).starts_s:
         assert course.at(start_s).area.min() == 1.0
-        assert course.at(start_s + 0.62).area.min() < 1.0
+        assert course.at(start_s + BEFORE_S + 0.02).area.min() < 1.0
 
 
 def test_the_whole_is_one_piece_from_the_first_peeling_on() -> None:
