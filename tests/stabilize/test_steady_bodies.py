@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.steady import MOST_STEP, bounds
-from bench.steady_figures import SteadyFigures, figures
-from bench.steady_laws import AHEAD, CONTACT, LAWS, NONE
+from bench.steady import bounds
+from bench.steady_figures import MOST_STEP, SteadyFigures, figures
+from bench.steady_laws import AHEAD, CALIBRATED, CONTACT, CONTACT_AHEAD, LAWS, NONE
 from bench.steady_run import ELECTRODES, run
 from bench.steady_skin import CALIBRATED_S, MOST_UA, WIDTH_US, body_of, calibrated
 from etd.config import fake_config
@@ -40,8 +40,11 @@ def test_a_return_is_a_step_where_neither_the_engine_nor_a_law_softens_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Opening, "touched_again", lambda self, electrode: None)
-    assert found_with(NONE).recontact_step > MOST_STEP
-    assert found_with(CONTACT).recontact_step <= MOST_STEP
+    plain, soft = found_with(NONE).recontact_step, found_with(CONTACT).recontact_step
+    assert plain is not None
+    assert plain > MOST_STEP
+    assert soft is not None
+    assert soft <= MOST_STEP
 
 
 def test_pressing_less_than_the_sensor_is_set_to_is_felt_as_less() -> None:
@@ -50,16 +53,34 @@ def test_pressing_less_than_the_sensor_is_set_to_is_felt_as_less() -> None:
     assert pressed.mean_felt < plain.mean_felt - 0.1
 
 
-def test_each_bound_can_fail() -> None:
-    good = SteadyFigures(NONE, 2.0, 0.4, 0.1, 0.0, 0.01, 10, 10, 1.5, 1.0, 0.5, 20, 1_000)
-    ahead = replace(good, name=AHEAD, over_time=0.2, scans_above_pain=0)
-    assert all(one.is_met for one in bounds({NONE: good, AHEAD: ahead}))
-    for plain, other in (
-        (good, replace(ahead, over_time=0.21)),
-        (good, replace(ahead, scans_above_pain=1)),
-        (good, replace(ahead, recontact_step=1.21)),
-        (replace(good, scans_above_pain=0), ahead),
-    ):
-        assert sum(not one.is_met for one in bounds({NONE: plain, AHEAD: other})) == 1
-    soft = replace(good, name=CONTACT, recontact_step=1.21)
-    assert not all(one.is_met for one in bounds({CONTACT: soft}))
+GOOD = SteadyFigures(NONE, 2.0, 0.4, 0.1, 0.0, 0.01, 10, 10, 1.5, 1.3, 0.5, 2, 20, 1_000)
+HELD = {
+    name: replace(GOOD, name=name, over_time=0.2, scans_above_pain=0, recontact_step=1.1)
+    for name in (CONTACT, CALIBRATED, CONTACT_AHEAD, AHEAD)
+}
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [
+        replace(HELD[AHEAD], over_time=0.21),
+        replace(HELD[AHEAD], scans_above_pain=1),
+        replace(GOOD, scans_above_pain=0),
+        *(replace(one, recontact_step=1.21) for one in HELD.values()),
+        *(replace(one, recontact_step=None) for one in HELD.values()),
+    ],
+)
+def test_each_bound_can_fail(worse: SteadyFigures) -> None:
+    found = {NONE: GOOD, **HELD}
+    assert all(one.is_met for one in bounds(found))
+    failed = [one for one in bounds(found | {worse.name: worse}) if not one.is_met]
+    assert len(failed) == 1
+    assert worse.name in failed[0].what
+
+
+@pytest.mark.parametrize("left_out", [NONE, *HELD])
+def test_what_was_not_run_is_not_judged_and_not_met(left_out: str) -> None:
+    found = {name: one for name, one in {NONE: GOOD, **HELD}.items() if name != left_out}
+    failed = [one.what for one in bounds(found) if not one.is_met]
+    assert failed
+    assert all("not judged" in one for one in failed)

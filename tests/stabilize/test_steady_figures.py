@@ -7,7 +7,7 @@ import pytest
 
 from bench.steady_figures import figures
 from bench.steady_run import Kept
-from bench.steady_skin import PIECE_S, SETTLING_S, Pieces, pieces_of, whole_of
+from bench.steady_skin import BEFORE_S, PIECE_S, SETTLING_S, Pieces, pieces_of, whole_of
 from etd_body.course import Course, Script
 
 SCANS = 41
@@ -70,9 +70,32 @@ def test_a_step_is_the_most_felt_just_after_touching_over_the_steady_strength() 
 
 def test_what_is_felt_later_than_just_after_touching_is_no_step() -> None:
     attached = [[1.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 31
-    felt = [[2.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 9 + [[3.0]] + [[2.0]] * 21
-    found = figures("x", [kept(felt, attached=attached)])
+    felt = [[2.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 32 + [[3.0]] + [[2.0]] * 21
+    found = figures("x", [kept(felt, attached=[*attached, *[[1.0]] * 23])])
     assert found.recontact_step == pytest.approx(0.5)
+    early = [[2.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 28 + [[3.0]] + [[2.0]] * 25
+    found = figures("x", [kept(early, attached=[*attached, *[[1.0]] * 23])])
+    assert found.recontact_step == pytest.approx(1.5)
+    assert found.recontacts_above == 1
+
+
+def test_what_is_felt_as_the_contact_comes_off_anew_is_no_step_of_the_return() -> None:
+    attached = [[1.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 35 + [[0.3]] + [[0.0]] * 5 + [[1.0]] * 20
+    felt = [[2.0]] * 79 + [[9.0]] * 2 + [[2.0]] * 25
+    found = figures("x", [kept(felt, attached=attached)])
+    assert found.recontact_step == pytest.approx(1.0)
+    soon = [[1.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 20 + [[0.3]] + [[0.0]] * 5 + [[1.0]] * 35
+    felt = [[2.0]] * 64 + [[9.0]] * 2 + [[2.0]] * 40
+    found = figures("x", [kept(felt, attached=soon)])
+    assert found.recontact_step == pytest.approx(1.0)
+
+
+def test_a_return_without_a_steady_strength_on_either_side_is_not_judged() -> None:
+    for before, after in ((15, 41), (40, 25)):
+        attached = [[1.0]] * before + [[0.0]] * 5 + [[1.0]] * after
+        found = figures("x", [kept([[2.0]] * (before + 5 + after), attached=attached)])
+        assert found.recontacts == 0
+        assert found.recontact_step is None
 
 
 def test_the_steady_strength_is_of_scans_in_which_something_was_felt() -> None:

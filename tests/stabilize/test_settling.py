@@ -1,0 +1,146 @@
+"""Settling as a rule: what part a contact gets that touched again, and until when."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from etd.protocol import ContactState
+from etd.stabilize.pipeline import Known
+from etd.stabilize.settling import LEAST_PART, MOST_PART, SETTLING_NS, Settling
+
+MS = 1_000_000
+FIRM_OHM = 30_000
+FIRM = Known(
+    3,
+    True,
+    FIRM_OHM,
+    60.0,
+    state="closed",
+    skin_ohm=float(FIRM_OHM),
+    skin_at_ua=3_000,
+    reference_ohm=FIRM_OHM,
+    reference_at_ua=3_000,
+)
+OPEN = replace(FIRM, state="open", is_touched=False, skin_ohm=None)
+STEP_NS = 100 * MS
+
+
+def settling() -> Settling:
+    return Settling(goes_by_resistance=True)
+
+
+def after_a_return(known: Known, seconds: float, law: Settling | None = None) -> list[float]:
+    """A firm contact comes off, and is `known` from then on: the part at each tenth of a second."""
+    one = law or settling()
+    assert one.part(FIRM) == 1.0
+    one.part(replace(OPEN, now_ns=STEP_NS))
+    steps = range(2, 2 + round(seconds * 10))
+    return [one.part(replace(known, now_ns=step * STEP_NS)) for step in steps]
+
+
+def test_a_contact_that_nothing_happened_to_gets_all() -> None:
+    one = settling()
+    lighter = replace(FIRM, skin_ohm=3.0 * FIRM_OHM)
+    assert all(one.part(replace(lighter, now_ns=step * STEP_NS)) == 1.0 for step in range(100))
+
+
+def test_a_return_as_firm_as_before_gets_a_part_for_three_seconds_and_then_rises_slowly() -> None:
+    parts = after_a_return(FIRM, 4.0)
+    assert parts[:29] == [MOST_PART] * 29
+    assert parts[-1] == 1.0
+    rises = [later - earlier for earlier, later in pairwise(parts)]
+    assert max(rises) < 0.06
+
+
+def test_a_return_that_resists_more_gets_less_until_it_does_not() -> None:
+    law = settling()
+    lighter = replace(FIRM, skin_ohm=2.0 * FIRM_OHM)
+    parts = after_a_return(lighter, 5.0, law)
+    assert parts[0] == pytest.approx(MOST_PART * 0.5**0.6)
+    assert max(parts) < 0.75
+    firm_again = [law.part(replace(FIRM, now_ns=(60 + step) * STEP_NS)) for step in range(20)]
+    assert firm_again[-1] == 1.0
+
+
+def test_a_finger_that_stays_lighter_comes_to_its_strength_in_the_end() -> None:
+    parts = after_a_return(replace(FIRM, skin_ohm=1.5 * FIRM_OHM), 240.0)
+    assert parts[100] < MOST_PART
+    assert parts[-1] > 0.98 * MOST_PART
+
+
+def test_the_part_leaves_enough_to_measure_by() -> None:
+    assert min(after_a_return(replace(FIRM, skin_ohm=100.0 * FIRM_OHM), 3.0)) == LEAST_PART
+
+
+def test_a_weaker_pulse_of_the_same_skin_does_not_look_like_a_smaller_contact() -> None:
+    weaker_ohm = FIRM_OHM * (3_000 + 8_000) / (1_000 + 8_000)
+    same = replace(FIRM, skin_ohm=weaker_ohm, skin_at_ua=1_000)
+    assert after_a_return(same, 1.0)[-1] == pytest.approx(MOST_PART)
+
+
+def test_a_finger_just_laid_on_is_compared_with_the_calibration() -> None:
+    one = settling()
+    one.part(OPEN)
+    dry = replace(FIRM, skin_ohm=2.0 * FIRM_OHM, now_ns=STEP_NS)
+    assert one.part(dry) == pytest.approx(MOST_PART * 0.5**0.6)
+
+
+def test_behind_it_a_law_by_resistance_answers_the_area_itself() -> None:
+    law = Settling(goes_by_resistance=False)
+    parts = after_a_return(replace(FIRM, skin_ohm=2.0 * FIRM_OHM), 4.0, law)
+    assert parts[0] == MOST_PART
+    assert parts[-1] == 1.0
+
+
+def test_without_a_calibration_all_is_given() -> None:
+    unknown = replace(FIRM, reference_ohm=None, reference_at_ua=None)
+    one = settling()
+    one.part(replace(unknown, state="open"))
+    assert one.part(replace(unknown, now_ns=STEP_NS)) == 1.0
+
+
+def test_a_resistance_that_is_not_believed_takes_nothing_more_and_holds_nothing_up() -> None:
+    parts = after_a_return(replace(FIRM, skin_ohm=None), 4.0)
+    assert parts[0] == MOST_PART
+    assert parts[-1] == 1.0
+
+
+def test_a_contact_that_shrank_begins_anew() -> None:
+    law = settling()
+    assert after_a_return(FIRM, 5.0, law)[-1] == 1.0
+    shrank = replace(FIRM, state="soft", firmness=0.0, now_ns=60 * STEP_NS)
+    assert law.part(shrank) == MOST_PART
+    later = replace(FIRM, now_ns=60 * STEP_NS + SETTLING_NS // 2)
+    assert law.part(later) == MOST_PART
+
+
+@given(
+    seen=st.lists(
+        st.tuples(
+            st.sampled_from(("unknown", "open", "soft", "closed", "saturated", "shorted")),
+            st.floats(0.0, 1.0),
+            st.one_of(st.none(), st.floats(1e3, 2e6)),
+            st.integers(0, 10_000),
+        ),
+        max_size=40,
+    )
+)
+def test_the_part_is_always_one(
+    seen: list[tuple[ContactState, float, float | None, int]],
+) -> None:
+    law = settling()
+    for step, (state, firmness, skin_ohm, at_ua) in enumerate(seen):
+        known = replace(
+            FIRM,
+            state=state,
+            firmness=firmness,
+            skin_ohm=skin_ohm,
+            skin_at_ua=at_ua,
+            now_ns=step * STEP_NS,
+        )
+        assert LEAST_PART <= law.part(known) <= 1.0
