@@ -145,8 +145,8 @@ def main() -> int:
     else:
         show(Console(width=None if sys.stdout.isatty() else 130), list(found.values()), held, said)
     if args.write_docs:
-        steady_plots.write(PLOTS, {name: runs[0] for name, runs in kept.items()})
         steady_docs.write(steady_docs.PAGE, list(found.values()), held, said)
+        steady_plots.write(PLOTS, {name: runs[0] for name, runs in kept.items()})
     return 0 if all(one.is_met for one in held) else 1
 
 

@@ -16,15 +16,7 @@ from etd.explain.figure import Axis, Curve, Figure, floats
 from etd.explain.svgplot import svg_of
 
 #: Those that are compared; the others differ in something else than steadiness.
-_DRAWN = (
-    "none",
-    "contact",
-    "energy",
-    "fitted",
-    "lines",
-    "contact + fitted",
-    "contact + fitted + probe",
-)
+_DRAWN = ("none", "contact", "energy", "fitted", "lines", "contact + fitted + probe")
 
 
 def write(folder: Path, kept: dict[str, Kept]) -> None:
