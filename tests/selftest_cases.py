@@ -32,6 +32,7 @@ from etd_hal.fake.faults import (
     MonitorStuck,
     OutputSeries,
     OutputsSwapped,
+    Overshoot,
     PullMissing,
     RailOff,
     RailStays,
@@ -262,6 +263,15 @@ STRONG = [
     ),
     Case("too strong from a code on", ALL, [GainAbove(1_000, 2.0)], "source", "steps"),
     Case("too strong above probes", RELAY, [GainAbove(60, 1.5)], "source", "steps"),
+    *(
+        Case(f"{times} times too strong at first, {board}", board, [fault], stage, course)
+        for board, stage in ((ALL, "probe"), (BARE, "probe"), (RELAY, "rail"))
+        for course, times, fault in (
+            ("course_of_a_pulse", 1.5, Overshoot(1.5, 12.0)),
+            ("course_of_a_pulse", 24, Overshoot(24.0, 30.0)),
+        )
+    ),
+    Case("a third too strong at first", ALL, [Overshoot(1.3, 30.0)], "source", "course_of_a_pulse"),
     Case("a source that saturates", ALL, [Saturation(4_000)], "source", "linearity"),
     Case("too weak from a code on", BARE, [GainAbove(1_000, 0.5)], "source", "linearity"),
     Case("the wrong SPI mode", ALL, [SpiMode(3)], "source", "adc_bits"),

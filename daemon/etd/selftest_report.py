@@ -32,6 +32,8 @@ NOT_SEEN = (
     "SPI mode 0 or 2 in place of 1: both chips read alike as long as the cable leaves the DAC its"
     " hold time",
     "a switch that gives way to strong pulses only: all but the load's two were seen with probes",
+    "what a source makes in the first 10 us of a pulse, between its two samples, or for some us"
+    " after its end: an oscilloscope at the load shows it",
     "a source more than 24 times too strong, or that jumps between two probes, before it fired one"
     " pulse: that pulse exceeds the bound, and is the last",
     "hands that come to the array while stage 8 fires: its strong pulses go to whatever is there",

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from etd_body.electrode import load
-from etd_hal.fake.faults import DacGain, Fault, GainAbove
+from etd_hal.fake.faults import DacGain, Fault, GainAbove, Overshoot
 from selftest_cases import ALL, BARE, CASES, RELAY, Case, case_id, rig_of
 from selftest_rig import LOAD_OHM, SelftestRig, bad, selftest_rig
 
@@ -22,6 +22,7 @@ NOTHING_FLOWS = {
     "no rail, nobody sees it",
     "BL is cut",
     "DATA is cut, nobody reads back",
+    "nothing is copied, relays",
 }
 
 
@@ -141,6 +142,18 @@ def test_a_source_that_is_too_strong_by_any_factor_stays_within_the_bound_on_ski
     rig = selftest_rig(board, faults=[DacGain(factor)], load_ohm=None, on_skin=True)
     report = rig.run()
     assert 0 < rig.most_charge_nc <= report.bound.charge_nc
+
+
+@pytest.mark.parametrize("board", [ALL, BARE, RELAY])
+@pytest.mark.parametrize("factor", [2.0, 3.0, 5.0, 8.0, 10.0, 24.0])
+@pytest.mark.parametrize("until_us", [12.0, 20.0, 36.0])
+def test_a_source_that_is_too_strong_at_first_stays_within_the_bound_on_skin(
+    board: str, factor: float, until_us: float
+) -> None:
+    faults = [Overshoot(factor, until_us)]
+    rig = selftest_rig(board, faults=faults, load_ohm=None, on_skin=True)
+    assert not rig.run().passed
+    assert 0 < rig.most_charge_nc <= 15.0
 
 
 @pytest.mark.parametrize("board", [ALL, BARE, RELAY])

@@ -12,6 +12,10 @@ current that only a source twice to three times too strong could pass for an ope
 So the bound holds for a source that is the same number of times too strong from the ramp's first
 step on, and no more than 24 times. One that is stronger, or that becomes much too strong between
 two pulses, gives one pulse above the bound: no program knows of it before. That pulse is the last.
+
+The node is sampled twice in a pulse, 10 us after it began and near its end. Nothing passive is
+higher at first than in the end, so that a source that begins too strong is seen in the first pulse
+that shows it. What it makes before, between and after the two samples is not (`NOT_SEEN`).
 """
 
 from __future__ import annotations
@@ -33,6 +37,8 @@ _RAMP = (8, 4, 2, 1)
 #: What the node may be of its open voltage while the ramp goes on; the ADC's steps are added.
 _LEAST, _MOST = 0.6, 1.2
 _RAMP_CODES = 2
+#: What the node may be early in a pulse, of what it is in the end; two readings' noise is added.
+_MOST_EARLY, _EARLY_CODES = 1.2, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +196,7 @@ class Prober:
         bed.board.discharge()
         bed.board.guard.permit(0)
         self._check_duration(shot, current_ua)
+        self._check_course(shot, pulse.told_ua)
         return pulse.told_ua, shot
 
     def _shift_behind(self, electrode: int) -> None:
@@ -207,6 +214,17 @@ class Prober:
         if reason is not None:
             raise GuardRefusal("ledger", f"a pulse above the second's {reason}", "a slower test")
         self._ledger.book(entry, now_ns)
+
+    def _check_course(self, shot: Shot, told_ua: int) -> None:
+        slack_v = _EARLY_CODES * self._bed.file.source.node_uv_per_code / 1e6
+        most_v = shot.voltage_v * _MOST_EARLY + slack_v
+        if shot.early_v > most_v:
+            raise BoardFault(
+                "course of a pulse",
+                f"{shot.early_v:.2f} V after 10 us and {shot.voltage_v:.2f} V at the end, at"
+                f" {told_ua} uA",
+                f"at most {most_v:.2f} V after 10 us: the source begins too strong",
+            )
 
     def _check_duration(self, shot: Shot, current_ua: int) -> None:
         what = "probes" if current_ua <= self.probe_ua else "into the load"

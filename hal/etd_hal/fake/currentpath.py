@@ -20,6 +20,7 @@ from etd_hal.fake.faults import (
     DacStuck,
     Faults,
     GainAbove,
+    Overshoot,
     Saturation,
 )
 from etd_hal.fake.rail import Rail
@@ -61,6 +62,8 @@ class CurrentPath:
         self._compliance_v = -1.0
         self._cut_at_ns: int | None = None
         self._cut = False
+        #: Until then a source with an `Overshoot` makes more.
+        self._overshoots_until_ns: int | None = None
         #: The body has heard of the last change; a call that was broken off leaves it ignorant.
         self._is_driven = True
         self._phase: _Phase | None = None
@@ -79,7 +82,10 @@ class CurrentPath:
         if self._one_shot_ns is not None and not self.code:
             self._cut_at_ns = t_ns + self._one_shot_ns
         if not code:
-            self._cut_at_ns, self._cut = None, False
+            self._cut_at_ns, self._cut, self._overshoots_until_ns = None, False, None
+        elif not self.code:
+            for shoots in self._faults.of(Overshoot):
+                self._overshoots_until_ns = t_ns + int(shoots.until_us * 1_000)
         self.code = code
         self._drive(t_ns)
         self._close_phase(t_ns)
@@ -111,6 +117,9 @@ class CurrentPath:
         """What went on by itself until `t_ns`: relays on their way, the one-shot's end."""
         self.reached_ns = max(self.reached_ns, t_ns)
         self._settle_switch(t_ns)
+        if self._overshoots_until_ns is not None and t_ns >= self._overshoots_until_ns:
+            at_ns, self._overshoots_until_ns = self._overshoots_until_ns, None
+            self._drive(at_ns)
         if self._cut_at_ns is not None and t_ns >= self._cut_at_ns:
             at_ns, self._cut_at_ns, self._cut = self._cut_at_ns, None, True
             self._drive(at_ns)
@@ -132,6 +141,8 @@ class CurrentPath:
             current_ua *= gain.factor
         for above in self._faults.of(GainAbove):
             current_ua *= above.factor if code > above.code else 1.0
+        for shoots in self._faults.of(Overshoot):
+            current_ua *= 1.0 if self._overshoots_until_ns is None else shoots.factor
         for most in self._faults.of(Saturation):
             current_ua = min(current_ua, most.current_ua)
         return current_ua + sum(offset.offset_ua for offset in self._faults.of(DacOffset))

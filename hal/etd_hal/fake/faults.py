@@ -53,6 +53,13 @@ class GainAbove(_Fault, frozen=True, tag=True):
     factor: float
 
 
+class Overshoot(_Fault, frozen=True, tag=True):
+    """For the first so many us of each pulse the source makes this multiple of what it is told."""
+
+    factor: float
+    until_us: float
+
+
 class Saturation(_Fault, frozen=True, tag=True):
     """The source makes no more than this, whatever it is told."""
 
@@ -286,6 +293,7 @@ Fault = (
     | SpiShort
     | DacGain
     | GainAbove
+    | Overshoot
     | Saturation
     | MisoStuck
     | I2cFailure

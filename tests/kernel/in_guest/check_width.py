@@ -1,10 +1,10 @@
 """How wide pulses are, in virtual time: what the kernel makes of what the calibration promised.
 
 Computing takes no time here, so what is measured is the kernel's own delays and the bits, within a
-microsecond in every run. (Stamps are cut to whole ones: how many of a thousand pulses fall to either
-side of one differs from run to run.) Tracing costs time: it is on before the calibration. So would
-counting the lines that run: a quarter of a microsecond a word, which is why check.py has this file
-run apart.
+microsecond in every run. (Stamps are cut to whole ones: how many of a thousand pulses fall to
+either side of one differs from run to run.) Tracing costs time: it is on before the calibration.
+So would counting the lines that run: a quarter of a microsecond a word, which is why check.py has
+this file run apart.
 """
 
 from __future__ import annotations
