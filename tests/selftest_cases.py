@@ -19,6 +19,7 @@ from etd_hal.fake.faults import (
     EnableStuck,
     Fault,
     GainAbove,
+    HeartbeatByLevel,
     HeartbeatIgnored,
     HeartbeatRearms,
     HeartbeatSlow,
@@ -127,6 +128,14 @@ RAIL = [
     Case("the supply cannot be switched", ALL, [EnableStuck()], "rail", "hv_enable"),
     Case("the same, relays", RELAY, [EnableStuck()], "rail", "off"),
     Case("the gate ignores the heartbeat", ALL, [HeartbeatIgnored()], "rail", "heartbeat"),
+    *(
+        Case(f"a gate that {level} holds on", ALL, [HeartbeatByLevel(level)], "rail", "heartbeat")
+        for level in (0, 1)
+    ),
+    Case("HEARTBEAT is stuck at 0 behind", ALL, [StuckBehind("HEARTBEAT", 0)], "rail", "rise"),
+    Case("HEARTBEAT is stuck at 1 behind", ALL, [StuckBehind("HEARTBEAT", 1)], "rail", "rise"),
+    Case("HV is stuck at 0 behind", ALL, [StuckBehind("HV", 0)], "rail", "rise"),
+    Case("HV is stuck at 1 behind", ALL, [StuckBehind("HV", 1)], "rail", "hv_enable"),
     Case("the gate has no latch", ALL, [HeartbeatRearms()], "rail", "heartbeat_latch"),
     Case(
         "the emergency stop cuts nothing",

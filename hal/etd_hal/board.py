@@ -286,6 +286,11 @@ class Board:
             self._heartbeat_level = 1 - self._heartbeat_level
             self.guard.gpio.set(((heartbeat.line, self._heartbeat_level),))
 
+    @property
+    def heartbeat_level(self) -> int:
+        """Where the last beat left the line."""
+        return self._heartbeat_level
+
     def sync(self) -> bool:
         """A pulse on the SYNC line; False where the board has none. Raises: BusError."""
         line = self.file.sync_line

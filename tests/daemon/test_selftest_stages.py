@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import pytest
@@ -17,6 +17,7 @@ from etd_hal.fake.faults import (
     Bridge,
     DacGain,
     Fault,
+    HeartbeatByLevel,
     HeartbeatIgnored,
     HeartbeatRearms,
     I2cFailure,
@@ -62,6 +63,8 @@ def test_a_board_in_order_passes_with_two_loads_and_somebody_to_move_them(board:
     [
         ([], []),
         ([HeartbeatIgnored()], [("rail", "heartbeat")]),
+        ([HeartbeatByLevel(0)], [("rail", "heartbeat")]),
+        ([HeartbeatByLevel(1)], [("rail", "heartbeat")]),
         ([HeartbeatRearms()], [("rail", "heartbeat_latch")]),
     ],
 )
@@ -73,6 +76,17 @@ def test_a_heartbeat_is_proved_by_the_node_where_nobody_watches_the_rail(
     report = selftest_rig("feetthrough-relay", file=file, faults=faults).run()
     assert bad(report) == failed
     assert report.passed is not bool(failed)
+
+
+@pytest.mark.parametrize("board", ["reference-hv507", "feetthrough-relay"])
+@pytest.mark.parametrize("level", [0, 1])
+def test_the_level_that_holds_a_gate_on_is_told(board: str, level: Literal[0, 1]) -> None:
+    file = shipped_board(board)
+    file = changed(file, "guards", heartbeat=Heartbeat(line=27, window_ms=20))
+    report = selftest_rig(board, file=file, faults=[HeartbeatByLevel(level)]).run()
+    found = [check for check in report.checks if check.result == "fail"]
+    assert [check.name for check in found] == ["heartbeat"]
+    assert found[0].measured.endswith(f"the line standing at {level}")
 
 
 @pytest.mark.parametrize("load_ohm", [10_000, 22_000, 68_000])

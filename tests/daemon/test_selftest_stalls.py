@@ -17,6 +17,7 @@ from etd_hal.boardfile import BoardFile, Heartbeat
 from etd_hal.fake.faults import (
     EnableStuck,
     Fault,
+    HeartbeatByLevel,
     HeartbeatIgnored,
     HeartbeatRearms,
     HeartbeatSlow,
@@ -62,6 +63,8 @@ def beating_relays(**guards: Any) -> BoardFile:
         ([], "rise_again", 40, "heartbeat"),
         ([HeartbeatSlow(150)], "rise_again", 200, "heartbeat"),
         ([HeartbeatRearms()], "rise_again", 4_000, "heartbeat"),
+        ([HeartbeatByLevel(1)], "rise_between_heartbeats", 40, "heartbeat"),
+        ([], "rise_between_heartbeats", 40, "heartbeat"),
         ([], "rise_after_heartbeat", 40, "emergency_stop_gate"),
         (CUTS_NOTHING, "rise_after_heartbeat", 40, "emergency_stop_gate"),
     ],

@@ -15,6 +15,7 @@ from etd_hal.fake.faults import (
     SpiError,
     SpiShort,
     SpiStall,
+    StuckBehind,
     StuckLine,
 )
 from etd_hal.ports import Message, Transfer
@@ -159,6 +160,19 @@ class TestFaults:
         grounded = rig.fake.sides
         Hand(rig).select(3)
         assert rig.fake.sides is grounded
+
+    @pytest.mark.parametrize(
+        ("board", "name"),
+        [("reference-hv507", "SYNC"), ("reference-hv507", "hv"), ("kajimoto-hv507", "HEARTBEAT")],
+    )
+    def test_a_line_with_nothing_behind_it_cannot_be_stuck_there(
+        self, board: str, name: str
+    ) -> None:
+        rig = stepped_board(board)
+        with pytest.raises(ValueError, match=f"nothing is behind '{name}' here: one of POL, "):
+            rig.fake.world.put_in(StuckBehind(name, 1))
+        with pytest.raises(ValueError, match=f"nothing is behind '{name}' here"):
+            stepped_board(board, faults=[StuckBehind(name, 0)])
 
     @pytest.mark.parametrize("kind", ["absent", "io", "timeout"])
     def test_i2c_fails_as_often_as_it_is_told(self, kind: str) -> None:

@@ -14,6 +14,7 @@ from etd.config import LoadedConfig
 from etd.selftest_subject import subject_of
 from etd_hal.bench import Hand, StopName
 from etd_hal.board import Board
+from etd_hal.boardfile import Heartbeat
 from etd_hal.chips import ads1115
 from etd_hal.compose import Bench
 from etd_hal.errors import BoardFault
@@ -106,7 +107,7 @@ class Bed:
         is_wanted = self.board.is_supply_on or self.beats_when_off
         if heartbeat == "absent" or not is_wanted:
             return
-        if now_ns - self._beaten_ns >= heartbeat.window_ms * MS // _BEATS_PER_WINDOW:
+        if now_ns - self._beaten_ns >= _beat_every_ns(heartbeat):
             self.beat_now()
 
     def beat_now(self) -> None:
@@ -115,6 +116,14 @@ class Bed:
         self._longest_gap_ns = max(self._longest_gap_ns, now_ns - self._beaten_ns)
         self._beaten_ns = now_ns
         self.board.beat()
+
+    def end_beats(self, level: int) -> None:
+        """The last edge leaves the line at `level`; wait without beating from now on."""
+        heartbeat = self.file.guards.heartbeat
+        if heartbeat != "absent" and self.board.heartbeat_level == level:
+            self.beat_now()
+            self.wait_ms(_beat_every_ns(heartbeat) / MS, is_beating=False)
+        self.beat_now()
 
     @property
     def beaten_ns(self) -> int:
@@ -180,3 +189,7 @@ class Bed:
         ads1115.start(self.i2c, monitor.address, monitor.channel)
         self.wait_ms(ads1115.CONVERSION_NS / MS, is_beating)
         return ads1115.read_v(self.i2c, monitor.address) * monitor.divider
+
+
+def _beat_every_ns(heartbeat: Heartbeat) -> int:
+    return heartbeat.window_ms * MS // _BEATS_PER_WINDOW

@@ -18,7 +18,7 @@ from etd.selftest.log import Log
 from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
 from etd.selftest.stopgate import SupplyWatch
-from etd_hal.boardfile import RailMonitor
+from etd_hal.boardfile import Heartbeat, RailMonitor
 
 #: A supply that nobody watches gets this long to come, and to go.
 _UNWATCHED_MS = 10_000
@@ -27,6 +27,9 @@ _LOOK_EVERY_MS = 50
 #: Of the node's open voltage: below the one the supply is gone, above the other it is there.
 _NODE_GONE = 0.1
 _NODE_THERE = 0.5
+#: Where the heartbeat stops: a gate that one of them holds on must not pass.
+_LEVELS = (0, 1)
+_BETWEEN = "rise_between_heartbeats"
 #: Of the least rail: a stop's two contacts may open some ms apart.
 _NEARLY = 0.9
 
@@ -127,7 +130,8 @@ _ENABLE_ADVICE = (
     "the enable line does not switch the supply, or its store has no bleeder: cut the supply"
 )
 _GATE_ADVICE = (
-    "the gate does not act: the monostable, its coupling, and the way from it to the supply"
+    "the gate does not act: the monostable, its coupling, and the way from it to the supply. If it"
+    " acts with the line at the other level, the line is not AC-coupled"
 )
 _WINDOW_ADVICE = (
     "the monostable's time is not window_ms of the board file: look at its resistor and capacitor"
@@ -212,8 +216,41 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
     heartbeat = bed.file.guards.heartbeat
     if heartbeat == "absent":
         return
+    for level in _LEVELS:
+        if level != _LEVELS[0] and not _rises_anew(bed, log, monitor, _BETWEEN):
+            return
+        _check_silence(bed, log, monitor, heartbeat, level)
+        if log.stage_failed:
+            return
+    bed.begin_beats()
+    bed.wait_ms(monitor.rise_ms)
+    rail_v = bed.rail_v()
+    is_good = judge_fall(
+        log,
+        bed.missed_ms(),
+        "heartbeat_latch",
+        rail_v < monitor.off_v,
+        f"{rail_v:.0f} V after beating again for {monitor.rise_ms} ms",
+        "it stays off until the enable line was off",
+        _LATCH_ADVICE,
+    )
+    if is_good:
+        _rises_anew(bed, log, monitor, "rise_after_heartbeat")
+
+
+def _rises_anew(bed: Bed, log: Log, monitor: RailMonitor, name: str) -> bool:
+    """By way of the enable line, which clears the gate's latch."""
+    bed.board.supply_off()
+    bed.wait_ms(1)
+    return _check_rise(bed, log, monitor, name)
+
+
+def _check_silence(
+    bed: Bed, log: Log, monitor: RailMonitor, heartbeat: Heartbeat, level: int
+) -> None:
     within_ms = heartbeat.window_ms + monitor.fall_ms
     from_v = bed.rail_v()
+    bed.end_beats(level)
     missed_ms = bed.missed_ms()
     fall = watch_fall(bed, monitor, from_v, within_ms, bed.beaten_ns)
     is_good = judge_fall(
@@ -221,7 +258,7 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
         missed_ms,
         "heartbeat",
         from_v >= monitor.low_v and fall.gone_ms is not None,
-        f"from {from_v:.0f} V, {_fell(bed, monitor, fall.gone_ms)}",
+        f"from {from_v:.0f} V, {_fell(bed, monitor, fall.gone_ms)}, {_standing(level)}",
         f"from at least {monitor.low_v} V, below {monitor.off_v} V within {within_ms} ms of the"
         " last beat, the enable being on",
         _GATE_ADVICE,
@@ -232,26 +269,14 @@ def _check_heartbeat(bed: Bed, log: Log, monitor: RailMonitor) -> None:
     log.judge(
         "heartbeat_window",
         fall.is_cut_within(most_ms),
-        f"the rail {fall.told_cut} without a beat, as reckoned from its fall",
+        f"the rail {fall.told_cut} without a beat, as reckoned from its fall, {_standing(level)}",
         f"{heartbeat.window_ms} ms, so reckoned to be at most {most_ms:.0f} ms",
         _WINDOW_ADVICE,
     )
-    bed.begin_beats()
-    bed.wait_ms(monitor.rise_ms)
-    rail_v = bed.rail_v()
-    judge_fall(
-        log,
-        bed.missed_ms(),
-        "heartbeat_latch",
-        rail_v < monitor.off_v,
-        f"{rail_v:.0f} V after beating again for {monitor.rise_ms} ms",
-        "it stays off until the enable line was off",
-        _LATCH_ADVICE,
-    )
-    bed.board.supply_off()
-    bed.wait_ms(1)
-    if not log.stage_failed:
-        _check_rise(bed, log, monitor, "rise_after_heartbeat")
+
+
+def _standing(level: int) -> str:
+    return f"the line standing at {level}"
 
 
 def _check_by_node(bed: Bed, log: Log, prober: Prober) -> None:
@@ -282,18 +307,39 @@ def _check_heartbeat_by_node(bed: Bed, log: Log, prober: Prober) -> None:
     """Silent until any store has run down; each look afterwards beats again, in vain."""
     if bed.file.guards.heartbeat == "absent":
         return
-    missed_ms = bed.missed_ms()
-    bed.wait_ms(_UNWATCHED_MS, is_beating=False)
-    if not _judge_gone(bed, log, prober, "heartbeat", _GATE_ADVICE, missed_ms=lambda: missed_ms):
-        return
+    for level in _LEVELS:
+        if level != _LEVELS[0] and not _node_rises_anew(bed, log, prober, _BETWEEN):
+            return
+        if not _check_silence_by_node(bed, log, prober, level):
+            return
     bed.begin_beats()
     bed.wait_ms(_UNWATCHED_RISE_MS)
     if _judge_gone(
         bed, log, prober, "heartbeat_latch", _LATCH_ADVICE, missed_ms=bed.missed_ms, within_ms=0
     ):
-        bed.board.supply_off()
-        bed.wait_ms(1)
-        _check_node_rises(bed, log, prober, "rise_after_heartbeat")
+        _node_rises_anew(bed, log, prober, "rise_after_heartbeat")
+
+
+def _check_silence_by_node(bed: Bed, log: Log, prober: Prober, level: int) -> bool:
+    bed.end_beats(level)
+    missed_ms = bed.missed_ms()
+    bed.wait_ms(_UNWATCHED_MS, is_beating=False)
+    return _judge_gone(
+        bed,
+        log,
+        prober,
+        "heartbeat",
+        _GATE_ADVICE,
+        missed_ms=lambda: missed_ms,
+        told=f", {_standing(level)}",
+    )
+
+
+def _node_rises_anew(bed: Bed, log: Log, prober: Prober, name: str) -> bool:
+    """As `_rises_anew`."""
+    bed.board.supply_off()
+    bed.wait_ms(1)
+    return _check_node_rises(bed, log, prober, name)
 
 
 def _check_node_rises(bed: Bed, log: Log, prober: Prober, name: str) -> bool:
@@ -314,10 +360,11 @@ def _judge_gone(
     *,
     missed_ms: Callable[[], float | None] = lambda: None,
     within_ms: int = _UNWATCHED_MS,
+    told: str = "",
 ) -> bool:
     """A probe of the open node again and again, until it lifts it no more, or time is over.
 
-    `missed_ms`: see `judge_fall`; asked at the end.
+    `missed_ms`: see `judge_fall`; asked at the end. `told`: what else is to be said of it.
     """
     bound_v = _gone_v(prober)
     read_v = 0.0
@@ -334,7 +381,7 @@ def _judge_gone(
         missed_ms(),
         name,
         is_good,
-        f"{read_v:.2f} V at {prober.probe_ua} uA",
+        f"{read_v:.2f} V at {prober.probe_ua} uA{told}",
         f"below {bound_v:.2f} V within {within_ms} ms",
         advice,
     )

@@ -46,7 +46,7 @@ class Circuit:
         self.board = board
         self._trace = trace
         self._timeline = Timeline(start_ns, trace)
-        self._faults = faulty = Faults(faults)
+        self._faults = faulty = Faults(faults, board.used_lines())
         self._rail = Rail(board, faulty, start_ns)
         self._switch = self._make_switch(electrodes, faulty, seed)
         self._path = CurrentPath(

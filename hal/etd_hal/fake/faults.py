@@ -6,7 +6,7 @@ All counts begin when the fault is put in: 1 is the next one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Literal, TypeVar
 
 import msgspec
@@ -88,7 +88,9 @@ class StuckLine(_Fault, frozen=True, tag=True):
 
 
 class StuckBehind(_Fault, frozen=True, tag=True):
-    """Beyond the pin, from its next change on, the switches see `level`; the pin reads right."""
+    """Beyond the pin, from its next change on, the board sees `level`; the pin reads right. Of the
+    lines in `SEEN_BEHIND`.
+    """
 
     name: str
     level: Literal[0, 1]
@@ -204,6 +206,12 @@ class PullMissing(_Fault, frozen=True, tag=True):
     name: str
 
 
+class HeartbeatByLevel(_Fault, frozen=True, tag=True):
+    """The gate counts this level of the line as life, for as long as it lasts."""
+
+    level: Literal[0, 1]
+
+
 class HeartbeatSlow(_Fault, frozen=True, tag=True):
     """The monostable takes so much longer than the board file says."""
 
@@ -317,6 +325,7 @@ Fault = (
     | RailStays
     | HeartbeatIgnored
     | HeartbeatRearms
+    | HeartbeatByLevel
     | HeartbeatSlow
     | PullMissing
     | StopCutsNothing
@@ -331,21 +340,33 @@ Fault = (
 )
 
 _F = TypeVar("_F")
+#: What the board sees of these lines may differ from the pin.
+SEEN_BEHIND = ("POL", "DATA", "LE", "BL", "CLK", "HV", "HEARTBEAT")
 #: How long the kernel waits for a stuck I2C bus.
 I2C_TIMEOUT_NS = 1_000_000_000
 
 
 class Faults:
-    """The faults that are in, and how often what they wait for has happened."""
+    """The faults that are in, and how often what they wait for has happened.
 
-    def __init__(self, faults: Iterable[Fault] = ()) -> None:
+    `lines`: the board's, by name.
+    """
+
+    def __init__(self, faults: Iterable[Fault] = (), lines: Collection[str] = SEEN_BEHIND) -> None:
         self._counts: dict[Fault, int] = {}
+        self._lines = lines
         #: Whether any is in: a board without faults is asked for them at every edge of a line.
         self.are_there = False
         for fault in faults:
             self.add(fault)
 
     def add(self, fault: Fault) -> None:
+        """Raises: ValueError for a line that this board has nothing behind."""
+        if isinstance(fault, StuckBehind):
+            there = [name for name in SEEN_BEHIND if name in self._lines]
+            if fault.name not in there:
+                what = f"nothing is behind {fault.name!r} here: one of {', '.join(there)}"
+                raise ValueError(what)
         self._counts[fault] = 0
         self.are_there = True
 

@@ -158,17 +158,17 @@ class Header:
         if self._faults.are_there:
             if any(cut.name == name for cut in self._faults.of(LineCut)):
                 return
-            level = self._stuck(name, value)
+            level = self._behind(name, self._stuck(name, value))
         if name in _SWITCH_LINES:
             if self._path.code and not exempt:
                 what = f"{name} changed with the DAC at code {self._path.code}"
                 self._timeline.complain(t_ns, what)
-            self._switch.set(t_ns, name, self._behind(name, level))
+            self._switch.set(t_ns, name, level)
         elif name == "HV":
             hv_enable = self._board.guards.hv_enable
             self._rail.enable(t_ns, hv_enable != "absent" and level == hv_enable.on)
         elif name == "HEARTBEAT":
-            self._rail.beat(t_ns)
+            self._rail.heartbeat(t_ns, level)
         if self._switch.blanked_high and self._rail.enabled:
             self._timeline.complain(t_ns, "BL 0 with POL 0 while the supply is on")
 
@@ -179,9 +179,7 @@ class Header:
         return level
 
     def _behind(self, name: str, level: int) -> int:
-        """What the switches see of a line."""
-        if not self._faults.are_there:
-            return level
+        """What the board sees of a line."""
         stuck = [one.level for one in self._faults.of(StuckBehind) if one.name == name]
         return stuck[0] if stuck else level
 

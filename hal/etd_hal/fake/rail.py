@@ -17,6 +17,7 @@ from etd_hal.boardfile import BoardFile
 from etd_hal.fake.faults import (
     EnableStuck,
     Faults,
+    HeartbeatByLevel,
     HeartbeatIgnored,
     HeartbeatRearms,
     HeartbeatSlow,
@@ -50,6 +51,7 @@ class Rail:
         self._window_ns = (
             None if guards.heartbeat == "absent" else guards.heartbeat.window_ms * 1_000_000
         )
+        self._heartbeat_level = 0
         self._beat_until_ns = start_ns
         self._has_beaten = False
         self._is_latched_off = False
@@ -73,10 +75,11 @@ class Rail:
             self._has_beaten = self._is_latched_off = False
         self._enabled = on
 
-    def beat(self, t_ns: int) -> None:
-        """An edge of the heartbeat line: the monostable starts anew."""
-        if self._window_ns is not None:
+    def heartbeat(self, t_ns: int, level: int) -> None:
+        """What the gate sees of the heartbeat line: at each edge the monostable starts anew."""
+        if self._window_ns is not None and level != self._heartbeat_level:
             self.volts(t_ns)
+            self._heartbeat_level = level
             extra_ms = sum(slow.extra_ms for slow in self._faults.of(HeartbeatSlow))
             self._beat_until_ns = t_ns + self._window_ns + extra_ms * 1_000_000
             self._has_beaten = self._enabled
@@ -98,10 +101,17 @@ class Rail:
 
     def volts(self, t_ns: int) -> float:
         """The rail at `t_ns`; never earlier than asked before."""
+        if self._window_ns is not None and self._is_held_on():
+            self._beat_until_ns = max(self._beat_until_ns, t_ns + self._window_ns)
         if self._open_stops or self._t_ns < self._beat_until_ns < t_ns:
             self._turn_until(t_ns)
         self._follow(t_ns)
         return self._volts
+
+    def _is_held_on(self) -> bool:
+        return any(
+            fault.level == self._heartbeat_level for fault in self._faults.of(HeartbeatByLevel)
+        )
 
     def _turn_until(self, t_ns: int) -> None:
         for turn_ns in sorted((self._beat_until_ns, *self._open_stops.values())):

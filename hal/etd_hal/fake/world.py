@@ -72,6 +72,7 @@ class World:
         self.touch(electrode, OPEN_CONTACT)
 
     def put_in(self, fault: Fault) -> None:
+        """Raises: ValueError for a line that the board has nothing behind."""
         self._faults.add(fault)
 
     def take_out(self, fault: Fault) -> None:
