@@ -216,6 +216,8 @@ class Prober:
         self._ledger.book(entry, now_ns)
 
     def _check_course(self, shot: Shot, told_ua: int) -> None:
+        if shot.excess_ns > self._bed.loaded.machine.spread_us * 1_000:
+            return  # A stall between the two samples: a one-shot may have ended the pulse by then.
         slack_v = _EARLY_CODES * self._bed.file.source.node_uv_per_code / 1e6
         most_v = shot.voltage_v * _MOST_EARLY + slack_v
         if shot.early_v > most_v:
