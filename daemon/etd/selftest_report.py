@@ -15,13 +15,14 @@ import msgspec
 from etd.errors import FileError
 from etd.selftest_subject import Subject, difference
 from etd.wholefile import write_whole
-from etd_hal.boardfile import BoardFile
+from etd_hal.boardfile import BoardFile, HalfBridgeLines
 
 Result = Literal["pass", "fail", "skip", "absent"]
 
 #: What no check can see, whatever the board: a person has to, once (docs/bring-up.md).
 NOT_SEEN = (
-    "a wire of POL that is cut beyond the pin: either polarity loads the source alike",
+    "other pulses than of a probe's width: no other one is fired; the machine's planned times and"
+    " the board file's figures are what longer ones lean on",
     "the current through the load itself: all figures lean on the load's value and on the divider",
     "a source that fails short, and what the supply's store holds then",
     "a pull on the board's side: at the pin, the Raspberry Pi's own pull reads alike",
@@ -49,6 +50,12 @@ def not_seen_of(board: BoardFile) -> tuple[str, ...]:
     """What no check of this board can see."""
     guards = board.guards
     found = list(NOT_SEEN)
+    if isinstance(board.switch.lines, HalfBridgeLines):
+        swapped = "" if board.sync_line == "absent" else ", or swapped with SYNC"
+        found.append(
+            f"a wire of POL that is cut beyond the pin, or held low there{swapped}: either polarity"
+            " loads the source alike"
+        )
     if board.sync_line != "absent":
         found.append("a wire of SYNC that is cut beyond the pin: only what listens to it sees that")
     if guards.rail_monitor != "absent":

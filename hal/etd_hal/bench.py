@@ -21,6 +21,9 @@ class Health:
     temperature_c: float | None
     is_throttled: bool | None
     is_under_voltage: bool | None
+    #: At any time since it was started, or since somebody had the firmware forget it.
+    was_throttled: bool | None = None
+    was_under_voltage: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,7 @@ from etd_hal.fake.faults import (
     SpiError,
     SpiMode,
     StopCutsNothing,
+    StuckBehind,
 )
 from etd_hal.fake.hand import FakeHand
 from etd_hal.fake.understudy import FakeUnderstudy
@@ -378,7 +379,12 @@ def test_what_no_check_can_see_is_said_in_the_report() -> None:
 
 @pytest.mark.parametrize(
     ("fault", "said"),
-    [(LineCut("SYNC"), "SYNC"), (SpiMode(0), "SPI mode 0 or 2"), (SpiMode(2), "SPI mode 0 or 2")],
+    [
+        (LineCut("SYNC"), "a wire of SYNC"),
+        (StuckBehind("POL", 0), "held low there"),
+        (SpiMode(0), "SPI mode 0 or 2"),
+        (SpiMode(2), "SPI mode 0 or 2"),
+    ],
 )
 def test_what_passes_though_it_is_wrong_is_in_the_list_of_what_is_not_seen(
     fault: Fault, said: str

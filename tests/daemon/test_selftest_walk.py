@@ -157,11 +157,12 @@ class Hasty(Operator):
     """Takes the tip away from 6 at the third pulse after it was asked for, for a second."""
 
     for_s = 1.0
+    at_pulse = 3
 
     def clip(self, load_ohm: int, first: int, second: int) -> None:
         super().clip(load_ohm, first, second)
         if (load_ohm, second) == (LOAD_OHM, 6):
-            self.rig.watch.before_pulse[self.rig.watch.pulses + 3] = self._lift
+            self.rig.watch.before_pulse[self.rig.watch.pulses + self.at_pulse] = self._lift
 
     def _lift(self) -> None:
         self.rig.fake.world.lift(6)
@@ -184,14 +185,15 @@ def test_a_touch_that_is_over_too_soon_is_asked_for_until_time_is_over() -> None
 
 
 class Flickering(Hasty):
-    """The same at each touch: a tip that slides off and on."""
+    """The same at each touch, in the round over the others: a tip that slides off and on."""
 
     for_s = 0.03
+    at_pulse = 12
 
     def put(self, load_ohm: int, first: int, second: int) -> None:
         super().put(load_ohm, first, second)
         if second == 6:
-            self.rig.watch.before_pulse[self.rig.watch.pulses + 3] = self._lift
+            self.rig.watch.before_pulse[self.rig.watch.pulses + self.at_pulse] = self._lift
 
 
 def test_a_tip_that_slides_off_again_and_again_is_said_to_be_let_go_of() -> None:

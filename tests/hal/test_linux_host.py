@@ -31,7 +31,13 @@ def host(root: Path, **files: str) -> LinuxHost:
 
 def test_a_raspberry_pi_in_order(tmp_path: Path) -> None:
     found = host(tmp_path, temp="48312\n", throttled="0\n").health()
-    assert found == Health(temperature_c=48.312, is_throttled=False, is_under_voltage=False)
+    assert found == Health(
+        temperature_c=48.312,
+        is_throttled=False,
+        is_under_voltage=False,
+        was_throttled=False,
+        was_under_voltage=False,
+    )
 
 
 @pytest.mark.parametrize(
@@ -45,9 +51,22 @@ def test_what_is_wrong_now_counts(
     assert (found.is_throttled, found.is_under_voltage) == (is_throttled, is_under_voltage)
 
 
-def test_what_was_wrong_since_boot_does_not(tmp_path: Path) -> None:
-    found = host(tmp_path, throttled="f0000").health()
+@pytest.mark.parametrize(
+    ("bits", "was_throttled", "was_under_voltage"),
+    [
+        ("10000", False, True),
+        ("20000", True, False),
+        ("40000", True, False),
+        ("80000", True, False),
+        ("f0000", True, True),
+    ],
+)
+def test_what_was_wrong_since_boot_is_told_apart(
+    tmp_path: Path, bits: str, was_throttled: bool, was_under_voltage: bool
+) -> None:
+    found = host(tmp_path, throttled=bits).health()
     assert (found.is_throttled, found.is_under_voltage) == (False, False)
+    assert (found.was_throttled, found.was_under_voltage) == (was_throttled, was_under_voltage)
 
 
 @pytest.mark.parametrize(("alarm", "is_under_voltage"), [("0\n", False), ("1\n", True)])

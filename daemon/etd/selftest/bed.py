@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from etd.config import LoadedConfig
 from etd.selftest_subject import subject_of
-from etd_hal.bench import Hand, StopName
+from etd_hal.bench import Hand, Health, StopName
 from etd_hal.board import Board
 from etd_hal.boardfile import Heartbeat
 from etd_hal.chips import ads1115
@@ -78,6 +78,8 @@ class Bed:
         self.leak_ohm = float(loaded.board.source.leak_ohm)
         #: What the source makes of what it is told, as measured there.
         self.gain = 1.0
+        #: The machine's, before anything was moved.
+        self.health_before: Health | None = None
         self._i2c = bench.backend.i2c
         #: Go on beating without the supply: so the enable line's end is seen alone.
         self.beats_when_off = False

@@ -4,6 +4,9 @@ always.
 Owns: the order of the rounds, and what is said of those that were off. Must not know: who touches
 what; what is fired next.
 
+What the load and the board make of a probe has been measured. Here each single reading says only
+which of the two it is nearer to, so that the noise of an ADC in order is no fault of the switches.
+
 The walk looks again for as long as a touch may bounce, and so forgives a chain that bounces. Here
 nobody touches anything. An electrode that reads the load comes before and after each one that is
 open, so that a latch that did not follow shows at once; of a lost clock only what moves the load's
@@ -32,6 +35,7 @@ _SELECTIONS_PER_END, _MARGIN = 4, 1.2
 def check(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
     """With the load between its two electrodes, and alone. Raises: as all that probes."""
     touch = Touch(bed, prober, load)
+    nearer = touch.nearer
     rate_hz = maxima_of(bed.file, bed.loaded.body_site).rate_hz
     pause_ms = _SECOND_MS * _MARGIN / rate_hz / _SELECTIONS_PER_END
     bed.wait_ms(_SECOND_MS)
@@ -44,7 +48,7 @@ def check(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
             bed.wait_ms(pause_ms)
             done += 1
             volts = touch.read_v(electrode, is_anodic=number % 2 == 0)
-            if not (touch.is_load(volts) if is_loaded else touch.is_open(volts)):
+            if not (nearer.is_load(volts) if is_loaded else nearer.is_open(volts)):
                 off.append(f"{electrode} ({volts:.2f} V)")
     took_s = (bed.clock.now_ns() - begun_ns) / MS / 1_000
     where = f": electrode {', '.join(off[:_MOST_TOLD])}" if off else ""
@@ -52,7 +56,8 @@ def check(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
         "every_time",
         not off,
         f"{len(off)} of {done} selections in {took_s:.1f} s were off{where}",
-        "the load at its two electrodes and open at all others, every single time",
+        "the load at its two electrodes and open at all others, every single time, by which of"
+        f" {nearer.load_v:.2f} and {nearer.open_v:.2f} V is nearer",
         "the chain of switches does not always follow: look at its clock, data and latch with an"
         " oscilloscope, at its supply, the level shifter and loose wires",
     )

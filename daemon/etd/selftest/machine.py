@@ -1,4 +1,5 @@
-"""Stage 1, no risk: the machine and its software, before anything on the board is moved.
+"""Stage 1, no risk: the machine and its software, before anything on the board is moved; and how
+the machine is after the last pulse.
 
 Owns: what is expected of a machine. Must not know: the board.
 """
@@ -31,6 +32,39 @@ def check(bed: Bed, log: Log) -> None:
         "put dtparam=strict_gpiod into /boot/firmware/config.txt, and boot again",
     )
     _check_health(bed, log)
+
+
+def check_after(bed: Bed, log: Log) -> None:
+    """After the last pulse: supply and heat as they are then, and what the firmware has noted since
+    the test began. What it had noted before says nothing of the test. Raises: nothing.
+    """
+    before, now = bed.health_before, bed.host.health()
+    temperature_c = now.temperature_c
+    wrong = [
+        told
+        for told, is_so in (
+            ("hot", temperature_c is not None and temperature_c >= _HOTTEST_C),
+            ("slowed down", now.is_throttled),
+            ("under-voltage", now.is_under_voltage),
+            (
+                "slowed down meanwhile",
+                now.was_throttled and before is not None and before.was_throttled is False,
+            ),
+            (
+                "under-voltage meanwhile",
+                now.was_under_voltage and before is not None and before.was_under_voltage is False,
+            ),
+        )
+        if is_so
+    ]
+    told_c = "" if temperature_c is None else f"{temperature_c:.0f} C, "
+    log.judge(
+        "machine_after",
+        not wrong,
+        told_c + (", ".join(wrong) or "in order"),
+        f"below {_HOTTEST_C:.0f} C, and neither slowed down nor under-voltage during the test",
+        "the Raspberry Pi's own supply, a short cable, air: it has to bear the board as well",
+    )
 
 
 def _check_software(bed: Bed, log: Log) -> None:
@@ -86,7 +120,7 @@ def _check_clocks(bed: Bed, log: Log) -> None:
 
 
 def _check_health(bed: Bed, log: Log) -> None:
-    health = bed.host.health()
+    bed.health_before = health = bed.host.health()
     if health.temperature_c is None:
         log.skip("temperature", "this kernel does not tell it", "measure it by hand")
     else:

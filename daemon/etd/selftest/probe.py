@@ -21,10 +21,14 @@ from etd_hal.boardfile import Relays
 
 #: Of a measured against a named value: half of the 20 % that IEC 60601-2-10 asks of amplitudes.
 TOLERANCE = 0.1
-#: Readings of the same, each of a probe that is weaker by such a part, so that they do not all
-#: round alike; and what is left of the ADC's step then.
-_READINGS, _WEAKER_BY = 8, 32
+#: Probes that are weaker by such parts, so that they do not all round alike, so often; and what is
+#: left then of the ADC's step, and of a noise of 1.5 codes.
+_PARTS, _WEAKER_BY, _TIMES = 8, 32, 4
 _STEP_LEFT = 0.25
+#: What a single reading of an ADC in order may be off by chance.
+_NOISE_CODES = 6
+#: Rounds over the array for a map: a reading decides alone of none.
+_ROUNDS = 2
 #: Of what the named load would read; a short is no load, and says nothing of the constants.
 _LEAST_OF_LOAD = 0.5
 #: Of the current, that must go through a load.
@@ -41,14 +45,16 @@ class Map:
 
 
 def read_map(bed: Bed, prober: Prober) -> Map:
-    """One probe at each electrode. Raises: BusError, BoardFault, GuardRefusal."""
-    shots = []
-    told_ua = 0
-    for electrode in range(bed.loaded.array.count):
-        told_ua, shot = prober.probe(electrode)
-        shots.append(shot)
+    """The mean of a probe a round at each electrode. Raises: BusError, BoardFault, GuardRefusal."""
+    electrodes = range(bed.loaded.array.count)
+    rounds = [[prober.probe(one) for one in electrodes] for _ in range(_ROUNDS)]
+    shots = [[shot for _, shot in one_round] for one_round in rounds]
     return Map(
-        told_ua, tuple(shot.voltage_v for shot in shots), max(shot.baseline_v for shot in shots)
+        rounds[0][0][0],
+        tuple(
+            statistics.mean(shot.voltage_v for shot in both) for both in zip(*shots, strict=True)
+        ),
+        max(shot.baseline_v for one_round in shots for shot in one_round),
     )
 
 
@@ -119,8 +125,8 @@ def _check_load(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) 
     """Still with the weak probe, since the load is only said to be there: open, then from either
     end of it.
     """
-    told_ua, open_v = _mean_v(prober, free)
-    ends_v = [_mean_v(prober, one)[1] for one in (load.first, load.second)]
+    told_ua, open_v = mean_v(prober, free)
+    ends_v = [mean_v(prober, one)[1] for one in (load.first, load.second)]
     ohm = load.resistance_ohm
     left_v = bed.file.source.node_uv_per_code / 1e6 * _STEP_LEFT
     parts = [_Part.of(volts, open_v, left_v) for volts in ends_v]
@@ -143,7 +149,7 @@ def _check_load(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) 
     _check_constants(bed, log, told_ua, open_v, part, ohm)
     if agrees:
         _check_blanked(bed, log, prober, load, open_v / told_ua)
-        _check_latch(bed, log, prober, load, free)
+        _check_latch(bed, log, prober, load, free, (volts, open_v))
     bed.is_load_confirmed = agrees and not log.stage_failed
 
 
@@ -165,22 +171,31 @@ def _check_blanked(
     )
 
 
-def _check_latch(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) -> None:
+def _check_latch(
+    bed: Bed,
+    log: Log,
+    prober: Prober,
+    load: DummyLoad,
+    free: int,
+    means_v: tuple[float, float],
+) -> None:
     """An end of the load in the latch, an open electrode in the chain behind it. A latch that stays
     open shows each word while it is shifted, and a glitch of the clock is a selection at once.
+
+    `means_v`: of the load, and open, of somewhat weaker probes.
     """
     if isinstance(bed.file.switch, Relays):
         log.absent("latch_holds", "relays copy at an edge of LE: it has no open state")
         return
     ends = (load.first, load.second)
-    load_v = statistics.mean(prober.probe(one)[1].voltage_v for one in ends)
     held_v = [prober.latched(one, behind=free)[1].voltage_v for one in ends]
-    slack_v = TOLERANCE * load_v + bed.file.source.node_uv_per_code / 1e6
+    expected = NearerOf(*means_v, bed.file.source.node_uv_per_code / 1e6)
     log.judge(
         "latch_holds",
-        all(abs(volts - load_v) <= slack_v for volts in held_v),
+        all(expected.is_load(volts) for volts in held_v),
         " and ".join(f"{volts:.2f} V" for volts in held_v),
-        f"{load_v:.2f} V with the load's electrodes latched and electrode {free} shifted in behind",
+        f"nearer to {means_v[0]:.2f} than to {means_v[1]:.2f} V with the load's electrodes latched"
+        f" and electrode {free} shifted in behind",
         "LE stands at its open level beyond the pin (a level shifter, a shorted wire)",
     )
 
@@ -246,11 +261,38 @@ class _Part(_Reading):
         return _Reading(self.value * of, self.low * of, self.high * of)
 
 
-def _mean_v(prober: Prober, electrode: int) -> tuple[float, float]:
-    """(told_ua, V) of probes up to the weak one."""
+@dataclass(frozen=True, slots=True)
+class NearerOf:
+    """Whether one reading is of the load or of an open node, by which it is nearer to: for what
+    asks if a switch followed, and not how large something is.
+    """
+
+    load_v: float
+    open_v: float
+    step_v: float
+
+    def is_load(self, volts: float) -> bool:
+        """A node on ground is neither."""
+        return self._least_v <= volts <= self._middle_v
+
+    def is_open(self, volts: float) -> bool:
+        return volts > self._middle_v
+
+    @property
+    def _middle_v(self) -> float:
+        return (self.load_v + self.open_v) / 2
+
+    @property
+    def _least_v(self) -> float:
+        return self.load_v / 2 - _NOISE_CODES * self.step_v
+
+
+def mean_v(prober: Prober, electrode: int) -> tuple[float, float]:
+    """(told_ua, V) of probes up to the weak one. Raises: as `check`."""
     shots = [
         prober.probe(electrode, current_ua=prober.probe_ua * (_WEAKER_BY - weaker) // _WEAKER_BY)
-        for weaker in range(_READINGS)
+        for weaker in range(_PARTS)
+        for _ in range(_TIMES)
     ]
     told_ua = statistics.mean(told_ua for told_ua, _ in shots)
     return told_ua, statistics.mean(shot.voltage_v for _, shot in shots)

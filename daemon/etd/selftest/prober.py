@@ -34,9 +34,10 @@ from etd_hal.errors import BoardFault, CannotSelect, GuardRefusal
 _PART = 3
 #: The ramp's steps, as divisors of the probe.
 _RAMP = (8, 4, 2, 1)
-#: What the node may be of its open voltage while the ramp goes on; the ADC's steps are added.
+#: What the node may be of its open voltage while the ramp goes on; the ADC's steps are added. Below
+#: is where a finger shows at the first step, of some nine codes.
 _LEAST, _MOST = 0.6, 1.2
-_RAMP_CODES = 2
+_LEAST_CODES, _MOST_CODES = 2, 3
 #: What the node may be early in a pulse, of what it is in the end; two readings' noise is added.
 _MOST_EARLY, _EARLY_CODES = 1.2, 8
 
@@ -69,7 +70,7 @@ class Prober:
             ),
         )
         self._outputs = bed.loaded.array.outputs()
-        self._slack_v = _RAMP_CODES * bed.file.source.node_uv_per_code / 1e6
+        self._step_v = bed.file.source.node_uv_per_code / 1e6
         self._is_chain_known = False
         #: By how many us the longest message was over its plan: of probes, of pulses into a load.
         self.over_us = {"probes": 0.0, "into the load": 0.0}
@@ -111,7 +112,7 @@ class Prober:
         for divisor in _RAMP:
             told_ua, shot = self._fire(electrode, self.probe_ua // divisor, True)
             open_v = self.open_v(told_ua)
-            least_v = open_v * _LEAST - self._slack_v if is_supplied else 0.0
+            least_v = open_v * _LEAST - _LEAST_CODES * self._step_v if is_supplied else 0.0
             most_v = self._most_open_v(told_ua)
             is_good = least_v <= shot.voltage_v <= most_v
             measured = f"{shot.voltage_v:.2f} V at {told_ua} uA"
@@ -160,7 +161,7 @@ class Prober:
         return self._fire(electrode, min(current_ua, self.strongest_ua), True)
 
     def _most_open_v(self, told_ua: int) -> float:
-        return self.open_v(told_ua) * _MOST + self._slack_v
+        return self.open_v(told_ua) * _MOST + _MOST_CODES * self._step_v
 
     def forget_chain(self) -> None:
         """After the chain was used for something else: the next pulse writes it whole."""

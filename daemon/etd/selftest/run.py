@@ -112,6 +112,7 @@ def _stages(bed: Bed, log: Log, prober: Prober) -> dict[str, Callable[[], None]]
 def _strong(bed: Bed, log: Log, prober: Prober) -> None:
     source.check(bed, log, prober)
     timing.check_longest(bed, log, prober)
+    machine.check_after(bed, log)
 
 
 def _run_stage(bed: Bed, log: Log, stage: Callable[[], None]) -> None:

@@ -12,7 +12,7 @@ from etd.selftest import adcbits, everytime
 from etd.selftest.bed import LOAD_OPTIONS, Bed, DummyLoad
 from etd.selftest.ladder import LINEARITY, SATURATES, climb, largest_here_ohm, reachable_ua
 from etd.selftest.log import Log
-from etd.selftest.probe import TOLERANCE, check_alone, read_map
+from etd.selftest.probe import TOLERANCE, check_alone, mean_v, read_map
 from etd.selftest.prober import Prober
 
 #: To be well into the compliance with nothing connected.
@@ -53,8 +53,9 @@ def _is_still_there(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> bool
     """Hands were at the board meanwhile: once more with the weak probe, before anything strong."""
     found = read_map(bed, prober)
     is_alone = check_alone(bed, log, found, bed.free, "still_alone")
-    expected_v = found.told_ua * bed.gain / 1e6 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
-    ends_v = [found.voltage_v[one] for one in (load.first, load.second)]
+    ends = [mean_v(prober, one) for one in (load.first, load.second)]
+    ends_v = [volts for _, volts in ends]
+    expected_v = ends[0][0] * bed.gain / 1e6 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
     slack_v = TOLERANCE * expected_v + bed.file.source.node_uv_per_code / 1e6
     is_there = log.judge(
         "load_still_there",

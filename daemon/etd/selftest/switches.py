@@ -9,6 +9,7 @@ it is asked for, and that one must answer, alone. Then the same with the second 
 
 from __future__ import annotations
 
+import statistics
 from dataclasses import replace
 
 from etd.selftest.bed import LOAD_OPTIONS, MS, SECOND_LOAD_OPTION, Bed, DummyLoad
@@ -31,6 +32,8 @@ _CHANGE_WITHIN_MS = 60_000
 _LOOK_EVERY_MS = 100
 #: After a round that was not good.
 _ROUND_EVERY_MS = 300
+#: Of either end of a second load, in one look.
+_READINGS = 4
 #: A hand on its way is still where it was: who else answers is asked after this, and so often.
 _ON_ITS_WAY_MS = 3_000
 _OTHERS_EVERY_MS = 1_000
@@ -162,7 +165,7 @@ def _is_changed(bed: Bed, log: Log, prober: Prober, second: DummyLoad, expected_
     ends_v: list[float] = []
 
     def look() -> bool:
-        ends_v[:] = [prober.probe(one)[1].voltage_v for one in (second.first, second.second)]
+        ends_v[:] = [_steady_v(prober, one) for one in (second.first, second.second)]
         bed.wait_ms(_LOOK_EVERY_MS)
         return all(abs(volts - expected_v) <= slack_v for volts in ends_v)
 
@@ -174,6 +177,10 @@ def _is_changed(bed: Bed, log: Log, prober: Prober, second: DummyLoad, expected_
         f" {second.second} within {_CHANGE_WITHIN_MS // 1_000} s",
         "measure this resistor, too, and look where it is",
     )
+
+
+def _steady_v(prober: Prober, electrode: int) -> float:
+    return statistics.mean(prober.probe(electrode)[1].voltage_v for _ in range(_READINGS))
 
 
 def _check_back(bed: Bed, log: Log, prober: Prober, touch: Touch, load: DummyLoad) -> None:

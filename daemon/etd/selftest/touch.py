@@ -13,11 +13,12 @@ import statistics
 from dataclasses import dataclass
 
 from etd.selftest.bed import Bed, DummyLoad
-from etd.selftest.probe import TOLERANCE
+from etd.selftest.probe import TOLERANCE, NearerOf
 from etd.selftest.prober import Prober
 
-#: Both polarities, so often.
-_READINGS = 2
+#: Both polarities, so often: of the load before the walk, and of what answers while it is touched.
+#: A second load may be ten codes of the ADC: what is a switch's resistance there is its noise here.
+_READINGS_BEFORE, _READINGS = 8, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,20 +48,23 @@ class Touch:
         self._fixed = load.first
         self._electrodes = range(bed.loaded.array.count)
         self._step_v = bed.file.source.node_uv_per_code / 1e6
-        readings = [self._both_v(load.second) for _ in range(_READINGS)]
+        readings = [self._once_v(load.second) for _ in range(_READINGS_BEFORE)]
         #: What the load makes of a probe.
         self.load_v = statistics.mean(volts for both in readings for volts in both)
         self._open_v = statistics.median(self._source_v(one) for one in bed.free)
 
     def look(self, asked: int) -> Look:
-        """One probe from either side; a round over all others if it answers."""
-        read_v = self._both_v(asked)
+        """One probe from either side; some more, and a round over all others, if it answers."""
+        read_v = self._once_v(asked)
+        if any(self.nearer.is_open(volts) for volts in read_v):
+            return Look(False, read_v)
+        read_v = self._mean_v(read_v, asked)
         if not all(self.is_load(volts) for volts in read_v):
             return Look(False, read_v)
         others = self.answering(asked)
-        if not self.is_load(self._source_v(self._fixed)):
+        if not self.is_load(self._steady_v(self._fixed)):
             others = (*others, self._fixed)
-        if not self.is_load(self._source_v(asked)):
+        if not self.is_load(self._steady_v(asked)):
             return Look(True, read_v)
         return Look(True, read_v, others, is_held=True)
 
@@ -73,10 +77,25 @@ class Touch:
         )
 
     def reads_load(self, electrode: int) -> bool:
-        return all(self.is_load(volts) for volts in self._both_v(electrode))
+        both_v = self._mean_v(self._once_v(electrode), electrode)
+        return all(self.is_load(volts) for volts in both_v)
 
-    def _both_v(self, electrode: int) -> tuple[float, float]:
+    @property
+    def nearer(self) -> NearerOf:
+        return NearerOf(self.load_v, self._open_v, self._step_v)
+
+    def _once_v(self, electrode: int) -> tuple[float, float]:
+        """(source, ground)."""
         return self._source_v(electrode), self.read_v(electrode, is_anodic=False)
+
+    def _mean_v(self, first_v: tuple[float, float], electrode: int) -> tuple[float, float]:
+        """Of all readings of one look, with these first ones."""
+        more = [self._once_v(electrode) for _ in range(_READINGS - 1)]
+        source_v, ground_v = zip(first_v, *more, strict=True)
+        return statistics.mean(source_v), statistics.mean(ground_v)
+
+    def _steady_v(self, electrode: int) -> float:
+        return statistics.mean(self._source_v(electrode) for _ in range(_READINGS))
 
     def _source_v(self, electrode: int) -> float:
         return self.read_v(electrode, is_anodic=True)

@@ -105,7 +105,8 @@ class CurrentPath:
         volts = 0.0 if self.shorted else self._body.node_voltage_v(t_ns)
         for scale in self._faults.of(AdcScale):
             volts *= scale.factor
-        code = round(volts * 1_000_000 / self._source.node_uv_per_code)
+        noise = self._faults.adc_noise()
+        code = round(volts * 1_000_000 / self._source.node_uv_per_code + noise)
         for stuck in self._faults.of(AdcStuck):
             code = stuck.code
         code = min(max(code, 0), _ADC_CODES - 1)

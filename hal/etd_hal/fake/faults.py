@@ -7,6 +7,7 @@ All counts begin when the fault is put in: 1 is the next one.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from random import Random
 from typing import Literal, TypeVar
 
 import msgspec
@@ -145,6 +146,15 @@ class AdcBitStuck(_Fault, frozen=True, tag=True):
 
     bit: int
     level: Literal[0, 1]
+
+
+class AdcNoise(_Fault, frozen=True, tag=True):
+    """Every conversion is off by chance: normal, with a standard deviation of so many codes. Up to
+    1.5 the board is in order.
+    """
+
+    sigma: float
+    seed: int = 0
 
 
 class SpiMode(_Fault, frozen=True, tag=True):
@@ -291,6 +301,8 @@ class MachineTrouble(_Fault, frozen=True, tag=True):
         "realtime_refused",
         "throttled",
         "under_voltage",
+        "was_throttled",
+        "was_under_voltage",
         "wrong_model",
     ]
 
@@ -315,6 +327,7 @@ Fault = (
     | AdcScale
     | AdcStuck
     | AdcBitStuck
+    | AdcNoise
     | SpiMode
     | HoldShort
     | SlowWords
@@ -355,6 +368,7 @@ class Faults:
     def __init__(self, faults: Iterable[Fault] = (), lines: Collection[str] = SEEN_BEHIND) -> None:
         self._counts: dict[Fault, int] = {}
         self._lines = lines
+        self._noise: dict[AdcNoise, Random] = {}
         #: Whether any is in: a board without faults is asked for them at every edge of a line.
         self.are_there = False
         for fault in faults:
@@ -369,6 +383,8 @@ class Faults:
                 raise ValueError(what)
         self._counts[fault] = 0
         self.are_there = True
+        if isinstance(fault, AdcNoise):
+            self._noise[fault] = Random(fault.seed)
 
     def remove(self, fault: Fault) -> None:
         """Raises: KeyError when it is not in."""
@@ -405,6 +421,10 @@ class Faults:
             return False
         due = [fault for fault in self.of(kind) if _is_due(fault, self._count(fault))]
         return bool(due)
+
+    def adc_noise(self) -> float:
+        """By how many codes the next conversion is off."""
+        return sum(self._noise[noise].gauss(0.0, noise.sigma) for noise in self.of(AdcNoise))
 
     def i2c(self, address: int) -> I2cFailure | None:
         """Count a transaction, and say what is wrong with it."""

@@ -43,6 +43,8 @@ class FakeHost:
             temperature_c=_HOT_C if self._has("hot") else _WARM_C,
             is_throttled=self._has("throttled"),
             is_under_voltage=self._has("under_voltage"),
+            was_throttled=self._has("was_throttled") or self._has("throttled"),
+            was_under_voltage=self._has("was_under_voltage") or self._has("under_voltage"),
         )
 
     def free_memory_kb(self) -> int:

@@ -17,10 +17,12 @@ from etd_hal.linux.realtime import obtained, set_up
 
 _PACKAGES = ("msgspec", "gpiod", "spidev", "smbus2")
 _TEMPERATURE = "sys/class/thermal/thermal_zone0/temp"
-#: Bits 0..3 are of now: under-voltage, capped, throttled, soft temperature limit.
+#: Bits 0..3 are of now: under-voltage, capped, throttled, soft temperature limit. Bits 16..19 say
+#: that the same has been.
 _THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
 _SLOWER_NOW = 0b1110
 _UNDER_VOLTAGE_NOW = 0b0001
+_HAS_BEEN = 16
 _CLOCK_SOURCE = "sys/devices/system/clocksource/clocksource0/current_clocksource"
 _HWMON = "sys/class/hwmon"
 
@@ -50,6 +52,10 @@ class LinuxHost:
             temperature_c=self._temperature_c(),
             is_throttled=None if bits is None else bool(bits & _SLOWER_NOW),
             is_under_voltage=self._is_under_voltage(bits),
+            was_throttled=None if bits is None else bool(bits >> _HAS_BEEN & _SLOWER_NOW),
+            was_under_voltage=None
+            if bits is None
+            else bool(bits >> _HAS_BEEN & _UNDER_VOLTAGE_NOW),
         )
 
     def keeps_pins(self) -> bool:
