@@ -9,10 +9,12 @@ import datetime
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from etd.bodysite import load_body_site
 from etd.config import LoadedConfig, fake_config
 from etd.selftest.bed import Asked, Bed, DummyLoad
 from etd.selftest.run import run
 from etd.selftest_report import Report
+from etd.shipped import find
 from etd_body.electrode import OPEN_CONTACT
 from etd_body.minimal import MinimalBody
 from etd_hal.bench import Hand, StopName
@@ -152,6 +154,7 @@ def selftest_rig(
     *,
     faults: Sequence[Fault] = (),
     file: BoardFile | None = None,
+    body_site: str | None = None,
     load_ohm: int | None = LOAD_OHM,
     second_ohm: int | None = SECOND_OHM,
     really_ohm: Mapping[int, float] | None = None,
@@ -165,6 +168,8 @@ def selftest_rig(
     loaded = fake_config(board, array)
     if file is not None:
         loaded = replace(loaded, board=file)
+    if body_site is not None:
+        loaded = replace(loaded, body_site=load_body_site(find("bodysites", body_site)))
     clock = SteppedClock()
     count = loaded.array.count
     body = MinimalBody(

@@ -147,13 +147,16 @@ def test_an_electrode_that_is_not_felt_up_to_the_cap_is_a_bound_and_no_threshold
     assert max(ua for where, ua in skin.presented if where == 1) == 4_000
 
 
-def test_each_electrode_begins_below_the_least_threshold_and_rises_by_tenths() -> None:
-    skin = NoisySkin(8, 17)
+@pytest.mark.parametrize("median_ua", [1_100.0, 300.0])
+def test_each_electrode_begins_below_the_least_threshold_and_rises_by_tenths(
+    median_ua: float,
+) -> None:
+    skin = NoisySkin(8, 17, median_ua=median_ua)
     progress, _ = calibrated(skin)
     for electrode in range(8):
         presented = [ua for where, ua in skin.presented if where == electrode]
         earlier = [progress.found[one].threshold_ua for one in range(electrode)]
-        assert presented[0] <= max(200, min(earlier, default=0) / 2)
+        assert presented[0] <= min(earlier, default=400) / 2
         most = presented[0]
         for current_ua in presented[1:]:
             assert current_ua <= most * RISE + 1

@@ -81,6 +81,18 @@ def test_some_gains_do_hold_a_law_at_its_widest() -> None:
     rig.close()
 
 
+def test_a_gain_that_is_right_now_and_then_is_not_believed_for_the_rest_of_the_time() -> None:
+    rig = rig_with("fitted")
+    wrong = AdcScale(0.6)
+    for _ in range(2):
+        rig.fake.world.put_in(wrong)
+        held(rig, 8_500)
+        rig.fake.world.take_out(wrong)
+        held(rig, 250)
+    assert doubts(rig) == 1
+    rig.close()
+
+
 def test_a_law_is_believed_again_when_it_wants_less() -> None:
     rig = rig_with("fitted")
     wrong = AdcScale(0.6)
@@ -88,7 +100,7 @@ def test_a_law_is_believed_again_when_it_wants_less() -> None:
     held(rig, 12_000)
     assert doubts(rig) == 1
     rig.fake.world.take_out(wrong)
-    held(rig, 500)
+    held(rig, 4_000)
     rig.fake.world.touch(4, skin(1_000.0, 15_000.0, 1.0))
     assert held(rig, 1_000) > 1.1
     assert rig.close() == ()

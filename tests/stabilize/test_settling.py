@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from etd.protocol import ContactState
 from etd.stabilize.pipeline import Known
-from etd.stabilize.settling import LEAST_PART, MOST_PART, SETTLING_NS, Settling
+from etd.stabilize.settling import LEAST_PART, NEW_PART, SETTLING_NS, Settling
 
 MS = 1_000_000
 FIRM_OHM = 30_000
@@ -51,7 +51,7 @@ def test_a_contact_that_nothing_happened_to_gets_all() -> None:
 
 def test_a_return_as_firm_as_before_gets_a_part_for_three_seconds_and_then_rises_slowly() -> None:
     parts = after_a_return(FIRM, 4.0)
-    assert parts[:29] == [MOST_PART] * 29
+    assert parts[:29] == [NEW_PART] * 29
     assert parts[-1] == 1.0
     rises = [later - earlier for earlier, later in pairwise(parts)]
     assert max(rises) < 0.06
@@ -61,16 +61,16 @@ def test_a_return_that_resists_more_gets_less_until_it_does_not() -> None:
     law = settling()
     lighter = replace(FIRM, skin_ohm=2.0 * FIRM_OHM)
     parts = after_a_return(lighter, 5.0, law)
-    assert parts[0] == pytest.approx(MOST_PART * 0.5**0.6)
-    assert max(parts) < 0.75
+    assert parts[0] == pytest.approx(NEW_PART * 0.5**0.6)
+    assert 0.66 < parts[-1] < 0.75, "after three seconds only what it resists is taken"
     firm_again = [law.part(replace(FIRM, now_ns=(60 + step) * STEP_NS)) for step in range(20)]
     assert firm_again[-1] == 1.0
 
 
 def test_a_finger_that_stays_lighter_comes_to_its_strength_in_the_end() -> None:
     parts = after_a_return(replace(FIRM, skin_ohm=1.5 * FIRM_OHM), 240.0)
-    assert parts[100] < MOST_PART
-    assert parts[-1] > 0.98 * MOST_PART
+    assert parts[100] < 0.95
+    assert parts[-1] > 0.98
 
 
 def test_the_part_leaves_enough_to_measure_by() -> None:
@@ -80,20 +80,20 @@ def test_the_part_leaves_enough_to_measure_by() -> None:
 def test_a_weaker_pulse_of_the_same_skin_does_not_look_like_a_smaller_contact() -> None:
     weaker_ohm = FIRM_OHM * (3_000 + 8_000) / (1_000 + 8_000)
     same = replace(FIRM, skin_ohm=weaker_ohm, skin_at_ua=1_000)
-    assert after_a_return(same, 1.0)[-1] == pytest.approx(MOST_PART)
+    assert after_a_return(same, 1.0)[-1] == pytest.approx(NEW_PART)
 
 
 def test_a_finger_just_laid_on_is_compared_with_the_calibration() -> None:
     one = settling()
     one.part(OPEN)
     dry = replace(FIRM, skin_ohm=2.0 * FIRM_OHM, now_ns=STEP_NS)
-    assert one.part(dry) == pytest.approx(MOST_PART * 0.5**0.6)
+    assert one.part(dry) == pytest.approx(NEW_PART * 0.5**0.6)
 
 
 def test_behind_it_a_law_by_resistance_answers_the_area_itself() -> None:
     law = Settling(goes_by_resistance=False)
     parts = after_a_return(replace(FIRM, skin_ohm=2.0 * FIRM_OHM), 4.0, law)
-    assert parts[0] == MOST_PART
+    assert parts[0] == NEW_PART
     assert parts[-1] == 1.0
 
 
@@ -106,7 +106,7 @@ def test_without_a_calibration_all_is_given() -> None:
 
 def test_a_resistance_that_is_not_believed_takes_nothing_more_and_holds_nothing_up() -> None:
     parts = after_a_return(replace(FIRM, skin_ohm=None), 4.0)
-    assert parts[0] == MOST_PART
+    assert parts[0] == NEW_PART
     assert parts[-1] == 1.0
 
 
@@ -114,9 +114,9 @@ def test_a_contact_that_shrank_begins_anew() -> None:
     law = settling()
     assert after_a_return(FIRM, 5.0, law)[-1] == 1.0
     shrank = replace(FIRM, state="soft", firmness=0.0, now_ns=60 * STEP_NS)
-    assert law.part(shrank) == MOST_PART
+    assert law.part(shrank) == NEW_PART
     later = replace(FIRM, now_ns=60 * STEP_NS + SETTLING_NS // 2)
-    assert law.part(later) == MOST_PART
+    assert law.part(later) == NEW_PART
 
 
 @given(

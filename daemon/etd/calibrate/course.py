@@ -220,7 +220,7 @@ class Course:
         if before is not None and before.felt:
             return max(1, int(before.threshold_ua * _OF_EARLIER))
         felt_ua = [one.threshold_ua for one in self._progress.found.values() if one.felt]
-        return max(START_UA, int(min(felt_ua) * _OF_LEAST)) if felt_ua else START_UA
+        return max(1, int(min(felt_ua) * _OF_LEAST)) if felt_ua else START_UA
 
     def _earlier(self, electrode: int) -> ElectrodeLimits | None:
         return None if self._baseline is None else self._baseline.electrode[electrode]

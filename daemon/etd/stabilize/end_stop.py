@@ -10,7 +10,9 @@ longest for 16 s. To give up after 10 s takes less than a thousandth of the puls
 after 5 s the law would leave up to half more variation.
 
 What a law wants counts, by resistances that are believed; so pulses by others, and pauses, neither
-fill nor end it.
+fill nor end it. Nor does a moment at which less is wanted: a divider that makes contact now and
+then must not be believed for the rest of the time. Such time counts against it three times, and
+the doubt ends when it has used up what was counted.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ Tell = Callable[[str], object]
 #: In parts of the way, as logarithms, from unchanged to the widest.
 _NEAR, _AWAY = 0.8, 0.5
 _LONG_NS = 10_000_000_000
+#: How much time that is wanted away from there takes back.
+_TAKES_BACK = 3
 #: Between two pulses no more than this counts.
 _LONGEST_STEP_NS = 1_000_000_000
 
@@ -42,12 +46,13 @@ class EndStop:
 
     def believed(self, electrode: int, wanted: float, now_ns: int) -> float:
         """What a law wants by what is measured, as a factor; 1 where it has wanted its most for too
-        long, until it wants less than half of the way again.
+        long, until it has wanted less than half of the way for a third of that.
         """
         self._count(electrode, wanted, now_ns)
-        if wanted < self._away:
+        stood_ns = self._stood_ns[electrode]
+        if stood_ns == 0:
             self._doubted.discard(electrode)
-        elif electrode not in self._doubted and self._stood_ns[electrode] >= _LONG_NS:
+        elif electrode not in self._doubted and stood_ns >= _LONG_NS:
             self._doubted.add(electrode)
             self._tell("bound")
         return min(wanted, 1.0) if electrode in self._doubted else wanted
@@ -57,8 +62,11 @@ class EndStop:
         elapsed_ns = min(max(0, elapsed_ns), _LONGEST_STEP_NS)
         self._asked_ns[electrode] = now_ns
         stood_ns = self._stood_ns.get(electrode, 0)
-        stood_ns += elapsed_ns if wanted >= self._near else -elapsed_ns
-        self._stood_ns[electrode] = 0 if wanted < self._away else max(0, stood_ns)
+        if wanted >= self._near:
+            stood_ns += elapsed_ns
+        else:
+            stood_ns -= elapsed_ns * (_TAKES_BACK if wanted < self._away else 1)
+        self._stood_ns[electrode] = min(max(0, stood_ns), _LONG_NS)
 
 
 def unheard(_: str) -> None:

@@ -8,15 +8,15 @@ come down; the fewer square millimeters carry the current, the more is felt of i
 Electro-tactile Display, sections 3.1 and 4). Resistance goes with the inverse of that area, and so
 tells it. No rule is in print; this one is by design:
 
-    part = 0.85 x (R_firm / R)^0.6
+    part = (R_firm / R)^0.6, and 0.8 of that for the first 3 s
 
-from the touch on, for 3 s and until R has come down to R_firm. R_firm is the lowest that this
-contact resisted of late when it was firm, at first the calibration's; it is forgotten upward with a
-time constant of 20 s, since a finger that stays lighter must come to its strength in the end. The
-part is never more than 0.85, and never less than 0.4, so that what is left is enough to measure by.
-It falls at once and rises slowly. Where a law by resistance follows in the order, that law answers
-the area, and the part is 0.85 for 3 s. Without a calibration there is no part: whoever calibrates
-gets what is asked for. The exponent and the bounds were tuned on modelled fingers.
+until R has come down to R_firm. R_firm is the lowest that this contact resisted of late when it was
+firm, at first the calibration's; it is forgotten upward with a time constant of 20 s, since a
+finger that stays lighter must come to its strength in the end. The part is never less than 0.4, so
+that what is left is enough to measure by. It falls at once and rises slowly. Where a law by
+resistance follows in the order, that law answers the area, and the part is 0.8 for 3 s. Without a
+calibration there is no part: whoever calibrates gets what is asked for. The exponent and the bounds
+were tuned on modelled fingers.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from etd.stabilize.reference import BEND_UA
 from etd.stabilize.slew import LONGEST_STEP_NS, Slew
 
 SETTLING_NS = 3_000_000_000
-MOST_PART, LEAST_PART = 0.85, 0.4
+NEW_PART, LEAST_PART = 0.8, 0.4
 _EXPONENT = 0.6
 _FORGOTTEN_NS = 20_000_000_000
 _RISE_PER_S = 0.5
@@ -89,10 +89,12 @@ class Settling:
         above = 0.0
         if self._goes_by_resistance and log_ohm is not None:
             above = log_ohm - contact.firm_log_ohm
-        if above <= 0.0 and now_ns - contact.touched_ns >= SETTLING_NS:
+        is_new = now_ns - contact.touched_ns < SETTLING_NS
+        if above <= 0.0 and not is_new:
             contact.touched_ns = None
             return 1.0
-        return max(LEAST_PART, MOST_PART * math.exp(-_EXPONENT * max(0.0, above)))
+        part = math.exp(-_EXPONENT * max(0.0, above))
+        return max(LEAST_PART, NEW_PART * part if is_new else part)
 
 
 def _log_ohm(known: Known) -> float | None:
