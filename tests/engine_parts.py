@@ -14,11 +14,12 @@ import msgspec
 from etd.array import Array, load_array
 from etd.bodysite import BodySite, load_body_site
 from etd.calibration import Calibration, ElectrodeLimits
-from etd.engine.limits import Maxima, PersonLimits, limits_of_calibration, maxima_of
+from etd.engine.limits import PersonLimits, limits_of_calibration
 from etd.engine.plan import Planner
 from etd.engine.room import Rules
 from etd.errors import CannotSelect
 from etd.frame import Frame
+from etd.maxima import Maxima, maxima_of
 from etd.shipped import find
 from etd.stabilize.pipeline import NO_FURTHER, Reach
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine

@@ -14,7 +14,7 @@ from typing import Literal
 import msgspec
 
 from etd.config import LoadedConfig
-from etd.engine.limits import maxima_of
+from etd.maxima import maxima_of
 from etd.version import __version__
 
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etd.engine.ledger import WINDOW_NS, Bounds, Entry, Ledger
+from engine_parts import maxima_with
+from etd.ledger import WINDOW_NS, Bounds, Entry, Ledger
 
 NOW_NS = 9_000_000_000
 AMPLE = Bounds(
@@ -62,6 +63,25 @@ def test_the_bound_that_one_more_pulse_would_pass_is_named(
     assert ledger.why_not(first, NOW_NS) is None
     ledger.book(first, NOW_NS)
     assert ledger.why_not(entry(0), NOW_NS + 1) == reason
+
+
+def test_what_nobody_may_get_is_what_the_second_is_held_to() -> None:
+    maxima = maxima_with(
+        interval_us=1,
+        mean_current_ua=2,
+        rate_hz=3,
+        on_us_per_s=4,
+        array_mean_current_ua=5,
+        array_on_us_per_s=6,
+    )
+    assert Bounds.of(maxima) == Bounds(
+        interval_us=1,
+        mean_current_ua=2,
+        pulses=3,
+        on_us=4,
+        array_mean_current_ua=5,
+        array_on_us=6,
+    )
 
 
 def test_a_pulse_that_just_fits_is_let_through() -> None:

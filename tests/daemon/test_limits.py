@@ -1,4 +1,4 @@
-"""The maxima, a person's caps, and the last word on one pulse."""
+"""A person's caps, and the last word on one pulse."""
 
 from __future__ import annotations
 
@@ -10,101 +10,18 @@ import pytest
 from engine_parts import (
     array,
     board_file,
-    board_with,
     body_site,
     calibration,
     maxima_with,
-    site_with,
 )
-from etd import bodysite
 from etd.calibration import ElectrodeLimits
-from etd.engine.limits import (
-    Path,
-    last_word,
-    limits_of_calibration,
-    limits_of_numbers,
-    maxima_of,
-    path_of,
-)
+from etd.engine.limits import Path, last_word, limits_of_calibration, limits_of_numbers, path_of
 from etd.errors import Refused
+from etd.maxima import maxima_of
 from etd.protocol import Limits
 from etd.stabilize.pipeline import Wish
 
 HIGH = 10_000
-
-
-def test_the_hard_ceilings_are_these_and_no_file_can_move_them() -> None:
-    assert bodysite.MAX_CURRENT_UA == 10_000
-    assert bodysite.MAX_WIDTH_US == 200
-    assert bodysite.MAX_CHARGE_NC == 2_000
-    assert bodysite.MAX_RATE_HZ == 200
-    assert bodysite.MAX_MEAN_CURRENT_UA == 120
-    assert bodysite.MAX_ARRAY_MEAN_CURRENT_UA == 8_000
-
-
-def test_the_shipped_fingertip_has_the_design_figures() -> None:
-    maxima = maxima_of(board_file(), body_site())
-    assert maxima.uncalibrated_current_ua == 3_000
-    assert maxima.charge_pc == 500_000
-    assert maxima.rate_hz == 120
-    assert maxima.mean_current_ua == 30
-
-
-@pytest.mark.parametrize(
-    ("key", "maximum", "unit"),
-    [
-        ("current_ua", "current_ua", 1),
-        ("width_us", "width_us", 1),
-        ("charge_nc", "charge_pc", 1_000),
-        ("rate_hz", "rate_hz", 1),
-        ("mean_current_ua", "mean_current_ua", 1),
-        ("array_mean_current_ua", "array_mean_current_ua", 1),
-    ],
-)
-def test_a_maximum_is_the_smallest_of_code_board_and_site(
-    key: str, maximum: str, unit: int
-) -> None:
-    low = {"current_ua": 400, "width_us": 60}.get(key, 7)
-    by_board = maxima_of(board_with(**{key: low}), body_site())
-    by_site = maxima_of(board_file(), site_with(**{key: low}))
-    assert getattr(by_board, maximum) == low * unit
-    assert getattr(by_site, maximum) == low * unit
-
-
-def test_files_that_got_past_their_loaders_still_meet_the_ceilings_of_the_code() -> None:
-    most = {
-        "current_ua": 99_000,
-        "width_us": 900,
-        "charge_nc": 9_000,
-        "rate_hz": 999,
-        "mean_current_ua": 999,
-        "array_mean_current_ua": 99_000,
-    }
-    site = site_with(**most, on_us_per_s=10**6, array_on_us_per_s=10**7, interval_us=1)
-    maxima = maxima_of(board_with(**most), site)
-    assert maxima.current_ua == 10_000
-    assert maxima.width_us == 200
-    assert maxima.charge_pc == 2_000_000
-    assert maxima.rate_hz == 200
-    assert maxima.mean_current_ua == 120
-    assert maxima.array_mean_current_ua == 8_000
-    assert maxima.interval_us == 500
-    assert maxima.on_us_per_s == 2 * 200 * 200
-    assert maxima.array_on_us_per_s == 800_000
-
-
-def test_neither_the_probe_nor_the_uncalibrated_bound_is_above_the_current() -> None:
-    maxima = maxima_of(board_with(current_ua=60, probe_current_ua=300), body_site())
-    assert maxima.probe_current_ua == 60
-    assert maxima.uncalibrated_current_ua == 60
-    assert maxima_of(board_with(width_us=30), body_site()).probe_width_us == 30
-
-
-def test_clients_are_told_the_maxima_in_the_units_of_the_protocol() -> None:
-    facts = maxima_of(board_file(), body_site()).facts()
-    assert facts.charge_nc == 500
-    assert facts.current_ua == 8_000
-    assert facts.array_mean_current_ua == 2_000
 
 
 # --- a person's caps ------------------------------------------------------------------------------

@@ -19,8 +19,6 @@ from etd.engine.duty import BusyClock
 from etd.engine.energize import Energizer, Goal, Readiness, check_ready, lasting_refusal
 from etd.engine.impedance import ImpedanceMap
 from etd.engine.lease import Lease
-from etd.engine.ledger import Bounds, Ledger
-from etd.engine.limits import maxima_of
 from etd.engine.looking_ahead import LookingAhead
 from etd.engine.opening import Opening
 from etd.engine.plan import Planner
@@ -34,7 +32,9 @@ from etd.engine.state import StateMachine
 from etd.engine.stopper import Stopper
 from etd.engine.visits import Tools, Visitor
 from etd.errors import BoardFault, Refused
+from etd.ledger import Bounds, Ledger
 from etd.link import Answer, LeaseEnded
+from etd.maxima import maxima_of
 from etd.protocol import Halt, StateReport
 from etd.stabilize.pipeline import Stabilizer, Wish
 from etd.stabilize.settings import pipeline
@@ -87,7 +87,7 @@ class Core:
         self._tools = Tools(
             self.board,
             self.maxima,
-            Ledger(loaded.array.count, self._ledger_bounds()),
+            Ledger(loaded.array.count, Bounds.of(self.maxima)),
             self.opening,
             self.contact,
             self.sharing,
@@ -100,17 +100,6 @@ class Core:
         self._energizer: Energizer | None = None
         self._told_ns = 0
         self._is_wearer_stop_tried = loaded.board.guards.wearer_stop == "absent"
-
-    def _ledger_bounds(self) -> Bounds:
-        maxima = self.maxima
-        return Bounds(
-            interval_us=maxima.interval_us,
-            mean_current_ua=maxima.mean_current_ua,
-            pulses=maxima.rate_hz,
-            on_us=maxima.on_us_per_s,
-            array_mean_current_ua=maxima.array_mean_current_ua,
-            array_on_us=maxima.array_on_us_per_s,
-        )
 
     # --- life ------------------------------------------------------------------------------
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 
-from etd.engine.ledger import Entry, Ledger
 from etd.engine.visit import Visit
 from etd.errors import BoardFault
+from etd.ledger import Entry, Ledger
 from etd.stabilize.pipeline import Wish
 from etd_hal.board import Board, Pulse, Shot
 from etd_hal.watch import Prepulse

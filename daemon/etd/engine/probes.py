@@ -7,9 +7,10 @@ fired, what follows from their answers.
 from __future__ import annotations
 
 from etd.array import Array
-from etd.engine.limits import Maxima, PersonLimits, path_of
+from etd.engine.limits import PersonLimits, path_of
 from etd.engine.plan import Selector
 from etd.engine.visit import Visit
+from etd.maxima import Maxima
 from etd.stabilize.pipeline import Most
 
 

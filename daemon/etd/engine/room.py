@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 from etd.array import Array
 from etd.bodysite import BodySite
-from etd.engine.limits import PC_PER_NC, Maxima, PersonLimits
+from etd.engine.limits import PersonLimits
 from etd.errors import Refused
+from etd.maxima import PC_PER_NC, Maxima
 from etd.stabilize.pipeline import NO_FURTHER, Most, Reach, Wish
 
 

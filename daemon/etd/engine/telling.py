@@ -6,9 +6,9 @@ Owns: the facts of the greeting. Must not know: sockets, states, how anything is
 from __future__ import annotations
 
 from etd.config import LoadedConfig
-from etd.engine.limits import Maxima
 from etd.link import Greeting
-from etd.protocol import ArrayFacts, BoardFacts
+from etd.maxima import PC_PER_NC, Maxima
+from etd.protocol import ArrayFacts, BoardFacts, MaximaFacts
 
 
 def greeting(
@@ -26,7 +26,7 @@ def greeting(
             diameter_mm=loaded.array.diameter_mm,
         ),
         body_site=loaded.body_site.name,
-        maxima=maxima.facts(),
+        maxima=maxima_facts(maxima),
         default_width_us=defaults.width_us,
         default_rate_hz=defaults.rate_hz,
         default_polarity=defaults.polarity,
@@ -50,4 +50,18 @@ def _board_facts(loaded: LoadedConfig, states: tuple[str, ...], backend: str) ->
         states=states,
         present_guards=board.present_guards,
         absent_guards=board.absent_guards,
+    )
+
+
+def maxima_facts(maxima: Maxima) -> MaximaFacts:
+    """What a client need not ask more than; charge in nC, as clients count it."""
+    return MaximaFacts(
+        current_ua=maxima.current_ua,
+        uncalibrated_current_ua=maxima.uncalibrated_current_ua,
+        width_us=maxima.width_us,
+        charge_nc=maxima.charge_pc / PC_PER_NC,
+        rate_hz=maxima.rate_hz,
+        mean_current_ua=maxima.mean_current_ua,
+        array_mean_current_ua=maxima.array_mean_current_ua,
+        probe_current_ua=maxima.probe_current_ua,
     )

@@ -14,13 +14,14 @@ from etd.engine.asking import Asker
 from etd.engine.contact import ContactMap
 from etd.engine.firing import Firing, entry_of, prepulse_of
 from etd.engine.impedance import Samples
-from etd.engine.ledger import Entry, Ledger
-from etd.engine.limits import Maxima, last_word
+from etd.engine.limits import last_word
 from etd.engine.looking_ahead import LookingAhead
 from etd.engine.opening import Opening
 from etd.engine.reporting import FiredPulse, Reporter
 from etd.engine.sharing import Sharing
 from etd.engine.visit import Visit
+from etd.ledger import Entry, Ledger
+from etd.maxima import Maxima
 from etd.protocol import Clamp
 from etd.stabilize.pipeline import Wish
 from etd_hal.board import Board, Pulse, Shot

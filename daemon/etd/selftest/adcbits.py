@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from etd.engine.limits import maxima_of
+from etd.maxima import maxima_of
 from etd.selftest.bed import Bed, DummyLoad
 from etd.selftest.log import Log
 from etd.selftest.prober import Prober

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from etd.engine.limits import maxima_of
+from etd.maxima import maxima_of
 from etd.selftest.bed import MS, Bed, DummyLoad
 from etd.selftest.log import Log
 from etd.selftest.prober import Prober

@@ -22,8 +22,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from etd.engine.ledger import Bounds, Entry, Ledger
-from etd.engine.limits import PC_PER_NC, maxima_of
+from etd.ledger import Bounds, Entry, Ledger
+from etd.maxima import PC_PER_NC, maxima_of
 from etd.selftest.bed import Bed
 from etd.selftest_report import ProbeBound
 from etd_hal.board import Shot
@@ -57,18 +57,7 @@ class Prober:
     def __init__(self, bed: Bed) -> None:
         self._bed = bed
         self._maxima = maxima_of(bed.file, bed.loaded.body_site)
-        maxima = self._maxima
-        self._ledger = Ledger(
-            bed.loaded.array.count,
-            Bounds(
-                interval_us=maxima.interval_us,
-                mean_current_ua=maxima.mean_current_ua,
-                pulses=maxima.rate_hz,
-                on_us=maxima.on_us_per_s,
-                array_mean_current_ua=maxima.array_mean_current_ua,
-                array_on_us=maxima.array_on_us_per_s,
-            ),
-        )
+        self._ledger = Ledger(bed.loaded.array.count, Bounds.of(self._maxima))
         self._outputs = bed.loaded.array.outputs()
         self._step_v = bed.file.source.node_uv_per_code / 1e6
         self._is_chain_known = False

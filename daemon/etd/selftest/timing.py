@@ -5,7 +5,7 @@ Owns: the names of the constants. Must not know: how they are found (`etd_hal.ti
 
 from __future__ import annotations
 
-from etd.engine.limits import PC_PER_NC, maxima_of
+from etd.maxima import PC_PER_NC, maxima_of
 from etd.selftest.bed import Bed
 from etd.selftest.log import Log
 from etd.selftest.prober import Prober

@@ -17,6 +17,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
+from etd.maxima import Maxima
+
 WINDOW_NS = 1_000_000_000
 _PC_PER_UC = 1_000_000
 
@@ -35,6 +37,18 @@ class Bounds:
     on_us: int
     array_mean_current_ua: int
     array_on_us: int
+
+    @classmethod
+    def of(cls, maxima: Maxima) -> Bounds:
+        """What nobody may get in any second."""
+        return cls(
+            interval_us=maxima.interval_us,
+            mean_current_ua=maxima.mean_current_ua,
+            pulses=maxima.rate_hz,
+            on_us=maxima.on_us_per_s,
+            array_mean_current_ua=maxima.array_mean_current_ua,
+            array_on_us=maxima.array_on_us_per_s,
+        )
 
 
 @dataclass(frozen=True, slots=True)
