@@ -204,3 +204,24 @@ def test_a_plot_that_cannot_be_written_is_a_sentence(
     file = tmp_path / "none" / "plot.svg"
     assert cli.main(["explain", "thickness", "--plot", str(file)]) == 1
     assert str(file) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["plot.png", "plot", ".svg", "plot.svg.pdf"])
+@pytest.mark.parametrize("options", [(), ("--json",)], ids=["plain", "json"])
+def test_a_plot_of_another_kind_is_refused_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, options: tuple[str, ...]
+) -> None:
+    file = tmp_path / name
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["explain", "thickness", "--plot", str(file), *options])
+    assert ended.value.code == 2
+    assert not file.exists()
+    told, complaint = capsys.readouterr()
+    assert "name a file that ends in .svg" in complaint
+    if options:
+        assert json.loads(told)["error"] == "used_wrongly"
+        assert "ends in .svg" in json.loads(told)["reason"]
+
+
+def test_the_ending_of_a_plot_may_be_in_capitals(tmp_path: Path) -> None:
+    assert cli.main(["explain", "thickness", "--plot", str(tmp_path / "A.SVG")]) == 0

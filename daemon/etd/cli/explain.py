@@ -27,12 +27,19 @@ NAMES = ("strength-duration", "activating-function", "concentric", "optimal-widt
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("figure", choices=NAMES, metavar="FIGURE", help=", ".join(NAMES))
-    parser.add_argument("--plot", type=Path, metavar="FILE.svg", help="draw it into this file")
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE.svg", help="draw it into this file, as SVG"
+    )
     parser.add_argument("--json", action="store_true", help="curves and checks as one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0. Raises: OSError when the plot cannot be written."""
+    if args.plot is not None and args.plot.suffix.lower() != ".svg":
+        args.misused(
+            f"--plot {args.plot}: plots are SVG: name a file that ends in .svg (browsers and office"
+            " programs open it; `rsvg-convert FILE.svg -o FILE.png` or Inkscape makes a PNG of it)"
+        )
     from etd.explain.figures import FIGURES
     from etd.explain.svgplot import svg_of
 
