@@ -21,6 +21,7 @@ from etd.config import EtdConfig, load_config
 from etd.errors import EtdError
 from etd.jsonfile import read_json
 from etd.shipped import find
+from etd.stabilize.settings import Settings
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.errors import FileError
 
@@ -153,10 +154,20 @@ def _body_site(path: Path) -> Answer:
     summary = (
         f"{site.maxima.uncalibrated_current_ua} uA until calibrated, then"
         f" {site.maxima.current_ua} uA; {site.maxima.charge_nc} nC a phase, {side} the yardstick"
-        f" of about {round(line_nc, -1):.0f} nC for {site.electrode_diameter_mm:g} mm; stabilized"
-        f" by {', '.join(site.stabilize.order) or 'nothing'}"
+        f" of about {round(line_nc, -1):.0f} nC for {site.electrode_diameter_mm:g} mm;"
+        f" {_stabilized(site.stabilize)}"
     )
     return site.name, summary, ()
+
+
+def _stabilized(settings: Settings) -> str:
+    """All that is in force there, in the order that it asks; then what belongs to every pulse."""
+    parts = [f"stabilized by {', '.join(settings.order) or 'nothing'}"]
+    if settings.probe_first:
+        parts.append("a probe before every pulse")
+    if settings.bursts is not None:
+        parts.append(f"bursts of {settings.bursts.pulses} at {settings.bursts.rate_hz:g} Hz")
+    return "; ".join(parts)
 
 
 def _calibration(path: Path) -> Answer:

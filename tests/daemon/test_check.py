@@ -68,6 +68,26 @@ def test_a_kind_is_known_by_content_whatever_the_file_is_called(
     assert summary in checked.summary
 
 
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ("", "stabilized by nothing"),
+        ("probe_first = true", "stabilized by nothing; a probe before every pulse"),
+        (
+            'order = ["contact", "energy"]\nprobe_first = true\n'
+            "[stabilize.contact]\n[stabilize.energy]\n"
+            "[stabilize.bursts]\npulses = 2\nrate_hz = 350.0",
+            "stabilized by contact, energy; a probe before every pulse; bursts of 2 at 350 Hz",
+        ),
+    ],
+)
+def test_what_is_in_force_at_a_body_site_is_named(tmp_path: Path, table: str, told: str) -> None:
+    site = (CONFIG / "bodysites" / "fingertip.toml").read_text(encoding="utf-8")
+    checked = check_file(write(tmp_path, "a.toml", f"{site}\n[stabilize]\n{table}\n"))
+    assert checked.error is None
+    assert checked.summary.endswith(f"for 1 mm; {told}")
+
+
 def test_a_byte_order_mark_before_the_text_does_not_hide_the_kind(tmp_path: Path) -> None:
     assert check_file(write(tmp_path, "something", "\ufeff" + PATTERN)).kind == "pattern"
 
