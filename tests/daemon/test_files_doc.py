@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -36,3 +37,9 @@ def test_the_example_holds_together_and_is_of_the_kind_it_stands_under(
     checked = check_file(write(tmp_path, "example", EXAMPLES[heading]))
     assert checked.error is None
     assert checked.kind == heading.lower()
+
+
+def test_the_example_of_a_body_site_puts_contact_first_as_the_advice_is() -> None:
+    order = tomllib.loads(EXAMPLES["Body site"])["stabilize"]["order"]
+    assert order[0] == "contact"
+    assert len(order) > 1
