@@ -8,7 +8,9 @@ out of the benchmark.
 For instants of each finger's time, the pulse is sought that stands as far above the threshold of
 that instant as the comfortable one did when it was calibrated: its width at the same current (for
 `fitted`, log width over log resistance), and its charge and energy in the skin (for `lines`, over
-R / R0). A person's would come from a few skin states in the same way.
+R / R0). A person's would come from a few skin states in the same way. What would need a narrower
+pulse than those looked at is left out, and what would need a wider one counts as the widest, above
+which nobody gets any: how many these are is printed.
 """
 
 from __future__ import annotations
@@ -29,6 +31,8 @@ from etd_body.tissue import Floats  # noqa: E402
 TUNING_SEEDS = (1, 2, 3, 4, 5, 6, 7, 8)
 _AT_S = (3.0, 21.0, 47.0, 90.0, 170.0, 290.0, 430.0, 590.0)
 _WIDTHS_US = np.array([35.0, 50.0, 70.0, 100.0, 140.0, 200.0])
+#: Whoever needs another width than those is found at an end of them, but for rounding.
+_AT_THE_END = 1e-9
 _EVERY = 5
 _OVER = 2.0
 
@@ -42,22 +46,35 @@ class Fit:
     energy_slope: float
     r_squared: float
     samples: int
+    #: Less than 35 us was needed: they are not among the samples.
+    left_out: int
+    #: 200 us or more was needed: samples of 200 us.
+    at_widest: int
 
 
 def fit(seeds: tuple[int, ...] = TUNING_SEEDS) -> Fit:
-    """By least squares through the reference: at R0 nothing changes."""
-    log_r, log_w, charge, energy = (
-        np.concatenate(one) for one in zip(*map(_finger, seeds), strict=True)
-    )
+    """Of all these fingers together."""
+    return fit_of(*(np.concatenate(one) for one in zip(*map(_finger, seeds), strict=True)))
+
+
+def fit_of(ratio: Floats, width_us: Floats, charge: Floats, energy: Floats) -> Fit:
+    """By least squares through the reference: at R0 nothing changes. Arrays of one length:
+    R / R0, the width that was needed, and charge and energy over those of the reference.
+    """
+    is_in = width_us > _WIDTHS_US[0] * (1.0 + _AT_THE_END)
+    is_widest = width_us > _WIDTHS_US[-1] * (1.0 - _AT_THE_END)
+    log_r, log_w = np.log(ratio[is_in]), np.log(width_us[is_in] / WIDTH_US)
     slope = float((log_r * log_w).sum() / (log_r * log_r).sum())
     left = log_w - slope * log_r
     rise = np.expm1(log_r)
     return Fit(
         k=-slope,
-        charge_slope=_slope(rise, charge),
-        energy_slope=_slope(rise, energy),
+        charge_slope=_slope(rise, charge[is_in]),
+        energy_slope=_slope(rise, energy[is_in]),
         r_squared=float(1.0 - left.var() / log_w.var()),
         samples=len(log_r),
+        left_out=int((~is_in).sum()),
+        at_widest=int(is_widest.sum()),
     )
 
 
@@ -87,13 +104,11 @@ def _finger(seed: int) -> tuple[Floats, ...]:
             width_us = float(
                 np.exp(np.interp(-np.log(told_ua[one]), -np.log(needed_ua), np.log(_WIDTHS_US)))
             )
-            if not _WIDTHS_US[0] < width_us < _WIDTHS_US[-1]:
-                continue
             ratio = seen_ohm(body, one, told_ua[one]) / first_ohm[one]
             true_ua = body.sensation.true_threshold_ua(one, width_us)
             charge = true_ua * width_us / (skin_ua[one] * WIDTH_US)
             energy = (true_ua / skin_ua[one]) ** 2 * ratio * width_us / WIDTH_US
-            rows.append((np.log(ratio), np.log(width_us / WIDTH_US), charge, energy))
+            rows.append((ratio, width_us, charge, energy))
     return tuple(np.array(rows).T)
 
 
