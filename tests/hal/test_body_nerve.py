@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from etd_body.membrane import NerveConstants, minimum, simplified_response
+from etd_body.membrane import NerveConstants, least_height, minimum, simplified_response
 from etd_body.nerve import (
     KINDS,
     NOMINAL_RADIUS_MM,
+    PAIN_PARALLEL,
     RADII_MM,
     SITES,
     TAU_US,
     THRESHOLD_MV,
+    TOUCH_PARALLEL,
     FibreKind,
     Nerves,
     NerveSpread,
@@ -47,6 +51,26 @@ def test_the_simplified_nerve_is_equation_14() -> None:
     nerve = NerveConstants(0.02, 0.01, 6.0)
     expected = (0.02 / 0.03) * (1.0 - np.exp(-0.03 / 6.0 * 100.0)) * 50.0
     assert simplified_response(nerve, 50.0, 100.0) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", [TOUCH_PARALLEL, PAIN_PARALLEL], ids=lambda kind: kind.name)
+def test_the_fakes_own_fibres_have_the_thresholds_of_equations_16_and_17(kind: FibreKind) -> None:
+    """Driven by a wave of six nodes, whose second difference is minus itself, each node is the
+    nerve of Figure 5: what its neighbors take from it is what G_a to ground would.
+    """
+    fibre = replace(kind, nodes=24)
+    nerve = NerveConstants.of_diameter(kind.diameter_um)
+    wave = np.cos(np.pi / 3.0 * (np.arange(fibre.nodes) + 0.5))
+    drive = -nerve.inside_us * fibre.second_difference() @ wave
+    top = int(wave.argmax())
+    rheobase_mv = THRESHOLD_MV * (nerve.inside_us + nerve.membrane_us) / nerve.inside_us
+    rate = (nerve.inside_us + nerve.membrane_us) / nerve.capacitance_pf
+    for width_us in (20.0, 50.0, 100.0, 200.0, 1_000.0):
+        grown = float(fibre.membrane().step_response(drive, width_us)[top] / wave[top])
+        by_formula_mv = rheobase_mv / (1.0 - np.exp(-rate * width_us))
+        assert least_height(grown, THRESHOLD_MV) == pytest.approx(by_formula_mv, rel=1e-6)
+    at_last = float(fibre.membrane().final(drive)[top] / wave[top])
+    assert least_height(at_last, THRESHOLD_MV) == pytest.approx(rheobase_mv, rel=1e-6)
 
 
 @pytest.mark.parametrize("width_us", [20, 30, 50, 100, 150, 200])
