@@ -229,6 +229,7 @@ PROBE = [
         "length_of_a_message",
     ),
     Case("two relays at once", RELAY, [AlsoSwitches(5, 6)], "probe", "nothing_else"),
+    Case("two relays to ground", RELAY, [AlsoSwitches(5, 6, "cathodic")], "probe", "nothing_else"),
     Case("the load's wire on another", ALL, [OutputsSwapped(1, 9)], "probe", "nothing_else"),
     Case("SPI mode 0, and its edge late", ALL, [SpiMode(0), HoldShort()], "probe", "ramp"),
     Case("SPI mode 3, and its edge late", BARE, [SpiMode(3), HoldShort()], "probe", "ramp"),
@@ -248,6 +249,9 @@ STRONG = [
     ),
     Case("two outputs at once", ALL, [AlsoSwitches(5, 6)], "switches", "one_at_a_time"),
     Case("the other way about", BARE, [AlsoSwitches(6, 5)], "switches", "one_at_a_time"),
+    Case("two on the source", ALL, [AlsoSwitches(5, 6, "anodic")], "switches", "one_at_a_time"),
+    Case("two on ground", ALL, [AlsoSwitches(5, 6, "cathodic")], "switches", "one_at_a_time"),
+    Case("two on it, bare", BARE, [AlsoSwitches(6, 5, "cathodic")], "switches", "one_at_a_time"),
     Case("one with the fixed end", ALL, [AlsoSwitches(1, 6)], "switches", "one_at_a_time"),
     Case("half a switch", ALL, [OutputSeries(9, 15_000)], "switches", "every_switch"),
     Case("half a switch, relays", RELAY, [OutputSeries(9, 15_000)], "switches", "every_switch"),
@@ -266,7 +270,7 @@ STRONG = [
         for board, fault in (
             (BARE, LatchIgnored(every=103)),
             (ALL, LatchIgnored(every=199)),
-            (RELAY, LatchIgnored(every=197)),
+            (RELAY, LatchIgnored(every=199)),
             (RELAY, LostClock(every=9_973)),
         )
     ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -151,6 +151,24 @@ def test_who_switches_along_is_found_from_whichever_side_it_can_be(
 ) -> None:
     """1 is the load's fixed end: it must read the load at every touch."""
     assert measured(selftest_rig(faults=[fault]), "one_at_a_time") == said
+
+
+@pytest.mark.parametrize(
+    ("polarity", "others", "loads"),
+    [
+        ("anodic", (5, 6), [LOAD_OHM]),
+        ("anodic", (1, 6), [LOAD_OHM]),
+        ("cathodic", (5, 6), [LOAD_OHM, SECOND_OHM]),
+        ("cathodic", (1, 6), [LOAD_OHM, SECOND_OHM]),
+    ],
+)
+def test_who_switches_along_in_one_polarity_is_found_in_one_of_the_walks(
+    polarity: Literal["anodic", "cathodic"], others: tuple[int, int], loads: list[int]
+) -> None:
+    rig = selftest_rig(faults=[AlsoSwitches(*others, polarity)])
+    rig.hand = operator = Operator(rig)
+    assert measured(rig, "one_at_a_time") == f"with electrode 6: {others[0]}"
+    assert list(dict.fromkeys(load_ohm for load_ohm, _, _ in operator.clips)) == loads
 
 
 class Hasty(Operator):

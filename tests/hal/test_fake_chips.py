@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import pytest
 
 from etd_body.interface import Side, Sides
 from etd_hal.boardfile import RelayLines, Relays
 from etd_hal.fake.ad5452 import Ad5452
 from etd_hal.fake.ad7276 import Ad7276
-from etd_hal.fake.faults import Faults, LatchIgnored, LostClock
+from etd_hal.fake.faults import AlsoSwitches, Fault, Faults, LatchIgnored, LostClock
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.i2cchips import Ads1115, Mcp4725
 from etd_hal.fake.relays import RelayChain
@@ -232,7 +234,7 @@ class TestHalfBridges:
 class RelayBench:
     """Two electrodes' relays."""
 
-    def __init__(self, ton_us: int = 300, toff_us: int = 200) -> None:
+    def __init__(self, *faults: Fault, ton_us: int = 300, toff_us: int = 200) -> None:
         self.moved: list[tuple[int, Sides, bool]] = []
         switch = Relays(
             outputs=2,
@@ -245,7 +247,7 @@ class RelayBench:
         self.chain = RelayChain(
             switch,
             range(2),
-            Faults(),
+            Faults(faults),
             lambda t_ns, sides, shorted: self.moved.append((t_ns, sides, shorted)),
             seed=7,
         )
@@ -283,6 +285,22 @@ class TestRelays:
         bench.write(1 * MS, "0011")
         bench.chain.settle(2 * MS)
         assert bench.moved[-1][2] is True
+
+    @pytest.mark.parametrize(
+        ("polarity", "bits"), [(None, "1001"), ("anodic", "1001"), ("cathodic", "0110")]
+    )
+    def test_a_relay_that_closes_anothers_along_puts_that_ones_source_on_ground(
+        self, polarity: Literal["anodic", "cathodic"] | None, bits: str
+    ) -> None:
+        bench = RelayBench(AlsoSwitches(0, 1, polarity))
+        shorted: dict[str, bool] = {}
+        for now in ("1001", "0110"):
+            bench.write(len(shorted) * 2 * MS, "0000")
+            bench.chain.settle((len(shorted) * 2 + 1) * MS)
+            bench.write((len(shorted) * 2 + 1) * MS, now)
+            bench.chain.settle((len(shorted) + 1) * 2 * MS)
+            shorted[now] = bench.chain.shorted
+        assert shorted == {now: now == bits for now in ("1001", "0110")}
 
     @pytest.mark.parametrize(("toff_us", "meanwhile"), [(200, False), (400, True)])
     def test_make_without_break_shorts_when_a_relay_opens_late(

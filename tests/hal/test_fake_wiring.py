@@ -47,6 +47,16 @@ def test_half_bridges_connect_what_they_are_wired_to(
     assert selected(stepped_board(faults=faults), output, polarity) == found
 
 
+@pytest.mark.parametrize(("polarity", "found"), [(1, {5}), (0, {5, 6})])
+def test_half_bridges_may_take_another_one_along_in_one_polarity_alone(
+    polarity: int, found: set[int]
+) -> None:
+    rig = stepped_board(faults=[AlsoSwitches(5, 6, "cathodic")])
+    assert selected(rig, 5, polarity) == found
+    other = stepped_board(faults=[AlsoSwitches(5, 6, "anodic")])
+    assert selected(other, 5, 1 - polarity) == found
+
+
 def test_an_output_that_stays_is_the_chains_and_not_the_electrodes() -> None:
     rig = stepped_board(faults=[OutputsSwapped(5, 9), SwitchOutput(9, "source")])
     assert selected(rig, 3) == {3, 5}

@@ -4,7 +4,8 @@ Owns: who is asked to touch what, how long, and what is concluded. Must not know
 read (`touch.py`); how a person or a fake moves the load.
 
 One end of the load stays on its first electrode. The other end touches every other electrode when
-it is asked for, and that one must answer, alone. Then the same with the second load.
+it is asked for, and that one must answer, alone. Then the same with the second load. Whoever else
+may answer is looked at on the source in the first walk, and on ground in the second.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
         bed.operator.clip(second.resistance_ohm, second.first, second.second)
         expected_v = touch.load_v * _beside_ohm(bed, second) / _beside_ohm(bed, load)
         if _is_changed(bed, log, prober, second, expected_v):
-            _Walk(bed, log, bed.operator, Touch(bed, prober, second), second).over_all(_SECOND)
+            # Who is taken along in one polarity alone shows in one of the two walks.
+            on_ground = Touch(bed, prober, second, others_anodic=False)
+            _Walk(bed, log, bed.operator, on_ground, second).over_all(_SECOND)
     if not log.stage_failed:
         bed.operator.clip(load.resistance_ohm, load.first, load.second)
         _check_back(bed, log, prober, touch, load)
@@ -99,7 +102,11 @@ class _Walk:
             f"{count} electrodes found on {self._load.resistance_ohm} ohm",
             "the load, where it was asked for and in both polarities",
         )
-        self._log.judge(_ALONE, True, f"{count - 1} rounds over all others", "nobody else answers")
+        self._log.judge(_ALONE, True, f"{count - 1} rounds over all others", self._nobody())
+
+    def _nobody(self) -> str:
+        side = "the source" if self._touch.others_anodic else "ground"
+        return f"nobody else answers, each alone on {side}"
 
     def _wait_for(self, asked: int) -> Look:
         """The look that is good, or the last one when time is over."""
@@ -131,7 +138,7 @@ class _Walk:
                 _ALONE,
                 False,
                 f"with electrode {asked}: {listed}",
-                "every other electrode is open, and the load's fixed end reads the load",
+                f"{self._nobody()}, but the load's fixed end",
                 _ALONE_ADVICE,
             )
             return

@@ -4,7 +4,8 @@ Owns: the figures that a reading is compared with, and the round over all others
 held. Must not know: who is asked to touch what, checks.
 
 The load's fixed end is on its first electrode. Whoever else it touches reads the load, alone on the
-source and alone on ground; the fixed end reads it too, and everybody else reads open.
+source and alone on ground; the fixed end reads it too, and everybody else reads open. The others
+are looked at in one polarity: a walk with another load has the other one.
 """
 
 from __future__ import annotations
@@ -42,16 +43,22 @@ class Look:
 class Touch:
     """See the module. Made while the load is between its two electrodes, and alone."""
 
-    def __init__(self, bed: Bed, prober: Prober, load: DummyLoad) -> None:
-        """Raises: BusError, BoardFault, GuardRefusal, as all that probes."""
+    def __init__(
+        self, bed: Bed, prober: Prober, load: DummyLoad, *, others_anodic: bool = True
+    ) -> None:
+        """`others_anodic`: the others are looked at alone on the source, or else alone on ground.
+
+        Raises: BusError, BoardFault, GuardRefusal, as all that probes.
+        """
         self._prober = prober
+        self.others_anodic = others_anodic
         self._fixed = load.first
         self._electrodes = range(bed.loaded.array.count)
         self._step_v = bed.file.source.node_uv_per_code / 1e6
         readings = [self._once_v(load.second) for _ in range(_READINGS_BEFORE)]
         #: What the load makes of a probe.
         self.load_v = statistics.mean(volts for both in readings for volts in both)
-        self._open_v = statistics.median(self._source_v(one) for one in bed.free)
+        self._open_v = statistics.median(self._in_round_v(one) for one in bed.free)
 
     def look(self, asked: int) -> Look:
         """One probe from either side; some more, and a round over all others, if it answers."""
@@ -73,7 +80,7 @@ class Touch:
         return tuple(
             one
             for one in self._electrodes
-            if one not in (but, self._fixed) and not self.is_open(self._source_v(one))
+            if one not in (but, self._fixed) and not self.is_open(self._in_round_v(one))
         )
 
     def reads_load(self, electrode: int) -> bool:
@@ -86,7 +93,7 @@ class Touch:
 
     def _once_v(self, electrode: int) -> tuple[float, float]:
         """(source, ground)."""
-        return self._source_v(electrode), self.read_v(electrode, is_anodic=False)
+        return self.read_v(electrode, is_anodic=True), self.read_v(electrode, is_anodic=False)
 
     def _mean_v(self, first_v: tuple[float, float], electrode: int) -> tuple[float, float]:
         """Of all readings of one look, with these first ones."""
@@ -95,10 +102,10 @@ class Touch:
         return statistics.mean(source_v), statistics.mean(ground_v)
 
     def _steady_v(self, electrode: int) -> float:
-        return statistics.mean(self._source_v(electrode) for _ in range(_READINGS))
+        return statistics.mean(self._in_round_v(electrode) for _ in range(_READINGS))
 
-    def _source_v(self, electrode: int) -> float:
-        return self.read_v(electrode, is_anodic=True)
+    def _in_round_v(self, electrode: int) -> float:
+        return self.read_v(electrode, self.others_anodic)
 
     def read_v(self, electrode: int, is_anodic: bool) -> float:
         """One probe."""

@@ -255,12 +255,14 @@ class SwitchOutput(_Fault, frozen=True, tag=True):
 
 
 class AlsoSwitches(_Fault, frozen=True, tag=True):
-    """Whatever selects `output` of the chain selects `also` with it, in either polarity; of a relay
-    board, what closes its relay to the source closes the other's.
+    """Whatever selects `output` of the chain selects `also` with it, in one polarity or (None) in
+    either; of a relay board, what closes its relay to the source (`cathodic`: to ground) closes the
+    other's.
     """
 
     output: int
     also: int
+    polarity: Literal["anodic", "cathodic"] | None = None
 
 
 class OutputsSwapped(_Fault, frozen=True, tag=True):

@@ -92,7 +92,10 @@ class HalfBridgeChain:
         latch = self._latch
         if not self._faults.are_there:
             return latch
+        now = "anodic" if self._levels["POL"] else "cathodic"
         for both in self._faults.of(AlsoSwitches):
+            if both.polarity not in (None, now):
+                continue
             latch |= (self._latch >> both.output & 1) << both.also
         return latch
 

@@ -132,10 +132,11 @@ class RelayChain:
         return found
 
     def _really(self, closed: int) -> int:
-        """With the relays that others close along with theirs; the one to ground stays closed."""
-        on_bit = self._switch.on_bit
+        """With the relays that others close along with theirs; its other one stays as it is."""
+        switch = self._switch
         for both in self._faults.of(AlsoSwitches):
-            closed |= (closed >> (2 * both.output + on_bit) & 1) << (2 * both.also + on_bit)
+            bit = switch.return_bit if both.polarity == "cathodic" else switch.on_bit
+            closed |= (closed >> (2 * both.output + bit) & 1) << (2 * both.also + bit)
         return closed
 
     def _side_of(self, closed: int, channel: int) -> Side:
