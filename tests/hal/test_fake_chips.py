@@ -10,7 +10,8 @@ from etd_body.interface import Side, Sides
 from etd_hal.boardfile import RelayLines, Relays
 from etd_hal.fake.ad5452 import Ad5452
 from etd_hal.fake.ad7276 import Ad7276
-from etd_hal.fake.faults import AlsoSwitches, Fault, Faults, LatchIgnored, LostClock
+from etd_hal.fake.faults import AlsoSwitches, Fault, LatchIgnored, LostClock
+from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.i2cchips import Ads1115, Mcp4725
 from etd_hal.fake.relays import RelayChain

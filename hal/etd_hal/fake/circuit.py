@@ -13,7 +13,8 @@ from etd_body.interface import Side, Sides
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.errors import BusError
 from etd_hal.fake.currentpath import CurrentPath
-from etd_hal.fake.faults import Bridge, Fault, Faults
+from etd_hal.fake.faults import Bridge, Fault
+from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.header import Header
 from etd_hal.fake.i2cbus import I2cBus

@@ -18,11 +18,11 @@ from etd_hal.fake.faults import (
     DacGain,
     DacOffset,
     DacStuck,
-    Faults,
     GainAbove,
     Overshoot,
     Saturation,
 )
+from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.trace import Trace
 

@@ -1,14 +1,12 @@
-"""What can be wrong with a board, as data, and the counting of when each is due.
+"""What can be wrong with a board, as data.
 
-Owns: the kinds of fault and their counters. Must not know: how a bus or a chip carries one out.
-All counts begin when the fault is put in: 1 is the next one.
+Owns: the kinds of fault. Must not know: when one is due (`faults_due.py`); how a bus or a chip
+carries one out. All counts begin when the fault is put in: 1 is the next one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from random import Random
-from typing import Literal, TypeVar
+from typing import Literal
 
 import msgspec
 
@@ -90,7 +88,7 @@ class StuckLine(_Fault, frozen=True, tag=True):
 
 class StuckBehind(_Fault, frozen=True, tag=True):
     """Beyond the pin, from its next change on, the board sees `level`; the pin reads right. Of the
-    lines in `SEEN_BEHIND`.
+    lines in `SEEN_BEHIND` (`faults_due.py`).
     """
 
     name: str
@@ -353,96 +351,3 @@ Fault = (
     | Bridge
     | MachineTrouble
 )
-
-_F = TypeVar("_F")
-#: What the board sees of these lines may differ from the pin.
-SEEN_BEHIND = ("POL", "DATA", "LE", "BL", "CLK", "HV", "HEARTBEAT")
-#: How long the kernel waits for a stuck I2C bus.
-I2C_TIMEOUT_NS = 1_000_000_000
-
-
-class Faults:
-    """The faults that are in, and how often what they wait for has happened.
-
-    `lines`: the board's, by name.
-    """
-
-    def __init__(self, faults: Iterable[Fault] = (), lines: Collection[str] = SEEN_BEHIND) -> None:
-        self._counts: dict[Fault, int] = {}
-        self._lines = lines
-        self._noise: dict[AdcNoise, Random] = {}
-        #: Whether any is in: a board without faults is asked for them at every edge of a line.
-        self.are_there = False
-        for fault in faults:
-            self.add(fault)
-
-    def add(self, fault: Fault) -> None:
-        """Raises: ValueError for a line that this board has nothing behind."""
-        if isinstance(fault, StuckBehind):
-            there = [name for name in SEEN_BEHIND if name in self._lines]
-            if fault.name not in there:
-                what = f"nothing is behind {fault.name!r} here: one of {', '.join(there)}"
-                raise ValueError(what)
-        self._counts[fault] = 0
-        self.are_there = True
-        if isinstance(fault, AdcNoise):
-            self._noise[fault] = Random(fault.seed)
-
-    def remove(self, fault: Fault) -> None:
-        """Raises: KeyError when it is not in."""
-        del self._counts[fault]
-        self.are_there = bool(self._counts)
-
-    def of(self, kind: type[_F]) -> tuple[_F, ...]:
-        """All faults of a kind that are in."""
-        if not self._counts:
-            return ()
-        return tuple(fault for fault in self._counts if isinstance(fault, kind))
-
-    def spi_message(self) -> tuple[SpiError | SpiStall | SpiShort, ...]:
-        """Count a message, and say which faults fall on it."""
-        if not self._counts:
-            return ()
-        return tuple(
-            fault
-            for fault in self.of(SpiError) + self.of(SpiStall) + self.of(SpiShort)
-            if self._count(fault) == fault.at_message
-        )
-
-    def spi_late_us(self) -> int:
-        """Count a message for those faults that come again and again."""
-        if not self._counts:
-            return 0
-        return sum(
-            fault.late_us for fault in self.of(SpiJitter) if self._count(fault) % fault.every == 0
-        )
-
-    def edge_is_lost(self, kind: type[LostClock] | type[LatchIgnored]) -> bool:
-        """Count a rising edge, and say whether a fault falls on it."""
-        if not self._counts:
-            return False
-        due = [fault for fault in self.of(kind) if _is_due(fault, self._count(fault))]
-        return bool(due)
-
-    def adc_noise(self) -> float:
-        """By how many codes the next conversion is off."""
-        return sum(self._noise[noise].gauss(0.0, noise.sigma) for noise in self.of(AdcNoise))
-
-    def i2c(self, address: int) -> I2cFailure | None:
-        """Count a transaction, and say what is wrong with it."""
-        for fault in self.of(I2cFailure):
-            if fault.address == address:
-                times = self._count(fault)
-                if fault.times is None or times <= fault.times:
-                    return fault
-        return None
-
-    def _count(self, fault: Fault) -> int:
-        self._counts[fault] += 1
-        return self._counts[fault]
-
-
-def _is_due(fault: LostClock | LatchIgnored, count: int) -> bool:
-    if fault.every is None:
-        return count == fault.at_edge
-    return count % fault.every == 0

@@ -15,7 +15,8 @@ import random
 from collections.abc import Callable, Sequence
 
 from etd_body.interface import Side, Sides
-from etd_hal.fake.faults import AlsoSwitches, Faults, LatchIgnored, LostClock, SwitchOutput
+from etd_hal.fake.faults import AlsoSwitches, LatchIgnored, LostClock, SwitchOutput
+from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.wiring import WiringFault, outputs_behind, wiring_faults
 
 _CACHED_SIDES = 4_096

@@ -9,7 +9,8 @@ from __future__ import annotations
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.fake import pi4
 from etd_hal.fake.currentpath import CurrentPath
-from etd_hal.fake.faults import Faults, LineCut, PullMissing, StuckBehind, StuckLine
+from etd_hal.fake.faults import LineCut, PullMissing, StuckBehind, StuckLine
+from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.lines import Lines
 from etd_hal.fake.rail import Rail

@@ -8,7 +8,8 @@ from __future__ import annotations
 import datetime
 
 from etd_hal.bench import Health, Obtained, Timekeeping
-from etd_hal.fake.faults import Faults, MachineTrouble
+from etd_hal.fake.faults import MachineTrouble
+from etd_hal.fake.faults_due import Faults
 
 _WARM_C = 52.0
 _HOT_C = 84.5

@@ -11,11 +11,15 @@ from collections.abc import Callable
 from etd_hal.boardfile import BoardFile
 from etd_hal.errors import BusError
 from etd_hal.fake import pi4
-from etd_hal.fake.faults import I2C_TIMEOUT_NS, Faults, MonitorStuck, SetpointAtPowerUp
+from etd_hal.fake.faults import MonitorStuck, SetpointAtPowerUp
+from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.i2cchips import Ads1115, I2cChip, Mcp4725
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
+
+#: How long the kernel waits for a stuck I2C bus.
+_TIMEOUT_NS = 1_000_000_000
 
 
 class I2cBus:
@@ -55,7 +59,7 @@ class I2cBus:
         chip = self._chips.get(address)
         if fault is not None or chip is None:
             kind = "absent" if fault is None else fault.kind
-            lasts_ns = I2C_TIMEOUT_NS if kind == "timeout" else pi4.i2c_ns(0, 0)
+            lasts_ns = _TIMEOUT_NS if kind == "timeout" else pi4.i2c_ns(0, 0)
             self._timeline.end(t_ns)
             device = f"{self._device}, address 0x{address:02x}"
             return BusError(kind, device, "transfer"), t_ns + lasts_ns

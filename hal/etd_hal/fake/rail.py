@@ -16,7 +16,6 @@ from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile
 from etd_hal.fake.faults import (
     EnableStuck,
-    Faults,
     HeartbeatByLevel,
     HeartbeatIgnored,
     HeartbeatRearms,
@@ -26,6 +25,7 @@ from etd_hal.fake.faults import (
     StopCutsLate,
     StopCutsNothing,
 )
+from etd_hal.fake.faults_due import Faults
 
 #: 272 nF into the 3 M feedback string of the kits' supply, where the file gives no other figure.
 _FALL_TAU_NS = 820_000_000

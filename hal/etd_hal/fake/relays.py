@@ -16,7 +16,8 @@ from collections.abc import Callable, Sequence
 
 from etd_body.interface import Side, Sides
 from etd_hal.boardfile import Relays
-from etd_hal.fake.faults import AlsoSwitches, Faults, LatchIgnored, LostClock, SwitchOutput
+from etd_hal.fake.faults import AlsoSwitches, LatchIgnored, LostClock, SwitchOutput
+from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.wiring import WiringFault, outputs_behind, wiring_faults
 
 _CACHED_STATES = 4_096

@@ -17,7 +17,6 @@ from etd_hal.fake.ad5452 import Ad5452
 from etd_hal.fake.ad7276 import Ad7276
 from etd_hal.fake.currentpath import CurrentPath
 from etd_hal.fake.faults import (
-    Faults,
     HoldShort,
     MisoStuck,
     SlowWords,
@@ -26,6 +25,7 @@ from etd_hal.fake.faults import (
     SpiShort,
     SpiStall,
 )
+from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
 from etd_hal.ports import Message, SpiSetup, Transfer

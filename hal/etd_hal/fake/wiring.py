@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from etd_hal.fake.faults import AlsoSwitches, Faults, OutputsSwapped, SwitchOutput
+from etd_hal.fake.faults import AlsoSwitches, OutputsSwapped, SwitchOutput
+from etd_hal.fake.faults_due import Faults
 
 WiringFault = SwitchOutput | AlsoSwitches | OutputsSwapped
 

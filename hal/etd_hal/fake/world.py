@@ -12,7 +12,8 @@ from typing import Protocol
 from etd_body.electrode import OPEN_CONTACT, Contact
 from etd_body.interface import Body
 from etd_hal.bench import StopName
-from etd_hal.fake.faults import Fault, Faults, OutputSeries
+from etd_hal.fake.faults import Fault, OutputSeries
+from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.host import FakeHost
 from etd_hal.fake.rail import Rail
 
