@@ -1,7 +1,7 @@
 """What may be asked of a live board: the lease, the way up, and every way to silence.
 
-Owns: the states and the lease; the parts that a daemon drives its board with; all that leads into
-SAFE and HALTED. Must not know: who asks (`commands.py`), when (`engine.py`), ZeroMQ, files.
+Owns: the states and the lease; all that leads into SAFE and HALTED. Must not know: what the parts
+are made of (`parts.py`), who asks (`commands.py`), when (`engine.py`), ZeroMQ, files.
 """
 
 from __future__ import annotations
@@ -11,39 +11,23 @@ from collections.abc import Callable, Sequence
 
 from etd.calibration import Calibration
 from etd.config import LoadedConfig
-from etd.engine.asking import Asker
 from etd.engine.calibrating import calibrate_at_start
-from etd.engine.contact import ContactMap
-from etd.engine.dialogue import Dialogue
-from etd.engine.duty import BusyClock
 from etd.engine.energize import Energizer, Goal, Readiness, check_ready, lasting_refusal
-from etd.engine.impedance import ImpedanceMap
 from etd.engine.lease import Lease
-from etd.engine.looking_ahead import LookingAhead
-from etd.engine.opening import Opening
+from etd.engine.parts import Parts
 from etd.engine.plan import Planner
 from etd.engine.probes import probes_of
-from etd.engine.reporting import Reporter
 from etd.engine.room import Rules
-from etd.engine.scan import Scanner
-from etd.engine.sensors import PressureSensors, RailSensor
-from etd.engine.sharing import Sharing
 from etd.engine.state import StateMachine
-from etd.engine.stopper import Stopper
-from etd.engine.visits import Tools, Visitor
 from etd.errors import BoardFault, Refused
-from etd.ledger import Bounds, Ledger
 from etd.link import Answer, LeaseEnded
-from etd.maxima import maxima_of
 from etd.protocol import Halt, StateReport
 from etd.stabilize.pipeline import Stabilizer, Wish
-from etd.stabilize.settings import pipeline
-from etd_hal.board import Board
 from etd_hal.compose import Backend
 from etd_hal.cost import CostModel
 
 
-class Core:
+class Core(Parts):
     """See the module. `Engine` adds the loop."""
 
     def __init__(
@@ -54,48 +38,15 @@ class Core:
         stabilizers: Sequence[Stabilizer] | None = None,
         untested: Callable[[], str | None] = lambda: None,
     ) -> None:
-        """`stabilizers` None: those of the body-site file. `untested`: see `Engine`."""
-        self.loaded = loaded
+        """`stabilizers`: see `Parts`. `untested`: see `Engine`."""
+        super().__init__(loaded, backend, stabilizers)
         self._untested = untested
-        self.clock = BusyClock(backend.clock)
-        self.marker = backend.marker
-        self.board = Board(loaded.board, loaded.machine, backend.spi, backend.gpio, self.clock)
-        self.maxima = maxima_of(loaded.board, loaded.body_site)
-        self.rail = RailSensor(loaded.board, backend.i2c, backend.clock)
-        self.pressure = PressureSensors(loaded.array, backend.i2c, backend.clock)
-        self.backend = backend
         self.not_granted: tuple[str, ...] = ()
         self.limitations: tuple[str, ...] = ()
         self.last_silence: str | None = None
-        self.stopper = Stopper(self.board, backend.clock)
         self.states = StateMachine()
-        self._dialogue = Dialogue()
         self.lease: Lease | None = None
-        self.contact = ContactMap(loaded.array.count, loaded.board.source, loaded.body_site.contact)
-        self.sharing = Sharing(loaded.array.count)
-        self.reporter = Reporter(loaded.array.count, self._dialogue.send)
-        self.opening = Opening(self.maxima.current_ua)
-        self.scanner = Scanner(self.board, self.clock, self.marker, self.reporter)
         self.supply_changed: Callable[[bool], None] = lambda _: None
-        if stabilizers is None:
-            stabilizers = pipeline(
-                loaded.body_site.stabilize, loaded.board.source, self.reporter.not_believed
-            )
-        impedance = ImpedanceMap(loaded.array.count, loaded.board.source)
-        self.asker = Asker(stabilizers, self.contact, impedance, self.pressure, self.reporter)
-        self.ahead = LookingAhead(loaded.array.count, self.contact, impedance)
-        self._tools = Tools(
-            self.board,
-            self.maxima,
-            Ledger(loaded.array.count, Bounds.of(self.maxima)),
-            self.opening,
-            self.contact,
-            self.sharing,
-            self.reporter,
-            self.asker,
-            self.ahead,
-        )
-        self._visitor = Visitor(self._tools)
         self._planner: Planner | None = None
         self._energizer: Energizer | None = None
         self._told_ns = 0
