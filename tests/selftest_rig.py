@@ -13,7 +13,7 @@ from etd.bodysite import load_body_site
 from etd.config import LoadedConfig, fake_config
 from etd.selftest.bed import Asked, Bed, DummyLoad
 from etd.selftest.run import run
-from etd.selftest_report import Report
+from etd.selftest_report import Check, Report
 from etd.shipped import find
 from etd_body.electrode import OPEN_CONTACT
 from etd_body.minimal import MinimalBody
@@ -146,6 +146,11 @@ class SelftestRig:
 def bad(report: Report) -> list[tuple[str, str]]:
     """(stage, name) of what failed, in order."""
     return [(one.stage, one.name) for one in report.checks if one.result == "fail"]
+
+
+def by_name(report: Report) -> dict[str, Check]:
+    """The last check of each name."""
+    return {check.name: check for check in report.checks}
 
 
 def selftest_rig(

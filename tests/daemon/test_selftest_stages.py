@@ -2,47 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
-
-import msgspec
 import pytest
 
-from board_rig import changed
-from etd.config import fake_config
 from etd.selftest.bed import Bed
 from etd.selftest.run import STAGES, run
 from etd.selftest_report import Check, Report
-from etd_hal.boardfile import GUARDS, BoardFile, Heartbeat
+from etd_hal.boardfile import GUARDS
 from etd_hal.fake.faults import (
     Bridge,
-    DacGain,
     Fault,
-    HeartbeatByLevel,
-    HeartbeatIgnored,
-    HeartbeatRearms,
-    I2cFailure,
     LatchIgnored,
     LineCut,
-    RailOff,
     SlowWords,
     SpiError,
     SpiMode,
-    StopCutsNothing,
     StuckBehind,
 )
-from etd_hal.fake.hand import FakeHand
-from etd_hal.fake.understudy import FakeUnderstudy
-from selftest_rig import DATE, LOAD_OHM, LazyHand, bad, selftest_rig
-from stepped_board import shipped_board
+from selftest_rig import DATE, LOAD_OHM, bad, by_name, selftest_rig
 
 BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513")
 
 WALK = ("every_switch", "one_at_a_time", "second_load", "every_switch_again")
-
-
-def by_name(report: Report) -> dict[str, Check]:
-    """The last check of each name."""
-    return {check.name: check for check in report.checks}
 
 
 def skipped(report: Report) -> list[str]:
@@ -57,37 +37,6 @@ def test_a_board_in_order_passes_with_two_loads_and_somebody_to_move_them(board:
     assert skipped(report) == []
     assert report.passed
     assert (report.subject.board, report.date, report.dummy_load_ohm) == (board, DATE, LOAD_OHM)
-
-
-@pytest.mark.parametrize(
-    ("faults", "failed"),
-    [
-        ([], []),
-        ([HeartbeatIgnored()], [("rail", "heartbeat")]),
-        ([HeartbeatByLevel(0)], [("rail", "heartbeat")]),
-        ([HeartbeatByLevel(1)], [("rail", "heartbeat")]),
-        ([HeartbeatRearms()], [("rail", "heartbeat_latch")]),
-    ],
-)
-def test_a_heartbeat_is_proved_by_the_node_where_nobody_watches_the_rail(
-    faults: list[Fault], failed: list[tuple[str, str]]
-) -> None:
-    beating = Heartbeat(line=27, window_ms=20)
-    file = changed(shipped_board("feetthrough-relay"), "guards", heartbeat=beating)
-    report = selftest_rig("feetthrough-relay", file=file, faults=faults).run()
-    assert bad(report) == failed
-    assert report.passed is not bool(failed)
-
-
-@pytest.mark.parametrize("board", ["reference-hv507", "feetthrough-relay"])
-@pytest.mark.parametrize("level", [0, 1])
-def test_the_level_that_holds_a_gate_on_is_told(board: str, level: Literal[0, 1]) -> None:
-    file = shipped_board(board)
-    file = changed(file, "guards", heartbeat=Heartbeat(line=27, window_ms=20))
-    report = selftest_rig(board, file=file, faults=[HeartbeatByLevel(level)]).run()
-    found = [check for check in report.checks if check.result == "fail"]
-    assert [check.name for check in found] == ["heartbeat"]
-    assert found[0].measured.endswith(f"the line standing at {level}")
 
 
 @pytest.mark.parametrize("load_ohm", [10_000, 22_000, 68_000])
@@ -186,146 +135,6 @@ def test_a_load_that_is_on_a_bridge_is_not_found_to_be_alone() -> None:
     assert by_name(report)["nothing_else"].measured.startswith("1 differ: 6 (")
 
 
-def gates(report: Report) -> list[tuple[str, str]]:
-    return [
-        (check.name, check.result)
-        for check in report.checks
-        if check.name.endswith(("stop_gate", "stop_off"))
-    ]
-
-
-def with_stops(board: str, cuts: bool) -> BoardFile:
-    """A board that has both stops, with a second contact or without."""
-    file = fake_config(board).board
-    guards = msgspec.structs.replace(
-        file.guards, emergency_stop=17, wearer_stop=16, stop_cuts_supply=cuts
-    )
-    return msgspec.structs.replace(file, guards=guards)
-
-
-@pytest.mark.parametrize("board", BOARDS)
-def test_a_stop_that_is_held_is_seen_to_take_the_supply_away(board: str) -> None:
-    """By the monitor, or by the node where nobody watches the rail."""
-    report = selftest_rig(board, file=with_stops(board, cuts=True)).run()
-    assert bad(report) == []
-    assert gates(report) == [("emergency_stop_gate", "pass"), ("wearer_stop_gate", "pass")]
-
-
-@pytest.mark.parametrize("board", BOARDS)
-@pytest.mark.parametrize("stop", ["emergency_stop", "wearer_stop"])
-def test_a_stop_that_cuts_nothing_is_named_on_every_board(board: str, stop: Any) -> None:
-    rig = selftest_rig(board, file=with_stops(board, cuts=True), faults=[StopCutsNothing(stop)])
-    assert bad(rig.run())[:1] == [("rail", f"{stop}_gate")]
-
-
-def test_a_supply_that_outlives_the_program_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever was killed goes on beating: as a gate that takes something else for a beat."""
-    rig = selftest_rig()
-    monkeypatch.setattr(FakeUnderstudy, "kill", lambda _: 3.0)
-    failed = [name for _, name in bad(rig.run())]
-    assert failed == ["killed_lines", "killed_supply"]
-
-
-@pytest.mark.parametrize(("has_heartbeat", "failed"), [(True, []), (False, ["killed_lines"])])
-def test_lines_that_are_let_go_of_late_are_the_heartbeats_business_if_there_is_one(
-    monkeypatch: pytest.MonkeyPatch, has_heartbeat: bool, failed: list[str]
-) -> None:
-    kill = FakeUnderstudy.kill
-    monkeypatch.setattr(FakeUnderstudy, "kill", lambda one: kill(one) + 40.0)
-    file = fake_config("reference-hv507").board
-    if not has_heartbeat:
-        file = msgspec.structs.replace(
-            file, guards=msgspec.structs.replace(file.guards, heartbeat="absent")
-        )
-    assert [name for _, name in bad(selftest_rig(file=file).run())] == failed
-
-
-def test_a_process_that_cannot_bring_the_rail_up_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(FakeUnderstudy, "_beat", lambda _: None)
-    assert bad(selftest_rig().run()) == [("rail", "killed_rise")]
-
-
-def test_an_error_while_another_process_has_the_board_ends_with_the_lines_taken_back(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    rig = selftest_rig()
-
-    def kill(_: FakeUnderstudy) -> float:
-        rig.fake.world.put_in(I2cFailure(0x48, "io"))
-        return 3.0
-
-    monkeypatch.setattr(FakeUnderstudy, "kill", kill)
-    assert bad(rig.run()) == [("rail", "bus")]
-    assert isinstance(rig.bench.understudy, FakeUnderstudy)
-    assert not rig.bench.understudy.is_alive
-    assert rig.rail_v_after_a_while() < 30.0
-
-
-@pytest.mark.parametrize("board", BOARDS)
-@pytest.mark.parametrize("factor", [3.0, 5.0, 24.0])
-def test_looking_at_a_stop_by_the_node_keeps_within_the_bound_on_skin(
-    board: str, factor: float
-) -> None:
-    rig = selftest_rig(
-        board, file=with_stops(board, cuts=True), faults=[DacGain(factor)], on_skin=True
-    )
-    report = rig.run()
-    assert not report.passed
-    assert rig.most_charge_nc <= report.bound.charge_nc
-
-
-def test_where_the_file_says_that_stops_cut_nothing_the_program_is_seen_to_do_it() -> None:
-    report = selftest_rig(file=with_stops("reference-hv507", cuts=False)).run()
-    assert bad(report) == []
-    assert gates(report) == [
-        ("emergency_stop_gate", "absent"),
-        ("emergency_stop_off", "pass"),
-        ("wearer_stop_gate", "absent"),
-        ("wearer_stop_off", "pass"),
-    ]
-
-
-def test_a_stop_that_is_let_go_of_too_early_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = selftest_rig()
-    monkeypatch.setattr(FakeHand, "hold", FakeHand.press)
-    found = [check for check in rig.run().checks if check.result == "fail"]
-    assert [check.name for check in found] == ["emergency_stop_gate"]
-    assert found[0].measured.startswith("closed again after ")
-
-
-def test_a_stop_that_stays_open_after_it_was_held_is_named(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    rig = selftest_rig()
-    monkeypatch.setattr(FakeHand, "let_go", LazyHand.let_go)
-    assert bad(rig.run()) == [("rail", "emergency_stop")]
-
-
-def test_an_emergency_stop_during_the_test_ends_it() -> None:
-    rig = selftest_rig()
-    rig.clock.at(rig.clock.now_ns() + 7_000_000_000, lambda: rig.fake.world.press("emergency_stop"))
-    report = rig.run()
-    assert [name for _, name in bad(report)] == ["emergency_stop"]
-    assert rig.fake.dac_code == 0
-
-
-def test_a_stop_that_is_pressed_in_a_wait_ends_the_supply_at_once() -> None:
-    """In the five seconds of hands off; by a line that cuts nothing by itself."""
-    cuts_nothing = StopCutsNothing("emergency_stop")
-    rig = selftest_rig(file=with_stops("reference-hv507", cuts=False), faults=[cuts_nothing])
-    pressed_ns: list[int] = []
-
-    class Pressing(FakeHand):
-        def stand_back(self) -> None:
-            pressed_ns.append(rig.clock.now_ns() + 1_000_000_000)
-            rig.fake.world.press("emergency_stop", pressed_ns[0])
-
-    rig.hand = Pressing(rig.fake.world, rig.clock)
-    rig.hand.clip(LOAD_OHM, 1, 2)
-    assert bad(rig.run())[:1] == [("source", "emergency_stop")]
-    assert 0 < rig.clock.now_ns() - pressed_ns[0] < 20_000_000
-
-
 def test_the_board_is_safe_before_an_error_or_the_skips_after_a_failure_are_told() -> None:
     """A pipe that nobody reads holds the program up at whatever it prints."""
     for faults, name in (([SpiError(at_message=160)], "bus"), ([LineCut("HV")], "all")):
@@ -339,36 +148,6 @@ def test_the_board_is_safe_before_an_error_or_the_skips_after_a_failure_are_told
         run(bed, DATE, on_check=on_check)
         assert is_on["safe_state"] is is_on[name] is False
         assert is_on["rise" if name == "all" else "idle_node_live"]
-
-
-def test_a_rail_that_sags_before_the_heartbeat_ends_proves_no_gate() -> None:
-    rig = selftest_rig()
-    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
-
-    def on_check(check: Check) -> None:
-        if check.name == "rise_again":
-            rig.fake.world.put_in(RailOff(0.9))
-            bed.wait_ms(3_000)
-
-    report = run(bed, DATE, on_check=on_check)
-    assert bad(report)[:1] == [("rail", "heartbeat")]
-    assert by_name(report)["heartbeat"].measured.startswith("from 271 V, below 30.0 V")
-
-
-@pytest.mark.parametrize(("has_heartbeat", "is_said"), [(True, True), (False, False)])
-def test_a_window_that_nobody_can_measure_is_said_in_the_report(
-    has_heartbeat: bool, is_said: bool
-) -> None:
-    beating = Heartbeat(line=27, window_ms=20) if has_heartbeat else "absent"
-    file = changed(shipped_board("feetthrough-relay"), "guards", heartbeat=beating)
-    report = selftest_rig("feetthrough-relay", file=file, load_ohm=None).run()
-    assert any("window is 20 ms" in one for one in report.not_seen) is is_said
-
-
-def test_a_window_that_a_monitor_measures_is_not_said_to_be_unseen() -> None:
-    report = selftest_rig(load_ohm=None).run()
-    assert by_name(report)["heartbeat_window"].result == "pass"
-    assert not any("window" in one for one in report.not_seen)
 
 
 def test_what_no_check_can_see_is_said_in_the_report() -> None:

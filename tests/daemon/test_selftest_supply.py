@@ -1,0 +1,130 @@
+"""The supply in a self-test: its heartbeat, and what is left of it after the process was killed."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+import pytest
+
+from board_rig import changed
+from etd.config import fake_config
+from etd.selftest.bed import Bed
+from etd.selftest.run import run
+from etd.selftest_report import Check
+from etd_hal.boardfile import Heartbeat
+from etd_hal.fake.faults import (
+    Fault,
+    HeartbeatByLevel,
+    HeartbeatIgnored,
+    HeartbeatRearms,
+    I2cFailure,
+    RailOff,
+)
+from etd_hal.fake.understudy import FakeUnderstudy
+from selftest_rig import DATE, bad, by_name, selftest_rig
+from stepped_board import shipped_board
+
+
+@pytest.mark.parametrize(
+    ("faults", "failed"),
+    [
+        ([], []),
+        ([HeartbeatIgnored()], [("rail", "heartbeat")]),
+        ([HeartbeatByLevel(0)], [("rail", "heartbeat")]),
+        ([HeartbeatByLevel(1)], [("rail", "heartbeat")]),
+        ([HeartbeatRearms()], [("rail", "heartbeat_latch")]),
+    ],
+)
+def test_a_heartbeat_is_proved_by_the_node_where_nobody_watches_the_rail(
+    faults: list[Fault], failed: list[tuple[str, str]]
+) -> None:
+    beating = Heartbeat(line=27, window_ms=20)
+    file = changed(shipped_board("feetthrough-relay"), "guards", heartbeat=beating)
+    report = selftest_rig("feetthrough-relay", file=file, faults=faults).run()
+    assert bad(report) == failed
+    assert report.passed is not bool(failed)
+
+
+@pytest.mark.parametrize("board", ["reference-hv507", "feetthrough-relay"])
+@pytest.mark.parametrize("level", [0, 1])
+def test_the_level_that_holds_a_gate_on_is_told(board: str, level: Literal[0, 1]) -> None:
+    file = shipped_board(board)
+    file = changed(file, "guards", heartbeat=Heartbeat(line=27, window_ms=20))
+    report = selftest_rig(board, file=file, faults=[HeartbeatByLevel(level)]).run()
+    found = [check for check in report.checks if check.result == "fail"]
+    assert [check.name for check in found] == ["heartbeat"]
+    assert found[0].measured.endswith(f"the line standing at {level}")
+
+
+def test_a_supply_that_outlives_the_program_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever was killed goes on beating: as a gate that takes something else for a beat."""
+    rig = selftest_rig()
+    monkeypatch.setattr(FakeUnderstudy, "kill", lambda _: 3.0)
+    failed = [name for _, name in bad(rig.run())]
+    assert failed == ["killed_lines", "killed_supply"]
+
+
+@pytest.mark.parametrize(("has_heartbeat", "failed"), [(True, []), (False, ["killed_lines"])])
+def test_lines_that_are_let_go_of_late_are_the_heartbeats_business_if_there_is_one(
+    monkeypatch: pytest.MonkeyPatch, has_heartbeat: bool, failed: list[str]
+) -> None:
+    kill = FakeUnderstudy.kill
+    monkeypatch.setattr(FakeUnderstudy, "kill", lambda one: kill(one) + 40.0)
+    file = fake_config("reference-hv507").board
+    if not has_heartbeat:
+        file = msgspec.structs.replace(
+            file, guards=msgspec.structs.replace(file.guards, heartbeat="absent")
+        )
+    assert [name for _, name in bad(selftest_rig(file=file).run())] == failed
+
+
+def test_a_process_that_cannot_bring_the_rail_up_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FakeUnderstudy, "_beat", lambda _: None)
+    assert bad(selftest_rig().run()) == [("rail", "killed_rise")]
+
+
+def test_an_error_while_another_process_has_the_board_ends_with_the_lines_taken_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = selftest_rig()
+
+    def kill(_: FakeUnderstudy) -> float:
+        rig.fake.world.put_in(I2cFailure(0x48, "io"))
+        return 3.0
+
+    monkeypatch.setattr(FakeUnderstudy, "kill", kill)
+    assert bad(rig.run()) == [("rail", "bus")]
+    assert isinstance(rig.bench.understudy, FakeUnderstudy)
+    assert not rig.bench.understudy.is_alive
+    assert rig.rail_v_after_a_while() < 30.0
+
+
+def test_a_rail_that_sags_before_the_heartbeat_ends_proves_no_gate() -> None:
+    rig = selftest_rig()
+    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+
+    def on_check(check: Check) -> None:
+        if check.name == "rise_again":
+            rig.fake.world.put_in(RailOff(0.9))
+            bed.wait_ms(3_000)
+
+    report = run(bed, DATE, on_check=on_check)
+    assert bad(report)[:1] == [("rail", "heartbeat")]
+    assert by_name(report)["heartbeat"].measured.startswith("from 271 V, below 30.0 V")
+
+
+@pytest.mark.parametrize(("has_heartbeat", "is_said"), [(True, True), (False, False)])
+def test_a_window_that_nobody_can_measure_is_said_in_the_report(
+    has_heartbeat: bool, is_said: bool
+) -> None:
+    beating = Heartbeat(line=27, window_ms=20) if has_heartbeat else "absent"
+    file = changed(shipped_board("feetthrough-relay"), "guards", heartbeat=beating)
+    report = selftest_rig("feetthrough-relay", file=file, load_ohm=None).run()
+    assert any("window is 20 ms" in one for one in report.not_seen) is is_said
+
+
+def test_a_window_that_a_monitor_measures_is_not_said_to_be_unseen() -> None:
+    report = selftest_rig(load_ohm=None).run()
+    assert by_name(report)["heartbeat_window"].result == "pass"
+    assert not any("window" in one for one in report.not_seen)
