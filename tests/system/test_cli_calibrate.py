@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 import signal
 import subprocess
 import sys
@@ -110,4 +111,40 @@ def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Sig
         finally:
             at.close()
         assert said.status == 130, said.err
+        assert "what was found is kept; the same command goes on with it" in said.err
         assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
+
+
+def test_a_simulated_person_is_waited_for_with_a_bar_on_the_terminal(rig: CommandRig) -> None:
+    terminal, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "etd", *ARGUMENTS, "--answers", "simulated"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        env=rig.environment,
+        cwd=rig.folder,
+    )
+    os.close(theirs)
+    try:
+        drawn = drawn_until(terminal, "0 of 8 electrodes, 2 presentations")
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=WITHIN_S)
+    finally:
+        process.kill()
+        process.wait(WITHIN_S)
+    assert "by limits, 8 electrodes to come, about half a minute each" in drawn
+    assert "0 of 8 electrodes, 1 presentations" in drawn
+    assert "the same command goes on with it" in drawn_until(terminal, "goes on with it")
+    assert (process.returncode, out) == (130, b"")
+    os.close(terminal)
+
+
+def drawn_until(terminal: int, text: str) -> str:
+    """What comes there up to this, colors and all."""
+    drawn = ""
+    while text not in drawn:
+        ready, _, _ = select.select([terminal], [], [], WITHIN_S)
+        assert ready, f"{text!r} was not drawn, but {drawn!r}"
+        drawn += os.read(terminal, 65_536).decode(errors="replace")
+    return drawn

@@ -7,6 +7,7 @@ know: how a calibration goes (calibrate_session), procedures, keys.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -109,11 +110,17 @@ def run(args: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             # A terminal that goes away, among others: nobody could press a key any more.
             display.stop()
+            with contextlib.suppress(OSError):
+                _tell_stopped(Stopped("stop"))
             raise
         except Stopped as stopped:
-            print(f"etd: {stopped}; the same command goes on with it", file=sys.stderr)
+            _tell_stopped(stopped)
             return 1
         return calibrating.settle()
+
+
+def _tell_stopped(stopped: Stopped) -> None:
+    print(f"etd: {stopped}; the same command goes on with it", file=sys.stderr, flush=True)
 
 
 def _check_combinations(args: argparse.Namespace) -> None:

@@ -1,8 +1,9 @@
 """What a person sees while being calibrated: the array, how far it is, and the keys.
 
-Owns: the lines, and drawing them over themselves on a terminal. Must not know: procedures, keys'
-meanings, daemons. No current is ever shown: nobody should answer by number. Where the answer is to
-be JSON (`is_quiet`), how far it is goes to standard error, and nothing else is said.
+Owns: the lines, how far it is in words, and drawing them over themselves on a terminal. Must not
+know: procedures, keys' meanings, daemons. No current is ever shown: nobody should answer by number.
+Where the answer is to be JSON (`is_quiet`), how far it is goes to standard error, and nothing else
+is said.
 """
 
 from __future__ import annotations
@@ -34,14 +35,10 @@ class Screen:
 
     def begin(self) -> None:
         """Before the first question, while the opening rises."""
-        to_come = len(self._progress.missing)
-        method = self._progress.conditions.method
-        said = f"by {method}, {to_come} electrodes to come"
         if self._is_quiet:
-            said += ", about half a minute each at the quickest"
-            print(said, file=sys.stderr, flush=True)
+            print(to_come(self._progress), file=sys.stderr, flush=True)
         else:
-            print(f"{said}: a moment", flush=True)
+            print(to_come(self._progress), flush=True)
 
     def ask(self, question: Question) -> None:
         """The picture where the electrode is another one, and the question."""
@@ -65,7 +62,7 @@ class Screen:
     def found(self) -> None:
         """After an electrode: a line, where no picture is drawn over."""
         if self._is_quiet:
-            print(self.count(), file=sys.stderr, flush=True)
+            print(count_of(self._progress), file=sys.stderr, flush=True)
         elif not is_terminal():
             print(self.line(), flush=True)
 
@@ -76,13 +73,23 @@ class Screen:
         )
 
     def line(self) -> str:
-        return f"{self.count()}   (@ now, # done, x nothing felt, . to come)"
-
-    def count(self) -> str:
-        done, all_of_them = len(self._progress.found), self._progress.conditions.electrodes
-        return f"{done} of {all_of_them} electrodes, {self._progress.presentations} presentations"
+        return f"{count_of(self._progress)}   (@ now, # done, x nothing felt, . to come)"
 
     def _sign(self, electrode: int) -> str:
         if electrode in self._progress.found:
             return "#" if self._progress.found[electrode].felt else "x"
         return "@" if electrode == self._electrode else "."
+
+
+def to_come(progress: Progress) -> str:
+    """What is before whoever waits for it."""
+    return (
+        f"by {progress.conditions.method}, {len(progress.missing)} electrodes to come, about half a"
+        " minute each at the quickest"
+    )
+
+
+def count_of(progress: Progress) -> str:
+    """How far it is."""
+    done, all_of_them = len(progress.found), progress.conditions.electrodes
+    return f"{done} of {all_of_them} electrodes, {progress.presentations} presentations"

@@ -23,6 +23,7 @@ from etd.calibrate.stimulator import Stimulator
 from etd.calibration import Calibration, to_toml
 from etd.cli.calibrate_conditions import conditions_asked
 from etd.cli.calibrate_screen import Screen
+from etd.cli.calibrate_watch import Watch
 from etd.cli.keys import keyboard
 from etd.client import Display, clock
 from etd.errors import Refused
@@ -53,6 +54,9 @@ class CalibrateSession:
             check_baseline(conditions, self._baseline)
         self._progress = self._begun(conditions)
         self._screen = Screen(display.facts.array, self._progress, is_quiet=args.json)
+        self._is_simulated = args.answers == "simulated"
+        #: In the screen's place, where nobody answers and the answer is not to be JSON.
+        self._watch = Watch(self._progress) if self._is_simulated and not args.json else None
         self._left: dict[int, str] = {}
 
     def run(self) -> None:
@@ -66,7 +70,7 @@ class CalibrateSession:
                 self._display.telemetry("scan", "halt", "modelled", "state")
             )
             answerer: Answerer
-            if self._args.answers == "simulated":
+            if self._is_simulated:
                 answerer = SimulatedPerson(body.sense, self._args.seed)
             else:
                 answerer = stack.enter_context(keyboard(self._screen.ask, self._screen.heard))
@@ -78,8 +82,11 @@ class CalibrateSession:
                 answerer.wants_stop,
                 body.hear,
             )
-            is_simulated = self._args.answers == "simulated"
-            presents: Presents = FeltPresents(stimulator, body) if is_simulated else stimulator
+            presents: Presents = stimulator
+            if self._is_simulated:
+                presents = FeltPresents(stimulator, body)
+            if self._watch is not None:
+                stack.enter_context(self._watch)
             self._go_through(stimulator, presents, answerer)
 
     def _go_through(self, stimulator: Stimulator, presents: Presents, answerer: Answerer) -> None:
@@ -90,8 +97,9 @@ class CalibrateSession:
             _today,
             baseline=self._baseline,
             on_progress=self._keep,
+            on_presented=self._presented,
         )
-        self._screen.begin()
+        self._shown.begin()
         stimulator.open()
         course.run(self._wanted())
         self._left = course.left
@@ -161,11 +169,22 @@ class CalibrateSession:
         while self._display.status().state != "SAFE" and clock.now_ns() < until_ns:
             clock.sleep_s(_LOOK_S / 10)
 
+    # --- how it is shown ---------------------------------------------------------------------
+
+    @property
+    def _shown(self) -> Screen | Watch:
+        return self._screen if self._watch is None else self._watch
+
+    def _presented(self, electrode: int) -> None:
+        """The screen is told by the question."""
+        if self._watch is not None:
+            self._watch.presented(electrode)
+
     # --- what is kept and told ---------------------------------------------------------------
 
     def _keep(self, progress: Progress) -> None:
         save_progress(self._file, progress)
-        self._screen.found()
+        self._shown.found()
 
     def _made(self) -> Calibration:
         gamma = 1.0 if self._baseline is None else self._baseline.gamma

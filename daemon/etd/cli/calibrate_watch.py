@@ -1,0 +1,95 @@
+"""How far a calibration is that nobody sits before: a bar on a terminal, elsewhere a line at times.
+
+Owns: both, on standard error: what the command answers goes to standard output. Must not know:
+procedures, daemons, who answers.
+"""
+
+from __future__ import annotations
+
+import sys
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from etd.calibrate.progress import Progress
+from etd.cli.calibrate_screen import count_of, to_come
+from etd.cli.terminal import check_rich
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+    from rich.progress import TaskID
+
+#: An electrode takes half a minute: what is left is reckoned from the last twenty.
+_REMEMBERED_S = 600.0
+
+
+class Watch:
+    """`progress` is looked at, never changed. To be entered; it ends with the `with`.
+
+    Raises, when made: HardwareMissing on a terminal without rich.
+    """
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._bar: Bar | None = None
+        self._task: TaskID | None = None
+        if sys.stderr.isatty():
+            check_rich()
+            self._bar = _bar()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        _type: type[BaseException] | None,
+        _error: BaseException | None,
+        _traceback: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def begin(self) -> None:
+        """Before the first presentation, while the opening rises."""
+        print(to_come(self._progress), file=sys.stderr, flush=True)
+        if self._bar is not None:
+            self._task = self._bar.add_task("", total=self._progress.conditions.electrodes)
+            self._draw()
+            self._bar.start()
+
+    def presented(self, _electrode: int) -> None:
+        """After each presentation."""
+        self._draw()
+
+    def found(self) -> None:
+        """After each electrode."""
+        if self._bar is None:
+            print(count_of(self._progress), file=sys.stderr, flush=True)
+        self._draw()
+
+    def _draw(self) -> None:
+        if self._bar is None or self._task is None:
+            return
+        self._bar.update(
+            self._task,
+            completed=len(self._progress.found),
+            description=count_of(self._progress),
+            refresh=True,
+        )
+
+
+def _bar() -> Bar:
+    """Drawn when something has happened, about once a second: no thread is beside the pulses."""
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    return Bar(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("to go"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        auto_refresh=False,
+        speed_estimate_period=_REMEMBERED_S,
+    )

@@ -1,0 +1,92 @@
+"""How far a calibration by the simulated person is: a bar on a terminal, else a line at times."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from etd.calibrate.conditions import Conditions
+from etd.calibrate.progress import Progress
+from etd.calibration import ElectrodeLimits
+from etd.cli.calibrate_watch import Watch
+
+FOUND = ElectrodeLimits(threshold_ua=1_111, comfortable_ua=2_222, cap_ua=2_333)
+
+
+@pytest.fixture
+def progress() -> Progress:
+    conditions = Conditions(
+        participant="P01",
+        method="limits",
+        body_site="fingertip",
+        array="row",
+        electrodes=4,
+        polarity="anodic",
+        width_us=100,
+        rate_hz=60.0,
+        returns="all",
+        pulses=10,
+        cap_ua=3_000,
+    )
+    return Progress(conditions=conditions, found={0: FOUND}, presentations=40)
+
+
+@contextmanager
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], list[str]]]:
+    """Standard error goes to one; what is yielded tells the lines drawn there, without colors."""
+    controller, worker = os.openpty()
+    os.set_blocking(controller, False)
+
+    def lines() -> list[str]:
+        file.flush()
+        plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", os.read(controller, 65_536).decode())
+        return [line for line in re.split(r"[\r\n]+", plain) if line]
+
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("COLUMNS", "100")
+    with os.fdopen(worker, "w") as file, monkeypatch.context() as here:
+        here.setattr(sys, "stderr", file)
+        yield lines
+    os.close(controller)
+
+
+def play(watch: Watch, progress: Progress) -> None:
+    """Three presentations to the second electrode, which is found then."""
+    with watch:
+        watch.begin()
+        for _ in range(3):
+            progress.presentations += 1
+            watch.presented(1)
+        progress.found[1] = FOUND
+        watch.found()
+
+
+def test_without_a_terminal_there_is_a_line_for_each_electrode_and_none_on_standard_output(
+    progress: Progress, capsys: pytest.CaptureFixture[str]
+) -> None:
+    play(Watch(progress), progress)
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.splitlines() == [
+        "by limits, 3 electrodes to come, about half a minute each at the quickest",
+        "2 of 4 electrodes, 43 presentations",
+    ]
+
+
+def test_a_terminal_shows_every_presentation_and_how_long_it_takes(
+    progress: Progress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with terminal(monkeypatch) as lines:
+        play(Watch(progress), progress)
+        first, *drawn = lines()
+    assert first.startswith("by limits, 3 electrodes to come")
+    for count in (40, 41, 42, 43):
+        assert any(f"1 of 4 electrodes, {count} presentations" in line for line in drawn)
+    assert "2 of 4 electrodes, 43 presentations" in drawn[-1]
+    assert re.search(r"0:00:0\d to go", drawn[-1])
+    assert not any(figure in "".join(drawn) for figure in ("1111", "2222", "2333"))
