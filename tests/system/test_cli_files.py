@@ -61,13 +61,33 @@ def test_a_runtime_folder_that_cannot_be_made_is_told(rig: CommandRig) -> None:
 
 
 # Not --help: newer argparse says nothing of help that it could not write.
-@pytest.mark.parametrize("verb", ["check pattern.json", "check --json x", "status --json"])
-def test_a_full_standard_output_is_told(rig: CommandRig, verb: str) -> None:
+@pytest.mark.parametrize("buffering", ["", "1"], ids=["buffered", "unbuffered"])
+@pytest.mark.parametrize(
+    "verb",
+    ["check pattern.json", "check --json x", "status --json", "explain thickness --json"],
+)
+def test_a_full_standard_output_is_told(rig: CommandRig, verb: str, buffering: str) -> None:
+    rig.environment["PYTHONUNBUFFERED"] = buffering
     status, told = shell(rig, f"{verb} >/dev/full")
     assert status == 1
+    is_full(told)
+
+
+@pytest.mark.parametrize("verb", ["calibration list", "calibration list --json", "status"])
+def test_a_full_standard_output_is_told_where_a_daemon_has_answered(
+    rig: CommandRig, verb: str
+) -> None:
+    with rig.daemon("--array", "pad-8"):
+        status, told = shell(rig, f"{verb} >/dev/full")
+    assert status == 1
+    is_full(told)
+
+
+def is_full(told: str) -> None:
+    """One line, with what to do about it."""
     assert told.count("\n") == 1
-    assert "standard output" in told
-    assert "No space left on device" in told
+    assert told.startswith("etd: standard output")
+    assert "cannot be written (No space left on device): make room, or send it elsewhere" in told
 
 
 def test_a_closed_standard_output_does_not_keep_it_from_being_done(rig: CommandRig) -> None:

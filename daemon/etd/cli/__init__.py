@@ -169,7 +169,7 @@ def _failed(error: OSError, as_json: bool) -> int:
         sys.stdout.flush()
     except OSError as lost:
         _discard_output()
-        print(f"etd: standard output cannot be written ({lost.strerror})", file=sys.stderr)
+        print(f"etd: standard output {_unwritable(lost)}", file=sys.stderr)
     return NO
 
 
@@ -203,10 +203,16 @@ def _tell(error: EtdError | OSError, as_json: bool) -> None:
 def _sentence(error: EtdError | OSError) -> str:
     """The engine's reason for `expired` is two times, for programs: people are told what of."""
     if isinstance(error, OSError):
-        return f"{error.filename or 'standard output, or a file'}: {error.strerror or error}"
+        if error.filename is None:
+            return f"standard output, or a file that it writes, {_unwritable(error)}"
+        return f"{error.filename}: {error.strerror or error}"
     if isinstance(error, Refused) and error.code == "expired":
         return f"a frame came too late, and was not felt: {error}"
     return str(error)
+
+
+def _unwritable(error: OSError) -> str:
+    return f"cannot be written ({error.strerror or error}): make room, or send it elsewhere"
 
 
 def code_of(error: EtdError | OSError) -> str:
