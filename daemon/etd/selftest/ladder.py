@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from etd.selftest.bed import Bed, DummyLoad
 from etd.selftest.buses import IDLE_V
 from etd.selftest.log import Log
-from etd.selftest.probe import TOLERANCE
 from etd.selftest.prober import Prober
+from etd.selftest.readings import TOLERANCE
 from etd_hal.board import Shot
 from etd_hal.boardfile import Source
 

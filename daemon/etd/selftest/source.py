@@ -12,8 +12,9 @@ from etd.selftest import adcbits, everytime
 from etd.selftest.bed import LOAD_OPTIONS, Bed, DummyLoad
 from etd.selftest.ladder import LINEARITY, SATURATES, climb, largest_here_ohm, reachable_ua
 from etd.selftest.log import Log
-from etd.selftest.probe import TOLERANCE, check_alone, mean_v, read_map
+from etd.selftest.probe import check_alone
 from etd.selftest.prober import Prober
+from etd.selftest.readings import TOLERANCE, is_near_v, mean_v, read_map
 
 #: To be well into the compliance with nothing connected.
 _INTO_COMPLIANCE = 1.3
@@ -56,10 +57,9 @@ def _is_still_there(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> bool
     ends = [mean_v(prober, one) for one in (load.first, load.second)]
     ends_v = [volts for _, volts in ends]
     expected_v = ends[0][0] * bed.gain / 1e6 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
-    slack_v = TOLERANCE * expected_v + bed.file.source.node_uv_per_code / 1e6
     is_there = log.judge(
         "load_still_there",
-        all(abs(volts - expected_v) <= slack_v for volts in ends_v),
+        all(is_near_v(volts, expected_v, bed.file.source) for volts in ends_v),
         " and ".join(f"{volts:.2f} V" for volts in ends_v),
         f"{expected_v:.2f} V at electrodes {load.first} and {load.second}",
         "something else is there than was found before: hands off, and begin again",

@@ -15,8 +15,9 @@ from dataclasses import replace
 
 from etd.selftest.bed import LOAD_OPTIONS, MS, SECOND_LOAD_OPTION, Bed, DummyLoad
 from etd.selftest.log import Log
-from etd.selftest.probe import TOLERANCE, check_alone, read_map
+from etd.selftest.probe import check_alone
 from etd.selftest.prober import Prober
+from etd.selftest.readings import is_near_v, read_map
 from etd.selftest.touch import Look, Touch
 from etd_hal.bench import Hand
 
@@ -168,13 +169,12 @@ _ALONE_ADVICE = (
 
 def _is_changed(bed: Bed, log: Log, prober: Prober, second: DummyLoad, expected_v: float) -> bool:
     """The second load is in the first one's place, and is what it is said to be."""
-    slack_v = TOLERANCE * expected_v + bed.file.source.node_uv_per_code / 1e6
     ends_v: list[float] = []
 
     def look() -> bool:
         ends_v[:] = [_steady_v(prober, one) for one in (second.first, second.second)]
         bed.wait_ms(_LOOK_EVERY_MS)
-        return all(abs(volts - expected_v) <= slack_v for volts in ends_v)
+        return all(is_near_v(volts, expected_v, bed.file.source) for volts in ends_v)
 
     return log.judge(
         _CHANGE,

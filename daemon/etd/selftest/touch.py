@@ -14,8 +14,8 @@ import statistics
 from dataclasses import dataclass
 
 from etd.selftest.bed import Bed, DummyLoad
-from etd.selftest.probe import TOLERANCE, NearerOf
 from etd.selftest.prober import Prober
+from etd.selftest.readings import NearerOf, is_near_v
 
 #: Both polarities, so often: of the load before the walk, and of what answers while it is touched.
 #: A second load may be ten codes of the ADC: what is a switch's resistance there is its noise here.
@@ -54,7 +54,7 @@ class Touch:
         self.others_anodic = others_anodic
         self._fixed = load.first
         self._electrodes = range(bed.loaded.array.count)
-        self._step_v = bed.file.source.node_uv_per_code / 1e6
+        self._source = bed.file.source
         readings = [self._once_v(load.second) for _ in range(_READINGS_BEFORE)]
         #: What the load makes of a probe.
         self.load_v = statistics.mean(volts for both in readings for volts in both)
@@ -89,7 +89,7 @@ class Touch:
 
     @property
     def nearer(self) -> NearerOf:
-        return NearerOf(self.load_v, self._open_v, self._step_v)
+        return NearerOf(self.load_v, self._open_v, self._source.node_uv_per_code / 1e6)
 
     def _once_v(self, electrode: int) -> tuple[float, float]:
         """(source, ground)."""
@@ -112,7 +112,7 @@ class Touch:
         return self._prober.probe(electrode, is_anodic)[1].voltage_v
 
     def is_load(self, volts: float) -> bool:
-        return abs(volts - self.load_v) <= TOLERANCE * self.load_v + self._step_v
+        return is_near_v(volts, self.load_v, self._source)
 
     def is_open(self, volts: float) -> bool:
-        return abs(volts - self._open_v) <= TOLERANCE * self._open_v + self._step_v
+        return is_near_v(volts, self._open_v, self._source)
