@@ -1,7 +1,7 @@
 """Stage 5: a stop that is held open takes the supply away, as measured, whatever the program does.
 
 Owns: what is asked of the operator, and whose doing the fall is. Must not know: how the supply is
-looked at (`rail.py`).
+looked at (`rail_by_monitor.py`, `rail_by_node.py`).
 
 That the line is seen to open was looked at in stage 2. Here the supply is on, the heartbeat goes on
 and the enable line stays on: if the supply falls, the stop's second contact has done it. Where the

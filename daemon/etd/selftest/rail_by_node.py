@@ -1,0 +1,156 @@
+"""Stage 5 where the supply can be switched and nobody watches its rail: the node tells.
+
+Owns: the order in which the supply's guards are proved there. A probe of an open electrode lifts
+the node only while the supply is there. Must not know: stops, volts of a rail.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from etd.selftest.bed import Bed
+from etd.selftest.buses import check_idle
+from etd.selftest.fall import judge_fall
+from etd.selftest.gates import ENABLE_ADVICE, GATE_ADVICE, LATCH_ADVICE, check_heartbeat, standing
+from etd.selftest.log import Log
+from etd.selftest.probe import check_ramp
+from etd.selftest.prober import Prober
+from etd.selftest.stopgate import SupplyWatch
+
+#: A supply that nobody watches gets this long to come, and to go.
+_GONE_WITHIN_MS = 10_000
+_RISE_MS = 500
+_LOOK_EVERY_MS = 50
+#: Of the node's open voltage: below the one the supply is gone, above the other it is there.
+_NODE_GONE = 0.1
+_NODE_THERE = 0.5
+
+
+def watch(bed: Bed, log: Log, prober: Prober) -> SupplyWatch:
+    """By what a probe of an open electrode lifts the node to."""
+    read_v = 0.0
+
+    def is_gone() -> bool:
+        nonlocal read_v
+        read_v = prober.probe(bed.free[0])[1].voltage_v
+        bed.wait_ms(_LOOK_EVERY_MS)
+        return read_v < _gone_v(prober)
+
+    def is_there() -> bool:
+        voltage_v = prober.probe(bed.free[0])[1].voltage_v
+        return voltage_v >= prober.open_v(prober.probe_ua) * _NODE_THERE
+
+    def told() -> str:
+        return f"{read_v:.2f} V at {prober.probe_ua} uA"
+
+    def rises(name: str) -> bool:
+        return _check_rise(bed, log, prober, name)
+
+    return SupplyWatch(is_there, is_gone, told, _GONE_WITHIN_MS, rises, None)
+
+
+def _gone_v(prober: Prober) -> float:
+    return prober.open_v(prober.probe_ua) * _NODE_GONE
+
+
+def check(bed: Bed, log: Log, prober: Prober) -> None:
+    """Raises: BusError, BoardFault, GuardRefusal."""
+    if not check_ramp(bed, log, prober, "off_ramp", is_supplied=False):
+        return
+    is_off = _judge_gone(bed, log, prober, "off", "the supply is on though its enable is off")
+    is_good = (
+        is_off
+        and _check_rise(bed, log, prober, "rise")
+        and _check_enable(bed, log, prober)
+        and _check_rise(bed, log, prober, "rise_again")
+    )
+    if is_good:
+        _check_gate(bed, log, prober)
+
+
+def _check_enable(bed: Bed, log: Log, prober: Prober) -> bool:
+    bed.board.supply_off()
+    bed.beats_when_off = True
+    try:
+        return _judge_gone(bed, log, prober, "hv_enable", ENABLE_ADVICE, missed_ms=bed.missed_ms)
+    finally:
+        bed.beats_when_off = False
+
+
+def _check_gate(bed: Bed, log: Log, prober: Prober) -> None:
+    if bed.file.guards.heartbeat == "absent":
+        return
+    check_heartbeat(
+        bed,
+        lambda level: _goes(bed, log, prober, level),
+        lambda: _stays_away(bed, log, prober),
+        lambda name: _check_rise(bed, log, prober, name),
+    )
+
+
+def _goes(bed: Bed, log: Log, prober: Prober, level: int) -> bool:
+    """Silent until any store has run down; each look afterwards beats again, in vain."""
+    bed.end_beats(level)
+    missed_ms = bed.missed_ms()
+    bed.wait_ms(_GONE_WITHIN_MS, is_beating=False)
+    return _judge_gone(
+        bed,
+        log,
+        prober,
+        "heartbeat",
+        GATE_ADVICE,
+        missed_ms=lambda: missed_ms,
+        told=f", {standing(level)}",
+    )
+
+
+def _stays_away(bed: Bed, log: Log, prober: Prober) -> bool:
+    bed.wait_ms(_RISE_MS)
+    return _judge_gone(
+        bed, log, prober, "heartbeat_latch", LATCH_ADVICE, missed_ms=bed.missed_ms, within_ms=0
+    )
+
+
+def _check_rise(bed: Bed, log: Log, prober: Prober, name: str) -> bool:
+    """Nothing is connected before the node was seen idle with the supply behind it."""
+    bed.board.release()
+    bed.supply_on()
+    bed.wait_ms(_RISE_MS)
+    check_idle(bed, log, f"{name}_idle")
+    return not log.stage_failed and check_ramp(bed, log, prober, name)
+
+
+def _judge_gone(
+    bed: Bed,
+    log: Log,
+    prober: Prober,
+    name: str,
+    advice: str,
+    *,
+    missed_ms: Callable[[], float | None] = lambda: None,
+    within_ms: int = _GONE_WITHIN_MS,
+    told: str = "",
+) -> bool:
+    """A probe of the open node again and again, until it lifts it no more, or time is over.
+
+    `missed_ms`: see `judge_fall`; asked at the end. `told`: what else is to be said of it.
+    """
+    bound_v = _gone_v(prober)
+    read_v = 0.0
+
+    def look() -> bool:
+        nonlocal read_v
+        read_v = prober.probe(bed.free[0])[1].voltage_v
+        bed.wait_ms(_LOOK_EVERY_MS)
+        return read_v < bound_v
+
+    is_good = bed.wait_until(look, within_ms)
+    return judge_fall(
+        log,
+        missed_ms(),
+        name,
+        is_good,
+        f"{read_v:.2f} V at {prober.probe_ua} uA{told}",
+        f"below {bound_v:.2f} V within {within_ms} ms",
+        advice,
+    )
