@@ -24,8 +24,6 @@ from etd.protocol import (
 )
 from etd.stabilize.belief import is_old
 
-#: From silent to strong.
-SIGNS = "·░▒▓█"
 #: One sign for each kind of contact, in the order of the legend.
 CONTACT_SIGNS: dict[ContactState, str] = {
     "closed": "#",

@@ -29,7 +29,7 @@ from etd_hal.board import Board, Pulse, Shot
 
 @dataclass(slots=True)
 class Tools:
-    """What a visit works with; one set a lease."""
+    """What a visit works with, as long as the engine runs: no new lease forgets the ledger."""
 
     board: Board
     maxima: Maxima
