@@ -273,13 +273,13 @@ def test_being_asked_to_end_makes_the_board_safe_first(
         made_safe.append("safe")
         return safe_off(board)
 
-    def end_at_rail(_table: Table, name: str, _what: str) -> None:
+    def end_at_probe(_table: Table, name: str, _what: str) -> None:
         if name == "probe":
             made_safe.clear()
             signal.raise_signal(ending)
 
     monkeypatch.setattr(Board, "safe_off", seen)
-    monkeypatch.setattr(Table, "stage", end_at_rail)
+    monkeypatch.setattr(Table, "stage", end_at_probe)
     assert cli.main([*FULL, *LOAD]) == 130
     assert made_safe == ["safe"]
 
