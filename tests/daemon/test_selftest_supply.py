@@ -20,6 +20,7 @@ from etd_hal.fake.faults import (
     HeartbeatRearms,
     I2cFailure,
     RailOff,
+    SpiError,
 )
 from etd_hal.fake.understudy import FakeUnderstudy
 from selftest_rig import DATE, bad, by_name, selftest_rig
@@ -82,6 +83,22 @@ def test_lines_that_are_let_go_of_late_are_the_heartbeats_business_if_there_is_o
 def test_a_process_that_cannot_bring_the_rail_up_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(FakeUnderstudy, "_beat", lambda _: None)
     assert bad(selftest_rig().run()) == [("rail", "killed_rise")]
+
+
+def test_a_board_that_is_not_safe_after_the_kill_is_told_as_what_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = selftest_rig()
+    step_back = FakeUnderstudy.step_back
+
+    def step_back_badly(one: FakeUnderstudy) -> None:
+        step_back(one)
+        rig.fake.world.put_in(SpiError())
+
+    monkeypatch.setattr(FakeUnderstudy, "step_back", step_back_badly)
+    report = rig.run()
+    assert bad(report) == [("rail", "killed_safe_state")]
+    assert "cut the supply by hand" in by_name(report)["killed_safe_state"].advice
 
 
 def test_an_error_while_another_process_has_the_board_ends_with_the_lines_taken_back(

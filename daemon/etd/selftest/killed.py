@@ -39,11 +39,12 @@ def check(bed: Bed, log: Log, rises: Callable[[str], bool]) -> None:
         bed.is_lent = False
         problems = bed.board.safe_off()
     if problems:
-        log.judge("killed_safe_state", False, "; ".join(problems), "reached", _ADVICE)
+        log.judge("killed_safe_state", False, "; ".join(problems), "reached", _NOT_SAFE_ADVICE)
     if guards.hv_enable != "absent" and not log.stage_failed:
         rises("rise_after_kill")
 
 
+_NOT_SAFE_ADVICE = "look at the first thing that did not work; cut the supply by hand"
 _ADVICE = (
     "fit the pull that this line needs (docs/bring-up.md, Wires and pulls): it is what says safe"
     " while nobody drives it"
