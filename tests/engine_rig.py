@@ -30,13 +30,14 @@ from etd.link import (
 )
 from etd.protocol import Limits
 from etd.stabilize.pipeline import Stabilizer
-from etd_hal.compose import Backend, line_setup, spi_setup
+from etd_hal.compose import Backend
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable
+from etd_hal.linesetup import line_setup, spi_setup
 
 LEASE = "a-lease"
 _ALIVE_NS = 50_000_000

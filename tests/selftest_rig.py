@@ -19,13 +19,14 @@ from etd_body.electrode import OPEN_CONTACT
 from etd_body.minimal import MinimalBody
 from etd_hal.bench import Hand, StopName
 from etd_hal.boardfile import BoardFile
-from etd_hal.compose import Backend, Bench, line_setup, spi_setup
+from etd_hal.compose import Backend, Bench
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.hand import FakeHand
 from etd_hal.fake.understudy import FakeUnderstudy
+from etd_hal.linesetup import line_setup, spi_setup
 from etd_hal.ports import Message, Spi
 
 LOAD_OHM, SECOND_OHM = 47_000, 10_000

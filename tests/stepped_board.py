@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from etd_hal.boardfile import BoardFile, load_board
-from etd_hal.compose import Backend, line_setup, spi_setup
+from etd_hal.compose import Backend
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable
+from etd_hal.linesetup import line_setup, spi_setup
 
 BOARDS = Path(__file__).parent.parent / "config" / "boards"
 

@@ -1,8 +1,7 @@
 """The choice of a backend: the only module that knows both `linux` and `fake`.
 
-Owns: which lines a board file asks for, in which order and at which levels, and how the ports of
-either backend are opened and closed. It is part of the HAL so that making a board safe needs the
-HAL and the standard library only.
+Owns: how the ports of either backend are opened and closed. It is part of the HAL so that making a
+board safe needs the HAL and the standard library only.
 Must not know: configuration files other than board and machine, frames, people.
 """
 
@@ -16,18 +15,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from etd_hal.bench import Hand, Host, Understudy
-from etd_hal.boardfile import BoardFile, HalfBridgeLines, MachineFile
+from etd_hal.boardfile import BoardFile, MachineFile
 from etd_hal.errors import BusError
+from etd_hal.linesetup import line_setup, spi_setup
 from etd_hal.ports import (
     Clock,
     Gpio,
     I2c,
-    InputLine,
-    LineSetup,
     Marker,
     Message,
     Spi,
-    SpiSetup,
 )
 
 if TYPE_CHECKING:
@@ -89,43 +86,6 @@ class NoSpi:
     def transfer(self, message: Message) -> tuple[bytes, ...]:  # noqa: ARG002
         """Raises: BusError (absent), always."""
         raise BusError("absent", self._device, "reaching the DAC", self._reason)
-
-
-def line_setup(board: BoardFile) -> LineSetup:
-    """What to request: harmless levels, in the order that is harmless on the way.
-
-    POL, BL and the supply come first, so that no intermediate state lifts the electrodes.
-    """
-    lines = board.switch.lines
-    guards = board.guards
-    first: list[tuple[int, int]] = []
-    if isinstance(lines, HalfBridgeLines):
-        first += [(lines.POL, 1), (lines.BL, 0)]
-    if guards.hv_enable != "absent":
-        first.append((guards.hv_enable.line, 1 - guards.hv_enable.on))
-    rest = [lines.LE, lines.DATA, lines.CLK]
-    if guards.heartbeat != "absent":
-        rest.append(guards.heartbeat.line)
-    if board.sync_line != "absent":
-        rest.append(board.sync_line)
-    outputs = (*first, *((line, 0) for line in rest))
-    return LineSetup(outputs, _input_lines(board))
-
-
-def _input_lines(board: BoardFile) -> tuple[InputLine, ...]:
-    guards = board.guards
-    inputs: list[InputLine] = []
-    if guards.readback != "absent":
-        inputs.append(InputLine(guards.readback))
-    for stop in (guards.emergency_stop, guards.wearer_stop):
-        if stop != "absent":
-            inputs.append(InputLine(stop, pull="down", edges=True))
-    return tuple(inputs)
-
-
-def spi_setup(board: BoardFile) -> SpiSetup:
-    source = board.source
-    return SpiSetup(source.spi, source.mode, source.speed_hz)
 
 
 def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
@@ -234,20 +194,14 @@ def open_fake_bench(board: BoardFile, *, electrodes: Sequence[int]) -> Bench:
 
     One thread drives it and nobody else looks at the clock, so time only steps.
     """
-    from etd_body.electrode import OPEN_CONTACT
-    from etd_body.minimal import MinimalBody
     from etd_hal.fake.board import FakeBoard
     from etd_hal.fake.clock import SteppedClock
+    from etd_hal.fake.fingertip import untouched
     from etd_hal.fake.hand import FakeHand
     from etd_hal.fake.understudy import FakeUnderstudy
 
     clock = SteppedClock()
-    body = MinimalBody(
-        (OPEN_CONTACT,) * len(electrodes),
-        leak_ohm=board.source.leak_ohm,
-        compliance_v=board.source.compliance_v,
-    )
-    fake = FakeBoard(board, clock, body, electrodes=electrodes)
+    fake = FakeBoard(board, clock, untouched(board, len(electrodes)), electrodes=electrodes)
     ports = fake.request(line_setup(board), spi_setup(board))
     backend = Backend(
         "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close, clock.lag_ns

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 from bench.modelled import ELECTRODES, WIDTH_US, loaded_with
 from etd_hal.boardfile import HalfBridgeLines
-from etd_hal.compose import line_setup, spi_setup
 from etd_hal.fake.board import FakeBoard, FakePorts
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.fingertip import fingertip_body
+from etd_hal.linesetup import line_setup, spi_setup
 from etd_hal.ports import Message, Transfer
 
 #: What `time.sleep` takes over the time asked for, on the median, for an ordinary thread on a Pi

@@ -8,8 +8,9 @@ from __future__ import annotations
 import pytest
 
 from etd_hal.boardfile import BoardFile, HalfBridgeLines
-from etd_hal.compose import Backend, line_setup
+from etd_hal.compose import Backend
 from etd_hal.errors import BusError
+from etd_hal.linesetup import line_setup
 from etd_hal.ports import Message, Transfer
 
 ZERO = b"\x00\x00"

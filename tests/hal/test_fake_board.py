@@ -7,7 +7,6 @@ import pytest
 from board_hand import MS, PAUSE, Hand, pulse
 from etd_body.electrode import load
 from etd_body.minimal import MinimalBody
-from etd_hal.compose import line_setup, spi_setup
 from etd_hal.errors import BusError
 from etd_hal.fake.faults import (
     RailOff,
@@ -15,6 +14,7 @@ from etd_hal.fake.faults import (
 )
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
+from etd_hal.linesetup import line_setup, spi_setup
 from etd_hal.ports import Edge, InputLine, LineSetup, Transfer
 from stepped_board import shipped_board, stepped_board
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from board_hand import PAUSE, Hand, pulse, word
-from etd_hal.compose import line_setup
+from etd_hal.linesetup import line_setup
 from etd_hal.ports import Message, Transfer
 from stepped_board import stepped_board
 

@@ -12,8 +12,8 @@ import pytest
 pytest.importorskip("gpiod", reason="gpiod is there on Linux only")
 
 from etd_hal.boardfile import BoardFile
-from etd_hal.compose import line_setup
 from etd_hal.errors import BusError
+from etd_hal.linesetup import line_setup
 from etd_hal.linux import understudy
 from etd_hal.linux.gpio import LinuxGpio, output_settings
 from etd_hal.linux.understudy import LentGpio, LinuxUnderstudy

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
-from etd_hal.compose import line_setup
 from etd_hal.fake.trace import header
+from etd_hal.linesetup import line_setup
 from kernel_trace import TRACING, Event
 
 TREE = Path(__file__).parents[2]

@@ -14,10 +14,11 @@ import pytest
 
 from board_process import HAL, RunningBoard, running_board
 from etd_hal.boardfile import BoardFile
-from etd_hal.compose import line_setup, open_fake
+from etd_hal.compose import open_fake
 from etd_hal.errors import BusError
 from etd_hal.fake import wire
 from etd_hal.fake.faults import SpiStall
+from etd_hal.linesetup import line_setup
 from etd_hal.ports import Message, Transfer
 from stepped_board import BOARDS, shipped_board
 

@@ -1,4 +1,4 @@
-"""The bodies that fake boards have: a fingertip that lives, or one that only conducts.
+"""The bodies that fake boards have: a fingertip that lives, one that only conducts, or nobody's.
 
 Owns: the choice of their figures; the shipped calibrations of the fake suit the living one.
 Must not know: buses, chips.
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from etd_body.electrode import dry_fingertip
+from etd_body.electrode import OPEN_CONTACT, dry_fingertip
 from etd_body.minimal import MinimalBody
 from etd_hal.boardfile import BoardFile
 
@@ -25,6 +25,15 @@ def fingertip_body(board: BoardFile, electrode_count: int) -> MinimalBody:
     """A dry fingertip, the same every time, behind this board's source; it feels nothing."""
     return MinimalBody(
         dry_fingertip(electrode_count, seed=_SEED),
+        leak_ohm=board.source.leak_ohm,
+        compliance_v=board.source.compliance_v,
+    )
+
+
+def untouched(board: BoardFile, electrode_count: int) -> MinimalBody:
+    """An array on a bench, that nothing is connected to yet."""
+    return MinimalBody(
+        (OPEN_CONTACT,) * electrode_count,
         leak_ohm=board.source.leak_ohm,
         compliance_v=board.source.compliance_v,
     )

@@ -14,8 +14,9 @@ from typing import Literal
 import pytest
 
 from etd_hal.boardfile import load_machine
-from etd_hal.compose import line_setup, open_linux
+from etd_hal.compose import open_linux
 from etd_hal.errors import BusError, HardwareMissing
+from etd_hal.linesetup import line_setup
 from etd_hal.linux import gpio, host
 from etd_hal.ports import LineSetup
 from guest_board import BOARD, MACHINE, TREE, Chips, unplugged, without_rights

@@ -14,8 +14,8 @@ import pytest
 
 import kernel_trace
 from etd_hal.boardfile import BoardFile
-from etd_hal.compose import line_setup
 from etd_hal.errors import BusError
+from etd_hal.linesetup import line_setup
 from etd_hal.linux import open_lines
 from etd_hal.linux.clock import LinuxClock
 from etd_hal.linux.gpio import find_chip, open_gpio

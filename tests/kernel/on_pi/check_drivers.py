@@ -17,8 +17,9 @@ import kernel_trace
 import pi_board
 import trace_decoder
 from etd_hal.board import Board
-from etd_hal.compose import Backend, line_setup, open_linux
+from etd_hal.compose import Backend, open_linux
 from etd_hal.errors import BusError, HardwareMissing
+from etd_hal.linesetup import line_setup
 from etd_hal.linux import machine
 from etd_hal.linux.gpio import find_chip
 from etd_hal.timing import Shape, pulse_message

@@ -12,7 +12,8 @@ import os
 import pytest
 
 import pi_board
-from etd_hal.compose import line_setup, open_linux
+from etd_hal.compose import open_linux
+from etd_hal.linesetup import line_setup
 from etd_hal.linux.gpio import find_chip, keeps_driving
 from pi_board import BOARD, BOARD_PATH, LINES, MACHINE, MACHINE_PATH, TREE
 

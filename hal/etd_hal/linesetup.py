@@ -1,0 +1,48 @@
+"""What a board file asks the kernel for: its lines, in order and at which levels, and its SPI.
+
+Owns: that no level on the way lifts an electrode or brings a supply up. Must not know: backends,
+how a line is requested.
+"""
+
+from __future__ import annotations
+
+from etd_hal.boardfile import BoardFile, HalfBridgeLines
+from etd_hal.ports import InputLine, LineSetup, SpiSetup
+
+
+def line_setup(board: BoardFile) -> LineSetup:
+    """What to request: harmless levels, in the order that is harmless on the way.
+
+    POL, BL and the supply come first, so that no intermediate state lifts the electrodes.
+    """
+    lines = board.switch.lines
+    guards = board.guards
+    first: list[tuple[int, int]] = []
+    if isinstance(lines, HalfBridgeLines):
+        first += [(lines.POL, 1), (lines.BL, 0)]
+    if guards.hv_enable != "absent":
+        first.append((guards.hv_enable.line, 1 - guards.hv_enable.on))
+    rest = [lines.LE, lines.DATA, lines.CLK]
+    if guards.heartbeat != "absent":
+        rest.append(guards.heartbeat.line)
+    if board.sync_line != "absent":
+        rest.append(board.sync_line)
+    outputs = (*first, *((line, 0) for line in rest))
+    return LineSetup(outputs, _input_lines(board))
+
+
+def _input_lines(board: BoardFile) -> tuple[InputLine, ...]:
+    guards = board.guards
+    inputs: list[InputLine] = []
+    if guards.readback != "absent":
+        inputs.append(InputLine(guards.readback))
+    for stop in (guards.emergency_stop, guards.wearer_stop):
+        if stop != "absent":
+            inputs.append(InputLine(stop, pull="down", edges=True))
+    return tuple(inputs)
+
+
+def spi_setup(board: BoardFile) -> SpiSetup:
+    """Its device, mode and speed."""
+    source = board.source
+    return SpiSetup(source.spi, source.mode, source.speed_hz)
