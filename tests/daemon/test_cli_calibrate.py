@@ -127,6 +127,14 @@ def test_the_legend_names_every_answer_and_the_stop(ask: Ask) -> None:
     assert "SPACE STOP" in said
 
 
+def test_the_help_names_every_key(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["calibrate", "--help"])
+    said = capsys.readouterr().out
+    assert legend("strength") in said
+    assert legend("compare") in said
+
+
 def test_the_picture_shows_what_is_done_without_a_current(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -213,6 +221,7 @@ def test_what_does_not_go_together_is_used_wrongly(
         (["P1", "--max-current-ua", "2000", "--out", "/proc/P1.toml"], "nothing can be written"),
         (["P1", "--max-current-ua", "2000", "--leave-out", "8"], "--leave-out: there is no elec"),
         (["P1", "--max-current-ua", "2000", "--reference", "-1"], "--reference: there is no elec"),
+        (["P1", "--max-current-ua", "2000", "--returns", "ring:5"], '"all": leave it out'),
     ],
 )
 def test_what_cannot_be_is_told_by_the_name_it_has_on_the_command_line(

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from etd import cli
-from etd.cli.explain import NAMES
+from etd.cli.explain import NAMES, SHOWN
 from etd.explain import svgplot
 from etd.explain.figure import Axis, Curve, Figure
 from etd.explain.figures import FIGURES
@@ -225,3 +225,25 @@ def test_a_plot_of_another_kind_is_refused_and_nothing_is_written(
 
 def test_the_ending_of_a_plot_may_be_in_capitals(tmp_path: Path) -> None:
     assert cli.main(["explain", "thickness", "--plot", str(tmp_path / "A.SVG")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "said"), [([], "no figure is named"), (["nope", "--json"], "there is no 'nope'")]
+)
+def test_where_no_figure_is_named_all_are(
+    given: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["explain", *given])
+    assert ended.value.code == 2
+    assert f"{said}; name one of {', '.join(NAMES)}" in capsys.readouterr().err
+
+
+def test_the_help_says_of_each_figure_what_is_to_be_seen(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["explain", "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    for name, what in SHOWN.items():
+        assert any(line.split() == [name, *what.split()] for line in lines)

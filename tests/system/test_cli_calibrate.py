@@ -45,6 +45,9 @@ class AtTerminal:
             self.command.line_with("Did you feel it", "stdout")
             os.write(self._keys, key.encode())
 
+    def press(self, key: bytes) -> None:
+        os.write(self._keys, key)
+
     def close(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
@@ -113,6 +116,19 @@ def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Sig
         assert said.status == 130, said.err
         assert "what was found is kept; the same command goes on with it" in said.err
         assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
+
+
+def test_a_stop_is_told_as_json_where_the_answer_is_to_be(rig: CommandRig) -> None:
+    at = AtTerminal(rig, *ARGUMENTS, "--json")
+    try:
+        at.command.line_with("8 electrodes to come")
+        at.press(b" ")
+        said = at.command.ended()
+    finally:
+        at.close()
+    assert said.status == 1, said.err
+    assert (said.answer["ok"], said.answer["error"]) == (False, "stopped")
+    assert "the same command goes on with it" in said.answer["reason"]
 
 
 def test_a_simulated_person_is_waited_for_with_a_bar_on_the_terminal(rig: CommandRig) -> None:

@@ -11,6 +11,7 @@ import pytest
 from command_rig import CommandRig, command_rig
 from engine_parts import calibration
 from etd.calibration import load_calibration, to_toml
+from etd.shipped import find
 
 
 @pytest.fixture
@@ -91,7 +92,17 @@ def test_what_a_file_says_does_not_write_over_the_terminal(rig: CommandRig) -> N
 
 
 def test_what_to_do_with_calibrations_must_be_said(rig: CommandRig) -> None:
-    assert rig.run("calibration").status == 2
+    told = rig.run("calibration")
+    assert told.status == 2
+    assert "required: list|show|export|import|delete" in told.err
+
+
+def test_a_file_of_another_kind_is_called_what_it_is(rig: CommandRig) -> None:
+    site = find("bodysites", "fingertip")
+    told = rig.run("calibration", "import", str(site), "--json")
+    assert told.status == 1
+    assert told.answer["error"] == "file_error"
+    assert "it is a body site file, no calibration; name one that" in told.answer["reason"]
 
 
 def test_a_shipped_calibration_is_listed_with_what_it_holds_for(rig: CommandRig) -> None:

@@ -20,6 +20,7 @@ from etd.calibration import Method
 from etd.cli import options
 from etd.cli.calibrate_conditions import COMMAND_LINE
 from etd.cli.calibrate_session import CalibrateSession
+from etd.cli.keys import legend
 from etd.cli.new_file import check_new_file
 from etd.cli.private_daemon import private_daemon, termination_as_ctrl_c
 from etd.client import Display
@@ -31,16 +32,23 @@ from etd.protocol import HelloReply
 
 NAME = "calibrate"
 HELP = "find a person's thresholds, comfortable levels and caps, one key per answer"
-EPILOG = """
+EPILOG = f"""
 examples:
   etd calibrate P01 --max-current-ua 2500                  by the method of limits
   etd calibrate P01 --max-current-ua 2500 --method staircase --baseline P01
   etd calibrate P01 --method equalize --baseline P01       equal strength everywhere
   etd calibrate P01 --max-current-ua 2500 --board fake --array pad-8 --answers simulated
 
+keys, without Enter:
+  {legend("strength")}
+  {legend("compare")}   (equalize)
+
 Every presentation is at most a tenth above what was accepted before, and never above
---max-current-ua. SPACE stops at once; what was found is kept, and the same command goes on with
-it. docs/calibration.md tells what each method asks, and how long it takes.
+--max-current-ua. SPACE stops at once (Esc and Ctrl-C too); what was found is kept, and the same
+command goes on with it. docs/calibration.md tells what each method asks, and how long it takes.
+
+exit status: 0 the daemon keeps it, 1 stopped, refused, or not all electrodes settled, 2 used
+wrongly, 3 the daemon is not there
 """
 
 
@@ -48,19 +56,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("participant", metavar="CODE", help="a code for the person, never a name")
     options.add_name(parser)
     parser.add_argument(
-        "--method", choices=get_args(Method), default="limits", help="default: limits"
+        "--method",
+        choices=get_args(Method),
+        default="limits",
+        help="up until it is felt, several times (limits, the default); up and down (staircase);"
+        " where the answer tells most (quest-plus, needs 'etd[quest-plus]'); as strong as a"
+        " reference electrode (equalize)",
     )
-    parser.add_argument("--max-current-ua", type=int, metavar="I", help="nothing above it, ever")
-    parser.add_argument("--width-us", type=int, metavar="W", help="default: the body site's")
-    parser.add_argument("--rate-hz", type=options.positive, metavar="HZ", help="default: as well")
-    parser.add_argument("--polarity", choices=get_args(Polarity), help="default: as well")
-    options.add_returns(parser)
     parser.add_argument(
-        "--pulses", type=int, default=10, metavar="N", help="of one presentation (default: 10)"
+        "--max-current-ua",
+        type=int,
+        metavar="I",
+        help="nothing above it, ever; needed, but with equalize, which goes by the baseline's caps",
     )
-    parser.add_argument("--baseline", metavar="NAME", help="an earlier calibration to begin from")
+    _add_conditions(parser)
     parser.add_argument(
-        "--reference", type=int, metavar="E", help="with equalize (default: the middle electrode)"
+        "--baseline", metavar="NAME", help="an earlier calibration of this person to begin from"
+    )
+    parser.add_argument(
+        "--reference",
+        type=int,
+        metavar="E",
+        help="with equalize: what the others are compared with (default: of those that were felt,"
+        " the nearest to the middle)",
     )
     parser.add_argument(
         "--leave-out",
@@ -70,10 +88,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="not presented; the least threshold found becomes their cap",
     )
     parser.add_argument("--as", dest="which", metavar="NAME", help="keep it as NAME, not as CODE")
-    parser.add_argument("--restart", action="store_true", help="forget what was begun")
-    parser.add_argument("--arm", action="store_true", help="arm it, as an operator may")
     parser.add_argument(
-        "--board", type=options.fake_board, metavar="fake[:BOARD]", help="a fake of its own"
+        "--restart", action="store_true", help="forget what was begun, and begin anew"
+    )
+    parser.add_argument(
+        "--arm", action="store_true", help="arm it too, where you are the operator as well"
+    )
+    parser.add_argument(
+        "--board",
+        type=options.fake_board,
+        metavar="fake[:BOARD]",
+        help="a fake of its own, in place of the running daemon",
     )
     parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
     parser.add_argument(
@@ -82,9 +107,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="keys",
         help="simulated: with --board fake, whose body says what it felt",
     )
-    parser.add_argument("--seed", type=int, default=1, help="of the simulated person")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the file, besides")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="of the simulated person (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="write it into this new file as well"
+    )
     options.add_json(parser)
+
+
+def _add_conditions(parser: argparse.ArgumentParser) -> None:
+    """What it is made under; levels will hold for these only."""
+    default = "default: the baseline's, else the body site's"
+    parser.add_argument("--width-us", type=int, metavar="W", help=f"of each pulse ({default})")
+    parser.add_argument(
+        "--rate-hz", type=options.positive, metavar="HZ", help=f"of the pulses ({default})"
+    )
+    parser.add_argument("--polarity", choices=get_args(Polarity), help=default)
+    options.add_returns(parser)
+    parser.add_argument(
+        "--pulses", type=int, default=10, metavar="N", help="of one presentation (default: 10)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -111,16 +154,17 @@ def run(args: argparse.Namespace) -> int:
             # A terminal that goes away, among others: nobody could press a key any more.
             display.stop()
             with contextlib.suppress(OSError):
-                _tell_stopped(Stopped("stop"))
+                print(f"etd: {_sentence(Stopped('stop'))}", file=sys.stderr, flush=True)
             raise
         except Stopped as stopped:
-            _tell_stopped(stopped)
+            code = "paused" if stopped.answer == "pause" else "stopped"
+            options.tell_no(args, code, _sentence(stopped))
             return 1
         return calibrating.settle()
 
 
-def _tell_stopped(stopped: Stopped) -> None:
-    print(f"etd: {stopped}; the same command goes on with it", file=sys.stderr, flush=True)
+def _sentence(stopped: Stopped) -> str:
+    return f"{stopped}; the same command goes on with it"
 
 
 def _check_combinations(args: argparse.Namespace) -> None:

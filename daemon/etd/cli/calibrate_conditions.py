@@ -34,6 +34,7 @@ def conditions_asked(
     """`args`: of `etd calibrate`. Raises: FileError, naming the option."""
     _check_electrodes(args, facts.array)
     returns = args.returns or (base.returns if base else "all")
+    _check_returns(args, facts)
     most_ua = args.max_current_ua
     if most_ua is None and base is not None:
         most_ua = max(one.cap_ua for one in base.electrode)
@@ -73,6 +74,17 @@ def _check_electrodes(args: argparse.Namespace, array: ArrayFacts) -> None:
                     f"there is no electrode {one}",
                     f"0 to {array.electrodes - 1}",
                 )
+
+
+def _check_returns(args: argparse.Namespace, facts: HelloReply) -> None:
+    """Raises: FileError, before anybody is asked to arm a board that cannot do it."""
+    if args.returns not in (None, "all") and "open" not in facts.board.states:
+        raise FileError(
+            COMMAND_LINE,
+            "--returns",
+            f"{facts.board.name} connects every electrode to the source or to ground",
+            'here it is "all": leave it out (boards with relays choose)',
+        )
 
 
 def _reference(args: argparse.Namespace, array: ArrayFacts, base: Calibration | None) -> int:

@@ -21,6 +21,7 @@ from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.stimulator import Stimulator
 from etd.calibration import Calibration, to_toml
+from etd.cli import options
 from etd.cli.calibrate_conditions import conditions_asked
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_watch import Watch
@@ -110,10 +111,12 @@ class CalibrateSession:
         if missing:
             for electrode in missing:
                 print(f"electrode {electrode}: {self._left.get(electrode)}", file=sys.stderr)
-            print(
-                f"etd: {len(missing)} electrodes are not settled, and nothing is stored: the same"
-                " command tries them again, --leave-out goes without them",
-                file=sys.stderr,
+            options.tell_no(
+                self._args,
+                "unsettled",
+                f"{len(missing)} electrodes are not settled, and nothing is stored: the same"
+                f" command tries them again, --leave-out {','.join(map(str, missing))} goes without"
+                " them",
             )
             return 1
         made = self._made()

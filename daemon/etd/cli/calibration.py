@@ -14,6 +14,7 @@ import msgspec
 
 from etd.apps.picture import Picture
 from etd.calibration import Calibration, load_calibration, to_toml
+from etd.check import check_file
 from etd.cli import options
 from etd.cli.new_file import check_new_file
 from etd.client import Display
@@ -41,7 +42,9 @@ WHOSE = "the calibration's name"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    actions = parser.add_subparsers(title="what", metavar="WHAT", required=True)
+    actions = parser.add_subparsers(
+        title="what", metavar="list|show|export|import|delete", required=True
+    )
     _action(actions, "list", _list, "the names there are, and what they hold for")
     show = _action(actions, "show", _show, "one calibration, electrode by electrode")
     export = _action(actions, "export", _export, "one calibration as the file that it is")
@@ -60,7 +63,8 @@ def _action(
     act: object,
     what: str,
 ) -> argparse.ArgumentParser:
-    parser = actions.add_parser(name, help=what, description=what, allow_abbrev=False)
+    said = f"{what[0].upper()}{what[1:]}."
+    parser = actions.add_parser(name, help=what, description=said, allow_abbrev=False)
     options.add_name(parser)
     options.add_json(parser)
     parser.set_defaults(act=act)
@@ -200,12 +204,28 @@ def _export(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    calibration = load_calibration(args.file)
+    calibration = _loaded(args.file)
     name = check_name(args.which or args.file.stem, WHOSE)
     with _display(args) as display:
         display.set_calibration(name, calibration)
     _done(args, f"{name}: {_sentence(calibration)}", name)
     return 0
+
+
+def _loaded(path: Path) -> Calibration:
+    """Raises: FileError; of a file of another kind it says so, rather than what it lacks."""
+    try:
+        return load_calibration(path)
+    except FileError as error:
+        kind = check_file(path).kind
+        if kind in ("", "calibration"):
+            raise
+        raise FileError(
+            str(path),
+            "",
+            f"it is a {kind} file, no calibration",
+            "name one that `etd calibration export` or `etd calibrate --out` wrote",
+        ) from error
 
 
 def _delete(args: argparse.Namespace) -> int:

@@ -28,6 +28,9 @@ examples:
   etd demo
   etd demo --seconds 10 --array hexagon-61
   etd demo --board fake:feetthrough-relay --trace bus.jsonl
+
+The picture is that of `etd monitor`, whose --help explains it; what is felt is modelled. It brings
+its own daemon and ends it: for one that stays, `etd run --board fake`.
 """
 #: A new frame this often.
 _FRAME_NS = 50_000_000

@@ -28,6 +28,11 @@ examples:
   etd monitor | tee session.txt      a line a second
   etd monitor --json --seconds 10    all telemetry, as JSON lines {"topic", "report"}
 
+The picture has a panel each for the current that was wanted, the current that passed the skin,
+resistance (the better it conducts, the brighter) and contact, and on a fake board what a modelled
+body feels, with pain in red. "?" is not known, or older than a second. Beneath stands the state
+(`etd status` tells more), and what clamped a current, as the protocol calls it (docs/protocol.md).
+
 It only listens: it needs no lease and changes nothing.
 """
 _TURN_S = 0.05

@@ -1,11 +1,14 @@
 """Options that several verbs share, spelled and explained once.
 
-Owns: `--name`, `--json`, `--seconds`, and what `--board fake[:BOARD]` means. Must not know: verbs.
+Owns: `--name`, `--json`, `--seconds`, what `--board fake[:BOARD]` means, and how a verb says no
+where nothing was refused to it. Must not know: verbs.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import sys
 from typing import NamedTuple
 
 from etd.places import DEFAULT_NAME
@@ -19,6 +22,14 @@ def add_name(parser: argparse.ArgumentParser) -> None:
 
 def add_json(parser: argparse.ArgumentParser, what: str = "one JSON object") -> None:
     parser.add_argument("--json", action="store_true", help=f"answer with {what}, errors too")
+
+
+def tell_no(args: argparse.Namespace, code: str, reason: str) -> None:
+    """As errors are told: a sentence, and under `--json` the object instead."""
+    if args.json:
+        print(json.dumps({"ok": False, "error": code, "reason": reason}))
+    else:
+        print(f"etd: {reason}", file=sys.stderr, flush=True)
 
 
 def add_seconds(parser: argparse.ArgumentParser) -> None:
