@@ -89,7 +89,7 @@ class SiteContact(_Strict, frozen=True):
     #: Below this an electrode counts as shorted to a neighbor: no skin resists so little.
     shorted_ohm: Annotated[int, Meta(ge=100, le=50_000)] = 1_500
     #: So long a contact counts as soft, after none or after it shrank.
-    soften_ms: Annotated[int, Meta(ge=10, le=5_000)] = 300
+    soften_ms: Annotated[int, Meta(ge=10, le=5_000)] = 1_000
 
 
 class BodySite(_Strict, frozen=True):

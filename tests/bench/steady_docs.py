@@ -16,7 +16,7 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "stabilization.md"
 _BEGIN, _END = "<!-- written by make bench-steady -->\n", "<!-- so far -->\n"
 COLUMNS = (
     *("felt", "over time", "over electrodes", "not felt", "above pain (scans)", "most pain"),
-    *("touching again", "(mean)", "(above 1.2)"),
+    *("touching again", "(mean)", "(above 1.2)", "(within 7 s)"),
 )
 
 
@@ -32,6 +32,7 @@ def cells(one: SteadyFigures) -> tuple[str, ...]:
         "-" if one.recontact_step is None else f"{one.recontact_step:.2f}",
         "-" if one.recontact_step_mean is None else f"{one.recontact_step_mean:.2f}",
         f"{one.recontacts_above} of {one.recontacts}",
+        f"{one.recontacts_above_later}",
     )
 
 

@@ -21,6 +21,9 @@ FIRM_S = 1.0
 #: After a contact is made anew, what is felt within this is the step: longer than any ramp takes,
 #: the engine's own (about half a second) and the law's (`soften_ms`, one second) together.
 STEP_S = 3.0
+#: What is felt until a law has given back all that it held: told beside it, since putting off is no
+#: merit. By then pressing has changed most.
+LONG_STEP_S = 7.0
 #: It is compared with what the same electrode is felt as, while it lies on firmly, so long before
 #: and after; a return with less than `LEAST_STEADY_S` of that on either side is not judged.
 STEADY_S, LEAST_STEADY_S = 10.0, 2.0
@@ -49,6 +52,8 @@ class SteadyFigures:
     recontact_step_mean: float | None
     #: How many of them are above 1.2.
     recontacts_above: int
+    #: The same within `LONG_STEP_S`.
+    recontacts_above_later: int
     recontacts: int
     scans: int
 
@@ -59,6 +64,7 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
     over_electrodes: list[float] = []
     means: list[float] = []
     steps: list[float] = []
+    later: list[float] = []
     shown = below = painful = firm_painful = scans = 0
     most_pain = 0.0
     for one in kept:
@@ -70,7 +76,8 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         over_time.extend(np.nanstd(felt, axis=0)[is_felt] / mean[is_felt])
         over_electrodes.append(float(mean.std() / mean.mean()))
         means.extend(mean)
-        steps.extend(recontact_steps(one, firm))
+        steps.extend(recontact_steps(one, firm, STEP_S))
+        later.extend(recontact_steps(one, firm, LONG_STEP_S))
         touching = one.attached > 0.0
         shown += int(touching.sum())
         below += int((touching & (one.felt < 1.0)).sum())
@@ -91,6 +98,7 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         recontact_step=max(steps, default=None),
         recontact_step_mean=float(np.mean(steps)) if steps else None,
         recontacts_above=sum(step > MOST_STEP for step in steps),
+        recontacts_above_later=sum(step > MOST_STEP for step in later),
         recontacts=len(steps),
         scans=scans,
     )
@@ -109,7 +117,7 @@ def firm_of(kept: Kept) -> Mask:
     return firm
 
 
-def recontact_steps(kept: Kept, firm: Mask) -> list[float]:
+def recontact_steps(kept: Kept, firm: Mask, within_s: float) -> list[float]:
     """One for each return, where the electrode was felt at all while it lay on firmly."""
     found: list[float] = []
     for scan, electrode in _touched_again(kept):
@@ -118,7 +126,7 @@ def recontact_steps(kept: Kept, firm: Mask) -> list[float]:
             for span in ((-STEADY_S, 0.0), (0.0, STEADY_S))
         )
         steady = np.concatenate([before, after])
-        soon = kept.felt[_lying_on(kept, scan, electrode), electrode]
+        soon = kept.felt[_lying_on(kept, scan, electrode, within_s), electrode]
         least = LEAST_STEADY_S / _period_s(kept)
         if min(len(before), len(after)) >= least and steady.any():
             # At the threshold every other scan is felt, and half of a strength is none.
@@ -126,11 +134,11 @@ def recontact_steps(kept: Kept, firm: Mask) -> list[float]:
     return found
 
 
-def _lying_on(kept: Kept, scan: int, electrode: int) -> slice:
-    """The scans within `STEP_S` of a touch, up to the one before which the contact comes off anew:
-    what is felt then is of that peeling.
+def _lying_on(kept: Kept, scan: int, electrode: int, within_s: float) -> slice:
+    """The scans so soon after a touch, up to the one before which the contact comes off anew: what
+    is felt then is of that peeling.
     """
-    end = scan + int(_within(kept, scan, 0.0, STEP_S).sum())
+    end = scan + int(_within(kept, scan, 0.0, within_s).sum())
     part = kept.attached[scan:end, electrode]
     leaving = np.flatnonzero(np.diff(part) < 0.0)
     return slice(scan, scan + max(1, int(leaving[0])) if len(leaving) else end)

@@ -34,8 +34,6 @@ _OPENING_MS, _RENEWED_MS = 1_600, 500.0
 SENSOR = PressureSensor(
     address=0x48, channel=0, x_mm=0.0, y_mm=0.0, zero_v=0.5, kpa_per_v=100.0, low_v=0.2, high_v=3.2
 )
-#: A new contact is soft for longer than the engine's own ramp takes it (0.5 mA in 100 ms).
-SOFTEN_MS = 1_000
 #: What a conversion is given.
 _CONVERTED_NS = 15_000_000
 
@@ -106,11 +104,7 @@ def loaded_with(settings: Settings) -> LoadedConfig:
     sensor under the middle of the array, on the chip that watches the rail.
     """
     loaded = fake_config(electrodes=ELECTRODES)
-    site = msgspec.structs.replace(
-        loaded.body_site,
-        stabilize=settings,
-        contact=msgspec.structs.replace(loaded.body_site.contact, soften_ms=SOFTEN_MS),
-    )
+    site = msgspec.structs.replace(loaded.body_site, stabilize=settings)
     loaded = replace(loaded, body_site=site)
     if settings.pressure is None:
         return loaded

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from engine_parts import board_file, body_site
 from etd.engine.contact import ContactMap
 from etd.stabilize.belief import BELIEVED_NS
 
+MS = 1_000_000
+SOFTEN_MS = 300
 #: 300 uA across a leak of 66 k and nothing else.
 OPEN_V = 19.8
 TOUCHED_V = 8.5
 
 
 def contact_map(electrodes: int = 4) -> ContactMap:
-    return ContactMap(electrodes, board_file().source, body_site().contact)
+    site = msgspec.structs.replace(body_site().contact, soften_ms=SOFTEN_MS)
+    return ContactMap(electrodes, board_file().source, site)
 
 
 def test_what_no_pulse_has_visited_is_unknown() -> None:
@@ -114,9 +118,6 @@ def test_forgetting_leaves_everything_unknown() -> None:
 
 
 # --- the state of a contact ---------------------------------------------------------------------
-
-MS = 1_000_000
-SOFTEN_MS = 300
 
 
 def at(contact: ContactMap, skin_ohm: float, now_ms: int, told_ua: int = 2_000) -> None:

@@ -36,7 +36,7 @@ def rig_with(name: str) -> EngineRig:
     rig = engine_rig.make(loaded=loaded)
     rig.fake.world.touch(4, skin(1_000.0, 19_000.0, 0.8))
     fully_open(rig, 1_500)
-    held(rig, 300)
+    held(rig, 1_300)
     return rig
 
 
@@ -103,4 +103,31 @@ def test_a_law_is_believed_again_when_it_wants_less() -> None:
     held(rig, 4_000)
     rig.fake.world.touch(4, skin(1_000.0, 15_000.0, 1.0))
     assert held(rig, 1_000) > 1.1
+    assert rig.close() == ()
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_gain_that_is_wrong_for_all_electrodes_widens_none_for_long(name: str) -> None:
+    rig = rig_with(name)
+    ohms = {1: 15_000.0, 3: 25_000.0, 4: 19_000.0, 6: 22_000.0}
+    for one, ohm in ohms.items():
+        rig.fake.world.touch(one, skin(1_000.0, ohm, 0.8))
+    wanted = only(N, **{f"e{one}": CURRENT_UA for one in ohms})
+
+    def charges(duration_ms: float) -> dict[int, float]:
+        begun_ns = rig.clock.now_ns()
+        rig.hold(duration_ms, current_ua=wanted, width_us=WIDTH_US, rate_hz=10.0, ttl_ms=300)
+        last = {one.electrode: one.charge_pc for one in phases(rig, begun_ns)}
+        return {one: last[one] / (CURRENT_UA * WIDTH_US) for one in ohms}
+
+    assert max(charges(2_500).values()) < 1.1
+    rig.fake.world.put_in(AdcScale(0.7))
+    assert max(charges(500).values()) > (1.01 if name == "lines" else 1.2)
+    left = charges(25_000)
+    assert max(left.values()) < 1.15
+    rig.fake.world.touch(3, skin(1_000.0, 0.6 * ohms[3], 0.8))
+    more = 0.005 if name == "lines" else 0.1
+    assert charges(1_000)[3] > left[3] + more, "one that alone gets wetter is still answered"
+    assert doubts(rig) == 0
+    assert rig.engine.reporter.counters["not_believed_common"] == (0 if name == "lines" else 1)
     assert rig.close() == ()

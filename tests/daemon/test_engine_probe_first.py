@@ -48,7 +48,9 @@ def probing(site: BodySite, is_probe_first: bool = True, **laws: Any) -> BodySit
         bursts=bursts,
         **laws,
     )
-    return msgspec.structs.replace(site, stabilize=settings)
+    # Firm again within the half second that `standing` takes.
+    contact = msgspec.structs.replace(site.contact, soften_ms=300)
+    return msgspec.structs.replace(site, stabilize=settings, contact=contact)
 
 
 def with_probes(board: str = "kajimoto-hv507", **changes: Any) -> LoadedConfig:

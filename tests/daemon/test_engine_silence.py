@@ -51,7 +51,7 @@ def standing(rig: EngineRig) -> EngineRig:
     """Electrode 4 well in contact, its frame up for half a second."""
     rig.fake.world.touch(4, WHOLE)
     fully_open(rig, CURRENT_UA)
-    hold(rig, 500)
+    hold(rig, 1_200)
     return rig
 
 
@@ -134,7 +134,7 @@ def test_a_finger_put_back_in_a_silence_is_met_softly_and_becomes_firm(make_rig:
     rig.fake.world.lift(4)
     silent(rig, 1_500)
     rig.fake.world.touch(4, WHOLE)
-    found = [one[-1].current_ua for one in hold(rig, 600)]
+    found = [one[-1].current_ua for one in hold(rig, 1_300)]
     assert found[0] == pytest.approx(START_PART * CURRENT_UA, abs=5)
     assert found == sorted(found)
     assert found[-1] == pytest.approx(CURRENT_UA, abs=5)

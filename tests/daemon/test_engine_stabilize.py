@@ -71,6 +71,21 @@ def test_skin_that_takes_more_energy_gets_shorter_pulses(make_rig: MakeRig) -> N
     assert last_pulse(rig)[1] < 0.85 * WIDTH_US
 
 
+def test_skin_that_resists_a_little_more_gets_less_in_full_with_the_next_pulse(
+    make_rig: MakeRig,
+) -> None:
+    """No mean over pulses delays a fall, however fast they come."""
+    rig = standing(make_rig(loaded=with_laws(fitted=FittedLaw(k=1.05))))
+    frame = {"current_ua": only(N, e4=CURRENT_UA), "width_us": WIDTH_US, "rate_hz": 100.0}
+    rig.hold(300, **frame)
+    begun_ns = rig.clock.now_ns()
+    rig.fake.world.touch(4, skin(1_000.0, 23_000.0, 0.8))
+    rig.hold(300, **frame)
+    charge_pc = [one.charge_pc for one in phases(rig, begun_ns)]
+    assert charge_pc[1] < 0.87 * charge_pc[0]
+    assert charge_pc[1] <= 1.01 * charge_pc[-1]
+
+
 def test_the_plan_makes_room_for_the_widest_that_may_be_asked(make_rig: MakeRig) -> None:
     frame = {"current_ua": (300,) * N, "width_us": 100, "rate_hz": 110.0}
     plain = make_rig(loaded=with_laws())

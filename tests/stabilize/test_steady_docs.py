@@ -10,7 +10,7 @@ from bench import steady_docs
 from bench.run import at_most
 from bench.steady_figures import SteadyFigures
 
-ROW = SteadyFigures("contact", 2.0, 0.4, 0.1, 0.05, 0.01, 10, 10, 1.5, 1.1, 0.5, 0, 20, 1_000)
+ROW = SteadyFigures("contact", 2.0, 0.4, 0.1, 0.05, 0.01, 10, 10, 1.5, 1.1, 0.5, 0, 3, 20, 1_000)
 SAID = "64 electrodes; fingers of seeds [7]"
 
 

@@ -73,6 +73,7 @@ def test_what_is_felt_later_than_just_after_touching_is_no_step() -> None:
     felt = [[2.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 32 + [[3.0]] + [[2.0]] * 21
     found = figures("x", [kept(felt, attached=[*attached, *[[1.0]] * 23])])
     assert found.recontact_step == pytest.approx(0.5)
+    assert (found.recontacts_above, found.recontacts_above_later) == (0, 1)
     early = [[2.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 28 + [[3.0]] + [[2.0]] * 25
     found = figures("x", [kept(early, attached=[*attached, *[[1.0]] * 23])])
     assert found.recontact_step == pytest.approx(1.5)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from etd.protocol import ContactState
 from etd.stabilize.energy import Energy, EnergyLaw
@@ -120,6 +121,23 @@ def test_a_fall_is_never_delayed_and_a_rise_takes_time(make: Callable[[], Stabil
         else:
             risen = at_once.current_ua * at_once.width_us - before.current_ua * before.width_us
             assert risen <= 0.02 * FRAME.current_ua * FRAME.width_us
+
+
+@every_law
+@given(mean_ohm=st.floats(5e3, 5e5), ratio=st.floats(0.7, 1.4))
+def test_a_mean_over_pulses_delays_no_fall(
+    make: Callable[[], Stabilizer], mean_ohm: float, ratio: float
+) -> None:
+    """What is asked for is no more than the last pulse alone asks for, nor than the mean does."""
+    latest_ohm = mean_ohm * ratio
+    law, by_mean, by_latest = make(), make(), make()
+    asked = law.ask(FRAME, replace(known(mean_ohm), latest_ohm=latest_ohm))
+    by_one = [
+        one.ask(FRAME, known(ohm)) for one, ohm in ((by_mean, mean_ohm), (by_latest, latest_ohm))
+    ]
+    rounded_pc = asked.width_us
+    assert asked.charge_pc <= min(one.charge_pc for one in by_one) + rounded_pc
+    assert asked.current_ua <= max(one.current_ua for one in by_one)
 
 
 @pytest.mark.parametrize(("skin_ohm", "factor"), [(100_000, 0.5), (40_000, 1.25), (10_000, 2.0)])

@@ -132,6 +132,7 @@ class Asker:
         """All that stabilizers get to see."""
         contact, impedance = self._contact, self._impedance
         state = contact.state(electrode, now_ns)
+        skin_ohm = self._skin_ohm(electrode, now_ns)
         person = None if self._calibration is None else self._calibration.electrode[electrode]
         return Known(
             electrode=electrode,
@@ -142,7 +143,8 @@ class Asker:
             state=state,
             firmness=contact.firmness(electrode, now_ns),
             undelivered_ua=contact.undelivered_ua[electrode],
-            skin_ohm=self._skin_ohm(electrode, now_ns),
+            skin_ohm=skin_ohm,
+            latest_ohm=None if skin_ohm is None else impedance.last_ohm(electrode),
             skin_at_ua=impedance.at_ua(electrode),
             early_ohm=impedance.early_ohm(electrode, now_ns),
             is_estimated=impedance.is_estimated(electrode),
@@ -176,4 +178,5 @@ def _expecting(known: Known, expected_ohm: float) -> Known:
     risen_ohm = max(skin_ohm or 0.0, expected_ohm)
     if skin_ohm is not None and early_ohm is not None:
         early_ohm *= risen_ohm / skin_ohm
-    return structs.replace(known, skin_ohm=risen_ohm, early_ohm=early_ohm)
+    latest_ohm = max(known.latest_ohm or 0.0, expected_ohm)
+    return structs.replace(known, skin_ohm=risen_ohm, latest_ohm=latest_ohm, early_ohm=early_ohm)

@@ -89,6 +89,6 @@ class Contact:
         wanted = 1.0
         if known.undelivered_ua is not None:
             wanted = min(1.0, self._law.back_off * known.undelivered_ua / wanted_ua)
-        elif known.skin_ohm is not None:
-            wanted = min(1.0, self._liftable_ua * (1.0 / known.skin_ohm + self._leak_s) / wanted_ua)
+        elif (ohm := known.higher_ohm) is not None:
+            wanted = min(1.0, self._liftable_ua * (1.0 / ohm + self._leak_s) / wanted_ua)
         return int(wanted_ua * self._deliverable.toward(known.electrode, wanted, known.now_ns))

@@ -17,9 +17,7 @@ the doubt ends when it has used up what was counted.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-Tell = Callable[[str], object]
+from etd.stabilize.tell import Tell
 
 #: In parts of the way, as logarithms, from unchanged to the widest.
 _NEAR, _AWAY = 0.8, 0.5
@@ -64,10 +62,8 @@ class EndStop:
         stood_ns = self._stood_ns.get(electrode, 0)
         if wanted >= self._near:
             stood_ns += elapsed_ns
-        else:
-            stood_ns -= elapsed_ns * (_TAKES_BACK if wanted < self._away else 1)
+        elif wanted < self._away:
+            stood_ns -= elapsed_ns * _TAKES_BACK
+        elif electrode not in self._doubted:
+            stood_ns -= elapsed_ns
         self._stood_ns[electrode] = min(max(0, stood_ns), _LONG_NS)
-
-
-def unheard(_: str) -> None:
-    """Where nobody counts what is not believed."""

@@ -12,8 +12,7 @@ takes P = I^2 R (L / (L + R))^2 watt; with R0 the reference, and w0 and I0 what 
 so a skin that takes more power gets a shorter pulse, and below `narrowest_us` a weaker one. Width
 grows by at most `most_wider`; current never. Beyond that the energy falls short, and nothing winds
 up. The factor rises by at most `rise_per_s`, and falls at once. Without a believed resistance the
-pulse is what was wanted, and so it is when the law has stood at its widest for long
-(`end_stop.py`); a soft contact gets no more than that.
+pulse is what was wanted; not all widening is believed (`widening.py`), and soft contacts get none.
 """
 
 from __future__ import annotations
@@ -25,11 +24,12 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.end_stop import EndStop, Tell, unheard
 from etd.stabilize.pipeline import Known, Reach, Wish
 from etd.stabilize.reference import References
 from etd.stabilize.rounding import held_us
 from etd.stabilize.slew import Slew
+from etd.stabilize.tell import Tell, unheard
+from etd.stabilize.widening import Widening
 
 
 class EnergyLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -48,21 +48,21 @@ class Energy:
         self._leak_ohm = leak_ohm
         self._references = References()
         self._factor = Slew(1.0, law.rise_per_s)
-        self._end_stop = EndStop(law.most_wider, tell)
+        self._widening = Widening(law.most_wider, tell)
         self.reach = Reach(width=law.most_wider, charge=law.most_wider)
 
     def forget(self) -> None:
         self._references.forget()
         self._factor.forget()
-        self._end_stop.forget()
+        self._widening.forget()
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         wanted = 1.0
         compared = self._references.compared(known, wish.current_ua)
         if compared is not None:
-            now_ohm, reference_ohm = compared
-            wanted = self._power(reference_ohm) / self._power(now_ohm)
-            wanted = self._end_stop.believed(known.electrode, wanted, known.now_ns)
+            *seen_ohm, reference_ohm = compared
+            wanted = self._power(reference_ohm) / max(map(self._power, seen_ohm))
+            wanted = self._widening.believed(known.electrode, wanted, known.now_ns)
         if known.state == "soft":
             wanted = min(wanted, 1.0)
         factor = self._factor.toward(

@@ -15,8 +15,7 @@ lengthens the pulse as resistance rises. k comes from a regression of log thresh
 log resistance over the electrodes of a calibration; there is no default. Width grows by at most
 `most_wider`; below `narrowest_us` the current falls instead, so that the charge is the same. The
 factor rises by at most `rise_per_s` and falls at once. Without a believed resistance the pulse is
-what was wanted, and so it is when the law has stood at its widest for long (`end_stop.py`); a soft
-contact gets no more than that.
+what was wanted; not all widening is believed (`widening.py`), and a soft contact gets none.
 """
 
 from __future__ import annotations
@@ -26,11 +25,12 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.end_stop import EndStop, Tell, unheard
 from etd.stabilize.pipeline import Known, Reach, Wish
 from etd.stabilize.reference import References
 from etd.stabilize.rounding import as_charge
 from etd.stabilize.slew import Slew
+from etd.stabilize.tell import Tell, unheard
+from etd.stabilize.widening import Widening
 
 
 class FittedLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -49,25 +49,25 @@ class Fitted:
         self._law = law
         self._references = References()
         self._factor = Slew(1.0, law.rise_per_s)
-        self._end_stop = EndStop(law.most_wider, tell)
+        self._widening = Widening(law.most_wider, tell)
         self.reach = Reach(width=law.most_wider, charge=law.most_wider)
 
     def forget(self) -> None:
         self._references.forget()
         self._factor.forget()
-        self._end_stop.forget()
+        self._widening.forget()
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         wanted = 1.0
         compared = self._references.compared(known, wish.current_ua)
         if compared is not None:
-            now_ohm, reference_ohm = compared
-            wanted = min((now_ohm / reference_ohm) ** -self._law.k, self._law.most_wider)
-            wanted = self._end_stop.believed(known.electrode, wanted, known.now_ns)
+            *seen_ohm, reference_ohm = compared
+            wanted = min((ohm / reference_ohm) ** -self._law.k for ohm in seen_ohm)
+            wanted = self._widening.believed(known.electrode, wanted, known.now_ns)
         if known.state == "soft":
             wanted = min(wanted, 1.0)
-        factor = self._factor.toward(known.electrode, wanted, known.now_ns)
+        law = self._law
+        factor = self._factor.toward(known.electrode, min(wanted, law.most_wider), known.now_ns)
         if factor == 1.0:
             return wish
-        law = self._law
         return as_charge(wish, wish.width_us * factor, law.narrowest_us, law.most_wider)

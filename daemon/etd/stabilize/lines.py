@@ -19,9 +19,9 @@ which takes out what the leak makes of a wandering resistance.
 
 Current never rises above what is wanted: the width makes up for it, from Q alone, by at most
 `most_wider`; below `narrowest_us` the current falls. Where a line is not above zero the pulse is
-what was wanted, and so it is without a believed resistance, and when the law has stood at its
-widest for long (`end_stop.py`). The told charge rises by at most
-`rise_per_s` of what is wanted, and falls at once; a soft contact gets no more than that.
+what was wanted, and so it is without a believed resistance. Not all widening is believed
+(`widening.py`). The told charge rises by at most `rise_per_s` of what is wanted, and falls at once;
+a soft contact gets no more than that.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.end_stop import EndStop, Tell, unheard
 from etd.stabilize.pipeline import Known, Reach, Wish
 from etd.stabilize.reference import References
 from etd.stabilize.rounding import as_charge
 from etd.stabilize.slew import Slew
+from etd.stabilize.tell import Tell, unheard
+from etd.stabilize.widening import Widening
 
 
 class LinesLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -57,17 +58,17 @@ class Lines:
         self._leak_ohm = leak_ohm
         self._references = References()
         self._charge = Slew(1.0, law.rise_per_s)
-        self._end_stop = EndStop(law.most_wider, tell)
+        self._widening = Widening(law.most_wider, tell)
         self.reach = Reach(width=law.most_wider, charge=law.most_wider)
 
     def forget(self) -> None:
         self._references.forget()
         self._charge.forget()
-        self._end_stop.forget()
+        self._widening.forget()
 
     def ask(self, wish: Wish, known: Known) -> Wish:
-        current, width = self._solved(wish, known) or (1.0, 1.0)
-        wanted = min(current * width, self._law.most_wider)
+        current, charge = self._believed(wish, known)
+        wanted = min(charge, self._law.most_wider)
         if known.state == "soft":
             wanted = min(wanted, 1.0)
         charge = self._charge.toward(known.electrode, wanted, known.now_ns)
@@ -77,21 +78,23 @@ class Lines:
         width_us = wish.width_us * charge / current
         return as_charge(weaker, width_us, self._law.narrowest_us, self._law.most_wider)
 
-    def _solved(self, wish: Wish, known: Known) -> tuple[float, float] | None:
-        """Told current and width, as factors; None where no line says anything."""
+    def _believed(self, wish: Wish, known: Known) -> tuple[float, float]:
+        """Told current and charge, as factors; 1 where no line says anything."""
         compared = self._references.compared(known, wish.current_ua)
         if compared is None:
-            return None
-        now_ohm, reference_ohm = compared
+            return 1.0, 1.0
+        *seen_ohm, reference_ohm = compared
+        solved = [self._solved(ohm, reference_ohm) for ohm in seen_ohm]
+        told = min(current for current, _ in solved)
+        charge = min(charge for _, charge in solved)
+        return min(1.0, told), self._widening.believed(known.electrode, charge, known.now_ns)
+
+    def _solved(self, now_ohm: float, reference_ohm: float) -> tuple[float, float]:
+        """The same for one resistance, neither bounded nor doubted."""
         risen = now_ohm / reference_ohm - 1.0
         charge = 1.0 + self._law.charge_slope * risen
         energy = 1.0 + self._law.energy_slope * risen
         if charge <= 0.0 or energy <= 0.0:
-            return None
+            return 1.0, 1.0
         leaks = (self._leak_ohm + now_ohm) / (self._leak_ohm + reference_ohm)
-        told = energy / (charge * (1.0 + risen)) * leaks
-        charge *= leaks
-        if self._end_stop.believed(known.electrode, charge, known.now_ns) < charge:
-            return None
-        current = min(1.0, told)
-        return current, charge / current
+        return energy / (charge * (1.0 + risen)) * leaks, charge * leaks

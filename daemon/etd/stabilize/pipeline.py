@@ -84,7 +84,8 @@ class Known(msgspec.Struct, frozen=True, gc=False):
 
     `resistance_ohm` and `voltage_v` are the last pulse's, as measured. `skin_ohm` is what the skin
     resists a long pulse, from stimulus pulses alone, filtered, and None whenever it is not to be
-    believed (see `engine/impedance.py`); `skin_at_ua` is the current of the pulse it was last
+    believed (see `engine/impedance.py`). `latest_ohm` is that of the last pulse alone, unfiltered:
+    a law that gives less by it gives less. `skin_at_ua` is the current of the pulse it was last
     measured with.
     """
 
@@ -99,6 +100,7 @@ class Known(msgspec.Struct, frozen=True, gc=False):
     #: The current of the last pulse that the source could not deliver, until one is delivered.
     undelivered_ua: int | None = None
     skin_ohm: float | None = None
+    latest_ohm: float | None = None
     skin_at_ua: int = 0
     #: The same as estimated from the beginning of pulses alone; and whether `skin_ohm` is no more.
     early_ohm: float | None = None
@@ -111,6 +113,13 @@ class Known(msgspec.Struct, frozen=True, gc=False):
     threshold_ua: int | None = None
     #: Of the sensor under this electrode.
     pressure_kpa: float | None = None
+
+    @property
+    def higher_ohm(self) -> float | None:
+        """Of `skin_ohm` and `latest_ohm`."""
+        if self.skin_ohm is None or self.latest_ohm is None:
+            return self.skin_ohm
+        return max(self.skin_ohm, self.latest_ohm)
 
 
 @dataclass(frozen=True, slots=True)

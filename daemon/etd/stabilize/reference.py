@@ -47,8 +47,10 @@ class References:
     def forget(self) -> None:
         self._first.clear()
 
-    def compared(self, known: Known, wanted_ua: int) -> tuple[float, float] | None:
-        """(resistance now, reference), or None where either is not known."""
+    def compared(self, known: Known, wanted_ua: int) -> tuple[float, float, float] | None:
+        """(resistance now, that of the last pulse alone, reference), or None where any is not
+        known. Whoever compares takes the one by which there is less: a mean delays a fall.
+        """
         if known.skin_ohm is None or known.state not in ("closed", "soft"):
             return None
         reference = self._reference(known, wanted_ua)
@@ -58,7 +60,8 @@ class References:
         if now_ohm is None:
             return None
         eased = (reference.at_ua + BEND_UA) / (known.skin_at_ua + BEND_UA)
-        return now_ohm, reference.ohm * eased
+        latest_ohm = now_ohm * (known.latest_ohm or known.skin_ohm) / known.skin_ohm
+        return now_ohm, latest_ohm, reference.ohm * eased
 
     def _reference(self, known: Known, wanted_ua: int) -> _Reference | None:
         at_ua = known.skin_at_ua

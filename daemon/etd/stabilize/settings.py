@@ -15,7 +15,6 @@ import msgspec
 
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.contact import Contact, ContactLaw
-from etd.stabilize.end_stop import Tell, unheard
 from etd.stabilize.energy import Energy, EnergyLaw
 from etd.stabilize.fitted import Fitted, FittedLaw
 from etd.stabilize.lines import Lines, LinesLaw
@@ -24,6 +23,7 @@ from etd.stabilize.pipeline import Stabilizer
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.pressure import Pressure, PressureLaw
 from etd.stabilize.shape import Shape
+from etd.stabilize.tell import Tell, unheard
 from etd_hal.boardfile import Source
 from etd_hal.errors import FileError
 

@@ -8,15 +8,16 @@ come down; the fewer square millimeters carry the current, the more is felt of i
 Electro-tactile Display, sections 3.1 and 4). Resistance goes with the inverse of that area, and so
 tells it. No rule is in print; this one is by design:
 
-    part = (R_firm / R)^0.6, and 0.8 of that for the first 3 s
+    part = (R_firm / R)^0.6, of that 0.8 for the first 3 s, and all of it after 4 s more
 
 until R has come down to R_firm. R_firm is the lowest that this contact resisted of late when it was
 firm, at first the calibration's; it is forgotten upward with a time constant of 20 s, since a
 finger that stays lighter must come to its strength in the end. The part is never less than 0.4, so
-that what is left is enough to measure by. It falls at once and rises slowly. Where a law by
-resistance follows in the order, that law answers the area, and the part is 0.8 for 3 s. Without a
-calibration there is no part: whoever calibrates gets what is asked for. The exponent and the bounds
-were tuned on modelled fingers.
+that what is left is enough to measure by. It falls at once and rises slowly: a part that ends at
+once is a step as well, only later. Where a law by resistance follows in the order, that law answers
+the area, and the part is 0.8 for 2 s and all after 3 s more. Without a calibration there is no
+part: whoever calibrates gets what is asked for. Exponent, bounds and times were tuned on modelled
+fingers.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ from etd.stabilize.pipeline import Known
 from etd.stabilize.reference import BEND_UA
 from etd.stabilize.slew import LONGEST_STEP_NS, Slew
 
-SETTLING_NS = 3_000_000_000
+#: For how long a touch is new, and when it has risen to all, alone and behind another law.
+ALONE_NS = (3_000_000_000, 7_000_000_000)
+BEHIND_NS = (2_000_000_000, 5_000_000_000)
 NEW_PART, LEAST_PART = 0.8, 0.4
 _EXPONENT = 0.6
 _FORGOTTEN_NS = 20_000_000_000
@@ -60,6 +63,7 @@ class Settling:
 
     def __init__(self, *, goes_by_resistance: bool) -> None:
         self._goes_by_resistance = goes_by_resistance
+        self._new_ns, self._risen_ns = ALONE_NS if goes_by_resistance else BEHIND_NS
         self._contacts: dict[int, _Contact] = {}
         self._part = Slew(1.0, _RISE_PER_S)
 
@@ -89,18 +93,24 @@ class Settling:
         above = 0.0
         if self._goes_by_resistance and log_ohm is not None:
             above = log_ohm - contact.firm_log_ohm
-        is_new = now_ns - contact.touched_ns < SETTLING_NS
-        if above <= 0.0 and not is_new:
+        new_part = self._new_part(now_ns - contact.touched_ns)
+        if above <= 0.0 and new_part >= 1.0:
             contact.touched_ns = None
             return 1.0
-        part = math.exp(-_EXPONENT * max(0.0, above))
-        return max(LEAST_PART, NEW_PART * part if is_new else part)
+        return max(LEAST_PART, new_part * math.exp(-_EXPONENT * max(0.0, above)))
+
+    def _new_part(self, since_ns: int) -> float:
+        """By the time since the touch alone."""
+        risen = (since_ns - self._new_ns) / (self._risen_ns - self._new_ns)
+        return NEW_PART + (1.0 - NEW_PART) * min(max(0.0, risen), 1.0)
 
 
 def _log_ohm(known: Known) -> float | None:
-    if known.skin_ohm is None or known.state not in ("soft", "closed"):
+    """Like the reference: by the beginning of pulses, where that is all that the reference has."""
+    ohm = known.early_ohm if known.is_reference_early else known.higher_ohm
+    if ohm is None or known.state not in ("soft", "closed"):
         return None
-    return _at_no_current(known.skin_ohm, known.skin_at_ua)
+    return _at_no_current(ohm, known.skin_at_ua)
 
 
 def _at_no_current(ohm: float, at_ua: int) -> float:

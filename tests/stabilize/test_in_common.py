@@ -1,0 +1,96 @@
+"""What all electrodes want in common for long: taken back from everybody, and told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from statistics import median
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etd.stabilize.in_common import QUORUM, Common
+from etd.stabilize.tell import unheard
+from etd.stabilize.widening import Widening
+
+N, SCAN_MS = 16, 100
+Wanted = Callable[[int, float], float]
+
+
+def played(common: Common, wanted: Wanted, seconds: float, electrodes: int = N) -> list[float]:
+    """Scan after scan; of the last one what is left of each electrode's want."""
+    left: list[float] = []
+    for scan in range(round(seconds * 1_000 / SCAN_MS)):
+        now_ns = scan * SCAN_MS * 1_000_000
+        left = [
+            common.taken_from(one, wanted(one, now_ns * 1e-9), now_ns + one * 1_000_000)
+            for one in range(electrodes)
+        ]
+    return left
+
+
+def test_what_all_want_alike_is_taken_back_and_told_once() -> None:
+    told: list[str] = []
+    left = played(Common(told.append), lambda one, at_s: 1.5, 5.0)
+    assert left == pytest.approx([1.0] * N)
+    assert told == ["common"]
+
+
+def test_it_is_told_anew_only_when_it_had_gone() -> None:
+    told: list[str] = []
+    common = Common(told.append)
+    played(common, lambda one, at_s: 1.5 if at_s < 60.0 or at_s > 160.0 else 1.0, 240.0)
+    assert told == ["common", "common"]
+
+
+def test_one_electrode_that_is_wetter_than_the_others_is_still_answered() -> None:
+    left = played(Common(unheard), lambda one, at_s: 1.4 if one == 3 else 1.0, 60.0)
+    assert left[3] == pytest.approx(1.4)
+
+
+def test_electrodes_differ_as_much_as_before() -> None:
+    left = played(Common(unheard), lambda one, at_s: 1.4 * (1.0 + one / N), 60.0)
+    assert left[-1] / left[0] == pytest.approx(2.0 - 1.0 / N)
+    assert median(left) == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_finger_that_presses_harder_and_lighter_is_answered() -> None:
+    common = Common(unheard)
+    played(common, lambda one, at_s: math.exp(0.3 * math.sin(2 * math.pi * at_s / 9.0)), 56.25)
+    pressed_hardest = common.taken_from(0, math.exp(0.3), 56_250_000_000)
+    assert pressed_hardest > 1.25
+
+
+def test_what_narrows_is_not_given_back() -> None:
+    assert played(Common(unheard), lambda one, at_s: 0.7, 30.0) == pytest.approx([0.7] * N)
+
+
+def test_few_electrodes_have_nothing_in_common_that_skin_could_not_have() -> None:
+    few = QUORUM - 1
+    assert played(Common(unheard), lambda one, at_s: 1.5, 30.0, few) == pytest.approx([1.5] * few)
+
+
+def test_who_has_not_asked_for_a_second_has_no_vote() -> None:
+    common = Common(unheard)
+    played(common, lambda one, at_s: 1.0, 1.0)
+    later_ns = 3_000_000_000
+    left = [
+        common.taken_from(one, 1.5, later_ns + scan * SCAN_MS * 1_000_000)
+        for scan in range(600)
+        for one in range(QUORUM)
+    ]
+    assert left[-1] == pytest.approx(1.0, abs=0.05)
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 7), st.floats(1e-3, 1e3), st.integers(0, 5_000_000_000)),
+        max_size=60,
+    )
+)
+def test_nobody_gets_more_than_the_law_wants(asked: list[tuple[int, float, int]]) -> None:
+    widening, now_ns = Widening(1.5, unheard), 0
+    for electrode, wanted, elapsed_ns in asked:
+        now_ns += elapsed_ns
+        assert widening.believed(electrode, wanted, now_ns) <= wanted
