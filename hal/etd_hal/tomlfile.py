@@ -6,6 +6,7 @@ Must not know: what any file is about.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import TypeVar
@@ -18,6 +19,18 @@ T = TypeVar("T")
 
 #: A calibration of 256 electrodes with explicit returns has a quarter of it.
 MOST_BYTES = 1_048_576
+
+
+#: msgspec's names of types, and its bounds, as a person who edits a file calls them.
+_KINDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text in quotes",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
+_BOUNDS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
 
 
 def load_toml(path: Path, kind: type[T]) -> T:
@@ -66,7 +79,21 @@ def _sentences(data: object, key: str, what: str) -> tuple[str, str]:
         return what[0].lower() + what[1:], "remove it, or correct its name"
     if "missing required field" in what:
         return what[0].lower() + what[1:], "write it: nothing here has a default"
-    return _value_at(data, key), what
+    return _value_at(data, key), _allowed(what)
+
+
+def _allowed(what: str) -> str:
+    """The two commonest of msgspec's sentences in words; the others as they are."""
+    bounded = re.fullmatch(r"Expected `(int|float)` (>=|<=|>|<) (\S+)", what)
+    if bounded is not None:
+        kind, sign, bound = bounded.groups()
+        return f"give {_KINDS[kind]} {_BOUNDS[sign]} {bound.removesuffix('.0')}"
+    other = re.fullmatch(r"Expected `(\w+)`, got `(\w+)`", what)
+    if other is not None and set(other.groups()) <= set(_KINDS):
+        wanted, found = other.groups()
+        what_it_is = "a number with a point" if found == "float" else _KINDS[found]
+        return f"give {_KINDS[wanted]}, not {what_it_is}"
+    return what
 
 
 def _value_at(data: object, key: str) -> str:
