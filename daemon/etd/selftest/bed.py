@@ -1,8 +1,7 @@
 """The board under test: what is known of it, its ports, its load, who stands beside it.
 
-Owns: waiting (with the heartbeat beating and, while the supply is on, the stop lines watched), the
-account of its own beats, and reading the rail.
-Must not know: what is checked, reports, what is printed.
+Owns: waiting (with the heartbeat beating and, while the supply is on, the stop lines watched), and
+reading the rail. Must not know: what is checked, reports, what is printed.
 """
 
 from __future__ import annotations
@@ -11,18 +10,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from etd.config import LoadedConfig
+from etd.selftest.beats import Beats
 from etd.selftest_subject import subject_of
 from etd_hal.bench import Hand, Health, StopName
 from etd_hal.board import Board
-from etd_hal.boardfile import Heartbeat
 from etd_hal.chips import ads1115
 from etd_hal.compose import Bench
 from etd_hal.errors import BoardFault
 from etd_hal.ports import I2c
 
 MS = 1_000_000
-#: Edges come this often within the monostable's window.
-_BEATS_PER_WINDOW = 4
 _TICK_NS = 5 * MS
 
 
@@ -70,6 +67,7 @@ class Bed:
         self.board = Board(
             loaded.board, loaded.machine, bench.backend.spi, bench.backend.gpio, self.clock
         )
+        self.beats = Beats(self.board, self.clock)
         #: Set when the load was found where it should be, and nothing else anywhere.
         self.is_load_confirmed = False
         #: The stop that somebody is asked to hold open now.
@@ -81,12 +79,8 @@ class Bed:
         #: The machine's, before anything was moved.
         self.health_before: Health | None = None
         self._i2c = bench.backend.i2c
-        #: Go on beating without the supply: so the enable line's end is seen alone.
-        self.beats_when_off = False
         #: Another process holds the lines: nobody here can read a stop.
         self.is_lent = False
-        self._beaten_ns = 0
-        self._longest_gap_ns = 0
 
     @property
     def free(self) -> list[int]:
@@ -102,57 +96,17 @@ class Bed:
             raise BoardFault("I2C", "not open", "a bus for the chips that the board file names")
         return self._i2c
 
-    def beat(self) -> None:
-        """One edge of the heartbeat, if it is time for one."""
-        heartbeat = self.file.guards.heartbeat
-        now_ns = self.clock.now_ns()
-        is_wanted = self.board.is_supply_on or self.beats_when_off
-        if heartbeat == "absent" or not is_wanted:
-            return
-        if now_ns - self._beaten_ns >= _beat_every_ns(heartbeat):
-            self.beat_now()
-
-    def beat_now(self) -> None:
-        """An edge of the heartbeat, whether or not the supply is on."""
-        now_ns = self.clock.now_ns()
-        self._longest_gap_ns = max(self._longest_gap_ns, now_ns - self._beaten_ns)
-        self._beaten_ns = now_ns
-        self.board.beat()
-
     def end_beats(self, level: int) -> None:
         """The last edge leaves the line at `level`; wait without beating from now on."""
-        heartbeat = self.file.guards.heartbeat
-        if heartbeat != "absent" and self.board.heartbeat_level == level:
-            self.beat_now()
-            self.wait_ms(_beat_every_ns(heartbeat) / MS, is_beating=False)
-        self.beat_now()
-
-    @property
-    def beaten_ns(self) -> int:
-        """The time of the last edge."""
-        return self._beaten_ns
-
-    def begin_beats(self) -> None:
-        """The account of beats begins anew, with an edge."""
-        self._beaten_ns = self.clock.now_ns()
-        self._longest_gap_ns = 0
-        self.board.beat()
+        if self.beats.every_ms is not None and self.board.heartbeat_level == level:
+            self.beats.beat()
+            self.wait_ms(self.beats.every_ms, is_beating=False)
+        self.beats.beat()
 
     def supply_on(self) -> None:
         """With the first edge; a gate that cuts it from now on stays so until it was off."""
         self.board.supply_on()
-        self.begin_beats()
-
-    def missed_ms(self) -> float | None:
-        """The longest time without an edge since the account began, if a gate may have acted in it.
-
-        A heartbeat that is absent is never missed.
-        """
-        heartbeat = self.file.guards.heartbeat
-        if heartbeat == "absent":
-            return None
-        gap_ns = max(self._longest_gap_ns, self.clock.now_ns() - self._beaten_ns)
-        return gap_ns / MS if gap_ns > heartbeat.window_ms * MS else None
+        self.beats.begin()
 
     def watch_stops(self) -> None:
         """Raises: BoardFault when a stop line is open that nobody was asked to hold."""
@@ -180,7 +134,7 @@ class Bed:
             if self.board.is_supply_on and not self.is_lent:
                 self.watch_stops()
             if is_beating:
-                self.beat()
+                self.beats.beat_if_due()
         return True
 
     def rail_v(self, is_beating: bool = True) -> float:
@@ -191,7 +145,3 @@ class Bed:
         ads1115.start(self.i2c, monitor.address, monitor.channel)
         self.wait_ms(ads1115.CONVERSION_NS / MS, is_beating)
         return ads1115.read_v(self.i2c, monitor.address) * monitor.divider
-
-
-def _beat_every_ns(heartbeat: Heartbeat) -> int:
-    return heartbeat.window_ms * MS // _BEATS_PER_WINDOW

@@ -111,7 +111,7 @@ def judge_fall(
     expected: str,
     advice: str,
 ) -> bool:
-    """As `Log.judge`; with a beat missed by the test (`Bed.missed_ms`) it never passes."""
+    """As `Log.judge`; with a beat missed by the test (`Beats.missed_ms`) it never passes."""
     if missed_ms is None:
         return log.judge(name, is_good, measured, expected, advice)
     return log.judge(

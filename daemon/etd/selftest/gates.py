@@ -40,7 +40,7 @@ def check_heartbeat(
             return
         if not goes(level):
             return
-    bed.begin_beats()
+    bed.beats.begin()
     if stays_away():
         _rises_anew(bed, rises, "rise_after_heartbeat")
 

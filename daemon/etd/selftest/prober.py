@@ -167,7 +167,7 @@ class Prober:
     ) -> tuple[int, Shot]:
         bed = self._bed
         bed.watch_stops()
-        bed.beat()
+        bed.beats.beat_if_due()
         self._book(electrode, current_ua)
         selection = bed.board.selection(self._outputs[electrode], None)
         pulse = bed.board.pulse(current_ua, self.width_us)

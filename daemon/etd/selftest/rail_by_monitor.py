@@ -109,7 +109,7 @@ def _check_enable(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
     took_ms = _wait_falling(bed, monitor, monitor.fall_ms)
     is_good = judge_fall(
         log,
-        bed.missed_ms(),
+        bed.beats.missed_ms(),
         "hv_enable",
         took_ms is not None,
         _fell(bed, monitor, took_ms),
@@ -124,7 +124,7 @@ def _wait_falling(bed: Bed, monitor: RailMonitor, within_ms: float) -> float | N
     while bed.rail_v(is_beating=False) >= monitor.off_v:
         if bed.clock.now_ns() - begun_ns > within_ms * MS:
             return None
-        bed.beat_now()
+        bed.beats.beat()
     return (bed.clock.now_ns() - begun_ns) / MS
 
 
@@ -151,7 +151,7 @@ def _stays_away(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
     rail_v = bed.rail_v()
     return judge_fall(
         log,
-        bed.missed_ms(),
+        bed.beats.missed_ms(),
         "heartbeat_latch",
         rail_v < monitor.off_v,
         f"{rail_v:.0f} V after beating again for {monitor.rise_ms} ms",
@@ -165,8 +165,8 @@ def _goes(bed: Bed, log: Log, monitor: RailMonitor, heartbeat: Heartbeat, level:
     within_ms = heartbeat.window_ms + monitor.fall_ms
     from_v = bed.rail_v()
     bed.end_beats(level)
-    missed_ms = bed.missed_ms()
-    fall = watch_fall(bed, monitor, from_v, within_ms, bed.beaten_ns)
+    missed_ms = bed.beats.missed_ms()
+    fall = watch_fall(bed, monitor, from_v, within_ms, bed.beats.last_ns)
     is_good = judge_fall(
         log,
         missed_ms,

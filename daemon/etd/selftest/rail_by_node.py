@@ -70,11 +70,13 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
 
 def _check_enable(bed: Bed, log: Log, prober: Prober) -> bool:
     bed.board.supply_off()
-    bed.beats_when_off = True
+    bed.beats.go_on_when_off = True
     try:
-        return _judge_gone(bed, log, prober, "hv_enable", ENABLE_ADVICE, missed_ms=bed.missed_ms)
+        return _judge_gone(
+            bed, log, prober, "hv_enable", ENABLE_ADVICE, missed_ms=bed.beats.missed_ms
+        )
     finally:
-        bed.beats_when_off = False
+        bed.beats.go_on_when_off = False
 
 
 def _check_gate(bed: Bed, log: Log, prober: Prober) -> None:
@@ -91,7 +93,7 @@ def _check_gate(bed: Bed, log: Log, prober: Prober) -> None:
 def _goes(bed: Bed, log: Log, prober: Prober, level: int) -> bool:
     """Silent until any store has run down; each look afterwards beats again, in vain."""
     bed.end_beats(level)
-    missed_ms = bed.missed_ms()
+    missed_ms = bed.beats.missed_ms()
     bed.wait_ms(_GONE_WITHIN_MS, is_beating=False)
     return _judge_gone(
         bed,
@@ -107,7 +109,13 @@ def _goes(bed: Bed, log: Log, prober: Prober, level: int) -> bool:
 def _stays_away(bed: Bed, log: Log, prober: Prober) -> bool:
     bed.wait_ms(_RISE_MS)
     return _judge_gone(
-        bed, log, prober, "heartbeat_latch", LATCH_ADVICE, missed_ms=bed.missed_ms, within_ms=0
+        bed,
+        log,
+        prober,
+        "heartbeat_latch",
+        LATCH_ADVICE,
+        missed_ms=bed.beats.missed_ms,
+        within_ms=0,
     )
 
 

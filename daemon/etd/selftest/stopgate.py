@@ -75,7 +75,7 @@ def _check_one(bed: Bed, log: Log, operator: Hand, name: StopName, supply: Suppl
     operator.hold(name)
     is_open, was_there = _opens(bed, name, supply, was_there)
     opened_ns = bed.clock.now_ns()
-    missed_ms = bed.missed_ms()
+    missed_ms = bed.beats.missed_ms()
     if is_open and not cuts:
         bed.board.supply_off()
     is_gone, measured = _fall(bed, name, supply) if is_open else (False, "not seen to open")
@@ -87,7 +87,7 @@ def _check_one(bed: Bed, log: Log, operator: Hand, name: StopName, supply: Suppl
         measured = f"cut {late_ms:.0f} ms after the line, {measured}"
     is_gone = judge_fall(
         log,
-        bed.missed_ms() if cuts else missed_ms,
+        bed.beats.missed_ms() if cuts else missed_ms,
         _title(bed, name),
         is_gone,
         measured,
