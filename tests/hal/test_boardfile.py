@@ -101,7 +101,7 @@ class TestLines:
     @pytest.mark.parametrize("line", [0, 1, 28, -4])
     def test_a_line_that_the_header_has_not_is_refused(self, tmp_path: Path, line: int) -> None:
         text = spoiled(KIT, "POL = 4", f"POL = {line}")
-        refused(load_board, tmp_path, text, "switch.lines.POL", f"it says {line}", "`int`")
+        refused(load_board, tmp_path, text, "switch.lines.POL", f"it says {line}", "a whole number")
 
     def test_a_missing_line_is_refused_by_name(self, tmp_path: Path) -> None:
         text = spoiled(KIT, "BL = 23, ", "")

@@ -59,7 +59,7 @@ class TestMaxima:
     @pytest.mark.parametrize("value", ["true", "'300'", "300.5", "[300]", "nan"])
     def test_a_limit_that_is_no_whole_number_is_refused(self, tmp_path: Path, value: str) -> None:
         text = self.with_limit("current_ua", value)
-        refused(load_board, tmp_path, text, "maxima.current_ua", "`int`")
+        refused(load_board, tmp_path, text, "maxima.current_ua", "a whole number")
 
     def test_a_limit_with_a_typo_is_an_unknown_key(self, tmp_path: Path) -> None:
         text = spoiled(KIT, "rate_hz = 200", "rate_hz = 200\nrate_Hz = 100")

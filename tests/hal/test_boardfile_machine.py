@@ -40,7 +40,7 @@ class TestMachine:
         self, tmp_path: Path, key: str, value: str
     ) -> None:
         text = re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", PI4)
-        refused(load_machine, tmp_path, text, key, "`float`")
+        refused(load_machine, tmp_path, text, key, "a number")
 
     @pytest.mark.parametrize("value", ["nan", "inf", "-0.1"])
     @pytest.mark.parametrize("end", ["low", "high"])
@@ -51,7 +51,7 @@ class TestMachine:
             f"word_us = {{ low = {ends['low']}, high = {ends['high']} }}",
             PI4,
         )
-        refused(load_machine, tmp_path, text, f"word_us.{end}", "`float`")
+        refused(load_machine, tmp_path, text, f"word_us.{end}", "a number")
 
     @given(low=st.floats(0, 100), high=st.floats(0, 100))
     def test_any_range_in_order_is_allowed(
