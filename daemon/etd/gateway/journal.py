@@ -27,8 +27,8 @@ _NOT_STABILIZED = {
     "not_believed_compliance": "the source was at its end, so no resistance is known",
     "not_believed_implausible": "a resistance that no skin has was read",
     "not_believed_flicker": "resistances flicker (a noisy ADC, a shaking hand)",
-    "not_believed_bound": "a law wanted its widest pulse for 10 s, which skin does not ask for so"
-    " long, and another gain of the ADC does: etd selftest measures it",
+    "not_believed_bound": "a law wanted its widest pulse for 10 s on one electrode, which skin"
+    " seldom asks for so long, and a reading that is off does: etd selftest measures the gain",
     "not_believed_common": "resistances have been lower on all electrodes alike for many seconds: a"
     " gain of the ADC does that (etd selftest measures it), or skin that is wetter than when it was"
     " calibrated; what they have in common widens no pulse",

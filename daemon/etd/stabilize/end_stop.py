@@ -2,17 +2,16 @@
 
 Owns: how near and how long that is, and when it ends. Must not know: what a law goes by, limits.
 
-A reading that is wrong by the same factor all the time (another divider before the ADC, a gain that
-drifted) looks like skin, and a falsely low resistance then holds a law at the most that it may ask
-for. Skin is there too, but not for so long: on the busiest modelled finger (seeds 1 and 2) `fitted`
-wants its most for 7 to 8 % of the time, half of these stretches last for less than 2 s and the
-longest for 16 s. To give up after 10 s takes less than a thousandth of the pulses from it there;
-after 5 s the law would leave up to half more variation.
+A divider that makes bad contact on one electrode reads like wet skin, and holds a law at the most
+that it may ask for. Skin is there too, but not for so long: on the busiest modelled fingers (seeds
+1 and 2, ten minutes) `fitted` wants nearly its most for 7 and 13 % of the time, in stretches of
+seconds. To give up after 10 s takes 3 and 5 of 1000 pulses from it there.
 
 What a law wants counts, by resistances that are believed; so pulses by others, and pauses, neither
-fill nor end it. Nor does a moment at which less is wanted: a divider that makes contact now and
-then must not be believed for the rest of the time. Such time counts against it three times, and
-the doubt ends when it has used up what was counted.
+fill nor end it. Nor does a moment at which less is wanted: what makes contact now and then must not
+be believed for the rest of the time. Time that is wanted clearly away from there counts against it
+three times, and the doubt ends when that has used up what was counted. Time not so far away takes
+back what led to a doubt, and never ends one.
 """
 
 from __future__ import annotations

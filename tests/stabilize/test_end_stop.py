@@ -1,0 +1,70 @@
+"""A law at its widest: when it is given up on an electrode, and what ends that."""
+
+from __future__ import annotations
+
+from etd.stabilize.end_stop import EndStop
+
+MOST = 1.5
+WIDEST, NEARLY, BETWEEN, AWAY = MOST, MOST**0.85, MOST**0.65, MOST**0.4
+STEP_MS = 100
+
+
+class Played:
+    """One electrode, asked ten times a second."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self._end_stop = EndStop(MOST, self.told.append)
+        self._now_ms = 0
+
+    def wants(self, factor: float, seconds: float) -> float:
+        """What is believed of it at last."""
+        believed = factor
+        for _ in range(round(seconds * 1_000 / STEP_MS)):
+            self._now_ms += STEP_MS
+            believed = self._end_stop.believed(3, factor, self._now_ms * 1_000_000)
+        return believed
+
+
+def test_it_is_given_up_after_ten_seconds_near_its_widest_and_told_once() -> None:
+    one = Played()
+    assert one.wants(NEARLY, 10.0) == NEARLY
+    assert one.wants(WIDEST, 0.2) == 1.0
+    one.wants(WIDEST, 60.0)
+    assert one.told == ["bound"]
+
+
+def test_what_is_not_near_its_widest_is_believed_for_good() -> None:
+    one = Played()
+    assert one.wants(BETWEEN, 300.0) == BETWEEN
+    assert one.told == []
+
+
+def test_a_want_a_little_below_the_widest_never_ends_a_doubt() -> None:
+    """A gain that is a little less wrong is as wrong."""
+    one = Played()
+    one.wants(WIDEST, 11.0)
+    assert one.wants(BETWEEN, 300.0) == 1.0
+    assert one.told == ["bound"]
+
+
+def test_a_doubt_ends_after_a_third_of_the_time_that_is_clearly_less() -> None:
+    one = Played()
+    one.wants(WIDEST, 11.0)
+    assert one.wants(AWAY, 3.0) == 1.0
+    assert one.wants(AWAY, 0.5) == AWAY
+    assert one.wants(WIDEST, 9.0) == WIDEST
+
+
+def test_time_a_little_below_takes_back_what_leads_to_a_doubt() -> None:
+    one = Played()
+    for _ in range(20):
+        one.wants(WIDEST, 6.0)
+        assert one.wants(BETWEEN, 6.0) == BETWEEN
+    assert one.told == []
+
+
+def test_who_is_doubted_still_gets_less_where_less_is_wanted() -> None:
+    one = Played()
+    one.wants(WIDEST, 11.0)
+    assert one.wants(0.7, 0.1) == 0.7
