@@ -205,6 +205,18 @@ def test_a_resistance_that_a_probe_says_has_fallen_waits_for_the_pulse(make_rig:
     assert charge_pc(hold(rig, 15)[0]) <= steady_pc * 1.001
 
 
+def test_what_a_probe_leaves_in_dry_skin_makes_nobody_doubt_a_pulse_hardly_stronger(
+    make_rig: MakeRig,
+) -> None:
+    rig = standing(make_rig(loaded=with_probes(energy=EnergyLaw())))
+    rig.fake.world.touch(4, skin(3_000.0, 120_000.0, 0.3))
+    for current_ua in (PROBE_UA + 30, 400, 600):
+        found = hold(rig, 100, current_ua=only(N, e4=current_ua))
+        assert all(len(one) == 2 for one in found)
+    counters = rig.engine.reporter.counters
+    assert [name for name in counters if name.startswith("not_believed")] == []
+
+
 def test_a_probe_of_a_node_that_is_not_at_rest_is_not_believed_and_counted_once(
     make_rig: MakeRig,
 ) -> None:

@@ -114,11 +114,18 @@ def test_a_weak_pulse_may_have_an_offset_before_it_and_no_more(
     assert doubt == (None if is_believed else "adc")
 
 
-def test_what_a_probe_left_in_the_skin_is_no_doubt_and_what_no_skin_keeps_is() -> None:
+def test_what_charge_is_left_in_the_skin_is_no_doubt_and_what_no_skin_keeps_is() -> None:
     found = impedances()
     assert found.learn(1, Samples(500, 100.0, 2.6, 9.0, 10.5), 0) is None
     assert found.learn(1, Samples(500, 100.0, 3.6, 9.0, 10.5), 0) == "adc"
     assert found.learn(2, Samples(2_000, 100.0, 5.1, 50.0, 60.0), 0) == "adc"
+
+
+def test_what_a_probe_left_in_the_skin_is_no_doubt_and_more_than_it_made_is() -> None:
+    found = impedances()
+    assert found.learn(1, Samples(400, 100.0, 5.4, 9.0, 13.0, probed_v=11.0), 0) is None
+    assert found.learn(1, Samples(400, 100.0, 11.2, 12.0, 13.0, probed_v=11.0), 0) == "adc"
+    assert found.learn(2, Samples(400, 100.0, 9.0, 9.0, 9.0, probed_v=11.0), 0) == "adc"
 
 
 @pytest.mark.parametrize(

@@ -63,6 +63,13 @@ def test_a_risen_probe_makes_as_much_more_expected_and_a_fallen_one_nothing(seen
     assert seen.ahead.expected_ohm(0, now_ns) is None
 
 
+def test_only_a_probe_that_is_believed_tells_what_it_may_have_left(seen: Seen) -> None:
+    seen.probed(40_000, 0)
+    assert seen.ahead.probed_v(0) == pytest.approx(0.3 * 66 * 40 / 106, rel=0.02)
+    seen.probed(40_000, MS, resting_v=5.5)
+    assert seen.ahead.probed_v(0) == 0.0
+
+
 def test_after_a_probe_that_is_not_believed_the_next_is_compared_with_nothing(seen: Seen) -> None:
     now_ns = lying(seen)
     assert seen.probed(40_000, now_ns, resting_v=6.0)

@@ -47,8 +47,8 @@ _SHORTEST_TAU_US, _LONGEST_TAU_US = 0.5, 60.0
 #: Outside of these no contact with skin is believed to be one.
 LEAST_OHM, MOST_OHM = 1_000.0, 2_000_000.0
 #: With the DAC at zero the node is on ground, but for the ADC's offset and what charge is left in
-#: the skin: at most this much, this part of what the pulse makes (a quarter is left after a probe
-#: in the same visit), and never above the last.
+#: the skin: at most this much, this part of what the pulse makes, and never above the last; or what
+#: a probe directly before it came to: the sooner the pulse follows, the more of that is left.
 _OFFSET_V, _RESTING_PART, _RESTING_V = 0.3, 1.0 / 3.0, 5.0
 #: A pulse moves the node by more codes of the ADC than this.
 _STILL_CODES = 2
@@ -127,6 +127,8 @@ class Samples:
     resting_v: float
     early_v: float
     end_v: float | None
+    #: What a probe in the same visit came to; 0.0: none went before, or it was not believed.
+    probed_v: float = 0.0
 
 
 class ImpedanceMap:
@@ -208,18 +210,20 @@ class ImpedanceMap:
         skin.doubt = self._read(skin, samples, now_ns)
         return skin.doubt if skin.is_news(skin.doubt, now_ns) else None
 
-    def is_adc_doubted(self, resting_v: float, *pulse_v: float) -> bool:
+    def is_adc_doubted(self, resting_v: float, *pulse_v: float, probed_v: float = 0.0) -> bool:
         """Whether what was sampled before a pulse and within it, the last near its end, is of an
-        ADC that stands still (on zero it only tells no skin), or of a node that was not at rest.
+        ADC that stands still (on zero it only tells no skin), or of a node that was not at rest,
+        by more than what a probe came to that went directly before.
         """
         moved_v = max(abs(one - resting_v) for one in pulse_v)
         stands_still = resting_v > 0.0 and moved_v < self._still_v
         most_v = min(max(_OFFSET_V, _RESTING_PART * pulse_v[-1]), _RESTING_V)
-        return stands_still or resting_v > most_v
+        return stands_still or resting_v > max(most_v, probed_v)
 
     def _read(self, skin: _Skin, samples: Samples, now_ns: int) -> Doubt | None:
         last_v = samples.early_v if samples.end_v is None else samples.end_v
-        if self.is_adc_doubted(samples.resting_v, samples.early_v, last_v):
+        pulse_v = (samples.early_v, last_v)
+        if self.is_adc_doubted(samples.resting_v, *pulse_v, probed_v=samples.probed_v):
             return "adc"
         if last_v >= _NEAR_COMPLIANCE * self._compliance_v:
             return "compliance"

@@ -40,6 +40,7 @@ class _Seen:
 
     told_ua: int
     width_us: float
+    voltage_v: float
     ohm: float
 
 
@@ -84,7 +85,12 @@ class LookingAhead:
             return not was_doubted
         contact = self._contact
         ohm = contact.seen_ohm(probe.told_ua, shot.voltage_v)
-        seen = _Seen(probe.told_ua, probe.shape.width_us, MOST_OHM if ohm is None else ohm)
+        seen = _Seen(
+            probe.told_ua,
+            probe.shape.width_us,
+            shot.voltage_v,
+            MOST_OHM if ohm is None else ohm,
+        )
         self._now[electrode] = seen
         risen = self._risen(electrode)
         if risen is not None and risen <= PEELED:
@@ -102,6 +108,11 @@ class LookingAhead:
         if risen <= RISEN:
             return skin_ohm if self._impedance.is_too_old(electrode, now_ns) else None
         return min(skin_ohm * risen, MOST_OHM)
+
+    def probed_v(self, electrode: int) -> float:
+        """What the probe of the visit under way came to; 0.0 where it was not believed."""
+        seen = self._now[electrode]
+        return 0.0 if seen is None else seen.voltage_v
 
     def was_followed(self, electrode: int) -> None:
         """The pulse was fired: it and its probe are what the next probe is compared with."""

@@ -149,7 +149,8 @@ class Visitor:
                 tools.reporter.counters["probes_alone"] += 1
             return None
         shots = self.firing.fire(visit, ready.pulse, ready.entry, ready.given)
-        self._learn(visit, ready.pulse, *shots)
+        probed_v = tools.ahead.probed_v(visit.electrode) if probe_ua else 0.0
+        self._learn(visit, ready.pulse, *shots, probed_v)
         tools.ahead.was_followed(visit.electrode)
         self._tell(visit, ready.pulse, shots[0].begun_ns, probe_ua)
         if ready.clamp is not None:
@@ -241,7 +242,9 @@ class Visitor:
             visit.probe_pc,
         )
 
-    def _learn(self, visit: Visit, pulse: Pulse, first: Shot, last: Shot) -> None:
+    def _learn(
+        self, visit: Visit, pulse: Pulse, first: Shot, last: Shot, probed_v: float = 0.0
+    ) -> None:
         tools, electrode = self._tools, visit.electrode
         begun_ns, is_at_end = first.begun_ns, pulse.shape.has_end_sample
         if tools.contact.learn(
@@ -250,7 +253,7 @@ class Visitor:
             tools.opening.touched_again(electrode)
         if pulse.told_ua > tools.maxima.probe_current_ua:
             # Of a second phase the skin is not at rest before: the first one tells more.
-            tools.asker.learn(electrode, _samples(pulse, first), begun_ns)
+            tools.asker.learn(electrode, _samples(pulse, first, probed_v), begun_ns)
         self._learn_share(visit, begun_ns)
 
     def _learn_share(self, visit: Visit, begun_ns: int) -> None:
@@ -283,7 +286,7 @@ class Visitor:
         )
 
 
-def _samples(pulse: Pulse, shot: Shot) -> Samples:
+def _samples(pulse: Pulse, shot: Shot, probed_v: float) -> Samples:
     has_end = pulse.shape.has_end_sample
     # After a prepulse the skin does not begin at rest: then the end alone tells, where there is
     # one; else the early sample makes the resistance look too high, which asks for less.
@@ -294,4 +297,5 @@ def _samples(pulse: Pulse, shot: Shot) -> Samples:
         resting_v=shot.baseline_v,
         early_v=shot.voltage_v if is_end_alone else shot.early_v,
         end_v=shot.voltage_v if has_end else None,
+        probed_v=probed_v,
     )
