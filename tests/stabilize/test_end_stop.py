@@ -12,10 +12,14 @@ STEP_MS = 100
 class Played:
     """One electrode, asked ten times a second."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: float = MOST) -> None:
         self.told: list[str] = []
-        self._end_stop = EndStop(MOST, self.told.append)
+        self._end_stop = EndStop(most, self.told.append)
         self._now_ms = 0
+
+    def passes(self, seconds: float) -> None:
+        """Nobody asks."""
+        self._now_ms += round(seconds * 1_000)
 
     def wants(self, factor: float, seconds: float) -> float:
         """What is believed of it at last."""
@@ -48,12 +52,35 @@ def test_a_want_a_little_below_the_widest_never_ends_a_doubt() -> None:
     assert one.told == ["bound"]
 
 
-def test_a_doubt_ends_after_a_third_of_the_time_that_is_clearly_less() -> None:
+def test_a_doubt_ends_when_clearly_less_was_wanted_for_as_long() -> None:
     one = Played()
     one.wants(WIDEST, 11.0)
-    assert one.wants(AWAY, 3.0) == 1.0
-    assert one.wants(AWAY, 0.5) == AWAY
+    assert one.wants(AWAY, 9.5) == 1.0
+    assert one.wants(AWAY, 1.0) == AWAY
     assert one.wants(WIDEST, 9.0) == WIDEST
+
+
+def test_what_is_wrong_for_more_than_half_of_the_time_is_given_up() -> None:
+    one = Played()
+    for _ in range(30):
+        one.wants(WIDEST, 6.0)
+        one.wants(AWAY, 4.0)
+    assert one.told == ["bound"]
+    assert one.wants(WIDEST, 0.1) == 1.0
+
+
+def test_pauses_do_not_end_what_leads_to_a_doubt() -> None:
+    one = Played()
+    for _ in range(3):
+        one.wants(WIDEST, 4.0)
+        one.passes(30.0)
+    assert one.told == ["bound"]
+
+
+def test_a_site_that_allows_more_than_twice_the_width_is_no_reason_to_believe_it() -> None:
+    one = Played(most=4.0)
+    assert one.wants(1.7, 60.0) == 1.7
+    assert one.wants(1.8, 11.0) == 1.0
 
 
 def test_time_a_little_below_takes_back_what_leads_to_a_doubt() -> None:

@@ -158,3 +158,24 @@ def test_short_pulses_are_compared_with_a_calibration_made_with_short_ones() -> 
     assert law.part(replace(firm, now_ns=STEP_NS)) == pytest.approx(NEW_PART)
     lighter = replace(firm, early_ohm=2.0 * FIRM_OHM, now_ns=2 * STEP_NS)
     assert law.part(lighter) == pytest.approx(NEW_PART * 0.5**0.6)
+
+
+@pytest.mark.parametrize("is_early", [False, True])
+def test_a_resistance_that_rose_with_the_last_pulse_is_answered_with_the_next(
+    is_early: bool,
+) -> None:
+    mean = replace(FIRM, early_ohm=float(FIRM_OHM), is_reference_early=is_early, now_ns=2 * STEP_NS)
+    risen_ohm = 1.2 * FIRM_OHM
+    law = settling()
+    law.part(FIRM)
+    law.part(replace(OPEN, now_ns=STEP_NS))
+    risen = replace(mean, latest_ohm=risen_ohm, latest_early_ohm=risen_ohm)
+    assert law.part(risen) == pytest.approx(NEW_PART * 1.2**-0.6)
+
+
+def test_a_lowest_resistance_is_forgotten_as_fast_at_two_pulses_a_second() -> None:
+    law = settling()
+    law.part(replace(FIRM, skin_ohm=0.5 * FIRM_OHM))
+    law.part(replace(OPEN, now_ns=STEP_NS))
+    parts = [law.part(replace(FIRM, now_ns=step * 5 * STEP_NS)) for step in range(1, 120)]
+    assert parts[-1] > 0.97

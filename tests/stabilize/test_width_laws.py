@@ -124,17 +124,21 @@ def test_a_fall_is_never_delayed_and_a_rise_takes_time(make: Callable[[], Stabil
 
 
 @every_law
+@pytest.mark.parametrize("is_early", [False, True], ids=["by the end", "by the beginning"])
 @given(mean_ohm=st.floats(5e3, 5e5), ratio=st.floats(0.7, 1.4))
 def test_a_mean_over_pulses_delays_no_fall(
-    make: Callable[[], Stabilizer], mean_ohm: float, ratio: float
+    make: Callable[[], Stabilizer], is_early: bool, mean_ohm: float, ratio: float
 ) -> None:
     """What is asked for is no more than the last pulse alone asks for, nor than the mean does."""
+
+    def asked_by(mean_ohm: float, latest_ohm: float) -> Wish:
+        seen = replace(known(mean_ohm), latest_ohm=latest_ohm, is_reference_early=is_early)
+        seen = replace(seen, early_ohm=mean_ohm, latest_early_ohm=latest_ohm)
+        return make().ask(FRAME, seen)
+
     latest_ohm = mean_ohm * ratio
-    law, by_mean, by_latest = make(), make(), make()
-    asked = law.ask(FRAME, replace(known(mean_ohm), latest_ohm=latest_ohm))
-    by_one = [
-        one.ask(FRAME, known(ohm)) for one, ohm in ((by_mean, mean_ohm), (by_latest, latest_ohm))
-    ]
+    asked = asked_by(mean_ohm, latest_ohm)
+    by_one = [asked_by(ohm, ohm) for ohm in (mean_ohm, latest_ohm)]
     rounded_pc = asked.width_us
     assert asked.charge_pc <= min(one.charge_pc for one in by_one) + rounded_pc
     assert asked.current_ua <= max(one.current_ua for one in by_one)

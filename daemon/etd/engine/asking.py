@@ -17,7 +17,7 @@ from etd.engine.impedance import ImpedanceMap, Samples
 from etd.engine.reporting import Reporter
 from etd.engine.visit import Visit
 from etd.stabilize.contact import Contact
-from etd.stabilize.pipeline import Known, Stabilizer, Wish, ask_all, reach_of
+from etd.stabilize.pipeline import Known, Stabilizer, Wish, ask_all, higher, reach_of
 
 
 class Pressed(Protocol):
@@ -147,6 +147,7 @@ class Asker:
             latest_ohm=None if skin_ohm is None else impedance.last_ohm(electrode),
             skin_at_ua=impedance.at_ua(electrode),
             early_ohm=impedance.early_ohm(electrode, now_ns),
+            latest_early_ohm=impedance.last_early_ohm(electrode, now_ns),
             is_estimated=impedance.is_estimated(electrode),
             reference_ohm=None if person is None else person.resistance_ohm,
             reference_at_ua=None if person is None else person.comfortable_ua,
@@ -178,5 +179,10 @@ def _expecting(known: Known, expected_ohm: float) -> Known:
     risen_ohm = max(skin_ohm or 0.0, expected_ohm)
     if skin_ohm is not None and early_ohm is not None:
         early_ohm *= risen_ohm / skin_ohm
-    latest_ohm = max(known.latest_ohm or 0.0, expected_ohm)
-    return structs.replace(known, skin_ohm=risen_ohm, latest_ohm=latest_ohm, early_ohm=early_ohm)
+    return structs.replace(
+        known,
+        skin_ohm=risen_ohm,
+        latest_ohm=max(known.latest_ohm or 0.0, expected_ohm),
+        early_ohm=early_ohm,
+        latest_early_ohm=higher(early_ohm, known.latest_early_ohm),
+    )

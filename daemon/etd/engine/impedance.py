@@ -72,6 +72,7 @@ class _Skin:
 
     log_ohm: float | None = None
     early_log_ohm: float | None = None
+    last_early_log_ohm: float | None = None
     #: The last pulse had no sample at its end, and no wider one has told a time constant.
     is_estimated: bool = False
     last_log_ohm: float | None = None
@@ -89,7 +90,7 @@ class _Skin:
     def begin_anew(self) -> None:
         """What was told is too old: the next pulse is the first one."""
         self.log_ohm = self.last_log_ohm = self.tau_us = self.told_ns = None
-        self.early_log_ohm = None
+        self.early_log_ohm = self.last_early_log_ohm = None
         self.last_step = 0.0
 
     def is_news(self, doubt: Doubt | None, now_ns: int) -> bool:
@@ -160,6 +161,13 @@ class ImpedanceMap:
         if self.skin_ohm(electrode, now_ns) is None or skin.early_log_ohm is None:
             return None
         return math.exp(skin.early_log_ohm)
+
+    def last_early_ohm(self, electrode: int, now_ns: int) -> float | None:
+        """The same of the last pulse alone."""
+        skin = self._skins[electrode]
+        if self.skin_ohm(electrode, now_ns) is None or skin.last_early_log_ohm is None:
+            return None
+        return math.exp(skin.last_early_log_ohm)
 
     def is_estimated(self, electrode: int) -> bool:
         """Whether `skin_ohm` is no more than the early estimate."""
@@ -238,6 +246,7 @@ class ImpedanceMap:
         skin.log_ohm = _mean(skin.log_ohm, log_ohm, weight)
         if is_estimated or self.is_early_wanted or skin.early_log_ohm is not None:
             early = self._log_ohm(samples.told_ua, self._estimated_v(samples, ASSUMED_TAU_US))
+            skin.last_early_log_ohm = early
             skin.early_log_ohm = None if early is None else _mean(skin.early_log_ohm, early, weight)
         return "flicker" if skin.is_flickering else None
 

@@ -54,7 +54,6 @@ class Energy:
     def forget(self) -> None:
         self._references.forget()
         self._factor.forget()
-        self._widening.forget()
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         wanted = 1.0

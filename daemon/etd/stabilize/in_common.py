@@ -5,13 +5,15 @@ Owns: what is common, over how long, and when it is told. Must not know: what a 
 A reading that is wrong by the same factor (another divider before the ADC, a gain that drifted) is
 wrong for all electrodes at once, and skin is not: each electrode's has a way of its own, and what a
 finger does to all of them, pressing harder and lighter, comes and goes within seconds. So the
-median over the electrodes of what a law wants, averaged over 20 s, is taken back from everybody
-where it would widen. On the busiest modelled fingers (seeds 1 and 2) that average is hardly ever
-above 1; under a gain of 0.7, which alone would hold `fitted` near its widest for 57 and 69 % of the
-time, it takes so much back that 11 and 12 % are left, as with the right gain (7 and 13 %).
+median over the electrodes of what a law wants, averaged over 20 s, is taken back from everybody's
+widening. What narrows is left, and nobody comes to less than what the frame wants by it. On the
+busiest modelled fingers (seeds 1 and 2) that average is hardly ever above 1; under a gain of 0.7,
+which alone would hold `fitted` near its widest for 59 and 70 % of the time, it takes so much back
+that 12 and 12 % are left, as with the right gain (7 and 10 %).
 
-It takes skin along that is wetter everywhere than when it was calibrated: then electrodes are still
-made alike, and their mean is what the frame wants. From few electrodes nothing common can be told.
+It takes skin along that is wetter everywhere than when it was calibrated: the mean is then what the
+frame makes of such skin. From few electrodes nothing common can be told, and what was told by many
+is forgotten when they have not asked for a second.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from __future__ import annotations
 import math
 from statistics import median
 
-from etd.stabilize.belief import BELIEVED_NS
+from etd.stabilize.belief import BELIEVED_NS, is_old
 from etd.stabilize.tell import Tell
 
 #: Of so many electrodes that asked within a second, at least.
@@ -35,14 +37,13 @@ class Common:
 
     def __init__(self, tell: Tell) -> None:
         self._tell = tell
-        self.forget()
-
-    def forget(self) -> None:
         self._wanted: dict[int, tuple[float, int]] = {}
-        self._averaged = 0.0
-        self._averaged_ns = 0
         self._looked_ns: int | None = None
         self._is_told = False
+        self._averaged = 0.0
+        self._averaged_ns = 0
+        #: When enough of them have asked last.
+        self._many_ns: int | None = None
 
     def taken_from(self, electrode: int, wanted: float, now_ns: int) -> float:
         """What a law wants, as a factor, without what all have wanted for long."""
@@ -50,13 +51,18 @@ class Common:
         since_ns = _LOOK_NS if self._looked_ns is None else now_ns - self._looked_ns
         if since_ns >= _LOOK_NS:
             self._looked_ns = now_ns
-            self._look(now_ns, min(since_ns, BELIEVED_NS))
-        return wanted * math.exp(-max(0.0, self._averaged))
+            self._look(now_ns, since_ns)
+        if wanted <= 1.0 or self._averaged <= 0.0:
+            return wanted
+        return max(1.0, wanted * math.exp(-self._averaged))
 
     def _look(self, now_ns: int, since_ns: int) -> None:
         wanted = [log for log, then_ns in self._wanted.values() if now_ns - then_ns < BELIEVED_NS]
+        if is_old(self._many_ns, now_ns):
+            self._averaged, self._averaged_ns = 0.0, 0
         if len(wanted) < QUORUM:
             return
+        self._many_ns = now_ns
         self._averaged_ns = min(self._averaged_ns + since_ns, _AVERAGED_NS)
         self._averaged += since_ns / self._averaged_ns * (median(wanted) - self._averaged)
         self._say()

@@ -64,7 +64,6 @@ class Lines:
     def forget(self) -> None:
         self._references.forget()
         self._charge.forget()
-        self._widening.forget()
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         current, charge = self._believed(wish, known)

@@ -102,8 +102,10 @@ class Known(msgspec.Struct, frozen=True, gc=False):
     skin_ohm: float | None = None
     latest_ohm: float | None = None
     skin_at_ua: int = 0
-    #: The same as estimated from the beginning of pulses alone; and whether `skin_ohm` is no more.
+    #: The same as estimated from the beginning of pulses alone, filtered and of the last one; and
+    #: whether `skin_ohm` is no more.
     early_ohm: float | None = None
+    latest_early_ohm: float | None = None
     is_estimated: bool = False
     #: From the calibration: resistance then, at which current, and where feeling begins.
     reference_ohm: int | None = None
@@ -117,9 +119,17 @@ class Known(msgspec.Struct, frozen=True, gc=False):
     @property
     def higher_ohm(self) -> float | None:
         """Of `skin_ohm` and `latest_ohm`."""
-        if self.skin_ohm is None or self.latest_ohm is None:
-            return self.skin_ohm
-        return max(self.skin_ohm, self.latest_ohm)
+        return higher(self.skin_ohm, self.latest_ohm)
+
+    @property
+    def higher_early_ohm(self) -> float | None:
+        """Of `early_ohm` and `latest_early_ohm`."""
+        return higher(self.early_ohm, self.latest_early_ohm)
+
+
+def higher(mean_ohm: float | None, latest_ohm: float | None) -> float | None:
+    """Of a mean and the last value, if there is one; None where there is no mean."""
+    return mean_ohm if mean_ohm is None or latest_ohm is None else max(mean_ohm, latest_ohm)
 
 
 @dataclass(frozen=True, slots=True)

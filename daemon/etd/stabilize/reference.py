@@ -56,12 +56,15 @@ class References:
         reference = self._reference(known, wanted_ua)
         if reference is None:
             return None
-        now_ohm = known.early_ohm if reference.is_early else _measured(known)
+        now_ohm, latest_ohm = (
+            (known.early_ohm, known.latest_early_ohm)
+            if reference.is_early
+            else (_measured(known), known.latest_ohm)
+        )
         if now_ohm is None:
             return None
         eased = (reference.at_ua + BEND_UA) / (known.skin_at_ua + BEND_UA)
-        latest_ohm = now_ohm * (known.latest_ohm or known.skin_ohm) / known.skin_ohm
-        return now_ohm, latest_ohm, reference.ohm * eased
+        return now_ohm, latest_ohm or now_ohm, reference.ohm * eased
 
     def _reference(self, known: Known, wanted_ua: int) -> _Reference | None:
         at_ua = known.skin_at_ua

@@ -25,9 +25,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from etd.stabilize.belief import BELIEVED_NS
 from etd.stabilize.pipeline import Known
 from etd.stabilize.reference import BEND_UA
-from etd.stabilize.slew import LONGEST_STEP_NS, Slew
+from etd.stabilize.slew import Slew
 
 #: For how long a touch is new, and when it has risen to all, alone and behind another law.
 ALONE_NS = (3_000_000_000, 7_000_000_000)
@@ -49,7 +50,7 @@ class _Contact:
 
     def remember(self, log_ohm: float, now_ns: int) -> None:
         """The lowest of late: down at once, up slowly."""
-        elapsed_ns = min(max(0, now_ns - self.then_ns), LONGEST_STEP_NS)
+        elapsed_ns = min(max(0, now_ns - self.then_ns), BELIEVED_NS)
         self.then_ns = now_ns
         if log_ohm <= self.firm_log_ohm:
             self.firm_log_ohm = log_ohm
@@ -107,7 +108,7 @@ class Settling:
 
 def _log_ohm(known: Known) -> float | None:
     """Like the reference: by the beginning of pulses, where that is all that the reference has."""
-    ohm = known.early_ohm if known.is_reference_early else known.higher_ohm
+    ohm = known.higher_early_ohm if known.is_reference_early else known.higher_ohm
     if ohm is None or known.state not in ("soft", "closed"):
         return None
     return _at_no_current(ohm, known.skin_at_ua)

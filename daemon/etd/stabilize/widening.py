@@ -4,7 +4,8 @@ Owns: the two rules and their order. Must not know: what a law goes by, limits.
 
 First what all electrodes have in common for long (`in_common.py`), which a wrong gain is, is taken
 out; then an electrode that stands at its widest by itself (`end_stop.py`) is given up. What is left
-is still bounded by the law's own `most_wider`.
+is still bounded by the law's own `most_wider`. Both judge readings and no skin: who touches, and
+whether the supply was off meanwhile, is nothing to them.
 """
 
 from __future__ import annotations
@@ -20,10 +21,6 @@ class Widening:
     def __init__(self, most: float, tell: Tell) -> None:
         self._common = Common(tell)
         self._end_stop = EndStop(most, tell)
-
-    def forget(self) -> None:
-        self._common.forget()
-        self._end_stop.forget()
 
     def believed(self, electrode: int, wanted: float, now_ns: int) -> float:
         """Of what a law wants by what is measured, as a factor above 0; never more than that."""
