@@ -139,7 +139,7 @@ def test_a_mean_over_pulses_delays_no_fall(
     latest_ohm = mean_ohm * ratio
     asked = asked_by(mean_ohm, latest_ohm)
     by_one = [asked_by(ohm, ohm) for ohm in (mean_ohm, latest_ohm)]
-    rounded_pc = asked.width_us
+    rounded_pc = 2 * asked.width_us
     assert asked.charge_pc <= min(one.charge_pc for one in by_one) + rounded_pc
     assert asked.current_ua <= max(one.current_ua for one in by_one)
 
