@@ -31,7 +31,7 @@ def cells(one: SteadyFigures) -> tuple[str, ...]:
         f"{one.most_pain:.2f}",
         "-" if one.recontact_step is None else f"{one.recontact_step:.2f}",
         "-" if one.recontact_step_mean is None else f"{one.recontact_step_mean:.2f}",
-        f"{one.recontacts_above} of {one.recontacts}",
+        f"{one.recontacts_above} of {one.recontacts}, {one.recontacts_not_judged} not judged",
         f"{one.recontacts_above_later}",
     )
 

@@ -54,7 +54,9 @@ class SteadyFigures:
     recontacts_above: int
     #: The same within `LONG_STEP_S`.
     recontacts_above_later: int
+    #: Those that are judged, and those that are not: nothing steady enough to compare with.
     recontacts: int
+    recontacts_not_judged: int
     scans: int
 
 
@@ -65,7 +67,7 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
     means: list[float] = []
     steps: list[float] = []
     later: list[float] = []
-    shown = below = painful = firm_painful = scans = 0
+    shown = below = painful = firm_painful = scans = returns = 0
     most_pain = 0.0
     for one in kept:
         firm = firm_of(one)
@@ -78,6 +80,7 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         means.extend(mean)
         steps.extend(recontact_steps(one, firm, STEP_S))
         later.extend(recontact_steps(one, firm, LONG_STEP_S))
+        returns += sum(1 for _ in _touched_again(one))
         touching = one.attached > 0.0
         shown += int(touching.sum())
         below += int((touching & (one.felt < 1.0)).sum())
@@ -100,6 +103,7 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         recontacts_above=sum(step > MOST_STEP for step in steps),
         recontacts_above_later=sum(step > MOST_STEP for step in later),
         recontacts=len(steps),
+        recontacts_not_judged=returns - len(steps),
         scans=scans,
     )
 

@@ -53,7 +53,7 @@ def test_pressing_less_than_the_sensor_is_set_to_is_felt_as_less() -> None:
     assert pressed.mean_felt < plain.mean_felt - 0.1
 
 
-GOOD = SteadyFigures(NONE, 2.0, 0.4, 0.1, 0.0, 0.01, 10, 10, 1.5, 1.3, 0.5, 2, 9, 20, 1_000)
+GOOD = SteadyFigures(NONE, 2.0, 0.4, 0.1, 0.0, 0.01, 10, 10, 1.5, 1.3, 0.5, 2, 9, 20, 4, 1_000)
 HELD = {
     name: replace(GOOD, name=name, over_time=0.2, scans_above_pain=0, recontact_step=1.1)
     for name in (CONTACT, CALIBRATED, CONTACT_AHEAD, AHEAD)

@@ -10,7 +10,7 @@ from bench import steady_docs
 from bench.run import at_most
 from bench.steady_figures import SteadyFigures
 
-ROW = SteadyFigures("contact", 2.0, 0.4, 0.1, 0.05, 0.01, 10, 10, 1.5, 1.1, 0.5, 0, 3, 20, 1_000)
+ROW = SteadyFigures("contact", 2.0, 0.4, 0.1, 0.05, 0.01, 10, 10, 1.5, 1.1, 0.5, 0, 3, 20, 4, 1_000)
 SAID = "64 electrodes; fingers of seeds [7]"
 
 
@@ -31,6 +31,7 @@ def test_only_what_lies_between_the_marks_is_written_anew(tmp_path: Path) -> Non
     assert "old" not in text
     assert text.count(SAID) == 1
     assert "| contact | 2.00 | 40.0% | 10.0% | 5.0% | 1.000% (10) | 1.50 | 1.10 | 0.50 |" in text
+    assert "| 0.50 | 0 of 20, 4 not judged | 3 |\n" in text
     assert "**Not met**: a bound: 1.3 (bound 1.2)" in text
 
 

@@ -64,7 +64,7 @@ def test_a_step_is_the_most_felt_just_after_touching_over_the_steady_strength() 
     attached = [[1.0]] * 40 + [[0.0]] * 5 + [[1.0]] * 31
     felt = [[2.0]] * 40 + [[0.0]] * 5 + [[1.0], [3.0]] + [[2.0]] * 29
     found = figures("x", [kept(felt, attached=attached)])
-    assert found.recontacts == 1
+    assert (found.recontacts, found.recontacts_not_judged) == (1, 0)
     assert found.recontact_step == pytest.approx(1.5)
 
 
@@ -95,8 +95,14 @@ def test_a_return_without_a_steady_strength_on_either_side_is_not_judged() -> No
     for before, after in ((15, 41), (40, 25)):
         attached = [[1.0]] * before + [[0.0]] * 5 + [[1.0]] * after
         found = figures("x", [kept([[2.0]] * (before + 5 + after), attached=attached)])
-        assert found.recontacts == 0
+        assert (found.recontacts, found.recontacts_not_judged) == (0, 1)
         assert found.recontact_step is None
+
+
+def test_a_return_of_an_electrode_that_is_never_felt_is_counted_and_not_judged() -> None:
+    attached = [[1.0, 1.0]] * 40 + [[0.0, 0.0]] * 5 + [[1.0, 1.0]] * 31
+    found = figures("x", [kept([[2.0, 0.0]] * 76, attached=attached)] * 2)
+    assert (found.recontacts, found.recontacts_not_judged) == (2, 2)
 
 
 def test_the_steady_strength_is_of_scans_in_which_something_was_felt() -> None:
