@@ -67,7 +67,7 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
     finally:
         at.close()
     assert said.status == 1, said.err
-    assert "stopped: the daemon is halted; what was found is kept" in said.err
+    assert "halted; what was found is kept; the same command goes on with it" in said.err
     kept = list(rig.folder.glob("state/etd/fake/calibrating/P01.json"))
     assert len(kept) == 1
 
@@ -94,7 +94,7 @@ def test_a_daemon_that_is_not_armed_is_waited_for(rig: CommandRig) -> None:
             said = at.command.ended()
         finally:
             at.close()
-        assert "paused" in said.err
+        assert "paused; nothing was found yet; the same command begins anew" in said.err
         assert rig.run("status", "--json").answer["status"]["state"] == "SAFE"
         missing = rig.run("calibrate", "P02", "--method", "equalize", "--baseline", "P01")
         assert missing.status == 1
@@ -114,7 +114,7 @@ def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Sig
         finally:
             at.close()
         assert said.status == 130, said.err
-        assert "what was found is kept; the same command goes on with it" in said.err
+        assert "nothing was found yet; the same command begins anew" in said.err
         assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
 
 
@@ -128,7 +128,7 @@ def test_a_stop_is_told_as_json_where_the_answer_is_to_be(rig: CommandRig) -> No
         at.close()
     assert said.status == 1, said.err
     assert (said.answer["ok"], said.answer["error"]) == (False, "stopped")
-    assert "the same command goes on with it" in said.answer["reason"]
+    assert "nothing was found yet; the same command begins anew" in said.answer["reason"]
 
 
 def test_a_simulated_person_is_waited_for_with_a_bar_on_the_terminal(rig: CommandRig) -> None:
@@ -151,7 +151,7 @@ def test_a_simulated_person_is_waited_for_with_a_bar_on_the_terminal(rig: Comman
         process.wait(WITHIN_S)
     assert "by limits, 8 electrodes to come, about half a minute each" in drawn
     assert "0 of 8 electrodes, 1 presentations" in drawn
-    assert "the same command goes on with it" in drawn_until(terminal, "goes on with it")
+    assert "nothing was found yet; the same command" in drawn_until(terminal, "begins anew")
     assert (process.returncode, out) == (130, b"")
     os.close(terminal)
 

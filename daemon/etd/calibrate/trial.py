@@ -44,8 +44,7 @@ class Stopped(EtdError):
 
     def __init__(self, answer: Answer) -> None:
         self.answer: Answer = answer
-        what = "stopped: the daemon is halted" if answer == "stop" else "paused"
-        super().__init__(f"{what}; what was found is kept")
+        super().__init__("stopped: the daemon is halted" if answer == "stop" else "paused")
 
 
 class Unsettled(EtdError):

@@ -154,17 +154,20 @@ def run(args: argparse.Namespace) -> int:
             # A terminal that goes away, among others: nobody could press a key any more.
             display.stop()
             with contextlib.suppress(OSError):
-                print(f"etd: {_sentence(Stopped('stop'))}", file=sys.stderr, flush=True)
+                said = _sentence(Stopped("stop"), calibrating)
+                print(f"etd: {said}", file=sys.stderr, flush=True)
             raise
         except Stopped as stopped:
             code = "paused" if stopped.answer == "pause" else "stopped"
-            options.tell_no(args, code, _sentence(stopped))
+            options.tell_no(args, code, _sentence(stopped, calibrating))
             return 1
         return calibrating.settle()
 
 
-def _sentence(stopped: Stopped) -> str:
-    return f"{stopped}; the same command goes on with it"
+def _sentence(stopped: Stopped, calibrating: CalibrateSession) -> str:
+    if calibrating.has_found:
+        return f"{stopped}; what was found is kept; the same command goes on with it"
+    return f"{stopped}; nothing was found yet; the same command begins anew"
 
 
 def _check_combinations(args: argparse.Namespace) -> None:

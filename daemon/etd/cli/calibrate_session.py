@@ -131,6 +131,11 @@ class CalibrateSession:
 
     # --- how far it is -----------------------------------------------------------------------
 
+    @property
+    def has_found(self) -> bool:
+        """Whether an electrode is settled, today or before: what is kept."""
+        return bool(self._progress.found)
+
     def _begun(self, conditions: Conditions) -> Progress:
         """What there is of it. Raises: FileError, where that is under other conditions."""
         if self._args.restart or not self._file.exists():
