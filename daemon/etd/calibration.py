@@ -114,8 +114,8 @@ def check_shape_of_levels(calibration: Calibration, shape: Shape) -> None:
 
 def check_shape_of_caps(calibration: Calibration, shape: Shape) -> None:
     """A cap was accepted with what led into its pulses and how many came: with a prepulse, a probe
-    or bursts that were not there it would let through more than was tried. Narrower pulses of no
-    more current are less, so that `narrow` is left to levels.
+    or bursts that were not there it would let through more than was tried. `narrow` is left to
+    levels: pulses of a current that it would make stronger are refused when they are planned.
 
     Raises: Refused (`bad_frame`).
     """

@@ -16,10 +16,11 @@ from etd.errors import Refused
 from etd.protocol import FrameReply
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.contact import ContactLaw
+from etd.stabilize.fitted import FittedLaw
 from etd.stabilize.narrow import Narrow
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
-from etd_body.electrode import OPEN_CONTACT
+from etd_body.electrode import OPEN_CONTACT, skin
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 
 
@@ -111,11 +112,24 @@ PREPULSE = Prepulse(below_db=6.0, width_us=40)
 BURSTS = Bursts(pulses=2, rate_hz=300.0)
 
 
-def test_pulses_of_another_width_than_asked_for_are_no_presentation() -> None:
+def test_pulses_that_would_be_made_narrower_and_stronger_are_not_presented() -> None:
     with SteppedDaemon("pad-8", stabilize=Settings(order=("narrow",), narrow=NARROW)) as daemon:
+        display = armed(daemon)
+        with pytest.raises(Refused, match="send width_us of at most 50") as refusal:
+            stimulator(daemon, display).open()
+        assert refusal.value.code == "bad_frame"
+        display.close()
+
+
+def test_pulses_of_another_width_than_asked_for_are_no_presentation() -> None:
+    law = Settings(order=("fitted",), fitted=FittedLaw(k=1.0))
+    with SteppedDaemon("pad-8", stabilize=law) as daemon:
+        daemon.fake.ask_body(lambda: daemon.body.touch(daemon.now_ns(), 3, skin(2e3, 2e4, 0.3)))
         display = armed(daemon)
         stimulating = stimulator(daemon, display)
         stimulating.open()
+        stimulating.present(3, 800)
+        daemon.fake.ask_body(lambda: daemon.body.touch(daemon.now_ns(), 3, skin(2e3, 4e4, 0.3)))
         with pytest.raises(
             NotDelivered, match="us were fired, 100 us were asked for: a stabilizer"
         ):

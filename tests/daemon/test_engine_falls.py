@@ -11,11 +11,24 @@ import msgspec
 import pytest
 
 from engine_rig import EngineRig
-from engine_scenes import MS, armed, config, only, phases, scans
+from engine_scenes import (
+    MS,
+    armed,
+    calibration,
+    config,
+    only,
+    open_calibrated,
+    phases,
+    scans,
+)
+from etd.calibration import ElectrodeLimits
 from etd.config import LoadedConfig
 from etd.link import Alive
 from etd.stabilize.bursts import Bursts
+from etd.stabilize.fitted import FittedLaw
+from etd.stabilize.narrow import Narrow
 from etd.stabilize.settings import Settings
+from etd_body.electrode import skin
 from trace_decoder import Phase
 
 MakeRig = Callable[..., EngineRig]
@@ -153,3 +166,41 @@ def test_in_a_long_scan_of_a_stack_of_boards_a_fall_waits_for_a_twentieth_of_a_s
     found = phases(rig, begun_ns)
     assert 1 < len(found) < 256
     assert begun_ns + 40 * MS < found[-1].from_ns < begun_ns + 53 * MS
+
+
+def test_a_current_that_is_named_holds_at_once_for_a_level_that_a_law_makes_stronger(
+    make_rig: MakeRig,
+) -> None:
+    """A law in this order widens a pulse, which is made narrower and stronger again."""
+    settings = Settings(
+        order=("fitted", "narrow"),
+        fitted=FittedLaw(k=1.0, most_wider=4.0, rise_per_s=20.0),
+        narrow=Narrow(width_us=50, tau_us=151.0),
+        bursts=Bursts(pulses=6, rate_hz=350.0),
+    )
+    loaded = loaded_with(None, "kajimoto-hv507", N)
+    site = msgspec.structs.replace(loaded.body_site, stabilize=settings)
+    rig = make_rig(loaded=dataclasses.replace(loaded, body_site=site))
+    one = ElectrodeLimits(
+        threshold_ua=500, comfortable_ua=1_000, cap_ua=3_000, resistance_ohm=60_000
+    )
+    changes: dict[str, Any] = {"electrode": (one,) * N, "width_us": 50, "rate_hz": 15.0}
+    made = calibration(rig, (3_000,) * N, shape=settings.shape, **changes)
+    assert open_calibrated(rig, made).error is None
+    rig.arm()
+    rig.fake.world.touch(3, skin(1_000.0, 19_000.0, 0.8))
+    rig.hold(700, level=only(N, e3=1), ttl_ms=200)
+    rig.run_ms(300)
+    begun_ns = rig.clock.now_ns()
+    named_ns = begun_ns + 7 * MS
+    rig.send(level=only(N, e3=1), ttl_ms=1_000)
+    named = {"current_ua": only(N, e3=1_000), "width_us": 50, "rate_hz": 15.0}
+    rig.clock.at(named_ns, partial(rig.send, **named))
+    rig.run_ms(60)
+    assert all(answer.error is None for answer in rig.answers.values())
+    before = [one.current_ua for one in of(rig, 3, begun_ns, named_ns)]
+    after = [one.current_ua for one in of(rig, 3, named_ns, begun_ns + 30 * MS)]
+    assert len(before) + len(after) == 6, "one burst"
+    assert min(before) > 1_100
+    assert max(after) <= 1_000
+    assert rig.close() == ()

@@ -10,7 +10,7 @@ import pytest
 
 from engine_parts import array, body_site, currents, frame, planner
 from engine_rig import EngineRig
-from engine_scenes import clamps, config, only, phases
+from engine_scenes import calibration, clamps, config, only, open_calibrated, phases
 from etd.bodysite import BodySite, check_body_site
 from etd.config import LoadedConfig
 from etd.errors import Refused
@@ -75,15 +75,19 @@ def test_every_pulse_comes_in_two_steps_as_far_apart_as_the_site_says(
 
 
 def test_narrow_pulses_may_have_prepulses_too(make_rig: MakeRig) -> None:
-    narrow = Narrow(width_us=40, tau_us=151.0)
+    narrow = Narrow(width_us=60, tau_us=151.0)
     settings = Settings(order=("narrow", "prepulse"), narrow=narrow, prepulse=SIX_DB)
-    rig = opened(make_rig(loaded=loaded_with(settings)), 2_000)
-    found = shown(rig, current_ua=only(N, e3=800), width_us=100, pulses=1)
+    rig = make_rig(loaded=loaded_with(settings))
+    made = calibration(rig, (2_500,) * N, shape=settings.shape)
+    assert open_calibrated(rig, made).error is None
+    rig.arm()
+    rig.hold(530, current_ua=only(N, e0=20), width_us=60, rate_hz=20.0)
+    found = shown(rig, level=only(N, e3=1), pulses=1)
     ((before, pulse),) = found
-    rise = narrow.ask(Wish(800, 100), rig.engine.asker.known(3, 0)).current_ua
-    assert rise > 1_500
+    rise = narrow.ask(Wish(1_250, 100), rig.engine.asker.known(3, 0)).current_ua
+    assert 1_800 < rise < 1_900
     assert pulse.current_ua == pytest.approx(rise, abs=STEP_UA)
-    assert pulse.width_us == pytest.approx(40, abs=1)
+    assert pulse.width_us == pytest.approx(60, abs=1)
     assert before.current_ua == pytest.approx(rise / 2, abs=STEP_UA + 2)
 
 

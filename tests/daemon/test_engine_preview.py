@@ -67,7 +67,7 @@ def test_a_cap_lets_through_the_charge_that_was_accepted_and_all_of_it(
     made = calibrated(shape=table(prepulse, None, False).shape) if is_calibrated else None
     frame_wish = Wish(wanted_ua, own_us)
     most = dataclasses.replace(
-        Room(rules(prepulse, made)).most(frame_wish, 1.0, 1, None),
+        Room(rules(prepulse, made)).most(frame_wish, 1.0, 1, None, NO_FURTHER),
         current_ua=HIGH_UA,
         charge_pc=HIGH_UA * 200,
     )
@@ -111,8 +111,19 @@ def test_what_is_announced_as_clamped_is_what_is_fired(
     wanted_ua: int,
     width_us: int,
 ) -> None:
-    rig = opened(table(prepulse, narrow, is_probe_first), cap_ua, is_calibrated)
-    asked = {"current_ua": only(N, e3=wanted_ua), "width_us": width_us, "rate_hz": 20.0}
+    rig = opened(
+        table(prepulse, narrow, is_probe_first), cap_ua, width_us if is_calibrated else None
+    )
+    asked: dict[str, Any] = {"rate_hz": 20.0, "width_us": width_us}
+    asked["current_ua"] = only(N, e3=wanted_ua)
+    if narrow is not None and width_us > narrow.width_us:
+        for is_strict in (False, True):
+            assert rig.show(**asked, strict=is_strict).error == "bad_frame"
+        if not is_calibrated:
+            assert rig.close() == ()
+            return
+        del asked["current_ua"]
+        asked["level"], wanted_ua = only(N, e3=1), cap_ua // 2
     refusal = rig.show(**asked, strict=True, ttl_ms=20)
     rig.run_ms(100)
     since_ns, told = rig.clock.now_ns(), len(clamps(rig))
@@ -135,17 +146,19 @@ def test_what_is_announced_as_clamped_is_what_is_fired(
     assert rig.close() == ()
 
 
-def opened(table_: Settings, cap_ua: int, is_calibrated: bool) -> EngineRig:
+def opened(table_: Settings, cap_ua: int, calibrated_us: int | None) -> EngineRig:
     """Armed, under caps that this shape has, with the opening wide."""
     loaded = config(electrodes=N)
     site = msgspec.structs.replace(loaded.body_site, stabilize=table_)
     rig = engine_rig.make(loaded=dataclasses.replace(loaded, body_site=site))
-    if is_calibrated:
-        made = calibration(rig, (cap_ua,) * N, shape=table_.shape)
+    if calibrated_us is not None:
+        made = calibration(
+            rig, (cap_ua,) * N, shape=table_.shape, width_us=calibrated_us, rate_hz=20.0
+        )
         assert open_calibrated(rig, made).error is None
     else:
         rig.open(max_current_ua=cap_ua, width_us=190)
     rig.arm()
     # Up to the highest that any bound but the opening lets through.
-    rig.hold(1_300, current_ua=only(N, e0=20), rate_hz=20.0, width_us=40)
+    rig.hold(1_300, current_ua=only(N, e0=20), rate_hz=20.0, width_us=20)
     return rig

@@ -1,5 +1,6 @@
 """Whatever the samples and sensors say, whatever the skin does and whichever laws there are, in any
-order: nobody gets more than limits, opening and the frame's own most, and no fall is delayed.
+order: nobody gets more than limits, opening and the frame's own most, a current that is named is
+never passed, and no fall is delayed.
 
 The oracle is its own: it reads the wires, and reckons what a frame allows from the settings.
 """
@@ -17,7 +18,8 @@ from hypothesis import strategies as st
 
 import engine_rig
 from engine_rig import EngineRig
-from engine_scenes import MS, only, phases
+from engine_scenes import MS, calibration, only, open_calibrated, phases
+from etd.calibration import Calibration, ElectrodeLimits
 from etd.config import LoadedConfig, fake_config
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.contact import ContactLaw
@@ -102,9 +104,19 @@ happenings = st.one_of(
     st.sampled_from([None, 0.0, 30.0, 200.0]).map(lambda kpa: ("pressed", kpa)),
     st.none(),
 )
+#: Of each electrode how strong, as an index into `CURRENTS_UA` or `LEVELS`; how wide; and whether
+#: it asks for levels, where there is a calibration, whose width they have.
 frames = st.tuples(
-    st.tuples(*[st.sampled_from([0, 50, 900, 2_000, 3_000])] * N),
-    st.sampled_from([20, 40, 100, 150]),
+    st.tuples(*[st.integers(0, 4)] * N), st.sampled_from([20, 40, 100, 150]), st.booleans()
+)
+CURRENTS_UA = (0, 50, 900, 2_000, 3_000)
+#: Levels, and what they stand for.
+THRESHOLD_UA, COMFORTABLE_UA = 50, 1_750
+LEVELS = ((0.0, 0), (1e-9, 50), (0.5, 900), (0.8, 1_410), (1.0, 1_750))
+#: None: under a client's limits. Otherwise by a calibration of the site's own shape, made with
+#: pulses so wide, of skin that resisted so much.
+calibrations = st.none() | st.tuples(
+    st.sampled_from([20, 40, 100, 150]), st.sampled_from([None, 1_000, 20_000, 300_000])
 )
 stories = st.lists(st.tuples(frames, happenings, st.integers(2, 150)), min_size=2, max_size=6)
 
@@ -128,6 +140,7 @@ class Sent:
     current_ua: tuple[int, ...]
     width_us: int
     sent_ns: int
+    is_level: bool
 
 
 @dataclass
@@ -137,18 +150,21 @@ class Player:
     rig: EngineRig
     polarity: str
     pressed: Pressed
+    calibration: Calibration | None
     sent: dict[int, Sent] = field(default_factory=dict)
     faults: list[Fault] = field(default_factory=list)
 
-    def show(self, current_ua: tuple[int, ...], width_us: int) -> None:
-        ref = self.rig.send(
-            current_ua=current_ua,
-            width_us=width_us,
-            rate_hz=15.0,
-            ttl_ms=1_000,
-            polarity=self.polarity,
-        )
-        self.sent[ref] = Sent(self.rig.last_seq, current_ua, width_us, self.rig.clock.now_ns())
+    def show(self, strengths: tuple[int, ...], width_us: int, is_level: bool) -> None:
+        made = self.calibration if is_level else None
+        if made is None:
+            current_ua = tuple(CURRENTS_UA[one] for one in strengths)
+            asked: dict[str, Any] = {"current_ua": current_ua, "width_us": width_us}
+        else:
+            current_ua, width_us = tuple(LEVELS[one][1] for one in strengths), made.width_us
+            asked = {"level": tuple(LEVELS[one][0] for one in strengths)}
+        now_ns = self.rig.clock.now_ns()
+        ref = self.rig.send(**asked, rate_hz=15.0, ttl_ms=1_000, polarity=self.polarity)
+        self.sent[ref] = Sent(self.rig.last_seq, current_ua, width_us, now_ns, made is not None)
 
     def happen(self, happening: Any) -> None:
         world = self.rig.fake.world
@@ -175,18 +191,44 @@ def loaded_with(table: Settings) -> LoadedConfig:
     return replace(loaded, body_site=msgspec.structs.replace(loaded.body_site, stabilize=table))
 
 
+def open_lease(rig: EngineRig, table: Settings, polarity: str, by: Any) -> Calibration | None:
+    """For a client's numbers, or a person's calibration."""
+    if by is None:
+        rig.open(CAP_UA, 190)
+        return None
+    width_us, resistance_ohm = by
+    one = ElectrodeLimits(
+        threshold_ua=THRESHOLD_UA,
+        comfortable_ua=COMFORTABLE_UA,
+        cap_ua=CAP_UA,
+        resistance_ohm=resistance_ohm,
+    )
+    made = calibration(
+        rig,
+        (CAP_UA,) * N,
+        electrode=(one,) * N,
+        polarity=polarity,
+        width_us=width_us,
+        rate_hz=15.0,
+        shape=table.shape,
+    )
+    assert open_calibrated(rig, made).error is None
+    return made
+
+
 def most_wider(table: Settings) -> float:
     laws = (table.energy, table.fitted, table.lines)
     return max((law.most_wider for law in laws if law is not None), default=1.0)
 
 
-def rise_of(table: Settings, width_us: float) -> float:
+def rise_of(table: Settings, frame: Sent) -> float:
     """How much stronger a pulse of the same height above its strength-duration curve is, if it is
-    narrowed; where a law may have widened it before, from what that makes of it.
+    narrowed; where a law may have widened it before, from what that makes of it. Only levels are.
     """
     narrow, order = table.narrow, table.order
-    if narrow is None:
+    if narrow is None or not frame.is_level:
         return 1.0
+    width_us: float = frame.width_us
     if any(one in order[: order.index("narrow")] for one in ("energy", "fitted", "lines")):
         width_us *= most_wider(table)
     if width_us <= narrow.width_us:
@@ -194,7 +236,23 @@ def rise_of(table: Settings, width_us: float) -> float:
     return math.expm1(-width_us / narrow.tau_us) / math.expm1(-narrow.width_us / narrow.tau_us)
 
 
-def check(frame: Sent, visit: tuple[Phase, ...], table: Settings, opened_ua: int) -> None:
+def cap_pc(table: Settings, width_us: int, *, is_calibrated: bool) -> float:
+    """A calibration's was accepted with the prepulse that there is."""
+    led = table.prepulse if is_calibrated else None
+    return CAP_UA * width_us + (CAP_UA * led.part * led.width_us if led else 0.0)
+
+
+def is_named_and_narrowed(frame: Sent, table: Settings) -> bool:
+    """A current that would become a stronger one."""
+    narrow = table.narrow
+    if narrow is None or frame.is_level:
+        return False
+    return any(frame.current_ua) and frame.width_us > narrow.width_us
+
+
+def check(
+    frame: Sent, visit: tuple[Phase, ...], table: Settings, opened_ua: int, *, is_calibrated: bool
+) -> None:
     """One visit against one frame that stood when it began."""
     electrode = visit[0].electrode
     assert electrode is not None
@@ -211,31 +269,36 @@ def check(frame: Sent, visit: tuple[Phase, ...], table: Settings, opened_ua: int
         assert body is visit, "no more than a look where a frame asks for nothing"
         assert strongest_ua <= PROBE_UA
         return
-    rise, pre, times = rise_of(table, width_us), table.prepulse, most_wider(table)
+    rise, pre, times = rise_of(table, frame), table.prepulse, most_wider(table)
     led_ua, led_us = (wanted_ua * rise * pre.part, pre.width_us) if pre else (0.0, 0)
     assert strongest_ua <= min(CAP_UA, rise * wanted_ua)
+    whole_pc = cap_pc(table, width_us, is_calibrated=is_calibrated)
     for is_anodic in (True, False):
         way = [one for one in body if one.is_anodic is is_anodic]
         charge_pc = sum(one.charge_pc for one in way)
         assert charge_pc <= times * wanted_ua * width_us + led_ua * led_us + 2.0
-        assert charge_pc <= min(CAP_UA * width_us, MAX_PC) + 2.0
+        assert charge_pc <= min(whole_pc, MAX_PC) + 2.0
         assert sum(one.width_us for one in way) <= times * width_us + led_us + 0.1
 
 
 def check_story(player: Player, table: Settings, armed_ns: int) -> None:
+    for ref, one in player.sent.items():
+        is_bad = player.rig.answers[ref].error == "bad_frame"
+        assert is_bad == is_named_and_narrowed(one, table)
     accepted = player.accepted
     by_seq = {one.seq: one for one in accepted}
     grace_ns = GRACE_NS[table.bursts is not None]
+    checked = partial(check, table=table, is_calibrated=player.calibration is not None)
     for visit in visits(phases(player.rig, armed_ns)):
         begun_ns, seq, electrode = visit[0].from_ns, visit[0].seq, visit[0].electrode
         assert seq is not None
         assert electrode is not None
         opened_ua = RISE_UA * ((begun_ns - armed_ns) // RISE_NS + 1)
         standing = by_seq[seq]
-        check(standing, visit, table, opened_ua)
+        checked(standing, visit, opened_ua=opened_ua)
         come = [one for one in accepted if standing.sent_ns < one.sent_ns <= begun_ns - grace_ns]
         if come and standing.current_ua[electrode]:
-            check(come[-1], visit, table, opened_ua)
+            checked(come[-1], visit, opened_ua=opened_ua)
 
 
 @settings(
@@ -246,23 +309,24 @@ def check_story(player: Player, table: Settings, armed_ns: int) -> None:
 @given(
     table=tables(),
     polarity=st.sampled_from(["anodic", "cathodic", "biphasic"]),
+    by=calibrations,
     story=stories,
 )
 def test_no_law_gets_more_and_no_fall_is_delayed_whatever_it_is_told(
-    table: Settings, polarity: str, story: list[tuple[Any, Any, int]]
+    table: Settings, polarity: str, by: Any, story: list[tuple[Any, Any, int]]
 ) -> None:
     rig = engine_rig.make(loaded=loaded_with(table))
-    rig.open(CAP_UA, 190)
+    made = open_lease(rig, table, polarity, by)
     rig.arm()
     armed_ns = rig.clock.now_ns()
-    player = Player(rig, polarity, Pressed())
+    player = Player(rig, polarity, Pressed(), made)
     rig.engine.asker._pressed = player.pressed
-    player.show(only(N, e0=20), 100)
+    player.show(only(N, e0=1), 20, is_level=False)
     rig.run_ms(200)
     at_ns = rig.clock.now_ns()
-    for (current_ua, width_us), happening, lasts_ms in story:
+    for frame, happening, lasts_ms in story:
         rig.clock.at(at_ns, partial(player.happen, happening))
-        rig.clock.at(at_ns, partial(player.show, current_ua, width_us))
+        rig.clock.at(at_ns, partial(player.show, *frame))
         at_ns += int((lasts_ms + 0.3) * MS)
     rig.run_ms((at_ns - rig.clock.now_ns()) / MS + 20)
     assert set(player.sent) <= set(rig.answers), "each was answered"

@@ -133,7 +133,7 @@ class AsyncDisplay:
     async def show_current(
         self, current_ua: Numbers, **options: Unpack[FrameOptions]
     ) -> FrameReply:
-        """One frame of currents, in uA for each electrode."""
+        """One frame of currents, in uA for each electrode; see `Display.show_current`."""
         fields = frame_fields("current_ua", current_ua, options)
         return await self._run(self._session.frame(fields))
 

@@ -125,7 +125,9 @@ class Display:
         return self._run(self._session.frame(frame_fields("level", levels, options)))
 
     def show_current(self, current_ua: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
-        """One frame of currents, in uA for each electrode: an upper bound of what passes."""
+        """One frame of currents, in uA for each electrode: an upper bound of what passes, whatever
+        laws the body site has. Wider pulses than it leaves as they are (`narrow`) are refused.
+        """
         return self._run(self._session.frame(frame_fields("current_ua", current_ua, options)))
 
     def hold(self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]) -> None:

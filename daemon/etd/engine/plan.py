@@ -159,13 +159,16 @@ class Planner:
         rate_hz: float,
     ) -> Visit:
         self._room.check_minimum(electrode, current_ua)
+        if frame.level is None:
+            self._room.check_narrow(electrode, current_ua, width_us)
         wish = Wish(current_ua, width_us)
-        probe = self._room.probe(electrode, wish)
+        reach = self._room.reach(is_level=frame.level is not None)
+        probe = self._room.probe(electrode, wish, reach)
         visits_hz, count = rate_hz * self._pace.pulses, len(phases)
         self._room.check_maxima(electrode, current_ua, width_us, count, visits_hz, pc_of(probe))
         returns = self._returns(frame, electrode)
         path = self._path(electrode, returns)
-        most = self._room.most(wish, visits_hz, count, probe)
+        most = self._room.most(wish, visits_hz, count, probe, reach)
         return Visit(
             electrode,
             self._select(electrode, returns),

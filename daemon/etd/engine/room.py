@@ -7,7 +7,7 @@ hardware calls; what was felt.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from etd.array import Array
 from etd.bodysite import BodySite
@@ -45,22 +45,30 @@ class Room:
         is_led = self._prepulse is not None and rules.person.calibration is not None
         self._cap_led_part = self._prepulse.part if self._prepulse and is_led else 0.0
 
-    def probe(self, electrode: int, wish: Wish) -> Wish | None:
+    def reach(self, *, is_level: bool) -> Reach:
+        """How far stabilizers may go: beyond the current of a level, never beyond one that is
+        named, in whatever order they ask.
+        """
+        reach = self._rules.reach
+        return reach if is_level else replace(reach, current=1.0)
+
+    def probe(self, electrode: int, wish: Wish, reach: Reach) -> Wish | None:
         """What goes before each pulse of it, where the site says so: never longer than the frame's
         own; and none where the pulse can never be stronger.
         """
         rules, maxima = self._rules, self._rules.maxima
         probe_ua = min(maxima.probe_current_ua, rules.person.caps_ua[electrode])
-        if not self._is_probe_first or wish.current_ua * rules.reach.current <= probe_ua:
+        if not self._is_probe_first or wish.current_ua * reach.current <= probe_ua:
             return None
         return Wish(probe_ua, min(maxima.probe_width_us, wish.width_us))
 
-    def most(self, wish: Wish, visits_hz: float, phases: int, probe: Wish | None) -> Most:
+    def most(
+        self, wish: Wish, visits_hz: float, phases: int, probe: Wish | None, reach: Reach
+    ) -> Most:
         """The frame's own most: what stabilizers reach, within what no frame may pass. Its charge
         does not hang on any resistance: a falsely low one must not find an open door.
         """
-        rules, reach = self._rules, self._rules.reach
-        maxima = rules.maxima
+        rules, maxima = self._rules, self._rules.maxima
         width_us = int(wish.width_us * reach.width)
         probe_us = 0 if probe is None else probe.width_us
         on_us = (maxima.on_us_per_s / visits_hz - probe_us) / phases
@@ -89,6 +97,19 @@ class Room:
                 "bad_frame",
                 f"electrode {electrode}: {current_ua} uA is less than one step of this board's"
                 f" source ({self._rules.resolution_ua:.1f} uA): send 0 for silence",
+                electrode,
+            )
+
+    def check_narrow(self, electrode: int, current_ua: int, width_us: int) -> None:
+        """Of a current that is named. Raises: Refused (`bad_frame`)."""
+        narrow = self._rules.site.stabilize.narrow
+        if narrow is not None and width_us > narrow.width_us:
+            raise Refused(
+                "bad_frame",
+                f"electrode {electrode}: this body site makes pulses of {width_us} us narrower and"
+                f" stronger ([stabilize.narrow]), so that {current_ua} uA would be no upper bound:"
+                f" send width_us of at most {narrow.width_us}, where the number is the current,"
+                " or levels",
                 electrode,
             )
 

@@ -46,15 +46,16 @@ class Visit:
 
     def lowered_to(self, newer: Visit | None) -> Visit | None:
         """What is left of it in a scan under way when a newer frame has come, which asks for
-        `newer` (None: silence). What has not fallen stays, and its rise waits for the next scan. A
-        pulse that fell in one part and not in all cannot be made of the two: None, none.
+        `newer` (None: silence). What has not fallen stays, and its rise waits for the next scan; no
+        law makes more of it than of the newer one. A pulse that fell in one part and not in all
+        cannot be made of the two: None, none.
         """
         if newer is None:
             return None
         falls = newer.current_ua < self.current_ua or newer.width_us < self.width_us
         rises = newer.current_ua > self.current_ua or newer.width_us > self.width_us
         if not falls:
-            return self
+            return replace(self, most=self.most.not_above(newer.most))
         if rises or (newer.phases, newer.returns) != (self.phases, self.returns):
             return None
         return replace(newer, rate_hz=self.rate_hz, most=newer.most.not_above(self.most))
