@@ -219,13 +219,28 @@ def test_whatever_a_stabilizer_asks_for_the_limits_have_the_last_word(make_rig: 
     rig = make_rig(electrodes=N, stabilizers=[Times(50)])
     calibrated(rig, caps(e3=700), 4_000)
     since_ns = rig.clock.now_ns()
-    rig.show(current_ua=only(N, e3=100, e4=500), width_us=100)
+    rig.show(level=only(N, e3=1, e4=1))
     rig.run_ms(60)
     felt = felt_ua(rig, since_ns)
     # Twice as wide as the frame's: the caps let through the charge that they have at its width.
     assert felt[3] == pytest.approx(350, abs=STEP_UA)
     assert felt[4] == pytest.approx(2_000, abs=STEP_UA + 60)
     assert 190 < max(one.width_us for one in phases(rig, since_ns)) <= 200
+
+
+def test_whatever_a_stabilizer_asks_for_a_current_that_is_named_is_never_passed(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig(electrodes=N, stabilizers=[Times(50)])
+    calibrated(rig, caps(), 2_000)
+    since_ns, told = rig.clock.now_ns(), len(clamps(rig))
+    rig.show(current_ua=only(N, e3=100, e4=500), width_us=100)
+    rig.run_ms(60)
+    felt = felt_ua(rig, since_ns)
+    assert felt[3] == pytest.approx(100, abs=STEP_UA)
+    assert felt[4] == pytest.approx(500, abs=STEP_UA)
+    assert 190 < max(one.width_us for one in phases(rig, since_ns)) <= 200
+    assert {one.reason for one in clamps(rig)[told:]} == {"frame"}
 
 
 def test_a_stabilizer_may_ask_for_less(make_rig: MakeRig) -> None:
