@@ -194,10 +194,14 @@ def test_nobody_answers_for_minutes_and_the_lease_stands(daemon: SteppedDaemon) 
     display.close()
 
 
-@pytest.mark.parametrize(("is_probe_first", "shown"), [(False, 2), (True, 1)])
+@pytest.mark.parametrize(
+    ("is_probe_first", "shown"),
+    [pytest.param(False, range(2, 7), id="soft"), pytest.param(True, range(1, 2), id="probed")],
+)
 def test_after_a_silence_a_law_of_contact_has_a_presentation_shown_again_and_a_probe_does_not(
-    is_probe_first: bool, shown: int
+    is_probe_first: bool, shown: range
 ) -> None:
+    """As often as it takes until the contact counts as firm (`soften_ms`)."""
     law = Settings(order=("contact",), contact=ContactLaw(), probe_first=is_probe_first)
     with SteppedDaemon("pad-8", stabilize=law) as daemon:
         display = armed(daemon)
@@ -211,5 +215,5 @@ def test_after_a_silence_a_law_of_contact_has_a_presentation_shown_again_and_a_p
         delivered = stimulating.present(3, 800)
 
         assert 788 <= delivered.current_ua <= 800
-        assert daemon.engine.reporter.counters["frames_shown"] - before == shown
+        assert daemon.engine.reporter.counters["frames_shown"] - before in shown
         display.close()
