@@ -9,7 +9,7 @@ median over the electrodes of what a law wants, averaged over 20 s, is taken bac
 widening. What narrows is left, and nobody comes to less than what the frame wants by it. On the
 busiest modelled fingers (seeds 1 and 2) that average is hardly ever above 1; under a gain of 0.7,
 which alone would hold `fitted` near its widest for 59 and 70 % of the time, it takes so much back
-that 12 and 12 % are left, as with the right gain (7 and 10 %).
+that 11 and 11 % are left, as with the right gain (7 and 10 %).
 
 It takes skin along that is wetter everywhere than when it was calibrated: the mean is then what the
 frame makes of such skin. From few electrodes nothing common can be told, and what was told by many
