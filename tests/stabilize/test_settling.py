@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from etd.protocol import ContactState
 from etd.stabilize.pipeline import Known
-from etd.stabilize.settling import ALONE_NS, LEAST_PART, NEW_PART, Settling
+from etd.stabilize.settling import LEAST_PART, NEW_NS, NEW_PART, Settling
 
 MS = 1_000_000
 FIRM_OHM = 30_000
@@ -93,9 +93,9 @@ def test_a_finger_just_laid_on_is_compared_with_the_calibration() -> None:
 
 def test_behind_it_a_law_by_resistance_answers_the_area_itself() -> None:
     law = Settling(goes_by_resistance=False)
-    parts = after_a_return(replace(FIRM, skin_ohm=2.0 * FIRM_OHM), 5.5, law)
-    assert parts[:19] == [NEW_PART] * 19
-    assert parts[34] == pytest.approx(0.9, abs=0.01)
+    parts = after_a_return(replace(FIRM, skin_ohm=2.0 * FIRM_OHM), 8.0, law)
+    assert parts[:29] == [NEW_PART] * 29
+    assert parts[49] == pytest.approx(0.9, abs=0.01)
     assert parts[-1] == 1.0
 
 
@@ -117,7 +117,7 @@ def test_a_contact_that_shrank_begins_anew() -> None:
     assert after_a_return(FIRM, 8.0, law)[-1] == 1.0
     shrank = replace(FIRM, state="soft", firmness=0.0, now_ns=90 * STEP_NS)
     assert law.part(shrank) == NEW_PART
-    later = replace(FIRM, now_ns=90 * STEP_NS + ALONE_NS[0] // 2)
+    later = replace(FIRM, now_ns=90 * STEP_NS + NEW_NS // 2)
     assert law.part(later) == NEW_PART
 
 

@@ -15,9 +15,8 @@ firm, at first the calibration's; it is forgotten upward with a time constant of
 finger that stays lighter must come to its strength in the end. The part is never less than 0.4, so
 that what is left is enough to measure by. It falls at once and rises slowly: a part that ends at
 once is a step as well, only later. Where a law by resistance follows in the order, that law answers
-the area, and the part is 0.8 for 2 s and all after 3 s more. Without a calibration there is no
-part: whoever calibrates gets what is asked for. Exponent, bounds and times were tuned on modelled
-fingers.
+the area, and the part goes by the time alone. Without a calibration there is no part: whoever
+calibrates gets what is asked for. Exponent, bounds and times were tuned on modelled fingers.
 """
 
 from __future__ import annotations
@@ -30,9 +29,8 @@ from etd.stabilize.pipeline import Known
 from etd.stabilize.reference import BEND_UA
 from etd.stabilize.slew import Slew
 
-#: For how long a touch is new, and when it has risen to all, alone and behind another law.
-ALONE_NS = (3_000_000_000, 7_000_000_000)
-BEHIND_NS = (2_000_000_000, 5_000_000_000)
+#: For how long a touch is new, and when it has risen to all.
+NEW_NS, SETTLED_NS = 3_000_000_000, 7_000_000_000
 NEW_PART, LEAST_PART = 0.8, 0.4
 _EXPONENT = 0.6
 _FORGOTTEN_NS = 20_000_000_000
@@ -64,7 +62,6 @@ class Settling:
 
     def __init__(self, *, goes_by_resistance: bool) -> None:
         self._goes_by_resistance = goes_by_resistance
-        self._new_ns, self._risen_ns = ALONE_NS if goes_by_resistance else BEHIND_NS
         self._contacts: dict[int, _Contact] = {}
         self._part = Slew(1.0, _RISE_PER_S)
 
@@ -94,16 +91,17 @@ class Settling:
         above = 0.0
         if self._goes_by_resistance and log_ohm is not None:
             above = log_ohm - contact.firm_log_ohm
-        new_part = self._new_part(now_ns - contact.touched_ns)
+        new_part = _new_part(now_ns - contact.touched_ns)
         if above <= 0.0 and new_part >= 1.0:
             contact.touched_ns = None
             return 1.0
         return max(LEAST_PART, new_part * math.exp(-_EXPONENT * max(0.0, above)))
 
-    def _new_part(self, since_ns: int) -> float:
-        """By the time since the touch alone."""
-        risen = (since_ns - self._new_ns) / (self._risen_ns - self._new_ns)
-        return NEW_PART + (1.0 - NEW_PART) * min(max(0.0, risen), 1.0)
+
+def _new_part(since_ns: int) -> float:
+    """By the time since the touch alone."""
+    risen = (since_ns - NEW_NS) / (SETTLED_NS - NEW_NS)
+    return NEW_PART + (1.0 - NEW_PART) * min(max(0.0, risen), 1.0)
 
 
 def _log_ohm(known: Known) -> float | None:
