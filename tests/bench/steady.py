@@ -31,7 +31,7 @@ from bench.steady_run import ELECTRODES, Kept, run  # noqa: E402
 from bench.steady_skin import PIECE_S, RATE_HZ, WIDTH_US  # noqa: E402
 
 #: Fingers that nothing was tuned on, and those that were looked at while this was built.
-SEEDS = (701, 702)
+SEEDS = (801, 802)
 LOOKED_AT = {
     *range(1, 21),
     *range(101, 107),
@@ -43,6 +43,8 @@ LOOKED_AT = {
     502,
     601,
     602,
+    701,
+    702,
 }
 MINUTES, LEVEL = 10.0, 0.6
 #: `--quick`: so many pieces of each finger's minutes.
