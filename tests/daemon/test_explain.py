@@ -191,6 +191,15 @@ def test_names_at_the_curves_ends_do_not_lie_on_one_another() -> None:
     assert max(at) <= svgplot.HEIGHT
 
 
+def test_the_paper_is_wide_enough_for_a_long_name_and_else_as_it_always_is() -> None:
+    axis = Axis("x")
+    for name, width in (("none", svgplot.WIDTH), ("contact + fitted + probe", 745)):
+        curve = Curve(name, (0.0, 1.0), (0.0, 1.0))
+        drawn = svgplot.svg_of(Figure("f", "t", "", axis, axis, (curve,), ()))
+        root = ET.fromstring(drawn)
+        assert root.attrib["width"] == str(width)
+
+
 def test_the_table_says_how_far_the_model_is_off(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["explain", "optimal-width"]) == 0
     told = capsys.readouterr().out

@@ -15,12 +15,15 @@ from xml.sax.saxutils import escape
 
 from etd.explain.figure import Axis, Curve, Figure
 
+#: Without what a long name needs beside its curve's end.
 WIDTH, HEIGHT = 720, 440
 _LEFT, _RIGHT, _TOP, _BOTTOM = 76, 168, 58, 58
 _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _INK, _SOFT, _GRID, _PAPER = "#222222", "#555555", "#E4E4E4", "#FFFFFF"
 _FORMULA = "#888888"
 _FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Helvetica, sans-serif"
+#: Of a name in the widest of the fonts, and between it and the curve's end.
+_LETTER, _NAME_AT = 7.6, 10
 #: Between two names.
 _LINE_APART = 16.0
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -49,11 +52,12 @@ def svg_of(figure: Figure) -> str:
     """The whole file."""
     x = _scaled(figure.x, [value for curve in figure.curves for value in curve.x], room=False)
     y = _scaled(figure.y, [value for curve in figure.curves for value in curve.y], room=True)
+    width = _paper_width(figure.curves)
     lines = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}"'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {HEIGHT}" width="{width}"'
         f' height="{HEIGHT}" font-family="{_FONT}" font-size="12" role="img"'
         f' aria-label="{escape(figure.title)}">',
-        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="{_PAPER}"/>',
+        f'<rect width="{width}" height="{HEIGHT}" fill="{_PAPER}"/>',
         _text(_LEFT, 30, figure.title, size=16, color=_INK, weight=600),
         *_grid(x, y),
         f'<clipPath id="inside"><rect x="{_LEFT}" y="{_TOP}" width="{_across()}"'
@@ -62,6 +66,11 @@ def svg_of(figure: Figure) -> str:
         "</svg>",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _paper_width(curves: tuple[Curve, ...]) -> int:
+    longest = max((len(one.name) for one in curves), default=0)
+    return max(WIDTH, WIDTH - _RIGHT + _NAME_AT + ceil(_LETTER * longest))
 
 
 def _across() -> int:
@@ -159,7 +168,7 @@ def _curves(curves: tuple[Curve, ...], x: _Scaled, y: _Scaled) -> Iterator[str]:
         inside = [one for one in points if _TOP <= one[1] <= HEIGHT - _BOTTOM]
         ends.append((inside[-1][1] if inside else _TOP, curve.name, color))
     for at, name, color in _apart(ends):
-        yield _text(WIDTH - _RIGHT + 10, at + 4, name, color=color, weight=600)
+        yield _text(WIDTH - _RIGHT + _NAME_AT, at + 4, name, color=color, weight=600)
 
 
 def _apart(ends: list[tuple[float, str, str]]) -> list[tuple[float, str, str]]:
