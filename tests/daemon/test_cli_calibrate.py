@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from calibrate_scenes import FOUND, ROW
 from etd.calibrate import quest_plus
 from etd.calibrate.answers import ANSWERS, Answer, Ask, Question
-from etd.calibrate.conditions import Conditions
 from etd.calibrate.progress import Progress
 from etd.calibration import ElectrodeLimits
 from etd.cli import USED_WRONGLY, main
@@ -141,22 +141,8 @@ def test_the_picture_shows_what_is_done_without_a_current(
     facts = ArrayFacts(
         name="row", electrodes=4, x_mm=(0, 2, 4, 6), y_mm=(0, 0, 0, 0), diameter_mm=1.0
     )
-    conditions = Conditions(
-        participant="P01",
-        method="limits",
-        body_site="fingertip",
-        array="row",
-        electrodes=4,
-        polarity="anodic",
-        width_us=100,
-        rate_hz=60.0,
-        returns="all",
-        pulses=10,
-        cap_ua=3_000,
-    )
-    found = ElectrodeLimits(threshold_ua=1_111, comfortable_ua=2_222, cap_ua=2_333)
     unfelt = ElectrodeLimits(threshold_ua=777, comfortable_ua=777, cap_ua=777, felt=False)
-    progress = Progress(conditions=conditions, found={0: found, 1: unfelt}, presentations=50)
+    progress = Progress(conditions=ROW, found={0: FOUND, 1: unfelt}, presentations=50)
     quiet = Screen(facts, progress, is_quiet=True)
     quiet.begin()
     quiet.ask(Question("strength", 2))

@@ -10,30 +10,14 @@ from contextlib import contextmanager
 
 import pytest
 
-from etd.calibrate.conditions import Conditions
+from calibrate_scenes import FOUND, ROW
 from etd.calibrate.progress import Progress
-from etd.calibration import ElectrodeLimits
 from etd.cli.calibrate_watch import Watch
-
-FOUND = ElectrodeLimits(threshold_ua=1_111, comfortable_ua=2_222, cap_ua=2_333)
 
 
 @pytest.fixture
 def progress() -> Progress:
-    conditions = Conditions(
-        participant="P01",
-        method="limits",
-        body_site="fingertip",
-        array="row",
-        electrodes=4,
-        polarity="anodic",
-        width_us=100,
-        rate_hz=60.0,
-        returns="all",
-        pulses=10,
-        cap_ua=3_000,
-    )
-    return Progress(conditions=conditions, found={0: FOUND}, presentations=40)
+    return Progress(conditions=ROW, found={0: FOUND}, presentations=40)
 
 
 @contextmanager

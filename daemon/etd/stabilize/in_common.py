@@ -51,7 +51,7 @@ class Common:
         since_ns = _LOOK_NS if self._looked_ns is None else now_ns - self._looked_ns
         if since_ns >= _LOOK_NS:
             self._looked_ns = now_ns
-            self._look(now_ns, since_ns)
+            self._look(now_ns, min(since_ns, BELIEVED_NS))
         if wanted <= 1.0 or self._averaged <= 0.0:
             return wanted
         return max(1.0, wanted * math.exp(-self._averaged))
