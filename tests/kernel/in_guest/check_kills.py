@@ -30,6 +30,11 @@ CLOCK = LinuxClock()
 TRACED = tuple(event for event in kernel_trace.EVENTS if event != "spi/spi_transfer_start")
 #: Stamps are cut to whole microseconds.
 REST_US = BOARD.rest_us - 1
+#: A scan takes a tenth of a second here: asked for oftener than that, one follows upon the other,
+#: and no moment lies between two. At 5 Hz one kill in twelve would find nothing to interrupt.
+RATE_HZ = 40
+#: The longest that two messages of such scans lie apart is some 30 ms.
+QUIET_US = 50_000
 
 
 def scan_until_killed(daemon: Daemon, after_ns: int) -> int:
@@ -40,7 +45,7 @@ def scan_until_killed(daemon: Daemon, after_ns: int) -> int:
     currents_ua = [1_000] * BOARD.switch.outputs
     with Display(address=daemon.address, max_current_ua=1_000, width_us=100) as display:
         display.arm()
-        display.show_current(currents_ua, ttl_ms=1_000, rate_hz=5, thin=True)
+        display.show_current(currents_ua, ttl_ms=1_000, rate_hz=RATE_HZ, thin=True)
         with above_the_engine():
             CLOCK.sleep_until_ns(CLOCK.now_ns() + after_ns)
             return daemon.end_engine(signal.SIGKILL)
@@ -56,7 +61,6 @@ def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
     quiet_ms: list[float] = []
     moving_ms: list[float] = []
     safe_ms: list[float] = []
-    scanning = 0
     for _ in range(KILLS):
         killed_us = scan_until_killed(daemon, chance.randrange(450_000_000, 950_000_000)) / 1_000
         gone_us = CLOCK.now_ns() / 1_000
@@ -67,7 +71,7 @@ def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
         made_safe = events[len(left) :]
         last_us = end_of_last_message_us(left)
         assert_left_safe(made_safe)
-        scanning += killed_us - last_us < 100_000
+        assert killed_us - last_us < QUIET_US, "the engine was not scanning when it was killed"
         quiet_ms.append(max(0.0, last_us - killed_us) / 1_000)
         moving_ms.append((made_safe[0].t_us - killed_us) / 1_000)
         safe_ms.append((made_safe[-1].t_us - killed_us) / 1_000)
@@ -76,10 +80,7 @@ def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
         if len(safe_ms) < KILLS:
             daemon.start_engine()
             daemon.wait_until(engine="there", state="SAFE")
-    assert scanning >= max(1, KILLS // 2), "the engine was not scanning when it was killed"
-    report(
-        f"{KILLS} kills (seed {SEED}), {scanning} of them in a scan; every message ended in zero"
-    )
+    report(f"{KILLS} kills in a scan (seed {SEED}); every message ended in zero")
     report(f"from the kill to the end of the last message: {spread(quiet_ms)}")
     report(f"from the kill to the first line that `etd safe` sets: {spread(moving_ms)}")
     report(f"from the kill to the end of what `etd safe` does: {spread(safe_ms)}")
