@@ -73,6 +73,19 @@ def test_a_law_that_a_wrong_gain_holds_at_its_widest_gives_up_and_says_so_once(
     assert rig.close() == ()
 
 
+@pytest.mark.parametrize("gain", [2.3, 2.5])
+def test_a_law_that_a_gain_too_high_holds_at_next_to_nothing_gives_up_and_says_so_once(
+    gain: float,
+) -> None:
+    rig = rig_with("fitted")
+    rig.fake.world.put_in(AdcScale(gain))
+    assert held(rig, 3_000) < 0.25, "skin may ask for that, for a while"
+    assert held(rig, 9_000) == pytest.approx(1.0, abs=0.02)
+    held(rig, 9_000)
+    assert rig.engine.reporter.counters["not_believed_narrow"] == 1
+    assert rig.close() == ()
+
+
 def test_some_gains_do_hold_a_law_at_its_widest() -> None:
     """What the test above is about."""
     rig = rig_with("fitted")

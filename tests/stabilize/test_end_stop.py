@@ -1,11 +1,12 @@
-"""A law at its widest: when it is given up on an electrode, and what ends that."""
+"""A law at its widest or narrowest: when it is given up on an electrode, and what ends that."""
 
 from __future__ import annotations
 
-from etd.stabilize.end_stop import EndStop
+from etd.stabilize.trust import Trust
 
 MOST = 1.5
 WIDEST, NEARLY, BETWEEN, AWAY = MOST, MOST**0.85, MOST**0.65, MOST**0.4
+NARROW, RATHER_NARROW, NOT_NARROW = 0.24, 0.4, 0.6
 STEP_MS = 100
 
 
@@ -14,7 +15,7 @@ class Played:
 
     def __init__(self, most: float = MOST) -> None:
         self.told: list[str] = []
-        self._end_stop = EndStop(most, self.told.append)
+        self._trust = Trust(most, self.told.append)
         self._now_ms = 0
 
     def passes(self, seconds: float) -> None:
@@ -26,7 +27,7 @@ class Played:
         believed = factor
         for _ in range(round(seconds * 1_000 / STEP_MS)):
             self._now_ms += STEP_MS
-            believed = self._end_stop.believed(3, factor, self._now_ms * 1_000_000)
+            believed = self._trust.believed(3, factor, self._now_ms * 1_000_000)
         return believed
 
 
@@ -95,3 +96,35 @@ def test_who_is_doubted_still_gets_less_where_less_is_wanted() -> None:
     one = Played()
     one.wants(WIDEST, 11.0)
     assert one.wants(0.7, 0.1) == 0.7
+
+
+def test_it_is_given_up_after_ten_seconds_of_next_to_nothing_and_told_once() -> None:
+    one = Played()
+    assert one.wants(NARROW, 10.0) == NARROW
+    assert one.wants(NARROW, 0.2) == 1.0
+    assert one.wants(0.01, 60.0) == 1.0
+    assert one.told == ["narrow"]
+
+
+def test_what_skin_asks_for_when_it_hardly_touches_is_believed_for_good() -> None:
+    one = Played()
+    assert one.wants(RATHER_NARROW, 300.0) == RATHER_NARROW
+    assert one.told == []
+
+
+def test_next_to_nothing_is_believed_again_when_clearly_more_was_wanted_for_as_long() -> None:
+    one = Played()
+    one.wants(NARROW, 11.0)
+    assert one.wants(RATHER_NARROW, 60.0) == 1.0
+    assert one.wants(NOT_NARROW, 9.5) == 1.0
+    assert one.wants(NOT_NARROW, 1.0) == NOT_NARROW
+    assert one.wants(NARROW, 1.0) == NARROW
+
+
+def test_who_is_doubted_at_one_end_is_believed_at_the_other() -> None:
+    one = Played()
+    one.wants(NARROW, 11.0)
+    assert one.wants(WIDEST, 0.1) == WIDEST
+    one = Played()
+    one.wants(WIDEST, 11.0)
+    assert one.wants(NARROW, 0.1) == NARROW

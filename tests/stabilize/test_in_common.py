@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from etd.stabilize.in_common import QUORUM, Common
 from etd.stabilize.tell import unheard
-from etd.stabilize.widening import Widening
+from etd.stabilize.trust import Trust
 
 N, SCAN_MS = 16, 100
 Wanted = Callable[[int, float], float]
@@ -120,10 +120,11 @@ def test_who_has_not_asked_for_a_second_has_no_vote() -> None:
         max_size=60,
     )
 )
-def test_nobody_gets_more_than_the_law_wants_or_less_than_the_frame_for_it(
+def test_nobody_gets_what_neither_the_law_nor_the_frame_wants(
     asked: list[tuple[int, float, int]],
 ) -> None:
-    widening, now_ns = Widening(1.5, unheard), 0
+    trust, now_ns = Trust(1.5, unheard), 0
     for electrode, wanted, elapsed_ns in asked:
         now_ns += elapsed_ns
-        assert min(1.0, wanted) <= widening.believed(electrode, wanted, now_ns) <= wanted
+        believed = trust.believed(electrode, wanted, now_ns)
+        assert min(1.0, wanted) <= believed <= max(1.0, wanted)

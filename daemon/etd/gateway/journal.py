@@ -29,6 +29,9 @@ _NOT_STABILIZED = {
     "not_believed_flicker": "resistances flicker (a noisy ADC, a shaking hand)",
     "not_believed_bound": "a law wanted its widest pulse for 10 s on one electrode, which skin"
     " seldom asks for so long, and a reading that is off does: etd selftest measures the gain",
+    "not_believed_narrow": "a law by resistance wanted next to nothing for 10 s on one electrode,"
+    " which skin seldom asks for so long, and a reading that is too high does: etd selftest"
+    " measures the gain; skin that has dried so far is another one than when it was calibrated",
     "not_believed_common": "a law by resistance has wanted wider pulses on all electrodes alike for"
     " many seconds: a gain of the ADC does that (etd selftest measures it), or skin that is another"
     " one everywhere than when it was calibrated; what they have in common widens no pulse",

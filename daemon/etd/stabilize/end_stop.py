@@ -1,65 +1,87 @@
-"""A law that stands at its widest for long is not believed any more.
+"""A law that stands at an end of what it asks for is not believed there for long.
 
 Owns: how near and how long that is, and when it ends. Must not know: what a law goes by, limits.
 
 A divider that makes bad contact on one electrode reads like wet skin, and holds a law at the most
-that it may ask for. Skin is there too, but not for so long: on the busiest modelled fingers (seeds
-1 and 2, ten minutes) `fitted` wants nearly its most for 7 and 13 % of the time, in stretches of
-seconds. To give up after 10 s takes 4 and 2 of 1000 pulses from it there.
+that it may ask for; one that is too high reads like skin that hardly touches, and has it ask for
+next to nothing. Skin is there too, but not for so long. On the busiest modelled fingers (seeds 1
+and 2, ten minutes) `fitted` wants nearly its widest for 7 and 13 % of the time, and less than a
+quarter of the frame's for 0.3 and 0.2 %, in stretches of seconds. To give up after 10 s takes 4 and
+2 of 1000 pulses from it there at the wide end, and none at the narrow one.
 
 What a law wants counts, by resistances that are believed; so pulses by others, and pauses, neither
-fill nor end it, nor does an arming. Nor does a moment at which less is wanted: what is wrong for
-more than half of the time must not be believed for the rest. Time away from there counts against
-it, and the doubt ends when that has used up what was counted. Time not so far away takes back what
-led to a doubt, and never ends one. Where a site allows more than twice the width, near is what it
-would be at twice.
+fill nor end it, nor does an arming. Nor does a moment away from there: what is wrong for more than
+half of the time must not be believed for the rest. Time away counts against it, and the doubt ends
+when that has used up what was counted. Time not so far away takes back what led to a doubt, and
+never ends one. Where a site allows more than twice the width, near is what it would be at twice.
 """
 
 from __future__ import annotations
 
-from etd.stabilize.tell import Tell
+from collections.abc import Callable
+from dataclasses import dataclass
 
-#: In parts of the way, as logarithms, from unchanged to the widest.
-_NEAR, _AWAY = 0.8, 0.5
 _LONG_NS = 10_000_000_000
 #: Whatever a site allows: a law that wants as much as this for long is not believed.
 _WIDE = 2.0
+#: In parts of the way, as logarithms, from unchanged to the widest.
+_NEAR, _AWAY = 0.8, 0.5
+#: The narrow end, which no site bounds: of what the frame wants.
+_NARROW = 0.25
 #: Between two pulses no more than this counts.
 _LONGEST_STEP_NS = 1_000_000_000
 
 
-class EndStop:
-    """For all electrodes of one law. `tell` hears "bound" when it is not believed at one."""
+@dataclass(frozen=True, slots=True)
+class End:
+    """Of what is wanted, or its inverse: at or above `near` is near, below `away` clearly away."""
 
-    def __init__(self, most: float, tell: Tell) -> None:
-        most = min(most, _WIDE)
-        self._near = most**_NEAR if most > 1.0 else float("inf")
-        self._away = most**_AWAY
+    near: float
+    away: float
+
+
+def widest(most: float) -> End:
+    """Of a law that widens `most` times at most; one that never widens is never near."""
+    most = min(most, _WIDE)
+    return End(near=most**_NEAR if most > 1.0 else float("inf"), away=most**_AWAY)
+
+
+def narrowest() -> End:
+    """Of the inverse of what is wanted."""
+    return End(near=1.0 / _NARROW, away=(1.0 / _NARROW) ** _AWAY)
+
+
+class EndStop:
+    """For all electrodes of one law, at one end; `tell` is called when it begins to be doubted."""
+
+    def __init__(self, end: End, tell: Callable[[], object]) -> None:
+        self._end = end
         self._tell = tell
         self._stood_ns: dict[int, int] = {}
         self._asked_ns: dict[int, int] = {}
         self._doubted: set[int] = set()
 
-    def believed(self, electrode: int, wanted: float, now_ns: int) -> float:
-        """What a law wants by what is measured, as a factor; 1 where it has wanted its most for too
-        long, until it has wanted less than half of the way for as long.
+    def is_doubted(self, electrode: int, wanted: float, now_ns: int) -> bool:
+        """Whether what a law wants by what is measured, as a factor, has stood at the end for too
+        long, until it has been clearly away from there for as long.
         """
-        self._count(electrode, wanted, now_ns)
-        stood_ns = self._stood_ns[electrode]
+        stood_ns = self._count(electrode, wanted, now_ns)
         if stood_ns == 0:
             self._doubted.discard(electrode)
         elif electrode not in self._doubted and stood_ns >= _LONG_NS:
             self._doubted.add(electrode)
-            self._tell("bound")
-        return min(wanted, 1.0) if electrode in self._doubted else wanted
+            self._tell()
+        return electrode in self._doubted
 
-    def _count(self, electrode: int, wanted: float, now_ns: int) -> None:
+    def _count(self, electrode: int, wanted: float, now_ns: int) -> int:
+        """For how long it has stood there, less what it has been away since."""
         elapsed_ns = now_ns - self._asked_ns.get(electrode, now_ns)
         elapsed_ns = min(max(0, elapsed_ns), _LONGEST_STEP_NS)
         self._asked_ns[electrode] = now_ns
         stood_ns = self._stood_ns.get(electrode, 0)
-        if wanted >= self._near:
+        if wanted >= self._end.near:
             stood_ns += elapsed_ns
-        elif wanted < self._away or electrode not in self._doubted:
+        elif wanted < self._end.away or electrode not in self._doubted:
             stood_ns -= elapsed_ns
-        self._stood_ns[electrode] = min(max(0, stood_ns), _LONG_NS)
+        self._stood_ns[electrode] = stood_ns = min(max(0, stood_ns), _LONG_NS)
+        return stood_ns

@@ -12,7 +12,7 @@ takes P = I^2 R (L / (L + R))^2 watt; with R0 the reference, and w0 and I0 what 
 so a skin that takes more power gets a shorter pulse, and below `narrowest_us` a weaker one. Width
 grows by at most `most_wider`; current never. Beyond that the energy falls short, and nothing winds
 up. The factor rises by at most `rise_per_s`, and falls at once. Without a believed resistance the
-pulse is what was wanted; not all widening is believed (`widening.py`), and soft contacts get none.
+pulse is what was wanted; not all widening is believed (`trust.py`), and soft contacts get none.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from etd.stabilize.reference import References
 from etd.stabilize.rounding import held_us
 from etd.stabilize.slew import Slew
 from etd.stabilize.tell import Tell, unheard
-from etd.stabilize.widening import Widening
+from etd.stabilize.trust import Trust
 
 
 class EnergyLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -48,7 +48,7 @@ class Energy:
         self._leak_ohm = leak_ohm
         self._references = References()
         self._factor = Slew(1.0, law.rise_per_s)
-        self._widening = Widening(law.most_wider, tell)
+        self._trust = Trust(law.most_wider, tell)
         self.reach = Reach(width=law.most_wider, charge=law.most_wider)
 
     def forget(self) -> None:
@@ -61,7 +61,7 @@ class Energy:
         if compared is not None:
             *seen_ohm, reference_ohm = compared
             wanted = self._power(reference_ohm) / max(map(self._power, seen_ohm))
-            wanted = self._widening.believed(known.electrode, wanted, known.now_ns)
+            wanted = self._trust.believed(known.electrode, wanted, known.now_ns)
         if known.state == "soft":
             wanted = min(wanted, 1.0)
         factor = self._factor.toward(

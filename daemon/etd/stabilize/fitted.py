@@ -15,7 +15,7 @@ lengthens the pulse as resistance rises. k comes from a regression of log thresh
 log resistance over the electrodes of a calibration; there is no default. Width grows by at most
 `most_wider`; below `narrowest_us` the current falls instead, so that the charge is the same. The
 factor rises by at most `rise_per_s` and falls at once. Without a believed resistance the pulse is
-what was wanted; not all widening is believed (`widening.py`), and a soft contact gets none.
+what was wanted; not all widening is believed (`trust.py`), and a soft contact gets none.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from etd.stabilize.reference import References
 from etd.stabilize.rounding import as_charge
 from etd.stabilize.slew import Slew
 from etd.stabilize.tell import Tell, unheard
-from etd.stabilize.widening import Widening
+from etd.stabilize.trust import Trust
 
 
 class FittedLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -49,7 +49,7 @@ class Fitted:
         self._law = law
         self._references = References()
         self._factor = Slew(1.0, law.rise_per_s)
-        self._widening = Widening(law.most_wider, tell)
+        self._trust = Trust(law.most_wider, tell)
         self.reach = Reach(width=law.most_wider, charge=law.most_wider)
 
     def forget(self) -> None:
@@ -62,7 +62,7 @@ class Fitted:
         if compared is not None:
             *seen_ohm, reference_ohm = compared
             wanted = min((ohm / reference_ohm) ** -self._law.k for ohm in seen_ohm)
-            wanted = self._widening.believed(known.electrode, wanted, known.now_ns)
+            wanted = self._trust.believed(known.electrode, wanted, known.now_ns)
         if known.state == "soft":
             wanted = min(wanted, 1.0)
         law = self._law

@@ -20,7 +20,7 @@ which takes out what the leak makes of a wandering resistance.
 Current never rises above what is wanted: the width makes up for it, from Q alone, by at most
 `most_wider`; below `narrowest_us` the current falls. Where a line is not above zero the pulse is
 what was wanted, and so it is without a believed resistance. Not all widening is believed
-(`widening.py`). The told charge rises by at most `rise_per_s` of what is wanted, and falls at once;
+(`trust.py`). The told charge rises by at most `rise_per_s` of what is wanted, and falls at once;
 a soft contact gets no more than that.
 """
 
@@ -37,7 +37,7 @@ from etd.stabilize.reference import References
 from etd.stabilize.rounding import as_charge
 from etd.stabilize.slew import Slew
 from etd.stabilize.tell import Tell, unheard
-from etd.stabilize.widening import Widening
+from etd.stabilize.trust import Trust
 
 
 class LinesLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -58,7 +58,7 @@ class Lines:
         self._leak_ohm = leak_ohm
         self._references = References()
         self._charge = Slew(1.0, law.rise_per_s)
-        self._widening = Widening(law.most_wider, tell)
+        self._trust = Trust(law.most_wider, tell)
         self.reach = Reach(width=law.most_wider, charge=law.most_wider)
 
     def forget(self) -> None:
@@ -86,7 +86,9 @@ class Lines:
         solved = [self._solved(ohm, reference_ohm) for ohm in seen_ohm]
         told = min(current for current, _ in solved)
         charge = min(charge for _, charge in solved)
-        return min(1.0, told), self._widening.believed(known.electrode, charge, known.now_ns)
+        believed = self._trust.believed(known.electrode, charge, known.now_ns)
+        # A charge that is not believed to be so little: nor is its current.
+        return 1.0 if believed > charge else min(1.0, told), believed
 
     def _solved(self, now_ohm: float, reference_ohm: float) -> tuple[float, float]:
         """The same for one resistance, neither bounded nor doubted."""
