@@ -179,3 +179,21 @@ def test_a_lowest_resistance_is_forgotten_as_fast_at_two_pulses_a_second() -> No
     law.part(replace(OPEN, now_ns=STEP_NS))
     parts = [law.part(replace(FIRM, now_ns=step * 5 * STEP_NS)) for step in range(1, 120)]
     assert parts[-1] > 0.97
+
+
+def test_one_reading_that_is_too_low_makes_no_contact_of_the_past_firmer_than_it_was() -> None:
+    one, lied_to = settling(), settling()
+    before = [replace(FIRM, now_ns=step * STEP_NS) for step in range(-10, 0)]
+    wrong = replace(before[5], skin_ohm=0.3 * FIRM_OHM)
+    for known in before:
+        one.part(known)
+        lied_to.part(wrong if known is before[5] else known)
+    assert after_a_return(FIRM, 8.0, lied_to) == after_a_return(FIRM, 8.0, one)
+
+
+def test_two_of_them_do() -> None:
+    """As a finger that was pressed for a moment does: what is lighter then is a part of it."""
+    one = settling()
+    for step in range(-10, -8):
+        one.part(replace(FIRM, skin_ohm=0.3 * FIRM_OHM, now_ns=step * STEP_NS))
+    assert after_a_return(FIRM, 3.0, one)[0] < 0.7 * NEW_PART

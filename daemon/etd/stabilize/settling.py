@@ -11,12 +11,13 @@ tells it. No rule is in print; this one is by design:
     part = (R_firm / R)^0.6, of that 0.8 for the first 3 s, and all of it after 4 s more
 
 until R has come down to R_firm. R_firm is the lowest that this contact resisted of late when it was
-firm, at first the calibration's; it is forgotten upward with a time constant of 20 s, since a
-finger that stays lighter must come to its strength in the end. The part is never less than 0.4, so
-that what is left is enough to measure by. It falls at once and rises slowly: a part that ends at
-once is a step as well, only later. Where a law by resistance follows in the order, that law answers
-the area, and the part goes by the time alone. Without a calibration there is no part: whoever
-calibrates gets what is asked for. Exponent, bounds and times were tuned on modelled fingers.
+firm, by two pulses in a row, and at first the calibration's; it is forgotten upward with a time
+constant of 20 s, since a finger that stays lighter must come to its strength in the end. The part
+is never less than 0.4, so that what is left is enough to measure by. It falls at once and rises
+slowly: a part that ends at once is a step as well, only later. Where a law by resistance follows in
+the order, that law answers the area, and the part goes by the time alone. Without a calibration
+there is no part: whoever calibrates gets what is asked for. Exponent, bounds and times were tuned
+on modelled fingers.
 """
 
 from __future__ import annotations
@@ -42,17 +43,22 @@ class _Contact:
     """Logarithms of resistance, as it would be at no current."""
 
     firm_log_ohm: float
+    last_log_ohm: float = math.inf
     then_ns: int = 0
     #: None: it has settled.
     touched_ns: int | None = None
 
     def remember(self, log_ohm: float, now_ns: int) -> None:
-        """The lowest of late: down at once, up slowly."""
+        """The lowest of late: down with the second pulse that says so, since one may be wrong, and
+        up slowly.
+        """
+        told_twice = max(log_ohm, self.last_log_ohm)
+        self.last_log_ohm = log_ohm
         elapsed_ns = min(max(0, now_ns - self.then_ns), BELIEVED_NS)
         self.then_ns = now_ns
-        if log_ohm <= self.firm_log_ohm:
-            self.firm_log_ohm = log_ohm
-        else:
+        if told_twice <= self.firm_log_ohm:
+            self.firm_log_ohm = told_twice
+        elif log_ohm > self.firm_log_ohm:
             rise = log_ohm - self.firm_log_ohm
             self.firm_log_ohm -= rise * math.expm1(-elapsed_ns / _FORGOTTEN_NS)
 
