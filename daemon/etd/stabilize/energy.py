@@ -24,12 +24,10 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.pipeline import Known, Reach, Wish
-from etd.stabilize.reference import References
+from etd.stabilize.following import Following
+from etd.stabilize.pipeline import Known, Wish
 from etd.stabilize.rounding import held_us
-from etd.stabilize.slew import Slew
 from etd.stabilize.tell import Tell, unheard
-from etd.stabilize.trust import Trust
 
 
 class EnergyLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -46,28 +44,20 @@ class Energy:
     def __init__(self, law: EnergyLaw, leak_ohm: float, tell: Tell = unheard) -> None:
         self._law = law
         self._leak_ohm = leak_ohm
-        self._references = References()
-        self._factor = Slew(1.0, law.rise_per_s)
-        self._trust = Trust(law.most_wider, tell)
-        self.reach = Reach(width=law.most_wider, charge=law.most_wider)
+        self._following = Following(law.most_wider, law.rise_per_s, tell)
+        self.reach = self._following.reach
 
     def forget(self) -> None:
-        self._references.forget()
-        self._factor.forget()
+        self._following.forget()
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         wanted = 1.0
-        compared = self._references.compared(known, wish.current_ua)
+        compared = self._following.compared(known, wish.current_ua)
         if compared is not None:
             *seen_ohm, reference_ohm = compared
             wanted = self._power(reference_ohm) / max(map(self._power, seen_ohm))
-            wanted = self._trust.believed(known.electrode, wanted, known.now_ns)
-        if known.state == "soft":
-            wanted = min(wanted, 1.0)
-        factor = self._factor.toward(
-            known.electrode, min(wanted, self._law.most_wider), known.now_ns
-        )
-        return self._pulse(wish, factor)
+            wanted = self._following.believed(known, wanted)
+        return self._pulse(wish, self._following.factor(known, wanted))
 
     def _power(self, resistance_ohm: float) -> float:
         """In watt for an ampere squared."""

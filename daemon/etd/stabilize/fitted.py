@@ -25,12 +25,10 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.pipeline import Known, Reach, Wish
-from etd.stabilize.reference import References
+from etd.stabilize.following import Following
+from etd.stabilize.pipeline import Known, Wish
 from etd.stabilize.rounding import as_charge
-from etd.stabilize.slew import Slew
 from etd.stabilize.tell import Tell, unheard
-from etd.stabilize.trust import Trust
 
 
 class FittedLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -47,26 +45,20 @@ class Fitted:
 
     def __init__(self, law: FittedLaw, tell: Tell = unheard) -> None:
         self._law = law
-        self._references = References()
-        self._factor = Slew(1.0, law.rise_per_s)
-        self._trust = Trust(law.most_wider, tell)
-        self.reach = Reach(width=law.most_wider, charge=law.most_wider)
+        self._following = Following(law.most_wider, law.rise_per_s, tell)
+        self.reach = self._following.reach
 
     def forget(self) -> None:
-        self._references.forget()
-        self._factor.forget()
+        self._following.forget()
 
     def ask(self, wish: Wish, known: Known) -> Wish:
-        wanted = 1.0
-        compared = self._references.compared(known, wish.current_ua)
+        law, wanted = self._law, 1.0
+        compared = self._following.compared(known, wish.current_ua)
         if compared is not None:
             *seen_ohm, reference_ohm = compared
-            wanted = min((ohm / reference_ohm) ** -self._law.k for ohm in seen_ohm)
-            wanted = self._trust.believed(known.electrode, wanted, known.now_ns)
-        if known.state == "soft":
-            wanted = min(wanted, 1.0)
-        law = self._law
-        factor = self._factor.toward(known.electrode, min(wanted, law.most_wider), known.now_ns)
+            wanted = min((ohm / reference_ohm) ** -law.k for ohm in seen_ohm)
+            wanted = self._following.believed(known, wanted)
+        factor = self._following.factor(known, wanted)
         if factor == 1.0:
             return wish
         return as_charge(wish, wish.width_us * factor, law.narrowest_us, law.most_wider)

@@ -32,12 +32,10 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.pipeline import Known, Reach, Wish
-from etd.stabilize.reference import References
+from etd.stabilize.following import Following
+from etd.stabilize.pipeline import Known, Wish
 from etd.stabilize.rounding import as_charge
-from etd.stabilize.slew import Slew
 from etd.stabilize.tell import Tell, unheard
-from etd.stabilize.trust import Trust
 
 
 class LinesLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -56,21 +54,15 @@ class Lines:
     def __init__(self, law: LinesLaw, leak_ohm: float, tell: Tell = unheard) -> None:
         self._law = law
         self._leak_ohm = leak_ohm
-        self._references = References()
-        self._charge = Slew(1.0, law.rise_per_s)
-        self._trust = Trust(law.most_wider, tell)
-        self.reach = Reach(width=law.most_wider, charge=law.most_wider)
+        self._following = Following(law.most_wider, law.rise_per_s, tell)
+        self.reach = self._following.reach
 
     def forget(self) -> None:
-        self._references.forget()
-        self._charge.forget()
+        self._following.forget()
 
     def ask(self, wish: Wish, known: Known) -> Wish:
         current, charge = self._believed(wish, known)
-        wanted = min(charge, self._law.most_wider)
-        if known.state == "soft":
-            wanted = min(wanted, 1.0)
-        charge = self._charge.toward(known.electrode, wanted, known.now_ns)
+        charge = self._following.factor(known, charge)
         if charge == current == 1.0:
             return wish
         weaker = replace(wish, current_ua=int(wish.current_ua * current))
@@ -79,14 +71,14 @@ class Lines:
 
     def _believed(self, wish: Wish, known: Known) -> tuple[float, float]:
         """Told current and charge, as factors; 1 where no line says anything."""
-        compared = self._references.compared(known, wish.current_ua)
+        compared = self._following.compared(known, wish.current_ua)
         if compared is None:
             return 1.0, 1.0
         *seen_ohm, reference_ohm = compared
         solved = [self._solved(ohm, reference_ohm) for ohm in seen_ohm]
         told = min(current for current, _ in solved)
         charge = min(charge for _, charge in solved)
-        believed = self._trust.believed(known.electrode, charge, known.now_ns)
+        believed = self._following.believed(known, charge)
         # A charge that is not believed to be so little: nor is its current.
         return 1.0 if believed > charge else min(1.0, told), believed
 
