@@ -17,6 +17,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
+import msgspec
+
 from etd.maxima import Maxima
 
 WINDOW_NS = 1_000_000_000
@@ -51,8 +53,7 @@ class Bounds:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
+class Entry(msgspec.Struct, frozen=True):
     """One visit, or a part of it: what the electrode gets, and who carries it back.
 
     `returns` None: all others, at `share` each; otherwise each named one as if it alone did.

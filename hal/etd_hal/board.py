@@ -13,6 +13,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import msgspec
+
 from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile, MachineFile, Relays
 from etd_hal.chips import ad5452, ad7276
@@ -46,8 +48,7 @@ class Pulse:
     prepulse_ua: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Shot:
+class Shot(msgspec.Struct, frozen=True):
     """What came back from one phase.
 
     `baseline_v` is the node's before the pulse, `early_v` 10 us after its beginning, `voltage_v`

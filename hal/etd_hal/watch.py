@@ -11,23 +11,21 @@ as long as that takes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from etd_hal.boardfile import HalfBridges, Relays
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Changes, Clock
 
 
-@dataclass(frozen=True, slots=True)
-class Prepulse:
+class Prepulse(msgspec.Struct, frozen=True):
     """A weaker step directly before a pulse, in the same message."""
 
     current_ua: int
     width_us: int
 
 
-@dataclass(frozen=True, slots=True)
-class Approval:
+class Approval(msgspec.Struct, frozen=True):
     """What the limits let through, for the next pulse of this visit, each step of it.
 
     `source` and `ground` are bit sets of outputs; for half-bridges all others are on the side

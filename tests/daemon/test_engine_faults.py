@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
+import msgspec
 import pytest
 
 import engine_rig
@@ -117,7 +118,7 @@ def test_a_guard_refusal_halts_with_its_rule(make_rig: MakeRig) -> None:
     rig = fully_open(make_rig(electrodes=N), 500)
 
     def approve_other(approval: Approval) -> None:
-        weaker = dataclasses.replace(approval, current_ua=approval.current_ua - 50)
+        weaker = msgspec.structs.replace(approval, current_ua=approval.current_ua - 50)
         type(rig.engine.board.guard).approve(rig.engine.board.guard, weaker)
 
     rig.engine.board.guard.approve = approve_other  # type: ignore[method-assign]

@@ -31,6 +31,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+import msgspec
+
 from etd.stabilize.belief import is_old
 from etd_hal.boardfile import Source
 
@@ -119,8 +121,7 @@ class _Skin:
         self.is_flickering = self.flicker > _FLICKER or (self.is_flickering and not is_calm)
 
 
-@dataclass(frozen=True, slots=True)
-class Samples:
+class Samples(msgspec.Struct, frozen=True):
     """What one pulse's words brought back; `end_v` is None where it was too short."""
 
     told_ua: int

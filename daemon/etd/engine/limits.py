@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import msgspec
+
 from etd.calibration import Calibration
 from etd.errors import Refused
 from etd.maxima import Maxima
@@ -90,8 +92,7 @@ def limits_of_numbers(limits: Limits, maxima: Maxima, electrodes: int) -> Person
     return PersonLimits((limits.max_current_ua,) * electrodes, limits.width_us, None)
 
 
-@dataclass(frozen=True, slots=True)
-class Path:
+class Path(msgspec.Struct, frozen=True):
     """The caps in the way of one electrode's current, those of its returns included.
 
     `share` is the largest part of the current that one return may carry (1 when in doubt).

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import msgspec
+
 from etd.engine.contact import ContactMap
 from etd.errors import Refused
 from etd.frame import Frame
@@ -67,8 +69,7 @@ class _Pending:
     scans: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class FiredPulse:
+class FiredPulse(msgspec.Struct, frozen=True):
     """One pulse of a frame, as it is told."""
 
     electrode: int

@@ -8,7 +8,9 @@ Must not know: frames, schedules, sockets, states (beyond being called only when
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+import msgspec
 
 from etd.engine.asking import Asker
 from etd.engine.contact import ContactMap
@@ -42,8 +44,7 @@ class Tools:
     ahead: LookingAhead
 
 
-@dataclass(frozen=True, slots=True)
-class _Ready:
+class _Ready(msgspec.Struct, frozen=True):
     """A pulse that limits and ledger let through, and the clamp to tell, if any."""
 
     given: Wish
@@ -54,7 +55,8 @@ class _Ready:
     def with_probe(self, probe: Wish) -> Entry:
         """What the ledger must have room for before the probe is fired."""
         charge_pc = self.entry.charge_pc + probe.charge_pc
-        return replace(self.entry, charge_pc=charge_pc, on_us=self.entry.on_us + probe.width_us)
+        on_us = self.entry.on_us + probe.width_us
+        return msgspec.structs.replace(self.entry, charge_pc=charge_pc, on_us=on_us)
 
 
 class Visitor:
@@ -271,7 +273,7 @@ class Visitor:
             FiredPulse(
                 electrode=electrode,
                 begun_ns=begun_ns,
-                wanted_ua=visit.wish.current_ua,
+                wanted_ua=visit.current_ua,
                 told_ua=pulse.told_ua,
                 delivered_ua=contact.delivered_ua(electrode),
                 width_us=round(pulse.shape.width_us, 2),
