@@ -25,7 +25,7 @@ The rules for GPIO are in `watch.py`, with the decoding of the switch.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -48,6 +48,7 @@ class Step:
     """One level of a message, from its first word on, by the guard's own constants."""
 
     code: int
+    current_ua: float
     shortest_us: float = 0.0
     longest_us: float = 0.0
 
@@ -62,8 +63,15 @@ class _Leading:
     longest_nc: float
 
 
-#: What the bytes of one message would do: nothing, a pulse, or a prepulse and a pulse.
-Decoded = tuple[Step, ...]
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """What the bytes of one message would do: nothing, a pulse, or a prepulse and a pulse."""
+
+    steps: tuple[Step, ...]
+    #: Of all steps together, at worst.
+    longest_us: float
+    longest_nc: float
+    is_probe: bool
 
 
 class Guard:
@@ -78,7 +86,7 @@ class Guard:
         self._verdicts: dict[Message, Decoded] = {}
         self._permitted_ua = 0
         self._approval: Approval | None = None
-        self._fired_ns: dict[int, deque[int]] = {}
+        self._fired_ns: defaultdict[int, deque[int]] = defaultdict(deque)
         #: The first phase of a visit, until the one that reverses it.
         self._first_phase: Approval | None = None
         #: The probe that began a visit, until whatever is fired next.
@@ -113,13 +121,12 @@ class Guard:
             if len(self._verdicts) >= _MAX_REMEMBERED:
                 self._verdicts.clear()
             self._verdicts[message] = decoded
-        if decoded:
+        if decoded.steps:
             self._check_pulse(decoded)
 
     def lets_width_pass(self, message: Message) -> bool:
         """Whether its worst case is within the width that the board allows. Nothing is sent."""
-        longest_us = sum(step.longest_us for step in self._decode(message))
-        return longest_us <= self._board.maxima.width_us * _TOLERANCE
+        return self._decode(message).longest_us <= self._board.maxima.width_us * _TOLERANCE
 
     def _decode(self, message: Message) -> Decoded:
         transfers = message.transfers
@@ -144,11 +151,11 @@ class Guard:
                 self._lengthen(steps[-1], transfer)
             # The DAC follows the rise of chip select; until then the level before it holds.
             if transfer.cs_change and (not steps or steps[-1].code != codes[-1]):
-                steps.append(Step(codes[-1]))
+                steps.append(Step(codes[-1], self._current_ua(codes[-1])))
         if steps and not steps[-1].code:
             steps.pop()
         self._check_codes(codes, steps)
-        return tuple(steps)
+        return self._summed(steps)
 
     def _lengthen(self, step: Step, transfer: Transfer) -> None:
         """By a word with its chip select, or by a pure delay: at best and at worst."""
@@ -157,6 +164,14 @@ class Guard:
         worst_us = machine.guard_word_us if transfer.tx else machine.guard_delay_extra_us
         step.shortest_us += transfer.delay_us + best_us
         step.longest_us += transfer.delay_us + worst_us
+
+    def _summed(self, steps: list[Step]) -> Decoded:
+        return Decoded(
+            tuple(steps),
+            sum(step.longest_us for step in steps),
+            sum(step.current_ua * step.longest_us for step in steps) / 1_000,
+            self._is_probe(steps),
+        )
 
     @staticmethod
     def _check_codes(codes: list[int], steps: list[Step]) -> None:
@@ -170,15 +185,14 @@ class Guard:
                 "levels", str(codes), "from the first word one level, or a lower and a higher one"
             )
 
-    def _check_pulse(self, steps: Decoded) -> None:
-        maxima = self._board.maxima
-        current_ua = self._current_ua(steps[-1])
+    def _check_pulse(self, decoded: Decoded) -> None:
+        maxima, longest_us = self._board.maxima, decoded.longest_us
+        current_ua = decoded.steps[-1].current_ua
         if current_ua > self._permitted_ua:
             raise GuardRefusal("state", f"{current_ua:.0f} uA", f"{self._permitted_ua} uA now")
-        longest_us = sum(step.longest_us for step in steps)
         if longest_us > maxima.width_us * _TOLERANCE:
             raise GuardRefusal("width", f"{longest_us:.0f} us", f"{maxima.width_us} us")
-        charge_nc = sum(self._current_ua(step) * step.longest_us for step in steps) / 1_000
+        charge_nc = decoded.longest_nc
         leading, approval = self._leading, self._approval
         is_led = leading is not None and approval is not None and self._leads(leading, approval)
         if leading is not None and is_led:
@@ -187,8 +201,8 @@ class Guard:
             raise GuardRefusal("charge", f"{charge_nc:.0f} nC", f"{maxima.charge_nc} nC")
         if approval is None:
             raise GuardRefusal("approval", "a pulse that no limit has seen", "approve it first")
-        self._check_steps(steps, approval)
-        if approval.is_blanked and not self._is_probe(steps):
+        self._check_steps(decoded.steps, approval)
+        if approval.is_blanked and not decoded.is_probe:
             raise GuardRefusal("switch", "a pulse while blanked", "a probe alone")
         self.switch.check_selection(approval)
         self._leading = None
@@ -199,15 +213,15 @@ class Guard:
         elif is_led:
             # Counted with its probe; what reverses it is the second phase of the same visit.
             self._first_phase = approval
-        elif self._begins(approval) and self._is_probe(steps):
+        elif self._begins(approval) and decoded.is_probe:
             self._leading = _Leading(approval, self.switch.moves, charge_nc)
         self._approval = None
 
-    def _current_ua(self, step: Step) -> float:
+    def _current_ua(self, code: int) -> float:
         source = self._board.source
-        return step.code * source.full_scale_ua / (source.codes - 1)
+        return code * source.full_scale_ua / (source.codes - 1)
 
-    def _check_steps(self, steps: Decoded, approval: Approval) -> None:
+    def _check_steps(self, steps: tuple[Step, ...], approval: Approval) -> None:
         """Each within its own current and width, so that their sums are as well."""
         *prepulses, pulse = steps
         self._check_step(pulse, approval.current_ua, approval.width_us)
@@ -217,11 +231,10 @@ class Guard:
             self._check_step(step, approval.prepulse.current_ua, approval.prepulse.width_us)
 
     def _check_step(self, step: Step, most_ua: int, most_us: int) -> None:
-        current_ua = self._current_ua(step)
-        if current_ua > most_ua or step.shortest_us > most_us + 1:
+        if step.current_ua > most_ua or step.shortest_us > most_us + 1:
             raise GuardRefusal(
                 "approval",
-                f"{current_ua:.0f} uA for {step.shortest_us:.0f} us or more",
+                f"{step.current_ua:.0f} uA for {step.shortest_us:.0f} us or more",
                 f"{most_ua} uA for {most_us} us",
             )
 
@@ -231,12 +244,12 @@ class Guard:
         is_same_way = (approval.source, approval.ground) == (probe.source, probe.ground)
         return is_same_way and self.switch.moves == leading.moves
 
-    def _is_probe(self, steps: Decoded) -> bool:
-        maxima, probe = self._board.maxima, steps[-1]
+    def _is_probe(self, steps: list[Step]) -> bool:
+        maxima = self._board.maxima
         return (
             len(steps) == 1
-            and self._current_ua(probe) <= maxima.probe_current_ua
-            and probe.shortest_us <= maxima.probe_width_us + 1
+            and steps[0].current_ua <= maxima.probe_current_ua
+            and steps[0].shortest_us <= maxima.probe_width_us + 1
         )
 
     def _begins(self, approval: Approval) -> bool:
@@ -249,7 +262,7 @@ class Guard:
         now_ns = self._clock.now_ns()
         # The visited output is the one alone on its side; with one on each side, both are alike.
         alone = approval.source if approval.source.bit_count() == 1 else approval.ground
-        fired_ns = self._fired_ns.setdefault(alone, deque())
+        fired_ns = self._fired_ns[alone]
         while fired_ns and fired_ns[0] <= now_ns - _SECOND_NS:
             fired_ns.popleft()
         if len(fired_ns) >= self._board.maxima.rate_hz:

@@ -75,12 +75,11 @@ class HalfBridgeWatch:
 
     def change(self, line: int, value: int) -> None:
         """One line changes. Raises: GuardRefusal before anything is sent."""
-        if line not in self._watched:
+        was = self._level.get(line)
+        if was is None:
             return
-        level = self._level
-        was = level[line]
         self.moves += value != was
-        level[line] = value
+        self._level[line] = value
         if line == self._clk:
             if value and not was:
                 self._shift()
