@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import msgspec
 
 from etd_hal.bench import StopName
-from etd_hal.boardfile import BoardFile, MachineFile, Relays
+from etd_hal.boardfile import BoardFile, Guards, MachineFile, Relays
 from etd_hal.chips import ad5452, ad7276
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.chips.relay595 import RelaySwitch
@@ -87,6 +87,8 @@ class Board:
         self.message_due_ns = 0
         self._rest_ns = file.rest_us * 1_000
         self._node_v = file.source.node_uv_per_code / 1_000_000
+        self._stop_lines = _stop_lines(file.guards)
+        self._stop_names = {line: name for name, line in self._stop_lines.items()}
 
     # --- what the board can do -------------------------------------------------------------
 
@@ -303,12 +305,12 @@ class Board:
 
     def stops(self) -> dict[StopName, bool]:
         """For each stop line there is: whether it is open (pressed, or unplugged)."""
-        lines = self._stop_lines()
-        return {name: self._bare_gpio.get(line) == 0 for name, line in lines.items()}
+        lines = self._stop_lines.items()
+        return {name: self._bare_gpio.get(line) == 0 for name, line in lines}
 
     def stop_edges(self) -> tuple[tuple[StopName, bool], ...]:
         """(which, whether it opened) since the last call, oldest first. Never blocks."""
-        names = {line: name for name, line in self._stop_lines().items()}
+        names = self._stop_names
         if not names:
             return ()
         return tuple(
@@ -316,15 +318,6 @@ class Board:
             for edge in self._bare_gpio.edges()
             if edge.line in names
         )
-
-    def _stop_lines(self) -> dict[StopName, int]:
-        guards = self.file.guards
-        found: dict[StopName, int] = {}
-        if guards.emergency_stop != "absent":
-            found["emergency_stop"] = guards.emergency_stop
-        if guards.wearer_stop != "absent":
-            found["wearer_stop"] = guards.wearer_stop
-        return found
 
     # --- the safe state --------------------------------------------------------------------
 
@@ -387,6 +380,15 @@ def _switch(file: BoardFile, gpio: Gpio, clock: Clock) -> Switch:
     if isinstance(file.switch, Relays):
         return RelaySwitch(gpio, clock, file.switch, readback)
     return HalfBridgeSwitch(gpio, file.switch.lines, file.switch.outputs, readback)
+
+
+def _stop_lines(guards: Guards) -> dict[StopName, int]:
+    found: dict[StopName, int] = {}
+    if guards.emergency_stop != "absent":
+        found["emergency_stop"] = guards.emergency_stop
+    if guards.wearer_stop != "absent":
+        found["wearer_stop"] = guards.wearer_stop
+    return found
 
 
 def _safe_changes(file: BoardFile, switch: Switch) -> Changes:
