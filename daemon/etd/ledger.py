@@ -69,27 +69,37 @@ class Entry(msgspec.Struct, frozen=True):
 
 
 class _Window:
-    """Sums of what was booked in the last second."""
+    """Sums of what was booked in the last second; `pooled_pc` is what of it went into the pool."""
 
-    __slots__ = ("charge_pc", "entries", "on_us", "pulses")
+    __slots__ = ("charge_pc", "entries", "on_us", "pooled_pc", "pulses")
 
     def __init__(self) -> None:
-        self.entries: deque[tuple[int, int, int, int]] = deque()
+        self.entries: deque[tuple[int, int, int, int, int]] = deque()
         self.charge_pc = 0
+        self.pooled_pc = 0
         self.on_us = 0
         self.pulses = 0
 
-    def book(self, now_ns: int, charge_pc: int, on_us: int, pulses: int) -> None:
-        self.entries.append((now_ns, charge_pc, on_us, pulses))
+    @property
+    def beside_pool_pc(self) -> int:
+        """Of one electrode: what it carried, but for what the pool has of it."""
+        return self.charge_pc - self.pooled_pc
+
+    def book(
+        self, now_ns: int, charge_pc: int, pooled_pc: int = 0, on_us: int = 0, pulses: int = 0
+    ) -> None:
+        self.entries.append((now_ns, charge_pc, pooled_pc, on_us, pulses))
         self.charge_pc += charge_pc
+        self.pooled_pc += pooled_pc
         self.on_us += on_us
         self.pulses += pulses
 
     def forget(self, now_ns: int) -> None:
         entries, oldest_ns = self.entries, now_ns - WINDOW_NS
         while entries and entries[0][0] <= oldest_ns:
-            _, charge_pc, on_us, pulses = entries.popleft()
+            _, charge_pc, pooled_pc, on_us, pulses = entries.popleft()
             self.charge_pc -= charge_pc
+            self.pooled_pc -= pooled_pc
             self.on_us -= on_us
             self.pulses -= pulses
 
@@ -104,17 +114,17 @@ class Ledger:
         self._interval_ns = bounds.interval_us * 1_000
         self._begun_ns: list[int | None] = [None] * electrodes
         self._own = [_Window() for _ in range(electrodes)]
-        self._into_pool = [_Window() for _ in range(electrodes)]
-        self._pool = _Window()
+        #: Of all together: what they have put into the pool is what is in it.
         self._array = _Window()
         #: Never below the largest (own sum - put into the pool) of any electrode.
         self._most_beside_pool_pc = 0
 
     def charge_pc(self, electrode: int, now_ns: int) -> int:
         """All that the electrode carried in the last second, as stimulated one and as return."""
-        for window in (self._own[electrode], self._into_pool[electrode], self._pool):
-            window.forget(now_ns)
-        return self._beside_pool_pc(electrode) + self._pool.charge_pc
+        own, array = self._own[electrode], self._array
+        own.forget(now_ns)
+        array.forget(now_ns)
+        return own.beside_pool_pc + array.pooled_pc
 
     def pulses(self, electrode: int, now_ns: int) -> int:
         """Its own pulses in the last second."""
@@ -128,10 +138,8 @@ class Ledger:
 
     def why_not(self, entry: Entry, now_ns: int) -> LedgerReason | None:
         """The first bound that one more pulse would pass; None if it fits."""
-        bounds = self._bounds
+        bounds, own, array = self._bounds, self._own[entry.electrode], self._array
         total_pc = self.charge_pc(entry.electrode, now_ns) + entry.charge_pc
-        own = self._own[entry.electrode]
-        self._array.forget(now_ns)
         if entry.pulses and now_ns < self.rested_ns(entry.electrode):
             return "interval"
         if own.pulses + entry.pulses > bounds.pulses:
@@ -140,41 +148,36 @@ class Ledger:
             return "charge"
         if own.on_us + entry.on_us > bounds.on_us:
             return "duty"
-        if self._array.charge_pc + entry.charge_pc > self._array_charge_pc:
+        if array.charge_pc + entry.charge_pc > self._array_charge_pc:
             return "array charge"
-        if self._array.on_us + entry.on_us > bounds.array_on_us:
+        if array.on_us + entry.on_us > bounds.array_on_us:
             return "array duty"
         return None if self._returns_fit(entry, now_ns) else "return charge"
 
     def book(self, entry: Entry, now_ns: int) -> None:
         """What was fired."""
-        electrode = entry.electrode
         if entry.pulses:
-            self._begun_ns[electrode] = now_ns
-        self._own[electrode].book(now_ns, entry.charge_pc, entry.on_us, entry.pulses)
-        self._array.book(now_ns, entry.charge_pc, entry.on_us, entry.pulses)
-        if entry.returns is None:
-            share_pc = _share_pc(entry)
-            self._pool.book(now_ns, share_pc, 0, 0)
-            self._into_pool[electrode].book(now_ns, share_pc, 0, 0)
-        for one in entry.returns or ():
-            self._own[one].book(now_ns, entry.charge_pc, 0, 0)
-            self._most_beside_pool_pc = max(self._most_beside_pool_pc, self._beside_pool_pc(one))
-        self._most_beside_pool_pc = max(self._most_beside_pool_pc, self._beside_pool_pc(electrode))
+            self._begun_ns[entry.electrode] = now_ns
+        self._book(entry, entry.charge_pc, now_ns, entry.on_us, entry.pulses)
 
     def book_excess(self, entry: Entry, excess_pc: int, now_ns: int) -> None:
         """What a message that took longer than planned may have added: to all in the path."""
-        if entry.returns is None:
-            share_pc = math.ceil(excess_pc * entry.share)
-            self._pool.book(now_ns, share_pc, 0, 0)
-            self._into_pool[entry.electrode].book(now_ns, share_pc, 0, 0)
-        self._array.book(now_ns, excess_pc, 0, 0)
-        for one in (entry.electrode, *(entry.returns or ())):
-            self._own[one].book(now_ns, excess_pc, 0, 0)
-            self._most_beside_pool_pc = max(self._most_beside_pool_pc, self._beside_pool_pc(one))
+        self._book(entry, excess_pc, now_ns)
 
-    def _beside_pool_pc(self, electrode: int) -> int:
-        return self._own[electrode].charge_pc - self._into_pool[electrode].charge_pc
+    def _book(
+        self, entry: Entry, charge_pc: int, now_ns: int, on_us: int = 0, pulses: int = 0
+    ) -> None:
+        """So much for the electrode and the array, and for who carries it back."""
+        pooled_pc = _share_pc(entry, charge_pc) if entry.returns is None else 0
+        own = self._own[entry.electrode]
+        own.book(now_ns, charge_pc, pooled_pc, on_us, pulses)
+        self._array.book(now_ns, charge_pc, pooled_pc, on_us, pulses)
+        most_pc = max(self._most_beside_pool_pc, own.beside_pool_pc)
+        for one in entry.returns or ():
+            carrying = self._own[one]
+            carrying.book(now_ns, charge_pc)
+            most_pc = max(most_pc, carrying.beside_pool_pc)
+        self._most_beside_pool_pc = most_pc
 
     def _returns_fit(self, entry: Entry, now_ns: int) -> bool:
         if entry.returns is not None:
@@ -182,17 +185,17 @@ class Ledger:
                 self.charge_pc(one, now_ns) + entry.charge_pc <= self._charge_pc
                 for one in entry.returns
             )
-        room_pc = self._charge_pc - self._pool.charge_pc - _share_pc(entry)
+        room_pc = self._charge_pc - self._array.pooled_pc - _share_pc(entry, entry.charge_pc)
         if self._most_beside_pool_pc > room_pc:
             self._most_beside_pool_pc = self._recount(now_ns)
         return self._most_beside_pool_pc <= room_pc
 
     def _recount(self, now_ns: int) -> int:
-        for window in (*self._own, *self._into_pool):
-            window.forget(now_ns)
-        return max(self._beside_pool_pc(one) for one in range(len(self._own)))
+        for own in self._own:
+            own.forget(now_ns)
+        return max(own.beside_pool_pc for own in self._own)
 
 
-def _share_pc(entry: Entry) -> int:
+def _share_pc(entry: Entry, charge_pc: int) -> int:
     """Rounded up: a ledger errs on the side of having given more."""
-    return math.ceil(entry.charge_pc * entry.share)
+    return math.ceil(charge_pc * entry.share)
