@@ -225,6 +225,11 @@ class LeaseReply(Success, frozen=True, kw_only=True):
     lease_ms: int
 
 
+ClampReason = Literal[
+    "cap", "return_cap", "opening", "recontact", "contact_open", "charge", "frame"
+]
+
+
 class Clamp(msgspec.Struct, frozen=True, kw_only=True):
     """What was made smaller: electrode, the wish and what it got, and why.
 
@@ -234,7 +239,7 @@ class Clamp(msgspec.Struct, frozen=True, kw_only=True):
     electrode: int
     wanted_ua: int
     got_ua: int
-    reason: Literal["cap", "return_cap", "opening", "recontact", "contact_open", "charge", "frame"]
+    reason: ClampReason
     limited_by: int
 
 

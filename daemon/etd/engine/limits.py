@@ -18,7 +18,7 @@ import msgspec
 from etd.calibration import Calibration
 from etd.errors import Refused
 from etd.maxima import Maxima
-from etd.protocol import Clamp, Limits
+from etd.protocol import Clamp, ClampReason, Limits
 from etd.stabilize.pipeline import Most, Wish
 
 
@@ -134,29 +134,28 @@ def last_word(
     `most` is the frame's own, where stabilizers ask. `before_pc` is the charge of the probe that
     goes before. What leads into the pulse falls with it, and its charge counts.
     """
-    return_ua = path.return_cap_ua / path.share
-    bounds: list[tuple[int, str, int]] = [
-        (_within_cap(path.cap_ua, wish, most), "cap", path.electrode),
-        (_within_cap(return_ua, wish, most), "return_cap", path.return_electrode),
-        (wish.current_of(maxima.charge_pc - before_pc), "charge", path.electrode),
-        (opening_ua, "opening", path.electrode),
-    ]
+    bounds_ua: dict[ClampReason, int] = {
+        "cap": _within_cap(path.cap_ua, wish, most),
+        "return_cap": _within_cap(path.return_cap_ua / path.share, wish, most),
+        "charge": wish.current_of(maxima.charge_pc - before_pc),
+        "opening": opening_ua,
+    }
     if most is not None:
-        frame_ua = min(most.current_ua, most.charge_pc // wish.width_us)
-        bounds.append((frame_ua, "frame", path.electrode))
+        bounds_ua["frame"] = min(most.current_ua, most.charge_pc // wish.width_us)
     if recontact_ua is not None:
-        bounds.append((recontact_ua, "recontact", path.electrode))
+        bounds_ua["recontact"] = recontact_ua
     if is_open:
-        bounds.append((maxima.probe_current_ua, "contact_open", path.electrode))
-    bound_ua, reason, limited_by = min(bounds, key=lambda bound: bound[0])
+        bounds_ua["contact_open"] = maxima.probe_current_ua
+    bound_ua = min(bounds_ua.values())
     if wish.current_ua <= bound_ua:
         return wish.current_ua, None
+    reason = min(bounds_ua, key=bounds_ua.__getitem__)
     clamp = Clamp(
         electrode=path.electrode,
         wanted_ua=wish.current_ua,
         got_ua=bound_ua,
-        reason=reason,  # type: ignore[arg-type]
-        limited_by=limited_by,
+        reason=reason,
+        limited_by=path.return_electrode if reason == "return_cap" else path.electrode,
     )
     return bound_ua, clamp
 
