@@ -219,20 +219,21 @@ class ImpedanceMap:
         skin.doubt = self._read(skin, samples, now_ns)
         return skin.doubt if skin.is_news(skin.doubt, now_ns) else None
 
-    def is_adc_doubted(self, resting_v: float, *pulse_v: float, probed_v: float = 0.0) -> bool:
-        """Whether what was sampled before a pulse and within it, the last near its end, is of an
-        ADC that stands still (on zero it only tells no skin), or of a node that was not at rest,
-        by more than what a probe came to that went directly before.
+    def is_adc_doubted(
+        self, resting_v: float, early_v: float, last_v: float, probed_v: float = 0.0
+    ) -> bool:
+        """Whether what was sampled before a pulse, early in it and last is of an ADC that stands
+        still (on zero it only tells no skin), or of a node that was not at rest, by more than what
+        a probe came to that went directly before.
         """
-        moved_v = max(abs(one - resting_v) for one in pulse_v)
+        moved_v = max(abs(early_v - resting_v), abs(last_v - resting_v))
         stands_still = resting_v > 0.0 and moved_v < self._still_v
-        most_v = min(max(_OFFSET_V, _RESTING_PART * pulse_v[-1]), _RESTING_V)
+        most_v = min(max(_OFFSET_V, _RESTING_PART * last_v), _RESTING_V)
         return stands_still or resting_v > max(most_v, probed_v)
 
     def _read(self, skin: _Skin, samples: Samples, now_ns: int) -> Doubt | None:
         last_v = samples.early_v if samples.end_v is None else samples.end_v
-        pulse_v = (samples.early_v, last_v)
-        if self.is_adc_doubted(samples.resting_v, *pulse_v, probed_v=samples.probed_v):
+        if self.is_adc_doubted(samples.resting_v, samples.early_v, last_v, samples.probed_v):
             return "adc"
         if last_v >= _NEAR_COMPLIANCE * self._compliance_v:
             return "compliance"
