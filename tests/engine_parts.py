@@ -117,7 +117,7 @@ def planner(
         person = limits_of_calibration(calibrated, maxima, layout.name, layout.count, site.name)
     else:
         caps = tuple(caps_ua) if caps_ua is not None else (3_000,) * layout.count
-        person = PersonLimits(caps, maxima.width_us, None)
+        person = PersonLimits(caps, maxima.width_us, maxima.width_us, None)
     return Planner(
         AnySelector(can_choose=can_choose),
         Rules(layout, site, maxima, person, 10_000 / 4_095, reach),

@@ -55,6 +55,36 @@ def test_an_electrode_never_gets_more_than_its_own_cap(make_rig: MakeRig) -> Non
     }
 
 
+@pytest.mark.parametrize("width_us", [40, 100, 130, 160])
+def test_a_cap_is_of_the_charge_that_it_has_in_the_pulses_it_was_accepted_with(
+    make_rig: MakeRig, width_us: int
+) -> None:
+    """They were of 100 us: a wider pulse of the same current would be felt as more."""
+    cap_ua = 2_000
+    rig = calibrated(make_rig(electrodes=N), caps(e3=cap_ua))
+    got_ua = cap_ua * min(width_us, 100) // width_us
+    asked = {"current_ua": only(N, e3=cap_ua), "width_us": width_us}
+    answer = rig.show(**asked)
+    told = [(one.electrode, one.wanted_ua, one.got_ua, one.reason) for one in answer.clamped]
+    assert told == ([] if width_us <= 100 else [(3, cap_ua, got_ua, "cap")])
+    rig.run_ms(60)
+    assert got_ua - STEP_UA < felt_ua(rig)[3] <= got_ua
+    is_refused = rig.show(**asked, strict=True).error == "over_limit"
+    assert is_refused == (width_us > 100)
+
+
+def test_the_cap_of_a_return_is_of_its_charge_too(make_rig: MakeRig) -> None:
+    rig = make_rig(loaded=config("feetthrough-relay", N))
+    calibrated(rig, caps(e4=600))
+    sets = tuple((0,) if one == 4 else (4,) for one in range(N))
+    answer = rig.show(
+        current_ua=only(N, e3=600), width_us=150, returns=sets, pulses=1, rate_hz=10.0
+    )
+    assert [(one.got_ua, one.reason, one.limited_by) for one in answer.clamped] == [
+        (400, "return_cap", 4)
+    ]
+
+
 def test_a_level_is_felt_between_threshold_and_comfortable(make_rig: MakeRig) -> None:
     rig = calibrated(make_rig(electrodes=N), caps())
     since_ns = rig.clock.now_ns()

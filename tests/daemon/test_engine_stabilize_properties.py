@@ -236,10 +236,13 @@ def rise_of(table: Settings, frame: Sent) -> float:
     return math.expm1(-width_us / narrow.tau_us) / math.expm1(-narrow.width_us / narrow.tau_us)
 
 
-def cap_pc(table: Settings, width_us: int, *, is_calibrated: bool) -> float:
-    """A calibration's was accepted with the prepulse that there is."""
-    led = table.prepulse if is_calibrated else None
-    return CAP_UA * width_us + (CAP_UA * led.part * led.width_us if led else 0.0)
+def cap_pc(table: Settings, width_us: int, made: Calibration | None) -> float:
+    """A calibration's was accepted with the prepulse that there is, in pulses of its width."""
+    if made is None:
+        return CAP_UA * width_us
+    led = table.prepulse
+    led_pc = CAP_UA * led.part * led.width_us if led else 0.0
+    return CAP_UA * min(width_us, made.width_us) + led_pc
 
 
 def is_named_and_narrowed(frame: Sent, table: Settings) -> bool:
@@ -251,7 +254,11 @@ def is_named_and_narrowed(frame: Sent, table: Settings) -> bool:
 
 
 def check(
-    frame: Sent, visit: tuple[Phase, ...], table: Settings, opened_ua: int, *, is_calibrated: bool
+    frame: Sent,
+    visit: tuple[Phase, ...],
+    table: Settings,
+    opened_ua: int,
+    made: Calibration | None,
 ) -> None:
     """One visit against one frame that stood when it began."""
     electrode = visit[0].electrode
@@ -272,7 +279,7 @@ def check(
     rise, pre, times = rise_of(table, frame), table.prepulse, most_wider(table)
     led_ua, led_us = (wanted_ua * rise * pre.part, pre.width_us) if pre else (0.0, 0)
     assert strongest_ua <= min(CAP_UA, rise * wanted_ua)
-    whole_pc = cap_pc(table, width_us, is_calibrated=is_calibrated)
+    whole_pc = cap_pc(table, width_us, made)
     for is_anodic in (True, False):
         way = [one for one in body if one.is_anodic is is_anodic]
         charge_pc = sum(one.charge_pc for one in way)
@@ -288,7 +295,7 @@ def check_story(player: Player, table: Settings, armed_ns: int) -> None:
     accepted = player.accepted
     by_seq = {one.seq: one for one in accepted}
     grace_ns = GRACE_NS[table.bursts is not None]
-    checked = partial(check, table=table, is_calibrated=player.calibration is not None)
+    checked = partial(check, table=table, made=player.calibration)
     for visit in visits(phases(player.rig, armed_ns)):
         begun_ns, seq, electrode = visit[0].from_ns, visit[0].seq, visit[0].electrode
         assert seq is not None

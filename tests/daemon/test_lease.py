@@ -12,7 +12,7 @@ NOW_NS = 7_000_000_000
 
 
 def lease() -> Lease:
-    made = Lease("mine", "player", PersonLimits((1_000,), 100, None), 0)
+    made = Lease("mine", "player", PersonLimits((1_000,), 100, 100, None), 0)
     made.renew(NOW_NS)
     return made
 

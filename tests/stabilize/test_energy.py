@@ -43,10 +43,16 @@ def settled(law: Energy, skin_ohm: float, wish: Wish = FRAME) -> Wish:
     return asked
 
 
-@pytest.mark.parametrize("skin_ohm", [15_000, 25_000, 50_000, 90_000])
+@pytest.mark.parametrize("skin_ohm", [15_000, 25_000, 50_000, 66_000])
 def test_the_energy_is_the_references_whatever_the_skin_resists(skin_ohm: int) -> None:
     asked = settled(energy(), skin_ohm)
     assert joule(asked, skin_ohm) == pytest.approx(joule(FRAME, 50_000), rel=0.01)
+
+
+@pytest.mark.parametrize("skin_ohm", [90_000, 250_000, 2_000_000])
+def test_a_skin_above_the_leaks_resistance_is_not_answered_by_more(skin_ohm: int) -> None:
+    """It takes less power, because the leak takes more of the current."""
+    assert settled(energy(), skin_ohm) == settled(energy(), 66_000)
 
 
 def test_at_the_reference_nothing_changes() -> None:

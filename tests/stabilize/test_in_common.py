@@ -120,11 +120,10 @@ def test_who_has_not_asked_for_a_second_has_no_vote() -> None:
         max_size=60,
     )
 )
-def test_nobody_gets_what_neither_the_law_nor_the_frame_wants(
+def test_nobody_gets_more_than_the_law_wants_or_less_than_the_frame_for_it(
     asked: list[tuple[int, float, int]],
 ) -> None:
     trust, now_ns = Trust(1.5, unheard), 0
     for electrode, wanted, elapsed_ns in asked:
         now_ns += elapsed_ns
-        believed = trust.believed(electrode, wanted, now_ns)
-        assert min(1.0, wanted) <= believed <= max(1.0, wanted)
+        assert min(1.0, wanted) <= trust.believed(electrode, wanted, now_ns) <= wanted

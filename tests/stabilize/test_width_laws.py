@@ -150,10 +150,16 @@ def test_a_fitted_width_is_a_power_of_the_resistance(skin_ohm: int, factor: floa
     assert asked.current_ua * asked.width_us == pytest.approx(2_000 * 100 * factor, rel=0.01)
 
 
-@pytest.mark.parametrize("skin_ohm", [10_000.0, 25_000.0, 50_000.0, 100_000.0, 150_000.0])
+@pytest.mark.parametrize("skin_ohm", [10_000.0, 25_000.0, 50_000.0])
 def test_lines_with_their_default_slopes_hold_the_delivered_charge(skin_ohm: float) -> None:
     asked = settled(Lines(LinesLaw(most_wider=2.0), LEAK_OHM), skin_ohm)
     assert delivered_nc(asked, skin_ohm) == pytest.approx(delivered_nc(FRAME, 50_000), rel=0.01)
+
+
+@pytest.mark.parametrize("skin_ohm", [51_000.0, 150_000.0, 1_000_000.0])
+def test_what_the_leak_takes_where_resistance_rises_is_not_made_up_for(skin_ohm: float) -> None:
+    asked = settled(Lines(LinesLaw(most_wider=2.0), LEAK_OHM), skin_ohm)
+    assert asked.current_ua * asked.width_us <= FRAME.current_ua * FRAME.width_us
 
 
 def test_lines_solve_for_both_current_and_width() -> None:
@@ -164,8 +170,12 @@ def test_lines_solve_for_both_current_and_width() -> None:
     assert asked.width_us == pytest.approx(100 * charge**2 * resistance / energy, abs=5)
 
 
-def test_a_line_below_zero_says_nothing() -> None:
-    assert settled(Lines(LinesLaw(charge_slope=-1.0), LEAK_OHM), 120_000.0) == FRAME
+@pytest.mark.parametrize("skin_ohm", [96_000.0, 120_000.0, 1_000_000.0])
+def test_no_line_is_followed_below_a_tenth_and_none_turns_there(skin_ohm: float) -> None:
+    """At twice the reference it would be at zero, and below it beyond."""
+    asked = settled(Lines(LinesLaw(charge_slope=-1.0), LEAK_OHM), skin_ohm)
+    part = asked.current_ua * asked.width_us / (FRAME.current_ua * FRAME.width_us)
+    assert part == pytest.approx(0.1, rel=0.01)
 
 
 def test_a_reference_is_carried_over_to_the_current_of_the_pulse() -> None:

@@ -24,10 +24,15 @@ from etd.stabilize.pipeline import Most, Wish
 
 @dataclass(frozen=True, slots=True)
 class PersonLimits:
-    """One person's caps, by electrode, and the conditions they were found under."""
+    """One person's caps, by electrode, and the conditions they were found under.
+
+    No pulse is wider than `width_us`. `accepted_us` is the width that the caps are of: in a wider
+    pulse nobody has allowed more charge.
+    """
 
     caps_ua: tuple[int, ...]
     width_us: int
+    accepted_us: int
     calibration: Calibration | None
 
 
@@ -70,7 +75,7 @@ def limits_of_calibration(
                 electrode,
             )
     caps_ua = tuple(one.cap_ua for one in calibration.electrode)
-    return PersonLimits(caps_ua, maxima.width_us, calibration)
+    return PersonLimits(caps_ua, maxima.width_us, calibration.width_us, calibration)
 
 
 def limits_of_numbers(limits: Limits, maxima: Maxima, electrodes: int) -> PersonLimits:
@@ -89,7 +94,8 @@ def limits_of_numbers(limits: Limits, maxima: Maxima, electrodes: int) -> Person
         raise Refused(
             "over_maximum", f"width_us {limits.width_us} is more than {maxima.width_us} here"
         )
-    return PersonLimits((limits.max_current_ua,) * electrodes, limits.width_us, None)
+    caps_ua = (limits.max_current_ua,) * electrodes
+    return PersonLimits(caps_ua, limits.width_us, limits.width_us, None)
 
 
 class Path(msgspec.Struct, frozen=True):
@@ -161,8 +167,9 @@ def last_word(
 
 
 def _within_cap(cap_ua: float, wish: Wish, most: Most | None) -> int:
-    """A cap is a current, and the charge that it has in the frame's own pulses: where one is wider,
-    or something leads into it that the cap was not accepted with, nobody has allowed more.
+    """A cap is a current, and the charge that it has in the frame's own pulses, or in those that it
+    was accepted with: where one is wider, or something leads into it that was not there then,
+    nobody has allowed more.
     """
     if most is None:
         return int(cap_ua)

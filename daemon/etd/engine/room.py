@@ -44,6 +44,7 @@ class Room:
         # (`etd.calibration`). A client's number is of nothing but a current.
         is_led = self._prepulse is not None and rules.person.calibration is not None
         self._cap_led_part = self._prepulse.part if self._prepulse and is_led else 0.0
+        self._accepted_us = rules.person.accepted_us
 
     def reach(self, *, is_level: bool) -> Reach:
         """How far stabilizers may go: beyond the current of a level, never beyond one that is
@@ -83,7 +84,7 @@ class Room:
             current_ua=max(
                 wish.current_ua, min(int(wish.current_ua * reach.current), maxima.current_ua)
             ),
-            own_us=wish.width_us,
+            cap_us=min(wish.width_us, self._accepted_us),
             width_us=max(wish.width_us, min(width_us, int(allowed_us))),
             charge_pc=max(charge_pc, min(int(charge_pc * reach.charge), allowed_pc)),
             prepulse_us=self._prepulse_us,

@@ -1,4 +1,4 @@
-"""A law that stands at an end of what it asks for is not believed there for long.
+"""A law that stands at an end of what it asks for is doubted there before long.
 
 Owns: how near and how long that is, and when it ends. Must not know: what a law goes by, limits.
 
@@ -6,8 +6,8 @@ A divider that makes bad contact on one electrode reads like wet skin, and holds
 that it may ask for; one that is too high reads like skin that hardly touches, and has it ask for
 next to nothing. Skin is there too, but not for so long. On the busiest modelled fingers (seeds 1
 and 2, ten minutes) `fitted` wants nearly its widest for 7 and 13 % of the time, and less than a
-quarter of the frame's for 0.3 and 0.2 %, in stretches of seconds. To give up after 10 s takes 4 and
-2 of 1000 pulses from it there at the wide end, and none at the narrow one.
+quarter of the frame's for 0.3 and 0.2 %, in stretches of seconds. After 10 s 4 and 2 of 1000 pulses
+there are doubted at the wide end, and none at the narrow one.
 
 What a law wants counts, by resistances that are believed; so pulses by others, and pauses, neither
 fill nor end it, nor does an arming. Nor does a moment away from there: what is wrong for more than
@@ -60,18 +60,27 @@ class EndStop:
         self._stood_ns: dict[int, int] = {}
         self._asked_ns: dict[int, int] = {}
         self._doubted: set[int] = set()
+        self._told: set[int] = set()
+
+    def tell_again(self) -> None:
+        """Of those that are doubted now, each when it is next asked."""
+        self._told.clear()
 
     def is_doubted(self, electrode: int, wanted: float, now_ns: int) -> bool:
         """Whether what a law wants by what is measured, as a factor, has stood at the end for too
         long, until it has been clearly away from there for as long.
         """
         stood_ns = self._count(electrode, wanted, now_ns)
-        if stood_ns == 0:
-            self._doubted.discard(electrode)
-        elif electrode not in self._doubted and stood_ns >= _LONG_NS:
+        if stood_ns >= _LONG_NS:
             self._doubted.add(electrode)
+        elif stood_ns == 0:
+            self._doubted.discard(electrode)
+            self._told.discard(electrode)
+        is_doubted = electrode in self._doubted
+        if is_doubted and electrode not in self._told:
+            self._told.add(electrode)
             self._tell()
-        return electrode in self._doubted
+        return is_doubted
 
     def _count(self, electrode: int, wanted: float, now_ns: int) -> int:
         """For how long it has stood there, less what it has been away since."""

@@ -9,7 +9,9 @@ takes P = I^2 R (L / (L + R))^2 watt; with R0 the reference, and w0 and I0 what 
 
     w = w0 x P(R0) / P(R)      and, where the width is at its bound,   I = I0 x sqrt(w / w_bound)
 
-so a skin that takes more power gets a shorter pulse, and below `narrowest_us` a weaker one. Width
+so a skin that takes more power gets a shorter pulse, and below `narrowest_us` a weaker one. A skin
+of more than L takes less again, since the leak takes more; it counts as one of L: a reading that is
+too high, and an edge of skin that carries all, must not be answered by more. Width
 grows by at most `most_wider`; current never. Beyond that the energy falls short, and nothing winds
 up. The factor rises by at most `rise_per_s`, and falls at once. Without a believed resistance the
 pulse is what was wanted; not all widening is believed (`trust.py`), and soft contacts get none.
@@ -60,9 +62,10 @@ class Energy:
         return self._pulse(wish, self._following.factor(known, wanted))
 
     def _power(self, resistance_ohm: float) -> float:
-        """In watt for an ampere squared."""
-        taken = self._leak_ohm / (self._leak_ohm + resistance_ohm)
-        return resistance_ohm * taken * taken
+        """In watt for an ampere squared; above the leak's resistance, as there."""
+        counted_ohm = min(resistance_ohm, self._leak_ohm)
+        taken = self._leak_ohm / (self._leak_ohm + counted_ohm)
+        return counted_ohm * taken * taken
 
     def _pulse(self, wish: Wish, factor: float) -> Wish:
         """The width is a step, at least the narrowest; the current makes up for the rounding."""

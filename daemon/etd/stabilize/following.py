@@ -26,7 +26,10 @@ class Following:
         self.reach = Reach(width=most_wider, charge=most_wider)
 
     def forget(self) -> None:
-        """The supply was off. What is not believed stays so: it goes by readings."""
+        """The supply was off. What is not believed stays so, since it goes by readings, and is told
+        again.
+        """
+        self._trust.tell_again()
         self._references.forget()
         self._factor.forget()
 

@@ -45,6 +45,10 @@ class Common:
         #: When enough of them have asked last.
         self._many_ns: int | None = None
 
+    def tell_again(self) -> None:
+        """If it still is so when it is next looked at."""
+        self._is_told = False
+
     def taken_from(self, electrode: int, wanted: float, now_ns: int) -> float:
         """What a law wants, as a factor, without what all have wanted for long."""
         self._wanted[electrode] = (math.log(wanted), now_ns)

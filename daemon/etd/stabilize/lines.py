@@ -14,12 +14,14 @@ there:
 
 Slopes relative to the wanted pulse make all lines meet on the axis. They belong to a person, and
 come from two straight fits over 3 to 5 resistances (dry, moistened, light and firm pressure). Those
-of the publication could not be read; 0 and 1, the defaults, hold the *delivered* current and width,
-which takes out what the leak makes of a wandering resistance.
+of the publication could not be read; 0 and 1, the defaults, hold the *delivered* current and width
+where resistance falls, which takes out what the leak makes of it. Where resistance rises nothing is
+added for what the leak takes: a reading that is too high, and an edge of skin that carries all,
+must not get more than the lines say.
 
 Current never rises above what is wanted: the width makes up for it, from Q alone, by at most
-`most_wider`; below `narrowest_us` the current falls. Where a line is not above zero the pulse is
-what was wanted, and so it is without a believed resistance. Not all widening is believed
+`most_wider`; below `narrowest_us` the current falls. No line is followed below a tenth of what is
+wanted. Without a believed resistance the pulse is what was wanted. Not all widening is believed
 (`trust.py`). The told charge rises by at most `rise_per_s` of what is wanted, and falls at once;
 a soft contact gets no more than that.
 """
@@ -36,6 +38,9 @@ from etd.stabilize.following import Following
 from etd.stabilize.pipeline import Known, Wish
 from etd.stabilize.rounding import as_charge
 from etd.stabilize.tell import Tell, unheard
+
+#: Below this part of what is wanted no line is followed: it would come to nothing, and then turn.
+_LEAST = 0.1
 
 
 class LinesLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -70,7 +75,7 @@ class Lines:
         return as_charge(weaker, width_us, self._law.narrowest_us, self._law.most_wider)
 
     def _believed(self, wish: Wish, known: Known) -> tuple[float, float]:
-        """Told current and charge, as factors; 1 where no line says anything."""
+        """Told current and charge, as factors; 1 where no resistance is believed."""
         compared = self._following.compared(known, wish.current_ua)
         if compared is None:
             return 1.0, 1.0
@@ -78,16 +83,12 @@ class Lines:
         solved = [self._solved(ohm, reference_ohm) for ohm in seen_ohm]
         told = min(current for current, _ in solved)
         charge = min(charge for _, charge in solved)
-        believed = self._following.believed(known, charge)
-        # A charge that is not believed to be so little: nor is its current.
-        return 1.0 if believed > charge else min(1.0, told), believed
+        return min(1.0, told), self._following.believed(known, charge)
 
     def _solved(self, now_ohm: float, reference_ohm: float) -> tuple[float, float]:
         """The same for one resistance, neither bounded nor doubted."""
         risen = now_ohm / reference_ohm - 1.0
-        charge = 1.0 + self._law.charge_slope * risen
-        energy = 1.0 + self._law.energy_slope * risen
-        if charge <= 0.0 or energy <= 0.0:
-            return 1.0, 1.0
-        leaks = (self._leak_ohm + now_ohm) / (self._leak_ohm + reference_ohm)
+        charge = max(_LEAST, 1.0 + self._law.charge_slope * risen)
+        energy = max(_LEAST, 1.0 + self._law.energy_slope * risen)
+        leaks = min(1.0, (self._leak_ohm + now_ohm) / (self._leak_ohm + reference_ohm))
         return energy / (charge * (1.0 + risen)) * leaks, charge * leaks

@@ -154,22 +154,23 @@ NO_FURTHER = Reach()
 class Most:
     """The frame's own most for one electrode: no stabilizer gets more, whatever it asks.
 
-    `own_us` is the width that the frame asked for, `width_us` how wide its slot in the scan is,
+    `cap_us` is the width that a cap's current is taken for: the frame's, or that of the pulses that
+    the cap was accepted with, if it is less. `width_us` is how wide its slot in the scan is,
     beside the `prepulse_us` that the body site leaves for a prepulse. `cap_led_part`: of a cap's
     current, what led into the pulses that it was accepted with; 0: they were plain ones.
     Current and charge are cut, and told, together with the limits (`engine/limits.py`).
     """
 
     current_ua: int
-    own_us: int
+    cap_us: int
     width_us: int
     charge_pc: int
     prepulse_us: int = 0
     cap_led_part: float = 0.0
 
     def capped_pc(self, cap_ua: float) -> int:
-        """The charge that a cap has in the frame's own width, with what led into its pulses."""
-        return int(cap_ua * self.own_us) + int(cap_ua * self.cap_led_part) * self.prepulse_us
+        """The charge that a cap stands for, with what led into its pulses."""
+        return int(cap_ua * self.cap_us) + int(cap_ua * self.cap_led_part) * self.prepulse_us
 
     def not_above(self, other: Most) -> Most:
         """For a pulse of this one's width, in the slot of another one."""

@@ -3,10 +3,12 @@
 Owns: the rules and their order. Must not know: what a law goes by, limits.
 
 First what all electrodes have in common for long (`in_common.py`), which a wrong gain is, is taken
-out of a widening; then an electrode that stands at its widest or at its narrowest by itself
-(`end_stop.py`) is given up: it gets the pulse that the frame wants. What is left is still bounded
-by the law's own `most_wider`. All of them judge readings and no skin: who touches, and whether the
-supply was off meanwhile, is nothing to them.
+out of a widening; then an electrode that stands at its widest by itself (`end_stop.py`) is given
+up: it gets the pulse that the frame wants. What is left is still bounded by the law's own
+`most_wider`. One that stands at its narrowest is told, and stays there: nothing tells a reading
+that is too high from an edge of skin that carries all, and that one would be hurt by what the frame
+wants. All of them judge readings and no skin: who touches, and whether the supply was off
+meanwhile, is nothing to them; but who comes then is told again.
 """
 
 from __future__ import annotations
@@ -25,12 +27,13 @@ class Trust:
         self._narrowest = EndStop(narrowest(), lambda: tell("narrow"))
 
     def believed(self, electrode: int, wanted: float, now_ns: int) -> float:
-        """Of what a law wants by what is measured, as a factor above 0; never more than that, but
-        1 where it is not believed.
-        """
+        """Of what a law wants by what is measured, as a factor above 0; never more than that."""
         own = self._common.taken_from(electrode, wanted, now_ns)
-        if self._widest.is_doubted(electrode, own, now_ns):
-            own = min(own, 1.0)
-        if self._narrowest.is_doubted(electrode, 1.0 / own, now_ns):
-            own = max(own, 1.0)
-        return own
+        # Told, no more.
+        self._narrowest.is_doubted(electrode, 1.0 / own, now_ns)
+        return min(own, 1.0) if self._widest.is_doubted(electrode, own, now_ns) else own
+
+    def tell_again(self) -> None:
+        """What is doubted now is news to whoever comes."""
+        for one in (self._common, self._widest, self._narrowest):
+            one.tell_again()
