@@ -172,8 +172,7 @@ class Planner:
         return Visit(
             electrode,
             self._select(electrode, returns),
-            current_ua,
-            width_us,
+            wish,
             phases,
             rate_hz,
             returns,

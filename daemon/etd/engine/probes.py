@@ -11,7 +11,7 @@ from etd.engine.limits import PersonLimits, path_of
 from etd.engine.plan import Selector
 from etd.engine.visit import Visit
 from etd.maxima import Maxima
-from etd.stabilize.pipeline import Most
+from etd.stabilize.pipeline import Most, Wish
 
 
 def probes_of(
@@ -29,8 +29,7 @@ def probes_of(
         Visit(
             electrode=one,
             selection=board.selection(outputs[one], None),
-            current_ua=currents_ua[one],
-            width_us=width_us,
+            wish=Wish(currents_ua[one], width_us),
             phases=(True,),
             rate_hz=1.0,
             returns=None,

@@ -74,9 +74,10 @@ class Scanner:
         standing = self.standing
         if standing is None:
             return
-        if standing.has_expired(now_ns) and not standing.is_begun:
+        has_expired = standing.has_expired(now_ns)
+        if has_expired and not standing.is_begun:
             self._reporter.never_shown(standing.plan.frame, now_ns)
-        if standing.has_expired(now_ns) or standing.has_had_its_pulses:
+        if has_expired or standing.has_had_its_pulses:
             self._let_go()
 
     def scan(
@@ -197,10 +198,10 @@ class Scanner:
         take_frames: Callable[[], None],
     ) -> None:
         """Between the pulses of a burst, with the watch kept, and an eye on newer frames."""
-        until_ns = standing.earliest_ns(turn)
-        if standing.is_long(self._clock.now_ns()):
+        until_ns, now_ns = standing.earliest_ns(turn), self._clock.now_ns()
+        if standing.is_long(now_ns):
             take_frames()
-        now_ns = self._clock.now_ns()
+            now_ns = self._clock.now_ns()
         while (
             now_ns < until_ns
             and standing.visit_of(turn) is not None

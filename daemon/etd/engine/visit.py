@@ -23,8 +23,8 @@ class Visit:
 
     electrode: int
     selection: Selection
-    current_ua: int
-    width_us: int
+    #: What the frame itself asks for.
+    wish: Wish
     phases: tuple[bool, ...]
     rate_hz: float
     returns: tuple[int, ...] | None
@@ -40,9 +40,12 @@ class Visit:
         return pc_of(self.probe)
 
     @property
-    def wish(self) -> Wish:
-        """What the frame itself asks for."""
-        return Wish(self.current_ua, self.width_us)
+    def current_ua(self) -> int:
+        return self.wish.current_ua
+
+    @property
+    def width_us(self) -> int:
+        return self.wish.width_us
 
     def lowered_to(self, newer: Visit | None) -> Visit | None:
         """What is left of it in a scan under way when a newer frame has come, which asks for

@@ -273,7 +273,7 @@ class Visitor:
             FiredPulse(
                 electrode=electrode,
                 begun_ns=begun_ns,
-                wanted_ua=visit.current_ua,
+                wanted_ua=visit.wish.current_ua,
                 told_ua=pulse.told_ua,
                 delivered_ua=contact.delivered_ua(electrode),
                 width_us=round(pulse.shape.width_us, 2),
