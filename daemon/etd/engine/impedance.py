@@ -99,16 +99,17 @@ class _Skin:
         """Whether a doubt begins with it. One ends with a pulse that is believed, when it has not
         been had for a while: what is doubted now and then is one episode.
         """
-        if doubt is None:
+        if doubt is not None:
+            is_news = doubt not in self.doubted_ns
+            self.doubted_ns[doubt] = now_ns
+            return is_news
+        if self.doubted_ns:
             self.doubted_ns = {
                 one: then_ns
                 for one, then_ns in self.doubted_ns.items()
                 if now_ns - then_ns < _CALM_NS
             }
-            return False
-        is_news = doubt not in self.doubted_ns
-        self.doubted_ns[doubt] = now_ns
-        return is_news
+        return False
 
     def turn(self, step: float, now_ns: int) -> None:
         """One more step of the logarithm; it turns where the one before went the other way."""
@@ -159,14 +160,14 @@ class ImpedanceMap:
     def early_ohm(self, electrode: int, now_ns: int) -> float | None:
         """The same as estimated from early samples alone, with the assumed time constant."""
         skin = self._skins[electrode]
-        if self.skin_ohm(electrode, now_ns) is None or skin.early_log_ohm is None:
+        if skin.early_log_ohm is None or self.skin_ohm(electrode, now_ns) is None:
             return None
         return math.exp(skin.early_log_ohm)
 
     def last_early_ohm(self, electrode: int, now_ns: int) -> float | None:
         """The same of the last pulse alone."""
         skin = self._skins[electrode]
-        if self.skin_ohm(electrode, now_ns) is None or skin.last_early_log_ohm is None:
+        if skin.last_early_log_ohm is None or self.skin_ohm(electrode, now_ns) is None:
             return None
         return math.exp(skin.last_early_log_ohm)
 

@@ -29,7 +29,8 @@ class Slew:
         before, then_ns = self._reached.get(electrode, (self._start, now_ns))
         if is_old(then_ns, now_ns):
             before, then_ns = self._start, now_ns
-        elapsed_ns = min(max(0, now_ns - then_ns), LONGEST_STEP_NS)
-        reached = min(wanted, before + self._rise_per_ns * elapsed_ns)
-        self._reached[electrode] = (reached, now_ns)
-        return reached
+        if wanted > before:
+            elapsed_ns = min(max(0, now_ns - then_ns), LONGEST_STEP_NS)
+            wanted = min(wanted, before + self._rise_per_ns * elapsed_ns)
+        self._reached[electrode] = (wanted, now_ns)
+        return wanted
