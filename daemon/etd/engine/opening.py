@@ -34,6 +34,8 @@ class Ramp:
 
     def rise(self, now_ns: int) -> int:
         """In use: the ceiling in uA now."""
+        if self.is_done:
+            return self.ceiling_ua
         if self._counted_ns is None:
             self._counted_ns = now_ns
         self._counted_ns = max(self._counted_ns, now_ns - LONGEST_STEP_NS)
