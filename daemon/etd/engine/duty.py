@@ -29,12 +29,10 @@ class BusyClock:
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
+        self.now_ns = clock.now_ns
         # (end, length) of each sleep in the window; before the start it slept.
         self._sleeps: deque[tuple[int, int]] = deque([(clock.now_ns(), WINDOW_NS)])
         self._slept_ns = WINDOW_NS
-
-    def now_ns(self) -> int:
-        return self._clock.now_ns()
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         slept_ns = deadline_ns - self._clock.now_ns() - SPIN_NS
