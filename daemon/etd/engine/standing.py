@@ -6,7 +6,7 @@ Must not know: how a visit is made, the board, sockets, clocks: time comes in.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from etd.engine.plan import Plan
 from etd.engine.visit import Visit
@@ -19,8 +19,7 @@ _LATE_NS = 2_000_000
 _LONG_NS = 50_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
+class Turn(msgspec.Struct, frozen=True):
     """One visit of a scan, by its place in the plan; `is_again` after the first of a burst."""
 
     place: int
