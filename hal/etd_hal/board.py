@@ -45,6 +45,8 @@ class Pulse:
     shape: Shape
     message: Message
     planned_ns: int
+    #: Its width, in hundredths at the finest, as it is told.
+    told_us: float
     prepulse_ua: int = 0
 
 
@@ -140,7 +142,8 @@ class Board:
             shape = self.timing.two_steps(prepulse.width_us, width_us)
         message = pulse_message(code, shape, before)
         planned_ns = int(shape.duration_us * 1_000)
-        return Pulse(told_ua, code, shape, message, planned_ns, before_ua)
+        told_us = round(shape.width_us, 2)
+        return Pulse(told_ua, code, shape, message, planned_ns, told_us, before_ua)
 
     def _code(self, current_ua: int) -> tuple[int, int]:
         """The code for a current, and what it tells the source."""

@@ -276,7 +276,7 @@ class Visitor:
                 wanted_ua=visit.wish.current_ua,
                 told_ua=pulse.told_ua,
                 delivered_ua=contact.delivered_ua(electrode),
-                width_us=round(pulse.shape.width_us, 2),
+                width_us=pulse.told_us,
                 voltage_v=contact.voltage_v[electrode] or 0.0,
                 resistance_ohm=contact.resistance_ohm[electrode],
                 contact=contact.state(electrode, begun_ns),
