@@ -6,7 +6,8 @@ it is visited, what becomes of it there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import msgspec
+from msgspec.structs import replace
 
 from etd.engine.limits import Path
 from etd.engine.room import pc_of
@@ -14,8 +15,7 @@ from etd.stabilize.pipeline import Most, Wish
 from etd_hal.selection import Selection
 
 
-@dataclass(frozen=True, slots=True)
-class Visit:
+class Visit(msgspec.Struct, frozen=True):
     """One electrode of a frame, ready to be visited once a scan or less often.
 
     `returns` None means all others; then the path's share is decided at each visit.
