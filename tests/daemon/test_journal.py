@@ -51,6 +51,15 @@ def test_what_is_not_believed_is_told_once_while_a_board_is_live() -> None:
     assert told == [f"etd main: not stabilized for a while: {why}"] * 2
 
 
+def test_next_to_nothing_for_long_is_told_once_and_not_as_if_it_were_given_up() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    for count in (0, 1, 2):
+        journal.state(report("ARMED", counters={"not_believed_narrow": count}))
+    (told,) = [line for line in lines_of(journal, stream) if "next to nothing" in line]
+    assert "not stabilized" not in told
+
+
 def test_a_pulse_that_a_probe_withheld_is_told_once_while_a_board_is_live() -> None:
     stream = io.StringIO()
     journal = Journal("main", stream)

@@ -29,9 +29,6 @@ _NOT_STABILIZED = {
     "not_believed_flicker": "resistances flicker (a noisy ADC, a shaking hand)",
     "not_believed_bound": "a law wanted its widest pulse for 10 s on one electrode, which skin"
     " seldom asks for so long, and a reading that is off does: etd selftest measures the gain",
-    "not_believed_narrow": "a law by resistance wanted next to nothing for 10 s on one electrode,"
-    " which skin seldom asks for so long, and a reading that is too high does: etd selftest"
-    " measures the gain; skin that has dried so far is another one than when it was calibrated",
     "not_believed_common": "a law by resistance has wanted wider pulses on all electrodes alike for"
     " many seconds: a gain of the ADC does that (etd selftest measures it), or skin that is another"
     " one everywhere than when it was calibrated; what they have in common widens no pulse",
@@ -41,6 +38,8 @@ _NOT_STABILIZED = {
     " rest",
 }
 _WITHHELD = "probes_alone"
+#: Doubted, and followed all the same.
+_NARROW = "not_believed_narrow"
 #: Refusals are summed up at most this often.
 SUM_UP_NS = 10_000_000_000
 
@@ -134,11 +133,18 @@ class Journal:
         for key, why in _NOT_STABILIZED.items():
             if self._has_begun(key, counters):
                 self._log.warning("not stabilized for a while: %s", why)
+        if self._has_begun(_NARROW, counters):
+            self._log.warning(
+                "one electrode has had next to nothing for 10 s, by a law that goes by its"
+                " resistance: an edge of skin reads so high, and so does a wrong gain (etd selftest"
+                " measures it), or skin that has dried since it was calibrated"
+            )
         if self._has_begun(_WITHHELD, counters):
             self._log.info(
                 "a pulse was withheld: the probe before it found nobody, or came too late"
             )
-        self._counted = {key: counters.get(key, 0) for key in (*_NOT_STABILIZED, _WITHHELD)}
+        known = (*_NOT_STABILIZED, _NARROW, _WITHHELD)
+        self._counted = {key: counters.get(key, 0) for key in known}
 
     def _has_begun(self, key: str, counters: dict[str, int]) -> bool:
         """For the first time while this board is live."""
