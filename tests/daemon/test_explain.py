@@ -9,6 +9,7 @@ from math import exp, pi, sqrt
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from etd import cli
@@ -16,9 +17,10 @@ from etd.cli.explain import NAMES, SHOWN
 from etd.explain import svgplot
 from etd.explain.figure import Axis, Curve, Figure
 from etd.explain.figures import FIGURES
-from etd_body.membrane import NerveConstants
+from etd.explain.strength import spread_rates
+from etd_body.membrane import Membrane, NerveConstants
 from etd_body.nerve import THRESHOLD_MV
-from etd_body.tissue import RESISTIVITY_OHM_M
+from etd_body.tissue import RESISTIVITY_OHM_M, Floats
 
 PLOTS = Path(__file__).parents[2] / "docs" / "plots"
 #: Of the thick fibre, worked out here from the constants: equation 14's a and b.
@@ -85,16 +87,61 @@ def test_the_least_energy_is_at_1_4_times_the_rheobase(capsys: pytest.CaptureFix
     """Equation 18."""
     found = checks(explained("optimal-width", capsys))
     assert found["height there / rheobase"] == pytest.approx(1.398, rel=0.001)
-    assert found["width of least energy, us"] * A_PER_US == pytest.approx(1.2564, rel=0.001)
+    assert found["nerve of one node: width of least energy, us"] * A_PER_US == pytest.approx(
+        1.2564, rel=0.001
+    )
 
 
-def test_the_hyperbolas_least_energy_is_at_twice_the_rheobase_at_d_over_c(
+def test_a_hyperbolas_least_energy_is_at_twice_the_rheobase_at_d_over_c(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Equations 19 to 21."""
     found = checks(explained("optimal-width", capsys))
-    assert found["hyperbola's height / rheobase"] == pytest.approx(2.0, rel=0.001)
-    assert found["hyperbola's width, us"] * A_PER_US == pytest.approx(0.6931, rel=0.001)
+    assert found["height there / their rheobase"] == pytest.approx(2.0, rel=0.001)
+    assert found["spread rates: width of least energy, us"] * A_PER_US == pytest.approx(
+        0.6931, rel=0.001
+    )
+    assert found["where it needs twice its rheobase, us"] * A_PER_US == pytest.approx(
+        0.6931, rel=0.001
+    )
+
+
+def test_membranes_of_spread_rates_have_a_hyperbola_for_their_curve() -> None:
+    """Equation 19, at every width that is drawn."""
+    d_over_c_us = 138.6
+    membrane, drive = spread_rates(d_over_c_us, 10.0)
+    for width_us in (20.0, 50.0, 138.6, 500.0, 2_000.0):
+        threshold_mv = THRESHOLD_MV / float(membrane.step_response(drive, width_us).sum())
+        hyperbola_mv = THRESHOLD_MV / B * (1.0 + d_over_c_us / width_us)
+        assert threshold_mv == pytest.approx(hyperbola_mv, rel=1e-5)
+
+
+def test_the_fakes_touch_fibre_lies_between_the_nerve_of_one_node_and_the_hyperbola(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    told = explained("optimal-width", capsys)
+    found = curve(told, "touch, anodic")
+    assert 200.0 < min(found, key=lambda width_us: found[width_us]) < 260.0
+    assert "1.74 times, at 230 us" in told["says"]
+
+
+@pytest.mark.parametrize("name", ["strength-duration", "optimal-width", "thickness"])
+def test_no_row_of_a_nerve_holds_when_the_membrane_is_another_one(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What stands under "modelled" comes from the code that the fake feels with, all of it."""
+
+    def begins_late(self: Membrane, drive: Floats, t_us: float) -> Floats:
+        grown = 1.1 * np.expm1(-self.rates * t_us) ** 2
+        return np.asarray((self.shapes(drive) * grown[..., None, :]).sum(axis=-1))
+
+    def goes_too_far(self: Membrane, drive: Floats) -> Floats:
+        return np.asarray(1.1 * self.shapes(drive).sum(axis=-1))
+
+    monkeypatch.setattr(Membrane, "step_response", begins_late)
+    monkeypatch.setattr(Membrane, "final", goes_too_far)
+    held = [one["what"] for one in explained(name, capsys)["checks"] if one["error_percent"] < 1.0]
+    assert held == []
 
 
 def test_a_cathode_depolarizes_a_parallel_fibre_and_the_deeper_the_less(
