@@ -6,6 +6,7 @@ Must not know: what any file is about.
 
 from __future__ import annotations
 
+import datetime
 import re
 import tomllib
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import TypeVar
 
 import msgspec
 
+from etd_hal import allowed
 from etd_hal.errors import FileError
 
 T = TypeVar("T")
@@ -21,16 +23,15 @@ T = TypeVar("T")
 MOST_BYTES = 1_048_576
 
 
-#: msgspec's names of types, and its bounds, as a person who edits a file calls them.
+#: msgspec's names of types as a person who edits a file calls them.
 _KINDS = {
     "int": "a whole number",
-    "float": "a number",
+    "float": "a number with a point",
     "str": "text in quotes",
     "bool": "true or false",
     "array": "a list",
     "object": "a table",
 }
-_BOUNDS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
 
 
 def load_toml(path: Path, kind: type[T]) -> T:
@@ -70,39 +71,44 @@ def convert(data: object, kind: type[T], file: str) -> T:
     except msgspec.ValidationError as error:
         what, _, where = str(error).partition(" - at ")
         key = where.strip("`").removeprefix("$.").removeprefix("$")
-        raise FileError(file, key, *_sentences(data, key, what)) from error
+        raise FileError(file, key, *_sentences(data, kind, key, what)) from error
 
 
-def _sentences(data: object, key: str, what: str) -> tuple[str, str]:
-    """What the file says there, and what is allowed."""
-    if "unknown field" in what:
-        return what[0].lower() + what[1:], "remove it, or correct its name"
-    if "missing required field" in what:
-        return what[0].lower() + what[1:], "write it: nothing here has a default"
-    return _value_at(data, key), _allowed(what)
+def _sentences(data: object, kind: type, key: str, what: str) -> tuple[str, str]:
+    """What the file says there, and what is allowed: by the type, else msgspec's own words."""
+    field = re.search(r"field `(.*)`$", what)
+    if field is not None:
+        return what[0].lower() + what[1:], _about_field(data, kind, key, field[1], what)
+    may_stand, found = allowed.place(kind, data, key)
+    words = allowed.in_words(may_stand)
+    if not words:
+        return _told(found), what
+    return _told(found), f"give {words}{_not(what)}{_meant(found, may_stand)}"
 
 
-def _allowed(what: str) -> str:
-    """The two commonest of msgspec's sentences in words; the others as they are."""
-    bounded = re.fullmatch(r"Expected `(int|float)` (>=|<=|>|<) (\S+)", what)
-    if bounded is not None:
-        kind, sign, bound = bounded.groups()
-        return f"give {_KINDS[kind]} {_BOUNDS[sign]} {bound.removesuffix('.0')}"
-    other = re.fullmatch(r"Expected `(\w+)`, got `(\w+)`", what)
-    if other is not None and set(other.groups()) <= set(_KINDS):
-        wanted, found = other.groups()
-        what_it_is = "a number with a point" if found == "float" else _KINDS[found]
-        return f"give {_KINDS[wanted]}, not {what_it_is}"
-    return what
+def _about_field(data: object, kind: type, key: str, field: str, what: str) -> str:
+    if "missing" in what:
+        may_stand, _ = allowed.place(kind, data, f"{key}.{field}")
+        return f"write it, {allowed.in_words(may_stand)}: nothing here has a default"
+    table, _ = allowed.place(kind, data, key)
+    keys = allowed.keys_of(table)
+    return f"remove it, or correct its name{allowed.meant(field, keys)}: {', '.join(keys)}"
 
 
-def _value_at(data: object, key: str) -> str:
-    for part in key.replace("[", ".[").split(".") if key else []:
-        if isinstance(data, dict) and part in data:
-            data = data[part]
-        elif isinstance(data, list) and part[1:-1].isdigit():
-            data = data[int(part[1:-1])]
-        else:
-            return "the value there"
-    text = repr(data)
-    return f"it says {text}" if len(text) <= 60 else "the table there"
+def _not(what: str) -> str:
+    """Where it is of another kind: of which."""
+    other = re.fullmatch(r"Expected `.*`, got `(\w+)`", what)
+    return f", not {_KINDS[other[1]]}" if other is not None and other[1] in _KINDS else ""
+
+
+def _meant(found: object, may_stand: allowed.Alternatives) -> str:
+    return allowed.meant(found, allowed.words_of_choice(may_stand))
+
+
+def _told(found: object) -> str:
+    if isinstance(found, bool):
+        return f"it says {str(found).lower()}"
+    text = str(found) if isinstance(found, datetime.date) else repr(found)
+    if len(text) <= 60:
+        return f"it says {text}"
+    return "the table there" if isinstance(found, dict) else f"it says {text[:57]}..."

@@ -92,7 +92,7 @@ def test_every_key_is_required(tmp_path: Path, key: str) -> None:
         (
             '"kajimoto-hv507"',
             f'"./{"a" * 300}"',
-            "board: .* length <= 200",
+            "board: .* text in quotes of 1 to 200 characters",
         ),
     ],
 )

@@ -178,7 +178,7 @@ def test_the_legacy_frequency_is_left_out_and_said(tmp_path: Path) -> None:
     [
         (kit_frame([1, 0, 1]), "it has 3 values, those before it have 2"),
         (kit_frame([1, 2]), r"pattern\[1\]: it says 2"),
-        (kit_frame([1, True]), r"pattern\[1\]: it says True"),
+        (kit_frame([1, True]), r"pattern\[1\]: it says true; give 0 or 1, not true or false"),
         (kit_frame([]), r"pattern: it says \[\]"),
         (kit_frame([1, 0], params={"frequency": 201, "stim_mode": 1}), "rate_hz: it says 201"),
         (kit_frame([1, 0], params={"frequency": 0, "stim_mode": 1}), "rate_hz: it says 0"),

@@ -186,7 +186,7 @@ class TestForm:
     @pytest.mark.parametrize("name", ["", "Kit", "-kit", "a b", "x" * 41, "../etc"])
     def test_a_name_is_one_plain_word(self, tmp_path: Path, name: str) -> None:
         text = spoiled(KIT, 'name = "kajimoto-hv507"', f'name = "{name}"')
-        refused(load_board, tmp_path, text, "name", "matching regex")
+        refused(load_board, tmp_path, text, "name", "text in quotes that fits ^[a-z0-9]")
 
     def test_a_whole_table_in_the_wrong_place_is_not_repeated_in_the_sentence(
         self, tmp_path: Path

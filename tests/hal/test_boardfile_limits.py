@@ -47,7 +47,7 @@ class TestMaxima:
         beyond = bound + (1 if end else -1)
         refused(
             load_board, tmp_path, self.with_limit(key, str(beyond)), f"maxima.{key}",
-            f"it says {beyond}", f"at {'most' if end else 'least'} {bound}",
+            f"it says {beyond}", f"{'to' if end else 'from'} {bound}",
         )  # fmt: skip
 
     @pytest.mark.parametrize("key", BOUNDS)

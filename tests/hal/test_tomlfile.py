@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import datetime
+from typing import Annotated, Any, Literal
 
 import msgspec
 import pytest
@@ -12,30 +13,118 @@ from etd_hal.errors import FileError
 from etd_hal.tomlfile import convert
 
 
-class Example(msgspec.Struct, frozen=True, kw_only=True):
+class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    least: float = 0.0
+    kind: Literal["thick", "thin"] = "thick"
+
+
+class Lamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="lamp", tag_field="sort"):
+    watt: Annotated[int, Meta(ge=1)]
+
+
+class Motor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="motor", tag_field="sort"):
+    turns_hz: Annotated[float, Meta(gt=0.0, le=50.0)]
+
+
+class Example(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     whole: Annotated[int, Meta(ge=50, le=200)] = 50
+    least: Annotated[int, Meta(ge=50)] = 50
     part: Annotated[float, Meta(gt=0.0, lt=1.5)] = 1.0
     text: Annotated[str, Meta(pattern="^[a-z]+$")] = "a"
+    note: Annotated[str, Meta(min_length=1)] = "a"
     flag: bool = False
     many: tuple[int, ...] = ()
+    some: Annotated[tuple[Part, ...], Meta(max_length=3)] = ()
+    day: datetime.date = datetime.date(2025, 1, 15)
+    way: Literal["up", "down", "sideways"] = "up"
+    ways: tuple[Literal["up", "down"], ...] = ()
+    bit: Literal[0, 1] = 0
+    line: Annotated[int, Meta(ge=2, le=27)] | Literal["absent"] = 2
+    inner: Part | None = None
+    thing: Lamp | Motor | None = None
+
+
+def refused(content: dict[str, Any]) -> FileError:
+    with pytest.raises(FileError) as told:
+        convert(content, Example, "a.toml")
+    return told.value
 
 
 @pytest.mark.parametrize(
     ("key", "value", "allowed"),
     [
-        ("whole", 7, "give a whole number of at least 50"),
-        ("whole", 201, "give a whole number of at most 200"),
-        ("whole", "7", "give a whole number, not text in quotes"),
-        ("whole", 60.5, "give a whole number, not a number with a point"),
-        ("part", 0.0, "give a number above 0"),
-        ("part", 2.5, "give a number below 1.5"),
-        ("text", 3, "give text in quotes, not a whole number"),
-        ("text", "A", "Expected `str` matching regex '^[a-z]+$'"),
+        ("whole", 7, "give a whole number from 50 to 200"),
+        ("whole", 201, "give a whole number from 50 to 200"),
+        ("whole", "7", "give a whole number from 50 to 200, not text in quotes"),
+        ("whole", 60.5, "give a whole number from 50 to 200, not a number with a point"),
+        ("least", 7, "give a whole number of at least 50"),
+        ("part", 0.0, "give a number above 0 and below 1.5"),
+        ("text", 3, "give text in quotes that fits ^[a-z]+$, not a whole number"),
+        ("text", "A", "give text in quotes that fits ^[a-z]+$"),
+        ("note", "", "give text in quotes of at least 1 characters"),
         ("flag", 1, "give true or false, not a whole number"),
         ("many", {}, "give a list, not a table"),
+        ("some", {}, "give a list of tables of at most 3 entries, not a table"),
+        ("day", "yesterday", "give a date such as 2025-01-15"),
+        ("way", "left", 'give "down", "sideways" or "up"'),
+        ("way", "sidewards", 'give "down", "sideways" or "up" (is sideways meant?)'),
+        ("way", True, 'give "down", "sideways" or "up", not true or false'),
+        ("bit", 2, "give 0 or 1"),
+        ("line", "absnet", 'give a whole number from 2 to 27 or "absent" (is absent meant?)'),
+        ("line", 28, 'give a whole number from 2 to 27 or "absent"'),
+        ("inner", 3, "give a table of least and kind, not a whole number"),
     ],
 )
 def test_what_is_allowed_is_said_in_words(key: str, value: object, allowed: str) -> None:
-    with pytest.raises(FileError) as told:
-        convert({key: value}, Example, "a.toml")
-    assert (told.value.key, told.value.allowed) == (key, allowed)
+    told = refused({key: value})
+    assert (told.key, told.allowed) == (key, allowed)
+
+
+@pytest.mark.parametrize(
+    ("content", "key", "allowed"),
+    [
+        ({"ways": ["up", "dawn"]}, "ways[1]", 'give "down" or "up" (is down meant?)'),
+        ({"some": [{}, {"kind": "thinn"}]}, "some[1].kind",
+         'give "thick" or "thin" (is thin meant?)'),
+        ({"inner": {"least": "x"}}, "inner.least", "give a number, not text in quotes"),
+        ({"thing": {"sort": "moter"}}, "thing.sort", 'give "lamp" or "motor" (is motor meant?)'),
+        ({"thing": {"sort": "motor", "turns_hz": 0.0}}, "thing.turns_hz",
+         "give a number above 0 and at most 50"),
+    ],
+)  # fmt: skip
+def test_it_is_said_of_what_lies_within(content: dict[str, Any], key: str, allowed: str) -> None:
+    told = refused(content)
+    assert (told.key, told.allowed) == (key, allowed)
+
+
+@pytest.mark.parametrize(
+    ("content", "key", "allowed"),
+    [
+        ({"inner": {"knd": "thin"}}, "inner",
+         "remove it, or correct its name (is kind meant?): least, kind"),
+        ({"thing": {"sort": "lamp", "watt": 1, "x": 1}}, "thing",
+         "remove it, or correct its name: sort, watt"),
+        ({"thing": {"sort": "motor"}}, "thing",
+         "write it, a number above 0 and at most 50: nothing here has a default"),
+        ({"thing": {"watt": 3}}, "thing",
+         'write it, "lamp" or "motor": nothing here has a default'),
+    ],
+)  # fmt: skip
+def test_a_key_that_is_wrong_or_missing_is_told_with_those_that_there_are(
+    content: dict[str, Any], key: str, allowed: str
+) -> None:
+    told = refused(content)
+    assert (told.key, told.allowed) == (key, allowed)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"whole": True}, "it says true"),
+        ({"whole": datetime.date(2025, 2, 1)}, "it says 2025-02-01"),
+        ({"text": "A" * 100}, f"it says '{'A' * 56}..."),
+        ({"whole": dict.fromkeys("abcdefghijklmnop", 1)}, "the table there"),
+    ],
+)
+def test_what_the_file_says_is_told_as_it_stands_there(content: dict[str, Any], said: str) -> None:
+    assert refused(content).value == said
