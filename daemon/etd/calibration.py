@@ -21,6 +21,7 @@ from msgspec.structs import replace
 
 from etd.errors import Refused
 from etd.frame import Polarity, Returns, Ring
+from etd.stabilize.belief import LEAST_OHM, MOST_OHM
 from etd.stabilize.shape import PLAIN, Shape
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import load_toml
@@ -35,7 +36,8 @@ class ElectrodeLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     threshold_ua: Ua
     comfortable_ua: Ua
     cap_ua: Ua
-    resistance_ohm: Annotated[int, Meta(ge=0)] | None = None
+    #: Of a contact with skin: `check_order` refuses what none is believed to have.
+    resistance_ohm: int | None = None
     #: False: nothing was felt up to the cap, or nothing was tried; then the three are bounds only.
     felt: bool = True
     #: Where it is another day's than the file's: found on that day, or taken over from then.
@@ -130,7 +132,8 @@ def check_shape_of_caps(calibration: Calibration, shape: Shape) -> None:
 
 
 def check_order(calibration: Calibration, file: str) -> Calibration:
-    """Threshold, comfortable and cap must rise, and explicit returns must be there.
+    """Threshold, comfortable and cap must rise, explicit returns must be there, and what resisted
+    must have been skin.
 
     Raises: FileError.
     """
@@ -145,7 +148,21 @@ def check_order(calibration: Calibration, file: str) -> Calibration:
                 " uA do not rise",
                 "comfortable lies between threshold and cap",
             )
+        if not resisted_as_skin(one):
+            raise FileError(
+                file,
+                f"electrode[{index}].resistance_ohm",
+                f"it says {one.resistance_ohm}, and no contact with skin resists so"
+                f" {'little' if (one.resistance_ohm or 0) < LEAST_OHM else 'much'}",
+                f"give a whole number from {LEAST_OHM:.0f} to {MOST_OHM:.0f}, as a pulse told it;"
+                " where none did, leave it out: laws by resistance then go by the beginning",
+            )
     return calibration
+
+
+def resisted_as_skin(one: ElectrodeLimits) -> bool:
+    """Or is not known: no pulse tells what lies outside of what is believed of skin."""
+    return one.resistance_ohm is None or LEAST_OHM <= one.resistance_ohm <= MOST_OHM
 
 
 def _check_returns(returns: tuple[tuple[int, ...], ...], electrodes: int, file: str) -> None:

@@ -334,18 +334,19 @@ def test_baselines_of_one_name_and_day_are_told_apart() -> None:
 @pytest.mark.parametrize(
     ("electrode", "figures", "said"),
     [
-        (63, (1_000, 2_000, 4_001), "its cap of 4001 uA is above the 4000 uA"),
-        (64, (1_000, 2_000, 3_000), "no such electrode: the array has 0 to 63"),
-        (-1, (1_000, 2_000, 3_000), "no such electrode"),
-        (5, (2_001, 2_000, 3_000), "do not rise"),
-        (5, (1_000, 3_001, 3_000), "do not rise"),
+        (63, (1_000, 2_000, 4_001, 50_000), "its cap of 4001 uA is above the 4000 uA"),
+        (64, (1_000, 2_000, 3_000, 50_000), "no such electrode: the array has 0 to 63"),
+        (-1, (1_000, 2_000, 3_000, 50_000), "no such electrode"),
+        (5, (2_001, 2_000, 3_000, 50_000), "do not rise"),
+        (5, (1_000, 3_001, 3_000, 50_000), "do not rise"),
+        (5, (1_000, 2_000, 3_000, 1), "1 ohm is no resistance of skin"),
     ],
 )
 def test_what_cannot_have_been_found_is_not_gone_on_with(
-    tmp_path: Path, electrode: int, figures: tuple[int, int, int], said: str
+    tmp_path: Path, electrode: int, figures: tuple[int, int, int, int], said: str
 ) -> None:
-    threshold_ua, comfortable_ua, cap_ua = figures
-    found = ElectrodeLimits(threshold_ua=threshold_ua, comfortable_ua=comfortable_ua, cap_ua=cap_ua)
+    keys = ("threshold_ua", "comfortable_ua", "cap_ua", "resistance_ohm")
+    found = msgspec.convert(dict(zip(keys, figures, strict=True)), ElectrodeLimits)
     save_progress(
         tmp_path / "P01.json", Progress(conditions=conditions(), found={electrode: found})
     )

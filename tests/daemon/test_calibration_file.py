@@ -41,7 +41,7 @@ def limits(draw: st.DrawFn) -> ElectrodeLimits:
         threshold_ua=threshold_ua,
         comfortable_ua=comfortable_ua,
         cap_ua=cap_ua,
-        resistance_ohm=draw(st.none() | st.integers(0, 10**7)),
+        resistance_ohm=draw(st.none() | st.integers(1_000, 2_000_000)),
         felt=draw(st.booleans()),
         date=draw(st.none() | st.dates()),
         threshold_date=draw(st.none() | st.dates()),
@@ -182,6 +182,10 @@ def test_the_least_level_is_at_the_threshold_and_half_of_it_half_way() -> None:
         ("threshold_ua = 900", "threshold_ua = 1801", r"electrode\[1\]: .* do not rise"),
         ("cap_ua = 3000", "cap_ua = 10001", r"electrode\[0\]\.cap_ua: it says 10001"),
         (", cap_ua = 3000 },\n]", " },\n]", r"electrode\[2\].*missing required field `cap_ua`"),
+        ("50000", "0", r"electrode\[0\]\.resistance_ohm: it says 0, .* so little; .* leave it out"),
+        ("50000", "999", r"electrode\[0\]\.resistance_ohm: it says 999, .* from 1000 to 2000000"),
+        ("50000", "-50000", r"electrode\[0\]\.resistance_ohm: it says -50000, .* so little"),
+        ("50000", "2000001", r"electrode\[0\]\.resistance_ohm: it says 2000001, .* so much"),
         ('"P01"', '"Anna Smith"', "participant: it says 'Anna Smith'"),
         ('returns = "all"', 'returns = "some"', "returns: it says 'some'"),
         ("rate_hz = 60.0", "rate_hz = nan", "rate_hz: it says nan"),
@@ -200,6 +204,16 @@ def test_a_spoiled_calibration_is_refused_by_electrode_or_key(
 ) -> None:
     with pytest.raises(FileError, match=sentence):
         load_calibration(write(tmp_path, "c.toml", spoiled(CALIBRATION, old, new)))
+
+
+@pytest.mark.parametrize("resistance_ohm", [1_000, 2_000_000])
+def test_the_least_and_the_most_that_skin_resists_are_taken(
+    tmp_path: Path, resistance_ohm: int
+) -> None:
+    text = spoiled(CALIBRATION, "50000", str(resistance_ohm))
+    assert load_calibration(write(tmp_path, "c.toml", text)).electrode[0].resistance_ohm == (
+        resistance_ohm
+    )
 
 
 @pytest.mark.parametrize("name", names("calibrations"))

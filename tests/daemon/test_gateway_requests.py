@@ -253,6 +253,10 @@ def test_a_calibration_is_deleted_and_a_shipped_one_stays(tmp_path: Path) -> Non
             {"electrode": [{"threshold_ua": 9, "comfortable_ua": 8, "cap_ua": 7}] * 4},
             "do not rise",
         ),
+        (
+            {"electrode": [{**CALIBRATION["electrode"][0], "resistance_ohm": 1}] * 4},
+            "electrode[0].resistance_ohm: it says 1, and no contact with skin resists so little",
+        ),
     ],
 )
 def test_a_calibration_that_does_not_fit_is_not_kept(changed: dict[str, Any], said: str) -> None:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import random
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from engine_parts import board_file
+from etd.calibration import ElectrodeLimits, resisted_as_skin
 from etd.engine.impedance import BEFORE_END_US, EARLY_US, ImpedanceMap, Samples
-from etd.stabilize.belief import BELIEVED_NS
+from etd.stabilize.belief import BELIEVED_NS, LEAST_OHM, MOST_OHM
 
 LEAK_OHM, COMPLIANCE_V = 66_000.0, 300.0
 
@@ -67,6 +69,22 @@ def test_what_is_assumed_of_the_series_part_costs_little(series_ohm: int) -> Non
     found.learn(1, pulse(50_000, series_ohm=series_ohm), 0)
     assert found.skin_ohm(1, 0) == pytest.approx(50_000, rel=0.01)
     assert found.capacitance_nf(1, 0) == pytest.approx(0.3, rel=0.1)
+
+
+@pytest.mark.parametrize("near_ohm", [LEAST_OHM, MOST_OHM])
+@given(told_ua=st.integers(301, 8_000), apart=st.floats(-2e-3, 2e-3) | st.just(0.0))
+def test_what_is_told_of_skin_is_what_a_calibration_may_say(
+    near_ohm: float, told_ua: int, apart: float
+) -> None:
+    """Also at the very bounds: `etd calibrate` writes what was told."""
+    skin_ohm = near_ohm * (1.0 + apart)
+    end_v = told_ua / 1e6 / (1 / skin_ohm + 1 / LEAK_OHM)
+    found = ImpedanceMap(4, msgspec.structs.replace(board_file().source, compliance_v=600))
+    found.learn(1, Samples(told_ua, 100.0, 0.0, end_v, end_v), 0)
+    told_ohm, _ = found.told(1, 0)
+    one = ElectrodeLimits(threshold_ua=1, comfortable_ua=1, cap_ua=1, resistance_ohm=told_ohm)
+    assert resisted_as_skin(one)
+    assert (told_ohm is None) == (not LEAST_OHM <= skin_ohm <= MOST_OHM) or abs(apart) < 1e-9
 
 
 def test_a_pulse_without_an_end_sample_goes_by_the_time_constant_of_wider_ones() -> None:

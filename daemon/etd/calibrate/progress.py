@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
-from etd.calibration import Calibration, ElectrodeLimits
+from etd.calibration import Calibration, ElectrodeLimits, resisted_as_skin
 from etd.errors import FileError
 from etd.wholefile import write_whole
 
@@ -77,6 +77,8 @@ def _check_found(path: str, conditions: Conditions, electrode: int, one: Electro
         )
     elif one.cap_ua > most_ua:
         why = f"its cap of {one.cap_ua} uA is above the {most_ua} uA that are presented at most"
+    elif not resisted_as_skin(one):
+        why = f"{one.resistance_ohm} ohm is no resistance of skin"
     if why:
         raise FileError(path, f"found.{electrode}", why, "--restart begins anew")
 

@@ -33,7 +33,7 @@ from typing import Literal
 
 import msgspec
 
-from etd.stabilize.belief import is_old
+from etd.stabilize.belief import LEAST_OHM, MOST_OHM, is_old
 from etd_hal.boardfile import Source
 
 Doubt = Literal["adc", "compliance", "implausible", "flicker"]
@@ -46,8 +46,6 @@ SERIES_OHM = 2_000.0
 ASSUMED_TAU_US = 8.5
 _SHORTEST_TAU_US, _LONGEST_TAU_US = 0.5, 60.0
 
-#: Outside of these no contact with skin is believed to be one.
-LEAST_OHM, MOST_OHM = 1_000.0, 2_000_000.0
 #: With the DAC at zero the node is on ground, but for the ADC's offset and what charge is left in
 #: the skin: at most this much, this part of what the pulse makes, and never above the last; or what
 #: a probe directly before it came to: the sooner the pulse follows, the more of that is left.
@@ -202,7 +200,7 @@ class ImpedanceMap:
         if skin_ohm is None:
             return None, None
         nf = self._capacitance_nf(electrode, skin_ohm)
-        return int(skin_ohm), None if nf is None else round(nf, 3)
+        return round(skin_ohm), None if nf is None else round(nf, 3)
 
     def _capacitance_nf(self, electrode: int, skin_ohm: float | None) -> float | None:
         skin = self._skins[electrode]

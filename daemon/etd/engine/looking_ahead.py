@@ -25,8 +25,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from etd.engine.contact import PEELED, ContactMap
-from etd.engine.impedance import MOST_OHM, ImpedanceMap
+from etd.engine.impedance import ImpedanceMap
 from etd.engine.visit import Visit
+from etd.stabilize.belief import MOST_OHM
 from etd.stabilize.pipeline import Wish
 from etd_hal.board import Pulse, Shot
 

@@ -1,8 +1,8 @@
-"""For how long what a pulse told of an electrode is believed.
+"""For how long what a pulse told of an electrode is believed, and which resistances are.
 
-Owns: the one bound that contact, resistance, factors and shares go by, and how often a look keeps
-it. Must not know: what is
-believed, what follows when it is not, clocks.
+Owns: the one bound in time that contact, resistance, factors and shares go by, how often a look
+keeps it, and the bounds of what skin resists. Must not know: how it is measured, what follows when
+it is not believed, clocks.
 
 A second, because of how fast skin changes where nobody looks. In a second the busiest modelled hand
 (`etd_body.course.BUSY`, peeling left out) changes the conductance of a contact by less than 45 % in
@@ -16,6 +16,8 @@ from __future__ import annotations
 BELIEVED_NS = 1_000_000_000
 #: Where looks are wanted, the next one comes so long after the last: two for what one may miss.
 LOOK_AGAIN_NS = 500_000_000
+#: Outside of these no contact with skin is believed to be one.
+LEAST_OHM, MOST_OHM = 1_000.0, 2_000_000.0
 
 
 def is_old(told_ns: int | None, now_ns: int) -> bool:
