@@ -15,6 +15,7 @@ from typing import Any
 
 from etd.config import LoadedConfig, fake_config
 from etd.engine.engine import Engine
+from etd.engine.sensors import Turns
 from etd.frame import Frame
 from etd.link import (
     Alive,
@@ -66,6 +67,9 @@ class EngineRig:
     _alive_ns: int = 0
     _engine_ends: tuple[Channel[ToEngine] | Channel[NewFrame], ...] = ()
 
+    def __post_init__(self) -> None:
+        self._turns = Turns(self.engine.rail, self.engine.pressure)
+
     def turn(self) -> None:
         now_ns = self.clock.now_ns()
         self.meanwhile(now_ns)
@@ -78,10 +82,8 @@ class EngineRig:
 
     def _sense(self) -> None:
         """What the sensor thread does, in between."""
-        rail = self.engine.rail
-        if rail.is_there and self.is_sensing:
-            rail.end()
-            rail.begin()
+        if self.is_sensing and (self.engine.rail.is_there or self.engine.pressure.count):
+            self._turns.step()
 
     def _listen(self) -> None:
         while (message := self.commands.receive()) is not None:
@@ -215,6 +217,7 @@ def make(
         electrodes=outputs,
         trace=Trace(sink if is_traced else None),
         faults=faults,
+        sensors=loaded.array.pressure,
     )
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
     backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)

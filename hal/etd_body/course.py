@@ -71,8 +71,10 @@ class Course:
         self.script = script
         self._seed = seed
         places = np.array(places_mm, dtype=float)
-        places -= places.mean(axis=0)
-        self._places: Floats = places / max(float(np.abs(places).max()), 1e-9)
+        self._middle_mm: Floats = places.mean(axis=0)
+        places -= self._middle_mm
+        self._reach_mm = max(float(np.abs(places).max()), 1e-9)
+        self._places: Floats = places / self._reach_mm
         random = np.random.default_rng([seed, 2])
         count = len(places)
         self._sweaty = np.clip(random.normal(1.0, 0.25, count), 0.3, 1.7)
@@ -90,10 +92,21 @@ class Course:
         """What a sensor under the middle of the array would see."""
         return self.script.mean_pressure_kpa * float(np.exp(self._waves(t_s)[0]))
 
+    def pressure_at_kpa(self, t_s: float, place_mm: tuple[float, float]) -> float:
+        """What a sensor there would see; 0 while the skin is off the electrode nearest to it."""
+        place = (np.array(place_mm) - self._middle_mm) / self._reach_mm
+        nearest = int(((self._places - place) ** 2).sum(axis=1).argmin())
+        if self._attached(t_s)[nearest] == 0.0:
+            return 0.0
+        return self.script.mean_pressure_kpa * float(np.exp(self._tilted(t_s, place)))
+
     def _pressed(self, t_s: float) -> Floats:
+        return np.asarray(np.exp(_HERTZ * self._tilted(t_s, self._places)))
+
+    def _tilted(self, t_s: float, places: Floats) -> Floats:
+        """The logarithm of pressure at each of these places, in parts of the array's reach."""
         whole, to_x, to_y = self._waves(t_s)
-        tilted = whole + 0.5 * (to_x * self._places[:, 0] + to_y * self._places[:, 1])
-        return np.asarray(np.exp(_HERTZ * tilted))
+        return np.asarray(whole + 0.5 * (to_x * places[..., 0] + to_y * places[..., 1]))
 
     def _waves(self, t_s: float) -> Floats:
         """The logarithm of pressure, and how it tilts to either side: three slow noises."""

@@ -134,6 +134,11 @@ class LivingBody:
         """The strongest of each electrode since the last call."""
         return self.sensation.take()
 
+    def pressure_kpa(self, t_ns: int, place_mm: tuple[float, float]) -> float:
+        """What a sensor under the array feels there, at a time that need not be the body's own."""
+        t_s = (t_ns - (t_ns if self._born_ns is None else self._born_ns)) * 1e-9
+        return self.skin.course.pressure_at_kpa(max(0.0, t_s), place_mm)
+
     def look_at(self, t_ns: int) -> None:
         """Let time pass to `t_ns` and look at the skin, so that thresholds are those of now."""
         self._advance(t_ns)

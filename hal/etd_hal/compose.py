@@ -30,6 +30,7 @@ from etd_hal.ports import (
 if TYPE_CHECKING:
     from etd_body.sensation import Felt
     from etd_hal.fake.clock import BoardClock
+    from etd_hal.fake.pressed import SensorUnderArray
 
 
 #: After its start, and for as long.
@@ -145,6 +146,7 @@ def open_fake(
     trace: Path | None = None,
     board_socket: Path | None = None,
     stepped: bool = False,
+    sensors: Sequence[SensorUnderArray] = (),
 ) -> Backend:
     """A fake board with a fingertip on it, in this process or behind a board process's socket.
 
@@ -152,6 +154,7 @@ def open_fake(
     it feels (`Backend.modelled`). Without, and in a board process, it only conducts.
     `stepped` time passes only by being spent or slept, in one thread and without sockets;
     otherwise it follows the real clock. A board process writes its own trace.
+    `sensors` under the array feel the fingertip press; a board process is told of its own.
     Raises: BusError (`absent` without a board process, `busy` while another client has it).
     """
     from etd_hal.fake.clock import LiveClock, SteppedClock
@@ -162,7 +165,7 @@ def open_fake(
             raise ValueError("a board process has live time and its own trace")
         return _open_board_process(board, board_socket, LiveClock(LinuxClock()))
     clock = SteppedClock() if stepped else LiveClock(LinuxClock())
-    return _open_in_process(board, electrodes, places_mm, trace, clock)
+    return _open_in_process(board, electrodes, places_mm, trace, clock, sensors)
 
 
 def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
@@ -220,9 +223,11 @@ def _open_in_process(
     places_mm: Sequence[tuple[float, float]] | None,
     trace: Path | None,
     clock: BoardClock,
+    sensors: Sequence[SensorUnderArray],
 ) -> Backend:
     from etd_hal.fake.board import FakeBoard
     from etd_hal.fake.fingertip import fingertip_body, living_fingertip
+    from etd_hal.fake.pressed import lying
     from etd_hal.fake.trace import Trace
 
     living = None if places_mm is None else living_fingertip(board, places_mm)
@@ -232,6 +237,8 @@ def _open_in_process(
         living or fingertip_body(board, len(electrodes)),
         electrodes=electrodes,
         trace=Trace.to(trace) if trace is not None else None,
+        sensors=sensors,
+        pressing=lying if living is None else living.pressure_kpa,
     )
     ports = fake.request(line_setup(board), spi_setup(board))
 

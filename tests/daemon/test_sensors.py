@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from etd.array import Array, Electrode, PressureSensor
-from etd.engine.sensors import STALE_NS, PressureSensors, RailSensor
+from etd.engine.sensors import STALE_NS, TOLD_NS, PressureSensors, RailSensor, Turns
+from etd_hal.chips import ads1115
 from etd_hal.fake.faults import I2cFailure, RailOff
+from etd_hal.ports import I2c
 from stepped_board import SteppedBoard, stepped_board
 
 MONITOR, SETPOINT = 0x48, 0x60
@@ -133,6 +135,7 @@ def test_a_board_without_a_monitor_asks_nothing_and_knows_nothing() -> None:
 # --- pressure ------------------------------------------------------------------------------------
 
 NEAR, FAR = 1, 2
+NEAR_NAME, FAR_NAME = "pressure[0] (0x48, channel 1)", "pressure[1] (0x48, channel 2)"
 
 
 def pressed_array() -> Array:
@@ -180,7 +183,7 @@ def test_each_electrode_goes_by_the_sensor_nearest_to_it() -> None:
     made.fake.world.set_sensor_v(MONITOR, NEAR, 1.5)
     made.fake.world.set_sensor_v(MONITOR, FAR, 0.4)
     assert read_all(made, sensors) == [pytest.approx(100.0, rel=0.01), 0.0]
-    assert sensors.problem == ""
+    assert sensors.problems(made.clock.now_ns()) == {}
 
 
 @pytest.mark.parametrize("volts", [0.0, 2.9])
@@ -194,6 +197,8 @@ def test_a_voltage_that_no_sensor_makes_is_a_dead_one(volts: float) -> None:
     assert far_kpa == pytest.approx(50.0, rel=0.01)
     assert sensors.is_dead(0, made.clock.now_ns())
     assert not sensors.is_dead(1, made.clock.now_ns())
+    why = f"it reads {volts:.2f} V, not 0.3 to 2.5 V"
+    assert sensors.problems(made.clock.now_ns()) == {"pressure[0] (0x48, channel 1)": why}
 
 
 def test_a_pressure_that_is_stale_or_cannot_be_read_is_unknown() -> None:
@@ -203,9 +208,12 @@ def test_a_pressure_that_is_stale_or_cannot_be_read_is_unknown() -> None:
     read_all(made, sensors)
     made.clock.spend(STALE_NS + 10 * MS)
     assert sensors.kpa(0, made.clock.now_ns()) is None
+    assert "is the I2C bus stuck?" in sensors.problems(made.clock.now_ns())[NEAR_NAME]
     made.fake.world.put_in(I2cFailure(MONITOR, "io"))
     assert read_all(made, sensors) == [None, None]
-    assert "pressure sensor 1: " in sensors.problem
+    problems = sensors.problems(made.clock.now_ns())
+    assert list(problems) == [NEAR_NAME, FAR_NAME]
+    assert all("failed (io)" in why for why in problems.values())
 
 
 def test_a_conversion_that_could_not_be_begun_is_not_taken_from_another_channel() -> None:
@@ -221,8 +229,13 @@ def test_a_conversion_that_could_not_be_begun_is_not_taken_from_another_channel(
     now_ns = made.clock.now_ns()
     assert sensors.kpa(0, now_ns) is None, "the chip still holds the 150 kPa of the other one"
     assert sensors.is_dead(0, now_ns)
-    assert "pressure sensor 0: " in sensors.problem
+    assert list(sensors.problems(now_ns)) == [NEAR_NAME]
     assert read_all(made, sensors)[0] == pytest.approx(10.0, rel=0.01)
+    now_ns = made.clock.now_ns()
+    assert list(sensors.problems(now_ns)) == [NEAR_NAME], "a report each second must not miss it"
+    made.clock.spend(TOLD_NS)
+    read_all(made, sensors)
+    assert sensors.problems(made.clock.now_ns()) == {}
 
 
 def test_what_another_sensor_began_is_not_read_as_this_ones() -> None:
@@ -233,6 +246,63 @@ def test_what_another_sensor_began_is_not_read_as_this_ones() -> None:
     made.clock.spend(3 * MS)
     sensors.end(0)
     assert sensors.kpa(0, made.clock.now_ns()) is None
+
+
+def test_a_conversion_that_lasts_is_asked_for_again_and_none_is_taken_meanwhile() -> None:
+    made = stepped_board("reference-hv507")
+    sensors = pressure_of(made)
+    made.fake.world.set_sensor_v(MONITOR, NEAR, 1.5)
+    sensors.begin(0)
+    assert not sensors.end(0)
+    assert sensors.kpa(0, made.clock.now_ns()) is None
+    made.clock.spend(3 * MS)
+    assert sensors.end(0)
+    assert sensors.kpa(0, made.clock.now_ns()) == pytest.approx(100.0, rel=0.01)
+
+
+class Busy:
+    """An I2C bus whose chip never says that it is done."""
+
+    def __init__(self, inner: I2c) -> None:
+        self._inner = inner
+
+    def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
+        said = self._inner.transfer(address, write, read_length)
+        return bytes((said[0] & 0x7F, said[1])) if write == b"\x01" else said
+
+
+def test_a_conversion_that_never_ends_leaves_the_sensor_unknown() -> None:
+    made = stepped_board("reference-hv507")
+    assert made.backend.i2c is not None
+    sensors = PressureSensors(pressed_array(), Busy(made.backend.i2c), made.clock)
+    made.fake.world.set_sensor_v(MONITOR, NEAR, 1.5)
+    sensors.begin(0)
+    for _ in range(3):
+        made.clock.spend(ads1115.CONVERSION_NS)
+        assert not sensors.end(0)
+    made.clock.spend(ads1115.GIVE_UP_NS)
+    assert sensors.end(0)
+    assert "does not end" in sensors.problems(made.clock.now_ns())[NEAR_NAME]
+
+
+@pytest.mark.parametrize("lag_ms", [0.05, 0.4, 1.1, 3.0, 40.0])
+def test_rail_and_sensors_on_one_chip_never_take_each_others_result(lag_ms: float) -> None:
+    """However seldom or often somebody looks after them."""
+    made = stepped_board("reference-hv507")
+    rail, sensors = sensor_of(made), pressure_of(made)
+    turns = Turns(rail, sensors)
+    made.fake.world.set_sensor_v(MONITOR, NEAR, 1.5)
+    made.fake.world.set_sensor_v(MONITOR, FAR, 1.0)
+    read: set[tuple[float | None, ...]] = set()
+    for _ in range(200):
+        made.clock.spend(int(lag_ms * MS))
+        turns.step()
+        now_ns = made.clock.now_ns()
+        told = (rail.rail_v(now_ns), *(sensors.kpa(one, now_ns) for one in range(2)))
+        read.add(tuple(None if one is None else round(one) for one in told))
+    assert (0, 100, 50) in read
+    for one, right in enumerate((0, 100, 50)):
+        assert {told[one] for told in read} <= {right, None}
 
 
 def test_an_array_without_sensors_has_none_to_die() -> None:

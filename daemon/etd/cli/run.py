@@ -263,6 +263,7 @@ def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
         places_mm=list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True)),
         trace=args.trace,
         board_socket=args.board_socket,
+        sensors=loaded.array.pressure,
     )
 
 

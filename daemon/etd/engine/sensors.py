@@ -3,13 +3,18 @@
 Owns: the rail and the pressure under the array, read over I2C in a thread of their own, because a
 stuck bus can block for a second. A stale value is unknown.
 Must not know: states, frames, what follows from a value.
+
+The sensors may share a chip, and a chip has one converter: they take turns, and what is read is the
+conversion that this very sensor began, or an error.
 """
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
+from functools import partial
 
-from etd.array import Array
+from etd.array import Array, PressureSensor
 from etd.errors import EtdError
 from etd_hal.boardfile import BoardFile
 from etd_hal.chips import ads1115, mcp4725
@@ -17,8 +22,41 @@ from etd_hal.ports import Clock, I2c
 
 #: A value older than this says nothing.
 STALE_NS = 500_000_000
+#: What was wrong for a moment is told for so long, so that a report each second does not miss it.
+TOLD_NS = 2_000_000_000
 _PERIOD_S = 0.02
 _CONVERSION_S = ads1115.CONVERSION_NS / 1e9
+
+
+class _Conversion:
+    """Of one input of an ADS1115: begun, and asked for until it is there."""
+
+    def __init__(self, i2c: I2c, address: int, channel: int, clock: Clock) -> None:
+        self._i2c = i2c
+        self._address = address
+        self._channel = channel
+        self._clock = clock
+        self._begun_ns: int | None = None
+
+    @property
+    def is_begun(self) -> bool:
+        return self._begun_ns is not None
+
+    def begin(self) -> None:
+        """Raises: BusError."""
+        self._begun_ns = None
+        ads1115.start(self._i2c, self._address, self._channel)
+        self._begun_ns = self._clock.now_ns()
+
+    def end_v(self) -> float | None:
+        """The volts, or None while it lasts. Raises: BusError, also where it does not end."""
+        begun_ns, self._begun_ns = self._begun_ns, None
+        volts = ads1115.read_v(self._i2c, self._address, self._channel)
+        if volts is None and begun_ns is not None:
+            if self._clock.now_ns() - begun_ns > ads1115.GIVE_UP_NS:
+                raise ads1115.unfinished(self._address)
+            self._begun_ns = begun_ns
+        return volts
 
 
 class RailSensor:
@@ -32,7 +70,10 @@ class RailSensor:
         # One tuple, replaced whole: the scan thread never sees half a value.
         self._latest: tuple[float, int] | None = None
         self._is_set = self._setpoint == "absent"
-        self._is_begun = False
+        self._conversion: _Conversion | None = None
+        if i2c is not None and self._monitor != "absent":
+            address, channel = self._monitor.address, self._monitor.channel
+            self._conversion = _Conversion(i2c, address, channel, clock)
         self.problem = ""
 
     @property
@@ -48,33 +89,34 @@ class RailSensor:
 
     def begin(self) -> None:
         """Set the rail (once), start a conversion. Never raises; `problem` tells."""
-        self._is_begun = False
         if self._i2c is None:
             return
         try:
             if not self._is_set and self._setpoint != "absent":
                 mcp4725.write(self._i2c, self._setpoint.address, self._setpoint.code)
                 self._is_set = True
-            if self._monitor != "absent":
-                ads1115.start(self._i2c, self._monitor.address, self._monitor.channel)
-                self._is_begun = True
+            if self._conversion is not None:
+                self._conversion.begin()
         except EtdError as error:
             self._lost(error)
 
-    def end(self) -> None:
-        """Read the conversion begun a few milliseconds ago. Never raises. Where none was begun,
-        what the chip holds is of another channel, and is not read.
+    def end(self) -> bool:
+        """Read the conversion that was begun, if one was; False while it lasts: ask again. Never
+        raises.
         """
-        if self._i2c is None or self._monitor == "absent" or not self._is_begun:
-            return
-        self._is_begun = False
+        conversion, monitor = self._conversion, self._monitor
+        if conversion is None or monitor == "absent" or not conversion.is_begun:
+            return True
         try:
-            volts = ads1115.read_v(self._i2c, self._monitor.address) * self._monitor.divider
+            volts = conversion.end_v()
         except EtdError as error:
             self._lost(error)
-        else:
-            self._latest = (volts, self._clock.now_ns())
-            self.problem = "" if self._is_set else self.problem
+            return True
+        if volts is None:
+            return False
+        self._latest = (volts * monitor.divider, self._clock.now_ns())
+        self.problem = "" if self._is_set else self.problem
+        return True
 
     def _lost(self, error: EtdError) -> None:
         self._latest = None
@@ -87,13 +129,15 @@ class PressureSensors:
     def __init__(self, array: Array, i2c: I2c | None, clock: Clock) -> None:
         self._sensors = array.pressure
         self._of_electrode = [array.nearest_pressure(one) for one in range(array.count)]
-        self._i2c = i2c
         self._clock = clock
+        self._conversions = [
+            None if i2c is None else _Conversion(i2c, one.address, one.channel, clock)
+            for one in self._sensors
+        ]
         # Tuples, replaced whole: the scan thread never sees half a value.
         self._latest: list[tuple[float, int] | None] = [None] * len(self._sensors)
-        #: Whose conversion is under way.
-        self._begun: int | None = None
-        self.problem = ""
+        self._wrong: list[tuple[str, int] | None] = [None] * len(self._sensors)
+        self._made_ns = clock.now_ns()
 
     @property
     def count(self) -> int:
@@ -111,62 +155,108 @@ class PressureSensors:
         """There is a sensor, and it says nothing."""
         return self._of_electrode[electrode] is not None and self.kpa(electrode, now_ns) is None
 
-    def begin(self, sensor: int) -> None:
-        """Start a conversion. Never raises; `problem` tells."""
-        self._begun = None
-        if self._i2c is None:
-            return
-        one = self._sensors[sensor]
-        try:
-            ads1115.start(self._i2c, one.address, one.channel)
-        except EtdError as error:
-            self._lost(sensor, str(error))
-        else:
-            self._begun = sensor
+    def told(self, now_ns: int) -> tuple[float | None, ...]:
+        """For reports: kPa at each electrode, None where unknown; () without any sensor."""
+        if not self._sensors:
+            return ()
+        kpa = [self.kpa(one, now_ns) for one in range(len(self._of_electrode))]
+        return tuple(None if one is None else round(one, 1) for one in kpa)
 
-    def end(self, sensor: int) -> None:
-        """Read the conversion begun a few milliseconds ago. Never raises. Where none of this sensor
-        was begun, what the chip holds is of another channel, and is not read.
-        """
-        if self._i2c is None or self._begun != sensor:
+    def problems(self, now_ns: int) -> dict[str, str]:
+        """Which sensor says nothing, and why; also what was so within the last TOLD_NS."""
+        why = {one: self._why_silent(one, now_ns) for one in range(len(self._sensors))}
+        return {_name(one, self._sensors[one]): told for one, told in why.items() if told}
+
+    def begin(self, sensor: int) -> None:
+        """Start a conversion. Never raises; `problems` tells."""
+        conversion = self._conversions[sensor]
+        if conversion is None:
             return
-        self._begun = None
-        one = self._sensors[sensor]
         try:
-            volts = ads1115.read_v(self._i2c, one.address)
+            conversion.begin()
         except EtdError as error:
             self._lost(sensor, str(error))
-            return
+
+    def end(self, sensor: int) -> bool:
+        """Read the conversion of this sensor, if one was begun; False while it lasts: ask again.
+        Never raises.
+        """
+        conversion, one = self._conversions[sensor], self._sensors[sensor]
+        if conversion is None or not conversion.is_begun:
+            return True
+        try:
+            volts = conversion.end_v()
+        except EtdError as error:
+            self._lost(sensor, str(error))
+            return True
+        if volts is None:
+            return False
         if one.low_v <= volts <= one.high_v:
             kpa = max(0.0, (volts - one.zero_v) * one.kpa_per_v)
             self._latest[sensor] = (kpa, self._clock.now_ns())
-            self.problem = ""
         else:
-            self._lost(sensor, f"{volts:.2f} V, not {one.low_v} to {one.high_v} V")
+            self._lost(sensor, f"it reads {volts:.2f} V, not {one.low_v} to {one.high_v} V")
+        return True
 
-    def _lost(self, sensor: int, problem: str) -> None:
+    def _lost(self, sensor: int, why: str) -> None:
         self._latest[sensor] = None
-        self.problem = f"pressure sensor {sensor}: {problem}"
+        self._wrong[sensor] = (why, self._clock.now_ns())
+
+    def _why_silent(self, sensor: int, now_ns: int) -> str:
+        """Empty for one that is well."""
+        latest, wrong = self._latest[sensor], self._wrong[sensor]
+        if wrong is not None and (latest is None or now_ns - wrong[1] <= TOLD_NS):
+            return wrong[0]
+        since_ns = self._made_ns if latest is None else latest[1]
+        is_stale = now_ns - since_ns > STALE_NS
+        return "it was not read for half a second: is the I2C bus stuck?" if is_stale else ""
+
+
+def _name(index: int, sensor: PressureSensor) -> str:
+    """As it stands in the array's file."""
+    return f"pressure[{index}] (0x{sensor.address:02x}, channel {sensor.channel})"
+
+
+class Turns:
+    """Who converts: the rail's monitor and the sensors after one another, each until it is done."""
+
+    def __init__(self, rail: RailSensor, pressure: PressureSensors) -> None:
+        sensors = range(pressure.count)
+        self._begin: list[Callable[[], None]] = [rail.begin]
+        self._begin += [partial(pressure.begin, one) for one in sensors]
+        self._end: list[Callable[[], bool]] = [rail.end]
+        self._end += [partial(pressure.end, one) for one in sensors]
+        self._at = 0
+        self._is_begun = False
+
+    def step(self) -> bool:
+        """Begin a conversion, or ask for the one under way. True when the last of a round is over:
+        then nothing is under way.
+        """
+        if not self._is_begun:
+            self._begin[self._at]()
+            self._is_begun = True
+        elif self._end[self._at]():
+            self._is_begun = False
+            self._at = (self._at + 1) % len(self._begin)
+            if self._at == 0:
+                return True
+            return self.step()
+        return False
 
 
 class SensorThread(threading.Thread):
-    """Reads until told to end; one conversion at a time, since a chip has one converter."""
+    """Reads until told to end. Waiting paces it; whether a conversion is over says the chip."""
 
     def __init__(self, rail: RailSensor, pressure: PressureSensors) -> None:
         super().__init__(name="etd-sensors", daemon=True)
-        self._rail = rail
-        self._pressure = pressure
+        self._turns = Turns(rail, pressure)
         self._ending = threading.Event()
 
     def run(self) -> None:
-        while not self._ending.wait(_PERIOD_S):
-            self._rail.begin()
-            self._ending.wait(_CONVERSION_S)
-            self._rail.end()
-            for sensor in range(self._pressure.count):
-                self._pressure.begin(sensor)
-                self._ending.wait(_CONVERSION_S)
-                self._pressure.end(sensor)
+        pause_s = _PERIOD_S
+        while not self._ending.wait(pause_s):
+            pause_s = _PERIOD_S if self._turns.step() else _CONVERSION_S
 
     def end(self) -> None:
         """Idempotent; waits for a blocked bus no longer than two seconds."""

@@ -142,6 +142,10 @@ class Bed:
         monitor = self.file.guards.rail_monitor
         if monitor == "absent":
             raise BoardFault("rail monitor", "absent", "one, to be asked")
-        ads1115.start(self.i2c, monitor.address, monitor.channel)
-        self.wait_ms(ads1115.CONVERSION_NS / MS, is_beating)
-        return ads1115.read_v(self.i2c, monitor.address) * monitor.divider
+        volts = ads1115.convert_v(
+            self.i2c,
+            monitor.address,
+            monitor.channel,
+            lambda duration_ns: self.wait_ms(duration_ns / MS, is_beating),
+        )
+        return volts * monitor.divider

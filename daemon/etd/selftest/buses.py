@@ -116,9 +116,9 @@ def _check_monitor(bed: Bed, log: Log) -> None:
         return
     expected = f"an ADS1115 at 0x{monitor.address:02x}"
     try:
-        ads1115.start(bed.i2c, monitor.address, monitor.channel)
-        bed.wait_ms(ads1115.CONVERSION_NS / 1e6)
-        volts = ads1115.read_v(bed.i2c, monitor.address)
+        volts = ads1115.convert_v(
+            bed.i2c, monitor.address, monitor.channel, lambda ns: bed.wait_ms(ns / 1e6)
+        )
     except BusError as error:
         log.judge("rail_monitor", False, str(error), expected, _I2C_ADVICE)
         return

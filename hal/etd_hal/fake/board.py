@@ -17,6 +17,7 @@ from etd_hal.errors import BusError
 from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.clock import BoardClock
 from etd_hal.fake.faults import Fault
+from etd_hal.fake.pressed import Pressing, SensorUnderArray, lying
 from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable, World
@@ -29,7 +30,8 @@ class FakeBoard:
     """One board, from power-up on. `request` gives its ports to one holder at a time.
 
     `electrodes[i]` is the chain output of electrode i of `body`; other outputs are connected to
-    nothing. A `trace` is written to, and closed with the board.
+    nothing. A `trace` is written to, and closed with the board. `sensors` are those of the array,
+    each on an ADS1115 of the board's I2C, and `pressing` is what presses on them.
     """
 
     def __init__(
@@ -42,6 +44,8 @@ class FakeBoard:
         trace: Trace | None = None,
         faults: Iterable[Fault] = (),
         seed: int = 1,
+        sensors: Sequence[SensorUnderArray] = (),
+        pressing: Pressing = lying,
     ) -> None:
         if len(electrodes) != body.electrode_count:
             raise ValueError(f"{len(electrodes)} electrodes on a body of {body.electrode_count}")
@@ -55,6 +59,8 @@ class FakeBoard:
             faults,
             start_ns=clock.now_ns(),
             seed=seed,
+            sensors=sensors,
+            pressing=pressing,
         )
 
     @property

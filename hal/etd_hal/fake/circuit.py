@@ -18,6 +18,7 @@ from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.header import Header
 from etd_hal.fake.i2cbus import I2cBus
+from etd_hal.fake.pressed import Pressed, Pressing, SensorUnderArray, lying
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.relays import RelayChain
 from etd_hal.fake.spibus import Played, SpiBus
@@ -31,7 +32,9 @@ _RAIL_IS_UP_V = 30.0
 
 
 class Circuit:
-    """See the module. `electrodes[i]` is the chain output of the body's electrode i."""
+    """See the module. `electrodes[i]` is the chain output of the body's electrode i; `sensors` are
+    under the array, and `pressing` is what they feel of the body.
+    """
 
     def __init__(
         self,
@@ -43,6 +46,8 @@ class Circuit:
         *,
         start_ns: int,
         seed: int,
+        sensors: Sequence[SensorUnderArray] = (),
+        pressing: Pressing = lying,
     ) -> None:
         self.board = board
         self._trace = trace
@@ -60,10 +65,11 @@ class Circuit:
             board, self._switch, self._path, self._rail, faulty, self._timeline, trace
         )
         self._spi = SpiBus(board.source.spi, self._path, faulty, self._timeline, trace)
+        pressed = Pressed(sensors, pressing)
         self.world = World(
-            body, electrodes, self._rail, faulty, self._header.move_stop, self.now_ns
+            body, electrodes, self._rail, faulty, pressed, self._header.move_stop, self.now_ns
         )
-        self._i2c = I2cBus(board, self._rail, faulty, self.world.sensor_v, self._timeline, trace)
+        self._i2c = I2cBus(board, self._rail, faulty, pressed, self._timeline, trace)
         trace.begin(board, electrodes)
 
     @property

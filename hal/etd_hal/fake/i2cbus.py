@@ -1,4 +1,4 @@
-"""The I2C bus of a board: rail monitor, set-point, and whatever sensors hang on the monitor.
+"""The I2C bus of a board: rail monitor, set-point, and what the array's sensors are read with.
 
 Owns: who answers at which address, and what goes wrong there.
 Must not know: registers (`i2cchips.py`), who asks.
@@ -6,14 +6,15 @@ Must not know: registers (`i2cchips.py`), who asks.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Literal
 
-from etd_hal.boardfile import BoardFile
+from etd_hal.boardfile import BoardFile, RailMonitor
 from etd_hal.errors import BusError
 from etd_hal.fake import pi4
 from etd_hal.fake.faults import MonitorStuck, SetpointAtPowerUp
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.i2cchips import Ads1115, I2cChip, Mcp4725
+from etd_hal.fake.pressed import Pressed
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
@@ -28,7 +29,7 @@ class I2cBus:
         board: BoardFile,
         rail: Rail,
         faults: Faults,
-        sensor_v: Callable[[int, int], float],
+        pressed: Pressed,
         timeline: Timeline,
         trace: Trace,
     ) -> None:
@@ -36,13 +37,14 @@ class I2cBus:
         self._faults = faults
         self._timeline = timeline
         self._trace = trace
-        self._chips: dict[int, I2cChip] = {}
         monitor = board.guards.rail_monitor
+        addresses = set(pressed.addresses)
         if monitor != "absent":
-            inputs = _Inputs(
-                monitor.address, monitor.channel, monitor.divider, rail, sensor_v, faults
-            )
-            self._chips[monitor.address] = Ads1115(inputs.volts)
+            addresses.add(monitor.address)
+        self._chips: dict[int, I2cChip] = {
+            address: Ads1115(_Inputs(address, monitor, rail, pressed, faults).volts)
+            for address in addresses
+        }
         if board.rail_setpoint != "absent":
             stored = next((fault.code for fault in faults.of(SetpointAtPowerUp)), 0)
             self._chips[board.rail_setpoint.address] = Mcp4725(rail.set_point, stored)
@@ -72,28 +74,27 @@ class I2cBus:
 
 
 class _Inputs:
-    """The rail behind its divider on one input, sensors on the others."""
+    """Of one chip: the rail behind its divider where the monitor is, sensors on the others."""
 
     def __init__(
         self,
         address: int,
-        rail_channel: int,
-        divider: float,
+        monitor: RailMonitor | Literal["absent"],
         rail: Rail,
-        sensor_v: Callable[[int, int], float],
+        pressed: Pressed,
         faults: Faults,
     ) -> None:
-        self._faults = faults
         self._address = address
-        self._rail_channel = rail_channel
-        self._divider = divider
+        self._monitor = monitor
         self._rail = rail
-        self._sensor_v = sensor_v
+        self._pressed = pressed
+        self._faults = faults
 
     def volts(self, t_ns: int, channel: int) -> float:
-        if channel == self._rail_channel:
-            rail_v = self._rail.volts(t_ns)
-            for stuck in self._faults.of(MonitorStuck):
-                rail_v = stuck.rail_v
-            return rail_v / self._divider
-        return self._sensor_v(self._address, channel)
+        monitor = self._monitor
+        if monitor == "absent" or (self._address, channel) != (monitor.address, monitor.channel):
+            return self._pressed.volts(t_ns, self._address, channel)
+        rail_v = self._rail.volts(t_ns)
+        for stuck in self._faults.of(MonitorStuck):
+            rail_v = stuck.rail_v
+        return rail_v / monitor.divider

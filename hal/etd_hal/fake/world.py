@@ -15,6 +15,7 @@ from etd_hal.bench import StopName
 from etd_hal.fake.faults import Fault, OutputSeries
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.host import FakeHost
+from etd_hal.fake.pressed import Pressed
 from etd_hal.fake.rail import Rail
 
 StopLine = StopName
@@ -37,6 +38,7 @@ class World:
         electrodes: Sequence[int],
         rail: Rail,
         faults: Faults,
+        pressed: Pressed,
         move_line: Callable[[StopLine, int, int | None], None],
         now_ns: Callable[[], int],
     ) -> None:
@@ -46,7 +48,7 @@ class World:
         self._faults = faults
         self._move_line = move_line
         self._now_ns = now_ns
-        self._inputs_v: dict[tuple[int, int], float] = {}
+        self._pressed = pressed
         #: The machine that the board hangs on.
         self.host = FakeHost(faults)
 
@@ -83,9 +85,12 @@ class World:
     def rail_v(self) -> float:
         return self._rail.volts(self._now_ns())
 
-    def set_sensor_v(self, address: int, channel: int, volts: float) -> None:
-        """The voltage of a sensor at an input of an ADS1115 (not the rail's own input)."""
-        self._inputs_v[address, channel] = volts
+    def set_sensor_v(self, address: int, channel: int, volts: float | None) -> None:
+        """The voltage at an input of an ADS1115 (not the rail's own input); None leaves it to what
+        presses there.
+        """
+        self._pressed.put_v(address, channel, volts)
 
-    def sensor_v(self, address: int, channel: int) -> float:
-        return self._inputs_v.get((address, channel), 0.0)
+    def press_array(self, kpa: float) -> None:
+        """What all sensors under the array are pressed with from now on."""
+        self._pressed.press(kpa)
