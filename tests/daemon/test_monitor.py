@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -21,6 +23,8 @@ from etd.protocol import (
 )
 from etd.stabilize.belief import BELIEVED_NS
 from scripted_engine import greeting
+
+COMMANDS = (Path(__file__).parents[2] / "docs" / "commands.md").read_text(encoding="utf-8")
 
 
 def monitor() -> Monitor:
@@ -130,6 +134,21 @@ def test_what_a_body_felt_is_shown_only_where_there_is_a_model_and_named_so() ->
     assert felt.bright[3] == 1.0
     assert felt.alarming == {3}
     assert "modelled: felt at 2, strength up to 5.0, PAIN at 1" in made.line()
+
+
+def test_the_docs_show_the_line_that_is_printed() -> None:
+    made = monitor()
+    silent = form_of(made.line().replace("?", "SAFE"))
+    made.hear(state(0))
+    made.hear(scan())
+    made.hear(Modelled(now_ns=0, felt=(1.2, 0.0, 0.4, 5.0), pain=(0.0,) * 4))
+    forms = {silent, form_of(made.line()), form_of(made.line(60.0))}
+    shown = [line for line in COMMANDS.splitlines() if ", ceiling " in line]
+    assert {form_of(line) for line in shown} == forms
+
+
+def form_of(line: str) -> str:
+    return re.sub(r"\d+(\.\d)?", "N", line)
 
 
 def test_every_kind_of_contact_has_a_sign_of_its_own() -> None:
