@@ -163,6 +163,11 @@ def _body_site(path: Path) -> Answer:
 def _stabilized(settings: Settings) -> str:
     """All that is in force there, in the order that it asks; then what belongs to every pulse."""
     parts = [f"stabilized by {', '.join(settings.order) or 'nothing'}"]
+    if settings.before_contact:
+        behind = " and ".join(settings.before_contact)
+        parts.append(
+            f"contact stands BEHIND {behind}: put it before: they reckon with what it leaves"
+        )
     if settings.probe_first:
         parts.append("a probe before every pulse")
     if settings.bursts is not None:

@@ -74,6 +74,17 @@ def test_a_kind_is_known_by_content_whatever_the_file_is_called(
         ("", "stabilized by nothing"),
         ("probe_first = true", "stabilized by nothing; a probe before every pulse"),
         (
+            'order = ["pressure", "energy", "contact"]\n'
+            "[stabilize.contact]\n[stabilize.energy]\n[stabilize.pressure]",
+            "stabilized by pressure, energy, contact; contact stands BEHIND pressure and energy:"
+            " put it before: they reckon with what it leaves",
+        ),
+        (
+            'order = ["narrow", "contact", "lines"]\n[stabilize.contact]\n[stabilize.lines]\n'
+            "[stabilize.narrow]\nwidth_us = 50\ntau_us = 150.0",
+            "stabilized by narrow, contact, lines",
+        ),
+        (
             'order = ["contact", "energy"]\nprobe_first = true\n'
             "[stabilize.contact]\n[stabilize.energy]\n"
             "[stabilize.bursts]\npulses = 2\nrate_hz = 350.0",

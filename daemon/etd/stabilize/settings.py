@@ -50,6 +50,16 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     probe_first: bool = False
 
     @property
+    def before_contact(self) -> tuple[Name, ...]:
+        """What asks before `contact` and should not: these laws reckon with the current that
+        `contact` leaves, and steadiness was measured in no other order. Limits hold in any.
+        """
+        if "contact" not in self.order:
+            return ()
+        before = self.order[: self.order.index("contact")]
+        return tuple(name for name in before if name in ("pressure", *BY_RESISTANCE))
+
+    @property
     def prepulse_us(self) -> int:
         """What a prepulse adds to the width of every pulse."""
         return 0 if self.prepulse is None else self.prepulse.width_us
