@@ -166,7 +166,7 @@ def _stabilized(settings: Settings) -> str:
     if settings.before_contact:
         behind = " and ".join(settings.before_contact)
         parts.append(
-            f"contact stands BEHIND {behind}: put it before: they reckon with what it leaves"
+            f"contact stands BEHIND {behind}: put it before, for they reckon with what it leaves"
         )
     if settings.probe_first:
         parts.append("a probe before every pulse")

@@ -77,7 +77,7 @@ def test_a_kind_is_known_by_content_whatever_the_file_is_called(
             'order = ["pressure", "energy", "contact"]\n'
             "[stabilize.contact]\n[stabilize.energy]\n[stabilize.pressure]",
             "stabilized by pressure, energy, contact; contact stands BEHIND pressure and energy:"
-            " put it before: they reckon with what it leaves",
+            " put it before, for they reckon with what it leaves",
         ),
         (
             'order = ["narrow", "contact", "lines"]\n[stabilize.contact]\n[stabilize.lines]\n'
