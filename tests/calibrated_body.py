@@ -13,6 +13,7 @@ from statistics import median
 
 from msgspec.structs import replace
 
+from etd.array import Array
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresents, ModelledBody
@@ -53,7 +54,12 @@ class Outcome:
 
     @property
     def worst(self) -> float:
-        return max(map(abs, self.errors.values()))
+        return max(map(abs, self.errors.values()), default=0.0)
+
+
+def reference_of(array: Array) -> int:
+    """The electrode that `equalize` compares all others with."""
+    return array.count // 2
 
 
 def calibrate_body(
@@ -109,7 +115,7 @@ class _Sitting:
         self._daemon = daemon
         self._felt = felt = ModelledBody()
         self._baseline = baseline
-        self._reference = daemon.loaded.array.count // 2
+        self._reference = reference_of(daemon.loaded.array)
         self._outcome = Outcome()
         self._true_ua: dict[int, list[float]] = {}
         self._own_ua: dict[int, float] = {}
@@ -118,15 +124,16 @@ class _Sitting:
         self._stimulator = Stimulator(
             display, display, daemon, conditions, person.wants_stop, felt.hear
         )
+        self._progress = Progress(conditions=replace(conditions, reference=self._reference))
         self._course = Course(
-            Progress(conditions=replace(conditions, reference=self._reference)),
+            self._progress,
             FeltPresents(self._stimulator, felt),
             person,
             lambda: _TODAY,
             baseline=baseline,
-            on_progress=self._compare,
             on_presented=self._look,
             on_threshold=self._settle,
+            on_found=self._compare,
         )
 
     def run(self, electrodes: Sequence[int]) -> Outcome:
@@ -156,8 +163,8 @@ class _Sitting:
         self._own_ua[electrode], self._largest_ua[electrode] = median(later_ua), max(later_ua)
         self._outcome.wander[electrode] = max(true_ua) / min(true_ua) - 1.0
 
-    def _compare(self, progress: Progress) -> None:
-        electrode, found = list(progress.found.items())[-1]
+    def _compare(self, electrode: int) -> None:
+        found = self._progress.found[electrode]
         if self._baseline is None:
             self._compare_threshold(electrode, found)
         elif electrode != self._reference and found.felt:

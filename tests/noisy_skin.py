@@ -21,7 +21,7 @@ def resistance_ohm(current_ua: int) -> int:
 
 @dataclass
 class NoisySkin:
-    """Keeps `course.Presents`. Felt strength is current over threshold; pain begins at between 1.3
+    """Keeps `asking.Presents`. Felt strength is current over threshold; pain begins at between 1.3
     and 4 times the threshold, as the literature has it: on some electrodes it is near.
     """
 

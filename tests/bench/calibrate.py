@@ -11,7 +11,7 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +21,10 @@ from typing import Any, get_args
 CLONE = Path(__file__).parents[2]
 sys.path[:0] = [str(CLONE / "daemon"), str(CLONE / "hal"), str(CLONE / "tests")]
 
-from calibrated_body import Outcome, calibrate_body  # noqa: E402
+from calibrated_body import Outcome, calibrate_body, reference_of  # noqa: E402
 from etd.calibration import Method  # noqa: E402
+from etd.config import fake_config  # noqa: E402
+from etd.errors import FileError, Refused  # noqa: E402
 from etd_body.course import LYING, STILL, Script  # noqa: E402
 
 WITHIN = 0.10
@@ -45,8 +47,8 @@ class Job:
     methods: tuple[Method, ...]
 
 
-def main() -> int:
-    """Exit status 1 if a bound is not held."""
+def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:
+    """Those of the command line. Raises: SystemExit, where they cannot be."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--array", default="grid-8x8")
     parser.add_argument("--electrodes", type=int, default=64, help="the first so many")
@@ -56,16 +58,46 @@ def main() -> int:
         "--skin", choices=SKINS, action="append", help="still, or lying: it sweats and moves"
     )
     parser.add_argument("--json", action="store_true")
-    args = parser.parse_args()
-    rows = []
+    args = parser.parse_args(given)
+    _check_electrodes(parser, args)
+    return args
+
+
+def main() -> int:
+    """Exit status 1 if a bound is not held, or a sitting could not be."""
+    args = arguments()
+    rows, refused = [], 0
     with ProcessPoolExecutor(_AT_ONCE, initializer=_be_quiet) as pool:
-        for job, found in zip(jobs(args), pool.map(_sit, jobs(args)), strict=True):
+        for job, found in zip(jobs(args), pool.map(sit, jobs(args)), strict=True):
+            if isinstance(found, str):
+                refused += 1
+                print(
+                    f"{job.skin} {' '.join(job.methods)} seed {job.seed}: {found}", file=sys.stderr
+                )
+                continue
             rows += [row_of(job, method, one) for method, one in found.items()]
             if not args.json:
                 print("\n".join(map(line_of, rows[-len(found) :])), flush=True)
+    ok = refused == 0 and all(row["ok"] for row in rows)
     if args.json:
-        print(json.dumps({"ok": all(row["ok"] for row in rows), "rows": rows}))
-    return 0 if all(row["ok"] for row in rows) else 1
+        print(json.dumps({"ok": ok, "rows": rows}))
+    return 0 if ok else 1
+
+
+def _check_electrodes(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
+    try:
+        array = fake_config(array=args.array).array
+    except FileError as error:
+        parser.error(str(error))
+    if not 1 <= args.electrodes <= array.count:
+        parser.error(f"--electrodes {args.electrodes}: {args.array} has 1 to {array.count}")
+    reference = reference_of(array)
+    if args.electrodes <= reference and "equalize" in (args.method or get_args(Method)):
+        parser.error(
+            f"equalize compares all others with electrode {reference}, which the first"
+            f" {args.electrodes} are without: --electrodes {reference + 1} or more, or another"
+            " --method"
+        )
 
 
 def jobs(args: argparse.Namespace) -> Iterator[Job]:
@@ -73,8 +105,9 @@ def jobs(args: argparse.Namespace) -> Iterator[Job]:
     for skin in args.skin or SKINS:
         for seed in args.seeds or SEEDS[skin]:
             for methods in SITTINGS:
-                if wanted & set(methods):
-                    yield Job(args.array, args.electrodes, skin, seed, methods)
+                last = max((i for i, one in enumerate(methods, 1) if one in wanted), default=0)
+                if last:
+                    yield Job(args.array, args.electrodes, skin, seed, methods[:last])
 
 
 def _be_quiet() -> None:
@@ -82,15 +115,19 @@ def _be_quiet() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 
 
-def _sit(job: Job) -> dict[Method, Outcome]:
-    return calibrate_body(
-        job.array,
-        job.methods,
-        range(job.electrodes),
-        person_seed=job.seed,
-        body_seed=job.seed,
-        script=SKINS[job.skin],
-    )
+def sit(job: Job) -> dict[Method, Outcome] | str:
+    """Or why it could not be: a person who feels nothing, or a reference that was not felt."""
+    try:
+        return calibrate_body(
+            job.array,
+            job.methods,
+            range(job.electrodes),
+            person_seed=job.seed,
+            body_seed=job.seed,
+            script=SKINS[job.skin],
+        )
+    except (Refused, FileError) as error:
+        return str(error)
 
 
 def row_of(job: Job, method: Method, found: Outcome) -> dict[str, Any]:
@@ -103,9 +140,9 @@ def row_of(job: Job, method: Method, found: Outcome) -> dict[str, Any]:
         "electrodes": len(errors),
         "presentations": found.presentations,
         "minutes": round(found.minutes, 1),
-        "median_error": round(median(errors), 4),
-        "worst_error": round(max(errors), 4),
-        "skin_wandered": round(max(found.wander.values()), 3),
+        "median_error": round(median(errors or [0.0]), 4),
+        "worst_error": round(found.worst, 4),
+        "skin_wandered": round(max(found.wander.values(), default=0.0), 3),
         "unfelt": {electrode: round(part, 3) for electrode, part in found.unfelt.items()},
         "weaker": {electrode: round(part, 3) for electrode, part in found.weaker.items()},
         "most_pain": round(found.most_pain, 3),

@@ -78,6 +78,9 @@ def typed() -> Iterator[Typed]:
         ("compare", b"w", "weaker"),
         ("compare", b"s", "same"),
         ("compare", b"g", "stronger"),
+        ("which", b"1", "first"),
+        ("which", b"2", "second"),
+        ("which", b"b", "both"),
         ("strength", b" ", "stop"),
         ("compare", b"\x1b", "stop"),
         ("strength", b"q", "pause"),
@@ -114,13 +117,24 @@ def test_a_stop_key_is_heard_while_something_is_presented(typed: Typed) -> None:
     assert typed.keyboard.wants_stop()
 
 
+@pytest.mark.parametrize(
+    ("keys", "ending"),
+    [(b"", None), (b"nft1", None), (b"nqn", "pause"), (b"q ", "stop"), (b"\x1b", "stop")],
+)
+def test_where_nothing_is_asked_the_keys_that_end_it_are_heard(
+    typed: Typed, keys: bytes, ending: Answer | None
+) -> None:
+    typed.press(keys)
+    assert typed.keyboard.asked_to_end() == ending
+
+
 def test_a_terminal_that_has_gone_is_a_stop(typed: Typed) -> None:
     typed.hang_up()
     assert typed.keyboard.wants_stop()
     assert typed.keyboard.answer(Question("strength", 3), lambda: None) == "stop"
 
 
-@pytest.mark.parametrize("ask", ["strength", "compare"])
+@pytest.mark.parametrize("ask", ["strength", "compare", "which"])
 def test_the_legend_names_every_answer_and_the_stop(ask: Ask) -> None:
     said = legend(ask)
     assert all(one.replace("_", " ") in said for one in ANSWERS[ask])
@@ -133,6 +147,7 @@ def test_the_help_names_every_key(capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().out
     assert legend("strength") in said
     assert legend("compare") in said
+    assert legend("which") in said
 
 
 def test_the_picture_shows_what_is_done_without_a_current(
@@ -171,6 +186,29 @@ def test_the_picture_shows_what_is_done_without_a_current(
     assert heard == "   not felt; now the next\n   that key is no answer here\n"
 
 
+def test_the_picture_shows_where_something_was_too_strong(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    facts = ArrayFacts(
+        name="row", electrodes=4, x_mm=(0, 2, 4, 6), y_mm=(0, 0, 0, 0), diameter_mm=1.0
+    )
+    lowered_ua = {0: 2_340, 1: 777, 2: 888}
+    screen = Screen(facts, Progress(conditions=ROW, found={0: FOUND}, lowered_ua=lowered_ua), False)
+    screen.ask(Question("compare", 2, 0))
+    screen.heard("too_strong")
+    screen.ask(Question("which", 2, 0))
+    screen.heard("first")
+    screen.heard("second")
+    said = capsys.readouterr().out
+    assert "# ! @ ." in said
+    assert "! too strong" in said
+    assert not any(figure in said for figure in ("777", "888", "2340"))
+    *_, heard, asked, first, second = said.splitlines()
+    assert heard == "   too strong", "it is asked which one, and nothing is presented"
+    assert asked == f"Which one was too strong?   {legend('which')}"
+    assert (first, second) == ("   first", "   second; now the next")
+
+
 @pytest.mark.parametrize(
     "given",
     [
@@ -200,6 +238,7 @@ def test_what_does_not_go_together_is_used_wrongly(
         (["P1", "--max-current-ua", "3001"], "at most 3000 uA: nobody gets more before being"),
         (["P1", "--max-current-ua", "7"], "--max-current-ua: it says 7"),
         (["P1", "--max-current-ua", "2000", "--width-us", "500"], "--width-us: it says 500"),
+        (["P1", "--max-current-ua", "2000", "--width-us", "0"], "--width-us: it says 0"),
         (["P1", "--max-current-ua", "2000", "--rate-hz", "500"], "--rate-hz: it says 500"),
         (["P1", "--max-current-ua", "2000", "--pulses", "90"], "90 pulses at 60 Hz last 1.50 s"),
         (["P1", "--max-current-ua", "2000", "--out", "/none/P1.toml"], "there is no such folder"),

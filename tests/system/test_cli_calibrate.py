@@ -101,6 +101,62 @@ def test_a_daemon_that_is_not_armed_is_waited_for(rig: CommandRig) -> None:
         assert "not_found" in missing.err or "no calibration" in missing.err
 
 
+def test_what_was_too_strong_is_kept_though_the_command_is_killed(rig: CommandRig) -> None:
+    at = AtTerminal(rig, *ARGUMENTS)
+    try:
+        at.answer("nt")
+        at.command.line_with("Did you feel it", "stdout")
+    finally:
+        at.close()
+    at = AtTerminal(rig, *ARGUMENTS)
+    try:
+        at.answer("q")
+        said = at.command.ended()
+    finally:
+        at.close()
+    assert "what was too strong does not come again: electrodes 0" in said.err
+    assert "paused; nothing was found yet, but what was too strong is kept: the same" in said.err
+
+    at = AtTerminal(rig, *ARGUMENTS, "--restart")
+    try:
+        at.answer("q")
+        anew = at.command.ended()
+    finally:
+        at.close()
+    assert "does not come again" not in anew.err
+    assert "paused; nothing was found yet; the same command begins anew" in anew.err
+    assert not list(rig.folder.glob("state/etd/fake/calibrating/*")), "it is forgotten"
+
+
+def test_what_goes_on_with_it_is_the_command_without_restart(rig: CommandRig) -> None:
+    at = AtTerminal(rig, *ARGUMENTS, "--restart")
+    try:
+        at.answer("nf" * 8 + "c" + "f" * 7 + "q")
+        said = at.command.ended()
+    finally:
+        at.close()
+    assert "what was found is kept; the same command without --restart goes on with it" in said.err
+
+
+@pytest.mark.parametrize(
+    ("key", "said", "state"), [(b"q", "paused; ", "SAFE"), (b" ", "stopped: ", "HALTED")]
+)
+def test_the_keys_that_end_it_are_heard_while_the_operator_is_waited_for(
+    rig: CommandRig, key: bytes, said: str, state: str
+) -> None:
+    with rig.daemon("--array", "pad-8"):
+        at = AtTerminal(rig, "calibrate", "P01", "--max-current-ua", "2000")
+        try:
+            assert "SPACE STOP   q pause" in at.command.line_with("waiting for the operator")
+            at.press(key)
+            ended = at.command.ended()
+        finally:
+            at.close()
+        assert ended.status == 1
+        assert f"etd: {said}" in ended.err
+        assert rig.run("status", "--json").answer["status"]["state"] == state
+
+
 @pytest.mark.parametrize("ending", [signal.SIGHUP, signal.SIGTERM])
 def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Signals) -> None:
     with rig.daemon("--array", "pad-8"):

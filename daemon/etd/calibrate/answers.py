@@ -11,14 +11,27 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 #: `strength`: is it felt, and how strongly? `compare`: is the second as strong as the first?
-Ask = Literal["strength", "compare"]
+#: `which`: after `too_strong` to that: which of the two?
+Ask = Literal["strength", "compare", "which"]
 Answer = Literal[
-    "not_felt", "felt", "comfortable", "too_strong", "weaker", "same", "stronger", "stop", "pause"
+    "not_felt",
+    "felt",
+    "comfortable",
+    "too_strong",
+    "weaker",
+    "same",
+    "stronger",
+    "first",
+    "second",
+    "both",
+    "stop",
+    "pause",
 ]
 
 ANSWERS: dict[Ask, tuple[Answer, ...]] = {
     "strength": ("not_felt", "felt", "comfortable", "too_strong"),
     "compare": ("weaker", "same", "stronger", "too_strong"),
+    "which": ("first", "second", "both"),
 }
 
 
@@ -28,7 +41,7 @@ class Question:
 
     ask: Ask
     electrode: int
-    #: With `compare`: what was presented first.
+    #: With `compare` and `which`: what was presented first.
     reference: int | None = None
 
 

@@ -1,18 +1,19 @@
 """A whole calibration: electrode after electrode, until each has its three figures.
 
-Owns: the order, where each electrode begins, what is asked when, and that progress is kept after
-each. Must not know: how a current is presented (stimulator), who answers, where progress is kept.
+Owns: the order, where each electrode begins, what bounds it, and that progress is kept after each.
+Must not know: how a current is presented and asked about (asking), who answers, where progress is
+kept.
 """
 
 from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import msgspec
 
-from etd.calibrate.answers import Answer, Answerer, Ask, Question
+from etd.calibrate.answers import Answer, Answerer
+from etd.calibrate.asking import Asking, Presents, too_strong_reference
 from etd.calibrate.comfortable import comfortable
 from etd.calibrate.conditions import check_baseline
 from etd.calibrate.equalize import equalize, lead_up
@@ -21,8 +22,8 @@ from etd.calibrate.progress import Progress
 from etd.calibrate.quest_plus import quest_plus, ready_questplus
 from etd.calibrate.reach import Reach
 from etd.calibrate.staircase import staircase
-from etd.calibrate.stimulator import Delivered, NotDelivered
-from etd.calibrate.trial import Procedure, Stopped, Unsettled, run
+from etd.calibrate.stimulator import NotDelivered
+from etd.calibrate.trial import BelowThreshold, Procedure, R, Unsettled, run
 from etd.calibration import Calibration, ElectrodeLimits
 from etd.errors import Refused
 
@@ -34,10 +35,6 @@ _OF_LEAST = 0.5
 #: One with an earlier threshold at this part of that; and its comfortable level is looked for
 #: by tenths up to this part of the earlier one.
 _OF_EARLIER = 0.8
-#: Before each presentation, in turn: nobody shall answer to a rhythm.
-_PAUSES_S = (0.4, 0.6, 0.3, 0.5)
-#: Between reference and comparison.
-_BETWEEN_S = 0.4
 
 PROCEDURES: dict[str, Callable[[float], Procedure[Threshold]]] = {
     "limits": limits,
@@ -46,23 +43,12 @@ PROCEDURES: dict[str, Callable[[float], Procedure[Threshold]]] = {
 }
 
 
-class Presents(Protocol):
-    """What is needed of a `Stimulator`."""
-
-    def present(self, electrode: int, current_ua: int) -> Delivered: ...
-
-    def pause(self, seconds: float) -> None: ...
-
-    def keep(self) -> None: ...
-
-    def stop(self) -> None: ...
-
-
 class Course:
-    """`progress` is filled in; `on_progress` hears of it after each electrode, `on_presented` the
-    electrode of each presentation, and `on_threshold` the electrode whose threshold is found, which
-    is before its comfortable level is looked for. `today` dates each: a calibration may go on on
-    another day.
+    """`progress` is filled in; `on_progress` hears of it whenever there is something to keep: after
+    each electrode, and at once when something was too strong. `on_presented` hears the electrode of
+    each presentation, `on_threshold` the one whose threshold is found, which is before its
+    comfortable level is looked for, and `on_found` the one that is settled. `today` dates each: a
+    calibration may go on on another day.
 
     `baseline`: an earlier calibration of the same person. It says where to begin; with the method
     `equalize` it is also what is kept but for the comfortable levels.
@@ -79,17 +65,16 @@ class Course:
         on_progress: Callable[[Progress], None] = lambda _: None,
         on_presented: Callable[[int], None] = lambda _: None,
         on_threshold: Callable[[int], None] = lambda _: None,
+        on_found: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._progress = progress
-        self._presents = presents
-        self._answerer = answerer
+        self._asking = Asking(progress, presents, answerer, on_progress, on_presented)
         self._today = today
         self._baseline = baseline
         self._reference = progress.conditions.reference
         self._on_progress = on_progress
-        self._on_presented = on_presented
         self._on_threshold = on_threshold
-        self._resistances: dict[int, int] = {}
+        self._on_found = on_found
         self._is_led_up = False
         self.left: dict[int, str] = {}
         self._check()
@@ -118,6 +103,8 @@ class Course:
                 " as it: name another --reference",
                 reference,
             )
+        if self._reach_of_reference(reference, baseline).is_cap_felt:
+            raise too_strong_reference(reference)
 
     def run(self, electrodes: Sequence[int]) -> Progress:
         """Those of them that are missing. Those that could not be settled are in `left`, with the
@@ -128,35 +115,31 @@ class Course:
                 continue
             try:
                 found = self._calibrated(electrode)
-            except (NotDelivered, Unsettled) as error:
+            except (NotDelivered, Unsettled, BelowThreshold) as error:
                 self.left[electrode] = str(error)
                 continue
             self._progress.found[electrode] = found
             self.left.pop(electrode, None)
             self._on_progress(self._progress)
+            self._on_found(electrode)
         return self._progress
 
     # --- one electrode -----------------------------------------------------------------------
 
     def _calibrated(self, electrode: int) -> ElectrodeLimits:
-        self._resistances = {}
+        self._asking.resistances.clear()
         conditions, baseline, reference = self._progress.conditions, self._baseline, self._reference
         if conditions.method == "equalize" and baseline is not None and reference is not None:
             return self._equalized(electrode, baseline, reference)
         before = self._earlier(electrode)
-        reach = Reach(conditions.presented_ua, self._start_ua(electrode))
-        procedure = PROCEDURES[conditions.method](reach.most_ua)
-        threshold = run(procedure, reach, lambda ua: self._asked("strength", electrode, ua))
+        reach = self._reach(electrode, conditions.presented_ua, self._start_ua(electrode))
+        threshold = self._run(PROCEDURES[conditions.method](reach.most_ua), electrode, reach)
         self._on_threshold(electrode)
         at_ua = min(round(threshold.current_ua), reach.cap_ua)
         if not threshold.is_felt:
             return self._limits(at_ua, at_ua, reach.tolerated_ua, is_felt=False)
         known_ua = 0.0 if before is None else before.comfortable_ua * _OF_EARLIER
-        level = run(
-            comfortable(at_ua, known_ua=known_ua),
-            reach,
-            lambda ua: self._asked("strength", electrode, ua),
-        )
+        level = self._run(comfortable(at_ua, known_ua=known_ua), electrode, reach)
         return self._limits(at_ua, level.comfortable_ua, level.cap_ua)
 
     def _equalized(self, electrode: int, baseline: Calibration, reference: int) -> ElectrodeLimits:
@@ -165,35 +148,44 @@ class Course:
         found_on = before.date or baseline.date
         if electrode == reference or not before.felt:
             return msgspec.structs.replace(before, date=found_on)
-        self._lead_up_to(reference)
-        reach = Reach(before.cap_ua, before.threshold_ua)
-        matched_ua = run(
-            equalize(before.threshold_ua),
-            reach,
-            lambda ua: self._asked("compare", electrode, ua, reference),
-        )
-        cap_ua = min(before.cap_ua, reach.cap_ua)
+        self._lead_up_to(reference, baseline)
+        reach = self._reach(electrode, before.cap_ua, before.threshold_ua)
+        reference_ua = baseline.electrode[reference].comfortable_ua
+
+        def present(current_ua: int) -> Answer:
+            if reach.cap_ua < before.threshold_ua:
+                raise BelowThreshold(electrode)
+            return self._asking.compared(electrode, reach, current_ua, reference, reference_ua)
+
+        matched_ua = run(equalize(before.threshold_ua), reach, present)
+        cap_ua = reach.cap_ua
         found = self._limits(before.threshold_ua, min(matched_ua, cap_ua), cap_ua)
         return msgspec.structs.replace(found, threshold_date=before.threshold_date or found_on)
 
-    def _lead_up_to(self, reference: int) -> None:
+    def _lead_up_to(self, reference: int, baseline: Calibration) -> None:
         """Once, before it is first presented as it is: today's skin is not that of the baseline.
 
         Raises: Refused (`bad_calibration`).
         """
-        one = self._earlier(reference)
-        if self._is_led_up or one is None:
+        if self._is_led_up:
             return
+        one = baseline.electrode[reference]
         procedure = lead_up(one.threshold_ua, one.comfortable_ua)
-        reach = Reach(one.comfortable_ua, one.threshold_ua)
-        if not run(procedure, reach, lambda ua: self._asked("strength", reference, ua)):
-            raise Refused(
-                "bad_calibration",
-                f"electrode {reference}, the reference, is too strong today at what was"
-                " comfortable: calibrate anew",
-                reference,
-            )
+        if not self._run(procedure, reference, self._reach_of_reference(reference, baseline)):
+            raise too_strong_reference(reference)
         self._is_led_up = True
+
+    def _reach_of_reference(self, reference: int, baseline: Calibration) -> Reach:
+        one = baseline.electrode[reference]
+        return self._reach(reference, one.comfortable_ua, one.threshold_ua)
+
+    def _reach(self, electrode: int, cap_ua: int, start_ua: int) -> Reach:
+        """Below what was too strong there before, today or when this was begun."""
+        return Reach(cap_ua, start_ua, lowered_ua=self._progress.lowered_ua.get(electrode))
+
+    def _run(self, procedure: Procedure[R], electrode: int, reach: Reach) -> R:
+        """One that asks how strong each is. Raises: Stopped, Unsettled, NotDelivered."""
+        return run(procedure, reach, lambda ua: self._asking.strength(electrode, reach, ua))
 
     def _limits(
         self, threshold_ua: int, comfortable_ua: int, cap_ua: int, is_felt: bool = True
@@ -211,9 +203,8 @@ class Course:
 
     def _resistance_at(self, current_ua: int) -> int | None:
         """As it was last seen at the current nearest to this one: skin resists more at others."""
-        if not self._resistances:
-            return None
-        return self._resistances[min(self._resistances, key=lambda ua: abs(ua - current_ua))]
+        seen = self._asking.resistances
+        return seen[min(seen, key=lambda ua: abs(ua - current_ua))] if seen else None
 
     def _start_ua(self, electrode: int) -> int:
         before = self._earlier(electrode)
@@ -224,25 +215,3 @@ class Course:
 
     def _earlier(self, electrode: int) -> ElectrodeLimits | None:
         return None if self._baseline is None else self._baseline.electrode[electrode]
-
-    # --- one presentation --------------------------------------------------------------------
-
-    def _asked(
-        self, ask: Ask, electrode: int, current_ua: int, reference: int | None = None
-    ) -> Answer:
-        """Present, and ask. Raises: Stopped, NotDelivered."""
-        count = self._progress.presentations
-        self._presents.pause(_PAUSES_S[count % len(_PAUSES_S)])
-        if reference is not None and self._baseline is not None:
-            self._presents.present(reference, self._baseline.electrode[reference].comfortable_ua)
-            self._presents.pause(_BETWEEN_S)
-        delivered = self._presents.present(electrode, current_ua)
-        self._progress.presentations += 1
-        if delivered.resistance_ohm is not None:
-            self._resistances[current_ua] = delivered.resistance_ohm
-        self._on_presented(electrode)
-        answer = self._answerer.answer(Question(ask, electrode, reference), self._presents.keep)
-        if answer == "stop":
-            self._presents.stop()
-            raise Stopped("stop")
-        return answer

@@ -6,7 +6,7 @@ Real boards tell nothing of the kind: then there is nothing to sense, and nobody
 
 from __future__ import annotations
 
-from etd.calibrate.course import Presents
+from etd.calibrate.asking import Presents
 from etd.calibrate.person import Felt
 from etd.calibrate.stimulator import Delivered
 from etd.protocol import MODELLED_HZ, Modelled

@@ -1,4 +1,5 @@
-"""How far a calibration has come: kept after every electrode, so that nobody is asked twice.
+"""How far a calibration has come: kept after every electrode, so that nobody is asked twice, and at
+once when something was too strong, so that it does not come again.
 
 Owns: the struct, the file of an unfinished calibration, what that file must not say, and the
 calibration that a finished one becomes. Must not know: procedures, daemons, terminals.
@@ -14,21 +15,40 @@ import msgspec
 from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
-from etd.calibration import Calibration, ElectrodeLimits, resisted_as_skin
+from etd.calibration import Calibration, ElectrodeLimits, Ua, resisted_as_skin
 from etd.errors import FileError
 from etd.wholefile import write_whole
 
 
 class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """What has been found so far, by electrode; `presentations` counts all of them."""
+    """What has been found so far, by electrode; `presentations` counts all of them.
+
+    `lowered_ua`: by electrode, the cap that was left when something was too strong there. It holds
+    for all that this becomes. Files of before it was kept say nothing of it.
+    """
 
     conditions: Conditions
     found: dict[int, ElectrodeLimits] = {}
     presentations: Annotated[int, Meta(ge=0)] = 0
+    lowered_ua: dict[int, Ua] = {}
 
     @property
     def missing(self) -> tuple[int, ...]:
         return tuple(one for one in range(self.conditions.electrodes) if one not in self.found)
+
+    @property
+    def troubled(self) -> tuple[int, ...]:
+        """Those of them on which something was too strong."""
+        return tuple(one for one in self.missing if one in self.lowered_ua)
+
+    def lower(self, electrode: int, left_ua: int) -> None:
+        """Something was too strong: `left_ua` is the most that may come there. What was found with
+        a higher cap, or taken over from another day, holds no more.
+        """
+        left_ua = min(left_ua, self.lowered_ua.get(electrode, left_ua))
+        self.lowered_ua[electrode] = left_ua
+        if electrode in self.found and self.found[electrode].cap_ua > left_ua:
+            del self.found[electrode]
 
 
 def save_progress(path: Path, progress: Progress) -> None:
@@ -60,17 +80,29 @@ def load_progress(path: Path, conditions: Conditions) -> Progress:
                 "go on under the same conditions, or give --restart to begin anew",
             )
     for electrode, one in progress.found.items():
-        _check_found(str(path), conditions, electrode, one)
+        _check_found(str(path), progress, electrode, one)
+    for electrode in progress.lowered_ua:
+        _check_electrode(str(path), "lowered_ua", conditions, electrode)
     return progress
 
 
-def _check_found(path: str, conditions: Conditions, electrode: int, one: ElectrodeLimits) -> None:
-    """A cap was presented and accepted: one above all that is presented comes from elsewhere."""
-    most_ua = conditions.presented_ua
-    why = ""
+def _check_electrode(path: str, key: str, conditions: Conditions, electrode: int) -> None:
     if not 0 <= electrode < conditions.electrodes:
-        why = f"there is no such electrode: the array has 0 to {conditions.electrodes - 1}"
-    elif not one.threshold_ua <= one.comfortable_ua <= one.cap_ua:
+        raise FileError(
+            path,
+            f"{key}.{electrode}",
+            f"there is no such electrode: the array has 0 to {conditions.electrodes - 1}",
+            "--restart begins anew",
+        )
+
+
+def _check_found(path: str, progress: Progress, electrode: int, one: ElectrodeLimits) -> None:
+    """A cap was presented and accepted: one above all that is presented comes from elsewhere."""
+    _check_electrode(path, "found", progress.conditions, electrode)
+    most_ua = progress.conditions.presented_ua
+    lowered_ua = progress.lowered_ua.get(electrode, most_ua)
+    why = ""
+    if not one.threshold_ua <= one.comfortable_ua <= one.cap_ua:
         why = (
             f"threshold {one.threshold_ua}, comfortable {one.comfortable_ua}, cap {one.cap_ua} uA"
             " do not rise"
@@ -79,6 +111,8 @@ def _check_found(path: str, conditions: Conditions, electrode: int, one: Electro
         why = f"its cap of {one.cap_ua} uA is above the {most_ua} uA that are presented at most"
     elif not resisted_as_skin(one):
         why = f"{one.resistance_ohm} ohm is no resistance of skin"
+    elif one.cap_ua > lowered_ua:
+        why = f"its cap of {one.cap_ua} uA is above the {lowered_ua} uA that too strong has left"
     if why:
         raise FileError(path, f"found.{electrode}", why, "--restart begins anew")
 
@@ -87,7 +121,8 @@ def finished(
     progress: Progress, date: datetime.date, program: str, gamma: float = 1.0
 ) -> Calibration:
     """The calibration of all electrodes. One that was left out gets the least threshold that was
-    found for everything, and counts as not felt: a bound, where nothing is known. What was found
+    found for everything, or what was left where something was too strong, and counts as not felt: a
+    bound, where nothing is known. What was found
     on another day than `date` says so.
 
     Raises: FileError, if nothing was found at all.
@@ -98,9 +133,9 @@ def finished(
         raise FileError(
             "the calibration", "", "nothing was felt anywhere", "look at contact and cap first"
         )
-    least_ua = min(felt_ua)
-    unknown = ElectrodeLimits(
-        threshold_ua=least_ua, comfortable_ua=least_ua, cap_ua=least_ua, felt=False
+    each = (
+        progress.found.get(one) or _unknown(min(felt_ua), progress.lowered_ua.get(one))
+        for one in range(conditions.electrodes)
     )
     return Calibration(
         participant=conditions.participant,
@@ -112,13 +147,18 @@ def finished(
         returns=conditions.returns,
         date=date,
         program=program,
-        electrode=tuple(
-            _dated(progress.found.get(one, unknown), date) for one in range(conditions.electrodes)
-        ),
+        electrode=tuple(_dated(one, date) for one in each),
         method=conditions.method,
         pulses=conditions.pulses,
         shape=conditions.shape,
         gamma=gamma,
+    )
+
+
+def _unknown(least_ua: int, lowered_ua: int | None) -> ElectrodeLimits:
+    bound_ua = least_ua if lowered_ua is None else min(least_ua, lowered_ua)
+    return ElectrodeLimits(
+        threshold_ua=bound_ua, comfortable_ua=bound_ua, cap_ua=bound_ua, felt=False
     )
 
 

@@ -18,14 +18,18 @@ LEAST_UA = 20
 
 
 class Reach:
-    """One electrode's. `start_ua`: the most that may be presented first."""
+    """One electrode's. `start_ua`: the most that may be presented first. `lowered_ua`: the cap that
+    was left when something was too strong before.
+    """
 
-    def __init__(self, cap_ua: int, start_ua: int, tolerated_ua: int = 0) -> None:
-        self.cap_ua = cap_ua
-        self.tolerated_ua = min(tolerated_ua, cap_ua)
+    def __init__(
+        self, cap_ua: int, start_ua: int, tolerated_ua: int = 0, lowered_ua: int | None = None
+    ) -> None:
+        self.cap_ua = cap_ua if lowered_ua is None else min(cap_ua, lowered_ua)
+        self.tolerated_ua = min(tolerated_ua, self.cap_ua)
         #: Something was too strong, and the cap lies below it.
-        self.is_cap_felt = False
-        self._start_ua = max(LEAST_UA, min(start_ua, cap_ua))
+        self.is_cap_felt = lowered_ua is not None
+        self._start_ua = max(LEAST_UA, min(start_ua, self.cap_ua))
 
     @property
     def most_ua(self) -> int:
@@ -42,17 +46,21 @@ class Reach:
     def learn(self, current_ua: int, answer: Answer) -> None:
         """What the person said of it."""
         if answer == "too_strong":
-            self.cap_ua = min(self.cap_ua, self._below(current_ua))
+            self.cap_ua = self.left_below(current_ua)
             self.is_cap_felt = True
             self.tolerated_ua = min(self.tolerated_ua, self.cap_ua)
             self._start_ua = min(self._start_ua, self.cap_ua)
         else:
             self.tolerated_ua = max(self.tolerated_ua, current_ua)
 
-    def _below(self, current_ua: int) -> int:
-        """The most that is left when `current_ua` was too strong: what was tolerated below it, or
-        a step less.
+    def left_below(self, current_ua: int) -> int:
+        """The cap that is left when `current_ua` was too strong: what was tolerated below it, or a
+        step less.
         """
-        if 0 < self.tolerated_ua < current_ua:
-            return self.tolerated_ua
-        return int(current_ua / RISE)
+        is_known = 0 < self.tolerated_ua < current_ua
+        return min(self.cap_ua, self.tolerated_ua if is_known else a_step_below(current_ua))
+
+
+def a_step_below(current_ua: int) -> int:
+    """What is left of a current that was too strong, where nothing weaker was tolerated."""
+    return int(current_ua / RISE)

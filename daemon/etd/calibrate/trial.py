@@ -55,6 +55,17 @@ class Unsettled(EtdError):
         super().__init__(f"{presentations} presentations did not settle it: try again after a rest")
 
 
+class BelowThreshold(EtdError):
+    """What was too strong has left less than where it was felt. Fields: electrode."""
+
+    def __init__(self, electrode: int) -> None:
+        self.electrode = electrode
+        super().__init__(
+            "what was too strong has left less than its threshold of the baseline: it is not"
+            " presented any more; find its threshold anew, by another --method"
+        )
+
+
 def run(procedure: Procedure[R], reach: Reach, present: Callable[[int], Answer]) -> R:
     """Run a procedure to its end. `present` shows a current and returns the answer.
 

@@ -42,10 +42,12 @@ examples:
 keys, without Enter:
   {legend("strength")}
   {legend("compare")}   (equalize)
+  {legend("which")}   (equalize, after t)
 
 Every presentation is at most a tenth above what was accepted before, and never above
---max-current-ua. SPACE stops at once (Esc and Ctrl-C too); what was found is kept, and the same
-command goes on with it. docs/calibration.md tells what each method asks, and how long it takes.
+--max-current-ua. SPACE stops at once (Esc and Ctrl-C too). What was found and what was
+too strong is kept, and the same command (without --restart) goes on with it.
+docs/calibration.md tells what each method asks, and how long it takes.
 
 exit status: 0 the daemon keeps it, 1 stopped, refused, or not all electrodes settled, 2 used
 wrongly, 3 the daemon is not there
@@ -89,7 +91,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--as", dest="which", metavar="NAME", help="keep it as NAME, not as CODE")
     parser.add_argument(
-        "--restart", action="store_true", help="forget what was begun, and begin anew"
+        "--restart",
+        action="store_true",
+        help="forget what was begun, what was too strong too, and begin anew",
     )
     parser.add_argument(
         "--arm", action="store_true", help="arm it too, where you are the operator as well"
@@ -166,7 +170,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _sentence(stopped: Stopped, calibrating: CalibrateSession) -> str:
     if calibrating.has_found:
-        return f"{stopped}; what was found is kept; the same command goes on with it"
+        return f"{stopped}; what was found is kept; {calibrating.same_command} goes on with it"
+    if calibrating.has_lowered:
+        return (
+            f"{stopped}; nothing was found yet, but what was too strong is kept:"
+            f" {calibrating.same_command} stays below it"
+        )
     return f"{stopped}; nothing was found yet; the same command begins anew"
 
 
@@ -211,7 +220,9 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
     with Display(args.name, address=address, client=client) as asking:
         with _wrong_use(args):
             _check_limit(args.max_current_ua, asking.facts)
-        width_us = args.width_us or asking.facts.default_width_us
+        width_us = args.width_us
+        if width_us is None:
+            width_us = asking.facts.default_width_us
         width_us += asking.facts.shape.prepulse_us
     return Display(
         args.name,

@@ -38,7 +38,9 @@ def conditions_asked(
     most_ua = args.max_current_ua
     if most_ua is None and base is not None:
         most_ua = max(one.cap_ua for one in base.electrode)
-    width_us = args.width_us or (base.width_us if base else facts.default_width_us)
+    width_us = args.width_us
+    if width_us is None:
+        width_us = base.width_us if base else facts.default_width_us
     asked = {
         "participant": args.participant,
         "method": args.method,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 
 from etd.apps.picture import Picture
-from etd.calibrate.answers import Answer, Question
+from etd.calibrate.answers import Answer, Ask, Question
 from etd.calibrate.progress import Progress
 from etd.cli.keys import legend
 from etd.cli.terminal import is_terminal
@@ -21,6 +21,7 @@ _CLEAR = "\x1b[H\x1b[2J"
 _ASKED = {
     "strength": "Did you feel it, and how?",
     "compare": "Was the second as strong as the first?",
+    "which": "Which one was too strong?",
 }
 
 
@@ -32,6 +33,7 @@ class Screen:
         self._progress = progress
         self._is_quiet = is_quiet
         self._electrode: int | None = None
+        self._ask: Ask | None = None
 
     def begin(self) -> None:
         """Before the first question, while the opening rises."""
@@ -42,6 +44,7 @@ class Screen:
 
     def ask(self, question: Question) -> None:
         """The picture where the electrode is another one, and the question."""
+        self._ask = question.ask
         if self._is_quiet:
             return
         if is_terminal() or question.electrode != self._electrode:
@@ -51,13 +54,15 @@ class Screen:
         print(f"{_ASKED[question.ask]}   {legend(question.ask)}", flush=True)
 
     def heard(self, answer: Answer | None) -> None:
-        """After each key: that it was taken, and that the next one comes."""
+        """After each key: that it was taken, and that the next one comes, where one does."""
         if self._is_quiet:
             return
         if answer is None:
             print("   that key is no answer here", flush=True)
         elif answer not in ("stop", "pause"):
-            print(f"   {answer.replace('_', ' ')}; now the next", flush=True)
+            ends = answer in ("first", "both") or (self._ask, answer) == ("compare", "too_strong")
+            follows = "" if ends else "; now the next"
+            print(f"   {answer.replace('_', ' ')}{follows}", flush=True)
 
     def found(self) -> None:
         """After an electrode: a line, where no picture is drawn over."""
@@ -67,18 +72,24 @@ class Screen:
             print(self.line(), flush=True)
 
     def rows(self) -> list[str]:
-        """`@` now, `#` done, `x` nothing felt, `.` to come."""
+        """`@` now, `#` done, `x` nothing felt, `!` to come and something was too strong, `.` to
+        come.
+        """
         return self._picture.rows(
             [self._sign(one) for one in range(self._progress.conditions.electrodes)]
         )
 
     def line(self) -> str:
-        return f"{count_of(self._progress)}   (@ now, # done, x nothing felt, . to come)"
+        return (
+            f"{count_of(self._progress)}   (@ now, # done, x nothing felt, ! too strong, . to come)"
+        )
 
     def _sign(self, electrode: int) -> str:
         if electrode in self._progress.found:
             return "#" if self._progress.found[electrode].felt else "x"
-        return "@" if electrode == self._electrode else "."
+        if electrode == self._electrode:
+            return "@"
+        return "!" if electrode in self._progress.lowered_ua else "."
 
 
 def to_come(progress: Progress) -> str:

@@ -14,18 +14,20 @@ from contextlib import ExitStack
 import msgspec
 
 from etd.calibrate.answers import Answerer
+from etd.calibrate.asking import Presents
 from etd.calibrate.conditions import Conditions, check_baseline, check_conditions, check_laws
-from etd.calibrate.course import Course, Presents
+from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresents, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.stimulator import Stimulator
+from etd.calibrate.trial import Stopped
 from etd.calibration import Calibration, to_toml
 from etd.cli import options
 from etd.cli.calibrate_conditions import conditions_asked
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_watch import Watch
-from etd.cli.keys import keyboard
+from etd.cli.keys import Keyboard, keyboard
 from etd.client import Display, clock
 from etd.errors import Refused
 from etd.places import calibrating_file
@@ -64,17 +66,20 @@ class CalibrateSession:
         """Raises: Stopped, Refused, DaemonGone."""
         if not self._wanted():
             return
-        self._arm()
         body = ModelledBody()
         with ExitStack() as stack:
-            reports = stack.enter_context(
-                self._display.telemetry("scan", "halt", "modelled", "state")
-            )
             answerer: Answerer
             if self._is_simulated:
                 answerer = SimulatedPerson(body.sense, self._args.seed)
+                self._display.arm(ARM_WITHIN_S)
             else:
                 answerer = stack.enter_context(keyboard(self._screen.ask, self._screen.heard))
+                self._arm(answerer)
+            reports = stack.enter_context(
+                self._display.telemetry("scan", "halt", "modelled", "state")
+            )
+            if self._args.restart:
+                self._file.unlink(missing_ok=True)
             stimulator = Stimulator(
                 self._display,
                 reports,
@@ -97,8 +102,9 @@ class CalibrateSession:
             answerer,
             _today,
             baseline=self._baseline,
-            on_progress=self._keep,
+            on_progress=lambda progress: save_progress(self._file, progress),
             on_presented=self._presented,
+            on_found=lambda _: self._shown.found(),
         )
         self._shown.begin()
         stimulator.open()
@@ -114,9 +120,9 @@ class CalibrateSession:
             options.tell_no(
                 self._args,
                 "unsettled",
-                f"{len(missing)} electrodes are not settled, and nothing is stored: the same"
-                f" command tries them again, --leave-out {','.join(map(str, missing))} goes without"
-                " them",
+                f"{len(missing)} electrodes are not settled, and nothing is stored:"
+                f" {self.same_command} tries them again, --leave-out"
+                f" {','.join(map(str, missing))} goes without them",
             )
             return 1
         made = self._made()
@@ -136,12 +142,25 @@ class CalibrateSession:
         """Whether an electrode is settled, today or before: what is kept."""
         return bool(self._progress.found)
 
+    @property
+    def has_lowered(self) -> bool:
+        """Whether something was too strong, today or before: that is kept too."""
+        return bool(self._progress.lowered_ua)
+
+    @property
+    def same_command(self) -> str:
+        """What goes on with what is kept."""
+        return "the same command" + (" without --restart" if self._args.restart else "")
+
     def _begun(self, conditions: Conditions) -> Progress:
         """What there is of it. Raises: FileError, where that is under other conditions."""
         if self._args.restart or not self._file.exists():
             return Progress(conditions=conditions)
         progress = load_progress(self._file, conditions)
         print(f"going on: {len(progress.found)} electrodes are done", file=sys.stderr)
+        if progress.troubled:
+            where = ", ".join(map(str, progress.troubled))
+            print(f"what was too strong does not come again: electrodes {where}", file=sys.stderr)
         return progress
 
     def _wanted(self) -> list[int]:
@@ -149,16 +168,22 @@ class CalibrateSession:
 
     # --- the daemon --------------------------------------------------------------------------
 
-    def _arm(self) -> None:
-        """The fake's skin is nobody's; everybody else's waits for the operator."""
+    def _arm(self, keys: Keyboard) -> None:
+        """The fake's skin is nobody's; everybody else's waits for the operator. Raises: Stopped."""
         if self._args.board is not None or self._args.arm:
             self._display.arm(ARM_WITHIN_S)
             return
         is_told = False
         while not self._is_armed():
             if not is_told:
-                print("waiting for the operator: `etd arm`", file=sys.stderr)
+                print(
+                    "waiting for the operator: `etd arm`   (SPACE STOP   q pause)", file=sys.stderr
+                )
                 is_told = True
+            if (ending := keys.asked_to_end()) is not None:
+                if ending == "stop":
+                    self._display.stop()
+                raise Stopped(ending)
             self._display.keep()
             clock.sleep_s(_LOOK_S)
 
@@ -190,10 +215,6 @@ class CalibrateSession:
 
     # --- what is kept and told ---------------------------------------------------------------
 
-    def _keep(self, progress: Progress) -> None:
-        save_progress(self._file, progress)
-        self._shown.found()
-
     def _made(self) -> Calibration:
         gamma = 1.0 if self._baseline is None else self._baseline.gamma
         return finished(self._progress, _today(), f"etd {__version__}", gamma)
@@ -205,6 +226,7 @@ class CalibrateSession:
                 "ok": True,
                 "name": self._which,
                 "presentations": count,
+                "too_strong": sorted(self._progress.lowered_ua),
                 "calibration": made,
             }
             print(msgspec.json.encode(answer).decode())

@@ -26,6 +26,9 @@ KEYS: dict[str, Answer] = {
     "w": "weaker",
     "s": "same",
     "g": "stronger",
+    "1": "first",
+    "2": "second",
+    "b": "both",
     "q": "pause",
     " ": "stop",
     "\x1b": "stop",
@@ -74,6 +77,15 @@ class Keyboard:
             if answer == "stop":
                 return True
         return False
+
+    def asked_to_end(self) -> Answer | None:
+        """`stop` or `pause`, where one was pressed and nothing is asked. Drops every other key."""
+        heard: Answer | None = None
+        while (answer := self._pressed(0.0)) is not None:
+            if answer == "stop":
+                return "stop"
+            heard = "pause" if answer == "pause" else heard
+        return heard
 
     def _pressed(self, timeout_s: float) -> Answer | str | None:
         """What the next key means ("" for none of ours), or None within the time."""

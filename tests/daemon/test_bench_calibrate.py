@@ -1,0 +1,47 @@
+"""What `make bench-calibrate` sits, and what it says where that cannot be."""
+
+from __future__ import annotations
+
+import pytest
+
+from bench import calibrate as bench_calibrate
+
+
+@pytest.mark.parametrize(
+    ("given", "sittings"),
+    [
+        ("limits", [("limits",)]),
+        ("equalize", [("limits", "equalize")]),
+        ("staircase", [("staircase",)]),
+    ],
+)
+def test_only_what_was_asked_for_is_sat_and_what_that_begins_with(
+    given: str, sittings: list[tuple[str, ...]]
+) -> None:
+    args = bench_calibrate.arguments(["--skin", "still", "--seeds", "4711", "--method", given])
+    assert [job.methods for job in bench_calibrate.jobs(args)] == sittings
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("--electrodes 3 --method equalize", "equalize compares all others with electrode 4"),
+        ("--electrodes 3", "equalize compares all others with electrode 4"),
+        ("--electrodes 9", "--electrodes 9: pad-8 has 1 to 8"),
+        ("--array none", "there is no 'none' among the shipped arrays"),
+    ],
+)
+def test_what_cannot_be_sat_is_told_before_it_begins(
+    given: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        bench_calibrate.arguments(["--array", "pad-8", *given.split()])
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_reference_that_was_not_felt_is_told_in_a_sentence() -> None:
+    job = bench_calibrate.Job("pad-8", 1, "still", 4711, ("limits", "equalize"))
+    said = bench_calibrate.sit(job)
+    assert isinstance(said, str)
+    assert "electrode 4 was not felt in the baseline" in said
