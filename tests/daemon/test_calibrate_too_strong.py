@@ -181,7 +181,7 @@ def test_files_of_before_it_was_kept_are_read(tmp_path: Path) -> None:
     [
         ({4: 300}, "no such electrode: the array has 0 to 3"),
         ({0: 1_799}, "its cap of 1800 uA is above the 1799 uA that too strong has left"),
-        ({0: -1}, "--restart"),
+        ({1: -1}, "it is no progress file"),
     ],
 )
 def test_a_file_that_does_not_hold_together_is_not_gone_on_with(
