@@ -76,7 +76,7 @@ class Wish:
         if current_ua == self.current_ua:
             return self
         prepulse_ua = self.prepulse_ua * current_ua // max(1, self.current_ua)
-        return replace(self, current_ua=current_ua, prepulse_ua=prepulse_ua)
+        return Wish(current_ua, self.width_us, prepulse_ua, self.prepulse_us)
 
 
 class Known(msgspec.Struct, frozen=True, gc=False):
@@ -183,6 +183,8 @@ class Most:
 
     def in_slot(self, wish: Wish) -> Wish:
         """No step of it wider than there is room."""
+        if wish.width_us <= self.width_us and wish.prepulse_us <= self.prepulse_us:
+            return wish
         return replace(
             wish,
             width_us=min(wish.width_us, self.width_us),
