@@ -66,7 +66,7 @@ def test_a_cap_lets_through_the_charge_that_was_accepted_and_all_of_it(
 ) -> None:
     made = calibrated(shape=table(prepulse, None, False).shape) if is_calibrated else None
     frame_wish = Wish(wanted_ua, own_us)
-    most = dataclasses.replace(
+    most = msgspec.structs.replace(
         Room(rules(prepulse, made)).most(frame_wish, 1.0, 1, None, NO_FURTHER),
         current_ua=HIGH_UA,
         charge_pc=HIGH_UA * 200,

@@ -7,7 +7,9 @@ hardware calls; what was felt.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+from msgspec.structs import replace
 
 from etd.array import Array
 from etd.bodysite import BodySite
@@ -36,6 +38,7 @@ class Room:
 
     def __init__(self, rules: Rules) -> None:
         self._rules = rules
+        self._reach_of_named = replace(rules.reach, current=1.0)
         stabilize = rules.site.stabilize
         self._is_probe_first = stabilize.probe_first
         self._prepulse = stabilize.prepulse
@@ -50,8 +53,7 @@ class Room:
         """How far stabilizers may go: beyond the current of a level, never beyond one that is
         named, in whatever order they ask.
         """
-        reach = self._rules.reach
-        return reach if is_level else replace(reach, current=1.0)
+        return self._rules.reach if is_level else self._reach_of_named
 
     def probe(self, electrode: int, wish: Wish, reach: Reach) -> Wish | None:
         """What goes before each pulse of it, where the site says so: never longer than the frame's

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import msgspec
@@ -132,8 +132,7 @@ def higher(mean_ohm: float | None, latest_ohm: float | None) -> float | None:
     return mean_ohm if mean_ohm is None or latest_ohm is None else max(mean_ohm, latest_ohm)
 
 
-@dataclass(frozen=True, slots=True)
-class Reach:
+class Reach(msgspec.Struct, frozen=True):
     """The most that a stabilizer can make of a frame's pulse, as factors; 1 is no more at all."""
 
     current: float = 1.0
@@ -150,8 +149,7 @@ class Reach:
 NO_FURTHER = Reach()
 
 
-@dataclass(frozen=True, slots=True)
-class Most:
+class Most(msgspec.Struct, frozen=True):
     """The frame's own most for one electrode: no stabilizer gets more, whatever it asks.
 
     `cap_us` is the width that a cap's current is taken for: the frame's, or that of the pulses that
@@ -174,7 +172,7 @@ class Most:
 
     def not_above(self, other: Most) -> Most:
         """For a pulse of this one's width, in the slot of another one."""
-        return replace(
+        return msgspec.structs.replace(
             self,
             current_ua=min(self.current_ua, other.current_ua),
             width_us=min(self.width_us, other.width_us),
@@ -185,10 +183,11 @@ class Most:
         """No step of it wider than there is room."""
         if wish.width_us <= self.width_us and wish.prepulse_us <= self.prepulse_us:
             return wish
-        return replace(
-            wish,
-            width_us=min(wish.width_us, self.width_us),
-            prepulse_us=min(wish.prepulse_us, self.prepulse_us),
+        return Wish(
+            wish.current_ua,
+            min(wish.width_us, self.width_us),
+            wish.prepulse_ua,
+            min(wish.prepulse_us, self.prepulse_us),
         )
 
 
