@@ -58,7 +58,7 @@ class Wish:
 
     def current_of(self, charge_pc: int) -> int:
         """The current, in uA, at which both steps together have this charge and no more."""
-        if not self.current_ua:
+        if not self.current_ua or not self.prepulse_us:
             return charge_pc // self.width_us
         return charge_pc * self.current_ua // self.charge_pc
 
