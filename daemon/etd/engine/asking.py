@@ -119,14 +119,13 @@ class Asker:
 
     def _skin_ohm(self, electrode: int, now_ns: int) -> float | None:
         """What was believed and is too old is counted once, until a pulse tells anew."""
-        impedance = self._impedance
-        if impedance.is_too_old(electrode, now_ns):
-            if electrode not in self._old:
-                self._old.add(electrode)
-                self.not_believed("old")
-        else:
+        skin_ohm = self._impedance.skin_ohm(electrode, now_ns)
+        if skin_ohm is not None or not self._impedance.is_too_old(electrode, now_ns):
             self._old.discard(electrode)
-        return impedance.skin_ohm(electrode, now_ns)
+        elif electrode not in self._old:
+            self._old.add(electrode)
+            self.not_believed("old")
+        return skin_ohm
 
     def known(self, electrode: int, now_ns: int) -> Known:
         """All that stabilizers get to see."""
