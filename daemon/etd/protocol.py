@@ -262,18 +262,22 @@ class FrameReply(Success, frozen=True, kw_only=True):
 
 
 class Contact(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known of each electrode. None: unknown."""
+    """What is known of each electrode. None: unknown. `pressure_kpa` is what the sensor nearest to
+    it says; empty for an array without sensors.
+    """
 
     contact: tuple[bool | None, ...]
     resistance_ohm: tuple[int | None, ...]
     voltage_v: tuple[float | None, ...]
     t_ns: int
+    pressure_kpa: tuple[float | None, ...] = ()
 
 
 class MeasureReply(Success, frozen=True, kw_only=True):
     contact: tuple[bool | None, ...]
     resistance_ohm: tuple[int | None, ...]
     voltage_v: tuple[float | None, ...]
+    pressure_kpa: tuple[float | None, ...] = ()
 
 
 class MarkReply(Success, frozen=True, kw_only=True):
@@ -316,6 +320,8 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     last_disarm: str | None = None
     #: Why `arm` will be refused until somebody has tested or changed something, with what to do.
     arming_refused: str | None = None
+    #: Which sensor under the array says nothing, and why; for two seconds after it does again.
+    sensor_problems: dict[str, str] = {}
 
 
 class StatusReply(Success, frozen=True, kw_only=True):
@@ -337,10 +343,11 @@ class Shown(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Fired(msgspec.Struct, frozen=True, kw_only=True):
-    """The last scan, electrode by electrode; 0 or None where nothing was fired.
+    """The last visit of each electrode; 0 or None where nothing was fired.
 
-    `wanted_ua` is what the frame asked for, `current_ua` what the source was told: an upper bound
-    of what passes the skin. `delivered_ua` passed it at the end of the pulse, the leak taken out.
+    `wanted_ua` is what the frame asked for, also where a stabilizer, a limit or the ledger let
+    nothing through; `current_ua` is what the source was told, an upper bound of what passes the
+    skin. `delivered_ua` passed it at the end of the pulse, the leak taken out.
     `contact` is the kind of contact that the pulse found. `prepulse_ua` and `probe_ua` are what
     the source was told of a step that led into the pulse, and of a probe that went before it in the
     same visit; 0 where there was none. Their widths follow from the body-site file.
@@ -364,7 +371,11 @@ class Fired(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True):
-    """Telemetry `scan`: every frame begun since the last one, what was fired, and why not more."""
+    """Telemetry `scan`: every frame begun since the last one, what was fired, and why not more.
+
+    `pressure_kpa` is of this moment, per electrode by the sensor nearest to it: None where that one
+    says nothing; empty for an array without sensors.
+    """
 
     now_ns: int
     shown: tuple[Shown, ...]
@@ -376,6 +387,7 @@ class Scan(msgspec.Struct, frozen=True, kw_only=True):
     thinned: tuple[Thinned, ...]
     ceiling_ua: int
     dropped_reports: int
+    pressure_kpa: tuple[float | None, ...] = ()
 
 
 class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):

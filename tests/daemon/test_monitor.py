@@ -153,3 +153,22 @@ def form_of(line: str) -> str:
 
 def test_every_kind_of_contact_has_a_sign_of_its_own() -> None:
     assert len(set(CONTACT_SIGNS.values())) == len(CONTACT_SIGNS)
+
+
+def test_pressure_is_a_panel_where_there_are_sensors_and_unknown_when_nobody_tells() -> None:
+    heard = monitor()
+    heard.hear(scan())
+    assert "pressure" not in {one.title for one in heard.panels()}
+    pressed = msgspec.structs.replace(scan(), pressure_kpa=(40.0, 150.0, None, 0.0))
+    heard.hear(pressed)
+    panel = next(one for one in heard.panels() if one.title == "pressure")
+    assert panel.bright == [0.4, 1.0, None, 0.0]
+    silent = {"pressure[1] (0x49, channel 2)": "it reads 0.00 V"}
+    heard.hear(
+        StateReport(
+            state="ARMED", now_ns=BELIEVED_NS, engine="there", counters={}, sensor_problems=silent
+        )
+    )
+    panel = next(one for one in heard.panels() if one.title == "pressure")
+    assert panel.bright == [None] * 4
+    assert "pressure[1] (0x49, channel 2) says nothing" in heard.line()

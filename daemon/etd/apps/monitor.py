@@ -35,6 +35,8 @@ CONTACT_SIGNS: dict[ContactState, str] = {
 }
 #: From black to bright, on a scale of decades: skin lies in between.
 _LEAST_OHM, _MOST_OHM = 3_000, 1_000_000
+#: From here on a contact is pressed as brightly as can be.
+_FIRM_KPA = 100.0
 #: Twice and a half the threshold is as bright as it gets.
 _BRIGHT_FELT = 2.5
 
@@ -68,6 +70,9 @@ class Monitor:
     clamped: tuple[Clamp, ...] = ()
     halt: Halt | None = None
     refused: RefusedReport | None = None
+    pressure_kpa: tuple[float | None, ...] = ()
+    silent_sensors: tuple[str, ...] = ()
+    _pressed_ns: int = 0
     _contact: dict[int, ContactState] = field(default_factory=dict)
     _known_ohm: dict[int, int] = field(default_factory=dict)
     #: When contact and resistance of an electrode were told.
@@ -81,6 +86,7 @@ class Monitor:
                 self.halt = report.halt
                 self.ceiling_ua = report.ceiling_ua
                 self.pulses = report.counters.get("pulses", self.pulses)
+                self.silent_sensors = tuple(report.sensor_problems)
                 self.frames = report.counters.get("frames_shown", self.frames)
                 self._let_go(report.now_ns)
             case Scan():
@@ -99,6 +105,7 @@ class Monitor:
         self.fired = scan.fired
         self.ceiling_ua = scan.ceiling_ua
         self.clamped = scan.clamped
+        self._pressed(scan.pressure_kpa, scan.now_ns)
         for electrode, state in enumerate(scan.fired.contact):
             if state is not None:
                 self._contact[electrode] = state
@@ -107,6 +114,7 @@ class Monitor:
         self._let_go(scan.now_ns)
 
     def _hear_contact(self, report: Contact) -> None:
+        self._pressed(report.pressure_kpa, report.t_ns)
         for electrode, touches in enumerate(report.contact):
             kinds: dict[bool | None, ContactState] = {
                 True: "closed",
@@ -117,8 +125,13 @@ class Monitor:
             self._told_ns[electrode] = report.t_ns
             self._set_ohm(electrode, report.resistance_ohm[electrode])
 
+    def _pressed(self, pressure_kpa: tuple[float | None, ...], now_ns: int) -> None:
+        self.pressure_kpa, self._pressed_ns = pressure_kpa, now_ns
+
     def _let_go(self, now_ns: int) -> None:
         """Of what the engine does not believe any more: it is drawn as unknown."""
+        if is_old(self._pressed_ns, now_ns):
+            self.pressure_kpa = (None,) * len(self.pressure_kpa)
         old = [one for one, told_ns in self._told_ns.items() if is_old(told_ns, now_ns)]
         for electrode in old:
             del self._told_ns[electrode]
@@ -142,6 +155,11 @@ class Monitor:
             Panel("resistance", [_bright_of_ohm(self._known_ohm.get(one)) for one in electrodes]),
             self._contact_panel(),
         ]
+        if self.pressure_kpa:
+            pressed = [
+                None if kpa is None else min(1.0, kpa / _FIRM_KPA) for kpa in self.pressure_kpa
+            ]
+            found.append(Panel("pressure", pressed))
         if self.modelled is not None:
             hurt = {one for one, pain in enumerate(self.modelled.pain) if pain >= 1.0}
             felt = [min(1.0, one / _BRIGHT_FELT) for one in self.modelled.felt]
@@ -179,6 +197,8 @@ class Monitor:
         if self._contact:
             touching = sum(one in ("closed", "soft") for one in self._contact.values())
             parts.append(f"{touching} of {self.facts.array.electrodes} touch the skin")
+        if self.silent_sensors:
+            parts.append(f"{' and '.join(self.silent_sensors)} says nothing")
         if self.modelled is not None:
             parts.append(_felt(self.modelled))
         if self.clamped:

@@ -19,7 +19,7 @@ HELP = "measure the contact of every electrode with probe pulses that are not fe
 EPILOG = """
 example:
   etd measure          a picture of the array, and a line for each electrode
-  etd measure --json   {"ok", "contact", "resistance_ohm", "voltage_v"}
+  etd measure --json   {"ok", "contact", "resistance_ohm", "voltage_v", "pressure_kpa"}
 
 The supply is enabled for it, and switched off again. Exit status 1: nothing touches.
 """
@@ -46,16 +46,26 @@ def run(args: argparse.Namespace) -> int:
     else:
         picture = Picture(array.x_mm, array.y_mm)
         print("\n".join(picture.rows([_SIGNS[one] for one in found.contact])))
-        print("\n".join(_lines(found)))
+        print("\n".join(lines_of(found)))
     return 0 if any(found.contact) else 1
 
 
-def _lines(found: MeasureReply) -> list[str]:
+def lines_of(found: MeasureReply) -> list[str]:
+    """What touches, and a line for each electrode."""
     touching = sum(one is True for one in found.contact)
     lines = [f"# touches, . does not, ? not known: {touching} of {len(found.contact)} touch"]
     for electrode, contact in enumerate(found.contact):
         ohm, volt = found.resistance_ohm[electrode], found.voltage_v[electrode]
         resistance = "" if ohm is None else f"{ohm:>9} ohm"
         voltage = "" if volt is None else f"{volt:6.1f} V"
-        lines.append(f"{electrode:>4}  {_SIGNS[contact]} {resistance:>13} {voltage:>8}")
+        pressure = _pressure(found, electrode)
+        lines.append(f"{electrode:>4}  {_SIGNS[contact]} {resistance:>13} {voltage:>8}{pressure}")
     return lines
+
+
+def _pressure(found: MeasureReply, electrode: int) -> str:
+    """Only where there are sensors under the array."""
+    if not found.pressure_kpa:
+        return ""
+    kpa = found.pressure_kpa[electrode]
+    return "     ? kPa" if kpa is None else f" {kpa:5.0f} kPa"

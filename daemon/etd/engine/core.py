@@ -311,4 +311,5 @@ class Core(Parts):
             machine=self.backend.facts,
             last_disarm=self.last_silence,
             arming_refused=self._lasting_refusal(),
+            sensor_problems=self.pressure.problems(now_ns),
         )

@@ -46,7 +46,7 @@ class Parts:
         self.rail = RailSensor(loaded.board, backend.i2c, backend.clock)
         self.pressure = PressureSensors(loaded.array, backend.i2c, backend.clock)
         self._dialogue = Dialogue()
-        self.reporter = Reporter(electrodes, self._dialogue.send)
+        self.reporter = Reporter(electrodes, self._dialogue.send, self.pressure.told)
         self.scanner = Scanner(self.board, self.clock, self.marker, self.reporter)
         # What bounds a pulse.
         self.maxima = maxima_of(loaded.board, loaded.body_site)

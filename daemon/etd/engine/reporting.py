@@ -97,11 +97,18 @@ class BodyFelt(Protocol):
     def pain(self) -> tuple[float, ...]: ...
 
 
+#: Per electrode in kPa, at this time.
+Pressure = Callable[[int], tuple[float | None, ...]]
+
+
 class Reporter:
     """See the module. `send` returns False when the report was dropped."""
 
-    def __init__(self, electrodes: int, send: Callable[[Report], bool]) -> None:
+    def __init__(
+        self, electrodes: int, send: Callable[[Report], bool], pressure: Pressure = lambda _: ()
+    ) -> None:
         self._send = send
+        self._pressure = pressure
         self._electrodes = electrodes
         self._showing: _Showing | None = None
         self._pending = _Pending()
@@ -169,6 +176,16 @@ class Reporter:
         self._capacitance_nf[electrode] = pulse.capacitance_nf
         self.counters["pulses"] += 1
 
+    def not_fired(self, electrode: int, wanted_ua: int) -> None:
+        """A visit of the frame's that nothing came of."""
+        self._wanted_ua[electrode] = wanted_ua
+        for currents in (self._current_ua, self._delivered_ua, self._prepulse_ua, self._probe_ua):
+            currents[electrode] = 0
+        self._width_us[electrode] = 0.0
+        self._voltage_v[electrode] = self._resistance_ohm[electrode] = None
+        self._contact[electrode] = None
+        self._skin_ohm[electrode] = self._capacitance_nf[electrode] = None
+
     def clamped(self, clamp: Clamp) -> None:
         """The latest of each electrode and reason is told."""
         self._pending.clamped[clamp.electrode, clamp.reason] = clamp
@@ -216,6 +233,7 @@ class Reporter:
             ),
             ceiling_ua=ceiling_ua,
             dropped_reports=self.counters["reports_dropped"],
+            pressure_kpa=self._pressure(now_ns),
         )
         if self._tell(Report(scan=report)):
             # What could not be sent stays and goes with the next one: no frame is lost.
@@ -274,6 +292,7 @@ class Reporter:
             resistance_ohm=tuple(contact.resistance_ohm),
             voltage_v=tuple(contact.voltage_v),
             t_ns=now_ns,
+            pressure_kpa=self._pressure(now_ns),
         )
         self._tell(Report(contact=report))
         return report

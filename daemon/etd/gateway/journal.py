@@ -33,13 +33,14 @@ _NOT_STABILIZED = {
     " many seconds: a gain of the ADC does that (etd selftest measures it), or skin that is another"
     " one everywhere than when it was calibrated; what they have in common widens no pulse",
     "not_believed_old": "nothing was told of an electrode for a second: a silence, or a slow rate",
-    "not_believed_pressure": "a pressure sensor says nothing",
     "not_believed_probe": "the ADC stood still in the probe before a pulse, or the node was not at"
     " rest",
 }
 _WITHHELD = "probes_alone"
 #: Doubted, and followed all the same.
 _NARROW = "not_believed_narrow"
+#: A sensor that has been well for so long begins a new episode when it is not.
+_EPISODE_NS = 10_000_000_000
 #: Refusals are summed up at most this often.
 SUM_UP_NS = 10_000_000_000
 
@@ -78,6 +79,8 @@ class Journal:
         self._state = ""
         self._doubts: set[str] = set()
         self._counted: dict[str, int] = {}
+        #: When each sensor that was told of was last not well.
+        self._silent_ns: dict[str, int] = {}
         self._holder: StandingLease | None = None
         self._refused: Counter[str] = Counter()
         self._summed_ns = 0
@@ -108,10 +111,15 @@ class Journal:
 
     def engine_lost(self) -> None:
         self._state = ""
+        self._silent_ns.clear()
         self._log.error("engine gone: nothing is felt; a new one comes up in SAFE")
 
     def state(self, report: StateReport) -> None:
-        """Every change of state, with its cause; and what is not believed, once a live board."""
+        """Every change of state, with its cause; what is not believed, once a live board; and each
+        sensor that says nothing, when that begins and when it is over.
+        """
+        if report.engine == "there":
+            self._tell_sensors(report)
         if report.state == "SAFE":
             self._doubts.clear()
         else:
@@ -145,6 +153,16 @@ class Journal:
             )
         known = (*_NOT_STABILIZED, _NARROW, _WITHHELD)
         self._counted = {key: counters.get(key, 0) for key in known}
+
+    def _tell_sensors(self, report: StateReport) -> None:
+        for name, why in report.sensor_problems.items():
+            if name not in self._silent_ns:
+                self._log.warning("%s of the array says nothing: %s", name, why)
+            self._silent_ns[name] = report.now_ns
+        for name, told_ns in list(self._silent_ns.items()):
+            if report.now_ns - told_ns > _EPISODE_NS:
+                self._log.info("%s of the array is well again, for 10 s", name)
+                del self._silent_ns[name]
 
     def _has_begun(self, key: str, counters: dict[str, int]) -> bool:
         """For the first time while this board is live."""

@@ -97,6 +97,7 @@ def measured(id: Id | None, answer: Answer) -> MeasureReply:  # noqa: A002
         contact=answer.contact.contact,
         resistance_ohm=answer.contact.resistance_ohm,
         voltage_v=answer.contact.voltage_v,
+        pressure_kpa=answer.contact.pressure_kpa,
     )
 
 
