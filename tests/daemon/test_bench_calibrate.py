@@ -26,7 +26,7 @@ def test_only_what_was_asked_for_is_sat_and_what_that_begins_with(
     ("given", "said"),
     [
         ("--electrodes 3 --method equalize", "equalize compares all others with electrode 4"),
-        ("--electrodes 3", "equalize compares all others with electrode 4"),
+        ("--electrodes 4", "equalize compares all others with electrode 4"),
         ("--electrodes 9", "--electrodes 9: pad-8 has 1 to 8"),
         ("--array none", "there is no 'none' among the shipped arrays"),
     ],

@@ -59,6 +59,18 @@ def test_what_was_too_strong_leaves_what_was_tolerated_below_it() -> None:
     assert reach.bounded(9_000) < 500
 
 
+def test_where_more_was_tolerated_before_what_was_tolerated_last_is_left() -> None:
+    """So that a cap that was just accepted stays one."""
+    reach = Reach(3_000, 600)
+    for current_ua in (600, 500, 520):
+        reach.learn(current_ua, "felt")
+    assert reach.left_below(540) == 520
+    reach.learn(540, "too_strong")
+    assert (reach.cap_ua, reach.tolerated_ua) == (520, 520)
+    reach.learn(520, "too_strong")
+    assert reach.cap_ua == 472
+
+
 @pytest.mark.parametrize("answer", ["stop", "pause"])
 def test_a_stop_and_a_pause_end_it_before_the_next_presentation(answer: Answer) -> None:
     answers = iter(["not_felt", answer])

@@ -61,8 +61,9 @@ ARGUMENTS = ("calibrate", "P01", "--max-current-ua", "2000", "--board", "fake", 
 def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -> None:
     at = AtTerminal(rig, *ARGUMENTS)
     try:
-        # A coarse ascent, seven fine ones (they lie apart), comfortable, more accepted; a stop.
-        at.answer("nf" * 8 + "c" + "f" * 7 + " ")
+        # A coarse ascent, seven fine ones (they lie apart), comfortable, more accepted, too strong;
+        # a stop on the next electrode.
+        at.answer("nf" * 8 + "cfft" + "ff" + " ")
         said = at.command.ended()
     finally:
         at.close()
@@ -77,6 +78,7 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
     assert done.status == 0, done.err
     assert "going on: 1 electrodes are done" in done.err
     assert done.answer["presentations"] >= 17
+    assert done.answer["too_strong"] == [0]
     made = load_calibration(out)
     assert [one.felt for one in made.electrode] == [True] + [False] * 7
     assert 140 <= made.electrode[0].threshold_ua <= 200

@@ -27,6 +27,7 @@ class Reach:
     ) -> None:
         self.cap_ua = cap_ua if lowered_ua is None else min(cap_ua, lowered_ua)
         self.tolerated_ua = min(tolerated_ua, self.cap_ua)
+        self._last_ua = self.tolerated_ua
         #: Something was too strong, and the cap lies below it.
         self.is_cap_felt = lowered_ua is not None
         self._start_ua = max(LEAST_UA, min(start_ua, self.cap_ua))
@@ -52,13 +53,17 @@ class Reach:
             self._start_ua = min(self._start_ua, self.cap_ua)
         else:
             self.tolerated_ua = max(self.tolerated_ua, current_ua)
+            self._last_ua = current_ua
 
     def left_below(self, current_ua: int) -> int:
-        """The cap that is left when `current_ua` was too strong: what was tolerated below it, or a
-        step less.
+        """The cap that is left when `current_ua` was too strong: the most that was tolerated, where
+        that lies below it; else what was tolerated last, as skin has changed since; else a step
+        less.
         """
-        is_known = 0 < self.tolerated_ua < current_ua
-        return min(self.cap_ua, self.tolerated_ua if is_known else a_step_below(current_ua))
+        for known_ua in (self.tolerated_ua, self._last_ua):
+            if 0 < known_ua < current_ua:
+                return min(self.cap_ua, known_ua)
+        return min(self.cap_ua, a_step_below(current_ua))
 
 
 def a_step_below(current_ua: int) -> int:
