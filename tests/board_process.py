@@ -38,13 +38,15 @@ class RunningBoard:
 
 
 @contextmanager
-def running_board(board: BoardFile, folder: Path) -> Iterator[RunningBoard]:
-    """A board process for a shipped board file, ended (with its trace closed) at the end."""
+def running_board(board: BoardFile, folder: Path, *sensors: str) -> Iterator[RunningBoard]:
+    """A board process for a shipped board file, with these pressure sensors under its array; ended
+    (with its trace closed) at the end.
+    """
     places = RunningBoard(
         folder / "board.sock",
         folder / "door.sock",
         folder / "board.trace.jsonl",
-        _start(board, folder),
+        _start(board, folder, sensors),
     )
     try:
         yield places
@@ -55,7 +57,7 @@ def running_board(board: BoardFile, folder: Path) -> Iterator[RunningBoard]:
             places.process.stdout.close()
 
 
-def _start(board: BoardFile, folder: Path) -> subprocess.Popen[bytes]:
+def _start(board: BoardFile, folder: Path, sensors: tuple[str, ...]) -> subprocess.Popen[bytes]:
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "etd_hal.fake.process"),
@@ -63,6 +65,7 @@ def _start(board: BoardFile, folder: Path) -> subprocess.Popen[bytes]:
             *("--socket", str(folder / "board.sock")),
             *("--door", str(folder / "door.sock")),
             *("--trace", str(folder / "board.trace.jsonl")),
+            *(word for sensor in sensors for word in ("--sensor", sensor)),
         ],
         stdout=subprocess.PIPE,
         env=os.environ | {"PYTHONPATH": str(HAL)},

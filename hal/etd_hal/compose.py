@@ -154,7 +154,8 @@ def open_fake(
     it feels (`Backend.modelled`). Without, and in a board process, it only conducts.
     `stepped` time passes only by being spent or slept, in one thread and without sockets;
     otherwise it follows the real clock. A board process writes its own trace.
-    `sensors` under the array feel the fingertip press; a board process is told of its own.
+    `sensors` under the array feel the fingertip press; a board process has those that it was
+    started with.
     Raises: BusError (`absent` without a board process, `busy` while another client has it).
     """
     from etd_hal.fake.clock import LiveClock, SteppedClock

@@ -14,10 +14,12 @@ import pytest
 
 from board_process import HAL, RunningBoard, running_board
 from etd_hal.boardfile import BoardFile
+from etd_hal.chips import ads1115
 from etd_hal.compose import open_fake
 from etd_hal.errors import BusError
 from etd_hal.fake import wire
 from etd_hal.fake.faults import SpiStall
+from etd_hal.fake.pressed import LYING_KPA
 from etd_hal.linesetup import line_setup
 from etd_hal.ports import Message, Transfer
 from stepped_board import BOARDS, shipped_board
@@ -163,3 +165,24 @@ def test_when_the_board_process_dies_its_client_is_told(board: BoardFile, tmp_pa
             backend.spi.transfer(Message((Transfer(b"\0\0"),)))
         backend.close()
     assert raised.value.kind == "gone"
+
+
+def test_a_board_process_has_the_sensors_that_it_was_started_with(
+    tmp_path: Path, board: BoardFile
+) -> None:
+    with running_board(board, tmp_path, "0x48:1:0.5:100", "0x4a:3:0.2:50") as running:
+        backend = open_fake(board, electrodes=range(64), board_socket=running.socket)
+        assert backend.i2c is not None
+
+        def wait(duration_ns: int) -> None:
+            backend.clock.sleep_until_ns(backend.clock.now_ns() + duration_ns)
+
+        volts = [
+            ads1115.convert_v(backend.i2c, address, channel, wait)
+            for address, channel in ((0x48, 1), (0x4A, 3))
+        ]
+        backend.close()
+    assert volts == [
+        pytest.approx(0.5 + LYING_KPA / 100, abs=0.001),
+        pytest.approx(0.2 + LYING_KPA / 50, abs=0.001),
+    ]

@@ -7,6 +7,7 @@ what somebody put there. Must not know: registers, what is made of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 #: (time in ns, place in mm) to kPa.
@@ -30,6 +31,24 @@ class SensorUnderArray(Protocol):
     def zero_v(self) -> float: ...
     @property
     def kpa_per_v(self) -> float: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """One that no array file describes."""
+
+    address: int
+    channel: int
+    zero_v: float
+    kpa_per_v: float
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+
+    @classmethod
+    def of(cls, text: str) -> Sensor:
+        """As in "0x49:2:0.5:100". Raises: ValueError."""
+        address, channel, zero_v, kpa_per_v = text.split(":")
+        return cls(int(address, 0), int(channel), float(zero_v), float(kpa_per_v))
 
 
 def lying(_t_ns: int, _place_mm: tuple[float, float]) -> float:

@@ -4,6 +4,7 @@ Owns: the socket, who holds the board, and that a call once received is executed
 whole. Must not know: what a call does (`circuit.py`), clocks (time comes with each call).
 
     python -m etd_hal.fake.process --board FILE --socket PATH [--door PATH] [--trace FILE]
+        [--sensor ADDRESS:CHANNEL:ZERO_V:KPA_PER_V]...
 
 One client at a time holds the lines; when it goes away, however it goes, they keep their levels
 and the next one may request them. `--door` is the second door, for tests: stop lines, contacts,
@@ -30,6 +31,7 @@ from etd_hal.fake import wire
 from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.clock import START_NS
 from etd_hal.fake.fingertip import fingertip_body
+from etd_hal.fake.pressed import Sensor
 from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
 from etd_hal.ports import InputLine, LineSetup, Message, Pull, SpiSetup, Transfer
@@ -202,6 +204,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--electrodes", help="chain outputs of the electrodes, with commas (default: all)"
     )
+    parser.add_argument(
+        "--sensor",
+        action="append",
+        default=[],
+        type=Sensor.of,
+        metavar="ADDRESS:CHANNEL:ZERO_V:KPA_PER_V",
+        help="a pressure sensor under the array, that a finger lies on; give one for each",
+    )
     chosen = parser.parse_args(arguments)
     try:
         board = load_board(chosen.board)
@@ -214,7 +224,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     trace = Trace.to(chosen.trace) if chosen.trace else Trace()
     body = fingertip_body(board, len(electrodes))
-    circuit = Circuit(board, body, electrodes, trace, (), start_ns=START_NS, seed=1)
+    circuit = Circuit(
+        board, body, electrodes, trace, (), start_ns=START_NS, seed=1, sensors=chosen.sensor
+    )
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
         serve(BoardServer(circuit), [path for path in (chosen.socket, chosen.door) if path])
