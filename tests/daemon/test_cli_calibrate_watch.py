@@ -6,7 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
 
@@ -22,13 +22,14 @@ def progress() -> Progress:
 
 @contextmanager
 def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], list[str]]]:
-    """Standard error goes to one; what is yielded tells the lines drawn there, without colors."""
+    """Standard error goes to one; what is yielded closes it and tells the lines that were drawn
+    there, without colors.
+    """
     controller, worker = os.openpty()
-    os.set_blocking(controller, False)
 
     def lines() -> list[str]:
-        file.flush()
-        plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", os.read(controller, 65_536).decode())
+        file.close()
+        plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", all_of(controller).decode())
         return [line for line in re.split(r"[\r\n]+", plain) if line]
 
     monkeypatch.setenv("TERM", "xterm-256color")
@@ -37,6 +38,15 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], list[str]
         here.setattr(sys, "stderr", file)
         yield lines
     os.close(controller)
+
+
+def all_of(controller: int) -> bytes:
+    """The other side is closed: what it wrote comes in pieces, and then an error."""
+    pieces = []
+    with suppress(OSError):
+        while piece := os.read(controller, 65_536):
+            pieces.append(piece)
+    return b"".join(pieces)
 
 
 def play(watch: Watch, progress: Progress) -> None:
