@@ -343,11 +343,11 @@ class Shown(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Fired(msgspec.Struct, frozen=True, kw_only=True):
-    """The last visit of each electrode; 0 or None where nothing was fired.
+    """The last scan, electrode by electrode; 0 or None where nothing was fired.
 
-    `wanted_ua` is what the frame asked for, also where a stabilizer, a limit or the ledger let
-    nothing through; `current_ua` is what the source was told, an upper bound of what passes the
-    skin. `delivered_ua` passed it at the end of the pulse, the leak taken out.
+    `wanted_ua` is what the frame asked for, also where a stabilizer made nothing of it, and
+    `current_ua` is 0; else `current_ua` is what the source was told, an upper bound of what passes
+    the skin. `delivered_ua` passed it at the end of the pulse, the leak taken out.
     `contact` is the kind of contact that the pulse found. `prepulse_ua` and `probe_ua` are what
     the source was told of a step that led into the pulse, and of a probe that went before it in the
     same visit; 0 where there was none. Their widths follow from the body-site file.

@@ -176,8 +176,8 @@ class Reporter:
         self._capacitance_nf[electrode] = pulse.capacitance_nf
         self.counters["pulses"] += 1
 
-    def not_fired(self, electrode: int, wanted_ua: int) -> None:
-        """A visit of the frame's that nothing came of."""
+    def nothing_asked(self, electrode: int, wanted_ua: int) -> None:
+        """A visit of the frame's of which a stabilizer makes nothing."""
         self._wanted_ua[electrode] = wanted_ua
         for currents in (self._current_ua, self._delivered_ua, self._prepulse_ua, self._probe_ua):
             currents[electrode] = 0

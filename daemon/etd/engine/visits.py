@@ -77,10 +77,10 @@ class Visitor:
         Raises: BusError, GuardRefusal, BoardFault: the caller makes the board safe.
         """
         wish = self._tools.asker.wish(visit, now_ns)
-        begun_ns = self._let_through(visit, wish, opening_ua, now_ns, may_still)
-        if begun_ns is None:
-            self._tools.reporter.not_fired(visit.electrode, visit.current_ua)
-        return begun_ns
+        if wish.current_ua == 0:
+            # Limits and ledger tell what they take; nobody else tells this.
+            self._tools.reporter.nothing_asked(visit.electrode, visit.current_ua)
+        return self._let_through(visit, wish, opening_ua, now_ns, may_still)
 
     def probe(
         self, visit: Visit, opening_ua: int, now_ns: int, may_still: Callable[[], bool]
