@@ -68,6 +68,9 @@ def test_a_stop_goes_out_before_what_came_earlier() -> None:
             for _ in range(3):
                 rig.control.send(b'{"op":"arm"}')
             rig.control.send(b'{"op":"stop","client":"me"}')
+            # The answers of the try before; and time for all four to be there at the next turn.
+            while rig.control.poll(20):
+                rig.control.recv()
             rig.gateway.turn(1000)
             rig.engine.turn()
             if len(rig.engine.heard) == 4:  # all four came in one turn
