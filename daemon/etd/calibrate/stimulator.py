@@ -27,7 +27,8 @@ _MS = 1_000_000
 _PRIME_UA = 50
 _OPEN_WITHIN_NS = 30_000 * _MS
 _FIRED_WITHIN_NS = 5_000 * _MS
-_KEEP_NS = 400 * _MS
+#: A lease lasts for a second, and a machine that is busy may take half of it for one message.
+_KEEP_NS = 200 * _MS
 _TRIES = 8
 _AGAIN_NS = 150 * _MS
 #: A report comes 30 times a second; stop is looked for more often.
@@ -97,6 +98,7 @@ class Stimulator:
         self._wants_stop = wants_stop
         self._on_report = on_report
         self._ceiling_ua = 0
+        self._kept_ns = 0
 
     def open(self) -> None:
         """Wait until the opening takes nothing away any more, with a current that nobody feels."""
@@ -124,15 +126,24 @@ class Stimulator:
     def pause(self, seconds: float) -> None:
         """Nothing is presented; the lease is kept, a halt and a stop are heard."""
         until_ns = self._clock.now_ns() + int(seconds * 1e9)
-        self.keep()
         while (left_ns := until_ns - self._clock.now_ns()) > 0:
+            self._keep_if_due()
             self._look()
             self._sleep(min(left_ns, int(_LOOK_S * 1e9)))
 
     def keep(self) -> None:
         """Hold the lease, and hear what the daemon says."""
-        self._display.keep()
+        self._keep()
         self._look()
+
+    def _keep(self) -> None:
+        self._kept_ns = self._clock.now_ns()
+        self._display.keep()
+
+    def _keep_if_due(self) -> None:
+        """What is said meanwhile stays to be heard."""
+        if self._clock.now_ns() - self._kept_ns >= _KEEP_NS:
+            self._keep()
 
     def stop(self) -> None:
         """Silent at once; the daemon is halted then."""
@@ -146,12 +157,9 @@ class Stimulator:
         ttl_ms = int(conditions.presentation_s * 1000) + 250
         seq = self._show(electrode, current_ua, conditions.pulses, ttl_ms)
         until_ns = self._clock.now_ns() + _FIRED_WITHIN_NS
-        keep_ns = self._clock.now_ns() + _KEEP_NS
         trouble: set[str] = set()
-        while (now_ns := self._clock.now_ns()) < until_ns:
-            if now_ns > keep_ns:
-                self._display.keep()
-                keep_ns = now_ns + _KEEP_NS
+        while self._clock.now_ns() < until_ns:
+            self._keep_if_due()
             scan = self._hear(_LOOK_S)
             if scan is None or all(one.seq != seq for one in scan.shown):
                 continue

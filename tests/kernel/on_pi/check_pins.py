@@ -99,9 +99,10 @@ def test_the_selftest_finds_the_buses_and_stops_at_the_open_stop_loops(checks: C
     if KEEPS:
         assert buses == {"all": "skip"}
         return
-    passes = ("spi_echo", "idle_node", "safe_state", "lines", "rail_monitor")
-    stops = ("emergency_stop", "wearer_stop")
-    assert buses == dict.fromkeys(passes, "pass") | dict.fromkeys(stops, "fail")
+    passes = ("spi_echo", "idle_node", "safe_state", "lines")
+    # The thermometer where the monitor's ADC should be has no register that says whose result it is.
+    fails = ("rail_monitor", "emergency_stop", "wearer_stop")
+    assert buses == dict.fromkeys(passes, "pass") | dict.fromkeys(fails, "fail")
 
 
 @pytest.mark.parametrize("stage", LATER_STAGES)
