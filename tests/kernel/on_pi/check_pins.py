@@ -100,7 +100,7 @@ def test_the_selftest_finds_the_buses_and_stops_at_the_open_stop_loops(checks: C
         assert buses == {"all": "skip"}
         return
     passes = ("spi_echo", "idle_node", "safe_state", "lines")
-    # The thermometer where the monitor's ADC should be has no register that says whose result it is.
+    # The thermometer in the place of the rail's ADC does not say whose result it holds.
     fails = ("rail_monitor", "emergency_stop", "wearer_stop")
     assert buses == dict.fromkeys(passes, "pass") | dict.fromkeys(fails, "fail")
 
