@@ -10,6 +10,7 @@ from etd_body.course import BUSY, LYING, Course
 from etd_hal.chips import ads1115
 from etd_hal.compose import Backend, open_fake
 from etd_hal.errors import BusError
+from etd_hal.fake import process
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.fingertip import fingertip_body
@@ -104,3 +105,13 @@ def test_a_sensor_feels_the_middle_as_the_course_has_it_and_nothing_under_skin_t
         kpa = course.pressure_at_kpa(t_s, middle)
         assert kpa in (0.0, pytest.approx(course.pressure_kpa(t_s)))
     assert seen == {True, False}
+
+
+@pytest.mark.parametrize("text", ["0x49:2", "0x49:two:0.5:100", ""])
+def test_a_board_process_says_how_a_sensor_is_written(
+    text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        process.main(["--board", "b", "--socket", "s", "--sensor", text])
+    assert ended.value.code == 2
+    assert f"--sensor: {text!r} is not as 0x49:2:0.5:100 is" in capsys.readouterr().err

@@ -122,8 +122,7 @@ def finished(
 ) -> Calibration:
     """The calibration of all electrodes. One that was left out gets the least threshold that was
     found for everything, or what was left where something was too strong, and counts as not felt: a
-    bound, where nothing is known. What was found
-    on another day than `date` says so.
+    bound, where nothing is known. What was found on another day than `date` says so.
 
     Raises: FileError, if nothing was found at all.
     """

@@ -195,6 +195,13 @@ def _answer_one(server: BoardServer, client: socket.socket) -> bool:
     return True
 
 
+def _sensor(text: str) -> Sensor:
+    try:
+        return Sensor.of(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not as 0x49:2:0.5:100 is") from error
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m etd_hal.fake.process", description=__doc__)
     parser.add_argument("--board", type=Path, required=True, help="board file")
@@ -208,7 +215,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--sensor",
         action="append",
         default=[],
-        type=Sensor.of,
+        type=_sensor,
         metavar="ADDRESS:CHANNEL:ZERO_V:KPA_PER_V",
         help="a pressure sensor under the array, that a finger lies on; give one for each",
     )
