@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test kernel-test kernel-mutants kernel-test-pi bench bench-calibrate bench-steady format install activate uninstall clean
+.PHONY: help demo test kernel-test kernel-mutants kernel-test-pi bench bench-calibrate bench-steady record compare format install activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -48,6 +48,12 @@ bench-calibrate: $(VENV)/ready-dev ## Calibrate whole modelled bodies by each me
 
 bench-steady: $(VENV)/ready-dev ## How steady it feels, without and with each stabilizer (ARGS=--json)
 	$(BIN)/python tests/bench/steady.py $(ARGS)
+
+record: $(VENV)/ready-dev ## Play many scenes on the fake, and keep traces and reports (OUT=folder)
+	$(BIN)/python tests/scenes/record.py $(OUT)
+
+compare: $(VENV)/ready-dev ## Whether two recordings are the same, renamed keys apart (OLD=folder NEW=folder)
+	$(BIN)/python tests/scenes/compare.py $(OLD) $(NEW)
 
 format: $(VENV)/ready-dev ## Put the code into the house's format
 	$(BIN)/ruff format $(ROOTS)
