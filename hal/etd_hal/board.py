@@ -3,8 +3,8 @@
 Owns: the order of the calls of one visit, the rest after it, and the way to the safe state.
 Must not know: frames, limits of persons, what an electrode means to anybody; only output numbers.
 
-Everything that fires goes through the guard's ports. `safe_off` and `blank_now` use the bare
-ports: they can only switch off, and must work when the guard's picture is lost.
+Everything that fires goes through the guard's ports. `safe_off`, `blank_now` and `cut_off` use the
+bare ports: they can only switch off, and must work when the guard's picture is lost.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ import msgspec
 
 from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile, Guards, MachineFile, Relays
-from etd_hal.chips import ad5452, ad7276
+from etd_hal.chips import ad5452, ad7276, hv507
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.chips.relay595 import RelaySwitch
+from etd_hal.cutlatch import CutLatch
 from etd_hal.errors import BoardFault, CannotSelect
 from etd_hal.guard import Guard
 from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
@@ -70,23 +71,29 @@ class Board:
     """See the module. Made of a board file and the ports of a backend."""
 
     def __init__(
-        self, file: BoardFile, machine: MachineFile, spi: Spi, gpio: Gpio, clock: Clock
+        self,
+        file: BoardFile,
+        machine: MachineFile,
+        spi: Spi,
+        gpio: Gpio,
+        clock: Clock,
+        cut: CutLatch | None = None,
     ) -> None:
+        """`cut` is shared with the stopper; None: nothing cuts beside this thread."""
         self.file = file
         self.machine = machine
         self._clock = clock
         self._bare_spi, self._bare_gpio = spi, gpio
-        self.guard = Guard(file, machine, spi, gpio, clock)
+        self.cut = cut or CutLatch()
+        self._safe_changes = _safe_changes(file)
+        self.guard = Guard(file, machine, spi, gpio, clock, self.cut, self._safe_changes)
         self.switch = _switch(file, self.guard.gpio, clock)
-        self._safe_changes = _safe_changes(file, self.switch)
         self._zero = zero_message()
         self._pulses: dict[tuple[int, int, Prepulse | None], Pulse] = {}
         self._timing: Timing | None = None
         self._rest_until_ns = 0
         self._heartbeat_level = 0
         self._is_supply_on = file.guards.hv_enable == "absent"
-        #: When a message under way must have returned; 0 when none is. Read by the stopper.
-        self.message_due_ns = 0
         self._rest_ns = file.rest_us * 1_000
         self._node_v = file.source.node_uv_per_code / 1_000_000
         self._stop_lines = _stop_lines(file.guards)
@@ -226,7 +233,7 @@ class Board:
         it, and no more. `is_blanked`: a probe after `release`, which must reach nobody.
 
         Raises: GuardRefusal (nothing was sent); BusError (make safe at once); BoardFault (what
-        came back is no sample).
+        came back is no sample; or the outputs are cut off, and nothing was sent).
         """
         self.guard.approve(
             Approval(
@@ -238,11 +245,7 @@ class Board:
                 is_blanked,
             )
         )
-        self.message_due_ns = self._clock.now_ns() + pulse.planned_ns
-        try:
-            received = self.guard.spi.transfer(pulse.message)
-        finally:
-            self.message_due_ns = 0
+        received = self.guard.spi.fire(pulse.message, pulse.planned_ns)
         begun_ns, ended_ns = self.guard.spi.begun_ns, self.guard.spi.ended_ns
         return Shot(
             begun_ns,
@@ -330,11 +333,19 @@ class Board:
         """
         self._bare_gpio.set(self._safe_changes)
 
+    def cut_off(self) -> None:
+        """What the stopper does beside the thread that drives the board: from its mark on nothing
+        moves a line or fires until `safe_off` has completed. Raises: BusError, the mark being set.
+        """
+        # In this order: see `cutlatch`.
+        self.cut.is_cut = True
+        self.blank_now()
+
     def safe_off(self) -> tuple[str, ...]:
         """Outputs off, DAC at zero, nothing selected, and verified. Never raises.
 
         Returns what did not work, as sentences; every step is tried even if one before it failed.
-        The caller may still be in the middle of a visit.
+        Without any such, a cut is over. The caller may still be in the middle of a visit.
         """
         verify: tuple[Callable[[], None], ...] = (self._check_node, self._deselect)
         if self.switch.can_choose_returns:
@@ -345,6 +356,8 @@ class Board:
         self._rest_until_ns = self._clock.now_ns() + self._rest_ns
         if self.file.guards.hv_enable != "absent":
             self._is_supply_on = False
+        if not problems:
+            self.cut.is_cut = False
         return problems
 
     def _zero_dac(self) -> None:
@@ -354,7 +367,11 @@ class Board:
         self.guard.permit(0)
         self.guard.forget(self._safe_changes)
         self.switch.forget()
-        self.switch.clear()
+        self.guard.gpio.is_making_safe = True
+        try:
+            self.switch.clear()
+        finally:
+            self.guard.gpio.is_making_safe = False
 
     def _check_node(self) -> None:
         received = self._bare_spi.transfer(self._zero)
@@ -394,8 +411,9 @@ def _stop_lines(guards: Guards) -> dict[StopName, int]:
     return found
 
 
-def _safe_changes(file: BoardFile, switch: Switch) -> Changes:
-    """One call: the switch's lines, and the supply off."""
+def _safe_changes(file: BoardFile) -> Changes:
+    """One call: the switch's lines, and the supply off. Relays cannot be opened by one call."""
     enable = file.guards.hv_enable
     supply: Changes = () if enable == "absent" else ((enable.line, 1 - enable.on),)
-    return tuple(sorted((*switch.safe_changes, *supply)))
+    switch = () if isinstance(file.switch, Relays) else hv507.blanked(file.switch.lines)
+    return tuple(sorted((*switch, *supply)))

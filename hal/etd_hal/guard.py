@@ -21,6 +21,10 @@ untouched in between, whose charge counts to that of the pulse behind it.
 A message within the probe's bounds may also be approved for outputs that are blanked, or relays
 that are all open: it begins no visit of two messages.
 The rules for GPIO are in `watch.py`, with the decoding of the switch.
+
+While the stopper's cut stands (`cutlatch.py`) nothing passes to the lines, and no message that was
+given a plan to the bus: the lines are not as the guard's picture has them, and a change that is
+harmless in the picture (POL 0 while un-blanked) may connect all outputs to the source.
 """
 
 from __future__ import annotations
@@ -30,6 +34,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from etd_hal.boardfile import BoardFile, MachineFile, Relays
+from etd_hal.cutlatch import CutLatch
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Changes, Clock, Edge, Gpio, Message, Spi, Transfer
 from etd_hal.watch import Approval, HalfBridgeWatch, RelayWatch, SwitchWatch
@@ -78,8 +83,16 @@ class Guard:
     """See the module. One instance a board."""
 
     def __init__(
-        self, board: BoardFile, machine: MachineFile, spi: Spi, gpio: Gpio, clock: Clock
+        self,
+        board: BoardFile,
+        machine: MachineFile,
+        spi: Spi,
+        gpio: Gpio,
+        clock: Clock,
+        cut: CutLatch,
+        safe_changes: Changes,
     ) -> None:
+        """`safe_changes`: the levels of the safe state, sent again where a cut came meanwhile."""
         self._board = board
         self._machine = machine
         self._clock = clock
@@ -96,8 +109,8 @@ class Guard:
             if isinstance(board.switch, Relays)
             else HalfBridgeWatch(board.switch, _hv_line(board))
         )
-        self.spi = GuardedSpi(self, spi, clock)
-        self.gpio: Gpio = _GuardedGpio(self.switch, gpio)
+        self.spi = GuardedSpi(self, spi, clock, cut)
+        self.gpio = GuardedGpio(self.switch, gpio, cut, safe_changes)
 
     def permit(self, current_ua: int) -> None:
         """The most that may fire in the present state: 0, the probe bound, or the maximum."""
@@ -300,31 +313,73 @@ class GuardedSpi:
     is not the message's time.
     """
 
-    def __init__(self, guard: Guard, spi: Spi, clock: Clock) -> None:
+    def __init__(self, guard: Guard, spi: Spi, clock: Clock, cut: CutLatch) -> None:
         self._guard = guard
         self._spi = spi
         self._clock = clock
+        self._cut = cut
         self.begun_ns = 0
         self.ended_ns = 0
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
+        """As the port's, for messages that have no plan yet: those that calibrate timing."""
         self._guard.check(message)
         self.begun_ns = self._clock.now_ns()
         received = self._spi.transfer(message)
         self.ended_ns = self._clock.now_ns()
         return received
 
+    def fire(self, message: Message, planned_ns: int) -> tuple[bytes, ...]:
+        """The same for a message that shall take `planned_ns`, in sight of the stopper.
 
-class _GuardedGpio:
-    def __init__(self, switch: SwitchWatch, gpio: Gpio) -> None:
+        What was cut while it was under way is for the next call to refuse: its samples and its
+        duration are still told. Raises: as `transfer`, and BoardFault while a cut stands.
+        """
+        self._guard.check(message)
+        cut = self._cut
+        cut.check()
+        self.begun_ns = begun_ns = self._clock.now_ns()
+        cut.message_due_ns = begun_ns + planned_ns
+        try:
+            received = self._spi.transfer(message)
+        finally:
+            cut.message_due_ns = 0
+        self.ended_ns = self._clock.now_ns()
+        return received
+
+
+class GuardedGpio:
+    """The port that switches."""
+
+    def __init__(
+        self, switch: SwitchWatch, gpio: Gpio, cut: CutLatch, safe_changes: Changes
+    ) -> None:
         self._switch = switch
         self._gpio = gpio
+        self._cut = cut
+        self._safe_changes = safe_changes
+        #: While the board is made safe, behind a call that has blanked it: a cut holds up nothing
+        #: that leads there.
+        self.is_making_safe = False
 
     def set(self, changes: Changes) -> None:
+        """As the port's. Raises: GuardRefusal and BoardFault too, a cut that came meanwhile: the
+        lines are at their safe levels again then.
+        """
+        if self._cut.is_cut:
+            self._heed_cut()
         # In the order in which the lines will change.
         for line, value in sorted(changes) if len(changes) > 1 else changes:
             self._switch.change(line, value)
         self._gpio.set(changes)
+        if self._cut.is_cut:
+            self._heed_cut()
+
+    def _heed_cut(self) -> None:
+        if self.is_making_safe:
+            return
+        self._gpio.set(self._safe_changes)
+        self._cut.check()
 
     def get(self, line: int) -> int:
         return self._gpio.get(line)

@@ -9,8 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from etd_hal.ports import Changes
-
 
 @dataclass(frozen=True, slots=True)
 class Selection:
@@ -79,9 +77,4 @@ class Switch(Protocol):
 
         `clear` puts things right again. Raises BoardFault too, without a line to read it on.
         """
-        ...
-
-    @property
-    def safe_changes(self) -> Changes:
-        """The lines of this switch that make it safe in one call; may be none."""
         ...

@@ -6,8 +6,9 @@ import pytest
 
 from engine_parts import machine_file
 from etd.engine.stopper import Stopper
-from etd.errors import BusError, GuardRefusal
+from etd.errors import BoardFault, BusError, GuardRefusal
 from etd_hal.board import OVERDUE_NS, Board
+from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import SpiStall
 from stepped_board import SteppedBoard, stepped_board
 
@@ -15,15 +16,42 @@ MS = 1_000_000
 BL = 23
 
 
+class StallingClock:
+    """A clock whose thread is taken off the processor at one of its readings, for 10 ms."""
+
+    def __init__(self, clock: SteppedClock) -> None:
+        self._clock = clock
+        self.readings = 0
+        self.stalls_at: int | None = None
+
+    def now_ns(self) -> int:
+        is_stalled = self.readings == self.stalls_at
+        self.readings += 1
+        if is_stalled:
+            self._clock.spend(10 * MS)
+        return self._clock.now_ns()
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        self._clock.sleep_until_ns(deadline_ns)
+
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self._clock.doze_until_ns(deadline_ns)
+
+
 class Scene:
     """A board that is about to fire at output 3, and a stopper that looks twice a millisecond."""
 
-    def __init__(self, *, stall_us: int = 0) -> None:
-        self.made: SteppedBoard = stepped_board("kajimoto-hv507")
+    def __init__(self, name: str = "kajimoto-hv507", *, stall_us: int = 0) -> None:
+        self.made: SteppedBoard = stepped_board(name)
         backend, clock = self.made.backend, self.made.clock
-        self.board = Board(self.made.board, machine_file(), backend.spi, backend.gpio, clock)
+        #: The clock of the thread that fires.
+        self.scan_clock = StallingClock(clock)
+        self.board = Board(
+            self.made.board, machine_file(), backend.spi, backend.gpio, self.scan_clock
+        )
         assert self.board.safe_off() == ()
         self.board.calibrate()
+        self.board.supply_on()
         self.board.guard.permit(3_000)
         self.selection = self.board.selection(3, None)
         self.board.prepare(self.selection, whole=True)
@@ -37,8 +65,8 @@ class Scene:
         for step in range(2 * for_ms):
             self.made.clock.at(self.looked_from_ns + step * MS // 2, self.stopper.look)
 
-    def fire(self) -> None:
-        self.board.fire(self.board.pulse(2_000, 100), self.selection, True, 2_000, 100)
+    def fire(self, is_anodic: bool = True) -> None:
+        self.board.fire(self.board.pulse(2_000, 100), self.selection, is_anodic, 2_000, 100)
 
     def blanked_ns(self) -> int:
         """When BL fell, after the visit had begun."""
@@ -117,3 +145,27 @@ def test_lines_that_are_gone_do_not_end_the_stopper() -> None:
     assert scene.stopper.has_acted
     with pytest.raises(BusError):
         scene.board.blank_now()
+
+
+@pytest.mark.parametrize("reading", range(3))
+def test_what_the_thread_loses_outside_of_the_message_is_not_the_messages(reading: int) -> None:
+    """A stall in the guard's own work, of which each reading of the clock stands for a part."""
+    scene = Scene()
+    scene.look_all_the_time(40)
+    scene.scan_clock.stalls_at = scene.scan_clock.readings + reading
+    scene.fire()
+    assert scene.made.clock.now_ns() > scene.looked_from_ns + 10 * MS, "the thread has stalled"
+    assert not scene.stopper.has_acted
+
+
+@pytest.mark.parametrize("name", ["kajimoto-hv507", "reference-hv507", "feetthrough-relay"])
+def test_a_second_phase_is_not_fired_behind_a_cut(name: str) -> None:
+    scene = Scene(name, stall_us=10_000)
+    scene.look_all_the_time(20)
+    with pytest.raises(BoardFault, match="cut off"):  # noqa: PT012 - whichever refuses first
+        scene.fire()
+        scene.board.flip(scene.selection, False)
+        scene.fire(False)
+    assert scene.stopper.has_acted
+    assert scene.made.fake.violations == []
+    assert len(scene.made.events("body")) == 1

@@ -123,17 +123,19 @@ class TestOverdue:
         rig = boards()
         rig.fake.world.put_in(SpiStall(stall_us=2_000, at_transfer=2))
         seen: list[int] = []
-        rig.clock.at(rig.clock.now_ns() + 2_000_000, lambda: seen.append(rig.board.message_due_ns))
+        rig.clock.at(
+            rig.clock.now_ns() + 2_000_000, lambda: seen.append(rig.board.cut.message_due_ns)
+        )
         shot = rig.visit(5)
         assert seen == [shot.ended_ns - shot.excess_ns]
-        assert rig.board.message_due_ns == 0
+        assert rig.board.cut.message_due_ns == 0
 
     def test_after_a_failed_message_none_is_under_way(self, boards: Boards) -> None:
         rig = boards()
         rig.fake.world.put_in(SpiError())
         with pytest.raises(BusError):
             rig.visit(5)
-        assert rig.board.message_due_ns == 0
+        assert rig.board.cut.message_due_ns == 0
 
 
 class TestRest:

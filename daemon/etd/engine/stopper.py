@@ -27,11 +27,11 @@ class Stopper:
 
     def look(self) -> None:
         """Act if a message is overdue. Any thread may call it."""
-        due_ns = self._board.message_due_ns
+        due_ns = self._board.cut.message_due_ns
         if due_ns and not self.has_acted and self._clock.now_ns() > due_ns + OVERDUE_NS:
             self.has_acted = True
             try:
-                self._board.blank_now()
+                self._board.cut_off()
             except EtdError:
                 # The scan thread's own safe_off tries again and reports what did not work.
                 return

@@ -16,6 +16,11 @@ from etd_hal.ports import Changes, Gpio
 from etd_hal.selection import Selection
 
 
+def blanked(lines: HalfBridgeLines) -> Changes:
+    """All outputs on ground, in one call: POL 1 comes first, being the lower line."""
+    return ((lines.POL, 1), (lines.BL, 0))
+
+
 class HalfBridgeSwitch:
     """One output against all others, either way round.
 
@@ -38,10 +43,8 @@ class HalfBridgeSwitch:
         self._unblank: Changes = ((lines.BL, 1),)
         self._direct: Changes = ((lines.POL, 1),)
         self._inverse: Changes = ((lines.POL, 0),)
-        self._blank: Changes = ((lines.POL, 1), (lines.BL, 0))
+        self._blank = blanked(lines)
         self._is_latch_open = False
-        #: The GPIO half of safe_off: POL 1 comes first, being the lower line.
-        self.safe_changes: Changes = self._blank
 
     def forget(self) -> None:
         """After an error, and after safe_off: nothing is known of chain and latch."""

@@ -20,8 +20,6 @@ class RelaySwitch:
 
     states: tuple[str, ...] = ("ANODE", "CATHODE", "OPEN", "SHORT")
     can_choose_returns = True
-    #: One call cannot open relays: the supply's line is what is safe at once.
-    safe_changes: Changes = ()
 
     def __init__(self, gpio: Gpio, clock: Clock, switch: Relays, readback: int | None) -> None:
         self._gpio = gpio
