@@ -89,6 +89,8 @@ class Board:
         self.guard = Guard(file, machine, spi, gpio, clock, self.cut, self._safe_changes)
         self.switch = _switch(file, self.guard.gpio, clock)
         self._zero = zero_message()
+        # Always at hand: the way to the safe state lays nothing out.
+        spi.prepare(self._zero, is_lasting=True)
         self._pulses: dict[tuple[int, int, Prepulse | None], Pulse] = {}
         self._timing: Timing | None = None
         self._rest_until_ns = 0
@@ -148,6 +150,8 @@ class Board:
         else:
             shape = self.timing.two_steps(prepulse.width_us, width_us)
         message = pulse_message(code, shape, before)
+        # Here, because a pulse is chosen while the one before it rests.
+        self.guard.spi.prepare(message)
         planned_ns = int(shape.duration_us * 1_000)
         told_us = round(shape.width_us, 2)
         return Pulse(told_ua, code, shape, message, planned_ns, told_us, before_ua)

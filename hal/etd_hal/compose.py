@@ -84,6 +84,9 @@ class NoSpi:
         self._device = device
         self._reason = reason
 
+    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+        """There is nothing to prepare it for; `transfer` tells."""
+
     def transfer(self, message: Message) -> tuple[bytes, ...]:  # noqa: ARG002
         """Raises: BusError (absent), always."""
         raise BusError("absent", self._device, "reaching the DAC", self._reason)

@@ -310,7 +310,7 @@ def _hv_line(board: BoardFile) -> tuple[int, int] | None:
 
 class GuardedSpi:
     """The port that fires. It notes when the last message began and ended: the guard's own work
-    is not the message's time.
+    and the driver's preparing are not the message's time.
     """
 
     def __init__(self, guard: Guard, spi: Spi, clock: Clock, cut: CutLatch) -> None:
@@ -321,9 +321,13 @@ class GuardedSpi:
         self.begun_ns = 0
         self.ended_ns = 0
 
+    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+        """See `ports.Spi`. Nothing is sent, so nothing is checked."""
+        self._spi.prepare(message, is_lasting=is_lasting)
+
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         """As the port's, for messages that have no plan yet: those that calibrate timing."""
-        self._guard.check(message)
+        self._make_ready(message)
         self.begun_ns = self._clock.now_ns()
         received = self._spi.transfer(message)
         self.ended_ns = self._clock.now_ns()
@@ -335,7 +339,7 @@ class GuardedSpi:
         What was cut while it was under way is for the next call to refuse: its samples and its
         duration are still told. Raises: as `transfer`, and BoardFault while a cut stands.
         """
-        self._guard.check(message)
+        self._make_ready(message)
         cut = self._cut
         cut.check()
         self.begun_ns = begun_ns = self._clock.now_ns()
@@ -346,6 +350,11 @@ class GuardedSpi:
             cut.message_due_ns = 0
         self.ended_ns = self._clock.now_ns()
         return received
+
+    def _make_ready(self, message: Message) -> None:
+        self._guard.check(message)
+        # Sending it would, and count the driver's work as time in which current flows.
+        self._spi.prepare(message)
 
 
 class GuardedGpio:

@@ -75,6 +75,9 @@ class FreeSpi:
         #: By message, as the engine prepares few: time and answer.
         self._answers: dict[Message, tuple[int, tuple[bytes, ...]]] = {}
 
+    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+        pass
+
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         self.begun_ns.append(real_clock.now_ns())
         known = self._answers.get(message)

@@ -62,6 +62,9 @@ class WallSpi:
     def __init__(self, clock: WallClock) -> None:
         self._clock = clock
 
+    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+        pass
+
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         clock = self._clock
         clock.message_ends_ns = end_ns = clock.now_ns() + message_ns(message)

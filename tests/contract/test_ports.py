@@ -60,6 +60,18 @@ class TestSpi:
         backend.spi.transfer(message)
         assert backend.clock.now_ns() - begun_ns >= 200_000
 
+    def test_what_is_prepared_goes_through_and_what_sending_refuses_is_refused(
+        self, backend: Backend
+    ) -> None:
+        message = Message((Transfer(ZERO, cs_change=True), *[PAUSE] * 100, Transfer(ZERO)))
+        backend.spi.prepare(message)
+        backend.spi.prepare(message, is_lasting=True)
+        assert [len(read) for read in backend.spi.transfer(message)] == [2, 2]
+        for refused, kind in ((33, "too_long"), (512, "invalid")):
+            with pytest.raises(BusError) as raised:
+                backend.spi.prepare(Message((Transfer(ZERO, cs_change=True),) * refused))
+            assert raised.value.kind == kind
+
     def test_a_refused_message_leaves_the_bus_usable(self, backend: Backend) -> None:
         with pytest.raises(BusError):
             backend.spi.transfer(Message(tuple([Transfer()] * 600)))

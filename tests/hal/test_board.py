@@ -59,6 +59,31 @@ class TestShot:
         assert shot.begun_ns < body["from_ns"] < body["to_ns"] < shot.ended_ns
         assert abs(shot.excess_ns) <= 2
 
+    def test_a_pulse_that_the_driver_has_forgotten_meanwhile_is_not_over_its_plan(
+        self, boards: Boards
+    ) -> None:
+        """A driver keeps fewer messages than the board keeps pulses."""
+        rig = boards()
+        rig.visit(5)
+        for current_ua in range(2_000, 5_000, 2):
+            rig.board.pulse(current_ua, 50)
+        assert abs(rig.visit(6).excess_ns) <= 2
+
+    def test_the_way_to_the_safe_state_lays_nothing_out_whatever_was_sent_before(
+        self, boards: Boards
+    ) -> None:
+        rig = boards()
+
+        def took_ns() -> int:
+            begun_ns = rig.clock.now_ns()
+            assert rig.board.safe_off() == ()
+            return rig.clock.now_ns() - begun_ns
+
+        before_ns = took_ns()
+        for current_ua in range(2_000, 5_000, 2):
+            rig.board.pulse(current_ua, 50)
+        assert took_ns() == before_ns
+
     def test_what_a_message_takes_over_its_plan_is_excess(self, boards: Boards) -> None:
         rig = boards()
         rig.fake.world.put_in(SpiStall(stall_us=400))

@@ -9,9 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from board_rig import machine_file
+from counted_readings import CountedTransfers, ReadingsClock
+from etd_hal.board import Board
 from etd_hal.errors import BusError
 from etd_hal.linux.spi import LinuxSpi
 from etd_hal.ports import Message, Transfer
+from stepped_board import stepped_board
 from wire_kernel import Spidev
 
 PULSE = Message((Transfer(b"\x13\x30", cs_change=True), Transfer(delay_us=10), Transfer(b"\0\0")))
@@ -73,6 +77,54 @@ def test_a_message_seen_before_goes_out_from_the_same_memory() -> None:
     assert len(set(kernel.addresses)) == 9
 
 
+def test_a_message_that_was_prepared_is_not_read_again_when_it_is_sent() -> None:
+    spi, transfers = opened(Spidev()), CountedTransfers(PULSE.transfers)
+    message = Message(transfers)
+    spi.prepare(message)
+    before = transfers.readings
+    assert before > 0
+    assert spi.transfer(message) == (b"\xec\xcf", b"\xff\xff")
+    spi.prepare(message)
+    assert transfers.readings == before
+
+
+def test_between_its_begin_and_its_end_a_message_is_sent_and_nothing_else() -> None:
+    """Both are what the ledger, the drift and the stopper go by."""
+    stepped, silent = stepped_board(), (Transfer(bytes(2), cs_change=True), Transfer(bytes(2)))
+    transfers = CountedTransfers(silent)
+    clock = ReadingsClock(transfers)
+    board = Board(stepped.board, machine_file(), opened(Spidev()), stepped.backend.gpio, clock)
+    board.guard.spi.transfer(Message(transfers))
+    assert board.guard.spi.begun_ns > 0
+    assert board.guard.spi.ended_ns == board.guard.spi.begun_ns
+
+
+def test_what_is_lasting_is_kept_while_thousands_of_messages_come_and_go() -> None:
+    kernel = Spidev()
+    spi, transfers = opened(kernel), CountedTransfers(PULSE.transfers)
+    lasting = Message(transfers)
+    spi.prepare(lasting, is_lasting=True)
+    before = transfers.readings
+    for code in range(3000):
+        spi.transfer(Message((Transfer(code.to_bytes(2, "big")),)))
+    spi.prepare(lasting)
+    assert spi.transfer(lasting) == (b"\xec\xcf", b"\xff\xff")
+    assert transfers.readings == before
+
+
+def test_what_was_sent_before_can_become_lasting() -> None:
+    kernel = Spidev()
+    spi, transfers = opened(kernel), CountedTransfers(PULSE.transfers)
+    message = Message(transfers)
+    spi.transfer(message)
+    spi.prepare(message, is_lasting=True)
+    for code in range(1100):
+        spi.prepare(Message((Transfer(code.to_bytes(2, "big")),)))
+    before = transfers.readings
+    assert spi.transfer(message) == (b"\xec\xcf", b"\xff\xff")
+    assert transfers.readings == before
+
+
 def test_equal_messages_are_told_apart_and_each_is_answered() -> None:
     spi = opened(Spidev())
     one, same = Message((Transfer(b"\x01\x02"),)), Message((Transfer(b"\x01\x02"),))
@@ -100,9 +152,11 @@ def test_what_the_kernel_would_misread_is_refused_before_it_sees_it(
     message: Message, kind: str
 ) -> None:
     kernel = Spidev()
-    with pytest.raises(BusError) as caught:
-        opened(kernel).transfer(message)
-    assert caught.value.kind == kind
+    spi = opened(kernel)
+    for send in (spi.prepare, spi.transfer):
+        with pytest.raises(BusError) as caught:
+            send(message)
+        assert caught.value.kind == kind
     assert kernel.messages == []
 
 

@@ -17,6 +17,7 @@ from etd_hal.errors import BusError
 from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.clock import BoardClock
 from etd_hal.fake.faults import Fault
+from etd_hal.fake.layouts import Layouts
 from etd_hal.fake.pressed import Pressing, SensorUnderArray, lying
 from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
@@ -90,7 +91,7 @@ class FakeBoard:
         has_i2c = self._circuit.board.i2c != "absent"
         calls = _Calls(self._circuit, self._clock, self._lock)
         return FakePorts(
-            FakeSpi(calls),
+            FakeSpi(calls, Layouts(spi.device)),
             FakeGpio(calls),
             FakeI2c(calls) if has_i2c else None,
             FakeMarker(calls),
@@ -126,13 +127,21 @@ class _Calls:
 
 
 class FakeSpi:
-    def __init__(self, calls: _Calls) -> None:
+    def __init__(self, calls: _Calls, layouts: Layouts) -> None:
         self._calls = calls
+        self._layouts = layouts
+
+    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+        """See `ports.Spi`."""
+        layout_ns = self._layouts.take_ns(message, is_lasting=is_lasting)
+        if layout_ns:
+            self._calls.clock.end_call(self._calls.clock.begin_call() + layout_ns)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         """See `ports.Spi`. The lock is free while the message waits: a stopper can get in."""
         calls = self._calls
-        steps = calls.circuit.play(calls.clock.begin_message(), message)
+        layout_ns = self._layouts.take_ns(message)
+        steps = calls.circuit.play(calls.clock.begin_message() + layout_ns, message)
         try:
             while True:
                 with calls.lock:

@@ -1,10 +1,7 @@
 """The SPI bus: the kernel's way with a message, and the DAC and ADC on one chip select.
 
-Owns: the kernel's limits, the order and time of every step of a message, and its faults.
+Owns: the order and time of every step of a message, and its faults.
 Must not know: lines, switches, what the current does.
-
-The limits are those of spidev on 64-bit Raspberry Pi OS: each transfer with data is rounded up to
-128 bytes in a buffer of 4096, for tx and rx apart, and 512 transfers wrap to a message of none.
 """
 
 from __future__ import annotations
@@ -26,13 +23,10 @@ from etd_hal.fake.faults import (
     SpiStall,
 )
 from etd_hal.fake.faults_due import Faults
+from etd_hal.fake.layouts import check_size
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
 from etd_hal.ports import Message, SpiSetup, Transfer
-
-_BUFFER_BYTES = 4_096
-_ROUNDED_TO = 128
-_WRAPS_AT = 512
 
 #: What a message read, one entry for each transfer with data, and when it ended.
 Played = tuple[tuple[bytes, ...], int]
@@ -69,7 +63,7 @@ class SpiBus:
         Raises: BusError; where some of it was sent, time has passed to the timeline's `now_ns`.
         """
         setup = self._open_setup()
-        self._check_size(message)
+        check_size(message, self._device)
         t_ns = self._timeline.start(t_ns)
         self._trace.spi_message(t_ns, len(message.transfers))
         faults = self._faults.spi_message()
@@ -115,15 +109,6 @@ class SpiBus:
         if self._setup is None:
             raise BusError("gone", self._device, "transfer", "the device is not open")
         return self._setup
-
-    def _check_size(self, message: Message) -> None:
-        if len(message.transfers) >= _WRAPS_AT:
-            detail = f"{len(message.transfers)} transfers wrap to a message of none"
-            raise BusError("invalid", self._device, "transfer", detail)
-        rounded = sum(-(-len(transfer.tx) // _ROUNDED_TO) for transfer in message.transfers)
-        if rounded * _ROUNDED_TO > _BUFFER_BYTES:
-            detail = f"{rounded} x {_ROUNDED_TO} bytes do not fit into {_BUFFER_BYTES}"
-            raise BusError("too_long", self._device, "transfer", detail)
 
     def _select(self, t_ns: int) -> int:
         """Chip select falls: the ADC samples."""

@@ -22,7 +22,7 @@ from etd_hal.ports import Message, SpiSetup
 #: As fcntl.ioctl: file descriptor, request number, buffer.
 Ioctl = Callable[[int, int, bytearray], int]
 
-#: So many prepared messages are kept (some 2 kB each); beyond, the oldest goes.
+#: So many prepared messages are kept (some 2 kB each), and the lasting ones; then the oldest goes.
 _KEPT = 1024
 
 
@@ -45,7 +45,7 @@ class _Ready:
     total_bytes: int
 
 
-def prepare(message: Message, speed_hz: int, device: str) -> _Ready:
+def lay_out(message: Message, speed_hz: int, device: str) -> _Ready:
     """Lay the message out in memory. Raises: BusError (invalid, too_long); nothing was sent."""
     _check(message, device)
     total_bytes = sum(len(transfer.tx) for transfer in message.transfers)
@@ -111,11 +111,20 @@ class LinuxSpi:
         self._device = device
         self._speed_hz = speed_hz
         self._ioctl = ioctl
+        #: In the order in which they came.
         self._ready: dict[Message, _Ready] = {}
+        self._lasting: dict[Message, _Ready] = {}
+
+    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+        """See `ports.Spi`: lay it out in memory, and keep that."""
+        if is_lasting and message not in self._lasting:
+            self._lasting[message] = lay_out(message, self._speed_hz, self._device)
+        elif message not in self._ready and message not in self._lasting:
+            self._keep(message)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
-        """See `ports.Spi`. A message seen before costs one look-up and one ioctl."""
-        ready = self._ready.get(message) or self._keep(message)
+        """See `ports.Spi`. A message that is prepared costs one look-up and one ioctl."""
+        ready = self._ready.get(message) or self._lasting.get(message) or self._keep(message)
         try:
             sent = self._ioctl(self._fd, ready.request, ready.transfers)
         except OSError as error:
@@ -132,7 +141,7 @@ class LinuxSpi:
         self._opened.close()
 
     def _keep(self, message: Message) -> _Ready:
-        ready = prepare(message, self._speed_hz, self._device)
+        ready = lay_out(message, self._speed_hz, self._device)
         if len(self._ready) >= _KEPT:
             del self._ready[next(iter(self._ready))]
         self._ready[message] = ready
