@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import msgspec
 
@@ -275,15 +276,18 @@ class Board:
 
     @property
     def is_supply_on(self) -> bool:
-        """What this program has asked for (always, where the board has no enable line)."""
+        """Whether it may be on: from asking for it on, until a call has switched it off (always,
+        where the board has no enable line).
+        """
         return self._is_supply_on
 
     def supply_on(self) -> None:
         """Where the board has an enable line. Raises: BusError."""
+        # Before the call: one that fails may have moved the line.
+        self._is_supply_on = True
         enable = self.file.guards.hv_enable
         if enable != "absent":
             self.guard.gpio.set(((enable.line, enable.on),))
-        self._is_supply_on = True
 
     def supply_off(self) -> None:
         """Where the board has an enable line. Raises: BusError."""
@@ -351,15 +355,18 @@ class Board:
         Returns what did not work, as sentences; every step is tried even if one before it failed.
         Without any such, a cut is over. The caller may still be in the middle of a visit.
         """
-        verify: tuple[Callable[[], None], ...] = (self._check_node, self._deselect)
+        not_blanked = _tried(self.blank_now)
+        if not_blanked is None:
+            self._is_supply_on = self.file.guards.hv_enable == "absent"
+        # What a call that failed has made of the lines is not known.
+        deselect = partial(self._deselect, self._safe_changes if not_blanked is None else ())
+        verify: tuple[Callable[[], None], ...] = (self._check_node, deselect)
         if self.switch.can_choose_returns:
             # Until its relays open, charged skin stays on the node and looks like current.
-            verify = (self._deselect, self._check_node)
-        steps = (self.blank_now, self._zero_dac, *verify)
-        problems = tuple(problem for step in steps if (problem := _tried(step)))
+            verify = (deselect, self._check_node)
+        tried = (not_blanked, *(_tried(step) for step in (self._zero_dac, *verify)))
         self._rest_until_ns = self._clock.now_ns() + self._rest_ns
-        if self.file.guards.hv_enable != "absent":
-            self._is_supply_on = False
+        problems = tuple(problem for problem in tried if problem)
         if not problems:
             self.cut.is_cut = False
         return problems
@@ -367,9 +374,9 @@ class Board:
     def _zero_dac(self) -> None:
         self._bare_spi.transfer(self._zero)
 
-    def _deselect(self) -> None:
+    def _deselect(self, levels: Changes) -> None:
         self.guard.permit(0)
-        self.guard.forget(self._safe_changes)
+        self.guard.forget(levels)
         self.switch.forget()
         self.guard.gpio.is_making_safe = True
         try:

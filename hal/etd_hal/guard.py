@@ -122,7 +122,9 @@ class Guard:
         self._approval = approval
 
     def forget(self, levels: Changes) -> None:
-        """After safe_off: these levels are known, the registers are not."""
+        """After safe_off: these levels are known, the registers are not. Without that of the supply
+        it is as it was.
+        """
         self._approval = self._first_phase = self._leading = None
         self.switch.forget(levels)
 

@@ -55,18 +55,20 @@ class HalfBridgeWatch:
         #: How often a line has changed: between two equal readings nothing has moved.
         self.moves = 0
         self._watched = {self._data, self._clk, self._le, self._bl, self._pol}
+        self._level: dict[int, int] = {}
         if hv is not None:
             self._watched.add(hv[0])
+            self._level[hv[0]] = 1 - hv[1]
         self.forget(())
 
     def forget(self, levels: Changes) -> None:
-        """The start, and after safe_off: register and latch unknown, outputs blanked.
+        """The start, and after safe_off: register and latch unknown, outputs blanked. The supply is
+        off at the start, and later where the levels say so.
 
         CLK counts as high, so that only a rise that surely was one shifts the picture.
         """
-        self._level = {self._data: 0, self._clk: 1, self._le: 0, self._bl: 0, self._pol: 1}
-        if self._hv is not None:
-            self._level[self._hv[0]] = 1 - self._hv[1]
+        known = {self._data: 0, self._clk: 1, self._le: 0, self._bl: 0, self._pol: 1}
+        self._level.update(known)
         self._level.update({line: value for line, value in levels if line in self._watched})
         self._register = 0
         self._unknown_stages = self._outputs

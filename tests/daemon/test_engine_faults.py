@@ -19,6 +19,7 @@ from engine_scenes import (
     halts,
     moves,
     phases,
+    states,
 )
 from etd.link import ArmBoard
 from etd_hal.compose import Backend
@@ -174,6 +175,9 @@ def test_lines_that_are_gone_halt_and_the_dac_is_zeroed_all_the_same(operation: 
     assert operation in halts(rig)[0].detail
     assert dac_codes(rig, since_ns)[-1][1] == 0
     assert rig.fake.dac_code == 0
+    rig.turn()
+    # What could not be told to go off is not told as off.
+    assert states(rig)[-1].supply_on is (operation == "set")
     failing[0].fails = set()
     assert rig.close() == ()
 

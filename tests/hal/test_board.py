@@ -249,6 +249,17 @@ class TestSupply:
         assert rig.story()[-1] == "HV=0"
         assert not rig.board.is_supply_on
 
+    def test_a_call_that_failed_leaves_it_counted_as_on(self, boards: Boards) -> None:
+        """The line may have moved all the same."""
+        rig = boards("reference-hv507", begun=False)
+        rig.gpio.fails = frozenset({rig.gpio.calls, rig.gpio.calls + 1})
+        for call in (rig.board.supply_on, rig.board.supply_off):
+            with pytest.raises(BusError):
+                call()
+            assert rig.board.is_supply_on
+        rig.board.supply_off()
+        assert not rig.board.is_supply_on
+
     def test_without_an_enable_line_it_is_always_on(self, boards: Boards) -> None:
         rig = boards(begun=False)
         before = rig.gpio.calls

@@ -198,7 +198,31 @@ class TestEachStepIsTried:
         problems = rig.board.safe_off()
         assert len(problems) == 4
         assert all("failed" in problem for problem in problems)
+        assert rig.board.is_supply_on
+
+    @pytest.mark.parametrize("name", [REFERENCE, RELAYS])
+    def test_the_supply_counts_as_on_until_a_call_has_switched_it_off(
+        self, boards: Boards, name: str
+    ) -> None:
+        rig = boards(name)
+        before = len(rig.records())
+        rig.gpio.fails = frozenset({rig.gpio.calls})
+        assert "set on the lines failed (io)" in rig.board.safe_off()
+        assert rig.times("HV", 0, before) == []
+        assert rig.board.is_supply_on
+        assert rig.board.safe_off() == ()
         assert not rig.board.is_supply_on
+
+    def test_the_guard_lets_no_output_be_lifted_while_the_supply_may_be_on(
+        self, boards: Boards
+    ) -> None:
+        """BL 0 with POL 0 connects all outputs to the source."""
+        rig = boards(REFERENCE)
+        rig.gpio.fails = frozenset({rig.gpio.calls})
+        rig.board.safe_off()
+        pol = rig.file.used_lines()["POL"]
+        with pytest.raises(GuardRefusal, match="blanking"):
+            rig.board.guard.gpio.set(((pol, 0),))
 
 
 class TestVerified:
