@@ -31,7 +31,7 @@ from etd.link import (
 )
 from etd.protocol import Limits
 from etd.stabilize.pipeline import Stabilizer
-from etd_hal.compose import Backend
+from etd_hal.backend import Backend
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault

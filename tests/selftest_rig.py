@@ -17,9 +17,9 @@ from etd.selftest_report import Check, Report
 from etd.shipped import find
 from etd_body.electrode import OPEN_CONTACT
 from etd_body.minimal import MinimalBody
+from etd_hal.backend import Backend, Bench
 from etd_hal.bench import Hand, StopName
 from etd_hal.boardfile import BoardFile
-from etd_hal.compose import Backend, Bench
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault

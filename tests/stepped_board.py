@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from etd_hal.backend import Backend
 from etd_hal.boardfile import BoardFile, load_board
-from etd_hal.compose import Backend
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault

@@ -28,7 +28,7 @@ from etd.protocol import TELEMETRY_OF_TOPIC, FrameReply, HelloReply
 from etd.stabilize.settings import NOTHING, Settings
 from etd_body.course import STILL, Script
 from etd_body.living import LivingBody
-from etd_hal.compose import Backend
+from etd_hal.backend import Backend
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.linesetup import line_setup, spi_setup

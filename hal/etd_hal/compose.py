@@ -10,11 +10,10 @@ from __future__ import annotations
 import dataclasses
 import datetime
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from etd_hal.bench import Hand, Host, Understudy
+from etd_hal.backend import Backend, Bench
 from etd_hal.boardfile import BoardFile, MachineFile
 from etd_hal.errors import BusError
 from etd_hal.linesetup import line_setup, spi_setup
@@ -22,52 +21,19 @@ from etd_hal.ports import (
     Clock,
     Gpio,
     I2c,
-    Marker,
     Message,
     Spi,
 )
 
 if TYPE_CHECKING:
-    from etd_body.sensation import Felt
+    from etd_hal.fake.board import FakePorts
     from etd_hal.fake.clock import BoardClock
     from etd_hal.fake.pressed import SensorUnderArray
+    from etd_hal.fake.remote import RemotePorts
 
 
 #: After its start, and for as long.
 _WEARER_TRIES_NS = 20_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Backend:
-    """The ports of one board, and how to let go of them."""
-
-    name: Literal["linux", "fake"]
-    spi: Spi
-    gpio: Gpio
-    i2c: I2c | None
-    clock: Clock
-    marker: Marker
-    close: Callable[[], None]
-    #: How far the clock is behind CLOCK_MONOTONIC: a fake's may be.
-    lag_ns: Callable[[], int] = lambda: 0
-    #: What is worth knowing of the machine, a sentence each.
-    facts: tuple[str, ...] = ()
-    #: Which machine of its model this is, as a digest; "" where nothing tells them apart.
-    identity: str = ""
-    #: What a modelled body has felt since the last call; None where there is no such body, and on
-    #: real hardware always.
-    modelled: Callable[[], Felt] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Bench:
-    """A board as a self-test wants it: the ports, the machine, and (the fake's) hand."""
-
-    backend: Backend
-    host: Host
-    #: None where a person stands at the board.
-    hand: Hand | None
-    understudy: Understudy
 
 
 class NoMarker:
@@ -118,6 +84,8 @@ def _on_kernel(spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
         close,
         facts=this_machine.facts(),
         identity=this_machine.identity(),
+        set_up_realtime=set_up_realtime,
+        set_up_urgent_thread=set_up_urgent_thread,
     )
 
 
@@ -210,9 +178,7 @@ def open_fake_bench(board: BoardFile, *, electrodes: Sequence[int]) -> Bench:
     clock = SteppedClock()
     fake = FakeBoard(board, clock, untouched(board, len(electrodes)), electrodes=electrodes)
     ports = fake.request(line_setup(board), spi_setup(board))
-    backend = Backend(
-        "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close, clock.lag_ns
-    )
+    backend = _on_fake(ports, clock, ports.close)
     return Bench(
         backend,
         fake.world.host,
@@ -255,9 +221,7 @@ def _open_in_process(
         ports.close()
         fake.close()
 
-    backend = Backend(
-        "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close, clock.lag_ns
-    )
+    backend = _on_fake(ports, clock, close)
     if living is None:
         return backend
     take_felt = living.take_felt
@@ -268,8 +232,24 @@ def _open_board_process(board: BoardFile, path: Path, clock: BoardClock) -> Back
     from etd_hal.fake.remote import open_remote
 
     ports = open_remote(path, clock, board, line_setup(board), spi_setup(board))
+    return _on_fake(ports, clock, ports.close)
+
+
+def _on_fake(
+    ports: FakePorts | RemotePorts, clock: BoardClock, close: Callable[[], None]
+) -> Backend:
+    """The thread that drives a fake board is scheduled by the machine's own kernel."""
     return Backend(
-        "fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close, clock.lag_ns
+        "fake",
+        ports.spi,
+        ports.gpio,
+        ports.i2c,
+        clock,
+        ports.marker,
+        close,
+        clock.lag_ns,
+        set_up_realtime=set_up_realtime,
+        set_up_urgent_thread=set_up_urgent_thread,
     )
 
 

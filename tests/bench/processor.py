@@ -19,7 +19,8 @@ from etd.frame import Frame
 from etd.link import Alive, ArmBoard, Channel, NewFrame, OpenLease, ToEngine, ToGateway
 from etd.protocol import Limits
 from etd.stabilize.settings import NOTHING, Settings
-from etd_hal.compose import Backend, NoMarker
+from etd_hal.backend import Backend
+from etd_hal.compose import NoMarker
 from etd_hal.ports import Changes, Edge, Message
 
 #: A Pi 4 core beside one of the machines that run tests: assumed, from published benchmarks.

@@ -22,8 +22,8 @@ from etd.config import LoadedConfig, fake_config
 from etd.link import OpenLease
 from etd.stabilize.settings import Settings
 from etd_body.tissue import Floats
+from etd_hal.backend import Backend
 from etd_hal.boardfile import BoardFile, RailMonitor
-from etd_hal.compose import Backend
 from etd_hal.ports import Clock, Marker
 
 ELECTRODES = 64

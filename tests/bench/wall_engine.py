@@ -23,7 +23,8 @@ from bench.modelled import loaded_with  # noqa: E402
 from bench.processor import FreeGpio, answer, message_ns  # noqa: E402
 from etd.config import LoadedConfig  # noqa: E402
 from etd.engine.process import run_engine  # noqa: E402
-from etd_hal.compose import Backend, NoMarker  # noqa: E402
+from etd_hal.backend import Backend  # noqa: E402
+from etd_hal.compose import NoMarker, set_up_realtime, set_up_urgent_thread  # noqa: E402
 from etd_hal.linux.clock import LinuxClock  # noqa: E402
 from etd_hal.ports import Message  # noqa: E402
 
@@ -77,7 +78,17 @@ class WallSpi:
 
 def main() -> int:
     clock = WallClock()
-    backend = Backend("fake", WallSpi(clock), FreeGpio(), None, clock, NoMarker(), lambda: None)
+    backend = Backend(
+        "fake",
+        WallSpi(clock),
+        FreeGpio(),
+        None,
+        clock,
+        NoMarker(),
+        lambda: None,
+        set_up_realtime=set_up_realtime,
+        set_up_urgent_thread=set_up_urgent_thread,
+    )
     folder = Path(sys.argv[1])
     # Nobody has tested it; a fake is armed all the same.
     untested = folder / "selftest.json"

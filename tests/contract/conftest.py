@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 
 from board_process import running_board
+from etd_hal.backend import Backend
 from etd_hal.boardfile import BoardFile, load_board, load_machine
-from etd_hal.compose import Backend, open_fake, open_linux
+from etd_hal.compose import open_fake, open_linux
 from stepped_board import BOARDS
 
 

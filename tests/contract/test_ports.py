@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pytest
 
+from etd_hal.backend import Backend
 from etd_hal.boardfile import BoardFile, HalfBridgeLines
-from etd_hal.compose import Backend
 from etd_hal.errors import BusError
 from etd_hal.linesetup import line_setup
 from etd_hal.ports import Message, Transfer

@@ -22,8 +22,8 @@ from etd.link import (
     StopNow,
 )
 from etd.shipped import find
+from etd_hal.backend import Backend
 from etd_hal.boardfile import GUARDS, load_board
-from etd_hal.compose import Backend
 from etd_hal.errors import FileError
 from etd_hal.fake.faults import I2cFailure, RailOff, SpiStall
 from etd_hal.ports import Changes, Edge, Gpio

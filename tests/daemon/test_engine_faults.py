@@ -22,7 +22,7 @@ from engine_scenes import (
     states,
 )
 from etd.link import ArmBoard
-from etd_hal.compose import Backend
+from etd_hal.backend import Backend
 from etd_hal.errors import BusError, GuardRefusal
 from etd_hal.fake.faults import (
     I2cFailure,

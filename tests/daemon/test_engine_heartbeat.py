@@ -13,7 +13,7 @@ from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, armed, config, fully_open, halts, moves, thinned
 from etd.link import ArmBoard, DisarmBoard, StopNow
 from etd.stabilize.pipeline import Known, Reach, Wish
-from etd_hal.compose import Backend
+from etd_hal.backend import Backend
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import SpiStall
 

@@ -15,8 +15,9 @@ from engine_scenes import fully_open, only
 from etd.link import Report
 from etd.protocol import TELEMETRY_OF_TOPIC, Modelled
 from etd_body.sensation import Felt
+from etd_hal.backend import Backend
 from etd_hal.boardfile import BoardFile
-from etd_hal.compose import Backend, open_fake
+from etd_hal.compose import open_fake
 from etd_hal.fake.fingertip import living_fingertip
 from gateway_rig import GatewayRig
 from stepped_board import shipped_board

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import pytest
 
 from etd_body.course import BUSY, LYING, Course
+from etd_hal.backend import Backend
 from etd_hal.chips import ads1115
-from etd_hal.compose import Backend, open_fake
+from etd_hal.compose import open_fake
 from etd_hal.errors import BusError
 from etd_hal.fake import process
 from etd_hal.fake.board import FakeBoard

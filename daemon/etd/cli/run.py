@@ -31,7 +31,8 @@ from etd.places import (
 )
 from etd.selftest_subject import subject_of
 from etd.shipped import config_dir
-from etd_hal.compose import Backend, open_fake, open_linux, system_clock
+from etd_hal.backend import Backend
+from etd_hal.compose import open_fake, open_linux, system_clock
 from etd_hal.patience import open_patiently
 
 NAME = "run"

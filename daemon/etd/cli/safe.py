@@ -17,9 +17,10 @@ from typing import Any
 
 from etd.errors import BusError, FileError
 from etd.shipped import Kind, find
+from etd_hal.backend import Backend
 from etd_hal.board import Board
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
-from etd_hal.compose import Backend, open_fake, open_linux_safe
+from etd_hal.compose import open_fake, open_linux_safe
 
 NAME = "safe"
 HELP = "put the board into its safe state, without a daemon"

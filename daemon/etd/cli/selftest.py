@@ -24,8 +24,9 @@ from etd.selftest.run import cut_short
 from etd.selftest.run import run as run_stages
 from etd.selftest_report import Check, Report, save
 from etd.selftest_subject import strongest_ua
+from etd_hal.backend import Bench
 from etd_hal.bench import Hand, StopName
-from etd_hal.compose import Bench, open_fake_bench, open_linux_bench, wall_time
+from etd_hal.compose import open_fake_bench, open_linux_bench, wall_time
 
 NAME = "selftest"
 HELP = "prove the board in stages of growing risk, before it meets a person"

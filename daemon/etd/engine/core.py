@@ -23,7 +23,7 @@ from etd.errors import BoardFault, Refused
 from etd.link import Answer, LeaseEnded
 from etd.protocol import Halt, StateReport
 from etd.stabilize.pipeline import Stabilizer, Wish
-from etd_hal.compose import Backend
+from etd_hal.backend import Backend
 from etd_hal.cost import CostModel
 
 

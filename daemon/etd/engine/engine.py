@@ -21,7 +21,7 @@ from etd.engine.telling import greeting
 from etd.errors import BoardFault, BusError, GuardRefusal
 from etd.link import Channel, NewFrame, ToEngine
 from etd.stabilize.pipeline import Stabilizer
-from etd_hal.compose import Backend
+from etd_hal.backend import Backend
 
 #: Between two looks when nothing is due; the heartbeat's monostable wants edges as well.
 TICK_NS = 1_000_000

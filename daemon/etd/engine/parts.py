@@ -26,8 +26,8 @@ from etd.ledger import Bounds, Ledger
 from etd.maxima import maxima_of
 from etd.stabilize.pipeline import Stabilizer
 from etd.stabilize.settings import pipeline
+from etd_hal.backend import Backend
 from etd_hal.board import Board
-from etd_hal.compose import Backend
 
 
 class Parts:

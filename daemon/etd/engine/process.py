@@ -22,7 +22,7 @@ from etd.link import Listener
 from etd.notify import Notifier
 from etd.selftest_gate import SelftestGate
 from etd.selftest_subject import subject_of
-from etd_hal.compose import Backend, set_up_realtime, set_up_urgent_thread
+from etd_hal.backend import Backend
 
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 #: The watchdog is fed this many times within its period.
@@ -74,13 +74,13 @@ def _drive(
 
     before = {ending: signal.signal(ending, note) for ending in _ENDINGS}
     sensors = SensorThread(engine.rail, engine.pressure)
-    stopper = StopperThread(engine.stopper, _urgency(engine.loaded))
+    stopper = StopperThread(engine.stopper, _urgency(engine))
     engine.supply_changed = stopper.watch
     try:
         sensors.start()
         stopper.start()
         # Timing is calibrated as it will be used: by a thread that is real-time already.
-        engine.not_granted = _realtime(engine.loaded)
+        engine.not_granted = _realtime(engine)
         engine.begin(_tell)
         notifier.ready(f"SAFE, {engine.loaded.board.name} on {engine.backend.name}")
         on_ready()
@@ -111,19 +111,20 @@ def _greet(engine: Engine, listener: Listener) -> None:
         engine.attach(*channels)
 
 
-def _realtime(loaded: LoadedConfig) -> tuple[str, ...]:
-    wanted = loaded.config.engine
+def _realtime(engine: Engine) -> tuple[str, ...]:
+    wanted = engine.loaded.config.engine
     if wanted.priority == "none":
         return ("real-time scheduling was not asked for (engine.priority is none)",)
-    return set_up_realtime(wanted.priority, None if wanted.core == "any" else wanted.core)
+    core = None if wanted.core == "any" else wanted.core
+    return engine.backend.set_up_realtime(wanted.priority, core)
 
 
-def _urgency(loaded: LoadedConfig) -> Callable[[], object]:
+def _urgency(engine: Engine) -> Callable[[], object]:
     """The stopper stands above the scan thread."""
-    priority = loaded.config.engine.priority
+    priority = engine.loaded.config.engine.priority
     if priority == "none":
         return lambda: None
-    return lambda: set_up_urgent_thread(priority + 1)
+    return lambda: engine.backend.set_up_urgent_thread(priority + 1)
 
 
 class _Feeder:

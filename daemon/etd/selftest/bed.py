@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from etd.config import LoadedConfig
 from etd.selftest.beats import Beats
 from etd.selftest_subject import subject_of
+from etd_hal.backend import Bench
 from etd_hal.bench import Hand, Health, StopName
 from etd_hal.board import Board
 from etd_hal.chips import ads1115
-from etd_hal.compose import Bench
 from etd_hal.errors import BoardFault
 from etd_hal.ports import I2c
 

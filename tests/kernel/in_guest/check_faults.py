@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import pytest
 
 import kernel_trace
+from etd_hal.backend import Backend
 from etd_hal.board import Board
 from etd_hal.chips.ad5452 import word
-from etd_hal.compose import Backend
 from etd_hal.errors import BusError
 from etd_hal.fake import wire
 from etd_hal.ports import Edge, Message, Transfer

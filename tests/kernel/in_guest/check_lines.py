@@ -7,8 +7,9 @@ import pytest
 import kernel_trace
 import trace_decoder
 import trace_rules
+from etd_hal.backend import Backend
 from etd_hal.board import Board
-from etd_hal.compose import Backend, open_linux
+from etd_hal.compose import open_linux
 from etd_hal.errors import HardwareMissing
 from etd_hal.linesetup import line_setup
 from guest_board import BOARD, MACHINE, Chips, trace_header

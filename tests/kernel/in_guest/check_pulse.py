@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import kernel_trace
-from etd_hal.compose import Backend
+from etd_hal.backend import Backend
 from etd_hal.timing import Shape, pulse_message
 from kernel_trace import Event
 

@@ -17,7 +17,7 @@ import pytest
 
 import kernel_trace
 from etd.selftest.realtime import missing
-from etd_hal.compose import Backend
+from etd_hal.backend import Backend
 from etd_hal.errors import BusError, HardwareMissing
 from etd_hal.linesetup import line_setup
 from etd_hal.linux import open_to_make_safe, uapi

@@ -15,8 +15,8 @@ from collections import Counter
 import pytest
 
 import kernel_trace
+from etd_hal.backend import Backend
 from etd_hal.board import Board
-from etd_hal.compose import Backend
 from guest_board import report
 
 CURRENT_UA = 300

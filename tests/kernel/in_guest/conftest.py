@@ -15,8 +15,9 @@ import pytest
 
 import kernel_trace
 from daemon_scene import Daemon, running_daemon
+from etd_hal.backend import Backend
 from etd_hal.board import Board
-from etd_hal.compose import Backend, open_linux
+from etd_hal.compose import open_linux
 from guest_board import (
     BARE_BOARD,
     BOARD,

@@ -16,8 +16,9 @@ import pytest
 import kernel_trace
 import pi_board
 import trace_decoder
+from etd_hal.backend import Backend
 from etd_hal.board import Board
-from etd_hal.compose import Backend, open_linux
+from etd_hal.compose import open_linux
 from etd_hal.errors import BusError, HardwareMissing
 from etd_hal.linesetup import line_setup
 from etd_hal.linux import machine

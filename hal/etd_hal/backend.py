@@ -1,0 +1,63 @@
+"""What a program that drives a board is handed: its ports, and how to let go of them.
+
+Owns: the two types. It opens nothing and imports neither `linux` nor `fake`; `compose` makes them.
+Must not know: how ports are opened, frames, people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from etd_hal.bench import Hand, Host, Understudy
+from etd_hal.ports import Clock, Gpio, I2c, Marker, Spi
+
+if TYPE_CHECKING:
+    from etd_body.sensation import Felt
+
+
+def _no_realtime(_priority: int, _core: int | None) -> tuple[str, ...]:
+    return ("real-time scheduling cannot be had from this backend",)
+
+
+def _no_urgent_thread(_priority: int) -> str | None:
+    return "real-time scheduling cannot be had from this backend"
+
+
+@dataclass(frozen=True, slots=True)
+class Backend:
+    """The ports of one board, and how to let go of them."""
+
+    name: Literal["linux", "fake"]
+    spi: Spi
+    gpio: Gpio
+    i2c: I2c | None
+    clock: Clock
+    marker: Marker
+    close: Callable[[], None]
+    #: How far the clock is behind CLOCK_MONOTONIC: a fake's may be.
+    lag_ns: Callable[[], int] = lambda: 0
+    #: What is worth knowing of the machine, a sentence each.
+    facts: tuple[str, ...] = ()
+    #: Which machine of its model this is, as a digest; "" where nothing tells them apart.
+    identity: str = ""
+    #: What a modelled body has felt since the last call; None where there is no such body, and on
+    #: real hardware always.
+    modelled: Callable[[], Felt] | None = None
+    #: Makes the calling thread real-time, at a priority and on a core, and its process fit for it;
+    #: a sentence for each thing that was not granted.
+    set_up_realtime: Callable[[int, int | None], tuple[str, ...]] = _no_realtime
+    #: The scheduling of the calling thread alone; a sentence if it was not granted.
+    set_up_urgent_thread: Callable[[int], str | None] = _no_urgent_thread
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """A board as a self-test wants it: the ports, the machine, and (the fake's) hand."""
+
+    backend: Backend
+    host: Host
+    #: None where a person stands at the board.
+    hand: Hand | None
+    understudy: Understudy
