@@ -2,7 +2,7 @@
 
 Owns: the shape of `docs/protocol.schema.json` (JSON Schema 2020-12). Must not know: sockets.
 
-`python -m etd.schema > docs/protocol.schema.json` writes it anew.
+`python tests/protocol_schema.py > docs/protocol.schema.json` writes it anew.
 """
 
 from __future__ import annotations
