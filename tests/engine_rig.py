@@ -33,7 +33,7 @@ from etd.protocol import Limits
 from etd.stabilize.pipeline import Stabilizer
 from etd_hal.backend import Backend
 from etd_hal.fake.board import FakeBoard
-from etd_hal.fake.clock import SteppedClock
+from etd_hal.fake.clock import LiveClock, SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.trace import Trace
@@ -202,17 +202,20 @@ def make(
     wrap: Callable[[Backend], Backend] = lambda backend: backend,
     untested: Callable[[], str | None] = lambda: None,
     tell: Callable[[str], object] = lambda _: None,
+    machine_clock: SteppedClock | None = None,
 ) -> EngineRig:
     """An engine that has begun, with a gateway attached. `wrap` may put something before a port;
-    without a `body` of the caller's the skin is a dry fingertip that only conducts.
+    without a `body` of the caller's the skin is a dry fingertip that only conducts. With a
+    `machine_clock` the board has a clock of its own beside it, as `etd run --board fake` has.
     """
     loaded = loaded or fake_config(board=board, array=array, electrodes=electrodes)
-    clock = SteppedClock()
+    clock = machine_clock or SteppedClock()
+    board_clock = clock if machine_clock is None else LiveClock(clock)
     sink = io.BytesIO()
     outputs = loaded.array.outputs()
     fake = FakeBoard(
         loaded.board,
-        clock,
+        board_clock,
         body or fingertip_body(loaded.board, len(outputs)),
         electrodes=outputs,
         trace=Trace(sink if is_traced else None),
@@ -220,7 +223,11 @@ def make(
         sensors=loaded.array.pressure,
     )
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
-    backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
+    backend = Backend(
+        "fake",
+        *(ports.spi, ports.gpio, ports.i2c, board_clock, ports.marker, ports.close),
+        host_clock=clock,
+    )
     engine = Engine(loaded, wrap(backend), stabilizers=stabilizers, untested=untested)
     engine.begin(tell)
     mine, theirs = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))

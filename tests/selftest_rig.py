@@ -191,7 +191,11 @@ def selftest_rig(
     fake = FakeBoard(loaded.board, clock, body, electrodes=loaded.array.outputs(), faults=faults)
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
     watch = ChargeWatch(ports.spi, body)
-    backend = Backend("fake", watch, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
+    backend = Backend(
+        "fake",
+        *(watch, ports.gpio, ports.i2c, clock, ports.marker, ports.close),
+        host_clock=clock,
+    )
     hand = FakeHand(fake.world, clock, really_ohm or {})
     load = second = None
     if load_ohm is not None:

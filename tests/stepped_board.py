@@ -71,5 +71,9 @@ def stepped_board(
     traced = KeptBytes()
     fake = FakeBoard(board, clock, body, electrodes=electrodes, trace=Trace(traced), faults=faults)
     ports = fake.request(line_setup(board), spi_setup(board))
-    backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
+    backend = Backend(
+        "fake",
+        *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close),
+        host_clock=clock,
+    )
     return SteppedBoard(board, fake, clock, body, backend, traced)

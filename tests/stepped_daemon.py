@@ -75,6 +75,7 @@ class SteppedDaemon:
             self.clock,
             ports.marker,
             ports.close,
+            host_clock=self.clock,
             modelled=lambda: self.fake.ask_body(self.body.take_felt),
         )
         self.engine = Engine(loaded, backend)

@@ -314,7 +314,10 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     not_granted: tuple[str, ...] = ()
     counters: dict[str, int] = {}
     busy_percent: float = 0.0
+    #: How far the board's clock, which all times in reports are of, is behind CLOCK_MONOTONIC.
     clock_lag_us: int = 0
+    #: A fake's ttl, lease and gateway's silence may last so many times as long; else 1.
+    timeout_factor: int = 1
     timing: dict[str, float] = {}
     machine: tuple[str, ...] = ()
     last_disarm: str | None = None

@@ -7,7 +7,7 @@ Must not know: how ports are opened, frames, people.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from etd_hal.bench import Hand, Host, Understudy
@@ -27,7 +27,15 @@ def _no_urgent_thread(_priority: int) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Backend:
-    """The ports of one board, and how to let go of them."""
+    """The ports of one board, and how to let go of them.
+
+    What happens on the board is timed with `clock`. What counts from a message of somebody else
+    (a frame's ttl, the lease, the gateway's silence) is timed with `host_clock`, the machine's
+    CLOCK_MONOTONIC, which the others read too. With a real board they are one clock; a fake's own
+    may lag behind its machine's.
+
+    Raises: ValueError, for a real board with two clocks or with longer timeouts.
+    """
 
     name: Literal["linux", "fake"]
     spi: Spi
@@ -36,8 +44,9 @@ class Backend:
     clock: Clock
     marker: Marker
     close: Callable[[], None]
-    #: How far the clock is behind CLOCK_MONOTONIC: a fake's may be.
-    lag_ns: Callable[[], int] = lambda: 0
+    host_clock: Clock = field(kw_only=True)
+    #: A fake's ttl, lease and gateway's silence last so many times as long.
+    timeout_factor: int = 1
     #: What is worth knowing of the machine, a sentence each.
     facts: tuple[str, ...] = ()
     #: Which machine of its model this is, as a digest; "" where nothing tells them apart.
@@ -50,6 +59,10 @@ class Backend:
     set_up_realtime: Callable[[int, int | None], tuple[str, ...]] = _no_realtime
     #: The scheduling of the calling thread alone; a sentence if it was not granted.
     set_up_urgent_thread: Callable[[int], str | None] = _no_urgent_thread
+
+    def __post_init__(self) -> None:
+        if self.name == "linux" and (self.host_clock is not self.clock or self.timeout_factor != 1):
+            raise ValueError("a real board has one clock, and its timeouts are not lengthened")
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,8 +32,9 @@ if TYPE_CHECKING:
     from etd_hal.fake.remote import RemotePorts
 
 
-#: After its start, and for as long.
-_WEARER_TRIES_NS = 20_000_000
+#: After its start, and for as long: over before the timing is calibrated, and so before an engine
+#: is ready, however busy the machine.
+_WEARER_TRIES_NS = 1_000_000
 
 
 class NoMarker:
@@ -82,6 +83,7 @@ def _on_kernel(spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
         clock,
         NoMarker(),
         close,
+        host_clock=clock,
         facts=this_machine.facts(),
         identity=this_machine.identity(),
         set_up_realtime=set_up_realtime,
@@ -106,7 +108,11 @@ def open_linux_safe(board: BoardFile) -> tuple[Backend, tuple[str, ...]]:
         if opened is not None:
             opened.close()
 
-    return Backend("linux", spi, gpio, None, LinuxClock(), NoMarker(), close), problems
+    clock = LinuxClock()
+    return (
+        Backend("linux", spi, gpio, None, clock, NoMarker(), close, host_clock=clock),
+        problems,
+    )
 
 
 def open_fake(
@@ -118,6 +124,7 @@ def open_fake(
     board_socket: Path | None = None,
     stepped: bool = False,
     sensors: Sequence[SensorUnderArray] = (),
+    timeout_factor: int = 1,
 ) -> Backend:
     """A fake board with a fingertip on it, in this process or behind a board process's socket.
 
@@ -125,6 +132,8 @@ def open_fake(
     it feels (`Backend.modelled`). Without, and in a board process, it only conducts.
     `stepped` time passes only by being spent or slept, in one thread and without sockets;
     otherwise it follows the real clock. A board process writes its own trace.
+    `timeout_factor` lengthens a frame's ttl, the lease and the gateway's silence, for a machine
+    that is too busy to keep them.
     `sensors` under the array feel the fingertip press; a board process has those that it was
     started with.
     Raises: BusError (`absent` without a board process, `busy` while another client has it).
@@ -135,9 +144,11 @@ def open_fake(
     if board_socket is not None:
         if stepped or trace is not None:
             raise ValueError("a board process has live time and its own trace")
-        return _open_board_process(board, board_socket, LiveClock(LinuxClock()))
-    clock = SteppedClock() if stepped else LiveClock(LinuxClock())
-    return _open_in_process(board, electrodes, places_mm, trace, clock, sensors)
+        backend = _open_board_process(board, board_socket, LiveClock(LinuxClock()))
+    else:
+        clock = SteppedClock() if stepped else LiveClock(LinuxClock())
+        backend = _open_in_process(board, electrodes, places_mm, trace, clock, sensors)
+    return dataclasses.replace(backend, timeout_factor=timeout_factor)
 
 
 def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
@@ -241,13 +252,8 @@ def _on_fake(
     """The thread that drives a fake board is scheduled by the machine's own kernel."""
     return Backend(
         "fake",
-        ports.spi,
-        ports.gpio,
-        ports.i2c,
-        clock,
-        ports.marker,
-        close,
-        clock.lag_ns,
+        *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close),
+        host_clock=clock.host,
         set_up_realtime=set_up_realtime,
         set_up_urgent_thread=set_up_urgent_thread,
     )

@@ -163,7 +163,9 @@ Ends = tuple[Channel[ToGateway], Channel[ToGateway]]
 def _armed(
     clock: FreeClock, spi: FreeSpi, stabilize: Settings
 ) -> tuple[Engine, Ends, tuple[Channel[ToEngine] | Channel[NewFrame] | Channel[ToGateway], ...]]:
-    backend = Backend("fake", spi, FreeGpio(), None, clock, NoMarker(), lambda: None)
+    backend = Backend(
+        "fake", *(spi, FreeGpio(), None, clock, NoMarker(), lambda: None), host_clock=clock
+    )
     engine = Engine(loaded_with(_REST_US, stabilize=stabilize), backend)
     engine.begin()
     first, second = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))

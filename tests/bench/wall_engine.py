@@ -80,12 +80,8 @@ def main() -> int:
     clock = WallClock()
     backend = Backend(
         "fake",
-        WallSpi(clock),
-        FreeGpio(),
-        None,
-        clock,
-        NoMarker(),
-        lambda: None,
+        *(WallSpi(clock), FreeGpio(), None, clock, NoMarker(), lambda: None),
+        host_clock=clock,
         set_up_realtime=set_up_realtime,
         set_up_urgent_thread=set_up_urgent_thread,
     )

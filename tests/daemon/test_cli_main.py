@@ -190,6 +190,27 @@ def test_real_buses_are_not_recorded(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "real buses cannot be recorded" in capsys.readouterr().err
 
 
+def test_nothing_lengthens_a_timeout_on_a_real_board(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shipped = Path(cli.__file__).parents[3] / "config" / "etd.toml"
+    config = tmp_path / "etd.toml"
+    config.write_text(shipped.read_text(encoding="utf-8"), encoding="utf-8")
+    for part in ([], ["--part", "engine"], ["--part", "gateway"]):
+        assert cli.main(["run", "--config", str(config), "--timeout-factor", "1", *part]) == 1
+        assert "nothing lengthens a timeout" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("factor", ["0", "101", "-1", "1.5", "x", ""])
+def test_a_timeout_factor_is_a_whole_number_within_bounds(
+    factor: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", "--board", "fake", "--timeout-factor", factor])
+    assert ended.value.code == 2
+    assert "not a whole number from 1 to 100" in capsys.readouterr().err
+
+
 IMPORTED_BY_SAFE = """
 import json, sys
 from etd.cli import main

@@ -74,7 +74,11 @@ def test_a_test_presses_and_puts_volts_and_takes_its_hand_away() -> None:
     body = fingertip_body(BOARD, 4)
     fake = FakeBoard(BOARD, clock, body, electrodes=range(4), sensors=SENSORS)
     ports = fake.request(line_setup(BOARD), spi_setup(BOARD))
-    backend = Backend("fake", ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close)
+    backend = Backend(
+        "fake",
+        *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close),
+        host_clock=clock,
+    )
     fake.world.press_array(150.0)
     fake.world.set_sensor_v(0x49, 2, 3.0)
     assert read_kpa(backend, SENSORS[0]) == pytest.approx(150.0, abs=0.1)

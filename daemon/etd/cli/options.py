@@ -13,6 +13,9 @@ from typing import NamedTuple
 
 from etd.places import DEFAULT_NAME
 
+#: A frame on the fake is felt for at most 100 s after its client has died.
+MAX_TIMEOUT_FACTOR = 100
+
 
 def add_name(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -57,6 +60,15 @@ def positive(text: str) -> float:
     if not 0 < value < 1e9:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
     return value
+
+
+def timeout_factor(text: str) -> int:
+    """A whole number from 1 to MAX_TIMEOUT_FACTOR. Raises: ArgumentTypeError."""
+    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= MAX_TIMEOUT_FACTOR:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a whole number from 1 to {MAX_TIMEOUT_FACTOR}"
+        )
+    return int(text)
 
 
 def returns(text: str) -> str | dict[str, float]:

@@ -20,6 +20,8 @@ from etd.errors import DaemonGone, PartEnded, Refused
 from etd.places import prepare_runtime
 
 _ENDINGS = (signal.SIGTERM, signal.SIGHUP)
+#: Its skin is nobody's, and what is shown on it is to go on where the machine is busy.
+_TIMEOUT_FACTOR = 20
 
 
 @contextmanager
@@ -76,4 +78,5 @@ def _arguments(name: str, loaded: LoadedConfig, folder: Path, trace: Path | None
     config = loaded.config
     arguments = ["--name", name, "--folder", str(folder)]
     arguments += ["--board", f"fake:{config.board}", "--array", config.array]
+    arguments += ["--timeout-factor", str(_TIMEOUT_FACTOR)]
     return arguments if trace is None else [*arguments, "--trace", str(trace)]

@@ -70,6 +70,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--board-socket", type=Path, metavar="PATH", help="use the fake board process at PATH"
     )
+    parser.add_argument(
+        "--timeout-factor",
+        type=options.timeout_factor,
+        metavar="N",
+        help="on the fake, for a busy machine: a frame's ttl, the lease and the gateway's silence"
+        " last N times as long; `etd status` says so",
+    )
     parser.add_argument("--part", choices=PARTS, help="run one part in the foreground")
     parser.add_argument(
         "--folder", type=Path, metavar="DIR", help="keep sockets and calibrations in DIR"
@@ -133,6 +140,13 @@ def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
             "real buses cannot be recorded or replaced",
             "leave it out, or run with --board fake",
         )
+    if loaded.config.backend == "linux" and args.timeout_factor is not None:
+        raise FileError(
+            "--timeout-factor",
+            "",
+            "with a real board nothing lengthens a timeout",
+            "leave it out, or run with --board fake",
+        )
 
 
 # --- both parts ------------------------------------------------------------------------------
@@ -168,7 +182,7 @@ def _arguments(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> 
     arguments += ["--selftest", str(_selftest_file(args, loaded))]
     if args.board is not None:
         arguments += ["--board", f"fake:{args.board.board or ''}"]
-    for key in ("config", "array", "trace", "board_socket"):
+    for key in ("config", "array", "trace", "board_socket", "timeout_factor"):
         value = getattr(args, key)
         if value is not None:
             arguments += [f"--{key.replace('_', '-')}", str(value)]
@@ -265,6 +279,7 @@ def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
         trace=args.trace,
         board_socket=args.board_socket,
         sensors=loaded.array.pressure,
+        timeout_factor=args.timeout_factor or 1,
     )
 
 

@@ -59,6 +59,8 @@ def _lines(name: str, report: StateReport, facts: HelloReply | None) -> list[str
         *(("not granted", sentence) for sentence in report.not_granted),
         ("busy", f"{report.busy_percent:.0f} %"),
     ]
+    if report.timeout_factor != 1:
+        rows.append(("timeouts", f"{report.timeout_factor} times as long as on a real board"))
     if report.arming_refused:
         rows.append(("arm is refused", report.arming_refused))
     if report.last_disarm:

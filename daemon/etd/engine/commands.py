@@ -30,10 +30,12 @@ from etd.link import (
 _AHEAD_NS = 100_000_000
 
 
-def obey(core: Core, command: ToEngine, now_ns: int) -> None:
-    """Carry out one command and answer it, unless its answer comes later (arm, measure)."""
+def obey(core: Core, command: ToEngine, host_ns: int) -> None:
+    """Carry out one command and answer it, unless its answer comes later (arm, measure).
+    `host_ns`: on the machine's clock, which the lease counts on.
+    """
     try:
-        answer = _done(core, command, now_ns)
+        answer = _done(core, command, host_ns)
     except Refused as refusal:
         answer = Answer.refusing(command.ref, refusal)
     except (BusError, BoardFault, GuardRefusal) as fault:
@@ -43,7 +45,7 @@ def obey(core: Core, command: ToEngine, now_ns: int) -> None:
         core.answer(answer)
 
 
-def _done(core: Core, command: ToEngine, now_ns: int) -> Answer | None:
+def _done(core: Core, command: ToEngine, host_ns: int) -> Answer | None:
     """Raises: Refused."""
     match command:
         case Alive():
@@ -51,9 +53,9 @@ def _done(core: Core, command: ToEngine, now_ns: int) -> Answer | None:
         case StopNow(who=who):
             core.halt("stop", who, "asked to stop")
         case OpenLease():
-            _open(core, command, now_ns)
+            _open(core, command, host_ns)
         case KeepLease(lease=token):
-            check_holder(core.lease, token).renew(now_ns)
+            check_holder(core.lease, token).renew(host_ns)
         case CloseLease(lease=token):
             check_holder(core.lease, token)
             core.end_lease("closed")
@@ -71,11 +73,11 @@ def _done(core: Core, command: ToEngine, now_ns: int) -> Answer | None:
             core.clear()
         case SetMark(lease=token):
             check_holder(core.lease, token)
-            return _mark(core, command, now_ns)
+            return _mark(core, command)
     return Answer(ref=command.ref)
 
 
-def _open(core: Core, command: OpenLease, now_ns: int) -> None:
+def _open(core: Core, command: OpenLease, host_ns: int) -> None:
     if core.lease is not None:
         raise Refused("other_lease", f"the lease is held by {core.lease.client!r}")
     core.states.need("SAFE")
@@ -92,42 +94,45 @@ def _open(core: Core, command: OpenLease, now_ns: int) -> None:
         person = limits_of_numbers(command.limits, core.maxima, loaded.array.count)
     else:
         raise Refused("limits_missing", "open with a calibration or with limits")
-    lease = Lease(command.lease, command.client, person, 0)
-    lease.renew(now_ns)
+    lease = Lease(command.lease, command.client, person, core.timeouts.lease_ns)
+    lease.renew(host_ns)
     core.begin_lease(lease)
 
 
-def _mark(core: Core, command: SetMark, now_ns: int) -> Answer:
+def _mark(core: Core, command: SetMark) -> Answer:
+    """At a time of the board's clock, as all that happens on the board."""
+    now_ns = core.clock.now_ns()
     core.marker.mark("mark", -1, command.tag)
     return Answer(ref=command.ref, marked_ns=now_ns, sync=core.board.sync())
 
 
-def take_frame(core: Core, message: NewFrame, now_ns: int, came_ns: int) -> None:
+def take_frame(core: Core, message: NewFrame, host_ns: int, came_host_ns: int) -> None:
     """Plan a frame, and show it from the next scan on; or say why not.
 
-    `came_ns`: the earliest that it may have come; the age of a frame without `sent_ns` counts
-    from there.
+    Its age counts on the machine's clock, where it is `host_ns` now. `came_host_ns`: the earliest
+    that it may have come; the age of a frame without `sent_ns` counts from there.
     """
     frame = message.frame
     try:
         lease = check_holder(core.lease, frame.lease)
         check_seq(lease, frame.seq)
         core.states.need("ARMED")
-        begun_ns = _age_from(frame.sent_ns, now_ns, came_ns)
-        expires_ns = begun_ns + frame.ttl_ms * 1_000_000
-        if now_ns >= expires_ns:
+        begun_host_ns = _age_from(frame.sent_ns, host_ns, came_host_ns)
+        ttl_ns = core.timeouts.ttl_ns(frame.ttl_ms)
+        if host_ns >= begun_host_ns + ttl_ns:
             how = "sent" if frame.sent_ns is not None else "not seen in a stall, perhaps sent"
             raise Refused(
                 "expired",
-                f"{how} {(now_ns - begun_ns) // 1_000_000} ms ago, its ttl is {frame.ttl_ms} ms",
+                f"{how} {(host_ns - begun_host_ns) // 1_000_000} ms ago, its ttl is"
+                f" {ttl_ns // 1_000_000} ms",
             )
         plan = core.planner.plan(frame, core.sharing.when_looked())
     except Refused as refusal:
-        _tell_refusal(core, message, refusal, now_ns)
+        _tell_refusal(core, message, refusal)
         return
     lease.last_seq = frame.seq
-    lease.renew(now_ns)
-    core.scanner.show(plan, expires_ns, now_ns)
+    lease.renew(host_ns)
+    core.scanner.show(plan, begun_host_ns + ttl_ns)
     if message.ref:
         core.answer(
             Answer(
@@ -136,22 +141,22 @@ def take_frame(core: Core, message: NewFrame, now_ns: int, came_ns: int) -> None
         )
 
 
-def _age_from(sent_ns: int | None, now_ns: int, came_ns: int) -> int:
+def _age_from(sent_ns: int | None, host_ns: int, came_host_ns: int) -> int:
     """When the frame's time began to count. Raises: Refused (`bad_frame`)."""
     if sent_ns is None:
-        return came_ns
-    if sent_ns > now_ns + _AHEAD_NS:
+        return came_host_ns
+    if sent_ns > host_ns + _AHEAD_NS:
         raise Refused(
             "bad_frame",
-            f"sent_ns lies {(sent_ns - now_ns) // 1_000_000} ms ahead: it counts on the clock of"
+            f"sent_ns lies {(sent_ns - host_ns) // 1_000_000} ms ahead: it counts on the clock of"
             " now_ns in every reply (CLOCK_MONOTONIC)",
         )
-    return min(sent_ns, now_ns)
+    return min(sent_ns, host_ns)
 
 
-def _tell_refusal(core: Core, message: NewFrame, refusal: Refused, now_ns: int) -> None:
+def _tell_refusal(core: Core, message: NewFrame, refusal: Refused) -> None:
     if message.ref:
         core.reporter.counters["frames_refused"] += 1
         core.answer(Answer.refusing(message.ref, refusal))
     else:
-        core.reporter.refused(message.frame, refusal, now_ns)
+        core.reporter.refused(message.frame, refusal, core.clock.now_ns())

@@ -285,6 +285,11 @@ class Core(Parts):
         self._told_ns = now_ns
         self.reporter.state(self.state_report(now_ns))
 
+    def _lag_ns(self) -> int:
+        """How far the board's clock is behind the machine's, which is read first."""
+        host_ns = self.host_clock.now_ns()
+        return max(0, host_ns - self.clock.now_ns())
+
     def state_report(self, now_ns: int) -> StateReport:
         """What `status` shows."""
         timing = self.board.timing
@@ -301,7 +306,8 @@ class Core(Parts):
             not_granted=(*self.not_granted, *self.limitations),
             counters=dict(self.reporter.counters),
             busy_percent=round(self.clock.busy_percent, 1),
-            clock_lag_us=self.backend.lag_ns() // 1_000,
+            clock_lag_us=self._lag_ns() // 1_000,
+            timeout_factor=self.timeouts.factor,
             timing={
                 "word_us": round(timing.word_us, 3),
                 "delay_extra_us": round(timing.delay_extra_us, 3),

@@ -10,26 +10,27 @@ from collections.abc import Iterator
 
 import msgspec
 
-from etd.link import SILENCE_NS, Answer, Channel, Greeting, LeaseEnded, NewFrame, Report, ToEngine
+from etd.link import Answer, Channel, Greeting, LeaseEnded, NewFrame, Report, ToEngine
 
 
 class Dialogue:
     """With the gateway that is attached, if one is."""
 
-    def __init__(self) -> None:
+    def __init__(self, silence_ns: int) -> None:
+        self._silence_ns = silence_ns
         self._commands: Channel[ToEngine] | None = None
         self._frames: Channel[NewFrame] | None = None
-        self._heard_ns = 0
+        self._heard_host_ns = 0
         self._nonsense = ""
 
     @property
     def is_attached(self) -> bool:
         return self._commands is not None
 
-    def attach(self, commands: Channel[ToEngine], frames: Channel[NewFrame], now_ns: int) -> None:
+    def attach(self, commands: Channel[ToEngine], frames: Channel[NewFrame], host_ns: int) -> None:
         """A gateway has connected."""
         self._commands, self._frames = commands, frames
-        self._heard_ns = now_ns
+        self._heard_host_ns = host_ns
         self._nonsense = ""
 
     def hang_up(self) -> None:
@@ -47,12 +48,12 @@ class Dialogue:
             return f"the gateway spoke nonsense ({self._nonsense})"
         return None if self._commands.is_open else "the gateway is gone"
 
-    def is_silent(self, now_ns: int) -> bool:
-        """Nothing for SILENCE_NS, although it says something every ALIVE_NS."""
-        return self.is_attached and now_ns - self._heard_ns > SILENCE_NS
+    def is_silent(self, host_ns: int) -> bool:
+        """Nothing for `silence_ns`, although it says something every ALIVE_NS."""
+        return self.is_attached and host_ns - self._heard_host_ns > self._silence_ns
 
-    def commands(self, now_ns: int) -> Iterator[ToEngine]:
-        """All that lie there now; each counts as heard at `now_ns`."""
+    def commands(self, host_ns: int) -> Iterator[ToEngine]:
+        """All that lie there now; each counts as heard at `host_ns`."""
         while self._commands is not None:
             try:
                 command = self._commands.receive()
@@ -61,7 +62,7 @@ class Dialogue:
                 return
             if command is None:
                 return
-            self._heard_ns = now_ns
+            self._heard_host_ns = host_ns
             yield command
 
     def frames(self) -> Iterator[NewFrame]:

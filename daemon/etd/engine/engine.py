@@ -55,19 +55,18 @@ class Engine(Core):
         self._feed_watchdog = feed_watchdog
         self._beaten_ns = 0
         self._wearer_stop_was_open = False
-        self._looked_ns = self.clock.now_ns()
+        self._looked_host_ns = self.host_clock.now_ns()
         #: After a stall: since when nobody has looked at what lies in the queue of frames.
-        self._unseen_since_ns: int | None = None
+        self._unseen_since_host_ns: int | None = None
         self._may_plan_ns = 0
 
     def attach(self, commands_: Channel[ToEngine], frames: Channel[NewFrame]) -> None:
         """A gateway has connected."""
-        now_ns = self.clock.now_ns()
-        self._dialogue.attach(commands_, frames, now_ns)
+        self._dialogue.attach(commands_, frames, self.host_clock.now_ns())
         self._dialogue.send(
             greeting(self.loaded, self.maxima, self.board.switch.states, self.backend.name)
         )
-        self._tell_state(now_ns)
+        self._tell_state(self.clock.now_ns())
 
     @property
     def has_gateway(self) -> bool:
@@ -94,7 +93,7 @@ class Engine(Core):
             return
         if now_ns < standing.next_ns:
             self.opening.rise(now_ns)
-            self._wait_for(min(standing.next_ns, standing.expires_ns), now_ns + TICK_NS)
+            self._wait_for(standing.next_ns, now_ns + TICK_NS)
             return
         if self._visitor.firing.has_drifted:
             self._calibrate_again()
@@ -132,36 +131,38 @@ class Engine(Core):
         return None
 
     def _watch(self, now_ns: int) -> None:
-        if now_ns - self._looked_ns > _STALL_NS:
-            self._unseen_since_ns = self._looked_ns
-        self._looked_ns = now_ns
+        # What another process said holds for a time of the clock that it reads too.
+        host_ns = self.host_clock.now_ns()
+        if host_ns - self._looked_host_ns > _STALL_NS:
+            self._unseen_since_host_ns = self._looked_host_ns
+        self._looked_host_ns = host_ns
         # Before anything is read: what lies in a queue must not renew what has lapsed.
-        if self.lease is not None and self.lease.has_lapsed(now_ns):
+        if self.lease is not None and self.lease.has_lapsed(host_ns):
             self.end_lease("lapsed")
-        self.scanner.expire(now_ns)
+        self.scanner.expire(host_ns)
         if self.scanner.standing is None:
             # Before a frame is taken: what lies between two frames is not counted as standing.
             self.opening.hold()
-        self._watch_gateway(now_ns)
+        self._watch_gateway(host_ns)
         self._watch_stops()
         self._watch_rail(now_ns)
-        self._obey(now_ns)
+        self._obey(host_ns)
         self._beat(now_ns)
         if now_ns - self._told_ns >= STATE_PERIOD_NS:
             self._tell_state(now_ns)
         if self.backend.modelled is not None:
             self.reporter.modelled(self.backend.modelled, now_ns)
-        self._feed_watchdog(now_ns)
+        self._feed_watchdog(host_ns)
 
-    def _watch_gateway(self, now_ns: int) -> None:
+    def _watch_gateway(self, host_ns: int) -> None:
         why = self._dialogue.why_lost()
         if why is not None:
             self._dialogue.hang_up()
             self.end_lease(why)
-        elif self._dialogue.is_silent(now_ns) and self.lease is not None:
+        elif self._dialogue.is_silent(host_ns) and self.lease is not None:
             # What it said just before a stall of ours still lies in the queue.
-            self._obey(now_ns)
-            if self._dialogue.is_silent(now_ns):
+            self._obey(host_ns)
+            if self._dialogue.is_silent(host_ns):
                 self.end_lease("the gateway is silent")
 
     def _watch_stops(self) -> None:
@@ -193,9 +194,9 @@ class Engine(Core):
         elif not monitor.low_v <= rail_v <= monitor.high_v:
             self.halt("fault", "rail", f"{rail_v:.0f} V, not {monitor.low_v} to {monitor.high_v} V")
 
-    def _obey(self, now_ns: int) -> None:
-        for command in islice(self._dialogue.commands(now_ns), _COMMANDS_A_LOOK):
-            commands.obey(self, command, now_ns)
+    def _obey(self, host_ns: int) -> None:
+        for command in islice(self._dialogue.commands(host_ns), _COMMANDS_A_LOOK):
+            commands.obey(self, command, host_ns)
 
     def _take_frames(self) -> None:
         """All that lie there now. Planning takes time that the heartbeat cannot spare, so of those
@@ -205,11 +206,12 @@ class Engine(Core):
         newest = max((one.frame.seq for one in lying if not one.ref), default=-1)
         for message in lying:
             if message.ref or message.frame.seq == newest:
-                now_ns = self.clock.now_ns()
-                commands.take_frame(self, message, now_ns, self._unseen_since_ns or now_ns)
+                host_ns = self.host_clock.now_ns()
+                came_host_ns = self._unseen_since_host_ns or host_ns
+                commands.take_frame(self, message, host_ns, came_host_ns)
             else:
                 self.reporter.superseded()
-        self._unseen_since_ns = None
+        self._unseen_since_host_ns = None
 
     def _take_frames_within(self) -> None:
         """While a scan is under way, so that a fall need not wait for its end."""

@@ -1,4 +1,4 @@
-"""The one lease, on the engine's clock.
+"""The one lease, on the machine's clock.
 
 Owns: who holds it, until when, and the rising seq of its frames. Must not know: sockets, what the
 holder wants. Time comes in.
@@ -10,9 +10,6 @@ from dataclasses import dataclass
 
 from etd.engine.limits import PersonLimits
 from etd.errors import Refused
-from etd.protocol import LEASE_MS
-
-LEASE_NS = LEASE_MS * 1_000_000
 
 
 @dataclass(slots=True)
@@ -22,15 +19,17 @@ class Lease:
     token: str
     client: str
     person: PersonLimits
-    lapses_ns: int
+    #: After the last renewal it stands for so long.
+    lasts_ns: int
+    lapses_host_ns: int = 0
     last_seq: int = -1
 
-    def renew(self, now_ns: int) -> None:
+    def renew(self, host_ns: int) -> None:
         """An accepted frame, or `keep`."""
-        self.lapses_ns = now_ns + LEASE_NS
+        self.lapses_host_ns = host_ns + self.lasts_ns
 
-    def has_lapsed(self, now_ns: int) -> bool:
-        return now_ns >= self.lapses_ns
+    def has_lapsed(self, host_ns: int) -> bool:
+        return host_ns >= self.lapses_host_ns
 
 
 def check_holder(lease: Lease | None, token: str) -> Lease:

@@ -21,6 +21,7 @@ from etd.engine.scan import Scanner
 from etd.engine.sensors import PressureSensors, RailSensor
 from etd.engine.sharing import Sharing
 from etd.engine.stopper import Stopper
+from etd.engine.timeouts import Timeouts
 from etd.engine.visits import Tools, Visitor
 from etd.ledger import Bounds, Ledger
 from etd.maxima import maxima_of
@@ -40,14 +41,18 @@ class Parts:
         self.loaded = loaded
         self.backend = backend
         self.marker = backend.marker
+        #: The board's, with which all is timed that happens on it.
         self.clock = BusyClock(backend.clock)
+        #: The machine's, on which ttl, lease and the gateway's silence count.
+        self.host_clock = backend.host_clock
+        self.timeouts = Timeouts(backend.timeout_factor)
         self.board = Board(loaded.board, loaded.machine, backend.spi, backend.gpio, self.clock)
         self.stopper = Stopper(self.board, backend.clock)
         self.rail = RailSensor(loaded.board, backend.i2c, backend.clock)
         self.pressure = PressureSensors(loaded.array, backend.i2c, backend.clock)
-        self._dialogue = Dialogue()
+        self._dialogue = Dialogue(self.timeouts.silence_ns)
         self.reporter = Reporter(electrodes, self._dialogue.send, self.pressure.told)
-        self.scanner = Scanner(self.board, self.clock, self.marker, self.reporter)
+        self.scanner = Scanner(self.board, self.clock, self.host_clock, self.marker, self.reporter)
         # What bounds a pulse.
         self.maxima = maxima_of(loaded.board, loaded.body_site)
         ledger = Ledger(electrodes, Bounds.of(self.maxima))

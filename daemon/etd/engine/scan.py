@@ -15,7 +15,7 @@ from etd.engine.standing import Standing, Turn
 from etd.engine.visit import Visit
 from etd.engine.visits import Visitor
 from etd_hal.board import Board
-from etd_hal.ports import Marker
+from etd_hal.ports import Clock, Marker
 
 #: A look with half-bridges takes less. Where relays move, one may make the next scan late.
 _LOOK_TAKES_NS = 1_000_000
@@ -26,9 +26,18 @@ _LOOK_NS = 2_000_000
 class Scanner:
     """Shows the standing frame."""
 
-    def __init__(self, board: Board, clock: BusyClock, marker: Marker, reporter: Reporter) -> None:
+    def __init__(
+        self,
+        board: Board,
+        clock: BusyClock,
+        host_clock: Clock,
+        marker: Marker,
+        reporter: Reporter,
+    ) -> None:
+        """Frames expire on `host_clock`; all else is timed with the board's `clock`."""
         self._board = board
         self._clock = clock
+        self._host_clock = host_clock
         self._marker = marker
         self._reporter = reporter
         self.standing: Standing | None = None
@@ -39,14 +48,14 @@ class Scanner:
         self.probes: Sequence[Visit] = ()
         self._is_rewritten = False
 
-    def show(self, plan: Plan, expires_ns: int, now_ns: int) -> None:
+    def show(self, plan: Plan, expires_host_ns: int) -> None:
         """From the next start of a scan on, which is at once when no frame stands; what it lowers
         falls at once.
         """
         if self._is_under_way:
             if self._coming is not None:
                 self._reporter.superseded()
-            self._coming = plan, expires_ns
+            self._coming = plan, expires_host_ns
             if self.standing is not None:
                 self.standing.lower(plan)
             return
@@ -54,7 +63,7 @@ class Scanner:
         if before is not None and not before.is_begun:
             self._reporter.superseded()
         self._let_go()
-        self.standing = Standing(plan, expires_ns, now_ns, before)
+        self.standing = Standing(plan, expires_host_ns, self._clock.now_ns(), before)
 
     def silence(self) -> None:
         """No frame stands any more, and none comes."""
@@ -66,17 +75,17 @@ class Scanner:
             self._reporter.frame_ended()
         self.standing = None
 
-    def expire(self, now_ns: int) -> None:
+    def expire(self, host_ns: int) -> None:
         """Let go of a frame whose time is over."""
-        if self._coming is not None and now_ns >= self._coming[1]:
-            self._reporter.never_shown(self._coming[0].frame, now_ns)
+        if self._coming is not None and host_ns >= self._coming[1]:
+            self._reporter.never_shown(self._coming[0].frame, self._clock.now_ns())
             self._coming = None
         standing = self.standing
         if standing is None:
             return
-        has_expired = standing.has_expired(now_ns)
+        has_expired = standing.has_expired(host_ns)
         if has_expired and not standing.is_begun:
-            self._reporter.never_shown(standing.plan.frame, now_ns)
+            self._reporter.never_shown(standing.plan.frame, self._clock.now_ns())
         if has_expired or standing.has_had_its_pulses:
             self._let_go()
 
@@ -102,7 +111,7 @@ class Scanner:
             self._is_under_way = False
         coming, self._coming = self._coming, None
         if coming is not None:
-            self.show(*coming, self._clock.now_ns())
+            self.show(*coming)
 
     def _scan(
         self,
@@ -164,10 +173,9 @@ class Scanner:
         """Asked when all is connected. Where that takes milliseconds, everything is looked at
         again; where it is done in one call, the frame's time is enough.
         """
-        now_ns = self._clock.now_ns()
-        if self._board.switch.can_choose_returns and may_fire(now_ns) is None:
+        if self._board.switch.can_choose_returns and may_fire(self._clock.now_ns()) is None:
             return False
-        return self.standing is standing and not standing.has_expired(now_ns)
+        return self.standing is standing and not standing.has_expired(self._host_clock.now_ns())
 
     def _begin(self, standing: Standing) -> None:
         now_ns = self._clock.now_ns()

@@ -30,11 +30,13 @@ class Standing:
     """A plan on show, until it expires or has had its pulses."""
 
     def __init__(
-        self, plan: Plan, expires_ns: int, now_ns: int, before: Standing | None = None
+        self, plan: Plan, expires_host_ns: int, now_ns: int, before: Standing | None = None
     ) -> None:
-        """`before`: the one whose place it takes, if one stands. Rates go on across the two."""
+        """`before`: the one whose place it takes, if one stands. Rates go on across the two.
+        It expires on the machine's clock; all else here counts on the board's.
+        """
         self.plan = plan
-        self.expires_ns = expires_ns
+        self.expires_host_ns = expires_host_ns
         self.is_begun = False
         #: What is left of each visit for the rest of the scan under way.
         self._left_of: list[Visit | None] = list(plan.visits)
@@ -86,8 +88,8 @@ class Standing:
         self.next_ns = now_ns + (self.plan.period_ns if late_ns > self.plan.period_ns else 0)
         return True
 
-    def has_expired(self, now_ns: int) -> bool:
-        return now_ns >= self.expires_ns
+    def has_expired(self, host_ns: int) -> bool:
+        return host_ns >= self.expires_host_ns
 
     @property
     def has_had_its_pulses(self) -> bool:

@@ -16,11 +16,8 @@ from etd_hal.ports import Clock
 #: An arbitrary start well above zero, so that a forgotten "0 means never" shows.
 START_NS = 1_000_000_000
 
-#: A sleeper that wakes later than this has been stalled: the lag is given up.
-_GIVE_UP_ASLEEP_NS = 10_000_000
-#: The same for a thread that is awake. It is longer, so that a processor that was taken away for
-#: a moment beside a message does not look like a message that took too long.
-_GIVE_UP_AWAKE_NS = 100_000_000
+#: A lag up to this is made up for by shorter waits; a longer one stays.
+_MADE_UP_NS = 10_000_000
 
 
 class BoardClock(Protocol):
@@ -32,8 +29,9 @@ class BoardClock(Protocol):
 
     def doze_until_ns(self, deadline_ns: int) -> None: ...
 
-    def lag_ns(self) -> int:
-        """How far it is behind the real clock."""
+    @property
+    def host(self) -> Clock:
+        """The clock of the machine that the fake runs on."""
         ...
 
     def begin_call(self) -> int:
@@ -75,9 +73,10 @@ class SteppedClock:
         """Nothing is late here."""
         self._move_to(deadline_ns)
 
-    def lag_ns(self) -> int:
-        """There is no real clock beside it."""
-        return 0
+    @property
+    def host(self) -> Clock:
+        """The same: there is no other time."""
+        return self
 
     def spend(self, duration_ns: int) -> None:
         """Let time pass, as computing does."""
@@ -110,9 +109,12 @@ class SteppedClock:
 class LiveClock:
     """Fake time beside the real one: it never runs ahead of it, and may lag.
 
-    Within a call time passes exactly as the cost model says, and the call then waits for the real
-    clock. What computing and waking late cost shows as lag, not as a longer call; the next sleep
-    takes it back. A lag beyond a bound is given up in one jump, and counted in `jumps`.
+    Only what is modelled moves it: a call by what it costs, a sleep to its deadline. Either then
+    waits for the real clock, so that both pass alike on an idle machine. What the machine takes
+    besides (computing, waking late, being stopped) is lag, and no part of any call, rest or sleep.
+    A short lag is made up for by the next waits, which are shorter; a longer one stays, and time
+    goes on from where it is. So a machine that is held up makes the fake late, and never faulty:
+    this time does not jump.
 
     Time follows the thread that plays SPI messages. Others read the same time, but their sleeps
     do not move it: a sensor's thread must not make a message look longer.
@@ -121,29 +123,32 @@ class LiveClock:
     def __init__(self, real: Clock) -> None:
         self._real = real
         self._now_ns = real.now_ns()
+        #: The lag that stays.
+        self._behind_ns = 0
         self._lock = threading.Lock()
         self._player: int | None = None
         self._asleep_until_ns: int | None = None
-        self.jumps = 0
+
+    @property
+    def host(self) -> Clock:
+        return self._real
 
     def now_ns(self) -> int:
         """While a call waits for its end, the others see time go on; never ahead of the real."""
         with self._lock:
-            self._catch_up()
-            return min(self._now_ns, self._real.now_ns())
-
-    def lag_ns(self) -> int:
-        """How far this time is behind the real one."""
-        with self._lock:
-            return max(0, self._real.now_ns() - self._now_ns)
+            paced_ns = self._real.now_ns() - self._behind_ns
+            until_ns = self._asleep_until_ns
+            if until_ns is not None:
+                # While its player sleeps, time goes on as the real one does.
+                self._now_ns = max(self._now_ns, min(paced_ns, until_ns))
+            return min(self._now_ns, paced_ns)
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        if self._player is None or self._player == threading.get_ident():
+        if self._is_player():
             self._sleep_as_player(deadline_ns)
             return
-        self._real.sleep_until_ns(deadline_ns)
-        while (now_ns := self.now_ns()) < deadline_ns:
-            self._real.sleep_until_ns(self._real.now_ns() + deadline_ns - now_ns)
+        while (left_ns := deadline_ns - self.now_ns()) > 0:
+            self._real.sleep_until_ns(self._real.now_ns() + left_ns)
 
     def doze_until_ns(self, deadline_ns: int) -> None:
         """Time that is played lags behind: only the exact sleep catches up with it."""
@@ -159,30 +164,29 @@ class LiveClock:
     def end_call(self, end_ns: int) -> None:
         with self._lock:
             self._now_ns = max(self._now_ns, end_ns)
-        self._real.sleep_until_ns(end_ns)
+        self._real.sleep_until_ns(end_ns + self._behind_ns)
+        if self._is_player():
+            self._keep_lag()
 
     def end_side_call(self, end_ns: int) -> None:
-        self._real.sleep_until_ns(end_ns)
+        self._real.sleep_until_ns(end_ns + self._behind_ns)
+
+    def _is_player(self) -> bool:
+        return self._player is None or self._player == threading.get_ident()
 
     def _sleep_as_player(self, deadline_ns: int) -> None:
         if deadline_ns <= self._now_ns:
             return
         self._asleep_until_ns = deadline_ns
-        self._real.sleep_until_ns(deadline_ns)
+        self._real.sleep_until_ns(deadline_ns + self._behind_ns)
         with self._lock:
             self._asleep_until_ns = None
             self._now_ns = max(self._now_ns, deadline_ns)
-            self._give_up_lag(_GIVE_UP_ASLEEP_NS)
+        self._keep_lag()
 
-    def _catch_up(self) -> None:
-        """While its player sleeps, time goes on as the real one does."""
-        until_ns = self._asleep_until_ns
-        if until_ns is not None:
-            self._now_ns = max(self._now_ns, min(self._real.now_ns(), until_ns))
-        self._give_up_lag(_GIVE_UP_AWAKE_NS)
-
-    def _give_up_lag(self, bound_ns: int) -> None:
-        real_ns = self._real.now_ns()
-        if real_ns - self._now_ns > bound_ns:
-            self._now_ns = real_ns
-            self.jumps += 1
+    def _keep_lag(self) -> None:
+        """Of a lag that is too long to be made up for nothing is."""
+        with self._lock:
+            lag_ns = self._real.now_ns() - self._behind_ns - self._now_ns
+            if lag_ns > _MADE_UP_NS:
+                self._behind_ns += lag_ns

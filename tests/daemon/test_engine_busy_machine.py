@@ -1,0 +1,92 @@
+"""A fake on a machine that is held up now and then, anywhere: late, and never faulty."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import engine_rig
+from engine_rig import EngineRig
+from engine_scenes import MS, halts, only, phases, thinned
+from etd.link import ArmBoard
+from etd_hal.fake.clock import SteppedClock
+from trace_decoder import parse
+from trace_rules import violations
+
+#: So that no frame expires, however long the machine is held up.
+TIMEOUT_FACTOR = 100
+MOST_STALLED_NS = 300 * MS
+#: On the machine's clock.
+PATIENCE_MS = 1_000_000
+
+
+class HeldUpClock(SteppedClock):
+    """A machine's clock: at any reading, and at the end of any sleep, it may have gone on by much.
+    Meanwhile the other threads get their turn.
+    """
+
+    def __init__(self, seed: int) -> None:
+        super().__init__()
+        self._chance = random.Random(seed)
+        self.others: Callable[[], object] = lambda: None
+
+    def now_ns(self) -> int:
+        self._stall()
+        return super().now_ns()
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        super().sleep_until_ns(deadline_ns)
+        self._stall()
+        self.others()
+
+    def _stall(self) -> None:
+        self.spend(1_000)
+        if self._chance.random() < 0.01:
+            self.spend(self._chance.randrange(MOST_STALLED_NS))
+
+
+def armed_rig(board: str, machine: HeldUpClock) -> EngineRig:
+    rig = engine_rig.make(
+        board,
+        electrodes=16,
+        machine_clock=machine,
+        wrap=lambda backend: replace(backend, timeout_factor=TIMEOUT_FACTOR),
+    )
+    machine.others = rig.engine.stopper.look
+    rig.open(1_000)
+    if rig.engine.loaded.board.guards.wearer_stop != "absent":
+        rig.try_wearer_stop()
+    assert rig.ask(ArmBoard, PATIENCE_MS).error is None
+    return rig
+
+
+@pytest.mark.parametrize("board", ["kajimoto-hv507", "reference-hv507", "feetthrough-relay"])
+@settings(max_examples=5)
+@given(seed=st.integers(0, 2**32))
+def test_it_fires_all_that_is_asked_and_nothing_is_overdue_overrun_or_too_long(
+    board: str, seed: int
+) -> None:
+    machine = HeldUpClock(seed)
+    rig = armed_rig(board, machine)
+    begun_ns = rig.engine.clock.now_ns()
+    frame = {"current_ua": only(16, e3=1_000, e9=1_000), "rate_hz": 30.0}
+    answer = rig.wait_for(rig.send(**frame, ttl_ms=1_000, pulses=20), PATIENCE_MS)
+    assert answer.error is None
+    while rig.engine.scanner.standing is not None:
+        rig.turn()
+    fired = [one.electrode for one in phases(rig, begun_ns)]
+    assert (fired.count(3), fired.count(9)) == (20, 20)
+    assert rig.state == "ARMED"
+    assert halts(rig) == []
+    assert not rig.engine.stopper.has_acted
+    assert rig.engine.reporter.counters["recalibrated"] == 0
+    assert thinned(rig) == []
+    late_ns = machine.now_ns() - rig.engine.clock.now_ns()
+    assert late_ns > MOST_STALLED_NS, "the machine was not held up"
+    assert rig.close() == ()
+    assert violations(parse(rig.sink.getvalue()), rig.engine.loaded.board.rest_us) == []

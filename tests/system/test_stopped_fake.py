@@ -1,0 +1,70 @@
+"""The engine's process stopped for seconds, on the fake: nothing is shown late, and no fault."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import trace_decoder
+import trace_rules
+from command_rig import WITHIN_S, CommandRig, command_rig
+from etd.client import Display, clock
+from etd.errors import Refused
+from etd.places import address_of
+from etd.protocol import StateReport
+from etd_hal.boardfile import load_board
+from stepped_board import BOARDS
+
+#: It has a heartbeat, a rail monitor and both stops: all that a stall could be taken for.
+BOARD = "reference-hv507"
+STOPPED_S = 5.0
+
+
+@pytest.fixture
+def rig() -> Iterator[CommandRig]:
+    with command_rig() as made:
+        yield made
+
+
+def pulses(trace: Path) -> int:
+    return trace.read_bytes().count(b'"bus": "body"')
+
+
+def wait_for(display: Display, state: str) -> StateReport:
+    deadline_ns = clock.now_ns() + int(WITHIN_S * 1e9)
+    while (report := display.status()).state != state:
+        assert clock.now_ns() < deadline_ns, f"never {state}: {report}"
+    return report
+
+
+def test_a_stopped_engine_shows_nothing_afterwards_and_can_be_armed_again(rig: CommandRig) -> None:
+    trace = rig.folder / "trace.jsonl"
+    frame = [1_000] * 16
+    options = ("--board", f"fake:{BOARD}", "--array", "grid-4x4", "--trace", str(trace))
+    with rig.daemon(*options) as daemon:
+        engine = daemon.children()["engine"]
+        address = address_of(rig.folder / "run" / "etd" / "main")
+        with Display(address=address, max_current_ua=1_000, width_us=100) as display:
+            display.arm(WITHIN_S)
+            while pulses(trace) < 100:
+                display.show_current(frame, ttl_ms=1_000)
+            os.kill(engine, signal.SIGSTOP)
+            try:
+                shown = pulses(trace)
+                clock.sleep_s(STOPPED_S)
+            finally:
+                os.kill(engine, signal.SIGCONT)
+            report = wait_for(display, "SAFE")
+            assert (report.last_disarm, report.halt) == ("lapsed", None)
+            assert report.clock_lag_us >= (STOPPED_S - 1.0) * 1e6
+            assert pulses(trace) - shown <= 1, "at most the one under way"
+            with pytest.raises(Refused):
+                display.show_current(frame)
+        with Display(address=address, max_current_ua=1_000, width_us=100) as display:
+            display.arm(WITHIN_S)
+    records = trace_decoder.read(trace)
+    assert trace_rules.violations(records, load_board(BOARDS / f"{BOARD}.toml").rest_us) == []
