@@ -4,6 +4,9 @@ Owns: charge, pulses and time with current over a sliding window of one second, 
 the time of each electrode's last pulse, and whether one more pulse fits.
 Must not know: why a pulse is wanted, hardware, clocks: time comes in.
 
+A pulse is booked before it is sent, at the most that it can come to, and corrected when it is known
+what it came to (`firing.py`). What is never corrected stays booked at its worst.
+
 Charge is in pC (uA x us), all phases counted positive. A pulse that returns through all others is
 booked to a pool at the share that one return may carry: everybody's total is its own sum plus the
 pool, less what it put into the pool itself. So a pulse costs the same work for 8 electrodes and
@@ -53,7 +56,7 @@ class Bounds:
         )
 
 
-class Entry(msgspec.Struct, frozen=True):
+class Entry(msgspec.Struct, frozen=True, gc=False):
     """One visit, or a part of it: what the electrode gets, and who carries it back.
 
     `returns` None: all others, at `share` each; otherwise each named one as if it alone did.
@@ -68,13 +71,34 @@ class Entry(msgspec.Struct, frozen=True):
     pulses: int = 1
 
 
+class _Line(msgspec.Struct, gc=False):
+    """One visit as a window has it. The electrode's own window and the array's share one."""
+
+    begun_ns: int
+    charge_pc: int
+    pooled_pc: int = 0
+    on_us: int = 0
+    pulses: int = 0
+
+
+class Booking(_Line, kw_only=True, gc=False):
+    """What is booked of one entry now; a line of the windows that can be corrected."""
+
+    entry: Entry
+    #: In the windows of named returns.
+    carried: _Line | None
+    #: Before it: when the electrode's last pulse began, and the most beside the pool.
+    before_ns: int | None
+    most_before_pc: int
+
+
 class _Window:
     """Sums of what was booked in the last second; `pooled_pc` is what of it went into the pool."""
 
-    __slots__ = ("charge_pc", "entries", "on_us", "pooled_pc", "pulses")
+    __slots__ = ("charge_pc", "lines", "on_us", "pooled_pc", "pulses")
 
     def __init__(self) -> None:
-        self.entries: deque[tuple[int, int, int, int, int]] = deque()
+        self.lines: deque[_Line] = deque()
         self.charge_pc = 0
         self.pooled_pc = 0
         self.on_us = 0
@@ -85,23 +109,28 @@ class _Window:
         """Of one electrode: what it carried, but for what the pool has of it."""
         return self.charge_pc - self.pooled_pc
 
-    def book(
-        self, now_ns: int, charge_pc: int, pooled_pc: int = 0, on_us: int = 0, pulses: int = 0
-    ) -> None:
-        self.entries.append((now_ns, charge_pc, pooled_pc, on_us, pulses))
-        self.charge_pc += charge_pc
-        self.pooled_pc += pooled_pc
-        self.on_us += on_us
-        self.pulses += pulses
+    def book(self, line: _Line) -> None:
+        self.lines.append(line)
+        self.charge_pc += line.charge_pc
+        self.pooled_pc += line.pooled_pc
+        self.on_us += line.on_us
+        self.pulses += line.pulses
+
+    def take_back(self) -> None:
+        """The line that was booked last."""
+        self._subtract(self.lines.pop())
 
     def forget(self, now_ns: int) -> None:
-        entries, oldest_ns = self.entries, now_ns - WINDOW_NS
-        while entries and entries[0][0] <= oldest_ns:
-            _, charge_pc, pooled_pc, on_us, pulses = entries.popleft()
-            self.charge_pc -= charge_pc
-            self.pooled_pc -= pooled_pc
-            self.on_us -= on_us
-            self.pulses -= pulses
+        """What began a second ago or earlier."""
+        lines, oldest_ns = self.lines, now_ns - WINDOW_NS
+        while lines and lines[0].begun_ns <= oldest_ns:
+            self._subtract(lines.popleft())
+
+    def _subtract(self, line: _Line) -> None:
+        self.charge_pc -= line.charge_pc
+        self.pooled_pc -= line.pooled_pc
+        self.on_us -= line.on_us
+        self.pulses -= line.pulses
 
 
 class Ledger:
@@ -139,8 +168,11 @@ class Ledger:
     def why_not(self, entry: Entry, now_ns: int) -> LedgerReason | None:
         """The first bound that one more pulse would pass; None if it fits."""
         bounds, own, array = self._bounds, self._own[entry.electrode], self._array
-        total_pc = self.charge_pc(entry.electrode, now_ns) + entry.charge_pc
-        if entry.pulses and now_ns < self.rested_ns(entry.electrode):
+        begun_ns = self._begun_ns[entry.electrode]
+        own.forget(now_ns)
+        array.forget(now_ns)
+        total_pc = own.charge_pc - own.pooled_pc + array.pooled_pc + entry.charge_pc
+        if entry.pulses and begun_ns is not None and now_ns < begun_ns + self._interval_ns:
             return "interval"
         if own.pulses + entry.pulses > bounds.pulses:
             return "pulses"
@@ -154,30 +186,72 @@ class Ledger:
             return "array duty"
         return None if self._returns_fit(entry, now_ns) else "return charge"
 
-    def book(self, entry: Entry, now_ns: int) -> None:
-        """What was fired."""
+    def book(self, entry: Entry, now_ns: int, worst_pc: int) -> Booking:
+        """Before it is sent: `worst_pc` is the most that it can come to, for the electrode and the
+        array, and in its share for each that carries it back.
+        """
+        electrode, returns = entry.electrode, entry.returns
+        booking = Booking(
+            now_ns,
+            worst_pc,
+            _share_pc(entry, worst_pc) if returns is None else 0,
+            entry.on_us,
+            entry.pulses,
+            entry=entry,
+            carried=None if returns is None else _Line(now_ns, worst_pc),
+            before_ns=self._begun_ns[electrode],
+            most_before_pc=self._most_beside_pool_pc,
+        )
+        own = self._own[electrode]
+        own.book(booking)
+        self._array.book(booking)
         if entry.pulses:
-            self._begun_ns[entry.electrode] = now_ns
-        self._book(entry, entry.charge_pc, now_ns, entry.on_us, entry.pulses)
+            self._begun_ns[electrode] = now_ns
+        self._keep_most(own)
+        if booking.carried is not None:
+            for one in returns or ():
+                self._own[one].book(booking.carried)
+                self._keep_most(self._own[one])
+        return booking
 
-    def book_excess(self, entry: Entry, excess_pc: int, now_ns: int) -> None:
-        """What a message that took longer than planned may have added: to all in the path."""
-        self._book(entry, excess_pc, now_ns)
+    def correct(self, booking: Booking, charge_pc: int, begun_ns: int) -> None:
+        """It began then, and came to so much in all. To be called before anything else is booked or
+        asked.
+        """
+        entry, more_pc = booking.entry, charge_pc - booking.charge_pc
+        own, array = self._own[entry.electrode], self._array
+        own.charge_pc += more_pc
+        array.charge_pc += more_pc
+        booking.begun_ns, booking.charge_pc = begun_ns, charge_pc
+        if entry.pulses:
+            self._begun_ns[entry.electrode] = begun_ns
+        # What it was booked at before does not count.
+        self._most_beside_pool_pc = booking.most_before_pc
+        if booking.carried is None:
+            more_pooled_pc = _share_pc(entry, charge_pc) - booking.pooled_pc
+            own.pooled_pc += more_pooled_pc
+            array.pooled_pc += more_pooled_pc
+            booking.pooled_pc += more_pooled_pc
+        else:
+            booking.carried.begun_ns, booking.carried.charge_pc = begun_ns, charge_pc
+            for one in entry.returns or ():
+                self._own[one].charge_pc += more_pc
+                self._keep_most(self._own[one])
+        self._keep_most(own)
 
-    def _book(
-        self, entry: Entry, charge_pc: int, now_ns: int, on_us: int = 0, pulses: int = 0
-    ) -> None:
-        """So much for the electrode and the array, and for who carries it back."""
-        pooled_pc = _share_pc(entry, charge_pc) if entry.returns is None else 0
-        own = self._own[entry.electrode]
-        own.book(now_ns, charge_pc, pooled_pc, on_us, pulses)
-        self._array.book(now_ns, charge_pc, pooled_pc, on_us, pulses)
-        most_pc = max(self._most_beside_pool_pc, own.beside_pool_pc)
-        for one in entry.returns or ():
-            carrying = self._own[one]
-            carrying.book(now_ns, charge_pc)
-            most_pc = max(most_pc, carrying.beside_pool_pc)
-        self._most_beside_pool_pc = most_pc
+    def take_back(self, booking: Booking) -> None:
+        """Nothing of it was sent. To be called before anything else is booked or asked."""
+        entry = booking.entry
+        for one in (entry.electrode, *(entry.returns or ())):
+            self._own[one].take_back()
+        self._array.take_back()
+        self._begun_ns[entry.electrode] = booking.before_ns
+        self._most_beside_pool_pc = booking.most_before_pc
+
+    def _keep_most(self, own: _Window) -> None:
+        most_pc = own.charge_pc - own.pooled_pc
+        if most_pc > self._most_beside_pool_pc:
+            self._most_beside_pool_pc = most_pc
 
     def _returns_fit(self, entry: Entry, now_ns: int) -> bool:
         if entry.returns is not None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine_parts import maxima_with
-from etd.ledger import WINDOW_NS, Bounds, Entry, Ledger
+from etd.ledger import WINDOW_NS, Booking, Bounds, Entry, Ledger
 
 NOW_NS = 9_000_000_000
 AMPLE = Bounds(
@@ -38,9 +39,14 @@ def entry(
     return Entry(electrode, charge_pc, on_us, returns, share)
 
 
+def book(ledger: Ledger, one: Entry, now_ns: int) -> Booking:
+    """At what it is planned to be."""
+    return ledger.book(one, now_ns, one.charge_pc)
+
+
 def test_a_window_is_one_second_and_what_is_older_does_not_count() -> None:
     ledger = Ledger(2, bounds(pulses=1))
-    ledger.book(entry(), NOW_NS)
+    book(ledger, entry(), NOW_NS)
     assert ledger.why_not(entry(), NOW_NS + WINDOW_NS - 1) == "pulses"
     assert ledger.why_not(entry(), NOW_NS + WINDOW_NS) is None
     assert WINDOW_NS == 1_000_000_000
@@ -61,7 +67,7 @@ def test_the_bound_that_one_more_pulse_would_pass_is_named(
 ) -> None:
     ledger = Ledger(3, limits)
     assert ledger.why_not(first, NOW_NS) is None
-    ledger.book(first, NOW_NS)
+    book(ledger, first, NOW_NS)
     assert ledger.why_not(entry(0), NOW_NS + 1) == reason
 
 
@@ -86,20 +92,20 @@ def test_what_nobody_may_get_is_what_the_second_is_held_to() -> None:
 
 def test_a_pulse_that_just_fits_is_let_through() -> None:
     ledger = Ledger(2, bounds(mean_current_ua=1, on_us=200, pulses=2, array_on_us=200))
-    ledger.book(entry(charge_pc=900_000), NOW_NS)
+    book(ledger, entry(charge_pc=900_000), NOW_NS)
     assert ledger.why_not(entry(charge_pc=100_000), NOW_NS + 1) is None
     assert ledger.why_not(entry(charge_pc=100_001), NOW_NS + 1) == "charge"
 
 
 def test_each_explicit_return_is_booked_as_if_it_alone_carried_the_current() -> None:
     ledger = Ledger(4, AMPLE)
-    ledger.book(entry(0, returns=(1, 2)), NOW_NS)
+    book(ledger, entry(0, returns=(1, 2)), NOW_NS)
     assert [ledger.charge_pc(one, NOW_NS) for one in range(4)] == [PC, PC, PC, 0]
 
 
 def test_a_return_that_has_had_its_charge_stops_the_pulse() -> None:
     ledger = Ledger(4, bounds(mean_current_ua=1))
-    ledger.book(entry(2, charge_pc=950_000, returns=(3,)), NOW_NS)
+    book(ledger, entry(2, charge_pc=950_000, returns=(3,)), NOW_NS)
     assert ledger.why_not(entry(0, returns=(1,)), NOW_NS + 1) is None
     assert ledger.why_not(entry(0, returns=(1, 2)), NOW_NS + 1) == "return charge"
     assert ledger.why_not(entry(0, returns=(3,)), NOW_NS + 1) == "return charge"
@@ -107,49 +113,85 @@ def test_a_return_that_has_had_its_charge_stops_the_pulse() -> None:
 
 def test_through_all_others_each_is_booked_its_share_and_the_source_only_its_own() -> None:
     ledger = Ledger(4, AMPLE)
-    ledger.book(entry(0, charge_pc=90, share=1 / 3), NOW_NS)
+    book(ledger, entry(0, charge_pc=90, share=1 / 3), NOW_NS)
     assert [ledger.charge_pc(one, NOW_NS) for one in range(4)] == [90, 30, 30, 30]
 
 
 def test_a_share_is_rounded_up() -> None:
     ledger = Ledger(3, AMPLE)
-    ledger.book(entry(0, charge_pc=101, share=0.5), NOW_NS)
+    book(ledger, entry(0, charge_pc=101, share=0.5), NOW_NS)
     assert ledger.charge_pc(1, NOW_NS) == 51
 
 
 def test_what_all_others_carried_stops_them_too() -> None:
     ledger = Ledger(3, bounds(mean_current_ua=1))
-    ledger.book(entry(0, charge_pc=900_000, share=1.0), NOW_NS)
+    book(ledger, entry(0, charge_pc=900_000, share=1.0), NOW_NS)
     assert ledger.why_not(entry(1, charge_pc=200_000, share=0.0), NOW_NS + 1) == "charge"
 
 
 def test_a_pulse_through_all_others_is_stopped_by_the_one_that_has_had_most() -> None:
     ledger = Ledger(3, bounds(mean_current_ua=1))
-    ledger.book(entry(2, charge_pc=900_000, share=0.0), NOW_NS)
+    book(ledger, entry(2, charge_pc=900_000, share=0.0), NOW_NS)
     assert ledger.why_not(entry(0, charge_pc=200_000, share=0.4), NOW_NS + 1) is None
     assert ledger.why_not(entry(0, charge_pc=200_000, share=0.6), NOW_NS + 1) == "return charge"
     later_ns = NOW_NS + WINDOW_NS
     assert ledger.why_not(entry(0, charge_pc=200_000, share=0.6), later_ns) is None
 
 
-def test_excess_is_charged_to_all_in_the_path_and_the_array() -> None:
+# --- booked at its worst, and corrected -----------------------------------------------------------
+
+
+def test_the_worst_is_booked_to_all_in_the_path_and_the_array_until_it_is_corrected() -> None:
     ledger = Ledger(3, bounds(array_mean_current_ua=1))
-    ledger.book_excess(entry(0, returns=(1,)), 950_000, NOW_NS)
+    booking = ledger.book(entry(0, returns=(1,)), NOW_NS, 950_000)
     assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [950_000, 950_000, 0]
+    assert ledger.why_not(entry(2), NOW_NS + 1) == "array charge"
+    ledger.correct(booking, 120_000, NOW_NS)
+    assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [120_000, 120_000, 0]
+    assert ledger.why_not(entry(2), NOW_NS + 1) is None
+    ledger.correct(booking, 900_001, NOW_NS)
+    assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [900_001, 900_001, 0]
     assert ledger.why_not(entry(2), NOW_NS + 1) == "array charge"
 
 
-def test_excess_through_all_others_is_shared_like_the_pulse() -> None:
+def test_what_goes_through_all_others_is_shared_as_it_is_corrected() -> None:
     ledger = Ledger(3, AMPLE)
-    ledger.book_excess(entry(0, share=0.5), 1_000, NOW_NS)
-    assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [1_000, 500, 500]
+    booking = ledger.book(entry(0, share=0.5), NOW_NS, 4_000)
+    assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [4_000, 2_000, 2_000]
+    ledger.correct(booking, 1_001, NOW_NS)
+    assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [1_001, 501, 501]
 
 
-def test_excess_is_no_pulse() -> None:
-    ledger = Ledger(2, AMPLE)
-    ledger.book(entry(), NOW_NS)
-    ledger.book_excess(entry(), 1_000, NOW_NS)
-    assert ledger.pulses(0, NOW_NS) == 1
+def test_a_correction_is_no_pulse_and_moves_the_time_from_which_the_next_may_come() -> None:
+    ledger = Ledger(2, bounds(interval_us=2_000))
+    booking = ledger.book(entry(), NOW_NS, 1_000)
+    ledger.correct(booking, 500, NOW_NS + 300)
+    assert ledger.pulses(0, NOW_NS + WINDOW_NS + 299) == 1
+    assert ledger.rested_ns(0) == NOW_NS + 300 + 2_000_000
+    assert ledger.pulses(0, NOW_NS + WINDOW_NS + 300) == 0
+    assert ledger.charge_pc(0, NOW_NS + WINDOW_NS + 300) == 0
+
+
+def test_a_pulse_behind_its_probe_has_the_probe_s_time_whatever_becomes_of_it() -> None:
+    ledger = Ledger(2, bounds(interval_us=2_000))
+    book(ledger, entry(), NOW_NS)
+    behind = ledger.book(msgspec.structs.replace(entry(), pulses=0), NOW_NS + 70, PC)
+    ledger.correct(behind, PC, NOW_NS + 80)
+    assert ledger.rested_ns(0) == NOW_NS + 2_000_000
+    ledger.take_back(behind)
+    assert ledger.rested_ns(0) == NOW_NS + 2_000_000
+    assert ledger.charge_pc(0, NOW_NS + 80) == PC
+
+
+def test_what_was_taken_back_was_never_there() -> None:
+    ledger = Ledger(3, bounds(interval_us=2_000, mean_current_ua=1, pulses=2))
+    book(ledger, entry(0), NOW_NS)
+    for returns in (None, (1,)):
+        ledger.take_back(ledger.book(entry(0, returns=returns), NOW_NS + 2_000_000, 900_000))
+        assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [PC, PC, PC]
+        assert ledger.pulses(0, NOW_NS) == 1
+        assert ledger.rested_ns(0) == NOW_NS + 2_000_000
+        assert ledger.why_not(entry(1, charge_pc=900_000), NOW_NS + 2_000_000) is None
 
 
 ELECTRODES = 4
@@ -187,26 +229,50 @@ def carried_pc(booked: list[tuple[int, Entry]], one: int, now_ns: int) -> int:
     return total
 
 
-@settings(max_examples=60)
-@given(st.lists(st.tuples(visits, st.integers(0, 400_000_000)), max_size=40))
-def test_no_electrode_and_no_return_ever_carries_more_than_the_bound(
-    wishes: list[tuple[Entry, int]],
+def in_path(one: int, entry_: Entry) -> bool:
+    return entry_.returns is None or one == entry_.electrode or one in entry_.returns
+
+
+#: What becomes of a booking: what it came to, None where it is not corrected; -1: taken back.
+fates = st.one_of(st.none(), st.just(-1), st.integers(0, 500_000))
+
+
+@settings(max_examples=100)
+@given(
+    st.lists(
+        st.tuples(visits, st.integers(0, 400_000_000), st.integers(0, 200_000), fates), max_size=40
+    )
+)
+def test_no_electrode_and_no_return_is_let_through_more_than_the_bound(
+    wishes: list[tuple[Entry, int, int, int | None]],
 ) -> None:
     ledger, now_ns = Ledger(ELECTRODES, bounds(mean_current_ua=1)), NOW_NS
     booked: list[tuple[int, Entry]] = []
-    for wish, gap_ns in wishes:
+
+    def charges_pc() -> list[int]:
+        return [ledger.charge_pc(one, now_ns) for one in range(ELECTRODES)]
+
+    def by_hand_pc(*more: Entry) -> list[int]:
+        lines = [*booked, *((now_ns, each) for each in more)]
+        return [carried_pc(lines, one, now_ns) for one in range(ELECTRODES)]
+
+    for wish, gap_ns, excess_pc, fate in wishes:
         now_ns += gap_ns
-        fits = [carried_pc(booked, one, now_ns) for one in range(ELECTRODES)]
-        assert [ledger.charge_pc(one, now_ns) for one in range(ELECTRODES)] == fits
-        verdict = ledger.why_not(wish, now_ns)
-        after = [
-            carried_pc([*booked, (now_ns, wish)], one, now_ns) <= 1_000_000
-            for one in range(ELECTRODES)
-        ]
-        assert (verdict is None) == all(after)
-        if verdict is None:
-            ledger.book(wish, now_ns)
-            booked.append((now_ns, wish))
+        assert charges_pc() == by_hand_pc()
+        after = [pc <= 1_000_000 for one, pc in enumerate(by_hand_pc(wish)) if in_path(one, wish)]
+        assert (ledger.why_not(wish, now_ns) is None) == all(after)
+        if not all(after):
+            continue
+        worst = msgspec.structs.replace(wish, charge_pc=wish.charge_pc + excess_pc)
+        booking = ledger.book(wish, now_ns, worst.charge_pc)
+        assert charges_pc() == by_hand_pc(worst)
+        if fate == -1:
+            ledger.take_back(booking)
+            continue
+        if fate is not None:
+            ledger.correct(booking, fate, now_ns)
+            worst = msgspec.structs.replace(wish, charge_pc=fate)
+        booked.append((now_ns, worst))
 
 
 # --- the shortest interval ------------------------------------------------------------------------
@@ -214,7 +280,7 @@ def test_no_electrode_and_no_return_ever_carries_more_than_the_bound(
 
 def test_a_pulse_too_soon_after_the_one_before_does_not_fit() -> None:
     ledger = Ledger(4, bounds(interval_us=2_000))
-    ledger.book(entry(1), NOW_NS)
+    book(ledger, entry(1), NOW_NS)
     assert ledger.rested_ns(1) == NOW_NS + 2_000_000
     assert ledger.why_not(entry(1), NOW_NS + 1_999_999) == "interval"
     assert ledger.why_not(entry(1), NOW_NS + 2_000_000) is None
@@ -222,5 +288,5 @@ def test_a_pulse_too_soon_after_the_one_before_does_not_fit() -> None:
 
 def test_the_interval_is_each_electrodes_own() -> None:
     ledger = Ledger(4, bounds(interval_us=2_000))
-    ledger.book(entry(1), NOW_NS)
+    book(ledger, entry(1), NOW_NS)
     assert ledger.why_not(entry(2), NOW_NS + 1) is None

@@ -55,7 +55,7 @@ class Parts:
         self.scanner = Scanner(self.board, self.clock, self.host_clock, self.marker, self.reporter)
         # What bounds a pulse.
         self.maxima = maxima_of(loaded.board, loaded.body_site)
-        ledger = Ledger(electrodes, Bounds.of(self.maxima))
+        self.ledger = Ledger(electrodes, Bounds.of(self.maxima))
         self.opening = Opening(self.maxima.current_ua)
         # What is known of the electrodes, and who asks by it.
         self.contact = ContactMap(electrodes, source, loaded.body_site.contact)
@@ -67,8 +67,9 @@ class Parts:
         self.asker = Asker(stabilizers, self.contact, impedance, self.pressure, self.reporter)
         self._tools = Tools(
             self.board,
+            self.clock,
             self.maxima,
-            ledger,
+            self.ledger,
             self.opening,
             self.contact,
             self.sharing,

@@ -14,7 +14,6 @@ import msgspec
 
 from etd.engine.asking import Asker
 from etd.engine.contact import ContactMap
-from etd.engine.firing import Firing, entry_of, prepulse_of
 from etd.engine.impedance import Samples
 from etd.engine.limits import last_word
 from etd.engine.looking_ahead import LookingAhead
@@ -22,11 +21,13 @@ from etd.engine.opening import Opening
 from etd.engine.reporting import FiredPulse, Reporter
 from etd.engine.sharing import Sharing
 from etd.engine.visit import Visit
+from etd.firing import Firing, ReadyPulse, prepulse_of
 from etd.ledger import Entry, Ledger
 from etd.maxima import Maxima
 from etd.protocol import Clamp
 from etd.stabilize.pipeline import Wish
 from etd_hal.board import Board, Pulse, Shot
+from etd_hal.ports import Clock
 
 
 @dataclass(slots=True)
@@ -34,6 +35,7 @@ class Tools:
     """What a visit works with, as long as the engine runs: no new lease forgets the ledger."""
 
     board: Board
+    clock: Clock
     maxima: Maxima
     ledger: Ledger
     opening: Opening
@@ -44,12 +46,9 @@ class Tools:
     ahead: LookingAhead
 
 
-class _Ready(msgspec.Struct, frozen=True):
+class _Ready(ReadyPulse, frozen=True, kw_only=True):
     """A pulse that limits and ledger let through, and the clamp to tell, if any."""
 
-    given: Wish
-    pulse: Pulse
-    entry: Entry
     clamp: Clamp | None
 
     def with_probe(self, probe: Wish) -> Entry:
@@ -64,7 +63,7 @@ class Visitor:
 
     def __init__(self, tools: Tools) -> None:
         self._tools = tools
-        self.firing = Firing(tools.board, tools.ledger)
+        self.firing = Firing(tools.board, tools.ledger, tools.clock)
 
     def visit(
         self, visit: Visit, opening_ua: int, now_ns: int, may_still: Callable[[], bool]
@@ -117,14 +116,14 @@ class Visitor:
         current_ua, _ = self._limited(probe, wish, share, opening_ua, now_ns)
         given = wish.at(current_ua)
         pulse = tools.board.pulse(current_ua, given.width_us)
-        entry = entry_of(probe, given, share)
+        entry = _entry_of(probe, given, share)
         if pulse.code == 0 or tools.ledger.why_not(entry, now_ns) is not None:
             return
         tools.board.connect(probe.selection, probe.phases[0])
         if not may_still():
             tools.board.discharge()
             return
-        shots = self.firing.fire(probe, pulse, entry, given)
+        shots = self.firing.visit(ReadyPulse(entry, probe.selection, pulse, given), probe.phases)
         self._learn(probe, pulse, *shots)
         tools.reporter.counters["looks"] += 1
 
@@ -153,7 +152,7 @@ class Visitor:
             if probe_ua:
                 tools.reporter.counters["probes_alone"] += 1
             return None
-        shots = self.firing.fire(visit, ready.pulse, ready.entry, ready.given)
+        shots = self.firing.visit(ready, visit.phases)
         probed_v = tools.ahead.probed_v(visit.electrode) if probe_ua else 0.0
         self._learn(visit, ready.pulse, *shots, probed_v)
         tools.ahead.was_followed(visit.electrode)
@@ -180,12 +179,12 @@ class Visitor:
             elif wish.current_ua > 0:
                 tools.reporter.skipped(electrode, "resolution")
             return None
-        entry = entry_of(visit, given, share, pulses)
+        entry = _entry_of(visit, given, share, pulses)
         if not self._fits(visit, entry, now_ns):
             return None
         if clamp is not None and clamp.reason == "return_cap":
             tools.sharing.want(now_ns)
-        return _Ready(given, pulse, entry, clamp)
+        return _Ready(entry, visit.selection, pulse, given, clamp=clamp)
 
     def _fits(self, visit: Visit, entry: Entry, now_ns: int) -> bool:
         tools = self._tools
@@ -200,7 +199,8 @@ class Visitor:
         tools, electrode = self._tools, visit.electrode
         pulse = tools.board.pulse(probe.current_ua, probe.width_us)
         entry = Entry(electrode, probe.charge_pc, probe.width_us, visit.returns, share)
-        shot = self.firing.first(visit, pulse, entry, probe)
+        ready = ReadyPulse(entry, visit.selection, pulse, probe)
+        shot = self.firing.message(ready, visit.phases[0])
         if tools.ahead.learn(electrode, pulse, shot):
             tools.asker.not_believed("probe")
         self._learn_share(visit, shot.begun_ns)
@@ -289,6 +289,13 @@ class Visitor:
                 capacitance_nf=capacitance_nf,
             )
         )
+
+
+def _entry_of(visit: Visit, given: Wish, share: float, pulses: int = 1) -> Entry:
+    """All phases of it. `pulses` 0: the visit is booked already."""
+    phases = len(visit.phases)
+    on_us = given.whole_us * phases
+    return Entry(visit.electrode, given.charge_pc * phases, on_us, visit.returns, share, pulses)
 
 
 def _samples(pulse: Pulse, shot: Shot, probed_v: float) -> Samples:

@@ -1,0 +1,155 @@
+"""The one way for current to the board: booked at its worst, sent, and corrected by what is known.
+
+Owns: what the ledger has of a message before it is sent, after it, and when it failed; the halt
+when a message took too long; the drift of their durations. Engine and self-test fire through it.
+Must not know: who wants a pulse, limits, whether one fits (both are asked before), what is learned.
+
+The worst, which is booked before the first message of a visit is sent: all phases as planned, each
+with the excess at which a message halts (`halt_excess_us` of the machine file). After each message
+the excess that it had takes the place of that. When the guard refuses the first message, nothing
+was sent, and all is taken back.
+
+A message that fails may have left the source on. So the board is made safe at once, and the current
+counts as having flowed from the booking until that was done; further phases stay booked. The same
+holds of a message whose samples are not valid: nothing is known of it. Whatever else ends a visit
+leaves it booked at its worst. See docs/decisions/0035.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+
+from etd.errors import BoardFault, BusError, GuardRefusal
+from etd.ledger import Booking, Entry, Ledger
+from etd.stabilize.pipeline import Wish
+from etd_hal.board import Board, Pulse, Shot
+from etd_hal.ports import Clock
+from etd_hal.selection import Selection
+from etd_hal.watch import Prepulse
+
+#: Of the mean deviation from plan, by which drift is seen.
+_DRIFT_WEIGHT = 0.02
+
+
+class ReadyPulse(msgspec.Struct, frozen=True):
+    """What limits and ledger let through, and where it goes."""
+
+    #: Of all its phases.
+    entry: Entry
+    selection: Selection
+    pulse: Pulse
+    #: What the pulse was made of: none of its parts is more.
+    given: Wish
+    #: A probe after `Board.release`, which must reach nobody.
+    is_blanked: bool = False
+
+
+class Firing:
+    """See the module. Raises, from its methods: BusError, GuardRefusal, BoardFault."""
+
+    def __init__(self, board: Board, ledger: Ledger, clock: Clock) -> None:
+        self._board = board
+        self._ledger = ledger
+        self._now_ns = clock.now_ns
+        self._halt_excess_ns = int(board.machine.halt_excess_us * 1_000)
+        #: Of one message that does not halt.
+        self._most_excess_us = math.ceil(board.machine.halt_excess_us)
+        self._drift_ns = board.machine.drift_us * 1_000
+        self._deviation_ns = 0.0
+
+    @property
+    def has_drifted(self) -> bool:
+        """Messages take longer or shorter than calibrated, on the mean: calibrate again."""
+        return abs(self._deviation_ns) > self._drift_ns
+
+    def forget_drift(self) -> None:
+        """After a calibration."""
+        self._deviation_ns = 0.0
+
+    def message(self, ready: ReadyPulse, is_anodic: bool) -> Shot:
+        """One message, which is the whole entry; all stays connected."""
+        return self._send_first(self._book(ready, 1), ready, is_anodic)
+
+    def visit(self, ready: ReadyPulse, phases: Sequence[bool]) -> tuple[Shot, Shot]:
+        """All phases (True: anodic) and the discharge: the first and the last phase's answer."""
+        board, booking = self._board, self._book(ready, len(phases))
+        first = last = self._send_first(booking, ready, phases[0])
+        for is_anodic in phases[1:]:
+            board.flip(ready.selection, is_anodic)
+            last = self._send_next(booking, ready, is_anodic)
+        board.discharge()
+        return first, last
+
+    def _book(self, ready: ReadyPulse, messages: int) -> Booking:
+        excess_pc = messages * ready.given.current_ua * self._most_excess_us
+        return self._ledger.book(ready.entry, self._now_ns(), ready.entry.charge_pc + excess_pc)
+
+    def _send_first(self, booking: Booking, ready: ReadyPulse, is_anodic: bool) -> Shot:
+        try:
+            shot = self._send(booking, ready, is_anodic, booking.begun_ns)
+        except GuardRefusal:
+            self._ledger.take_back(booking)
+            raise
+        self._settle(booking, ready, shot, shot.begun_ns)
+        return shot
+
+    def _send_next(self, booking: Booking, ready: ReadyPulse, is_anodic: bool) -> Shot:
+        shot = self._send(booking, ready, is_anodic, self._now_ns())
+        self._settle(booking, ready, shot, booking.begun_ns)
+        return shot
+
+    def _send(self, booking: Booking, ready: ReadyPulse, is_anodic: bool, since_ns: int) -> Shot:
+        """`since_ns`: no current of this message can have flowed before."""
+        given = ready.given
+        try:
+            return self._board.fire(
+                ready.pulse,
+                ready.selection,
+                is_anodic,
+                given.current_ua,
+                given.width_us,
+                prepulse_of(given),
+                is_blanked=ready.is_blanked,
+            )
+        except (BusError, BoardFault) as fault:
+            problems = self._board.safe_off()
+            self._keep_worst(booking, ready, since_ns)
+            if problems:
+                what = f"message for electrode {ready.entry.electrode} failed"
+                raise BoardFault(what, f"{fault}; {'; '.join(problems)}", "a safe board") from fault
+            raise
+
+    def _keep_worst(self, booking: Booking, ready: ReadyPulse, since_ns: int) -> None:
+        """The board is safe by now: the current can have flowed since then, and no longer."""
+        now_ns = self._now_ns()
+        booked_pc = ready.given.charge_pc + ready.given.current_ua * self._most_excess_us
+        more_pc = max(0, _flowed_pc(ready.given, now_ns - since_ns) - booked_pc)
+        self._ledger.correct(booking, booking.charge_pc + more_pc, now_ns)
+
+    def _settle(self, booking: Booking, ready: ReadyPulse, shot: Shot, begun_ns: int) -> None:
+        """What a message took over its plan bounds how much longer the current flowed."""
+        excess_ns = shot.excess_ns
+        self._deviation_ns += _DRIFT_WEIGHT * (excess_ns - self._deviation_ns)
+        charge_pc = booking.charge_pc - ready.given.current_ua * self._most_excess_us
+        if excess_ns > 0:
+            charge_pc += _flowed_pc(ready.given, excess_ns)
+        self._ledger.correct(booking, charge_pc, begun_ns)
+        if excess_ns > self._halt_excess_ns:
+            raise BoardFault(
+                "length of a message",
+                f"{excess_ns / 1_000:.0f} us over its plan at electrode {ready.entry.electrode}",
+                f"at most {self._halt_excess_ns / 1_000:.0f} us",
+            )
+
+
+def prepulse_of(given: Wish) -> Prepulse | None:
+    """As the board takes it."""
+    return Prepulse(given.prepulse_ua, given.prepulse_us) if given.prepulse_us else None
+
+
+def _flowed_pc(given: Wish, duration_ns: int) -> int:
+    """At its full current for so long; rounded up."""
+    return -(-given.current_ua * duration_ns // 1_000)

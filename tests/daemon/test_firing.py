@@ -1,0 +1,280 @@
+"""The one way for current to the board: what the ledger has before, after, and when it failed."""
+
+from __future__ import annotations
+
+import pytest
+
+from board_rig import BoardRig, board_rig
+from charge_witness import even_skin
+from engine_parts import body_site
+from etd.errors import BoardFault, BusError, GuardRefusal
+from etd.firing import Firing, ReadyPulse
+from etd.ledger import WINDOW_NS, Bounds, Entry, Ledger
+from etd.maxima import maxima_of
+from etd.selftest.bed import Bed
+from etd.selftest.prober import Prober
+from etd.stabilize.pipeline import Wish
+from etd_hal.fake.faults import Fault, MisoStuck, SpiError, SpiShort, SpiStall
+from etd_hal.ports import Clock
+from selftest_rig import SelftestRig, selftest_rig
+from stepped_board import shipped_board
+
+KAJIMOTO, RELAY = "kajimoto-hv507", "feetthrough-relay"
+HERE, RETURNS = 5, (6, 9)
+CURRENT_UA, WIDTH_US = 1_000, 100
+PHASE_PC = CURRENT_UA * WIDTH_US
+#: A message that is so much over its plan halts, by the machine file.
+HALT_EXCESS_US = 300
+#: Of the body site.
+INTERVAL_US = 2_000
+#: Of the plan: the rest goes through the leak.
+NEARLY = 0.75
+
+
+class Scene:
+    """A live board on even skin, a ledger, and a pulse that is connected."""
+
+    def __init__(self, board: str = KAJIMOTO, phases: tuple[bool, ...] = (True,)) -> None:
+        file = shipped_board(board)
+        self.count = file.switch.outputs
+        self.body = even_skin(file, self.count)
+        self.rig: BoardRig = board_rig(board, body=self.body)
+        self.rig.begin()
+        maxima = maxima_of(file, body_site())
+        assert maxima.interval_us == INTERVAL_US
+        self.ledger = Ledger(self.count, Bounds.of(maxima))
+        self.firing = Firing(self.rig.board, self.ledger, self.rig.clock)
+        self.phases = phases
+        returns = RETURNS if board == RELAY else None
+        selection = self.rig.board.selection(HERE, returns)
+        pulse = self.rig.board.pulse(CURRENT_UA, WIDTH_US)
+        charge_pc, on_us = PHASE_PC * len(phases), WIDTH_US * len(phases)
+        entry = Entry(HERE, charge_pc, on_us, returns, 1.0)
+        self.ready = ReadyPulse(entry, selection, pulse, Wish(CURRENT_UA, WIDTH_US))
+        self.rig.board.prepare(selection, whole=True)
+        self.rig.board.connect(selection, phases[0])
+        self.begun_ns = self.rig.clock.now_ns()
+
+    def fire(self, *faults: Fault) -> None:
+        for fault in faults:
+            self.rig.fake.world.put_in(fault)
+        self.firing.visit(self.ready, self.phases)
+
+    @property
+    def booked_pc(self) -> int:
+        return self.ledger.charge_pc(HERE, self.rig.clock.now_ns())
+
+    def since_pc(self, begun_ns: int) -> int:
+        """At its full current until now."""
+        return CURRENT_UA * (self.rig.clock.now_ns() - begun_ns) // 1_000
+
+    def pulses_ns(self) -> list[int]:
+        """When the messages with a pulse began: those of several transfers, since the scene did."""
+        return [
+            one["t_ns"]
+            for one in self.rig.records()
+            if one.get("event") == "message"
+            and one["transfers"] > 1
+            and one["t_ns"] >= self.begun_ns
+        ]
+
+    def got_pc(self, electrode: int = HERE) -> float:
+        return self.body.absolute_charge_pc(electrode)
+
+    def check_all(self) -> None:
+        """Nobody got more than the ledger has."""
+        now_ns = self.rig.clock.now_ns()
+        for one in range(self.count):
+            assert self.got_pc(one) <= self.ledger.charge_pc(one, now_ns) + 1.0
+
+
+@pytest.mark.parametrize("board", [KAJIMOTO, RELAY])
+@pytest.mark.parametrize("phases", [(True,), (False,), (True, False)])
+def test_a_visit_that_went_as_planned_is_booked_as_planned(
+    board: str, phases: tuple[bool, ...]
+) -> None:
+    scene = Scene(board, phases)
+    scene.fire()
+    assert scene.booked_pc == PHASE_PC * len(phases)
+    assert scene.ledger.pulses(HERE, scene.rig.clock.now_ns()) == 1
+    assert scene.got_pc() > NEARLY * PHASE_PC * len(phases)
+    scene.check_all()
+
+
+class EarlyClock:
+    """As if the way from the booking to the wire took 50 us, as the guard's work does."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+
+    def now_ns(self) -> int:
+        return self._clock.now_ns() - 50_000
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        self._clock.sleep_until_ns(deadline_ns)
+
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self._clock.doze_until_ns(deadline_ns)
+
+
+@pytest.mark.parametrize("phases", [(True,), (True, False)])
+def test_a_visit_counts_from_when_its_first_message_began(phases: tuple[bool, ...]) -> None:
+    scene = Scene(phases=phases)
+    scene.firing = Firing(scene.rig.board, scene.ledger, EarlyClock(scene.rig.clock))
+    scene.fire()
+    assert scene.pulses_ns()[0] == scene.begun_ns
+    assert scene.ledger.rested_ns(HERE) == scene.begun_ns + INTERVAL_US * 1_000
+    assert scene.ledger.charge_pc(HERE, scene.begun_ns + WINDOW_NS - 1) == PHASE_PC * len(phases)
+    assert scene.ledger.charge_pc(HERE, scene.begun_ns + WINDOW_NS) == 0
+
+
+@pytest.mark.parametrize("phases", [(True,), (True, False)])
+def test_while_a_message_is_under_way_it_is_booked_at_its_worst(phases: tuple[bool, ...]) -> None:
+    scene = Scene(phases=phases)
+    seen_pc: list[int] = []
+    scene.rig.clock.at(scene.begun_ns + 1, lambda: seen_pc.append(scene.booked_pc))
+    scene.fire()
+    worst_pc = (PHASE_PC + CURRENT_UA * HALT_EXCESS_US) * len(phases)
+    assert seen_pc == [worst_pc]
+
+
+def test_before_a_second_phase_it_is_booked_at_its_worst_and_the_first_as_it_was() -> None:
+    scene = Scene(phases=(True, False))
+    seen_pc: list[int] = []
+    # The first message takes some 320 us, and the flip a few.
+    scene.rig.clock.at(scene.begun_ns + 370_000, lambda: seen_pc.append(scene.booked_pc))
+    scene.fire(SpiStall(200, at_message=1))
+    assert seen_pc == [PHASE_PC * 2 + CURRENT_UA * (200 + HALT_EXCESS_US)]
+    assert scene.booked_pc == PHASE_PC * 2 + CURRENT_UA * 200
+
+
+@pytest.mark.parametrize("stall_us", [1, 200, 299])
+def test_what_a_message_took_over_its_plan_is_in_the_ledger(stall_us: int) -> None:
+    scene = Scene()
+    scene.fire(SpiStall(stall_us))
+    assert scene.booked_pc == PHASE_PC + CURRENT_UA * stall_us
+    scene.check_all()
+
+
+def test_a_message_too_far_over_its_plan_is_a_fault_and_is_in_the_ledger_whole() -> None:
+    scene = Scene(phases=(True, False))
+    with pytest.raises(BoardFault, match="5000 us over its plan at electrode 5"):
+        scene.fire(SpiStall(5_000))
+    assert scene.booked_pc >= CURRENT_UA * 5_000 + PHASE_PC * 2
+    scene.check_all()
+
+
+@pytest.mark.parametrize("board", [KAJIMOTO, RELAY])
+@pytest.mark.parametrize("at_message", [1, 2])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        *(SpiError(1, transfer) for transfer in range(5)),
+        SpiShort(),
+        MisoStuck(1),
+    ],
+    ids=str,
+)
+def test_of_a_message_that_failed_the_ledger_has_all_until_the_board_was_safe(
+    board: str, at_message: int, fault: Fault
+) -> None:
+    scene = Scene(board, (True, False))
+    if isinstance(fault, SpiError):
+        fault = SpiError(at_message, fault.at_transfer)
+    elif isinstance(fault, SpiShort):
+        fault = SpiShort(at_message)
+    with pytest.raises(BoardFault if isinstance(fault, MisoStuck) else BusError):
+        scene.fire(fault)
+    assert scene.rig.fake.dac_code == 0
+    assert scene.booked_pc >= PHASE_PC * 2
+    scene.check_all()
+
+
+@pytest.mark.parametrize("fault", [SpiShort(), MisoStuck(1)], ids=str)
+def test_a_message_that_stalled_and_then_failed_counts_for_as_long_as_it_was_under_way(
+    fault: Fault,
+) -> None:
+    scene = Scene()
+    with pytest.raises((BusError, BoardFault)):
+        scene.fire(SpiStall(4_000, at_transfer=3), fault)
+    assert CURRENT_UA * 4_000 <= scene.booked_pc <= scene.since_pc(scene.begun_ns)
+    scene.check_all()
+
+
+def test_a_second_phase_that_failed_counts_from_its_own_beginning() -> None:
+    scene = Scene(RELAY, (True, False))
+    with pytest.raises(BusError):
+        scene.fire(SpiStall(4_000, at_message=2), SpiShort(2))
+    first_ns, second_ns = scene.pulses_ns()
+    assert second_ns > first_ns + 1_000_000, "relays take their time"
+    assert scene.booked_pc >= CURRENT_UA * 4_000 + PHASE_PC
+    assert scene.booked_pc <= PHASE_PC + scene.since_pc(second_ns)
+    scene.check_all()
+
+
+def test_a_board_that_does_not_become_safe_after_an_error_is_told_with_it() -> None:
+    scene = Scene()
+    with pytest.raises(BoardFault, match=r"reported; .*transfer 0 failed") as raised:
+        scene.fire(SpiShort(1), SpiError(2))
+    assert isinstance(raised.value.__cause__, BusError)
+    scene.check_all()
+
+
+# --- what was not sent ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("board", [KAJIMOTO, RELAY])
+def test_a_visit_that_the_guard_refused_is_taken_back(board: str) -> None:
+    scene = Scene(board, (True, False))
+    scene.rig.board.guard.permit(0)
+    with pytest.raises(GuardRefusal):
+        scene.fire()
+    now_ns = scene.rig.clock.now_ns()
+    assert [scene.ledger.charge_pc(one, now_ns) for one in range(scene.count)] == [0] * scene.count
+    assert scene.ledger.pulses(HERE, now_ns) == 0
+    assert scene.ledger.rested_ns(HERE) == 0
+
+
+def test_when_the_guard_refuses_the_second_phase_what_was_booked_stays() -> None:
+    scene = Scene(phases=(True, False))
+    # While the first one is under way.
+    scene.rig.clock.at(scene.begun_ns + 1, lambda: scene.rig.board.guard.permit(0))
+    with pytest.raises(GuardRefusal):
+        scene.fire()
+    assert scene.got_pc() > NEARLY * PHASE_PC
+    assert scene.booked_pc >= PHASE_PC * 2
+    scene.check_all()
+
+
+# --- the self-test's pulses -----------------------------------------------------------------------
+
+
+def probing(rig: SelftestRig) -> Prober:
+    """A bed with its load on electrode 1, timed and supplied."""
+    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+    bed.board.calibrate()
+    bed.supply_on()
+    bed.wait_ms(2_000)
+    return Prober(bed)
+
+
+@pytest.mark.parametrize("board", ["reference-hv507", RELAY])
+@pytest.mark.parametrize(
+    "faults",
+    [[], [SpiStall(250)], [SpiShort()], [SpiError(1, 3)], [SpiStall(3_000), SpiShort()]],
+    ids=str,
+)
+def test_the_pulses_of_a_self_test_are_booked_the_same_way(board: str, faults: list[Fault]) -> None:
+    rig = selftest_rig(board)
+    prober = probing(rig)
+    before_pc = rig.body.absolute_charge_pc(1)
+    for fault in faults:
+        rig.fake.world.put_in(fault)
+    try:
+        prober.probe(1)
+    except BusError:
+        assert SpiStall(250) not in faults
+    got_pc = rig.body.absolute_charge_pc(1) - before_pc
+    assert got_pc > 0
+    assert got_pc <= prober.ledger.charge_pc(1, rig.clock.now_ns())
+    assert rig.fake.dac_code == 0
