@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from etd.ledger import WINDOW_NS, Ledger
 from etd_body.electrode import Contact
 from etd_body.minimal import MinimalBody
+from etd_hal.backend import Backend
 from etd_hal.boardfile import BoardFile
-from etd_hal.compose import Backend
 from etd_hal.ports import Message, Spi
 
 _RESISTANCE_OHM = 10_000.0
