@@ -43,6 +43,8 @@ from etd_hal.linesetup import line_setup, spi_setup
 LEASE = "a-lease"
 _ALIVE_NS = 50_000_000
 
+EngineEnds = tuple[Channel[ToEngine], Channel[NewFrame]]
+
 
 @dataclass
 class EngineRig:
@@ -54,6 +56,7 @@ class EngineRig:
     sink: io.BytesIO
     commands: Channel[ToGateway]
     frames: Channel[ToGateway]
+    _engine_ends: EngineEnds
     answers: dict[int, Answer] = field(default_factory=dict)
     reports: list[Report] = field(default_factory=list)
     others: list[object] = field(default_factory=list)
@@ -65,7 +68,6 @@ class EngineRig:
     _ref: int = 0
     _seq: int = 0
     _alive_ns: int = 0
-    _engine_ends: tuple[Channel[ToEngine] | Channel[NewFrame], ...] = ()
 
     def __post_init__(self) -> None:
         self._turns = Turns(self.engine.rail, self.engine.pressure)
@@ -159,11 +161,20 @@ class EngineRig:
             assert answer.error is None, answer.reason
             self.run_ms(min(60.0, (until_ns - self.clock.now_ns()) / 1e6))
 
+    def attach_next_gateway(self) -> None:
+        """After the engine has lost the one before."""
+        assert not self.engine.has_gateway
+        self._close_link()
+        self.commands, self.frames, self._engine_ends = _attach_gateway(self.engine)
+
+    def _close_link(self) -> None:
+        for channel in (self.commands, self.frames, *self._engine_ends):
+            channel.close()
+
     def close(self) -> tuple[str, ...]:
         """The engine's end, and the fake's; what did not work, and what must never be done."""
         problems = (*self.engine.end(), *self.fake.violations)
-        for channel in (self.commands, self.frames, *self._engine_ends):
-            channel.close()
+        self._close_link()
         return problems
 
     @property
@@ -230,16 +241,13 @@ def make(
     )
     engine = Engine(loaded, wrap(backend), stabilizers=stabilizers, untested=untested)
     engine.begin(tell)
+    return EngineRig(engine, fake, clock, sink, *_attach_gateway(engine))
+
+
+def _attach_gateway(engine: Engine) -> tuple[Channel[ToGateway], Channel[ToGateway], EngineEnds]:
+    """The gateway's ends of a new link, for commands and frames, and the engine's."""
     mine, theirs = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
     to_engine: Channel[ToEngine] = Channel(theirs[0], ToEngine)
     frames: Channel[NewFrame] = Channel(mine[0], NewFrame)
     engine.attach(to_engine, frames)
-    return EngineRig(
-        engine,
-        fake,
-        clock,
-        sink,
-        Channel(theirs[1], ToGateway),
-        Channel(mine[1], ToGateway),
-        _engine_ends=(to_engine, frames),
-    )
+    return Channel(theirs[1], ToGateway), Channel(mine[1], ToGateway), (to_engine, frames)

@@ -4,6 +4,7 @@
     ├── Refused            a frame or a request was not accepted: code, reason, electrode
     ├── DaemonGone         nobody answers at that address: address
     ├── AlreadyRunning     a daemon of that name holds the lock: name, holder
+    ├── Undecodable        a datagram between gateway and engine is no message of theirs: reason
     ├── PartEnded          a process of the daemon ended by itself: part, how, status
     └── PatternError       a pattern file cannot be played: file, frame, reason
 
@@ -39,6 +40,7 @@ __all__ = [
     "PartEnded",
     "PatternError",
     "Refused",
+    "Undecodable",
 ]
 
 ErrorCode = Literal[
@@ -104,6 +106,15 @@ class AlreadyRunning(EtdError):
         super().__init__(
             f"a daemon named {name!r} is already running ({what}): stop it, or give another --name"
         )
+
+
+class Undecodable(EtdError):
+    """A datagram between gateway and engine that is no message of the other end. Fields: reason."""
+
+    def __init__(self, reason: str) -> None:
+        # It may quote what came, and stays in every state report.
+        self.reason = reason if len(reason) <= 200 else f"{reason[:200]} (cut short)"
+        super().__init__(f"a message that could not be decoded: {self.reason}")
 
 
 class PartEnded(EtdError):

@@ -16,13 +16,14 @@ import errno
 import select
 import socket
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 import msgspec
+from msgspec import Meta
 
 from etd.calibration import Calibration
-from etd.errors import AlreadyRunning, ErrorCode, Refused
-from etd.frame import Frame, Polarity
+from etd.errors import AlreadyRunning, ErrorCode, Refused, Undecodable
+from etd.frame import Frame, Int64, Polarity
 from etd.protocol import (
     ArrayFacts,
     BoardFacts,
@@ -45,6 +46,9 @@ SILENCE_NS = 250_000_000
 #: A datagram is never larger: a frame of 256 electrodes with explicit returns fits.
 MAX_DATAGRAM_BYTES = 192 * 1024
 
+#: Who asks, and a lease: as long as the protocol lets them be, so that every report has room.
+Text64 = Annotated[str, Meta(max_length=64)]
+
 
 class _Message(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """Tagged by its class name."""
@@ -63,23 +67,23 @@ class Alive(Command, frozen=True, kw_only=True):
 class OpenLease(Command, frozen=True, kw_only=True):
     """A new lease with the limits of the person; enters in SAFE only."""
 
-    lease: str
-    client: str
-    calibration_name: str | None = None
+    lease: Text64
+    client: Text64
+    calibration_name: Text64 | None = None
     calibration: Calibration | None = None
     limits: Limits | None = None
 
 
 class KeepLease(Command, frozen=True, kw_only=True):
-    lease: str
+    lease: Text64
 
 
 class CloseLease(Command, frozen=True, kw_only=True):
-    lease: str
+    lease: Text64
 
 
 class DisarmBoard(Command, frozen=True, kw_only=True):
-    lease: str
+    lease: Text64
 
 
 class ArmBoard(Command, frozen=True, kw_only=True):
@@ -91,16 +95,16 @@ class ClearHalt(Command, frozen=True, kw_only=True):
 
 
 class StopNow(Command, frozen=True, kw_only=True):
-    who: str
+    who: Text64
 
 
 class MeasureContact(Command, frozen=True, kw_only=True):
-    lease: str
+    lease: Text64
 
 
 class SetMark(Command, frozen=True, kw_only=True):
-    lease: str
-    tag: int | None = None
+    lease: Text64
+    tag: Int64 | None = None
 
 
 class NewFrame(_Message, frozen=True, kw_only=True):
@@ -231,7 +235,7 @@ class Channel(Generic[In]):
     def receive(self) -> In | None:
         """The next message, or None if there is none now (or no connection any more).
 
-        Raises: msgspec.DecodeError for bytes that are none of the other end's messages.
+        Raises: Undecodable for bytes that are none of the other end's messages.
         """
         if not self.is_open or not self._waiting.poll(0):
             return None
@@ -245,7 +249,10 @@ class Channel(Generic[In]):
         if not data:
             self.close()
             return None
-        return self._decoder.decode(data)
+        try:
+            return self._decoder.decode(data)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise Undecodable(str(error)) from None
 
     def close(self) -> None:
         """Idempotent."""

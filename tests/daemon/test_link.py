@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from etd.errors import AlreadyRunning
+from etd.errors import AlreadyRunning, Undecodable
 from etd.frame import Frame
 from etd.link import (
     ALIVE_NS,
@@ -127,13 +127,23 @@ def test_sending_to_an_end_that_is_gone_closes(pair: Pair) -> None:
     assert not engine.is_open
 
 
-@pytest.mark.parametrize("nonsense", [b"\xff\xff", b"\x80", msgspec.msgpack.encode(Answer(ref=1))])
+@pytest.mark.parametrize(
+    "nonsense",
+    [
+        b"\xff\xff",
+        b"\x80",
+        msgspec.msgpack.encode(Answer(ref=1)),
+        b"\x82\xa4type\xa9KeepLease\xa5lease\xa2\xff\xfe",
+        b"\x82\xa4type\xa5Alive\xa1x" + b"\x91" * 100_000,
+    ],
+    ids=["no msgpack", "no tag", "an engine's", "no UTF-8", "deep"],
+)
 def test_bytes_that_are_no_message_of_the_other_end_are_an_error(
     pair: Pair, nonsense: bytes
 ) -> None:
     engine, gateway = pair
     gateway._socket.send(nonsense)
-    with pytest.raises(msgspec.DecodeError):
+    with pytest.raises(Undecodable):
         engine.receive()
 
 

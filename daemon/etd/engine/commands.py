@@ -10,6 +10,7 @@ from etd.engine.core import Core
 from etd.engine.lease import Lease, check_holder, check_seq
 from etd.engine.limits import limits_of_calibration, limits_of_numbers
 from etd.errors import BoardFault, BusError, GuardRefusal, Refused
+from etd.frame import check_shape
 from etd.link import (
     Alive,
     Answer,
@@ -117,6 +118,7 @@ def take_frame(core: Core, message: NewFrame, host_ns: int, came_host_ns: int) -
         lease = check_holder(core.lease, frame.lease)
         check_seq(lease, frame.seq)
         core.states.need("ARMED")
+        check_shape(frame, core.loaded.array.count)
         begun_host_ns = _age_from(frame.sent_ns, host_ns, came_host_ns)
         ttl_ns = core.timeouts.ttl_ns(frame.ttl_ms)
         if host_ns >= begun_host_ns + ttl_ns:

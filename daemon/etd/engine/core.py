@@ -233,13 +233,15 @@ class Core(Parts):
         if energizer is not None:
             self.answer(Answer(ref=energizer.ref, error="arm_failed", reason=f"cut short: {why}"))
 
-    def end_lease(self, why: str) -> None:
-        """Lapsed, closed, or lost with its gateway: silence, SAFE, no holder."""
+    def end_lease(self, why: str, counted: str = "") -> None:
+        """Lapsed, closed, or lost with its gateway: silence, SAFE, no holder. `counted` is its word
+        among the counters, where that is not the last one of `why`.
+        """
         self.make_safe(why)
         lease, self.lease = self.lease, None
         self.planner_of_lease()
         if lease is not None:
-            self.reporter.counters[f"leases_ended_{why.split()[-1]}"] += 1
+            self.reporter.counters[f"leases_ended_{counted or why.split()[-1]}"] += 1
             self._tell_gateway(LeaseEnded(lease=lease.token, why=why))
             self._tell_state(self.clock.now_ns())
 

@@ -7,10 +7,12 @@ Must not know: what any message means, states, hardware. Time comes in.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TypeVar
 
-import msgspec
-
+from etd.errors import Undecodable
 from etd.link import Answer, Channel, Greeting, LeaseEnded, NewFrame, Report, ToEngine
+
+In = TypeVar("In")
 
 
 class Dialogue:
@@ -21,7 +23,9 @@ class Dialogue:
         self._commands: Channel[ToEngine] | None = None
         self._frames: Channel[NewFrame] | None = None
         self._heard_host_ns = 0
-        self._nonsense = ""
+        self._undecodable: Undecodable | None = None
+        #: Where that came: nothing more is read there.
+        self._garbled: object = None
 
     @property
     def is_attached(self) -> bool:
@@ -31,7 +35,7 @@ class Dialogue:
         """A gateway has connected."""
         self._commands, self._frames = commands, frames
         self._heard_host_ns = host_ns
-        self._nonsense = ""
+        self._undecodable = self._garbled = None
 
     def hang_up(self) -> None:
         """Idempotent."""
@@ -40,13 +44,15 @@ class Dialogue:
                 channel.close()
         self._commands = self._frames = None
 
-    def why_lost(self) -> str | None:
-        """A clause, when there was a gateway and is none to be talked to any more."""
-        if self._commands is None:
-            return None
-        if self._nonsense:
-            return f"the gateway spoke nonsense ({self._nonsense})"
-        return None if self._commands.is_open else "the gateway is gone"
+    @property
+    def undecodable(self) -> Undecodable | None:
+        """What the gateway sent that is no message of the link: it is to be hung up on."""
+        return self._undecodable if self.is_attached else None
+
+    @property
+    def is_gone(self) -> bool:
+        """The gateway has ended the connection."""
+        return self._commands is not None and not self._commands.is_open
 
     def is_silent(self, host_ns: int) -> bool:
         """Nothing for `silence_ns`, although it says something every ALIVE_NS."""
@@ -55,11 +61,7 @@ class Dialogue:
     def commands(self, host_ns: int) -> Iterator[ToEngine]:
         """All that lie there now; each counts as heard at `host_ns`."""
         while self._commands is not None:
-            try:
-                command = self._commands.receive()
-            except msgspec.DecodeError as error:
-                self._nonsense = str(error)
-                return
+            command = self._received(self._commands)
             if command is None:
                 return
             self._heard_host_ns = host_ns
@@ -68,14 +70,20 @@ class Dialogue:
     def frames(self) -> Iterator[NewFrame]:
         """All that lie there now, oldest first."""
         while self._frames is not None:
-            try:
-                message = self._frames.receive()
-            except msgspec.DecodeError as error:
-                self._nonsense = str(error)
-                return
+            message = self._received(self._frames)
             if message is None:
                 return
             yield message
+
+    def _received(self, channel: Channel[In]) -> In | None:
+        """The next message; None if there is none now, or will be none."""
+        if channel is self._garbled:
+            return None
+        try:
+            return channel.receive()
+        except Undecodable as error:
+            self._undecodable, self._garbled = error, channel
+            return None
 
     def send(self, message: Greeting | Answer | LeaseEnded | Report) -> bool:
         """False when it was dropped, or nobody is there. Never blocks."""

@@ -18,8 +18,8 @@ from etd.engine import commands
 from etd.engine.core import Core
 from etd.engine.reporting import STATE_PERIOD_NS
 from etd.engine.telling import greeting
-from etd.errors import BoardFault, BusError, GuardRefusal
-from etd.link import Channel, NewFrame, ToEngine
+from etd.errors import BoardFault, BusError, GuardRefusal, Undecodable
+from etd.link import Channel, NewFrame, StopNow, ToEngine
 from etd.stabilize.pipeline import Stabilizer
 from etd_hal.backend import Backend
 
@@ -155,15 +155,28 @@ class Engine(Core):
         self._feed_watchdog(host_ns)
 
     def _watch_gateway(self, host_ns: int) -> None:
-        why = self._dialogue.why_lost()
-        if why is not None:
+        if self._dialogue.undecodable is not None:
+            self._hang_up(self._dialogue.undecodable, host_ns)
+        elif self._dialogue.is_gone:
             self._dialogue.hang_up()
-            self.end_lease(why)
+            self.end_lease("the gateway is gone")
         elif self._dialogue.is_silent(host_ns) and self.lease is not None:
             # What it said just before a stall of ours still lies in the queue.
             self._obey(host_ns)
             if self._dialogue.is_silent(host_ns):
                 self.end_lease("the gateway is silent")
+
+    def _hang_up(self, undecodable: Undecodable, host_ns: int) -> None:
+        """On a gateway that says what no gateway says. A stop may lie there that was sent before or
+        beside it; nothing else is taken from it.
+        """
+        for command in islice(self._dialogue.commands(host_ns), _COMMANDS_A_LOOK):
+            if isinstance(command, StopNow):
+                commands.obey(self, command, host_ns)
+        why = f"the gateway sent {undecodable}"
+        self.reporter.undecodable(why, self.clock.now_ns())
+        self.end_lease(why, counted="undecodable")
+        self._dialogue.hang_up()
 
     def _watch_stops(self) -> None:
         is_live = self.states.state in ("PROBE", "ARMED")

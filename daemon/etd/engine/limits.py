@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import msgspec
 
-from etd.calibration import Calibration
-from etd.errors import Refused
+from etd.calibration import Calibration, check_order
+from etd.errors import FileError, Refused
 from etd.maxima import Maxima
 from etd.protocol import Clamp, ClampReason, Limits
 from etd.stabilize.pipeline import Most, Wish
@@ -74,6 +74,10 @@ def limits_of_calibration(
                 f" {maxima.current_ua} uA here",
                 electrode,
             )
+    try:
+        check_order(calibration, f"the calibration of {calibration.participant}")
+    except FileError as error:
+        raise Refused("bad_calibration", str(error)) from error
     caps_ua = tuple(one.cap_ua for one in calibration.electrode)
     return PersonLimits(caps_ua, maxima.width_us, calibration.width_us, calibration)
 

@@ -276,6 +276,13 @@ class Reporter:
         )
         self._tell(Report(refused=report))
 
+    def undecodable(self, why: str, now_ns: int) -> None:
+        """The last that its gateway is told before it is hung up on."""
+        self.counters["gateway_undecodable"] += 1
+        self._tell(
+            Report(refused=RefusedReport(now_ns=now_ns, error="bad_message", reason=why, count=1))
+        )
+
     def never_shown(self, frame: Frame, now_ns: int) -> None:
         """Accepted, but its time was over before its first scan could begin."""
         why = f"its ttl of {frame.ttl_ms} ms was over before the scan under way: give it longer"

@@ -10,10 +10,8 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
-
 from etd import link
-from etd.errors import Refused
+from etd.errors import Refused, Undecodable
 from etd.link import (
     Alive,
     Channel,
@@ -137,7 +135,7 @@ class EngineLink:
         for channel in self._channels or ():
             try:
                 message = channel.receive()
-            except msgspec.DecodeError:
+            except Undecodable:
                 self._counters["engine_unreadable"] += 1
                 channel.close()
                 return None
