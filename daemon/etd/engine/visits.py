@@ -142,6 +142,9 @@ class Visitor:
         probe = tools.ahead.probe_of(visit, ready.given)
         if probe is not None and not self._fits(visit, ready.with_probe(probe), now_ns):
             return None
+        if probe is not None:
+            # Laid out before anything is connected: it is at hand then.
+            tools.board.pulse(probe.current_ua, probe.width_us)
         tools.board.connect(visit.selection, visit.phases[0])
         probe_ua = 0
         if probe is not None and may_still():
