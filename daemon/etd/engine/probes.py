@@ -19,11 +19,12 @@ def probes_of(
 ) -> tuple[Visit, ...]:
     """One for each electrode, in the order of the chain, with all others as returns.
 
-    Weak and short: the probe bound, or the person's limits where they are below it.
+    Weak and short: the probe bound, or the person's limits where they are below it. A cap is of the
+    pulses that it was accepted with: a probe is no wider than those, so that it has no more charge.
     """
     outputs = array.outputs()
     everybody = range(array.count)
-    width_us = min(maxima.probe_width_us, person.width_us)
+    width_us = min(maxima.probe_width_us, person.width_us, person.accepted_us)
     currents_ua = [min(maxima.probe_current_ua, cap_ua) for cap_ua in person.caps_ua]
     probes = [
         Visit(

@@ -57,13 +57,14 @@ class Room:
 
     def probe(self, electrode: int, wish: Wish, reach: Reach) -> Wish | None:
         """What goes before each pulse of it, where the site says so: never longer than the frame's
-        own; and none where the pulse can never be stronger.
+        own, or than those that the cap was accepted with; and none where the pulse can never be
+        stronger.
         """
         rules, maxima = self._rules, self._rules.maxima
         probe_ua = min(maxima.probe_current_ua, rules.person.caps_ua[electrode])
         if not self._is_probe_first or wish.current_ua * reach.current <= probe_ua:
             return None
-        return Wish(probe_ua, min(maxima.probe_width_us, wish.width_us))
+        return Wish(probe_ua, min(maxima.probe_width_us, wish.width_us, self._accepted_us))
 
     def most(
         self, wish: Wish, visits_hz: float, phases: int, probe: Wish | None, reach: Reach

@@ -1,0 +1,146 @@
+"""No probe of any kind gives an electrode more than the board's probe bound, or than its person has
+accepted: a cap is a current, and the charge that it has in the pulses that it was accepted with.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import msgspec
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import engine_rig
+from engine_rig import LEASE, EngineRig
+from engine_scenes import calibration, config, only, open_calibrated, phases
+from etd.link import MeasureContact
+from etd.stabilize.contact import ContactLaw
+from etd.stabilize.pipeline import NO_FURTHER, SHORTEST_US, Known, Stabilizer, Wish
+from etd.stabilize.settings import Settings
+from etd_hal.fake.faults import AdcNoise, Fault
+from trace_decoder import Phase, is_led, visits
+
+N = 16
+#: Of the board file.
+PROBE_UA, PROBE_US = 300, 50
+#: The electrode that frames stimulate; all others are looked at.
+HERE = 4
+ROUNDING_PC = 1.0
+
+
+def calibrated(
+    caps_ua: tuple[int, ...],
+    width_us: int,
+    *,
+    is_probe_first: bool = True,
+    stabilizers: Sequence[Stabilizer] | None = None,
+    faults: Sequence[Fault] = (),
+) -> EngineRig:
+    """Open with these caps, accepted in pulses of one width."""
+    loaded = config(electrodes=N)
+    laws = Settings(order=("contact",), contact=ContactLaw(), probe_first=is_probe_first)
+    site = msgspec.structs.replace(loaded.body_site, stabilize=laws)
+    rig = engine_rig.make(
+        loaded=dataclasses.replace(loaded, body_site=site), stabilizers=stabilizers, faults=faults
+    )
+    made = calibration(rig, caps_ua, width_us=width_us, rate_hz=20.0, shape=laws.shape)
+    answer = open_calibrated(rig, made)
+    assert answer.error is None, answer.reason
+    return rig
+
+
+def probes(rig: EngineRig, armed_ns: int) -> Iterator[tuple[str, Phase]]:
+    """Each weak pulse that asks who touches, and what kind it is."""
+    for visit in visits(phases(rig)):
+        first, electrode = visit[0], visit[0].electrode
+        assert electrode is not None
+        if first.from_ns < armed_ns:
+            yield "contact", first
+        elif electrode != HERE:
+            yield "look", first
+        elif len(visit) > 1 and is_led(first, visit[1]):
+            yield "first", first
+
+
+def check_probes(
+    rig: EngineRig, armed_ns: int, caps_ua: tuple[int, ...], width_us: int
+) -> set[str]:
+    """The kinds that there were."""
+    kinds = set()
+    for kind, probe in probes(rig, armed_ns):
+        kinds.add(kind)
+        assert probe.electrode is not None
+        cap_ua = caps_ua[probe.electrode]
+        assert probe.current_ua <= min(PROBE_UA, cap_ua), kind
+        assert probe.width_us <= PROBE_US, kind
+        assert probe.charge_pc <= cap_ua * width_us + ROUNDING_PC, kind
+    return kinds
+
+
+@settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    caps_ua=st.tuples(*[st.sampled_from([10, 100, 250, 400, 1_000])] * N),
+    accepted_us=st.integers(20, 100),
+    frame_us=st.integers(20, 200),
+    is_probe_first=st.booleans(),
+)
+def test_no_probe_gives_more_charge_than_was_accepted(
+    caps_ua: tuple[int, ...], accepted_us: int, frame_us: int, is_probe_first: bool
+) -> None:
+    rig = calibrated(caps_ua, accepted_us, is_probe_first=is_probe_first)
+    rig.arm()
+    armed_ns = rig.clock.now_ns()
+    rig.hold(900, current_ua=only(N, e4=1_000), width_us=frame_us, rate_hz=20.0)
+    check_probes(rig, armed_ns, caps_ua, accepted_us)
+    assert rig.close() == ()
+
+
+@pytest.mark.parametrize("accepted_us", [20, 35, 50, 100])
+def test_each_kind_of_probe_is_within_what_was_accepted(accepted_us: int) -> None:
+    """A strong frame at an electrode with a high cap, beside electrodes with low ones."""
+    caps_ua = tuple(1_000 if one == HERE else 250 for one in range(N))
+    rig = calibrated(caps_ua, accepted_us, is_probe_first=True)
+    rig.arm()
+    armed_ns = rig.clock.now_ns()
+    rig.hold(900, current_ua=only(N, e4=1_000), width_us=accepted_us, rate_hz=20.0)
+    kinds = check_probes(rig, armed_ns, caps_ua, accepted_us)
+    assert kinds == {"contact", "look", "first"}
+    assert rig.close() == ()
+
+
+class Narrows:
+    """A law that makes every pulse as narrow as can be, at the same current."""
+
+    reach = NO_FURTHER
+
+    def ask(self, wish: Wish, known: Known) -> Wish:
+        return dataclasses.replace(wish, width_us=SHORTEST_US)
+
+    def forget(self) -> None:
+        pass
+
+
+def test_a_probe_before_a_wide_pulse_that_a_law_makes_narrow_is_within_what_was_accepted() -> None:
+    """The pulse may have its cap's current then, which is above the probe's."""
+    caps_ua = (400,) * N
+    rig = calibrated(caps_ua, SHORTEST_US, stabilizers=[Narrows()])
+    rig.arm()
+    armed_ns = rig.clock.now_ns()
+    rig.hold(400, current_ua=only(N, e4=400), width_us=100, rate_hz=20.0)
+    assert check_probes(rig, armed_ns, caps_ua, SHORTEST_US) >= {"contact", "first"}
+    assert rig.close() == ()
+
+
+@pytest.mark.parametrize("accepted_us", [20, 30, 40, 50])
+def test_a_narrower_probe_tells_what_touches_all_the_same(accepted_us: int) -> None:
+    """By an ADC as noisy as one in order may be."""
+    rig = calibrated((250,) * N, accepted_us, faults=[AdcNoise(1.5, seed=accepted_us)])
+    lifted = {2, 7, 11}
+    for one in lifted:
+        rig.fake.world.lift(one)
+    answer = rig.ask(MeasureContact, lease=LEASE)
+    assert answer.contact is not None
+    assert answer.contact.contact == tuple(one not in lifted for one in range(N))
+    assert rig.close() == ()
