@@ -7,7 +7,6 @@ reports. Must not know: the engine's limits, ledger, opening, contact map, share
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left, bisect_right
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,11 +15,11 @@ from itertools import pairwise
 
 from etd.link import Report
 from etd.protocol import Clamp, Scan
+from rise_witness import RISE_UA, Rise
 from skin_witness import Skin
 from trace_decoder import Facts, Phase, Record, decode, is_led, visits
 
 SECOND_NS = 1_000_000_000
-RISE_UA, RISE_NS = 50, 10_000_000
 #: `told_ua` is rounded down to whole uA, charges to whole pC.
 ROUNDING_PC = 1.0
 
@@ -280,29 +279,26 @@ class Oracle:
         assert all(count == 1 for count in late.values())
 
     def check_opening(self) -> None:
-        """From zero after arming, 0.5 mA per 100 ms of frames standing."""
+        """Within any 100 ms no pulse exceeds by more than 0.5 mA the highest that was fired before
+        since arming; and none of an electrode that is touched again the highest of its own.
+        """
+        armed_ns, fired, touched = -1, Rise(), dict[int, Rise]()
         for visit in self.visits:
-            if visit.state == "ARMED":
-                standing_ns = self._standing_ns(self._armed_ns(visit.begun_ns), visit.begun_ns)
-                steps = math.ceil(standing_ns / RISE_NS)
-                assert visit.current_ua <= steps * RISE_UA
+            if visit.state != "ARMED":
+                continue
+            if self._armed_ns(visit.begun_ns) != armed_ns:
+                armed_ns, fired, touched = self._armed_ns(visit.begun_ns), Rise(), {}
+            for rise in (fired, touched.get(visit.electrode)):
+                if rise is not None:
+                    assert rise.above_ua(visit.begun_ns, visit.current_ua) <= RISE_UA
+            if visit.is_known_open and visit.touches:
+                touched[visit.electrode] = Rise()
 
     def _armed_ns(self, t_ns: int) -> int:
         place = bisect_right(self.states, t_ns, key=lambda one: one[0]) - 1
         while place and self.states[place - 1][1] == "ARMED":
             place -= 1
         return self.states[place][0]
-
-    def _standing_ns(self, from_ns: int, to_ns: int) -> int:
-        """How long a frame was up between two times, by the frames' own times."""
-        total_ns, counted_ns = 0, from_ns
-        for frame in sorted(self.story.frames.values(), key=lambda one: one.sent_ns):
-            begin_ns = max(frame.sent_ns, counted_ns)
-            end_ns = min(frame.expires_ns + self.story.bounds.slot_ns, to_ns)
-            if end_ns > begin_ns:
-                total_ns += end_ns - begin_ns
-                counted_ns = end_ns
-        return total_ns
 
     def check_stops(self) -> None:
         """After a stop line opened, the pulse under way is the last until the next way up."""

@@ -114,9 +114,17 @@ def armed(rig: EngineRig, max_current_ua: int = 3_000) -> EngineRig:
     return rig
 
 
+def opened_to(rig: EngineRig, current_ua: int) -> None:
+    """As if so much had been fired: how the opening rises by itself is tested at the wire, and
+    what was fired for it would be in the ledgers and the maps of everything else.
+    """
+    rig.engine.opening.fired(0, current_ua, current_ua, rig.clock.now_ns() - 100 * MS)
+
+
 def fully_open(rig: EngineRig, current_ua: int = 3_000) -> EngineRig:
-    """Armed, with frames held until the opening has let `current_ua` through."""
+    """Armed, with weak frames held, and the opening as high as `current_ua`."""
     armed(rig)
+    opened_to(rig, current_ua)
     count = rig.engine.loaded.array.count
     hold_ms = current_ua // 5 + 30
     rig.hold(hold_ms, current_ua=only(count, e0=20), rate_hz=20.0)

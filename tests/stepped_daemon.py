@@ -185,6 +185,9 @@ class SteppedDisplay:
     def set_calibration(self, name: str, calibration: Calibration) -> None:
         self._run(self._session.set_calibration(name, calibration))
 
+    def disarm(self) -> None:
+        self._run(self._session.disarm())
+
     def keep(self) -> None:
         self._run(self._session.keep())
 

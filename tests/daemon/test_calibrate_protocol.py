@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Iterator, Sequence
 from typing import Unpack
 
+import msgspec
 import pytest
 
 from calibrated_body import CAP_UA, WIDTH_US, calibrate_body, conditions_of
 from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.calibrate.trial import Stopped
-from etd.calibration import Method
+from etd.calibration import Calibration, ElectrodeLimits, Method
 from etd.client.options import FrameOptions
 from etd.errors import Refused
 from etd.protocol import FrameReply
@@ -75,6 +77,7 @@ def test_a_presentation_is_so_many_pulses_of_the_current_asked_for(daemon: Stepp
     display = armed(daemon)
     stimulating = stimulator(daemon, display)
     stimulating.open()
+    stimulating.present(3, 500)
     before = daemon.engine.reporter.counters["pulses"]
     clamped = daemon.engine.reporter.counters["clamped"]
 
@@ -87,7 +90,10 @@ def test_a_presentation_is_so_many_pulses_of_the_current_asked_for(daemon: Stepp
     display.close()
 
 
-def test_before_the_opening_nothing_is_taken_for_a_presentation(daemon: SteppedDaemon) -> None:
+@pytest.mark.parametrize("current_ua", [1_500, CAP_UA])
+def test_before_the_opening_nothing_is_taken_for_a_presentation(
+    daemon: SteppedDaemon, current_ua: int
+) -> None:
     counters = daemon.engine.reporter.counters
     before: list[int] = []
 
@@ -100,10 +106,44 @@ def test_before_the_opening_nothing_is_taken_for_a_presentation(daemon: SteppedD
 
     display = Counting(daemon, CAP_UA, WIDTH_US)
     display.arm()
-    delivered = stimulator(daemon, display).present(3, 1_500)
+    delivered = stimulator(daemon, display).present(3, current_ua)
     assert len(before) > 1
     assert counters["clamped"] == before[-1] > 0, "not one pulse of the last was less"
-    assert 1_490 <= delivered.current_ua <= 1_500
+    assert current_ua - 10 <= delivered.current_ua <= current_ua
+    display.close()
+
+
+def test_a_current_far_above_all_before_takes_as_many_presentations_as_the_opening_has_steps(
+    daemon: SteppedDaemon,
+) -> None:
+    """Of one pulse each: more of them than are tried where nothing changes."""
+    array = daemon.loaded.array
+    limits = ElectrodeLimits(threshold_ua=500, comfortable_ua=1_000, cap_ua=6_000)
+    made = Calibration(
+        participant="P01",
+        body_site="fingertip",
+        array=array.name,
+        polarity="anodic",
+        width_us=50,
+        rate_hz=60.0,
+        returns="all",
+        date=datetime.date(2025, 3, 4),
+        program="test",
+        electrode=(limits,) * array.count,
+    )
+    display = armed(daemon)
+    display.disarm()
+    display.set_calibration("P01", made)
+    display.close()
+    display = SteppedDisplay(daemon, calibration="P01")
+    display.arm()
+    conditions = msgspec.structs.replace(
+        conditions_of(daemon, "limits", pulses=1), width_us=50, cap_ua=6_000
+    )
+    stimulating = Stimulator(display, display, daemon, conditions, lambda: False)
+    before = daemon.engine.reporter.counters["frames_shown"]
+    assert 5_988 <= stimulating.present(3, 6_000).current_ua <= 6_000
+    assert daemon.engine.reporter.counters["frames_shown"] - before > 8
     display.close()
 
 

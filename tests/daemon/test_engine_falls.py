@@ -18,6 +18,7 @@ from engine_scenes import (
     config,
     only,
     open_calibrated,
+    opened_to,
     phases,
     scans,
 )
@@ -50,6 +51,7 @@ def bursting(
     for number in range(1, 60):
         # A scan may outlast the patience with a gateway that cannot speak meanwhile.
         rig.clock.at(rig.clock.now_ns() + number * 50 * MS, lambda: rig.commands.send(Alive()))
+    opened_to(rig, 1_000)
     rig.hold(500, current_ua=only(electrodes, e0=20), rate_hz=2.0, ttl_ms=700)
     rig.run_ms(710)
     rig.answers.clear()

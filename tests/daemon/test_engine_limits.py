@@ -17,6 +17,7 @@ from engine_scenes import (
     fully_open,
     only,
     open_calibrated,
+    opened_to,
     phases,
     thinned,
 )
@@ -37,6 +38,7 @@ def calibrated(rig: EngineRig, caps_ua: list[int], open_ua: int = 3_000) -> Engi
     """Armed with these caps, the opening wide enough."""
     assert open_calibrated(rig, calibration(rig, caps_ua)).error is None
     rig.arm()
+    opened_to(rig, open_ua)
     rig.hold(open_ua // 5 + 30, current_ua=only(N, e0=10), rate_hz=20.0)
     return rig
 

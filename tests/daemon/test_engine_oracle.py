@@ -11,6 +11,7 @@ import pytest
 
 from engine_oracle import Oracle, Story
 from etd.bodysite import SiteMaxima
+from etd.link import Report
 from story_teller import Setting, Teller
 from trace_decoder import Record
 
@@ -76,6 +77,19 @@ def without_states(story: Story) -> Story:
     return replace(story, reports=[one for one in story.reports if one.state is None])
 
 
+def with_an_arming_between(story: Story) -> Story:
+    """As if what was fired in the first half had been before the arming."""
+    armed = next(one.state for one in story.reports if one.state and one.state.state == "ARMED")
+    half = len(story.reports) // 2
+    reports = story.reports[half:]
+    now_ns = next(one.scan.now_ns for one in reports if one.scan is not None)
+    between = [
+        Report(state=msgspec.structs.replace(armed, state=state, now_ns=now_ns))
+        for state in ("SAFE", "ARMED")
+    ]
+    return replace(story, reports=[*story.reports[:half], *between, *reports])
+
+
 def with_an_early_press(story: Story) -> Story:
     first = next(iter(story.frames.values()))
     return replace(story, presses=[*story.presses, first.expires_ns])
@@ -105,7 +119,7 @@ def test_the_story_as_it_was_is_within_all_judgments() -> None:
         ("check_windows", with_bound(array_mean_current_ua=3)),
         ("check_windows", with_bound(array_on_us_per_s=5_000)),
         ("check_expiry", with_frames(ttl_ms=60)),
-        ("check_opening", with_frames(ttl_ms=20)),
+        ("check_opening", with_an_arming_between),
         ("check_stops", with_an_early_press),
         ("check_clamps_are_told", without(clamped=())),
         ("check_thinning_is_told", without(clamped=(), thinned=())),

@@ -10,7 +10,7 @@ import pytest
 
 from engine_parts import array, body_site, currents, frame, planner
 from engine_rig import EngineRig
-from engine_scenes import calibration, clamps, config, only, open_calibrated, phases
+from engine_scenes import calibration, clamps, config, only, open_calibrated, opened_to, phases
 from etd.bodysite import BodySite, check_body_site
 from etd.config import LoadedConfig
 from etd.errors import Refused
@@ -40,9 +40,10 @@ def loaded_with(settings: Settings = LEADING, **maxima: int) -> LoadedConfig:
 
 
 def opened(rig: EngineRig, current_ua: int) -> EngineRig:
-    """Armed, with frames held until the opening has let `current_ua` through."""
+    """Armed, with weak frames held, and the opening as high as `current_ua`."""
     rig.open(width_us=190)
     rig.arm()
+    opened_to(rig, current_ua)
     rig.hold(current_ua // 5 + 30, current_ua=only(N, e0=20), rate_hz=20.0)
     return rig
 
@@ -81,6 +82,7 @@ def test_narrow_pulses_may_have_prepulses_too(make_rig: MakeRig) -> None:
     made = calibration(rig, (2_500,) * N, shape=settings.shape)
     assert open_calibrated(rig, made).error is None
     rig.arm()
+    opened_to(rig, 2_500)
     rig.hold(530, current_ua=only(N, e0=20), width_us=60, rate_hz=20.0)
     found = shown(rig, level=only(N, e3=1), pulses=1)
     ((before, pulse),) = found

@@ -13,7 +13,7 @@ import engine_rig
 from engine_parts import array, body_site, maxima_with
 from engine_parts import calibration as calibrated
 from engine_rig import EngineRig
-from engine_scenes import calibration, clamps, config, only, open_calibrated, phases
+from engine_scenes import calibration, clamps, config, only, open_calibrated, opened_to, phases
 from etd.calibration import Calibration
 from etd.engine.limits import Path, PersonLimits, last_word
 from etd.engine.room import Room, Rules
@@ -161,5 +161,6 @@ def opened(table_: Settings, cap_ua: int, calibrated_us: int | None) -> EngineRi
         rig.open(max_current_ua=cap_ua, width_us=190)
     rig.arm()
     # Up to the highest that any bound but the opening lets through.
+    opened_to(rig, 6_500)
     rig.hold(1_300, current_ua=only(N, e0=20), rate_hz=20.0, width_us=20)
     return rig

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from engine_parts import array, body_site, currents, frame, planner
 from engine_rig import EngineRig
-from engine_scenes import config, only, phases, scans
+from engine_scenes import config, only, opened_to, phases, scans
 from etd.bodysite import BodySite
 from etd.config import LoadedConfig
 from etd.errors import BoardFault, Refused
@@ -60,9 +60,10 @@ def with_probes(board: str = "kajimoto-hv507", **changes: Any) -> LoadedConfig:
 
 
 def opened(rig: EngineRig, current_ua: int = CURRENT_UA) -> EngineRig:
-    """Armed, with frames held until the opening has let `current_ua` through."""
+    """Armed, with weak frames held, and the opening as high as `current_ua`."""
     rig.open(width_us=190)
     rig.arm()
+    opened_to(rig, current_ua)
     rig.hold(current_ua // 5 + 30, current_ua=only(N, e0=20), rate_hz=20.0)
     return rig
 

@@ -10,7 +10,7 @@ import pytest
 
 import engine_rig
 from engine_rig import EngineRig
-from engine_scenes import calibration, fully_open, only, open_calibrated, phases, scans
+from engine_scenes import calibration, fully_open, only, open_calibrated, opened_to, phases, scans
 from etd.config import fake_config
 from etd.stabilize.energy import EnergyLaw
 from etd.stabilize.fitted import FittedLaw
@@ -71,6 +71,7 @@ def test_on_the_skin_of_the_calibration_a_law_leaves_every_width_as_it_is(
     answer = open_calibrated(rig, msgspec.structs.replace(made, electrode=tuple(each)))
     assert answer.error is None, answer.reason
     rig.arm()
+    opened_to(rig, 3_000)
     rig.hold(600, current_ua=only(N, e0=20), rate_hz=20.0)
     found = {}
     for width_us in (20, 30, 100, 50, 20):
@@ -92,6 +93,7 @@ def test_short_pulses_under_their_own_calibration_answer_a_change() -> None:
             for one in made.electrode]  # fmt: skip
     open_calibrated(rig, msgspec.structs.replace(made, electrode=tuple(each)))
     rig.arm()
+    opened_to(rig, 3_000)
     rig.hold(600, current_ua=only(N, e0=20), rate_hz=20.0)
     rig.fake.world.touch(4, skin(1_000.0, 40_000.0, 0.4))
     held(rig, 1_000, 30)

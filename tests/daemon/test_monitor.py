@@ -11,6 +11,7 @@ import msgspec
 from etd.apps.monitor import CONTACT_SIGNS, Monitor, Panel
 from etd.gateway.replies import hello
 from etd.protocol import (
+    Clamp,
     Contact,
     Endpoints,
     Fired,
@@ -143,6 +144,9 @@ def test_the_docs_show_the_line_that_is_printed() -> None:
     made.hear(scan())
     made.hear(Modelled(now_ns=0, felt=(1.2, 0.0, 0.4, 5.0), pain=(0.0,) * 4))
     forms = {silent, form_of(made.line()), form_of(made.line(60.0))}
+    clamp = Clamp(electrode=0, wanted_ua=2_000, got_ua=500, reason="opening", limited_by=0)
+    made.hear(msgspec.structs.replace(scan(), clamped=(clamp,)))
+    forms.add(form_of(made.line(60.0)))
     shown = [line for line in COMMANDS.splitlines() if ", ceiling " in line]
     assert {form_of(line) for line in shown} == forms
 

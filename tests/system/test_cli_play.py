@@ -99,6 +99,26 @@ def test_currents_are_those_asked_for_once_the_opening_is_there(rig: CommandRig)
     assert asked[3] == pytest.approx(-750, abs=3)
 
 
+def test_a_frame_that_is_stronger_than_all_before_is_up_for_its_time_as_asked(
+    rig: CommandRig,
+) -> None:
+    trace = rig.folder / "trace.jsonl"
+    frames = [
+        {"duration_ms": 200, "level": [0.2, 0, 0, 0, 0, 0, 0, 0]},
+        {"duration_ms": 300, "level": [0, 1, 0, 0, 0, 0, 0, 0]},
+    ]
+    told = rig.run(
+        *("play", pattern(rig, frames), "--board", "fake", "--trace", str(trace), "--json"),
+        *("--current-ua", "2500", "--width-us", "60"),
+    )
+    assert told.status == 0, told.err
+    assert told.answer["clamped"] == []
+    assert told.answer["opening_s"] > 0.3
+    found = [one for one in events(trace) if one.get("bus") == "body" and one["electrode"] == 1]
+    strong = [one["from_ns"] for one in found if one["asked_ua"] >= 2_490]
+    assert strong[-1] - strong[0] > 250e6
+
+
 def test_a_pattern_is_repeated(rig: CommandRig) -> None:
     told = rig.run("play", pattern(rig, SMALL[:1]), "--board", "fake", "--repeat", "3", "--json")
     assert told.answer["frames"] == 3

@@ -1,10 +1,9 @@
 """The loop that plays a pattern: each frame for its time, as telemetry tells it.
 
-Owns: waiting for the operator, holding the first frame until the opening is there, when the next
+Owns: waiting for the operator, holding a frame until the opening takes nothing of it, when the next
 one is due, and what is renewed meanwhile. Must not know: files, the terminal, whose daemon it is.
 
-A frame counts as shown from the start of its first scan, which telemetry tells. The engine's
-clock may lag behind the client's (a fake's does): time is counted on the engine's.
+The engine's clock may lag behind the client's (a fake's does): time is counted on the engine's.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from etd.apps.standing import Standing
 from etd.apps.steps import Step, Tell, silent
 from etd.client import Display, FrameOptions, Telemetry, clock
 from etd.errors import DaemonGone, Refused
@@ -27,16 +27,13 @@ _RENEW_NS = 400 * _MS
 _KEEP_NS = 300 * _MS
 #: An accepted frame is begun at once, and telemetry comes 30 times a second.
 _BEGUN_WITHIN_NS = 3_000 * _MS
-#: The opening rises 5 uA in a millisecond; a fake on a busy machine is slower.
-_OPENING_UA_PER_S = 5_000
-_OPENING_SLACK_S = 15.0
 
 
 @dataclass(slots=True)
 class Summary:
     """What became of it: frames shown, the last clamp of each electrode and reason (those of the
-    opening are no loss: the first frame is held meanwhile), what was thinned by reason, and the
-    lowest rate that a frame was slowed down to.
+    opening are no loss: the frame is held meanwhile), what was thinned by reason, and the lowest
+    rate that a frame was slowed down to. `opening_s`: how long frames were held, in all.
     """
 
     frames: int = 0
@@ -46,22 +43,6 @@ class Summary:
     slowed_to_hz: float | None = None
     opening_s: float = 0.0
     played_s: float = 0.0
-
-
-@dataclass(slots=True)
-class _Standing:
-    """A step that has been sent, once or more. Times of the client's clock, but `begun_ns`."""
-
-    step: Step
-    seqs: set[int]
-    sent_ns: int
-    expires_ns: int
-    begun_ns: int | None = None
-
-    @property
-    def due_ns(self) -> int | None:
-        """When it has had its time, on the engine's clock."""
-        return None if self.begun_ns is None else self.begun_ns + self.step.duration_ms * _MS
 
 
 class Player:
@@ -77,8 +58,6 @@ class Player:
         self._steps = steps
         self._on_frame = on_frame
         self._lag_ns = 0
-        self._scan: Scan | None = None
-        self._is_open = False
         self._kept_ns = 0
         self.summary = Summary()
 
@@ -104,54 +83,28 @@ class Player:
     def play(self, repeat: int = 1) -> Summary:
         """Blocks until the last frame has had its time; the skin is silent then."""
         with self._display.telemetry("scan", "halt") as reports:
-            standing = self._hold_until_open(reports)
             begun_ns = clock.now_ns()
-            self._finish(reports, standing)
-            for index in range(repeat):
-                for step in self._steps[1:] if index == 0 else self._steps:
+            for _ in range(repeat):
+                for step in self._steps:
                     self._finish(reports, self._stand(step))
-            self.summary.played_s = (clock.now_ns() - begun_ns) / 1e9
+            self.summary.played_s = (clock.now_ns() - begun_ns) / 1e9 - self.summary.opening_s
             self._send(silent(self._steps[-1], 0), SLACK_MS)
         return self.summary
 
     # --- standing ----------------------------------------------------------------------------
 
-    def _hold_until_open(self, reports: Telemetry) -> _Standing:
-        """The first frame, until the ceiling is above every current of the pattern and takes
-        nothing away. Its time counts from then on.
-        """
-        most_ua = max(step.largest_ua for step in self._steps)
-        within_s = most_ua / _OPENING_UA_PER_S + _OPENING_SLACK_S
-        begun_ns = clock.now_ns()
-        standing = self._stand(self._steps[0])
-        while not self._has_opened(standing, most_ua):
-            if clock.now_ns() - begun_ns > within_s * 1e9:
-                raise Refused(
-                    "wrong_state", f"the opening is not at {most_ua} uA after {within_s:.0f} s"
-                )
-            self._wait(reports, standing)
-        self._is_open = True
-        self.summary.opening_s = (clock.now_ns() - begun_ns) / 1e9
-        standing.begun_ns = self._engine_ns()
-        return standing
-
-    def _has_opened(self, standing: _Standing, most_ua: int) -> bool:
-        scan = self._scan
-        if scan is None or scan.seq not in standing.seqs or scan.ceiling_ua < most_ua:
-            return False
-        return not any(clamp.reason == "opening" for clamp in scan.clamped)
-
-    def _finish(self, reports: Telemetry, standing: _Standing) -> None:
+    def _finish(self, reports: Telemetry, standing: Standing) -> None:
         """Return when it has been shown for its time."""
         while (due_ns := standing.due_ns) is None or self._engine_ns() < due_ns:
             if due_ns is None and clock.now_ns() - standing.sent_ns > _BEGUN_WITHIN_NS:
                 self._say_why_not_shown(standing.step)
             self._wait(reports, standing)
+        self.summary.opening_s += standing.held_ms / 1e3
         if standing.step.ends_frame:
             self.summary.frames += 1
             self._on_frame(self.summary.frames)
 
-    def _wait(self, reports: Telemetry, standing: _Standing) -> None:
+    def _wait(self, reports: Telemetry, standing: Standing) -> None:
         """Until telemetry comes or something is due; then do what is due."""
         left_ns = self._wake_ns(standing) - clock.now_ns()
         item = reports.receive(max(0.001, left_ns / 1e9))
@@ -164,7 +117,7 @@ class Player:
             self._display.keep()
             self._kept_ns = now_ns
 
-    def _wake_ns(self, standing: _Standing) -> int:
+    def _wake_ns(self, standing: Standing) -> int:
         moments_ns = [self._kept_ns + _KEEP_NS]
         if standing.due_ns is not None:
             moments_ns.append(standing.due_ns + self._lag_ns)
@@ -172,10 +125,10 @@ class Player:
             moments_ns.append(standing.expires_ns - _RENEW_NS)
         return min(moments_ns)
 
-    def _stands_on(self, standing: _Standing) -> bool:
+    def _stands_on(self, standing: Standing) -> bool:
         """It is to be felt for longer than it lives."""
         if standing.due_ns is None:
-            return not self._is_open
+            return standing.is_held
         return standing.due_ns + self._lag_ns > standing.expires_ns
 
     def _engine_ns(self) -> int:
@@ -184,20 +137,17 @@ class Player:
 
     # --- telemetry ---------------------------------------------------------------------------
 
-    def _hear(self, report: object, standing: _Standing) -> None:
+    def _hear(self, report: object, standing: Standing) -> None:
         if isinstance(report, Halt):
             raise Refused("halted", f"halted by {report.cause} ({report.who}: {report.detail})")
         if isinstance(report, Scan):
-            self._scan = report
             self._lag_ns = max(0, clock.now_ns() - report.now_ns)
-            for shown in report.shown:
-                if shown.seq in standing.seqs and standing.begun_ns is None and self._is_open:
-                    standing.begun_ns = shown.begun_ns
-            self._count(report)
+            standing.hear(report, clock.now_ns())
+            self._count(report, standing)
 
-    def _count(self, scan: Scan) -> None:
+    def _count(self, scan: Scan, standing: Standing) -> None:
         for clamp in scan.clamped:
-            if self._is_open or clamp.reason != "opening":
+            if clamp.reason != "opening" or not standing.is_held:
                 self.summary.clamped[clamp.electrode, clamp.reason] = clamp
                 self.summary.clamped_frames.add(-1 if scan.tag is None else scan.tag)
         for thinned in scan.thinned:
@@ -213,17 +163,15 @@ class Player:
 
     # --- sending -----------------------------------------------------------------------------
 
-    def _stand(self, step: Step) -> _Standing:
-        ttl_ms = min(MAX_TTL_MS, step.duration_ms + SLACK_MS)
-        if not self._is_open:
-            ttl_ms = MAX_TTL_MS
+    def _stand(self, step: Step, is_held: bool = False) -> Standing:
+        ttl_ms = MAX_TTL_MS if is_held else min(MAX_TTL_MS, step.duration_ms + SLACK_MS)
         sent_ns = clock.now_ns()
         reply = self._send(step, ttl_ms)
-        return _Standing(step, {reply.seq}, sent_ns, sent_ns + ttl_ms * _MS)
+        return Standing(step, {reply.seq}, sent_ns, sent_ns + ttl_ms * _MS)
 
-    def _renew(self, standing: _Standing) -> None:
+    def _renew(self, standing: Standing) -> None:
         """A new frame on the wire, the same for the skin: its time goes on."""
-        again = self._stand(standing.step)
+        again = self._stand(standing.step, is_held=standing.is_held)
         standing.seqs |= again.seqs
         standing.sent_ns, standing.expires_ns = again.sent_ns, again.expires_ns
 

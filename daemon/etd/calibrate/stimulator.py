@@ -5,7 +5,9 @@ opening before the first one, and the stop. Must not know: procedures, questions
 comes through a clock port.
 
 What was fired otherwise than asked (an opening, a re-contact, the ledger) is no presentation: it
-is shown again, and after a few times given up, with the reason. It never was more than asked.
+is shown again, and after a few times given up, with the reason. It never was more than asked. An
+opening rises by what is fired, so a current far above all before takes some of them: those that
+came further than the one before are not counted.
 """
 
 from __future__ import annotations
@@ -23,8 +25,8 @@ from etd.protocol import FrameReply, Halt, Scan
 from etd_hal.ports import Clock
 
 _MS = 1_000_000
-#: Far below anything that is felt; the opening rises while it stands.
-_PRIME_UA = 50
+#: Far below anything that is felt, and as far as the opening rises through anything so weak.
+_PRIME_UA, _PRIMED_UA = 50, 500
 _OPEN_WITHIN_NS = 30_000 * _MS
 _FIRED_WITHIN_NS = 5_000 * _MS
 #: A lease lasts for a second, and a machine that is busy may take half of it for one message.
@@ -101,10 +103,12 @@ class Stimulator:
         self._kept_ns = 0
 
     def open(self) -> None:
-        """Wait until the opening takes nothing away any more, with a current that nobody feels."""
+        """Let the opening begin with a current that nobody feels. What is presented from then on
+        loses nothing to it, as long as it rises by steps of less than half a milliampere.
+        """
         until_ns = self._clock.now_ns() + _OPEN_WITHIN_NS
         current_ua = min(_PRIME_UA, self._conditions.cap_ua)
-        while self._ceiling_ua < self._conditions.cap_ua:
+        while self._ceiling_ua < min(_PRIMED_UA, self._conditions.cap_ua):
             if self._clock.now_ns() > until_ns:
                 raise Refused(
                     "wrong_state", f"the opening is at {self._ceiling_ua} uA and does not rise"
@@ -115,11 +119,14 @@ class Stimulator:
 
     def present(self, electrode: int, current_ua: int) -> Delivered:
         """So many pulses of this current on this electrode, once. Raises: NotDelivered."""
-        why = ""
-        for _ in range(_TRIES):
-            delivered, why = self._presented(electrode, current_ua)
+        why, tries, most_ua = "", 0, 0
+        while tries < _TRIES:
+            delivered, why, fired_ua = self._presented(electrode, current_ua)
             if delivered is not None:
                 return delivered
+            if fired_ua <= most_ua + _STEPS_UA:
+                tries += 1
+            most_ua = max(most_ua, fired_ua)
             self._sleep(_AGAIN_NS)
         raise NotDelivered(electrode, why)
 
@@ -151,7 +158,8 @@ class Stimulator:
 
     # --- one presentation --------------------------------------------------------------------
 
-    def _presented(self, electrode: int, current_ua: int) -> tuple[Delivered | None, str]:
+    def _presented(self, electrode: int, current_ua: int) -> tuple[Delivered | None, str, int]:
+        """What was delivered, or why nothing was; and the current of its last pulse in uA."""
         conditions = self._conditions
         self._look()
         ttl_ms = int(conditions.presentation_s * 1000) + 250
@@ -166,8 +174,9 @@ class Stimulator:
             trouble |= {clamp.reason for clamp in scan.clamped if clamp.electrode == electrode}
             trouble |= {one.reason for one in scan.thinned if one.electrode == electrode}
             if any(one.seq == seq and one.ended for one in scan.shown):
-                return self._settled(scan, electrode, current_ua, trouble)
-        return None, "nothing was fired"
+                fired_ua = scan.fired.current_ua[electrode]
+                return *self._settled(scan, electrode, current_ua, trouble), fired_ua
+        return None, "nothing was fired", 0
 
     def _settled(
         self, scan: Scan, electrode: int, current_ua: int, trouble: set[str]

@@ -88,11 +88,9 @@ class Engine(Core):
             self._climb(self._energizer, now_ns, self._may_fire)
         standing = self.scanner.standing
         if standing is None or self.states.state != "ARMED":
-            self.opening.hold()
             self._doze_until(now_ns + TICK_NS)
             return
         if now_ns < standing.next_ns:
-            self.opening.rise(now_ns)
             self._wait_for(standing.next_ns, now_ns + TICK_NS)
             return
         if self._visitor.firing.has_drifted:
@@ -125,7 +123,7 @@ class Engine(Core):
         self._watch(now_ns)
         self.reporter.scan_report(now_ns, self.opening.ceiling_ua)
         if self.states.state == "ARMED":
-            return self.opening.rise(now_ns) if self.scanner.standing is not None else None
+            return self.opening.due(now_ns) if self.scanner.standing is not None else None
         if self.states.state == "PROBE" and self._energizer is not None:
             return self.maxima.probe_current_ua
         return None
@@ -140,9 +138,6 @@ class Engine(Core):
         if self.lease is not None and self.lease.has_lapsed(host_ns):
             self.end_lease("lapsed")
         self.scanner.expire(host_ns)
-        if self.scanner.standing is None:
-            # Before a frame is taken: what lies between two frames is not counted as standing.
-            self.opening.hold()
         self._watch_gateway(host_ns)
         self._watch_stops()
         self._watch_rail(now_ns)

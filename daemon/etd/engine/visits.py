@@ -156,6 +156,8 @@ class Visitor:
                 tools.reporter.counters["probes_alone"] += 1
             return None
         shots = self.firing.visit(ready, visit.phases)
+        given_ua, ended_ns = ready.given.current_ua, shots[-1].ended_ns
+        tools.opening.fired(visit.electrode, given_ua, ready.pulse.told_ua, ended_ns)
         probed_v = tools.ahead.probed_v(visit.electrode) if probe_ua else 0.0
         self._learn(visit, ready.pulse, *shots, probed_v)
         tools.ahead.was_followed(visit.electrode)
