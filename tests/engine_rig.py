@@ -161,11 +161,15 @@ class EngineRig:
             assert answer.error is None, answer.reason
             self.run_ms(min(60.0, (until_ns - self.clock.now_ns()) / 1e6))
 
-    def attach_next_gateway(self) -> None:
-        """After the engine has lost the one before."""
+    def attach_next_gateway(
+        self, wrap_frames: Callable[[socket.socket], socket.socket] = lambda one: one
+    ) -> None:
+        """After the engine has lost the one before. `wrap_frames` may put something before the
+        engine's end of the frames.
+        """
         assert not self.engine.has_gateway
         self._close_link()
-        self.commands, self.frames, self._engine_ends = _attach_gateway(self.engine)
+        self.commands, self.frames, self._engine_ends = _attach_gateway(self.engine, wrap_frames)
 
     def _close_link(self) -> None:
         for channel in (self.commands, self.frames, *self._engine_ends):
@@ -244,10 +248,12 @@ def make(
     return EngineRig(engine, fake, clock, sink, *_attach_gateway(engine))
 
 
-def _attach_gateway(engine: Engine) -> tuple[Channel[ToGateway], Channel[ToGateway], EngineEnds]:
+def _attach_gateway(
+    engine: Engine, wrap_frames: Callable[[socket.socket], socket.socket] = lambda one: one
+) -> tuple[Channel[ToGateway], Channel[ToGateway], EngineEnds]:
     """The gateway's ends of a new link, for commands and frames, and the engine's."""
     mine, theirs = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
     to_engine: Channel[ToEngine] = Channel(theirs[0], ToEngine)
-    frames: Channel[NewFrame] = Channel(mine[0], NewFrame)
+    frames: Channel[NewFrame] = Channel(wrap_frames(mine[0]), NewFrame)
     engine.attach(to_engine, frames)
     return Channel(theirs[1], ToGateway), Channel(mine[1], ToGateway), (to_engine, frames)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import msgspec
@@ -46,6 +47,12 @@ def moves(rig: EngineRig, name: str, since_ns: int = 0) -> list[tuple[int, int]]
         for one in rig.records
         if one["bus"] == "gpio" and one["line"] == lines[name] and one["t_ns"] >= since_ns
     ]
+
+
+def longest_gap_ns(rig: EngineRig, from_ns: int, to_ns: int) -> int:
+    """Between two edges of the heartbeat, or one and the beginning or the end."""
+    edges_ns = [t_ns for t_ns, _ in moves(rig, "HEARTBEAT", from_ns) if t_ns < to_ns]
+    return max(after - before for before, after in pairwise([from_ns, *edges_ns, to_ns]))
 
 
 def dac_codes(rig: EngineRig, since_ns: int = 0) -> list[tuple[int, int]]:

@@ -210,6 +210,7 @@ class Channel(Generic[In]):
         self._decoder: msgspec.msgpack.Decoder[In] = msgspec.msgpack.Decoder(incoming)
         self.is_open = True
         self.dropped = 0
+        self.received_bytes = 0
 
     def fileno(self) -> int:
         """For a poller."""
@@ -249,6 +250,7 @@ class Channel(Generic[In]):
         if not data:
             self.close()
             return None
+        self.received_bytes += len(data)
         try:
             return self._decoder.decode(data)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 
 from engine_rig import LEASE, EngineRig
-from engine_scenes import MS, armed, config, fully_open, halts, moves, thinned
+from engine_scenes import MS, armed, config, fully_open, halts, longest_gap_ns, moves, thinned
 from etd.link import ArmBoard, DisarmBoard, StopNow
 from etd.stabilize.pipeline import Known, Reach, Wish
 from etd_hal.backend import Backend
@@ -25,11 +25,6 @@ ALL = (500,) * 64
 
 def edges_ns(rig: EngineRig, since_ns: int = 0) -> list[int]:
     return [t_ns for t_ns, _ in moves(rig, "HEARTBEAT", since_ns)]
-
-
-def longest_gap_ns(rig: EngineRig, from_ns: int, to_ns: int) -> int:
-    times = [from_ns, *(one for one in edges_ns(rig, from_ns) if one < to_ns), to_ns]
-    return max(after - before for before, after in pairwise(times))
 
 
 def supplied_from_ns(rig: EngineRig) -> int:

@@ -1,6 +1,7 @@
 """The engine's end of the link: what the gateway says, and when it last did.
 
-Owns: the two channels of the one gateway, and how its silence and its end are noticed.
+Owns: the two channels of the one gateway, how much is read from them at a time, and how its silence
+and its end are noticed.
 Must not know: what any message means, states, hardware. Time comes in.
 """
 
@@ -9,8 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TypeVar
 
+from etd.engine.frame_queue import FrameQueue
 from etd.errors import Undecodable
 from etd.link import Answer, Channel, Greeting, LeaseEnded, NewFrame, Report, ToEngine
+
+#: Read at a time, a millisecond's work at most: so many, and none after so many bytes of them.
+_FRAMES_A_READ = 64
+_FRAME_BYTES_A_READ = 128 * 1024
 
 In = TypeVar("In")
 
@@ -22,6 +28,7 @@ class Dialogue:
         self._silence_ns = silence_ns
         self._commands: Channel[ToEngine] | None = None
         self._frames: Channel[NewFrame] | None = None
+        self.queue = FrameQueue()
         self._heard_host_ns = 0
         self._undecodable: Undecodable | None = None
         #: Where that came: nothing more is read there.
@@ -43,6 +50,7 @@ class Dialogue:
             if channel is not None:
                 channel.close()
         self._commands = self._frames = None
+        self.queue.clear()
 
     @property
     def undecodable(self) -> Undecodable | None:
@@ -67,13 +75,22 @@ class Dialogue:
             self._heard_host_ns = host_ns
             yield command
 
-    def frames(self) -> Iterator[NewFrame]:
-        """All that lie there now, oldest first."""
-        while self._frames is not None:
-            message = self._received(self._frames)
+    def read_frames(self, came_host_ns: int) -> bool:
+        """Some of what lies there, into the queue: True if that was all. However fast the gateway
+        sends, it is for the caller to look at everything else before the next ones.
+        """
+        channel = self._frames
+        if channel is None:
+            return True
+        most_bytes = channel.received_bytes + _FRAME_BYTES_A_READ
+        for _ in range(_FRAMES_A_READ):
+            if self.queue.is_full or channel.received_bytes >= most_bytes:
+                return False
+            message = self._received(channel)
             if message is None:
-                return
-            yield message
+                return True
+            self.queue.put(message, came_host_ns)
+        return False
 
     def _received(self, channel: Channel[In]) -> In | None:
         """The next message; None if there is none now, or will be none."""

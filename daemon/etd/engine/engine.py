@@ -29,6 +29,10 @@ TICK_NS = 1_000_000
 _STALL_NS = 50_000_000
 #: Whatever lies there, a pulse is not held up by more; the rest is read before the next one.
 _COMMANDS_A_LOOK = 64
+#: More than a link holds: a rest that is left is of a gateway that sends faster than it is read.
+_READS_A_LOOK = 16
+#: Frames that are planned before the pulses go on.
+_PLANS_A_LOOK = 4
 #: After a plan made while a scan is under way, the next one waits so many times as long as it took:
 #: whoever sends frames faster than they can be planned must not take the time of the pulses.
 _PLANS_REST = 9
@@ -207,19 +211,31 @@ class Engine(Core):
             commands.obey(self, command, host_ns)
 
     def _take_frames(self) -> None:
-        """All that lie there now. Planning takes time that the heartbeat cannot spare, so of those
-        that were streamed the newest wins.
+        """What lies there now. Planning takes time that the heartbeat and the pulses cannot spare,
+        so of those that were streamed the newest wins, and a few are planned at a time.
         """
-        lying = list(self._dialogue.frames())
-        newest = max((one.frame.seq for one in lying if not one.ref), default=-1)
-        for message in lying:
-            if message.ref or message.frame.seq == newest:
-                host_ns = self.host_clock.now_ns()
-                came_host_ns = self._unseen_since_host_ns or host_ns
-                commands.take_frame(self, message, host_ns, came_host_ns)
-            else:
-                self.reporter.superseded()
-        self._unseen_since_host_ns = None
+        self._read_frames()
+        queue = self._dialogue.queue
+        self.reporter.superseded(queue.take_superseded())
+        for _ in range(_PLANS_A_LOOK):
+            came = queue.next()
+            if came is None:
+                return
+            commands.take_frame(self, came.message, self.host_clock.now_ns(), came.came_host_ns)
+
+    def _read_frames(self) -> None:
+        """With the watch kept between two reads: there is no end to what a gateway may send."""
+        for _ in range(_READS_A_LOOK):
+            host_ns = self.host_clock.now_ns()
+            came_host_ns = self._unseen_since_host_ns or host_ns
+            if self._dialogue.read_frames(came_host_ns):
+                self._unseen_since_host_ns = None
+                return
+            # What is left may have lain there for as long as what was read.
+            self._unseen_since_host_ns = came_host_ns
+            if self._dialogue.queue.is_full:
+                return
+            self._watch(self.clock.now_ns())
 
     def _take_frames_within(self) -> None:
         """While a scan is under way, so that a fall need not wait for its end."""

@@ -288,9 +288,10 @@ class Reporter:
         why = f"its ttl of {frame.ttl_ms} ms was over before the scan under way: give it longer"
         self.refused(frame, Refused("expired", why), now_ns)
 
-    def superseded(self) -> None:
-        """A newer frame took the place of one that was not begun."""
-        self.counters["frames_superseded"] += 1
+    def superseded(self, frames: int = 1) -> None:
+        """Newer ones took the place of so many that were not begun."""
+        if frames:
+            self.counters["frames_superseded"] += frames
 
     def contact(self, contact: ContactMap, now_ns: int) -> Contact:
         """Told to all, and returned for the answer."""
