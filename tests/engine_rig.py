@@ -61,6 +61,8 @@ class EngineRig:
     reports: list[Report] = field(default_factory=list)
     others: list[object] = field(default_factory=list)
     is_gateway_alive: bool = True
+    #: False: what the engine says stays in the queue.
+    is_listening: bool = True
     #: False: the sensor thread hangs on its bus.
     is_sensing: bool = True
     #: Called before each turn with the time, for what the world does meanwhile.
@@ -80,14 +82,16 @@ class EngineRig:
             self.commands.send(Alive())
         self._sense()
         self.engine.turn()
-        self._listen()
+        if self.is_listening:
+            self.listen()
 
     def _sense(self) -> None:
         """What the sensor thread does, in between."""
         if self.is_sensing and (self.engine.rail.is_there or self.engine.pressure.count):
             self._turns.step()
 
-    def _listen(self) -> None:
+    def listen(self) -> None:
+        """Take note of all that the engine has said."""
         while (message := self.commands.receive()) is not None:
             if isinstance(message, Answer):
                 self.answers[message.ref] = message
@@ -101,6 +105,11 @@ class EngineRig:
         until_ns = self.clock.now_ns() + int(duration_ms * 1e6)
         while self.clock.now_ns() < until_ns:
             self.turn()
+
+    @property
+    def last_ref(self) -> int:
+        """Of the last command or frame sent."""
+        return self._ref
 
     def next_ref(self) -> int:
         self._ref += 1

@@ -18,7 +18,7 @@ from etd.shipped import find
 from etd_body.electrode import OPEN_CONTACT
 from etd_body.minimal import MinimalBody
 from etd_hal.backend import Backend, Bench
-from etd_hal.bench import Hand, StopName
+from etd_hal.bench import Hand, StopName, Understudy
 from etd_hal.boardfile import BoardFile
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
@@ -55,6 +55,25 @@ class LazyHand:
 
     def stand_back(self) -> None:
         pass
+
+
+class ChangedUnderstudy:
+    """The bench's understudy, for a test that changes one thing of it."""
+
+    def __init__(self, inner: Understudy) -> None:
+        self._inner = inner
+
+    def take_over(self) -> None:
+        self._inner.take_over()
+
+    def kill(self) -> float:
+        return self._inner.kill()
+
+    def levels(self) -> Mapping[int, int]:
+        return self._inner.levels()
+
+    def step_back(self) -> None:
+        self._inner.step_back()
 
 
 class ChargeWatch:
@@ -123,9 +142,18 @@ class SelftestRig:
     hand: Hand | None
     asked: Asked
     watch: ChargeWatch
+    understudy: FakeUnderstudy
 
     def run(self) -> Report:
         return run(Bed(self.loaded, self.bench, self.hand, self.asked), DATE)
+
+    def let_another_be_killed(self, changed: Callable[[Understudy], Understudy]) -> None:
+        """The bench has another understudy: what is made of the one that it has."""
+        self.bench = replace(self.bench, understudy=changed(self.bench.understudy))
+
+    @property
+    def is_understudy_alive(self) -> bool:
+        return self.understudy.is_alive
 
     def rail_v_after_a_while(self) -> float:
         """What is left of the rail when a supply that is off has had its time to fall."""
@@ -204,6 +232,7 @@ def selftest_rig(
             second = DummyLoad(second_ohm, 1, 2)
         hand.clip(load.resistance_ohm, load.first, load.second)
     operator: Hand | None = LazyHand() if is_lazy else hand
+    understudy = FakeUnderstudy(fake, loaded.board, ports.gpio, line_setup(loaded.board), clock)
     return SelftestRig(
         loaded,
         fake,
@@ -213,9 +242,10 @@ def selftest_rig(
             backend,
             fake.world.host,
             hand,
-            FakeUnderstudy(fake, loaded.board, ports.gpio, line_setup(loaded.board), clock),
+            understudy,
         ),
         operator if has_operator else None,
         Asked(load, one_shot_us, second),
         watch,
+        understudy,
     )

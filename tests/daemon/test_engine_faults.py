@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-import msgspec
 import pytest
 
 import engine_rig
@@ -30,8 +29,7 @@ from etd_hal.fake.faults import (
     RailOff,
     StuckLine,
 )
-from etd_hal.ports import Changes, Edge, Gpio
-from etd_hal.watch import Approval
+from etd_hal.ports import Changes, Edge, Gpio, Message, Spi
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -115,14 +113,31 @@ def test_a_lost_clock_lives_at_most_one_scan_where_it_is_not(make_rig: MakeRig) 
     assert by_scan[1] == by_scan[2] == set(range(N))
 
 
+class RefusingSpi:
+    """What the guard refuses looks like this from above; what it refuses, tests/hal knows."""
+
+    def __init__(self, spi: Spi) -> None:
+        self._spi = spi
+        self.refuses = False
+
+    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+        self._spi.prepare(message, is_lasting=is_lasting)
+
+    def transfer(self, message: Message) -> tuple[bytes, ...]:
+        if self.refuses and any(transfer.tx.strip(b"\0") for transfer in message.transfers):
+            raise GuardRefusal("approval", "500 uA", "450 uA")
+        return self._spi.transfer(message)
+
+
 def test_a_guard_refusal_halts_with_its_rule(make_rig: MakeRig) -> None:
-    rig = fully_open(make_rig(electrodes=N), 500)
+    refusing: list[RefusingSpi] = []
 
-    def approve_other(approval: Approval) -> None:
-        weaker = msgspec.structs.replace(approval, current_ua=approval.current_ua - 50)
-        type(rig.engine.board.guard).approve(rig.engine.board.guard, weaker)
+    def wrap(backend: Backend) -> Backend:
+        refusing.append(RefusingSpi(backend.spi))
+        return dataclasses.replace(backend, spi=refusing[0])
 
-    rig.engine.board.guard.approve = approve_other  # type: ignore[method-assign]
+    rig = fully_open(make_rig(electrodes=N, wrap=wrap), 500)
+    refusing[0].refuses = True
     since_ns = rig.clock.now_ns()
     rig.send(current_ua=(500,) * N, pulses=1)
     rig.run_ms(50)
@@ -178,6 +193,24 @@ def test_lines_that_are_gone_halt_and_the_dac_is_zeroed_all_the_same(operation: 
     rig.turn()
     # What could not be told to go off is not told as off.
     assert states(rig)[-1].supply_on is (operation == "set")
+    failing[0].fails = set()
+    assert rig.close() == ()
+
+
+def test_a_board_that_is_gone_for_good_keeps_no_core_busy() -> None:
+    failing: list[FailingGpio] = []
+
+    def wrap(backend: Backend) -> Backend:
+        failing.append(FailingGpio(backend.gpio))
+        return dataclasses.replace(backend, gpio=failing[0])
+
+    rig = engine_rig.make(REFERENCE, wrap=wrap)
+    before_ns = rig.clock.now_ns()
+    failing[0].fails = {"edges"}
+    for _ in range(20):
+        rig.engine.turn()
+    assert rig.state == "HALTED"
+    assert rig.clock.now_ns() - before_ns >= 20 * MS
     failing[0].fails = set()
     assert rig.close() == ()
 

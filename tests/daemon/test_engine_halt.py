@@ -170,7 +170,7 @@ def test_a_stop_line_between_two_scans_halts_within_milliseconds(
 @pytest.mark.parametrize("line", ["emergency_stop", "wearer_stop"])
 def test_a_stop_line_in_probe_halts_and_the_arm_is_answered(make_rig: MakeRig, line: str) -> None:
     rig = in_state(make_rig(REFERENCE), "PROBE")
-    ref = rig._ref
+    ref = rig.last_ref
     rig.fake.world.press(line)  # type: ignore[arg-type]
     answer = rig.wait_for(ref)
     assert answer.error == "arm_failed"

@@ -232,8 +232,10 @@ def test_the_next_gateway_is_greeted_and_starts_in_safe(make_rig: MakeRig) -> No
     assert greeting.array.electrodes == N
     assert states(rig)[0].state == "SAFE"
     rig.open()
-    rig.engine.end()
-    rig.engine._dialogue.hang_up()
+    rig.commands.close()
+    for _ in range(3):
+        rig.engine.turn()
+    assert not rig.engine.has_gateway
 
 
 def test_without_a_gateway_nothing_is_armed(make_rig: MakeRig) -> None:
@@ -265,5 +267,5 @@ def test_an_answer_that_nobody_takes_is_counted(make_rig: MakeRig) -> None:
         rig.commands.send(KeepLease(ref=7, lease=LEASE))
         rig.engine.turn()
     assert rig.engine.reporter.counters["answers_dropped"] > 0
-    rig._listen()
+    rig.listen()
     assert isinstance(rig.answers[7], Answer)

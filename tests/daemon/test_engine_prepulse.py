@@ -139,7 +139,8 @@ def test_a_time_constant_is_not_read_from_skin_that_does_not_begin_at_rest(
     alone = Settings(order=("narrow",), narrow=Narrow(width_us=200, tau_us=151.0))
     rig = opened(make_rig(loaded=loaded_with(LEADING if is_led else alone)), 1_000)
     rig.hold(100, current_ua=only(N, e3=800), width_us=100)
-    assert (rig.engine.asker._impedance.capacitance_nf(3, rig.clock.now_ns()) is None) == is_led
+    _, capacitance_nf = rig.engine.asker.told(3, rig.clock.now_ns())
+    assert (capacitance_nf is None) == is_led
 
 
 # --- limits ---------------------------------------------------------------------------------------

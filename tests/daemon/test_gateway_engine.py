@@ -109,7 +109,7 @@ def test_what_is_asked_in_the_turn_in_which_the_engine_ends_is_told_that_it_is_g
         rig.control.send(json.dumps({"op": op, **frame}).encode())
         assert rig.gateway._sockets.control.poll(5_000)
 
-        rig.gateway._answer_requests()  # the link's end has not been read yet
+        rig.gateway.turn(0)  # the link's end has not been read yet
 
         reply = rig.reply()
         assert reply["error"] == "engine_gone"

@@ -23,15 +23,25 @@ from etd.link import (
     NewFrame,
     ToEngine,
     ToGateway,
+    command_path,
     connect,
+    frame_path,
 )
 
 Pair = tuple[Channel[ToEngine], Channel[ToGateway]]
 
 
+Ends = tuple[socket.socket, socket.socket]
+
+
 @pytest.fixture
-def pair() -> Iterator[Pair]:
-    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+def ends() -> Ends:
+    """Of one connection, the engine's and the gateway's."""
+    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+
+@pytest.fixture
+def pair(ends: Ends) -> Iterator[Pair]:
     engine: Channel[ToEngine] = Channel(ends[0], ToEngine)
     gateway: Channel[ToGateway] = Channel(ends[1], ToGateway)
     yield engine, gateway
@@ -139,10 +149,10 @@ def test_sending_to_an_end_that_is_gone_closes(pair: Pair) -> None:
     ids=["no msgpack", "no tag", "an engine's", "no UTF-8", "deep"],
 )
 def test_bytes_that_are_no_message_of_the_other_end_are_an_error(
-    pair: Pair, nonsense: bytes
+    pair: Pair, ends: Ends, nonsense: bytes
 ) -> None:
-    engine, gateway = pair
-    gateway._socket.send(nonsense)
+    engine, _ = pair
+    ends[1].send(nonsense)
     with pytest.raises(Undecodable):
         engine.receive()
 
@@ -174,9 +184,9 @@ def test_a_second_engine_of_the_same_name_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_socket_left_by_a_dead_engine_is_taken_over(tmp_path: Path) -> None:
-    left = Listener(tmp_path)
-    for one in left._listening:
-        one.close()
+    for path in (command_path(tmp_path), frame_path(tmp_path)):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as left:
+            left.bind(str(path))
     assert len(list(tmp_path.iterdir())) == 2
     listener = Listener(tmp_path)
     mine = connect(tmp_path)

@@ -15,9 +15,8 @@ from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.relays import RelayChain
 from etd_hal.fake.timeline import Timeline
-from etd_hal.fake.understudy import FakeUnderstudy
 from selftest_cases import ALL, BARE, RELAY
-from selftest_rig import DATE, SelftestRig, selftest_rig
+from selftest_rig import DATE, ChangedUnderstudy, SelftestRig, selftest_rig
 
 #: What a call goes through; a signal may come behind each of them.
 PLACES = [
@@ -112,24 +111,23 @@ def test_broken_off_anywhere_in_a_test_it_says_that_the_board_is_safe(
 
 
 def test_broken_off_while_the_lines_are_taken_back_they_are_taken_back_again(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    tries: list[None] = []
+
+    class BrokenOffOnce(ChangedUnderstudy):
+        def step_back(self) -> None:
+            tries.append(None)
+            if len(tries) == 1:
+                raise KeyboardInterrupt
+            super().step_back()
+
     rig = selftest_rig()
+    rig.let_another_be_killed(BrokenOffOnce)
     bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
-    step_back, tries = FakeUnderstudy.step_back, 0
-
-    def broken_off_once(understudy: FakeUnderstudy) -> None:
-        nonlocal tries
-        tries += 1
-        if tries == 1:
-            raise KeyboardInterrupt
-        step_back(understudy)
-
-    monkeypatch.setattr(FakeUnderstudy, "step_back", broken_off_once)
     with pytest.raises(KeyboardInterrupt):
         run(bed, DATE)
-    assert tries == 2
-    assert isinstance(rig.bench.understudy, FakeUnderstudy)
-    assert not rig.bench.understudy.is_alive
+    assert len(tries) == 2
+    assert not rig.is_understudy_alive
     assert "the board is in its safe state" in capsys.readouterr().err
     assert rig.rail_v_after_a_while() < 30

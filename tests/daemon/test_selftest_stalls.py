@@ -26,7 +26,7 @@ from etd_hal.fake.faults import (
     StopCutsNothing,
 )
 from etd_hal.fake.hand import FakeHand
-from selftest_rig import DATE, SelftestRig, bad, selftest_rig
+from selftest_rig import DATE, LOAD_OHM, SelftestRig, bad, selftest_rig
 from stepped_board import shipped_board
 
 MS = 1_000_000
@@ -138,23 +138,22 @@ def test_asking_for_less_than_the_window_is_no_stall(stall_ms: int) -> None:
 
 
 @pytest.mark.parametrize("board", ["reference-hv507", RELAY])
-def test_a_supply_that_was_gone_before_the_stop_opened_proves_nothing(
-    board: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_supply_that_was_gone_before_the_stop_opened_proves_nothing(board: str) -> None:
     """Without a heartbeat: by whatever else it went."""
     file = fake_config(board).board
     guards = msgspec.structs.replace(
         file.guards, heartbeat="absent", emergency_stop=17, wearer_stop="absent"
     )
     rig = selftest_rig(board, file=msgspec.structs.replace(file, guards=guards))
-    hold = FakeHand.hold
 
-    def hold_late(hand: FakeHand, stop: StopName) -> None:
-        rig.fake.world.put_in(RailOff(0.0))
-        rig.clock.spend(4_000 * MS)
-        hold(hand, stop)
+    class Late(FakeHand):
+        def hold(self, stop: StopName) -> None:
+            rig.fake.world.put_in(RailOff(0.0))
+            rig.clock.spend(4_000 * MS)
+            super().hold(stop)
 
-    monkeypatch.setattr(FakeHand, "hold", hold_late)
+    rig.hand = Late(rig.fake.world, rig.clock)
+    rig.hand.clip(LOAD_OHM, 1, 2)
     report = rig.run()
     assert bad(report)[:1] == [("rail", "emergency_stop_gate")]
     assert measured(report, "emergency_stop_gate").startswith("gone before it was seen to open")

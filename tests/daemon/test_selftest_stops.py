@@ -9,13 +9,14 @@ import pytest
 
 from etd.config import fake_config
 from etd.selftest_report import Report
+from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile
 from etd_hal.fake.faults import (
     DacGain,
     StopCutsNothing,
 )
 from etd_hal.fake.hand import FakeHand
-from selftest_rig import LOAD_OHM, LazyHand, bad, selftest_rig
+from selftest_rig import LOAD_OHM, SelftestRig, bad, selftest_rig
 
 BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513")
 
@@ -35,6 +36,14 @@ def with_stops(board: str, cuts: bool) -> BoardFile:
         file.guards, emergency_stop=17, wearer_stop=16, stop_cuts_supply=cuts
     )
     return msgspec.structs.replace(file, guards=guards)
+
+
+def with_hand(kind: type[FakeHand]) -> SelftestRig:
+    """A board whose operator is of this kind."""
+    rig = selftest_rig()
+    rig.hand = kind(rig.fake.world, rig.clock)
+    rig.hand.clip(LOAD_OHM, 1, 2)
+    return rig
 
 
 @pytest.mark.parametrize("board", BOARDS)
@@ -76,19 +85,23 @@ def test_where_the_file_says_that_stops_cut_nothing_the_program_is_seen_to_do_it
     ]
 
 
-def test_a_stop_that_is_let_go_of_too_early_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = selftest_rig()
-    monkeypatch.setattr(FakeHand, "hold", FakeHand.press)
+def test_a_stop_that_is_let_go_of_too_early_is_told() -> None:
+    class Impatient(FakeHand):
+        def hold(self, stop: StopName) -> None:
+            self.press(stop)
+
+    rig = with_hand(Impatient)
     found = [check for check in rig.run().checks if check.result == "fail"]
     assert [check.name for check in found] == ["emergency_stop_gate"]
     assert found[0].measured.startswith("closed again after ")
 
 
-def test_a_stop_that_stays_open_after_it_was_held_is_named(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    rig = selftest_rig()
-    monkeypatch.setattr(FakeHand, "let_go", LazyHand.let_go)
+def test_a_stop_that_stays_open_after_it_was_held_is_named() -> None:
+    class Stuck(FakeHand):
+        def let_go(self, stop: StopName) -> None:
+            pass
+
+    rig = with_hand(Stuck)
     assert bad(rig.run()) == [("rail", "emergency_stop")]
 
 

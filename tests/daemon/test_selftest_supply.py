@@ -22,8 +22,7 @@ from etd_hal.fake.faults import (
     RailOff,
     SpiError,
 )
-from etd_hal.fake.understudy import FakeUnderstudy
-from selftest_rig import DATE, bad, by_name, selftest_rig
+from selftest_rig import DATE, ChangedUnderstudy, bad, by_name, selftest_rig
 from stepped_board import shipped_board
 
 
@@ -58,62 +57,81 @@ def test_the_level_that_holds_a_gate_on_is_told(board: str, level: Literal[0, 1]
     assert found[0].measured.endswith(f"the line standing at {level}")
 
 
-def test_a_supply_that_outlives_the_program_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever was killed goes on beating: as a gate that takes something else for a beat."""
+class Undead(ChangedUnderstudy):
+    """The process that was killed goes on beating."""
+
+    def kill(self) -> float:
+        return 3.0
+
+
+def test_a_supply_that_outlives_the_program_is_named() -> None:
+    """As where a gate takes something else for a beat."""
     rig = selftest_rig()
-    monkeypatch.setattr(FakeUnderstudy, "kill", lambda _: 3.0)
+    rig.let_another_be_killed(Undead)
     failed = [name for _, name in bad(rig.run())]
     assert failed == ["killed_lines", "killed_supply"]
 
 
 @pytest.mark.parametrize(("has_heartbeat", "failed"), [(True, []), (False, ["killed_lines"])])
 def test_lines_that_are_let_go_of_late_are_the_heartbeats_business_if_there_is_one(
-    monkeypatch: pytest.MonkeyPatch, has_heartbeat: bool, failed: list[str]
+    has_heartbeat: bool, failed: list[str]
 ) -> None:
-    kill = FakeUnderstudy.kill
-    monkeypatch.setattr(FakeUnderstudy, "kill", lambda one: kill(one) + 40.0)
+    class Slow(ChangedUnderstudy):
+        def kill(self) -> float:
+            return super().kill() + 40.0
+
     file = fake_config("reference-hv507").board
     if not has_heartbeat:
         file = msgspec.structs.replace(
             file, guards=msgspec.structs.replace(file.guards, heartbeat="absent")
         )
-    assert [name for _, name in bad(selftest_rig(file=file).run())] == failed
+    rig = selftest_rig(file=file)
+    rig.let_another_be_killed(Slow)
+    assert [name for _, name in bad(rig.run())] == failed
 
 
-def test_a_process_that_cannot_bring_the_rail_up_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(FakeUnderstudy, "_beat", lambda _: None)
-    assert bad(selftest_rig().run()) == [("rail", "killed_rise")]
-
-
-def test_a_board_that_is_not_safe_after_the_kill_is_told_as_what_it_is(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_process_that_cannot_bring_the_rail_up_is_told() -> None:
     rig = selftest_rig()
-    step_back = FakeUnderstudy.step_back
+    sags = RailOff(0.0)
 
-    def step_back_badly(one: FakeUnderstudy) -> None:
-        step_back(one)
-        rig.fake.world.put_in(SpiError())
+    class Weak(ChangedUnderstudy):
+        def take_over(self) -> None:
+            super().take_over()
+            rig.fake.world.put_in(sags)
 
-    monkeypatch.setattr(FakeUnderstudy, "step_back", step_back_badly)
+        def step_back(self) -> None:
+            rig.fake.world.take_out(sags)
+            super().step_back()
+
+    rig.let_another_be_killed(Weak)
+    assert bad(rig.run()) == [("rail", "killed_rise")]
+
+
+def test_a_board_that_is_not_safe_after_the_kill_is_told_as_what_it_is() -> None:
+    rig = selftest_rig()
+
+    class Harmful(ChangedUnderstudy):
+        def step_back(self) -> None:
+            super().step_back()
+            rig.fake.world.put_in(SpiError())
+
+    rig.let_another_be_killed(Harmful)
     report = rig.run()
     assert bad(report) == [("rail", "killed_safe_state")]
     assert "cut the supply by hand" in by_name(report)["killed_safe_state"].advice
 
 
-def test_an_error_while_another_process_has_the_board_ends_with_the_lines_taken_back(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_error_while_another_process_has_the_board_ends_with_the_lines_taken_back() -> None:
     rig = selftest_rig()
 
-    def kill(_: FakeUnderstudy) -> float:
-        rig.fake.world.put_in(I2cFailure(0x48, "io"))
-        return 3.0
+    class Disturbing(Undead):
+        def kill(self) -> float:
+            rig.fake.world.put_in(I2cFailure(0x48, "io"))
+            return super().kill()
 
-    monkeypatch.setattr(FakeUnderstudy, "kill", kill)
+    rig.let_another_be_killed(Disturbing)
     assert bad(rig.run()) == [("rail", "bus")]
-    assert isinstance(rig.bench.understudy, FakeUnderstudy)
-    assert not rig.bench.understudy.is_alive
+    assert not rig.is_understudy_alive
     assert rig.rail_v_after_a_while() < 30.0
 
 
