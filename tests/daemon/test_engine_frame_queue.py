@@ -166,7 +166,7 @@ def test_between_many_frames_that_want_an_answer_pulses_go_on(make_rig: MakeRig)
     for seq in range(1_000, 1_032):
         assert rig.frames.send(frame(seq, ref=seq))
     rig.engine.turn()
-    rig._listen()
+    rig.listen()
     assert 0 < len(rig.answers) <= 4
 
 
