@@ -171,14 +171,12 @@ class EngineRig:
             self.run_ms(min(60.0, (until_ns - self.clock.now_ns()) / 1e6))
 
     def attach_next_gateway(
-        self, wrap_frames: Callable[[socket.socket], socket.socket] = lambda one: one
+        self, frames_of: Callable[[socket.socket], Channel[NewFrame]] | None = None
     ) -> None:
-        """After the engine has lost the one before. `wrap_frames` may put something before the
-        engine's end of the frames.
-        """
+        """After the engine has lost the one before. `frames_of` makes its end of the frames."""
         assert not self.engine.has_gateway
         self._close_link()
-        self.commands, self.frames, self._engine_ends = _attach_gateway(self.engine, wrap_frames)
+        self.commands, self.frames, self._engine_ends = _attach_gateway(self.engine, frames_of)
 
     def _close_link(self) -> None:
         for channel in (self.commands, self.frames, *self._engine_ends):
@@ -258,11 +256,13 @@ def make(
 
 
 def _attach_gateway(
-    engine: Engine, wrap_frames: Callable[[socket.socket], socket.socket] = lambda one: one
+    engine: Engine, frames_of: Callable[[socket.socket], Channel[NewFrame]] | None = None
 ) -> tuple[Channel[ToGateway], Channel[ToGateway], EngineEnds]:
     """The gateway's ends of a new link, for commands and frames, and the engine's."""
     mine, theirs = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
     to_engine: Channel[ToEngine] = Channel(theirs[0], ToEngine)
-    frames: Channel[NewFrame] = Channel(wrap_frames(mine[0]), NewFrame)
+    frames: Channel[NewFrame] = (
+        Channel(mine[0], NewFrame) if frames_of is None else frames_of(mine[0])
+    )
     engine.attach(to_engine, frames)
     return Channel(theirs[1], ToGateway), Channel(mine[1], ToGateway), (to_engine, frames)

@@ -12,7 +12,7 @@ import pytest
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, armed, fully_open, longest_gap_ns, only, phases, shown
 from etd.frame import Frame
-from etd.link import MAX_DATAGRAM_BYTES, Alive, NewFrame, StopNow
+from etd.link import MAX_DATAGRAM_BYTES, Alive, Channel, NewFrame, StopNow
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -51,14 +51,14 @@ def flooded(
     """A new gateway, whose socket for frames is full of new ones as long as one is read."""
     made: list[Refilled] = []
 
-    def wrap(end: socket.socket) -> socket.socket:
+    def frames_of(end: socket.socket) -> Channel[NewFrame]:
         made.append(Refilled(end, times, make))
-        return made[0]
+        return Channel(made[0], NewFrame)
 
     rig.commands.close()
     while rig.engine.has_gateway:
         rig.engine.turn()
-    rig.attach_next_gateway(wrap)
+    rig.attach_next_gateway(frames_of)
     gateway = socket.socket(fileno=os.dup(rig.frames.fileno()))
     made[0].gateway = gateway
     return made[0], gateway
@@ -156,18 +156,6 @@ def test_every_frame_that_wants_an_answer_gets_one_in_order(make_rig: MakeRig) -
     assert answered == refs
     rig.run_ms(60)
     assert shown(rig)[-1].seq == 1_199
-
-
-def test_between_many_frames_that_want_an_answer_pulses_go_on(make_rig: MakeRig) -> None:
-    """Their plans take the time of the pulses: a few at a time."""
-    rig = fully_open(make_rig(electrodes=N), 600)
-    rig.show(current_ua=only(N, e3=500), rate_hz=100.0, ttl_ms=500)
-    rig.run_ms(15)
-    for seq in range(1_000, 1_032):
-        assert rig.frames.send(frame(seq, ref=seq))
-    rig.engine.turn()
-    rig.listen()
-    assert 0 < len(rig.answers) <= 4
 
 
 def test_what_one_look_leaves_after_a_stall_is_as_old_as_the_stall(make_rig: MakeRig) -> None:

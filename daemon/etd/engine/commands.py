@@ -6,6 +6,8 @@ pulse is made. A command that is refused changes nothing.
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 from etd.engine.core import Core
 from etd.engine.lease import Lease, check_holder, check_seq
 from etd.engine.limits import limits_of_calibration, limits_of_numbers
@@ -107,8 +109,11 @@ def _mark(core: Core, command: SetMark) -> Answer:
     return Answer(ref=command.ref, marked_ns=now_ns, sync=core.board.sync())
 
 
-def take_frame(core: Core, message: NewFrame, host_ns: int, came_host_ns: int) -> None:
-    """Plan a frame, and show it from the next scan on; or say why not.
+def take_frame(
+    core: Core, message: NewFrame, host_ns: int, came_host_ns: int
+) -> Generator[None, None, None]:
+    """Plan a frame, bit by bit, and show it from the next scan on; or say why not. Where it yields
+    everything may change, but for the frames.
 
     Its age counts on the machine's clock, where it is `host_ns` now. `came_host_ns`: the earliest
     that it may have come; the age of a frame without `sent_ns` counts from there.
@@ -128,7 +133,8 @@ def take_frame(core: Core, message: NewFrame, host_ns: int, came_host_ns: int) -
                 f"{how} {(host_ns - begun_host_ns) // 1_000_000} ms ago, its ttl is"
                 f" {ttl_ns // 1_000_000} ms",
             )
-        plan = core.planner.plan(frame, core.sharing.when_looked())
+        plan = yield from core.planner.steps(frame, core.sharing.when_looked())
+        _check_still_held(core, lease)
     except Refused as refusal:
         _tell_refusal(core, message, refusal)
         return
@@ -141,6 +147,13 @@ def take_frame(core: Core, message: NewFrame, host_ns: int, came_host_ns: int) -
                 ref=message.ref, rate_hz=plan.rate_hz, clamped=plan.clamped, thinned=plan.thinned
             )
         )
+
+
+def _check_still_held(core: Core, lease: Lease) -> None:
+    """After a plan, during which commands were obeyed. Raises: Refused."""
+    if core.lease is not lease:
+        raise Refused("no_lease", "the lease ended while its frame was planned: open one")
+    core.states.need("ARMED")
 
 
 def _age_from(sent_ns: int | None, host_ns: int, came_host_ns: int) -> int:

@@ -31,8 +31,8 @@ _STALL_NS = 50_000_000
 _COMMANDS_A_LOOK = 64
 #: More than a link holds: a rest that is left is of a gateway that sends faster than it is read.
 _READS_A_LOOK = 16
-#: Frames that are planned before the pulses go on.
-_PLANS_A_LOOK = 4
+#: Frames are planned for so long before the pulses go on.
+_PLANNING_NS = 10_000_000
 #: After a plan made while a scan is under way, the next one waits so many times as long as it took:
 #: whoever sends frames faster than they can be planned must not take the time of the pulses.
 _PLANS_REST = 9
@@ -211,17 +211,23 @@ class Engine(Core):
             commands.obey(self, command, host_ns)
 
     def _take_frames(self) -> None:
-        """What lies there now. Planning takes time that the heartbeat and the pulses cannot spare,
-        so of those that were streamed the newest wins, and a few are planned at a time.
+        """What lies there now. Planning takes time that the pulses cannot spare: of those that were
+        streamed the newest wins, and they are planned for so long at a time, one at least.
         """
         self._read_frames()
         queue = self._dialogue.queue
         self.reporter.superseded(queue.take_superseded())
-        for _ in range(_PLANS_A_LOOK):
-            came = queue.next()
-            if came is None:
-                return
-            commands.take_frame(self, came.message, self.host_clock.now_ns(), came.came_host_ns)
+        begun_ns = now_ns = self.clock.now_ns()
+        while now_ns - begun_ns < _PLANNING_NS and (came := queue.next()) is not None:
+            host_ns = self.host_clock.now_ns()
+            for _ in commands.take_frame(self, came.message, host_ns, came.came_host_ns):
+                self._look_meanwhile()
+            now_ns = self.clock.now_ns()
+
+    def _look_meanwhile(self) -> None:
+        """While something is worked at that takes longer than everything may go unwatched."""
+        if self.host_clock.now_ns() - self._looked_host_ns >= TICK_NS:
+            self._watch(self.clock.now_ns())
 
     def _read_frames(self) -> None:
         """With the watch kept between two reads: there is no end to what a gateway may send."""

@@ -8,7 +8,7 @@ refused as a whole, with the reason; nothing is left out of it silently.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -31,6 +31,8 @@ from etd_hal.cost import CostModel
 from etd_hal.selection import Selection
 
 T = TypeVar("T")
+#: Work that is done bit by bit, with a look at everything else where it yields.
+Steps = Generator[None, None, T]
 
 #: Anodic phases are True.
 PHASES: dict[Polarity, tuple[bool, ...]] = {
@@ -82,11 +84,24 @@ class Planner:
         self._by_cap = sorted(range(self._count), key=lambda one: caps_ua[one])[:2]
 
     def plan(self, frame: Frame, share_of_all: float = 0.0) -> Plan:
-        """Raises: Refused. `share_of_all`: what one of all others may carry, for the preview of
+        """All of `steps` at once. Raises: Refused."""
+        steps = self.steps(frame, share_of_all)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                plan: Plan = end.value
+                return plan
+
+    def steps(self, frame: Frame, share_of_all: float = 0.0) -> Steps[Plan]:
+        """Plan a frame electrode by electrode: a plan for hundreds takes longer than everything
+        else may go unwatched. The generator's value is the plan.
+
+        Raises: Refused. `share_of_all`: what one of all others may carry, for the preview of
         clamps in the reply (0: not known yet, each by its own cap alone).
         """
-        visits = self._visits(frame)
-        clamped = self._preview(visits, share_of_all)
+        visits = yield from self._visits(frame)
+        clamped = yield from self._preview(visits, share_of_all)
         if frame.strict and clamped:
             self._refuse_strict(clamped[0])
         grouped = self._pace.grouped(visits)
@@ -106,7 +121,7 @@ class Planner:
 
     # --- visits ----------------------------------------------------------------------------
 
-    def _visits(self, frame: Frame) -> tuple[Visit, ...]:
+    def _visits(self, frame: Frame) -> Steps[tuple[Visit, ...]]:
         shape = self._rules.site.stabilize.shape
         if frame.level is not None:
             _check_conditions(frame, self._calibration_for_levels())
@@ -118,13 +133,14 @@ class Planner:
         widths_us = self._values("width_us", frame.width_us, default.width_us)
         rates_hz = self._values("rate_hz", frame.rate_hz, default.rate_hz)
         polarities = self._values("polarity", frame.polarity, default.polarity)
-        visits = [
-            self._visit(
-                frame, one, wanted_ua[one], widths_us[one], PHASES[polarities[one]], rates_hz[one]
-            )
-            for one in range(self._count)
-            if wanted_ua[one] > 0
-        ]
+        visits = []
+        for one, current_ua in enumerate(wanted_ua):
+            if current_ua > 0:
+                phases = PHASES[polarities[one]]
+                visits.append(
+                    self._visit(frame, one, current_ua, widths_us[one], phases, rates_hz[one])
+                )
+            yield
         visits.sort(key=lambda visit: visit.selection.output)
         return tuple(visits)
 
@@ -239,7 +255,7 @@ class Planner:
 
     # --- what its limits will take away ------------------------------------------------------
 
-    def _preview(self, visits: Sequence[Visit], share_of_all: float) -> tuple[Clamp, ...]:
+    def _preview(self, visits: Sequence[Visit], share_of_all: float) -> Steps[tuple[Clamp, ...]]:
         """Of the pulses that will be fired, where no law answers the skin."""
         maxima, shape = self._rules.maxima, self._rules.site.stabilize.shape
         found = []
@@ -260,6 +276,7 @@ class Planner:
             )
             if clamp is not None:
                 found.append(clamp)
+            yield
         return tuple(found)
 
     @staticmethod
