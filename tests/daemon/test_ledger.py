@@ -129,6 +129,20 @@ def test_what_all_others_carried_stops_them_too() -> None:
     assert ledger.why_not(entry(1, charge_pc=200_000, share=0.0), NOW_NS + 1) == "charge"
 
 
+@pytest.mark.parametrize("is_corrected", [False, True])
+def test_a_pulse_through_all_others_is_stopped_by_one_that_was_a_named_return_of_several(
+    is_corrected: bool,
+) -> None:
+    """Who carried 900 nC for two others, and nothing as the stimulated one."""
+    ledger = Ledger(4, bounds(mean_current_ua=1))
+    for one in (0, 1):
+        booking = book(ledger, entry(one, charge_pc=450_000, returns=(3,)), NOW_NS)
+        if is_corrected:
+            ledger.correct(booking, 450_000, NOW_NS)
+    assert ledger.why_not(entry(2, charge_pc=200_000, share=0.5), NOW_NS + 1) is None
+    assert ledger.why_not(entry(2, charge_pc=202_000, share=0.5), NOW_NS + 1) == "return charge"
+
+
 def test_a_pulse_through_all_others_is_stopped_by_the_one_that_has_had_most() -> None:
     ledger = Ledger(3, bounds(mean_current_ua=1))
     book(ledger, entry(2, charge_pc=900_000, share=0.0), NOW_NS)
