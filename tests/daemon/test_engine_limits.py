@@ -275,6 +275,17 @@ def test_whatever_a_stabilizer_asks_for_a_current_that_is_named_is_never_passed(
     assert {one.reason for one in clamps(rig)[told:]} == {"frame"}
 
 
+def test_no_stabilizer_widens_a_pulse_beyond_the_width_that_a_person_is_limited_to(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig(electrodes=N, stabilizers=[Times(1)])
+    rig.open(width_us=120)
+    rig.arm()
+    since_ns = rig.clock.now_ns()
+    rig.hold(200, current_ua=only(N, e4=300), width_us=80)
+    assert 119 < max(one.width_us for one in phases(rig, since_ns)) <= 120
+
+
 def test_a_stabilizer_may_ask_for_less(make_rig: MakeRig) -> None:
     rig = make_rig(electrodes=N, stabilizers=[Times(0.5, 60)])
     fully_open(rig, 1_000)
