@@ -5,7 +5,7 @@ accepted: a cap is a current, and the charge that it has in the pulses that it w
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import msgspec
 import pytest
@@ -22,12 +22,14 @@ from etd.stabilize.settings import Settings
 from etd_hal.fake.faults import AdcNoise, Fault
 from trace_decoder import Phase, is_led, visits
 
+MakeRig = Callable[..., EngineRig]
 N = 16
 #: Of the board file.
 PROBE_UA, PROBE_US = 300, 50
 #: The electrode that frames stimulate; all others are looked at.
 HERE = 4
 ROUNDING_PC = 1.0
+MS = 1_000_000
 
 
 def calibrated(
@@ -37,12 +39,14 @@ def calibrated(
     is_probe_first: bool = True,
     stabilizers: Sequence[Stabilizer] | None = None,
     faults: Sequence[Fault] = (),
+    make: Callable[..., EngineRig] = engine_rig.make,
+    **maxima: int,
 ) -> EngineRig:
-    """Open with these caps, accepted in pulses of one width."""
-    loaded = config(electrodes=N)
+    """Open with these caps, accepted in pulses of one width; contacts are kept known by looks."""
+    loaded = config(electrodes=N, maxima=maxima)
     laws = Settings(order=("contact",), contact=ContactLaw(), probe_first=is_probe_first)
     site = msgspec.structs.replace(loaded.body_site, stabilize=laws)
-    rig = engine_rig.make(
+    rig = make(
         loaded=dataclasses.replace(loaded, body_site=site), stabilizers=stabilizers, faults=faults
     )
     made = calibration(rig, caps_ua, width_us=width_us, rate_hz=20.0, shape=laws.shape)
@@ -98,16 +102,17 @@ def test_no_probe_gives_more_charge_than_was_accepted(
 
 
 @pytest.mark.parametrize("accepted_us", [20, 35, 50, 100])
-def test_each_kind_of_probe_is_within_what_was_accepted(accepted_us: int) -> None:
+def test_each_kind_of_probe_is_within_what_was_accepted(
+    make_rig: MakeRig, accepted_us: int
+) -> None:
     """A strong frame at an electrode with a high cap, beside electrodes with low ones."""
     caps_ua = tuple(1_000 if one == HERE else 250 for one in range(N))
-    rig = calibrated(caps_ua, accepted_us, is_probe_first=True)
+    rig = calibrated(caps_ua, accepted_us, is_probe_first=True, make=make_rig)
     rig.arm()
     armed_ns = rig.clock.now_ns()
     rig.hold(900, current_ua=only(N, e4=1_000), width_us=accepted_us, rate_hz=20.0)
     kinds = check_probes(rig, armed_ns, caps_ua, accepted_us)
     assert kinds == {"contact", "look", "first"}
-    assert rig.close() == ()
 
 
 class Narrows:
@@ -122,25 +127,88 @@ class Narrows:
         pass
 
 
-def test_a_probe_before_a_wide_pulse_that_a_law_makes_narrow_is_within_what_was_accepted() -> None:
+def test_a_probe_before_a_wide_pulse_that_a_law_makes_narrow_is_within_what_was_accepted(
+    make_rig: MakeRig,
+) -> None:
     """The pulse may have its cap's current then, which is above the probe's."""
     caps_ua = (400,) * N
-    rig = calibrated(caps_ua, SHORTEST_US, stabilizers=[Narrows()])
+    rig = calibrated(caps_ua, SHORTEST_US, stabilizers=[Narrows()], make=make_rig)
     rig.arm()
     armed_ns = rig.clock.now_ns()
     rig.hold(400, current_ua=only(N, e4=400), width_us=100, rate_hz=20.0)
     assert check_probes(rig, armed_ns, caps_ua, SHORTEST_US) >= {"contact", "first"}
-    assert rig.close() == ()
 
 
 @pytest.mark.parametrize("accepted_us", [20, 30, 40, 50])
-def test_a_narrower_probe_tells_what_touches_all_the_same(accepted_us: int) -> None:
+def test_a_narrower_probe_tells_what_touches_all_the_same(
+    make_rig: MakeRig, accepted_us: int
+) -> None:
     """By an ADC as noisy as one in order may be."""
-    rig = calibrated((250,) * N, accepted_us, faults=[AdcNoise(1.5, seed=accepted_us)])
+    rig = calibrated(
+        (250,) * N, accepted_us, faults=[AdcNoise(1.5, seed=accepted_us)], make=make_rig
+    )
     lifted = {2, 7, 11}
     for one in lifted:
         rig.fake.world.lift(one)
     answer = rig.ask(MeasureContact, lease=LEASE)
     assert answer.contact is not None
     assert answer.contact.contact == tuple(one not in lifted for one in range(N))
-    assert rig.close() == ()
+
+
+# --- looks are pulses like others: limits and ledger hold for them -------------------------------
+
+
+def looks(rig: EngineRig, since_ns: int) -> list[Phase]:
+    return [one for one in phases(rig, since_ns) if one.electrode != HERE]
+
+
+def test_a_look_is_not_above_the_ceiling_of_the_opening(make_rig: MakeRig) -> None:
+    """Half a milliampere in 100 ms, at the most."""
+    rig = calibrated((1_000,) * N, 100, is_probe_first=False, make=make_rig)
+    rig.arm()
+    rig.run_ms(600)
+    since_ns = rig.clock.now_ns()
+    rig.hold(150, current_ua=only(N, e4=20), rate_hz=50.0)
+    seen = looks(rig, since_ns)
+    assert {one.electrode for one in seen} == set(range(N)) - {HERE}
+    for one in seen:
+        assert one.current_ua <= (one.from_ns - since_ns) * 500 / (100 * MS)
+    assert min(one.current_ua for one in seen) < 0.9 * PROBE_UA
+
+
+def test_a_look_is_not_above_the_cap_of_a_return_that_may_carry_it_all(make_rig: MakeRig) -> None:
+    """As one may when somebody was found gone, and no look from before counts."""
+    cap_ua = 60
+    caps_ua = tuple(cap_ua if one == 9 else 1_000 for one in range(N))
+    rig = calibrated(caps_ua, 100, is_probe_first=False, make=make_rig)
+    rig.arm()
+    frame = {"current_ua": only(N, e4=500), "rate_hz": 50.0}
+    rig.hold(700, **frame)
+    since_ns = rig.clock.now_ns()
+    rig.fake.world.lift(3)
+    rig.hold(600, **frame)
+    seen = looks(rig, since_ns)
+    gone = next(place for place, one in enumerate(seen) if one.electrode == 3)
+    assert seen[gone].current_ua > 0.9 * PROBE_UA
+    assert seen[gone + 1].current_ua <= cap_ua
+
+
+def test_a_look_that_the_second_has_no_room_for_is_not_fired(make_rig: MakeRig) -> None:
+    """A frame that takes all the time with current that the array may have."""
+    rate_hz, width_us = 20, 100
+    rig = calibrated(
+        (1_000,) * N,
+        width_us,
+        make=make_rig,
+        is_probe_first=False,
+        array_on_us_per_s=rate_hz * width_us,
+    )
+    rig.arm()
+    rig.run_ms(800)
+    since_ns = rig.clock.now_ns()
+    rig.hold(3_000, current_ua=only(N, e4=500), width_us=width_us, rate_hz=float(rate_hz))
+    found = phases(rig, since_ns)
+    for last in found:
+        second = [one for one in found if 0 <= last.from_ns - one.from_ns < 1_000 * MS]
+        assert sum(one.width_us for one in second) <= rate_hz * width_us
+    assert looks(rig, since_ns)
