@@ -48,6 +48,23 @@ def test_a_frame_past_its_time_is_silent_within_one_pulse(make_rig: MakeRig, ttl
     assert max(one.from_ns for one in fired) < expires_ns + MS
 
 
+def test_no_pulse_begins_once_its_frame_s_time_is_over(make_rig: MakeRig) -> None:
+    """Wherever in a scan that is, also in the rest before a pulse: it is asked once more when all
+    is connected, 20 us before the current flows.
+    """
+    rig = fully_open(make_rig(electrodes=N), 500)
+    ends_within_us = 500
+    fired = 0
+    for early_us in range(0, ends_within_us, 20):
+        sent_ns = rig.clock.now_ns() - early_us * 1_000
+        rig.show(current_ua=(500,) * N, rate_hz=100.0, ttl_ms=12, sent_ns=sent_ns)
+        rig.run_ms(60)
+        begun_ns = [one.from_ns for one in phases(rig, sent_ns)]
+        assert max(begun_ns) < sent_ns + 12 * MS + 20_000
+        fired += len(begun_ns)
+    assert fired > N * ends_within_us // 20
+
+
 def test_the_age_of_a_frame_counts_from_sent_ns(make_rig: MakeRig) -> None:
     rig = fully_open(make_rig(electrodes=N), 1_000)
     sent_ns = rig.clock.now_ns() - 150 * MS
