@@ -283,3 +283,21 @@ def test_an_electrode_that_is_touched_again_is_not_opened_by_what_it_does_not_ge
     since_ns = rig.clock.now_ns()
     rig.hold(90, current_ua=only(N, e3=2_000, e4=2_000), rate_hz=50.0)
     assert felt_ua(rig, since_ns)[3] <= 800
+
+
+def test_a_contact_that_was_made_anew_does_not_weaken_the_probes_of_the_next_arming(
+    make_rig: MakeRig,
+) -> None:
+    """Its own ramp ends with the silence: a probe of nothing would leave the contact unknown."""
+    rig = risen(make_rig(electrodes=N), 1_000)
+    wanted = only(N, e3=900, e4=900)
+    rig.fake.world.lift(3)
+    rig.hold(100, current_ua=wanted, rate_hz=50.0)
+    rig.fake.world.touch(3, skin())
+    # Until its first pulse has told so, and no longer.
+    rig.hold(20, current_ua=wanted, rate_hz=50.0)
+    assert rig.ask(DisarmBoard, lease=LEASE).error is None
+    since_ns = rig.clock.now_ns()
+    assert rig.ask(ArmBoard).error is None
+    probes_ua = {one.electrode: one.current_ua for one in phases(rig, since_ns)}
+    assert probes_ua == dict.fromkeys(range(N), pytest.approx(300, abs=STEP_UA))

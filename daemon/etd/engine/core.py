@@ -88,9 +88,10 @@ class Core(Parts):
     # --- the way up --------------------------------------------------------------------------
 
     def begin_lease(self, lease: Lease) -> None:
-        """A new person, perhaps: everything starts from zero."""
+        """A new person, perhaps. Everything starts from zero: what was learned and how far the
+        opening came went when the last lease was silenced.
+        """
         self.lease = lease
-        self.opening.restart()
         self._serve(lease.person.calibration)
         self.ahead.forget()
         self.planner_of_lease()

@@ -94,7 +94,9 @@ class Opening:
         return self._array.ceiling_ua
 
     def restart(self) -> None:
-        """After arming, a halt or a change of lease."""
+        """With every silence, which ends a lease too; and once armed: the probes on the way up were
+        fired like a frame's pulses.
+        """
         self._array.restart()
         self._recontacts.clear()
 
