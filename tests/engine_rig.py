@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etd.config import LoadedConfig, fake_config
-from etd.engine.engine import Engine
+from etd.engine.loop import Engine
 from etd.engine.sensors import Turns
 from etd.frame import Frame
 from etd.link import (
@@ -72,7 +72,7 @@ class EngineRig:
     _alive_ns: int = 0
 
     def __post_init__(self) -> None:
-        self._turns = Turns(self.engine.rail, self.engine.pressure)
+        self._turns = Turns(self.engine.components.rail, self.engine.components.pressure)
 
     def turn(self) -> None:
         now_ns = self.clock.now_ns()
@@ -81,13 +81,15 @@ class EngineRig:
             self._alive_ns = now_ns
             self.commands.send(Alive())
         self._sense()
-        self.engine.turn()
+        turn(self.engine)
         if self.is_listening:
             self.listen()
 
     def _sense(self) -> None:
         """What the sensor thread does, in between."""
-        if self.is_sensing and (self.engine.rail.is_there or self.engine.pressure.count):
+        if self.is_sensing and (
+            self.engine.components.rail.is_there or self.engine.components.pressure.count
+        ):
             self._turns.step()
 
     def listen(self) -> None:
@@ -145,7 +147,7 @@ class EngineRig:
         self.run_ms(5)
 
     def arm(self) -> None:
-        if self.engine.loaded.board.guards.wearer_stop != "absent":
+        if self.engine.components.loaded.board.guards.wearer_stop != "absent":
             self.try_wearer_stop()
         answer = self.ask(ArmBoard)
         assert answer.error is None, answer.reason
@@ -184,7 +186,7 @@ class EngineRig:
 
     def close(self) -> tuple[str, ...]:
         """The engine's end, and the fake's; what did not work, and what must never be done."""
-        problems = (*self.engine.end(), *self.fake.violations)
+        problems = (*self.engine.supervisor.end(), *self.fake.violations)
         self._close_link()
         return problems
 
@@ -208,7 +210,14 @@ class EngineRig:
 
     @property
     def state(self) -> str:
-        return self.engine.states.state
+        return self.engine.supervisor.states.state
+
+
+def turn(engine: Engine) -> None:
+    """One step, and all that follow until neither a scan nor a measurement is under way."""
+    engine.step()
+    while not engine.is_between_scans:
+        engine.step()
 
 
 def make(
@@ -251,7 +260,7 @@ def make(
         host_clock=clock,
     )
     engine = Engine(loaded, wrap(backend), stabilizers=stabilizers, untested=untested)
-    engine.begin(tell)
+    engine.supervisor.begin(tell)
     return EngineRig(engine, fake, clock, sink, *_attach_gateway(engine))
 
 

@@ -41,7 +41,7 @@ def felt_ua(rig: EngineRig, since_ns: int = 0) -> dict[int, float]:
 
 def moves(rig: EngineRig, name: str, since_ns: int = 0) -> list[tuple[int, int]]:
     """(time, level) of one line, by its name in the trace's header."""
-    lines = rig.engine.loaded.board.used_lines()
+    lines = rig.engine.components.loaded.board.used_lines()
     return [
         (one["t_ns"], one["value"])
         for one in rig.records
@@ -104,8 +104,8 @@ def ended_leases(rig: EngineRig) -> list[LeaseEnded]:
 def first_fault(rig: EngineRig) -> str:
     """Who, of the first halt; there must have been one."""
     assert rig.state == "HALTED"
-    assert rig.engine.lease is None
-    halt = rig.engine.states.halt
+    assert rig.engine.supervisor.lease is None
+    halt = rig.engine.supervisor.states.halt
     assert halt is not None
     assert halts(rig)[0] == halt
     assert halt.cause == "fault"
@@ -125,14 +125,14 @@ def opened_to(rig: EngineRig, current_ua: int) -> None:
     """As if so much had been fired: how the opening rises by itself is tested at the wire, and
     what was fired for it would be in the ledgers and the maps of everything else.
     """
-    rig.engine.opening.fired(0, current_ua, current_ua, rig.clock.now_ns() - 100 * MS)
+    rig.engine.components.opening.fired(0, current_ua, current_ua, rig.clock.now_ns() - 100 * MS)
 
 
 def fully_open(rig: EngineRig, current_ua: int = 3_000) -> EngineRig:
     """Armed, with weak frames held, and the opening as high as `current_ua`."""
     armed(rig)
     opened_to(rig, current_ua)
-    count = rig.engine.loaded.array.count
+    count = rig.engine.components.loaded.array.count
     hold_ms = current_ua // 5 + 30
     rig.hold(hold_ms, current_ua=only(count, e0=20), rate_hz=20.0)
     return rig
@@ -140,7 +140,7 @@ def fully_open(rig: EngineRig, current_ua: int = 3_000) -> EngineRig:
 
 def calibration(rig: EngineRig, caps_ua: Sequence[int], **changes: Any) -> Calibration:
     """For the rig's array, with these caps; threshold and comfortable are half of each."""
-    loaded = rig.engine.loaded
+    loaded = rig.engine.components.loaded
     made = Calibration(
         participant="P01",
         body_site=loaded.body_site.name,

@@ -16,11 +16,12 @@ from typing import Any, Self, Unpack
 import msgspec
 import zmq
 
+from engine_rig import turn
 from etd.calibration import Calibration
 from etd.client.options import FrameOptions, frame_fields
 from etd.client.session import Flow, R, Session
 from etd.config import LoadedConfig, fake_config
-from etd.engine.engine import Engine
+from etd.engine.loop import Engine
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
 from etd.link import Channel, Listener, NewFrame, ToEngine
@@ -79,7 +80,7 @@ class SteppedDaemon:
             modelled=lambda: self.fake.ask_body(self.body.take_felt),
         )
         self.engine = Engine(loaded, backend)
-        self.engine.begin()
+        self.engine.supervisor.begin()
         self._listener = Listener(self.folder)
         self._engine_ends: tuple[Channel[ToEngine] | Channel[NewFrame], ...] = ()
         config = GatewayConfig(
@@ -105,7 +106,7 @@ class SteppedDaemon:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        problems = (*self.engine.end(), *self.fake.violations)
+        problems = (*self.engine.supervisor.end(), *self.fake.violations)
         self._context.destroy(linger=0)
         self.gateway.close()
         for channel in self._engine_ends:
@@ -125,7 +126,7 @@ class SteppedDaemon:
             if channels is not None:
                 self._engine_ends = channels
                 self.engine.attach(*channels)
-        self.engine.turn()
+        turn(self.engine)
 
     def now_ns(self) -> int:
         return self.clock.now_ns()
@@ -133,7 +134,7 @@ class SteppedDaemon:
     def sleep_until_ns(self, deadline_ns: int) -> None:
         """The client sleeps. In strides where nothing stands, which is what makes it fast."""
         while self.clock.now_ns() < deadline_ns:
-            if self.engine.scanner.standing is None:
+            if self.engine.components.active.schedule is None:
                 stride_ns = self.clock.now_ns() + _STRIDE_NS
                 self.clock.sleep_until_ns(min(deadline_ns, stride_ns))
                 self.gateway.turn(0)
@@ -202,7 +203,11 @@ class SteppedDisplay:
         until_ns = daemon.clock.now_ns() + int((timeout_s or 0.0) * 1e9)
         while not daemon.reports.poll(0):
             # A report is on its way through threads that step with nobody: wait for it in earnest.
-            if daemon.engine.scanner.standing is None and timeout_s and daemon.reports.poll(1):
+            if (
+                daemon.engine.components.active.schedule is None
+                and timeout_s
+                and daemon.reports.poll(1)
+            ):
                 break
             if daemon.clock.now_ns() >= until_ns:
                 return None

@@ -122,7 +122,7 @@ class Teller:
 
     def open(self, caps_ua: Sequence[int]) -> None:
         """A lease for somebody with these caps."""
-        loaded = self.rig.engine.loaded
+        loaded = self.rig.engine.components.loaded
         calibration = Calibration(
             participant="P",
             body_site=loaded.body_site.name,
@@ -149,7 +149,7 @@ class Teller:
         self.rig.ask(CloseLease, lease=LEASE)
 
     def arm(self) -> None:
-        if self.rig.engine.loaded.board.guards.wearer_stop != "absent":
+        if self.rig.engine.components.loaded.board.guards.wearer_stop != "absent":
             self.press("wearer_stop")
             self.rig.run_ms(3)
             self.release("wearer_stop")
@@ -189,12 +189,12 @@ class Teller:
             self.story.contacts.append((self.now_ns, one, body.contact(one).conductance_s))
 
     def press(self, line: StopLine) -> None:
-        if getattr(self.rig.engine.loaded.board.guards, line) != "absent":
+        if getattr(self.rig.engine.components.loaded.board.guards, line) != "absent":
             self.story.presses.append(self.now_ns)
             self.rig.fake.world.press(line)
 
     def release(self, line: StopLine) -> None:
-        if getattr(self.rig.engine.loaded.board.guards, line) != "absent":
+        if getattr(self.rig.engine.components.loaded.board.guards, line) != "absent":
             self.rig.fake.world.release(line)
 
     def disturb_rail(self, factor: float, duration_ms: int) -> None:
@@ -260,7 +260,7 @@ class Teller:
         )
 
     def _returns(self, returns: Returns | None) -> tuple[tuple[int, ...], ...] | None:
-        array = self.rig.engine.loaded.array
+        array = self.rig.engine.components.loaded.array
         if isinstance(returns, Ring):
             return tuple(array.ring(one, returns.ring_mm) for one in range(array.count))
         return returns if isinstance(returns, tuple) else None

@@ -48,10 +48,8 @@ EXCEPTIONS = {
     # What is published must fall with the model, and with the engine's softening.
     "daemon/test_explain.py": {"Membrane.step_response", "Membrane.final"},
     "stabilize/test_steady_bodies.py": {"Opening.touched_again"},
-    # The ledger has no reader on the engine; a law breaks down; pressure without sensors.
-    "daemon/test_engine_prepared.py": {"engine._tools"},
-    "daemon/test_engine_spi.py": {"engine._tools"},
-    "daemon/test_engine_probe_first.py": {"engine._tools", "rig.engine.asker.wish_again"},
+    # A law breaks down; pressure without sensors.
+    "daemon/test_engine_probe_first.py": {"rig.engine.components.asker.wish_again"},
     "daemon/test_engine_stabilize_properties.py": {"asker._pressed"},
 }
 

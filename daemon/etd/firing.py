@@ -69,18 +69,15 @@ class Firing:
         """After a calibration."""
         self._deviation_ns = 0.0
 
-    def message(self, ready: ReadyPulse, is_anodic: bool) -> Shot:
-        """One message, which is the whole entry; all stays connected."""
-        return self._send_first(self._book(ready, 1), ready, is_anodic)
-
-    def visit(self, ready: ReadyPulse, phases: Sequence[bool]) -> tuple[Shot, Shot]:
-        """All phases (True: anodic) and the discharge: the first and the last phase's answer."""
-        board, booking = self._board, self._book(ready, len(phases))
+    def fire(self, ready: ReadyPulse, phases: Sequence[bool]) -> tuple[Shot, Shot]:
+        """Book, then send one message for each phase (True: anodic); all stays connected. Returns
+        the first and the last phase's answer.
+        """
+        booking = self._book(ready, len(phases))
         first = last = self._send_first(booking, ready, phases[0])
         for is_anodic in phases[1:]:
-            board.flip(ready.selection, is_anodic)
+            self._board.flip(ready.selection, is_anodic)
             last = self._send_next(booking, ready, is_anodic)
-        board.discharge()
         return first, last
 
     def _book(self, ready: ReadyPulse, messages: int) -> Booking:

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from bench.modelled import CURRENT_UA, ELECTRODES, WIDTH_US, loaded_with, messages_of
+from engine_rig import turn
 from etd.client import clock as real_clock
-from etd.engine.engine import Engine
+from etd.engine.loop import Engine
 from etd.frame import Frame
 from etd.link import Alive, ArmBoard, Channel, NewFrame, OpenLease, ToEngine, ToGateway
 from etd.protocol import Limits
@@ -128,15 +129,15 @@ def measure(scans: int, stabilize: Settings = NOTHING) -> ProcessorFigures:
         gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
         gateway[0].send(Alive())
         spi.begun_ns.clear()
-        while len(spi.begun_ns) < ELECTRODES or engine.scanner.standing is not None:
-            engine.turn()
+        while len(spi.begun_ns) < ELECTRODES or engine.components.active.schedule is not None:
+            turn(engine)
             _drain(gateway[0])
         if seq >= _FIRST_SEQ + _WARM_UP:
             assert len(spi.begun_ns) == ELECTRODES * messages
             between = pairwise(spi.begun_ns[::messages])
             periods_us += [(after - before) / 1_000 for before, after in between]
         clock.t_ns += int(1e9 / _RATE_HZ)
-    engine.end()
+    engine.supervisor.end()
     for channel in ends:
         channel.close()
     periods_us.sort()
@@ -167,7 +168,7 @@ def _armed(
         "fake", *(spi, FreeGpio(), None, clock, NoMarker(), lambda: None), host_clock=clock
     )
     engine = Engine(loaded_with(_REST_US, stabilize=stabilize), backend)
-    engine.begin()
+    engine.supervisor.begin()
     first, second = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
     commands: Channel[ToEngine] = Channel(first[0], ToEngine)
     frames: Channel[NewFrame] = Channel(second[0], NewFrame)
@@ -176,8 +177,8 @@ def _armed(
     limits = Limits(max_current_ua=3_000, width_us=200)
     gateway[0].send(OpenLease(ref=1, lease="bench", client="bench", limits=limits))
     gateway[0].send(ArmBoard(ref=2))
-    while engine.states.state != "ARMED":
-        engine.turn()
+    while engine.supervisor.states.state != "ARMED":
+        turn(engine)
         _drain(gateway[0])
     _open_up(engine, gateway)
     return engine, gateway, (commands, frames, *gateway)
@@ -186,11 +187,11 @@ def _armed(
 def _open_up(engine: Engine, gateway: Ends) -> None:
     """Hold frames until the opening lets the current through."""
     seq = 0
-    while engine.opening.ceiling_ua < CURRENT_UA:
+    while engine.components.opening.ceiling_ua < CURRENT_UA:
         gateway[0].send(Alive())
         gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
         for _ in range(20):
-            engine.turn()
+            turn(engine)
             _drain(gateway[0])
         seq += 1
     gateway[0].send(Alive())

@@ -87,7 +87,7 @@ class _Sensed:
         if now_ns - self._turned_ns < _CONVERTED_NS:
             return
         self._turned_ns = now_ns
-        rail, pressure = self._rig.engine.rail, self._rig.engine.pressure
+        rail, pressure = self._rig.engine.components.rail, self._rig.engine.components.pressure
         volts = SENSOR.zero_v + self._finger.course.pressure_kpa(now_ns * 1e-9) / SENSOR.kpa_per_v
         self._rig.fake.world.set_sensor_v(SENSOR.address, SENSOR.channel, volts)
         if self._is_rail_next:
@@ -160,7 +160,7 @@ def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int
     begun_ns = rig.clock.now_ns()
     finger.course.begin(begun_ns * 1e-9)
     _hold(rig, begun_ns + int(finger.pieces.engine_s * 1e9), frame)
-    counters = dict(rig.engine.reporter.counters)
+    counters = dict(rig.engine.components.reporter.counters)
     problems = rig.close()
     assert problems == (), problems
     return _kept(finger, made[0], begun_ns, counters)

@@ -30,5 +30,5 @@ def make_rig() -> Iterator[MakeRig]:
     for rig in made:
         assert rig.close() == ()
         assert rig.fake.dac_code == 0
-        rest_us = rig.engine.loaded.board.rest_us
+        rest_us = rig.engine.components.loaded.board.rest_us
         assert violations(parse(rig.sink.getvalue()), rest_us) == []

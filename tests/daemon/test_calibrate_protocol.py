@@ -78,15 +78,15 @@ def test_a_presentation_is_so_many_pulses_of_the_current_asked_for(daemon: Stepp
     stimulating = stimulator(daemon, display)
     stimulating.open()
     stimulating.present(3, 500)
-    before = daemon.engine.reporter.counters["pulses"]
-    clamped = daemon.engine.reporter.counters["clamped"]
+    before = daemon.engine.components.reporter.counters["pulses"]
+    clamped = daemon.engine.components.reporter.counters["clamped"]
 
     delivered = stimulating.present(3, 800)
 
     assert 790 <= delivered.current_ua <= 800
     assert delivered.resistance_ohm is not None
-    assert daemon.engine.reporter.counters["pulses"] - before == 10
-    assert daemon.engine.reporter.counters["clamped"] == clamped
+    assert daemon.engine.components.reporter.counters["pulses"] - before == 10
+    assert daemon.engine.components.reporter.counters["clamped"] == clamped
     display.close()
 
 
@@ -94,7 +94,7 @@ def test_a_presentation_is_so_many_pulses_of_the_current_asked_for(daemon: Stepp
 def test_before_the_opening_nothing_is_taken_for_a_presentation(
     daemon: SteppedDaemon, current_ua: int
 ) -> None:
-    counters = daemon.engine.reporter.counters
+    counters = daemon.engine.components.reporter.counters
     before: list[int] = []
 
     class Counting(SteppedDisplay):
@@ -141,9 +141,9 @@ def test_a_current_far_above_all_before_takes_as_many_presentations_as_the_openi
         conditions_of(daemon, "limits", pulses=1), width_us=50, cap_ua=6_000
     )
     stimulating = Stimulator(display, display, daemon, conditions, lambda: False)
-    before = daemon.engine.reporter.counters["frames_shown"]
+    before = daemon.engine.components.reporter.counters["frames_shown"]
     assert 5_988 <= stimulating.present(3, 6_000).current_ua <= 6_000
-    assert daemon.engine.reporter.counters["frames_shown"] - before > 8
+    assert daemon.engine.components.reporter.counters["frames_shown"] - before > 8
     display.close()
 
 
@@ -196,13 +196,13 @@ def test_a_stop_during_a_presentation_halts_the_daemon_at_once(daemon: SteppedDa
     display = armed(daemon)
     stimulator(daemon, display).open()
     stop_ns = daemon.now_ns() + 60_000_000
-    before = daemon.engine.reporter.counters["pulses"]
+    before = daemon.engine.components.reporter.counters["pulses"]
 
     with pytest.raises(Stopped):
         stimulator(daemon, display, stop_ns).present(3, 800)
 
-    assert daemon.engine.states.state == "HALTED"
-    assert daemon.engine.reporter.counters["pulses"] - before < 8
+    assert daemon.engine.supervisor.states.state == "HALTED"
+    assert daemon.engine.components.reporter.counters["pulses"] - before < 8
     assert daemon.now_ns() - stop_ns < 60_000_000
 
 
@@ -252,10 +252,10 @@ def test_after_a_silence_a_law_of_contact_has_a_presentation_shown_again_and_a_p
         stimulating.present(3, 800)
         for _ in range(6):
             stimulating.pause(0.3)
-        before = daemon.engine.reporter.counters["frames_shown"]
+        before = daemon.engine.components.reporter.counters["frames_shown"]
 
         delivered = stimulating.present(3, 800)
 
         assert 788 <= delivered.current_ua <= 800
-        assert daemon.engine.reporter.counters["frames_shown"] - before in shown
+        assert daemon.engine.components.reporter.counters["frames_shown"] - before in shown
         display.close()

@@ -58,7 +58,7 @@ def keep_the_lease(rig: EngineRig) -> None:
 def assert_off(rig: EngineRig) -> None:
     assert rig.state == "SAFE"
     assert moves(rig, "HV")[-1][1] == 0
-    assert not rig.engine.board.is_supply_on
+    assert not rig.engine.components.board.is_supply_on
     assert felt_ua(rig) == {}
 
 
@@ -204,9 +204,9 @@ def test_a_rail_that_has_risen_too_high_switches_off_and_says_so(make_rig: MakeR
     rig = armed(make_rig(REFERENCE))
     rig.ask(DisarmBoard, lease=LEASE)
     rig.fake.world.put_in(RailOff(1.5))
-    rig.engine.board.supply_on()
+    rig.engine.components.board.supply_on()
     for _ in range(20):
-        rig.engine.board.beat()
+        rig.engine.components.board.beat()
         rig.run_ms(10)
     answer = rig.ask(ArmBoard)
     assert answer.error == "arm_failed"
@@ -367,7 +367,7 @@ def test_a_probe_never_passes_its_bound_on_the_wire(make_rig: MakeRig, board: st
     rig.open()
     assert rig.ask(MeasureContact, lease=LEASE).error is None
     fired = phases(rig)
-    assert [one.electrode for one in fired] == list(range(rig.engine.loaded.array.count))
+    assert [one.electrode for one in fired] == list(range(rig.engine.components.loaded.array.count))
     assert all(0 < one.current_ua <= PROBE_UA for one in fired)
     assert all(one.width_us <= 50 for one in fired)
 
@@ -376,7 +376,7 @@ def test_what_was_measured_is_forgotten_when_the_supply_goes_off(make_rig: MakeR
     rig = make_rig(electrodes=N)
     rig.open()
     rig.ask(MeasureContact, lease=LEASE)
-    assert rig.engine.contact.is_touched == [None] * N
+    assert rig.engine.components.contact.is_touched == [None] * N
 
 
 def test_a_probe_pulse_that_is_late_halts(make_rig: MakeRig) -> None:

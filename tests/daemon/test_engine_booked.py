@@ -43,14 +43,14 @@ class Scene:
         self.rig: EngineRig = engine_rig.make(
             loaded=loaded, body=body, wrap=self.witness.wrap, is_traced=False
         )
-        self.witness.begin(self.rig.engine.ledger, HALT_EXCESS_US * 1_000)
+        self.witness.begin(self.rig.engine.components.ledger, HALT_EXCESS_US * 1_000)
         fully_open(self.rig, CURRENT_UA)
         self.rig.run_ms(100)
         self._before_pc = self.booked_pc
 
     @property
     def booked_pc(self) -> int:
-        return self.rig.engine.ledger.charge_pc(HERE, self.rig.clock.now_ns())
+        return self.rig.engine.components.ledger.charge_pc(HERE, self.rig.clock.now_ns())
 
     @property
     def added_pc(self) -> int:

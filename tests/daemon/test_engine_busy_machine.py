@@ -57,9 +57,9 @@ def armed_rig(board: str, machine: HeldUpClock) -> EngineRig:
         machine_clock=machine,
         wrap=lambda backend: replace(backend, timeout_factor=TIMEOUT_FACTOR),
     )
-    machine.others = rig.engine.stopper.look
+    machine.others = rig.engine.components.stopper.look
     rig.open(1_000)
-    if rig.engine.loaded.board.guards.wearer_stop != "absent":
+    if rig.engine.components.loaded.board.guards.wearer_stop != "absent":
         rig.try_wearer_stop()
     assert rig.ask(ArmBoard, PATIENCE_MS).error is None
     return rig
@@ -73,20 +73,20 @@ def test_it_fires_all_that_is_asked_and_nothing_is_overdue_overrun_or_too_long(
 ) -> None:
     machine = HeldUpClock(seed)
     rig = armed_rig(board, machine)
-    begun_ns = rig.engine.clock.now_ns()
+    begun_ns = rig.engine.components.clock.now_ns()
     frame = {"current_ua": only(16, e3=1_000, e9=1_000), "rate_hz": 30.0}
     answer = rig.wait_for(rig.send(**frame, ttl_ms=1_000, pulses=20), PATIENCE_MS)
     assert answer.error is None
-    while rig.engine.scanner.standing is not None:
+    while rig.engine.components.active.schedule is not None:
         rig.turn()
     fired = [one.electrode for one in phases(rig, begun_ns)]
     assert (fired.count(3), fired.count(9)) == (20, 20)
     assert rig.state == "ARMED"
     assert halts(rig) == []
-    assert not rig.engine.stopper.has_acted
-    assert rig.engine.reporter.counters["recalibrated"] == 0
+    assert not rig.engine.components.stopper.has_acted
+    assert rig.engine.components.reporter.counters["recalibrated"] == 0
     assert thinned(rig) == []
-    late_ns = machine.now_ns() - rig.engine.clock.now_ns()
+    late_ns = machine.now_ns() - rig.engine.components.clock.now_ns()
     assert late_ns > MOST_STALLED_NS, "the machine was not held up"
     assert rig.close() == ()
-    assert violations(parse(rig.sink.getvalue()), rig.engine.loaded.board.rest_us) == []
+    assert violations(parse(rig.sink.getvalue()), rig.engine.components.loaded.board.rest_us) == []

@@ -124,13 +124,16 @@ def test_what_fell_goes_on_weaker_in_the_same_burst(make_rig: MakeRig) -> None:
 
 def test_a_rise_waits_for_the_next_burst(make_rig: MakeRig) -> None:
     rig = bursting(make_rig, BURSTS[1][0])
-    shown_ns, superseded = rig.clock.now_ns(), rig.engine.reporter.counters["frames_superseded"]
+    shown_ns, superseded = (
+        rig.clock.now_ns(),
+        rig.engine.components.reporter.counters["frames_superseded"],
+    )
     weaker = {"current_ua": only(N, e3=300), "width_us": 100}
     stronger = {"current_ua": only(N, e3=800), "width_us": 100}
     midway(rig, 7.0, 15.0, weaker, stronger)
     found = [round(one.current_ua, -2) for one in of(rig, 3, shown_ns, shown_ns + 90 * MS)]
     assert found == [1_000] * 3 + [300] * 3 + [800] * 6
-    assert rig.engine.reporter.counters["frames_superseded"] == superseded + 1
+    assert rig.engine.components.reporter.counters["frames_superseded"] == superseded + 1
 
 
 def test_a_frame_that_is_refused_takes_nothing_from_a_burst(make_rig: MakeRig) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 import engine_rig
-from engine_rig import EngineRig
+from engine_rig import EngineRig, turn
 from engine_scenes import (
     MS,
     armed,
@@ -208,7 +208,7 @@ def test_a_board_that_is_gone_for_good_keeps_no_core_busy() -> None:
     before_ns = rig.clock.now_ns()
     failing[0].fails = {"edges"}
     for _ in range(20):
-        rig.engine.turn()
+        turn(rig.engine)
     assert rig.state == "HALTED"
     assert rig.clock.now_ns() - before_ns >= 20 * MS
     failing[0].fails = set()

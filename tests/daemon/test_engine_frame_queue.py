@@ -9,7 +9,7 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from engine_rig import LEASE, EngineRig
+from engine_rig import LEASE, EngineRig, turn
 from engine_scenes import MS, armed, fully_open, longest_gap_ns, only, phases, shown
 from etd.frame import Frame
 from etd.link import MAX_DATAGRAM_BYTES, Alive, Channel, NewFrame, StopNow
@@ -57,7 +57,7 @@ def flooded(
 
     rig.commands.close()
     while rig.engine.has_gateway:
-        rig.engine.turn()
+        turn(rig.engine)
     rig.attach_next_gateway(frames_of)
     gateway = socket.socket(fileno=os.dup(rig.frames.fileno()))
     made[0].gateway = gateway
@@ -82,7 +82,7 @@ def test_a_gateway_that_sends_as_fast_as_it_is_read_does_not_keep_the_engine_rea
     flooding, gateway = flooded(rig, 20 * most, make)
     gateway.send(make(0))
     for turns in range(1, 4):
-        rig.engine.turn()
+        turn(rig.engine)
         assert 0 < flooding.are_read <= turns * most
     gateway.close()
 
@@ -101,7 +101,7 @@ def test_a_stop_is_heard_in_the_midst_of_a_flood_of_frames(make_rig: MakeRig) ->
 
     flooding.meanwhile = meanwhile
     gateway.send(small(0))
-    rig.engine.turn()
+    turn(rig.engine)
     assert heard_after
     assert heard_after[0] <= 200 + 64 + 1
     gateway.close()
@@ -126,11 +126,11 @@ def test_of_many_streamed_frames_a_few_are_planned_and_the_newest_stands(
 ) -> None:
     rig = fully_open(make_rig(electrodes=N), 600)
     rig.reports.clear()
-    before = rig.engine.reporter.counters["frames_superseded"]
+    before = rig.engine.components.reporter.counters["frames_superseded"]
     for seq in range(1_000, 1_300):
         assert rig.frames.send(frame(seq, electrode=seq % N))
     rig.run_ms(60)
-    superseded = rig.engine.reporter.counters["frames_superseded"] - before
+    superseded = rig.engine.components.reporter.counters["frames_superseded"] - before
     assert superseded >= 290
     seqs = [one.seq for one in shown(rig)]
     assert seqs == sorted(seqs)

@@ -148,7 +148,7 @@ def test_that_many_pulses_each_and_then_silence(make_rig: MakeRig) -> None:
     rig.run_ms(400)
     fired = [one.electrode for one in phases(rig, since_ns)]
     assert {one: fired.count(one) for one in range(N)} == dict.fromkeys(range(N), 4)
-    assert rig.engine.scanner.standing is None
+    assert rig.engine.components.active.schedule is None
 
 
 def test_a_new_frame_takes_the_place_of_the_one_that_stands(make_rig: MakeRig) -> None:
@@ -216,7 +216,7 @@ def test_a_lease_that_lapsed_in_a_stall_is_not_kept_by_what_lies_in_the_queue(
     rig.run_ms(50)
     assert phases(rig, since_ns) == []
     assert rig.state == "SAFE"
-    assert rig.engine.lease is None
+    assert rig.engine.supervisor.lease is None
 
 
 def test_a_frame_without_a_time_that_lay_in_the_queue_through_a_stall_is_not_shown(

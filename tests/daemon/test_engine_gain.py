@@ -51,7 +51,7 @@ def held(rig: EngineRig, duration_ms: float) -> float:
 
 
 def doubts(rig: EngineRig) -> int:
-    return rig.engine.reporter.counters["not_believed_bound"]
+    return rig.engine.components.reporter.counters["not_believed_bound"]
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -82,7 +82,7 @@ def test_a_law_that_a_gain_too_high_holds_at_next_to_nothing_stays_there_and_say
     rig.fake.world.put_in(AdcScale(gain))
     assert held(rig, 3_000) < 0.25, "skin may ask for that, for a while"
     assert held(rig, 18_000) < 0.25, "an edge of skin that carries all reads the same"
-    assert rig.engine.reporter.counters["not_believed_narrow"] == 1
+    assert rig.engine.components.reporter.counters["not_believed_narrow"] == 1
     assert rig.close() == ()
 
 
@@ -166,5 +166,7 @@ def test_a_gain_that_is_wrong_for_all_electrodes_widens_none_for_long(name: str)
     more = 0.0 if name == "lines" else 0.1
     assert charges(1_000)[3] >= left[3] + more, "one that alone gets wetter is still answered"
     assert doubts(rig) == 0
-    assert rig.engine.reporter.counters["not_believed_common"] == (0 if name == "lines" else 1)
+    assert rig.engine.components.reporter.counters["not_believed_common"] == (
+        0 if name == "lines" else 1
+    )
     assert rig.close() == ()

@@ -52,7 +52,7 @@ def test_stop_halts_from_every_state(make_rig: MakeRig, state: str) -> None:
     assert states(rig)[-1].halt == halt
     assert moves(rig, "HV")[-1][1] == 0
     assert rig.fake.dac_code == 0
-    assert rig.engine.lease is None
+    assert rig.engine.supervisor.lease is None
     assert ended_leases(rig)[-1].why == "halted"
 
 
@@ -63,7 +63,7 @@ def test_stop_is_silent_within_one_pulse(make_rig: MakeRig) -> None:
     asked_ns = rig.clock.now_ns()
     rig.commands.send(StopNow(ref=0, who="operator"))
     rig.run_ms(100)
-    assert rig.engine.opening.ceiling_ua == 0
+    assert rig.engine.components.opening.ceiling_ua == 0
     assert phases(rig)[-1].to_ns < asked_ns + MS
     assert all(code == 0 for _, code in dac_codes(rig, asked_ns + MS))
 
@@ -111,7 +111,7 @@ def test_the_first_cause_stands(make_rig: MakeRig) -> None:
     stop(rig, "the first")
     stop(rig, "the second")
     assert [one.who for one in halts(rig)] == ["the first"]
-    assert rig.engine.states.halt == halts(rig)[0]
+    assert rig.engine.supervisor.states.halt == halts(rig)[0]
 
 
 def test_clear_leads_to_safe_and_open_and_arm_are_needed_after(make_rig: MakeRig) -> None:

@@ -78,7 +78,7 @@ def test_a_new_calibration_while_armed_does_not_miss_the_window(make_rig: MakeRi
         rig.fake.world.put_in(SpiStall(3, at_message=message))
     since_ns = rig.clock.now_ns()
     rig.hold(400, current_ua=ALL, rate_hz=30.0)
-    assert rig.engine.reporter.counters["recalibrated"] >= 1
+    assert rig.engine.components.reporter.counters["recalibrated"] >= 1
     assert longest_gap_ns(rig, since_ns, rig.clock.now_ns()) <= WINDOW_NS
 
 
@@ -197,7 +197,7 @@ def test_a_stop_line_is_heard_in_a_pause(make_rig: MakeRig) -> None:
     pressed_ns: list[int] = []
 
     def press(now_ns: int) -> None:
-        if not pressed_ns and rig.engine.reporter.counters["thinned_processor"]:
+        if not pressed_ns and rig.engine.components.reporter.counters["thinned_processor"]:
             pressed_ns.append(now_ns)
 
     for step in range(1, 200):

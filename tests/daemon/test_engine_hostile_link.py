@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import engine_rig
-from engine_rig import LEASE, EngineRig
+from engine_rig import LEASE, EngineRig, turn
 from engine_scenes import MS, armed, calibration, fully_open, open_calibrated, phases, states
 from etd.calibration import Calibration, ElectrodeLimits
 from etd.frame import Frame, Ring
@@ -108,13 +108,13 @@ def test_what_cannot_be_read_ends_the_gateway_and_not_the_engine(
     send_bytes(rig, where, UNDECODABLE[what])
     rig.run_ms(20)
     assert not rig.engine.has_gateway
-    assert (rig.state, rig.engine.lease, rig.fake.dac_code) == ("SAFE", None, 0)
+    assert (rig.state, rig.engine.supervisor.lease, rig.fake.dac_code) == ("SAFE", None, 0)
     assert [one for one in phases(rig, since_ns) if one.from_ns > since_ns + 2 * MS] == []
     (refusal,) = refusals(rig)
     assert refusal.error == "bad_message"
     assert "could not be decoded" in refusal.reason
     assert len(refusal.reason) < 400
-    assert rig.engine.reporter.counters["gateway_undecodable"] == 1
+    assert rig.engine.components.reporter.counters["gateway_undecodable"] == 1
     rig.attach_next_gateway()
     armed(rig)
     assert "could not be decoded" in (states(rig)[-1].last_disarm or "")
@@ -128,7 +128,7 @@ def test_a_stop_beside_it_is_still_obeyed_and_nothing_else_is(
     rig = armed(make_rig(electrodes=N))
     rig.clock.spend(2 * MS)
     send_bytes(rig, "frames", b"\xff")
-    rig.engine.turn()
+    turn(rig.engine)
     rig.commands.send(StopNow(ref=0, who="operator"))
     rig.commands.send(ClearHalt(ref=0))
     if where == "commands":
@@ -136,8 +136,8 @@ def test_a_stop_beside_it_is_still_obeyed_and_nothing_else_is(
     rig.run_ms(5)
     assert not rig.engine.has_gateway
     assert rig.state == "HALTED"
-    assert rig.engine.states.halt is not None
-    assert rig.engine.states.halt.who == "operator"
+    assert rig.engine.supervisor.states.halt is not None
+    assert rig.engine.supervisor.states.halt.who == "operator"
 
 
 # --- frames that are none -------------------------------------------------------------------------
@@ -205,7 +205,7 @@ def test_a_calibration_of_the_wrong_shape_is_refused_by_the_engine_too(
     answer = open_calibrated(rig, calibration(rig, [2_000] * 32, **changes))
     assert answer.error == "bad_calibration"
     assert said in answer.reason
-    assert rig.engine.lease is None
+    assert rig.engine.supervisor.lease is None
 
 
 # --- anything at all ------------------------------------------------------------------------------
@@ -359,12 +359,12 @@ def test_nothing_that_arrives_ends_the_engine(board: str, data: st.DataObject) -
         for where, datagram in data.draw(st.lists(datagrams(rig), min_size=1, max_size=8)):
             if not rig.engine.has_gateway:
                 rig.attach_next_gateway()
-            if rig.state == "SAFE" and rig.engine.lease is None:
+            if rig.state == "SAFE" and rig.engine.supervisor.lease is None:
                 rig.commands.send(OPENING)
                 rig.commands.send(ArmBoard())
             send_bytes(rig, where, datagram)
             rig.run_ms(3)
-            halt = rig.engine.states.halt
+            halt = rig.engine.supervisor.states.halt
             assert halt is None or halt.cause == "stop"
             assert rig.engine.has_gateway or rig.state in ("SAFE", "HALTED")
 
@@ -380,6 +380,6 @@ def test_every_frame_is_taken_or_refused_or_ends_its_gateway(
         send_bytes(rig, "frames", encoded(NewFrame(ref=ref, frame=frame)))
         rig.run_ms(5)
         told = [*refusals(rig), *(one for one in rig.answers.values() if one.error is not None)]
-        is_taken = rig.engine.reporter.counters["frames_shown"] > 0
+        is_taken = rig.engine.components.reporter.counters["frames_shown"] > 0
         assert is_taken or len(told) == 1
         assert rig.engine.has_gateway or rig.state == "SAFE"

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from engine_rig import LEASE, EngineRig
+from engine_rig import LEASE, EngineRig, turn
 from engine_scenes import (
     MS,
     armed,
@@ -105,7 +105,7 @@ def test_a_lease_without_limits_is_refused(make_rig: MakeRig) -> None:
     rig = make_rig(electrodes=N)
     answer = rig.ask(OpenLease, lease="b", client="second")
     assert answer.error == "limits_missing"
-    assert rig.engine.lease is None
+    assert rig.engine.supervisor.lease is None
 
 
 def test_limits_above_the_uncalibrated_bound_are_refused_at_open(make_rig: MakeRig) -> None:
@@ -114,14 +114,14 @@ def test_limits_above_the_uncalibrated_bound_are_refused_at_open(make_rig: MakeR
     answer = rig.ask(OpenLease, lease="b", client="second", limits=limits)
     assert answer.error == "over_maximum"
     assert "3000 uA" in answer.reason
-    assert rig.engine.lease is None
+    assert rig.engine.supervisor.lease is None
 
 
 def test_a_calibration_for_another_array_is_refused_at_open(make_rig: MakeRig) -> None:
     rig = make_rig(electrodes=N)
     answer = open_calibrated(rig, calibration(rig, [2_000] * N, array="grid-8x8"))
     assert answer.error == "bad_calibration"
-    assert rig.engine.lease is None
+    assert rig.engine.supervisor.lease is None
 
 
 def test_closing_a_lease_makes_safe_and_lets_the_next_one_in(make_rig: MakeRig) -> None:
@@ -141,7 +141,7 @@ def test_disarming_keeps_the_lease(make_rig: MakeRig) -> None:
     rig = armed(make_rig(electrodes=N))
     assert rig.ask(DisarmBoard, lease=LEASE).error is None
     assert rig.state == "SAFE"
-    assert rig.engine.lease is not None
+    assert rig.engine.supervisor.lease is not None
     assert rig.ask(ArmBoard).error is None
     assert rig.state == "ARMED"
 
@@ -190,9 +190,9 @@ def test_a_gateway_that_is_gone_ends_the_lease_at_once(make_rig: MakeRig) -> Non
     rig.is_gateway_alive = False
     since_ns = rig.clock.now_ns()
     for _ in range(20):
-        rig.engine.turn()
+        turn(rig.engine)
     assert rig.state == "SAFE"
-    assert rig.engine.lease is None
+    assert rig.engine.supervisor.lease is None
     assert not rig.engine.has_gateway
     assert [one for one in phases(rig, since_ns) if one.from_ns > since_ns + MS] == []
     assert rig.fake.dac_code == 0
@@ -204,7 +204,7 @@ def test_nonsense_on_the_link_is_a_gateway_that_is_gone(make_rig: MakeRig) -> No
     rig.run_ms(5)
     assert rig.state == "SAFE"
     assert not rig.engine.has_gateway
-    assert rig.engine.lease is None
+    assert rig.engine.supervisor.lease is None
 
 
 def test_nonsense_among_the_frames_is_a_gateway_that_is_gone(make_rig: MakeRig) -> None:
@@ -220,7 +220,7 @@ def test_the_next_gateway_is_greeted_and_starts_in_safe(make_rig: MakeRig) -> No
     rig.commands.close()
     rig.frames.close()
     for _ in range(3):
-        rig.engine.turn()
+        turn(rig.engine)
     pairs = [socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2)]
     rig.engine.attach(Channel(pairs[0][0], ToEngine), Channel(pairs[1][0], NewFrame))
     rig.commands, rig.frames = Channel(pairs[0][1], ToGateway), Channel(pairs[1][1], ToGateway)
@@ -234,7 +234,7 @@ def test_the_next_gateway_is_greeted_and_starts_in_safe(make_rig: MakeRig) -> No
     rig.open()
     rig.commands.close()
     for _ in range(3):
-        rig.engine.turn()
+        turn(rig.engine)
     assert not rig.engine.has_gateway
 
 
@@ -250,7 +250,7 @@ def test_the_greeting_says_what_there_is_to_drive(make_rig: MakeRig) -> None:
     (greeting,) = rig.others
     assert isinstance(greeting, Greeting)
     assert greeting.board.name == "kajimoto-hv507"
-    assert greeting.board.absent_guards == rig.engine.loaded.board.absent_guards
+    assert greeting.board.absent_guards == rig.engine.components.loaded.board.absent_guards
     assert (greeting.body_site, greeting.default_width_us) == ("fingertip", 100)
     assert greeting.maxima.current_ua == 8_000
 
@@ -265,7 +265,7 @@ def test_an_answer_that_nobody_takes_is_counted(make_rig: MakeRig) -> None:
     rig = make_rig(electrodes=N)
     for _ in range(3_000):
         rig.commands.send(KeepLease(ref=7, lease=LEASE))
-        rig.engine.turn()
-    assert rig.engine.reporter.counters["answers_dropped"] > 0
+        turn(rig.engine)
+    assert rig.engine.components.reporter.counters["answers_dropped"] > 0
     rig.listen()
     assert isinstance(rig.answers[7], Answer)

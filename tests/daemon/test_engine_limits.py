@@ -143,7 +143,7 @@ def test_one_electrode_alone_gets_what_it_wants_as_long_as_the_others_touch(
     assert min(one.current_ua for one in mine) == pytest.approx(3_000, abs=STEP_UA)
     assert max(one.current_ua for one in others) <= 300
     assert {one.electrode for one in others} == set(range(N)) - {5}
-    assert rig.engine.reporter.counters["looks"] == len(
+    assert rig.engine.components.reporter.counters["looks"] == len(
         [one for one in phases(rig) if one.scan is not None and 200 < one.current_ua < 400]
     )
 

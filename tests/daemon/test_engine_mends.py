@@ -40,7 +40,7 @@ def test_an_impossible_wish_is_counted_and_the_frames_own_pulse_is_given(
     rig.run_ms(30)
     (fired,) = phases(rig, since_ns)
     assert fired.current_ua == pytest.approx(400, abs=2.5)
-    assert rig.engine.reporter.counters["impossible_wishes"] >= 1
+    assert rig.engine.components.reporter.counters["impossible_wishes"] >= 1
     assert rig.state == "ARMED"
 
 
@@ -51,7 +51,7 @@ def test_a_wish_for_more_width_than_its_slot_is_cut_and_counted(make_rig: MakeRi
     rig.run_ms(30)
     (fired,) = phases(rig, since_ns)
     assert fired.width_us <= 50.0
-    assert rig.engine.reporter.counters["width_wishes_cut"] >= 1
+    assert rig.engine.components.reporter.counters["width_wishes_cut"] >= 1
 
 
 def test_probes_stay_within_the_limits_of_the_person(make_rig: MakeRig) -> None:
@@ -70,10 +70,10 @@ def test_a_stop_line_whose_edge_was_lost_is_seen_by_its_level(make_rig: MakeRig)
     rig.show(current_ua=only(64, e3=400), ttl_ms=1_000)
     rig.run_ms(40)
     rig.fake.world.press("emergency_stop")
-    rig.engine.board.stop_edges()
+    rig.engine.components.board.stop_edges()
     rig.run_ms(40)
     assert rig.state == "HALTED"
-    halt = rig.engine.states.halt
+    halt = rig.engine.supervisor.states.halt
     assert halt is not None
     assert (halt.cause, halt.detail) == ("emergency_stop", "the stop line is open")
 
@@ -104,9 +104,9 @@ def test_what_the_guard_would_refuse_on_this_machine_is_refused_when_asked_for(
 ) -> None:
     slow = {"guard_word_us": 60.0, "guard_delay_extra_us": 3.0}
     rig = make_rig(loaded=config(machine=slow))
-    widest_us = rig.engine.maxima.width_us
+    widest_us = rig.engine.supervisor.maxima.width_us
     assert 50 < widest_us < 200
-    assert any(str(widest_us) in one for one in rig.engine.limitations)
+    assert any(str(widest_us) in one for one in rig.engine.supervisor.limitations)
     rig.open(width_us=widest_us)
     rig.arm()
     rig.hold(130, current_ua=only(N, e0=20), rate_hz=20.0, width_us=50)

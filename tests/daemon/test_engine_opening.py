@@ -141,7 +141,7 @@ def test_electrodes_switch_freely_below_the_ceiling(make_rig: MakeRig) -> None:
 def test_a_pause_opens_no_more_than_the_next_half_milliampere(make_rig: MakeRig) -> None:
     rig = risen(make_rig(electrodes=N), 1_000)
     rig.run_ms(750)
-    assert rig.engine.scanner.standing is None
+    assert rig.engine.components.active.schedule is None
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=ALL, rate_hz=60.0)
     rig.run_ms(90)
@@ -189,7 +189,7 @@ def test_after_arming_a_halt_or_a_change_of_lease_it_starts_at_zero(
 ) -> None:
     rig = risen(make_rig(electrodes=N), 2_000)
     interlude(rig)
-    assert rig.engine.opening.ceiling_ua == 0
+    assert rig.engine.components.opening.ceiling_ua == 0
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=ALL, rate_hz=60.0)
     rig.run_ms(100)
@@ -199,7 +199,7 @@ def test_after_arming_a_halt_or_a_change_of_lease_it_starts_at_zero(
 def test_after_a_fault_it_starts_at_zero() -> None:
     rig = risen(engine_rig.make(electrodes=N), 2_000)
     fault_and_clear(rig)
-    assert rig.engine.opening.ceiling_ua == 0
+    assert rig.engine.components.opening.ceiling_ua == 0
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=ALL, rate_hz=60.0)
     rig.run_ms(100)

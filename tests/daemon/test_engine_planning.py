@@ -10,7 +10,7 @@ from typing import SupportsIndex, overload
 import msgspec
 import pytest
 
-from engine_rig import LEASE, EngineRig
+from engine_rig import LEASE, EngineRig, turn
 from engine_scenes import (
     MS,
     fully_open,
@@ -85,7 +85,7 @@ def slow(rig: EngineRig, plan_ms: float) -> SlowPlans:
 
     rig.commands.close()
     while rig.engine.has_gateway:
-        rig.engine.turn()
+        turn(rig.engine)
     rig.attach_next_gateway(frames_of)
     fully_open(rig, 600)
     made[0].plan_ns = int(plan_ms * MS)
@@ -195,8 +195,8 @@ def test_a_frame_is_not_shown_in_the_next_lease_of_the_same_name(make_rig: MakeR
     rig.clock.at(rig.clock.now_ns() + 20 * MS, change)
     send(rig, 1_000, 5_000, rate_hz=20.0)
     assert rig.wait_for(5_000).error == "no_lease"
-    assert rig.engine.lease is not None
-    assert rig.engine.lease.last_seq == -1
+    assert rig.engine.supervisor.lease is not None
+    assert rig.engine.supervisor.lease.last_seq == -1
 
 
 def test_a_frame_is_refused_when_the_board_is_disarmed_while_it_is_planned(

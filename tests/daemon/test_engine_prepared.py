@@ -32,19 +32,19 @@ def test_a_fade_whose_every_frame_has_new_currents_is_never_calibrated_again(
         assert rig.show(current_ua=current_ua, rate_hz=20.0, thin=True).error is None
         rig.run_ms(60)
     assert rig.state == "ARMED"
-    assert rig.engine.reporter.counters["recalibrated"] == 0
+    assert rig.engine.components.reporter.counters["recalibrated"] == 0
 
 
 def test_a_soft_start_is_never_calibrated_again(make_rig: MakeRig) -> None:
     rig = armed(make_rig(electrodes=N))
     rig.hold(700, current_ua=(3_000,) * N, rate_hz=50.0)
     assert len({one.current_ua for one in phases(rig)}) > 30
-    assert rig.engine.reporter.counters["recalibrated"] == 0
+    assert rig.engine.components.reporter.counters["recalibrated"] == 0
 
 
 def test_the_ledger_books_no_time_that_a_message_took_before_it_began(make_rig: MakeRig) -> None:
     rig = fully_open(make_rig(electrodes=N), 1_000)
-    ledger, since_ns = rig.engine._tools.ledger, rig.clock.now_ns()
+    ledger, since_ns = rig.engine.components.ledger, rig.clock.now_ns()
     before_pc = ledger.charge_pc(5, since_ns)
     for current_ua in range(901, 921):
         rig.show(current_ua=only(N, e5=current_ua), width_us=100, pulses=1)

@@ -86,7 +86,7 @@ def test_narrow_pulses_may_have_prepulses_too(make_rig: MakeRig) -> None:
     rig.hold(530, current_ua=only(N, e0=20), width_us=60, rate_hz=20.0)
     found = shown(rig, level=only(N, e3=1), pulses=1)
     ((before, pulse),) = found
-    rise = narrow.ask(Wish(1_250, 100), rig.engine.asker.known(3, 0)).current_ua
+    rise = narrow.ask(Wish(1_250, 100), rig.engine.components.asker.known(3, 0)).current_ua
     assert 1_800 < rise < 1_900
     assert pulse.current_ua == pytest.approx(rise, abs=STEP_UA)
     assert pulse.width_us == pytest.approx(60, abs=1)
@@ -96,7 +96,7 @@ def test_narrow_pulses_may_have_prepulses_too(make_rig: MakeRig) -> None:
 def test_a_scan_with_prepulses_breaks_no_rule_and_ends_in_time(make_rig: MakeRig) -> None:
     rig = opened(make_rig(loaded=loaded_with()), 1_000)
     rig.hold(150, current_ua=(800,) * N, width_us=80)
-    assert rig.engine.reporter.counters["thinned_overrun"] == 0
+    assert rig.engine.components.reporter.counters["thinned_overrun"] == 0
     assert rig.close() == ()
     assert violations(rig.trace(), 200) == []
 
@@ -125,7 +125,7 @@ def test_what_the_skin_resists_is_told_by_the_pulse_and_never_seems_less(
     for settings in (alone_settings, LEADING):
         rig = opened(make_rig(loaded=loaded_with(settings)), 1_000)
         rig.hold(100, current_ua=only(N, e3=800), width_us=width_us)
-        found.append(rig.engine.asker.known(3, rig.clock.now_ns()).skin_ohm)
+        found.append(rig.engine.components.asker.known(3, rig.clock.now_ns()).skin_ohm)
     alone_ohm, led_ohm = found
     assert alone_ohm is not None
     assert led_ohm is not None
@@ -139,7 +139,7 @@ def test_a_time_constant_is_not_read_from_skin_that_does_not_begin_at_rest(
     alone = Settings(order=("narrow",), narrow=Narrow(width_us=200, tau_us=151.0))
     rig = opened(make_rig(loaded=loaded_with(LEADING if is_led else alone)), 1_000)
     rig.hold(100, current_ua=only(N, e3=800), width_us=100)
-    _, capacitance_nf = rig.engine.asker.told(3, rig.clock.now_ns())
+    _, capacitance_nf = rig.engine.components.asker.told(3, rig.clock.now_ns())
     assert (capacitance_nf is None) == is_led
 
 
@@ -203,7 +203,7 @@ def test_a_prepulse_longer_than_the_site_leaves_room_for_is_cut_and_counted(
     rig = make_rig(loaded=loaded_with(), stabilizers=[Asks(Wish(800, 80, 400, 90))])
     found = shown(opened(rig, 1_000), current_ua=only(N, e3=800), width_us=80)
     assert all(before.width_us <= 60 for before, _ in found)
-    assert rig.engine.reporter.counters["width_wishes_cut"] >= len(found)
+    assert rig.engine.components.reporter.counters["width_wishes_cut"] >= len(found)
 
 
 def test_the_charge_of_both_steps_is_refused_above_the_maximum() -> None:
@@ -242,9 +242,9 @@ def test_what_the_guard_would_refuse_of_both_steps_is_refused_when_asked_for(
     make_rig: MakeRig,
 ) -> None:
     rig = make_rig(loaded=loaded_with())
-    widest_us = rig.engine.maxima.width_us
+    widest_us = rig.engine.supervisor.maxima.width_us
     assert 180 < widest_us < 200
-    assert any(str(widest_us) in one for one in rig.engine.limitations)
+    assert any(str(widest_us) in one for one in rig.engine.supervisor.limitations)
     rig.open(width_us=widest_us)
     rig.arm()
     rig.hold(130, current_ua=only(N, e0=20), rate_hz=20.0)

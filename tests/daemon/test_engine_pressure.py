@@ -56,7 +56,7 @@ def pressed_config() -> LoadedConfig:
 @pytest.fixture
 def rig() -> EngineRig:
     made = engine_rig.make(loaded=pressed_config())
-    nearest = made.engine.loaded.array.nearest_pressure
+    nearest = made.engine.components.loaded.array.nearest_pressure
     assert (nearest(LEFT), nearest(RIGHT)) == (0, 1)
     made.fake.world.press_array(FIRM_KPA)
     fully_open(made, 1_500)
@@ -133,7 +133,7 @@ def test_a_sensor_that_dies_or_lies_gives_the_frames_own_pulse_and_is_named_unti
     assert fired_ua(rig, RIGHT, 300) == []
     hold(rig, 4_000)
     assert states(rig)[-1].sensor_problems == {}
-    assert rig.engine.reporter.counters["not_believed_pressure"] == 1
+    assert rig.engine.components.reporter.counters["not_believed_pressure"] == 1
     ended(rig)
 
 

@@ -128,7 +128,7 @@ def test_each_pulse_of_a_burst_has_its_probe(make_rig: MakeRig) -> None:
     found = hold(rig, 200, rate_hz=10.0)
     assert len(found) >= 6
     assert all(is_led(*one[:2]) for one in found)
-    assert rig.engine.reporter.counters["thinned_ledger"] == 0
+    assert rig.engine.components.reporter.counters["thinned_ledger"] == 0
 
 
 def test_a_pulse_as_weak_as_a_probe_has_none(make_rig: MakeRig) -> None:
@@ -193,7 +193,7 @@ def test_no_probe_is_taken_for_what_the_skin_resists(make_rig: MakeRig) -> None:
     for is_probe_first in (True, False):
         loaded = with_probes(is_probe_first=is_probe_first, energy=EnergyLaw())
         rig = standing(make_rig(loaded=loaded))
-        found.append(rig.engine.asker.known(4, rig.clock.now_ns()).skin_ohm)
+        found.append(rig.engine.components.asker.known(4, rig.clock.now_ns()).skin_ohm)
     with_probe, without = found
     assert without is not None
     assert with_probe == pytest.approx(without, rel=0.01)
@@ -214,7 +214,7 @@ def test_what_a_probe_leaves_in_dry_skin_makes_nobody_doubt_a_pulse_hardly_stron
     for current_ua in (PROBE_UA + 30, 400, 600):
         found = hold(rig, 100, current_ua=only(N, e4=current_ua))
         assert all(len(one) == 2 for one in found)
-    counters = rig.engine.reporter.counters
+    counters = rig.engine.components.reporter.counters
     assert [name for name in counters if name.startswith("not_believed")] == []
 
 
@@ -227,12 +227,12 @@ def test_a_probe_of_a_node_that_is_not_at_rest_is_not_believed_and_counted_once(
     assert all(len(one) == 2 for one in hold(rig, 100))
     rig.fake.world.take_out(fault)
     hold(rig, 50)
-    assert rig.engine.reporter.counters["not_believed_probe"] == 1
+    assert rig.engine.components.reporter.counters["not_believed_probe"] == 1
 
 
 def test_a_probe_whose_pulse_is_withheld_is_counted(make_rig: MakeRig) -> None:
     rig = standing(make_rig(loaded=with_probes(contact=ContactLaw())))
-    counters = rig.engine.reporter.counters
+    counters = rig.engine.components.reporter.counters
     before = counters["probes_alone"]
     hold(rig, 50)
     assert counters["probes_alone"] == before, "each was followed by its pulse"
@@ -361,8 +361,8 @@ def test_a_frame_of_pulses_as_weak_as_probes_needs_no_room_for_any() -> None:
 def test_a_scan_with_probes_ends_in_time(make_rig: MakeRig) -> None:
     rig = opened(make_rig(loaded=with_probes(contact=ContactLaw())), 1_000)
     rig.hold(150, current_ua=(800,) * N, width_us=80, rate_hz=100.0)
-    assert rig.engine.reporter.counters["thinned_overrun"] == 0
-    assert rig.engine.reporter.counters["thinned_ledger"] == 0
+    assert rig.engine.components.reporter.counters["thinned_overrun"] == 0
+    assert rig.engine.components.reporter.counters["thinned_ledger"] == 0
 
 
 def test_the_ledger_counts_the_time_of_probe_and_pulse(make_rig: MakeRig) -> None:
@@ -383,19 +383,19 @@ def test_the_ledger_counts_the_charge_of_probe_and_pulse(make_rig: MakeRig) -> N
     now_ns = rig.clock.now_ns()
     within = [one for one in found if one[0].from_ns > now_ns - 1_000_000_000]
     one_pc = CURRENT_UA * WIDTH_US + PROBE_UA * PROBE_US
-    assert rig.engine._tools.ledger.charge_pc(4, now_ns) == len(within) * one_pc
+    assert rig.engine.components.ledger.charge_pc(4, now_ns) == len(within) * one_pc
 
 
 def test_a_probe_before_a_pulse_that_never_comes_is_booked(make_rig: MakeRig) -> None:
     """Whatever happens between the two, what was fired counts."""
     rig = standing(make_rig(loaded=with_probes()))
-    ledger, since_ns = rig.engine._tools.ledger, rig.clock.now_ns()
+    ledger, since_ns = rig.engine.components.ledger, rig.clock.now_ns()
     before = ledger.pulses(9, since_ns)
 
     def break_down(*_: object) -> Wish:
         raise BoardFault("in between", "nothing", "a wish")
 
-    rig.engine.asker.wish_again = break_down  # type: ignore[assignment, method-assign]
+    rig.engine.components.asker.wish_again = break_down  # type: ignore[assignment, method-assign]
     rig.show(current_ua=only(N, e9=CURRENT_UA), width_us=WIDTH_US)
     rig.run_ms(40)
     assert rig.state == "HALTED"

@@ -90,11 +90,11 @@ def test_a_full_report_queue_drops_counts_and_loses_no_frame(make_rig: MakeRig) 
     rig = fully_open(make_rig(electrodes=N), 500)
     rig.is_listening = False
     for tag in range(2_000):
-        if rig.engine.reporter.counters["reports_dropped"] > 5:
+        if rig.engine.components.reporter.counters["reports_dropped"] > 5:
             break
         rig.send(current_ua=only(N, e3=400), rate_hz=100.0, tag=tag)
         rig.run_ms(35)
-    assert rig.engine.reporter.counters["reports_dropped"] > 5
+    assert rig.engine.components.reporter.counters["reports_dropped"] > 5
     assert rig.state == "ARMED"
     rig.is_listening = True
     rig.run_ms(400)
@@ -109,7 +109,7 @@ def test_a_streamed_frame_that_is_refused_is_reported_at_once(make_rig: MakeRig)
     (refused,) = [one.refused for one in rig.reports if one.refused is not None]
     assert (refused.error, refused.seq, refused.electrode) == ("over_maximum", 5, 3)
     assert refused.count == 1
-    assert rig.engine.reporter.counters["frames_refused"] == 1
+    assert rig.engine.components.reporter.counters["frames_refused"] == 1
 
 
 def test_an_accepted_streamed_frame_is_answered_by_nothing(make_rig: MakeRig) -> None:
@@ -131,7 +131,7 @@ def test_of_streamed_frames_that_lie_there_together_the_newest_is_shown_and_the_
         )
     rig.run_ms(40)
     assert [seq for seq, _ in marks(rig) if seq >= 1_000] == [1_039]
-    assert rig.engine.reporter.counters["frames_superseded"] == 39
+    assert rig.engine.components.reporter.counters["frames_superseded"] == 39
 
 
 def test_a_mark_is_in_the_trace_and_on_the_sync_line(make_rig: MakeRig) -> None:

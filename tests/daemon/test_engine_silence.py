@@ -65,7 +65,7 @@ def hold(rig: EngineRig, duration_ms: float, rate_hz: float = RATE_HZ) -> Sequen
 def silent(rig: EngineRig, duration_ms: float) -> None:
     """No frame stands; the lease is kept."""
     until_ns = rig.clock.now_ns() + int(duration_ms * 1e6)
-    rig.engine.scanner.silence()
+    rig.engine.components.active.silence()
     while (left_ns := until_ns - rig.clock.now_ns()) > 0:
         assert rig.ask(KeepLease, lease=LEASE).error is None
         rig.run_ms(min(400.0, left_ns / 1e6))
@@ -121,11 +121,11 @@ def test_a_factor_and_a_resistance_hold_over_a_short_silence_and_not_over_a_long
     assert steady.width_us > 1.2 * WIDTH_US
     silent(rig, silence_ms)
     now_ns = rig.clock.now_ns()
-    assert (rig.engine.asker.known(4, now_ns).skin_ohm is not None) == is_known
+    assert (rig.engine.components.asker.known(4, now_ns).skin_ohm is not None) == is_known
     first = hold(rig, 15)[0][-1]
     expected_us = steady.width_us if is_known else WIDTH_US
     assert first.width_us == pytest.approx(expected_us, abs=2)
-    assert rig.engine.reporter.counters["not_believed_old"] == (0 if is_known else 1)
+    assert rig.engine.components.reporter.counters["not_believed_old"] == (0 if is_known else 1)
 
 
 def test_a_finger_put_back_in_a_silence_is_met_softly_and_becomes_firm(make_rig: MakeRig) -> None:
@@ -156,7 +156,7 @@ def test_a_probe_that_sees_the_same_contact_makes_a_soft_start_needless(make_rig
     laws = {"contact": ContactLaw(), "fitted": FittedLaw(k=0.7)}
     rig = standing(make_rig(loaded=with_laws(laws, is_probe_first=True)))
     silent(rig, 5_000)
-    assert rig.engine.asker.known(4, rig.clock.now_ns()).state == "unknown"
+    assert rig.engine.components.asker.known(4, rig.clock.now_ns()).state == "unknown"
     first = hold(rig, 15)[0]
     assert len(first) == 2
     assert charge_pc(first) == pytest.approx(CURRENT_UA * WIDTH_US, rel=0.03)
@@ -202,7 +202,7 @@ def test_looks_at_a_silent_electrode_keep_its_contact_known(make_rig: MakeRig) -
     looks = [one for one in phases(rig, since_ns) if one.electrode == 4]
     assert 3 <= len(looks) <= 5
     assert max(one.current_ua for one in looks) <= 300
-    assert rig.engine.reporter.counters["thinned_overrun"] == 0
+    assert rig.engine.components.reporter.counters["thinned_overrun"] == 0
     assert hold(rig, 15)[0][-1].current_ua == pytest.approx(CURRENT_UA, abs=5)
 
 
@@ -222,4 +222,4 @@ def test_nobody_is_looked_at_for_laws_that_do_not_go_by_contact(
 ) -> None:
     rig = standing(make_rig(loaded=with_laws(laws)))
     rig.hold(1_500, current_ua=only(N, e9=900), width_us=WIDTH_US, rate_hz=RATE_HZ)
-    assert rig.engine.reporter.counters["looks"] == 0
+    assert rig.engine.components.reporter.counters["looks"] == 0

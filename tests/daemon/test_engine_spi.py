@@ -47,7 +47,7 @@ def one_scan(board: str = "kajimoto-hv507") -> EngineRig:
 
 
 def show_three(rig: EngineRig, polarity: str = "anodic") -> None:
-    count = rig.engine.loaded.array.count
+    count = rig.engine.components.loaded.array.count
     rig.send(
         current_ua=only(count, e2=400, e3=400, e9=400),
         width_us=50,
@@ -87,7 +87,7 @@ def every_transfer() -> Iterator[tuple[str, str, int, int]]:
 def assert_cut_off(rig: EngineRig, failed_ns: int) -> None:
     """After the error the very next thing on the wires is the GPIO half of the safe state."""
     after = [one for one in rig.records if one["t_ns"] > failed_ns and one["bus"] != "body"]
-    lines = rig.engine.loaded.board.used_lines()
+    lines = rig.engine.components.loaded.board.used_lines()
     after = [one for one in after if one.get("event") not in ("done", "cs")]
     expected = [(lines["POL"], 1), (lines["BL"], 0)] if "BL" in lines else [(lines["HV"], 0)]
     assert [(one["line"], one["value"]) for one in after[: len(expected)]] == expected
@@ -96,7 +96,7 @@ def assert_cut_off(rig: EngineRig, failed_ns: int) -> None:
 
 def broken_beside(rig: EngineRig, failed_ns: int) -> list[str]:
     """The rules broken anywhere but in the message that failed."""
-    found = violations(parse(rig.sink.getvalue()), rig.engine.loaded.board.rest_us)
+    found = violations(parse(rig.sink.getvalue()), rig.engine.components.loaded.board.rest_us)
     return [one for one in found if abs(int(one.split()[0]) - failed_ns) > 20_000]
 
 
@@ -166,7 +166,7 @@ def test_spi_that_never_comes_back_is_told_and_the_stop_s_cause_stands() -> None
     for message in range(1, 200):
         rig.fake.world.put_in(SpiError(message))
     rig.ask(StopNow, who="operator")
-    halt = rig.engine.states.halt
+    halt = rig.engine.supervisor.states.halt
     assert halt is not None
     assert (halt.cause, halt.who) == ("stop", "operator")
     assert "transfer" in halt.detail
@@ -205,7 +205,7 @@ def look_all_the_time(rig: EngineRig, for_ms: int) -> None:
     """What the stopper's thread does."""
     now_ns = rig.clock.now_ns()
     for step in range(2 * for_ms):
-        rig.clock.at(now_ns + step * MS // 2, rig.engine.stopper.look)
+        rig.clock.at(now_ns + step * MS // 2, rig.engine.components.stopper.look)
 
 
 def test_an_overdue_message_is_cut_off_by_the_stopper_and_halts(make_rig: MakeRig) -> None:
@@ -219,14 +219,14 @@ def test_an_overdue_message_is_cut_off_by_the_stopper_and_halts(make_rig: MakeRi
     flowed = [one for one in phases(rig, since_ns) if one.source and one.ground]
     given_ns = max(one.to_ns - one.from_ns for one in flowed)
     assert given_ns < 2_000_000
-    assert rig.engine.stopper.has_acted
+    assert rig.engine.components.stopper.has_acted
 
 
 def test_what_the_stopper_did_is_a_halt_even_if_the_message_then_ends_in_time(
     make_rig: MakeRig,
 ) -> None:
     rig = armed(make_rig(electrodes=N))
-    rig.engine.stopper.has_acted = True
+    rig.engine.components.stopper.has_acted = True
     rig.run_ms(3)
     assert first_fault(rig) == "stopper"
     assert rig.ask(ClearHalt).error is None
@@ -254,7 +254,7 @@ def test_the_excess_is_charged_to_the_ledger(make_rig: MakeRig) -> None:
     rig.run_ms(1_100 - 230)
     rig.show(current_ua=only(N, e5=1_000), width_us=100, pulses=1)
     rig.run_ms(60)
-    ledger = rig.engine._tools.ledger
+    ledger = rig.engine.components.ledger
     before_pc = ledger.charge_pc(5, rig.clock.now_ns())
     assert 95_000 < before_pc <= 101_000
     rig.fake.world.put_in(SpiStall(200, at_message=1))
@@ -270,7 +270,7 @@ def test_slow_drift_is_calibrated_away(make_rig: MakeRig) -> None:
     for message in range(1, 400):
         rig.fake.world.put_in(SpiStall(3, at_message=message))
     rig.hold(400, current_ua=ALL, rate_hz=50.0)
-    assert rig.engine.reporter.counters["recalibrated"] >= 1
+    assert rig.engine.components.reporter.counters["recalibrated"] >= 1
     assert states(rig)
     assert rig.state == "ARMED"
 

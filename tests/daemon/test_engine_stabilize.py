@@ -121,7 +121,7 @@ def test_an_adc_that_goes_wrong_gives_the_frames_own_pulse_and_is_counted_once(
     current_ua, width_us = last_pulse(rig)
     assert width_us == pytest.approx(WIDTH_US, abs=2)
     assert current_ua <= CURRENT_UA
-    assert rig.engine.reporter.counters["not_believed_implausible"] == 1
+    assert rig.engine.components.reporter.counters["not_believed_implausible"] == 1
 
 
 @pytest.mark.parametrize("volts", [0.1, 0.2, 1.0, 3.0, 4.9, 60.0])
@@ -144,7 +144,7 @@ def test_an_adc_that_stands_still_gives_the_frames_own_pulse_and_is_counted_once
     assert max(one.current_ua for one in fired) <= told_ua
     assert fired[-1].width_us == pytest.approx(WIDTH_US, abs=2)
     assert max(one.width_us for one in fired) <= WIDTH_US + 2
-    counters = rig.engine.reporter.counters
+    counters = rig.engine.components.reporter.counters
     told = {name: count for name, count in counters.items() if name.startswith("not_believed")}
     assert told == {"not_believed_adc": 1}
 

@@ -327,7 +327,7 @@ def test_no_law_gets_more_and_no_fall_is_delayed_whatever_it_is_told(
     rig.arm()
     armed_ns = rig.clock.now_ns()
     player = Player(rig, polarity, Pressed(), made)
-    rig.engine.asker._pressed = player.pressed
+    rig.engine.components.asker._pressed = player.pressed
     player.show(only(N, e0=1), 20, is_level=False)
     rig.run_ms(200)
     at_ns = rig.clock.now_ns()

@@ -22,8 +22,8 @@ def test_one_disturbed_calibration_is_repeated_and_told() -> None:
     assert len(told) == 1
     assert told[0].startswith("attempt 1 of 3: timing calibration, ")
     assert " us" in told[0]
-    assert rig.engine.limitations == tuple(told)
-    assert rig.engine.reporter.counters["calibration_attempts_failed"] == 1
+    assert rig.engine.supervisor.limitations == tuple(told)
+    assert rig.engine.components.reporter.counters["calibration_attempts_failed"] == 1
     rig.open()
     rig.arm()
     assert rig.state == "ARMED"
@@ -33,8 +33,8 @@ def test_one_disturbed_calibration_is_repeated_and_told() -> None:
 def test_an_undisturbed_one_says_nothing() -> None:
     rig, told = begun([])
     assert told == []
-    assert rig.engine.limitations == ()
-    assert "calibration_attempts_failed" not in rig.engine.reporter.counters
+    assert rig.engine.supervisor.limitations == ()
+    assert "calibration_attempts_failed" not in rig.engine.components.reporter.counters
     assert rig.close() == ()
 
 

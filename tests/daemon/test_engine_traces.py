@@ -68,8 +68,8 @@ class Player:
         """Arm, and hold one electrode until the opening is there."""
         self.rig.open()
         self.rig.arm()
-        count = self.rig.engine.loaded.array.count
-        while self.rig.engine.opening.ceiling_ua < current_ua:
+        count = self.rig.engine.components.loaded.array.count
+        while self.rig.engine.components.opening.ceiling_ua < current_ua:
             self.rig.hold(20, current_ua=(current_ua, *(0,) * (count - 1)), rate_hz=20.0)
         self.rig.run_ms(250)
 
@@ -106,7 +106,7 @@ class Player:
         """The end of the engine; its trace, checked against all accounts."""
         assert self.rig.close() == ()
         trace = parse(self.rig.sink.getvalue())
-        assert violations(trace, self.rig.engine.loaded.board.rest_us) == []
+        assert violations(trace, self.rig.engine.components.loaded.board.rest_us) == []
         check_body(trace)
         check_what_passes(trace)
         scans = [report.scan for report in self.rig.reports if report.scan is not None]
@@ -160,7 +160,7 @@ def test_our_pattern_comes_out_as_sent_on_every_half_bridge_board(board: str) ->
     rig = engine_rig.make(board)
     player = Player(rig)
     player.open_up()
-    player.play(our_pattern(rig.engine.loaded.array.count))
+    player.play(our_pattern(rig.engine.components.loaded.array.count))
     player.finish()
 
 
@@ -175,7 +175,7 @@ def test_every_width_comes_out_within_a_microsecond(width_us: int) -> None:
 @pytest.mark.parametrize("polarity", ALL_POLARITIES)
 def test_a_ring_of_returns_comes_out_as_sent_on_the_relay_board(polarity: Polarity) -> None:
     rig = engine_rig.make("feetthrough-relay")
-    array = rig.engine.loaded.array
+    array = rig.engine.components.loaded.array
     ring = Ring(ring_mm=2 * array.pitch_mm())
     player = Player(rig)
     player.open_up()
@@ -190,7 +190,7 @@ def test_a_ring_of_returns_comes_out_as_sent_on_the_relay_board(polarity: Polari
 
 def test_explicit_returns_come_out_as_sent_on_the_relay_board() -> None:
     rig = engine_rig.make("feetthrough-relay")
-    count = rig.engine.loaded.array.count
+    count = rig.engine.components.loaded.array.count
     returns = tuple(((one + 1) % count, (one + 5) % count) for one in range(count))
     player = Player(rig)
     player.open_up()

@@ -58,7 +58,8 @@ class Scene:
     def fire(self, *faults: Fault) -> None:
         for fault in faults:
             self.rig.fake.world.put_in(fault)
-        self.firing.visit(self.ready, self.phases)
+        self.firing.fire(self.ready, self.phases)
+        self.rig.board.discharge()
 
     @property
     def booked_pc(self) -> int:

@@ -44,7 +44,7 @@ class Seen:
 
 @pytest.fixture
 def seen(make_rig: MakeRig) -> Seen:
-    return Seen(make_rig(electrodes=8).engine.board.pulse(300, 50))
+    return Seen(make_rig(electrodes=8).engine.components.board.pulse(300, 50))
 
 
 def lying(seen: Seen, until_ms: int = 800) -> int:

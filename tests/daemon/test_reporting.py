@@ -43,7 +43,7 @@ def fired(begun_ns: int, told_ua: int, voltage_v: float, resistance_ohm: int) ->
         electrode=2,
         begun_ns=begun_ns,
         wanted_ua=1_200,
-        told_ua=told_ua,
+        current_ua=told_ua,
         delivered_ua=told_ua - 400,
         width_us=99.7,
         voltage_v=voltage_v,

@@ -36,7 +36,7 @@ def test_arming_is_refused_with_the_sentence_of_the_report() -> None:
 
 def test_the_status_tells_that_arming_is_refused_and_why() -> None:
     rig = make(untested=lambda: FAILED)
-    assert rig.engine.state_report(0).arming_refused == FAILED
+    assert rig.engine.supervisor.state_report(0).arming_refused == FAILED
     assert rig.close() == ()
 
 
@@ -44,7 +44,7 @@ def test_the_status_tells_of_guards_that_nobody_has_accepted() -> None:
     loaded = fake_config("kajimoto-hv507")
     config = msgspec.structs.replace(loaded.config, accept_absent_guards=("rail_monitor",))
     rig = make(loaded=replace(loaded, config=config))
-    refused = rig.engine.state_report(0).arming_refused
+    refused = rig.engine.supervisor.state_report(0).arming_refused
     assert refused is not None
     assert "heartbeat, one_shot: accept each by name" in refused
     assert rig.close() == ()

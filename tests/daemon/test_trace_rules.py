@@ -47,7 +47,7 @@ def _trace(board: str, polarity: str) -> tuple[Record, ...]:
     rig = engine_rig.make(board)
     rig.open()
     rig.arm()
-    count = rig.engine.loaded.array.count
+    count = rig.engine.components.loaded.array.count
     current_ua = [0] * count
     for electrode in (0, 5, 6):
         current_ua[electrode] = 400

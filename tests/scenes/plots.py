@@ -137,7 +137,7 @@ def _finger(board: str, settings: Settings) -> Stage:
 
 
 def _calibration(stage: Stage, cap_ua: int = _CAP_UA) -> Calibration:
-    shape = stage.rig.engine.loaded.body_site.stabilize.shape
+    shape = stage.rig.engine.components.loaded.body_site.stabilize.shape
     made = calibration(stage.rig, [cap_ua + 10 * one for one in range(stage.count)], shape=shape)
     electrode = tuple(
         msgspec.structs.replace(one, resistance_ohm=20_000 + 500 * index)

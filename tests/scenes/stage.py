@@ -80,7 +80,7 @@ class Stage:
 
     def arm(self) -> None:
         """The wearer's stop is tried first, where there is one."""
-        if self.rig.engine.loaded.board.guards.wearer_stop != "absent":
+        if self.rig.engine.components.loaded.board.guards.wearer_stop != "absent":
             self.press("wearer_stop")
             self.run(5)
             self.release("wearer_stop")
@@ -149,11 +149,11 @@ class Stage:
         self.rig.fake.world.take_out(fault)
 
     def press(self, line: StopLine) -> None:
-        if getattr(self.rig.engine.loaded.board.guards, line) != "absent":
+        if getattr(self.rig.engine.components.loaded.board.guards, line) != "absent":
             self.rig.fake.world.press(line)
 
     def release(self, line: StopLine) -> None:
-        if getattr(self.rig.engine.loaded.board.guards, line) != "absent":
+        if getattr(self.rig.engine.components.loaded.board.guards, line) != "absent":
             self.rig.fake.world.release(line)
 
     def lift(self, electrode: int) -> None:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Generator
 
-from etd.engine.core import Core
 from etd.engine.lease import Lease, check_holder, check_seq
 from etd.engine.limits import limits_of_calibration, limits_of_numbers
+from etd.engine.supervisor import Supervisor
 from etd.errors import BoardFault, BusError, GuardRefusal, Refused
 from etd.frame import check_shape
 from etd.link import (
@@ -33,7 +33,7 @@ from etd.link import (
 _AHEAD_NS = 100_000_000
 
 
-def obey(core: Core, command: ToEngine, host_ns: int) -> None:
+def obey(core: Supervisor, command: ToEngine, host_ns: int) -> None:
     """Carry out one command and answer it, unless its answer comes later (arm, measure).
     `host_ns`: on the machine's clock, which the lease counts on.
     """
@@ -48,7 +48,7 @@ def obey(core: Core, command: ToEngine, host_ns: int) -> None:
         core.answer(answer)
 
 
-def _done(core: Core, command: ToEngine, host_ns: int) -> Answer | None:
+def _done(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | None:
     """Raises: Refused."""
     match command:
         case Alive():
@@ -80,7 +80,7 @@ def _done(core: Core, command: ToEngine, host_ns: int) -> Answer | None:
     return Answer(ref=command.ref)
 
 
-def _open(core: Core, command: OpenLease, host_ns: int) -> None:
+def _open(core: Supervisor, command: OpenLease, host_ns: int) -> None:
     if core.lease is not None:
         raise Refused("other_lease", f"the lease is held by {core.lease.client!r}")
     core.states.need("SAFE")
@@ -102,7 +102,7 @@ def _open(core: Core, command: OpenLease, host_ns: int) -> None:
     core.begin_lease(lease)
 
 
-def _mark(core: Core, command: SetMark) -> Answer:
+def _mark(core: Supervisor, command: SetMark) -> Answer:
     """At a time of the board's clock, as all that happens on the board."""
     now_ns = core.clock.now_ns()
     core.marker.mark("mark", -1, command.tag)
@@ -110,7 +110,7 @@ def _mark(core: Core, command: SetMark) -> Answer:
 
 
 def take_frame(
-    core: Core, message: NewFrame, host_ns: int, came_host_ns: int
+    core: Supervisor, message: NewFrame, host_ns: int, came_host_ns: int
 ) -> Generator[None, None, None]:
     """Plan a frame, bit by bit, and show it from the next scan on; or say why not. Where it yields
     everything may change, but for the frames.
@@ -140,7 +140,7 @@ def take_frame(
         return
     lease.last_seq = frame.seq
     lease.renew(host_ns)
-    core.scanner.show(plan, begun_host_ns + ttl_ns)
+    core.active.show(plan, begun_host_ns + ttl_ns)
     if message.ref:
         core.answer(
             Answer(
@@ -149,7 +149,7 @@ def take_frame(
         )
 
 
-def _check_still_held(core: Core, lease: Lease) -> None:
+def _check_still_held(core: Supervisor, lease: Lease) -> None:
     """After a plan, during which commands were obeyed. Raises: Refused."""
     if core.lease is not lease:
         raise Refused("no_lease", "the lease ended while its frame was planned: open one")
@@ -169,7 +169,7 @@ def _age_from(sent_ns: int | None, host_ns: int, came_host_ns: int) -> int:
     return min(sent_ns, host_ns)
 
 
-def _tell_refusal(core: Core, message: NewFrame, refusal: Refused) -> None:
+def _tell_refusal(core: Supervisor, message: NewFrame, refusal: Refused) -> None:
     if message.ref:
         core.reporter.counters["frames_refused"] += 1
         core.answer(Answer.refusing(message.ref, refusal))

@@ -6,14 +6,15 @@ done with a live board. It is stepped from the engine's loop, so that a stop is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from etd.engine.schedule import DuePulse
 from etd.engine.sensors import RailSensor
 from etd.engine.visit import Visit
-from etd.engine.visits import Tools, Visitor
 from etd.errors import Refused
+from etd_hal.board import Board
 from etd_hal.ports import Clock
 
 Goal = Literal["arm", "measure"]
@@ -70,14 +71,16 @@ class Energizer:
         self,
         goal: Goal,
         ref: int,
-        tools: Tools,
+        board: Board,
         rail: RailSensor,
         probes: Sequence[Visit],
         clock: Clock,
     ) -> None:
         self.goal: Goal = goal
         self.ref = ref
-        self._tools = tools
+        self._board = board
+        self._is_measuring = False
+        self._at = 0
         self._rail = rail
         self._probes = probes
         self._clock = clock
@@ -95,7 +98,7 @@ class Energizer:
             self._refuse_unknown()
 
     def _switch_on(self, now_ns: int) -> None:
-        self._tools.board.supply_on()
+        self._board.supply_on()
         self._is_on = True
         self._begun_ns = now_ns
 
@@ -111,14 +114,21 @@ class Energizer:
             self._refuse_unknown()
 
     def is_rail_there(self, now_ns: int) -> bool:
-        """Raises: Refused (`arm_failed`) when it is too high, or does not come; BusError."""
+        """From then on contact is measured.
+
+        Raises: Refused (`arm_failed`) when it is too high, or does not come; BusError.
+        """
+        self._is_measuring = self._is_rail_there(now_ns)
+        return self._is_measuring
+
+    def _is_rail_there(self, now_ns: int) -> bool:
         if not self._is_on:
             self._await_reading(now_ns)
             return False
-        monitor = self._tools.board.file.guards.rail_monitor
+        monitor = self._board.file.guards.rail_monitor
         waited_ns = now_ns - self._begun_ns
         if monitor == "absent":
-            is_switched = self._tools.board.file.guards.hv_enable != "absent"
+            is_switched = self._board.file.guards.hv_enable != "absent"
             return not is_switched or waited_ns >= UNWATCHED_SETTLE_NS
         rail_v = self._rail.rail_v(now_ns)
         if rail_v is not None and rail_v > monitor.high_v:
@@ -134,21 +144,23 @@ class Energizer:
             )
         return False
 
-    def measure_contact(self, visitor: Visitor, may_fire: Callable[[int], int | None]) -> bool:
-        """One probe pulse at each electrode; False if it was cut short.
+    # --- the measurement of contact ----------------------------------------------------------
 
-        Raises: BusError, GuardRefusal, BoardFault.
-        """
-        board = self._tools.board
-        for index, probe in enumerate(self._probes):
-            now_ns = self._clock.now_ns()
-            ceiling_ua = may_fire(now_ns)
-            if ceiling_ua is None:
-                return False
-            board.prepare(probe.selection, whole=index == 0)
-            visitor.probe(probe, ceiling_ua, now_ns, lambda: self._may_still(may_fire))
-        board.release()
-        return True
+    @property
+    def is_measuring(self) -> bool:
+        """The rail is there, and not every electrode has had its probe."""
+        return self._is_measuring and self._at < len(self._probes)
 
-    def _may_still(self, may_fire: Callable[[int], int | None]) -> bool:
-        return may_fire(self._clock.now_ns()) is not None
+    def next_due(self) -> DuePulse | None:
+        """The next probe, until every electrode has had its own."""
+        if not self.is_measuring:
+            return None
+        return DuePulse(self._probes[self._at], "measurement", rewrites_chain=self._at == 0)
+
+    def has(self, due: DuePulse) -> bool:
+        """Whether this is the probe that it waits for: not one of a way up before this one."""
+        return self.is_measuring and due.scheduled is self._probes[self._at]
+
+    def advance(self) -> None:
+        """That probe is over, whether it was fired or not."""
+        self._at += 1

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 
 from etd.config import LoadedConfig
-from etd.engine.engine import Engine
+from etd.engine.loop import Engine
 from etd.engine.sensors import SensorThread
 from etd.engine.stopper import StopperThread
 from etd.link import Listener
@@ -55,7 +55,7 @@ def run_engine(
         problems = _drive(engine, listener, notifier, on_ready)
     finally:
         # Whatever happened: `end` never raises, and is harmless when it ran already.
-        engine.end()
+        engine.supervisor.end()
         backend.close()
         listener.close()
         notifier.close()
@@ -68,28 +68,29 @@ def _drive(
     engine: Engine, listener: Listener, notifier: Notifier, on_ready: Callable[[], None]
 ) -> tuple[str, ...]:
     asked_to_end: list[int] = []
+    loaded = engine.components.loaded
 
     def note(number: int, _: FrameType | None) -> None:
         asked_to_end.append(number)
 
     before = {ending: signal.signal(ending, note) for ending in _ENDINGS}
-    sensors = SensorThread(engine.rail, engine.pressure)
-    stopper = StopperThread(engine.stopper, _urgency(engine))
-    engine.supply_changed = stopper.watch
+    sensors = SensorThread(engine.components.rail, engine.components.pressure)
+    stopper = StopperThread(engine.components.stopper, _urgency(engine))
+    engine.supervisor.supply_changed = stopper.watch
     try:
         sensors.start()
         stopper.start()
         # Timing is calibrated as it will be used: by a thread that is real-time already.
-        engine.not_granted = _realtime(engine)
-        engine.begin(_tell)
-        notifier.ready(f"SAFE, {engine.loaded.board.name} on {engine.backend.name}")
+        engine.supervisor.not_granted = _realtime(engine)
+        engine.supervisor.begin(_tell)
+        notifier.ready(f"SAFE, {loaded.board.name} on {engine.components.backend.name}")
         on_ready()
         while not asked_to_end:
             _greet(engine, listener)
-            engine.turn()
+            engine.step()
     finally:
         # First of all, and again by the caller: it costs nothing.
-        problems = engine.end()
+        problems = engine.supervisor.end()
         notifier.stopping()
         stopper.end()
         sensors.end()
@@ -112,19 +113,19 @@ def _greet(engine: Engine, listener: Listener) -> None:
 
 
 def _realtime(engine: Engine) -> tuple[str, ...]:
-    wanted = engine.loaded.config.engine
+    wanted = engine.components.loaded.config.engine
     if wanted.priority == "none":
         return ("real-time scheduling was not asked for (engine.priority is none)",)
     core = None if wanted.core == "any" else wanted.core
-    return engine.backend.set_up_realtime(wanted.priority, core)
+    return engine.components.backend.set_up_realtime(wanted.priority, core)
 
 
 def _urgency(engine: Engine) -> Callable[[], object]:
     """The stopper stands above the scan thread."""
-    priority = engine.loaded.config.engine.priority
+    priority = engine.components.loaded.config.engine.priority
     if priority == "none":
         return lambda: None
-    return lambda: engine.backend.set_up_urgent_thread(priority + 1)
+    return lambda: engine.components.backend.set_up_urgent_thread(priority + 1)
 
 
 class _Feeder:

@@ -7,8 +7,9 @@ Must not know: sockets beyond the one function it sends with, hardware. Time com
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Protocol
 
 import msgspec
@@ -69,22 +70,32 @@ class _Pending:
     scans: int = 0
 
 
-class FiredPulse(msgspec.Struct, frozen=True):
-    """One pulse of a frame, as it is told."""
+class FiredPulse(msgspec.Struct, frozen=True, kw_only=True):
+    """The last pulse of one electrode, as it is reported: a row, with the columns of `Fired`."""
 
-    electrode: int
-    begun_ns: int
-    wanted_ua: int
-    told_ua: int
-    delivered_ua: int
-    width_us: float
-    voltage_v: float
-    resistance_ohm: int | None
-    contact: ContactState
+    electrode: int = -1
+    begun_ns: int = 0
+    wanted_ua: int = 0
+    current_ua: int = 0
+    delivered_ua: int = 0
+    width_us: float = 0.0
+    voltage_v: float | None = None
+    resistance_ohm: int | None = None
+    contact: ContactState | None = None
     prepulse_ua: int = 0
     probe_ua: int = 0
     skin_ohm: int | None = None
     capacitance_nf: float | None = None
+
+
+_NOTHING = FiredPulse()
+_COLUMNS = Fired.__struct_fields__
+
+
+def _columns(rows: Sequence[FiredPulse]) -> Fired:
+    """By electrode, a tuple for each column of `Fired`: the fields of a row after its first two."""
+    columns = zip(*map(msgspec.structs.astuple, rows), strict=True)
+    return Fired(**dict(zip(_COLUMNS, islice(columns, 2, None), strict=True)))
 
 
 class BodyFelt(Protocol):
@@ -117,21 +128,8 @@ class Reporter:
         self._modelled_ns = 0
         self._was_felt = False
         self.counters: Counter[str] = Counter()
-        self._clear_fired()
-
-    def _clear_fired(self) -> None:
-        n = self._electrodes
-        self._wanted_ua = [0] * n
-        self._current_ua = [0] * n
-        self._delivered_ua = [0] * n
-        self._width_us = [0.0] * n
-        self._voltage_v: list[float | None] = [None] * n
-        self._resistance_ohm: list[int | None] = [None] * n
-        self._contact: list[ContactState | None] = [None] * n
-        self._prepulse_ua = [0] * n
-        self._probe_ua = [0] * n
-        self._skin_ohm: list[int | None] = [None] * n
-        self._capacitance_nf: list[float | None] = [None] * n
+        #: The last pulse of each electrode in the frame under way.
+        self._rows = [_NOTHING] * electrodes
 
     # --- frames and scans --------------------------------------------------------------------
 
@@ -139,7 +137,7 @@ class Reporter:
         """At the start of its first scan."""
         self.frame_ended()
         self._showing = _Showing(frame, now_ns)
-        self._clear_fired()
+        self._rows = [_NOTHING] * self._electrodes
         self._has_news = True
         self.counters["frames_shown"] += 1
 
@@ -163,28 +161,12 @@ class Reporter:
             if showing.first_ns is None:
                 showing.first_ns = pulse.begun_ns
             showing.last_ns = pulse.begun_ns
-        self._wanted_ua[electrode] = pulse.wanted_ua
-        self._current_ua[electrode] = pulse.told_ua
-        self._delivered_ua[electrode] = pulse.delivered_ua
-        self._width_us[electrode] = pulse.width_us
-        self._voltage_v[electrode] = pulse.voltage_v
-        self._resistance_ohm[electrode] = pulse.resistance_ohm
-        self._contact[electrode] = pulse.contact
-        self._prepulse_ua[electrode] = pulse.prepulse_ua
-        self._probe_ua[electrode] = pulse.probe_ua
-        self._skin_ohm[electrode] = pulse.skin_ohm
-        self._capacitance_nf[electrode] = pulse.capacitance_nf
+        self._rows[electrode] = pulse
         self.counters["pulses"] += 1
 
     def nothing_asked(self, electrode: int, wanted_ua: int) -> None:
         """A visit of the frame's of which a stabilizer makes nothing."""
-        self._wanted_ua[electrode] = wanted_ua
-        for currents in (self._current_ua, self._delivered_ua, self._prepulse_ua, self._probe_ua):
-            currents[electrode] = 0
-        self._width_us[electrode] = 0.0
-        self._voltage_v[electrode] = self._resistance_ohm[electrode] = None
-        self._contact[electrode] = None
-        self._skin_ohm[electrode] = self._capacitance_nf[electrode] = None
+        self._rows[electrode] = msgspec.structs.replace(_NOTHING, wanted_ua=wanted_ua)
 
     def clamped(self, clamp: Clamp) -> None:
         """The latest of each electrode and reason is told."""
@@ -213,19 +195,7 @@ class Reporter:
             seq=shown[-1].seq if shown else -1,
             tag=shown[-1].tag if shown else None,
             scans=pending.scans,
-            fired=Fired(
-                wanted_ua=tuple(self._wanted_ua),
-                current_ua=tuple(self._current_ua),
-                delivered_ua=tuple(self._delivered_ua),
-                width_us=tuple(self._width_us),
-                voltage_v=tuple(self._voltage_v),
-                resistance_ohm=tuple(self._resistance_ohm),
-                contact=tuple(self._contact),
-                prepulse_ua=tuple(self._prepulse_ua),
-                probe_ua=tuple(self._probe_ua),
-                skin_ohm=tuple(self._skin_ohm),
-                capacitance_nf=tuple(self._capacitance_nf),
-            ),
+            fired=_columns(self._rows),
             clamped=tuple(pending.clamped.values()),
             thinned=tuple(
                 Thinned(electrode=electrode, reason=reason, pulses=count)  # type: ignore[arg-type]

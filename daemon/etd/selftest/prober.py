@@ -185,7 +185,8 @@ class Prober:
         else:
             bed.board.connect(selection, is_anodic)
         ready = ReadyPulse(entry, selection, pulse, Wish(current_ua, self.width_us), is_blanked)
-        shot, _ = self._firing.visit(ready, (is_anodic,))
+        shot, _ = self._firing.fire(ready, (is_anodic,))
+        bed.board.discharge()
         bed.board.guard.permit(0)
         self._note_excess(shot, current_ua)
         self._check_course(shot, pulse.told_ua)

@@ -1,46 +1,57 @@
 """What may be asked of a live board: the lease, the way up, and every way to silence.
 
 Owns: the states and the lease; all that leads into SAFE and HALTED. Must not know: what the parts
-are made of (`parts.py`), who asks (`commands.py`), when (`engine.py`), ZeroMQ, files.
+are made of (`components.py`), who asks (`commands.py`), when (`loop.py`), ZeroMQ, files.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from etd.calibration import Calibration
-from etd.config import LoadedConfig
 from etd.engine.calibrating import calibrate_at_start
+from etd.engine.components import Components
 from etd.engine.energize import Energizer, Goal, Readiness, check_ready, lasting_refusal
 from etd.engine.lease import Lease
-from etd.engine.parts import Parts
 from etd.engine.plan import Planner
 from etd.engine.probes import probes_of
 from etd.engine.room import Rules
+from etd.engine.schedule import DuePulse
 from etd.engine.state import StateMachine
+from etd.engine.visit import Visit
 from etd.errors import BoardFault, Refused
 from etd.link import Answer, LeaseEnded
 from etd.protocol import Halt, StateReport
-from etd.stabilize.pipeline import Stabilizer, Wish
-from etd_hal.backend import Backend
+from etd.stabilize.pipeline import Wish
 from etd_hal.cost import CostModel
 
 
-class Core(Parts):
-    """See the module. `Engine` adds the loop."""
+class Supervisor:
+    """See the module."""
 
     def __init__(
-        self,
-        loaded: LoadedConfig,
-        backend: Backend,
-        *,
-        stabilizers: Sequence[Stabilizer] | None = None,
-        untested: Callable[[], str | None] = lambda: None,
+        self, components: Components, untested: Callable[[], str | None] = lambda: None
     ) -> None:
-        """`stabilizers`: see `Parts`. `untested`: see `Engine`."""
-        super().__init__(loaded, backend, stabilizers)
+        """`untested`: see `Engine`."""
+        self._components = components
         self._untested = untested
+        self.loaded = loaded = components.loaded
+        self.board = components.board
+        self.clock = components.clock
+        self.host_clock = components.host_clock
+        self.timeouts = components.timeouts
+        self.reporter = components.reporter
+        self.active = components.active
+        self.opening = components.opening
+        self.contact = components.contact
+        self.asker = components.asker
+        self.rail = components.rail
+        self.stopper = components.stopper
+        self.maxima = components.maxima
+        self.dialogue = components.dialogue
+        self.marker = components.backend.marker
+        self.sharing = components.sharing
         self.not_granted: tuple[str, ...] = ()
         self.limitations: tuple[str, ...] = ()
         self.last_silence: str | None = None
@@ -48,9 +59,11 @@ class Core(Parts):
         self.lease: Lease | None = None
         self.supply_changed: Callable[[bool], None] = lambda _: None
         self._planner: Planner | None = None
-        self._energizer: Energizer | None = None
-        self._told_ns = 0
-        self._is_wearer_stop_tried = loaded.board.guards.wearer_stop == "absent"
+        #: Of the lease, in the order of the chain.
+        self.probes: tuple[Visit, ...] = ()
+        self.energizer: Energizer | None = None
+        self.told_ns = 0
+        self.is_wearer_stop_tried = loaded.board.guards.wearer_stop == "absent"
 
     # --- life ------------------------------------------------------------------------------
 
@@ -81,7 +94,7 @@ class Core(Parts):
     def end(self) -> tuple[str, ...]:
         """Leave the board safe, whatever state it is in; what did not work, as sentences."""
         problems = self.board.safe_off()
-        self.scanner.silence()
+        self.active.silence()
         self.states.safe()
         return problems
 
@@ -93,9 +106,9 @@ class Core(Parts):
         """
         self.lease = lease
         self._serve(lease.person.calibration)
-        self.ahead.forget()
+        self._components.ahead.forget()
         self.planner_of_lease()
-        self._tell_state(self.clock.now_ns())
+        self.tell_state(self.clock.now_ns())
 
     def _serve(self, calibration: Calibration | None) -> None:
         if calibration is None:
@@ -109,7 +122,7 @@ class Core(Parts):
         """Plans follow the person's limits and the calibrated timing."""
         if self.lease is None:
             self._planner = None
-            self.scanner.probes = ()
+            self.probes = ()
             return
         source = self.loaded.board.source
         rules = Rules(
@@ -122,9 +135,7 @@ class Core(Parts):
         )
         cost = CostModel(self.loaded.board, self.loaded.machine, self.board.timing)
         self._planner = Planner(self.board, rules, cost)
-        self.scanner.probes = probes_of(
-            self.board, self.loaded.array, self.maxima, self.lease.person
-        )
+        self.probes = probes_of(self.board, self.loaded.array, self.maxima, self.lease.person)
 
     @property
     def planner(self) -> Planner:
@@ -138,20 +149,20 @@ class Core(Parts):
         self.states.need("SAFE")
         if self.lease is None:
             raise Refused("no_lease", "no lease stands: an application opens one, then arm")
-        if self._energizer is not None:
-            raise Refused("wrong_state", f"{self._energizer.goal} is under way")
+        if self.energizer is not None:
+            raise Refused("wrong_state", f"{self.energizer.goal} is under way")
         check_ready(self._readiness())
-        probes = self.scanner.probes
-        energizer = Energizer(goal, ref, self._tools, self.rail, probes, self.clock)
+        probes = self.probes
+        energizer = Energizer(goal, ref, self.board, self.rail, probes, self.clock)
         self.states.probe()
         self.board.guard.permit(self.maxima.probe_current_ua)
         self.supply_changed(True)
-        self._energizer = energizer
-        self._tell_state(self.clock.now_ns())
+        self.energizer = energizer
+        self.tell_state(self.clock.now_ns())
         try:
             energizer.begin()
         except Refused:
-            self._energizer = None
+            self.energizer = None
             self.make_safe("the rail is not known")
             raise
 
@@ -160,7 +171,7 @@ class Core(Parts):
         return Readiness(
             self.loaded.unaccepted_guards,
             tuple(name for name, is_open in stops.items() if is_open),
-            self._is_wearer_stop_tried,
+            self.is_wearer_stop_tried,
             not self.stopper.has_acted,
             self._untested(),
         )
@@ -171,26 +182,26 @@ class Core(Parts):
             return None
         return lasting_refusal(self.loaded.unaccepted_guards, self._untested())
 
-    def _climb(
-        self, energizer: Energizer, now_ns: int, may_fire: Callable[[int], int | None]
-    ) -> None:
+    def climb(self, energizer: Energizer, now_ns: int) -> bool:
+        """True once the rail is there and contact is measured."""
         try:
-            if not energizer.is_rail_there(now_ns):
-                return
+            return energizer.is_rail_there(now_ns)
         except Refused as refusal:
-            self._energizer = None
+            self.energizer = None
             self.make_safe(refusal.reason)
             self.answer(Answer.refusing(energizer.ref, refusal))
-            return
+            return False
 
-        def may_probe(now_ns: int) -> int | None:
-            # A disarm and the next arm may both lie in the queue: that one has a rail to wait for.
-            ceiling_ua = may_fire(now_ns)
-            return ceiling_ua if self._energizer is energizer else None
-
-        if not energizer.measure_contact(self._visitor, may_probe):
+    def pass_on_measuring(self, due: DuePulse) -> None:
+        """To the next electrode; after the last one the board is armed, or safe again."""
+        energizer = self.energizer
+        if energizer is None or not energizer.has(due):
             return
-        self._energizer = None
+        energizer.advance()
+        if energizer.is_measuring:
+            return
+        self.board.release()
+        self.energizer = None
         contact = self.reporter.contact(self.contact, self.clock.now_ns())
         if energizer.goal == "measure":
             self.make_safe("measured")
@@ -198,7 +209,7 @@ class Core(Parts):
             self.states.arm()
             self.opening.restart()
             self.board.guard.permit(self.maxima.current_ua)
-            self._tell_state(self.clock.now_ns())
+            self.tell_state(self.clock.now_ns())
         self.answer(Answer(ref=energizer.ref, contact=contact))
 
     # --- the way down ------------------------------------------------------------------------
@@ -212,25 +223,25 @@ class Core(Parts):
                 self._latch("fault", "safe_off", "; ".join(problems))
                 self.end_lease("halted")
                 return
-            self._tell_state(self.clock.now_ns())
+            self.tell_state(self.clock.now_ns())
 
     def _silence(self, why: str) -> tuple[str, ...]:
         """Returns what did not work, as sentences."""
         problems = self.board.safe_off()
         self.last_silence = why
         self.supply_changed(False)
-        self.scanner.silence()
+        self.active.silence()
         self.opening.restart()
         self.contact.forget()
-        self.sharing.forget()
+        self._components.sharing.forget()
         self.asker.forget()
-        self.ahead.forget()
+        self._components.ahead.forget()
         self._drop_energizer(why)
         self.reporter.scan_report(self.clock.now_ns(), 0, is_due=True)
         return problems
 
     def _drop_energizer(self, why: str) -> None:
-        energizer, self._energizer = self._energizer, None
+        energizer, self.energizer = self.energizer, None
         if energizer is not None:
             self.answer(Answer(ref=energizer.ref, error="arm_failed", reason=f"cut short: {why}"))
 
@@ -244,7 +255,7 @@ class Core(Parts):
         if lease is not None:
             self.reporter.counters[f"leases_ended_{counted or why.split()[-1]}"] += 1
             self._tell_gateway(LeaseEnded(lease=lease.token, why=why))
-            self._tell_state(self.clock.now_ns())
+            self.tell_state(self.clock.now_ns())
 
     def halt(self, cause: str, who: str, detail: str) -> None:
         """Silence at once, and HALTED until `clear`. The first cause stands."""
@@ -259,7 +270,7 @@ class Core(Parts):
         halt = Halt(cause=cause, who=who, detail=detail, t_ns=self.clock.now_ns())
         if self.states.stop(halt):
             self.reporter.halt(halt)
-            self._tell_state(halt.t_ns)
+            self.tell_state(halt.t_ns)
 
     def clear(self) -> None:
         """Leave HALTED. Raises: Refused, while a stop line is open or the board is not safe."""
@@ -272,7 +283,7 @@ class Core(Parts):
                 raise Refused("halted", f"the board is not safe: {'; '.join(problems)}")
         self.states.clear()
         self.stopper.has_acted = False
-        self._tell_state(self.clock.now_ns())
+        self.tell_state(self.clock.now_ns())
 
     # --- telling -----------------------------------------------------------------------------
 
@@ -281,11 +292,11 @@ class Core(Parts):
         self._tell_gateway(answer)
 
     def _tell_gateway(self, message: Answer | LeaseEnded) -> None:
-        if not self._dialogue.send(message):
+        if not self.dialogue.send(message):
             self.reporter.counters["answers_dropped"] += 1
 
-    def _tell_state(self, now_ns: int) -> None:
-        self._told_ns = now_ns
+    def tell_state(self, now_ns: int) -> None:
+        self.told_ns = now_ns
         self.reporter.state(self.state_report(now_ns))
 
     def _lag_ns(self) -> int:
@@ -317,8 +328,8 @@ class Core(Parts):
                 "message_us": round(timing.message_us, 3),
                 "spread_us": round(timing.spread_us, 3),
             },
-            machine=self.backend.facts,
+            machine=self._components.backend.facts,
             last_disarm=self.last_silence,
             arming_refused=self._lasting_refusal(),
-            sensor_problems=self.pressure.problems(now_ns),
+            sensor_problems=self._components.pressure.problems(now_ns),
         )

@@ -1,0 +1,101 @@
+"""The schedule that is shown, and the one that comes after the scan under way.
+
+Owns: which of the two there are, and what becomes of each when a frame comes, expires or is
+silenced. Must not know: how a pulse is fired, the board, sockets.
+"""
+
+from __future__ import annotations
+
+from etd.engine.plan import Plan
+from etd.engine.reporting import Reporter
+from etd.engine.schedule import Schedule
+from etd_hal.ports import Clock
+
+
+class ActiveSchedule:
+    """See the module."""
+
+    def __init__(self, clock: Clock, reporter: Reporter) -> None:
+        """Frames expire on the machine's clock; all else is timed with the board's `clock`."""
+        self._clock = clock
+        self._reporter = reporter
+        #: None: no frame stands.
+        self.schedule: Schedule | None = None
+        #: The schedule of the scan under way; another one than `schedule` once that was let go.
+        self._scanning: Schedule | None = None
+        #: What came while a scan was under way: a plan, and when its frame expires.
+        self._coming: tuple[Plan, int] | None = None
+
+    def show(self, plan: Plan, expires_host_ns: int) -> None:
+        """From the next start of a scan on, which is at once when no frame stands; what it lowers
+        falls at once.
+        """
+        if self._scanning is not None:
+            if self._coming is not None:
+                self._reporter.superseded()
+            self._coming = plan, expires_host_ns
+            if self.schedule is not None:
+                self.schedule.lower(plan)
+            return
+        before = self.schedule
+        if before is not None and not before.is_begun:
+            self._reporter.superseded()
+        self._let_go()
+        self.schedule = Schedule(plan, expires_host_ns, self._clock.now_ns(), before)
+
+    def silence(self) -> None:
+        """No frame stands any more, and none comes."""
+        self._coming = None
+        self._let_go()
+
+    def _let_go(self) -> None:
+        if self.schedule is not None and self.schedule.is_begun:
+            self._reporter.frame_ended()
+        self.schedule = None
+
+    def expire(self, host_ns: int) -> None:
+        """Let go of a frame whose time is over."""
+        if self._coming is not None and host_ns >= self._coming[1]:
+            self._reporter.never_shown(self._coming[0].frame, self._clock.now_ns())
+            self._coming = None
+        schedule = self.schedule
+        if schedule is None:
+            return
+        has_expired = schedule.has_expired(host_ns)
+        if has_expired and not schedule.is_begun:
+            self._reporter.never_shown(schedule.plan.frame, self._clock.now_ns())
+        if has_expired or schedule.has_had_its_pulses:
+            self._let_go()
+
+    # --- the scan under way ------------------------------------------------------------------
+
+    @property
+    def is_scanning(self) -> bool:
+        """Whether a scan is under way, interrupted or not."""
+        return self._scanning is not None
+
+    @property
+    def scanning(self) -> Schedule | None:
+        """The schedule of the scan under way, interrupted or not."""
+        return self._scanning
+
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether the scan under way has lost its schedule: nothing more of it may be fired."""
+        return self._scanning is not None and self._scanning is not self.schedule
+
+    def begin_scan(self, schedule: Schedule, now_ns: int) -> None:
+        """Of the standing schedule."""
+        frame = schedule.plan.frame
+        if not schedule.is_begun:
+            self._reporter.frame_begun(frame, now_ns)
+        self._reporter.scan_begun()
+        schedule.begin_scan(now_ns)
+        self._scanning = schedule
+
+    def leave_scan(self) -> None:
+        """It is over, or was interrupted: what came meanwhile is shown."""
+        self._scanning = None
+        coming, self._coming = self._coming, None
+        if coming is not None:
+            self.show(*coming)

@@ -1,0 +1,162 @@
+"""The engine's loop: the life of a pulse, from the poll before it to the report of it.
+
+Owns: the order of the things that are done for one pulse. Must not know: ZeroMQ, JSON, files,
+threads, which backend there is, what is due when (`sequencer.py`), what is looked at in a poll
+(`poller.py`), how the states follow one another (`supervisor.py`).
+
+Nothing that a step calls calls back into it. A poll may end everything: what was due before it is
+asked for after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from etd.config import LoadedConfig
+from etd.engine.clearance import Cleared
+from etd.engine.components import components_of
+from etd.engine.poller import Poller
+from etd.engine.schedule import AfterProbe, DuePulse
+from etd.engine.sequencer import TICK_NS, Sequencer
+from etd.engine.supervisor import Supervisor
+from etd.engine.telling import greeting
+from etd.errors import BoardFault, BusError, GuardRefusal
+from etd.link import Channel, NewFrame, ToEngine
+from etd.stabilize.pipeline import Stabilizer
+from etd_hal.backend import Backend
+
+
+class Engine:
+    """See the module. `step` is called for ever by `process.py`, and by tests."""
+
+    def __init__(
+        self,
+        loaded: LoadedConfig,
+        backend: Backend,
+        *,
+        stabilizers: Sequence[Stabilizer] | None = None,
+        feed_watchdog: Callable[[int], None] = lambda _: None,
+        untested: Callable[[], str | None] = lambda: None,
+    ) -> None:
+        """`stabilizers` None: those of the body-site file. `untested`: the sentence for which
+        arming is refused, by the last self-test. Asked at each arming, and for each state report
+        while nothing can flow.
+        """
+        self.components = components = components_of(loaded, backend, stabilizers)
+        self.supervisor = Supervisor(components, untested)
+        self._poller = Poller(components, self.supervisor, feed_watchdog)
+        self._sequencer = Sequencer(components, self.supervisor, self._poller)
+        #: The time and the array's ceiling of the last poll.
+        self._polled_ns = 0
+        self._ceiling_ua = 0
+        #: The pulse whose own probe has just been fired.
+        self._follow_up: DuePulse | None = None
+
+    def attach(self, commands: Channel[ToEngine], frames: Channel[NewFrame]) -> None:
+        """A gateway has connected."""
+        parts = self.components
+        parts.dialogue.attach(commands, frames, parts.host_clock.now_ns())
+        states, maxima = parts.board.switch.states, self.supervisor.maxima
+        parts.dialogue.send(greeting(parts.loaded, maxima, states, parts.backend.name))
+        self.supervisor.tell_state(parts.clock.now_ns())
+
+    @property
+    def has_gateway(self) -> bool:
+        return self.components.dialogue.is_attached
+
+    @property
+    def is_between_scans(self) -> bool:
+        """Neither a scan nor a measurement of contact is under way."""
+        return self._sequencer.is_between_scans
+
+    def step(self) -> None:
+        """One poll, then what is due: one pulse at most. Never raises EtdError."""
+        clock = self.components.clock
+        try:
+            self._step()
+        except (BusError, GuardRefusal, BoardFault) as fault:
+            self._follow_up = None
+            self.supervisor.halt("fault", type(fault).__name__, str(fault))
+            self._sequencer.leave()
+            # A board that is gone for good fails every step: that must not keep a core busy.
+            clock.doze_until_ns(clock.now_ns() + TICK_NS)
+
+    def _step(self) -> None:
+        """The life of a pulse, in its order."""
+        due, self._follow_up = self._follow_up, None
+        if due is None:
+            due = self._sequencer.next_due(self._poll())
+        if due is None:
+            return
+        parts, board = self.components, self.components.board
+        scheduled, is_connected = due.scheduled, due.after is not None
+        asked_ns, ceiling_ua = self._polled_ns, self._ceiling_ua
+        if due.after is not None:
+            asked_ns, ceiling_ua = due.after.asked_ns, due.after.ceiling_ua
+        else:
+            board.prepare(scheduled.selection, whole=due.rewrites_chain)
+        cleared = self._cleared(due, ceiling_ua, asked_ns)
+        if cleared is not None and not is_connected:
+            board.connect(scheduled.selection, scheduled.phases[0])
+            is_connected = True
+        if cleared is None or not self._still_valid(due):
+            if is_connected:
+                board.discharge()
+            self._sequencer.not_fired(due)
+            return
+        phases = scheduled.phases[:1] if cleared.leads else scheduled.phases
+        first, last = parts.firing.fire(cleared, phases)
+        if cleared.leads:
+            parts.findings.of_probe(due, cleared, first)
+            after = AfterProbe(cleared.request, cleared.pulse.told_ua, asked_ns, ceiling_ua)
+            # The pulse itself is due at once, with nothing in between.
+            self._follow_up = msgspec.structs.replace(due, after=after)
+            return
+        board.discharge()
+        parts.findings.of_pulse(due, cleared, first, last)
+        parts.findings.report(due, cleared, first.begun_ns)
+        self._sequencer.fired(due, first.begun_ns)
+
+    def _poll(self) -> int:
+        """Look at everything that can end what is fired; the time now."""
+        parts, now_ns = self.components, self.components.clock.now_ns()
+        self._polled_ns = now_ns
+        self._poller.poll(now_ns)
+        if self.is_between_scans:
+            return now_ns
+        parts.reporter.scan_report(now_ns, parts.opening.ceiling_ua)
+        if self.supervisor.states.state == "PROBE":
+            self._ceiling_ua = self.supervisor.maxima.probe_current_ua
+        elif parts.active.schedule is not None:
+            self._ceiling_ua = parts.opening.due(now_ns)
+        return now_ns
+
+    def _cleared(self, due: DuePulse, ceiling_ua: int, now_ns: int) -> Cleared | None:
+        """What of it may be fired now; its probe first, where one goes before it."""
+        parts = self.components
+        request = parts.requests.of(due, now_ns)
+        if request is None:
+            return None
+        cleared = parts.clearance.clear(due, request, ceiling_ua, now_ns)
+        if cleared is None:
+            return None
+        probe = parts.requests.probe_before(due, cleared.given)
+        return cleared if probe is None else parts.clearance.led_by(due, cleared, probe, now_ns)
+
+    def _still_valid(self, due: DuePulse) -> bool:
+        """Asked when all is connected. Where that takes milliseconds, everything is polled again;
+        where it is done in one call, the frame's time is enough.
+        """
+        parts, supervisor = self.components, self.supervisor
+        if due.purpose == "measurement":
+            self._poll()
+            power_up = supervisor.energizer
+            return supervisor.states.state == "PROBE" and power_up is not None and power_up.has(due)
+        if parts.board.switch.can_choose_returns:
+            self._poll()
+        schedule = parts.active.schedule
+        if schedule is None or parts.active.is_interrupted:
+            return False
+        return not schedule.has_expired(parts.host_clock.now_ns())

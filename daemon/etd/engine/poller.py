@@ -1,0 +1,197 @@
+"""What is looked at before every pulse, and whenever nothing is fired: it may change the state.
+
+Owns: the order of looking: what has lapsed, before any queue is read, so that after a stall nothing
+stale is shown; then gateway, stop lines, rail and commands. And the heartbeat, which stands for
+all of them. Must not know: what is due, how a pulse is fired, ZeroMQ, files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import islice
+
+from etd.engine import commands
+from etd.engine.components import Components
+from etd.engine.reporting import STATE_PERIOD_NS
+from etd.engine.supervisor import Supervisor
+from etd.errors import Undecodable
+from etd.link import StopNow
+
+#: Without a poll for longer than this the engine was stalled: no pulse takes as long.
+_STALL_NS = 50_000_000
+#: Whatever lies there, a pulse is not held up by more; the rest is read before the next one.
+_COMMANDS_A_POLL = 64
+#: More than a link holds: a rest that is left is of a gateway that sends faster than it is read.
+_READS_A_POLL = 16
+#: Frames are planned for so long before the pulses go on, with a poll as often as this.
+_PLANNING_NS = 10_000_000
+_MEANWHILE_NS = 1_000_000
+#: After a plan made while a scan is under way, the next one waits so many times as long as it took:
+#: frames that come faster than they can be planned must not take the time of the pulses.
+_PLANS_REST = 9
+#: Edges come this often within the monostable's window.
+_BEATS_PER_WINDOW = 4
+
+
+class Poller:
+    """See the module."""
+
+    def __init__(
+        self,
+        components: Components,
+        supervisor: Supervisor,
+        feed_watchdog: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        self._loaded = components.loaded
+        self._backend = components.backend
+        self._clock = components.clock
+        self._host_clock = components.host_clock
+        self._board = components.board
+        self._stopper = components.stopper
+        self._rail = components.rail
+        self._reporter = components.reporter
+        self._active = components.active
+        self._dialogue = components.dialogue
+        self._supervisor = supervisor
+        self._feed_watchdog = feed_watchdog
+        self._beaten_ns = 0
+        self._wearer_stop_was_open = False
+        self._looked_host_ns = self._host_clock.now_ns()
+        #: After a stall: since when the queue of frames has not been looked at.
+        self._unseen_since_host_ns: int | None = None
+        self._may_plan_ns = 0
+
+    def poll(self, now_ns: int) -> None:
+        """Look at everything once. `now_ns`: on the board's clock."""
+        # What another process said holds for a time of the clock that it reads too.
+        host_ns = self._host_clock.now_ns()
+        if host_ns - self._looked_host_ns > _STALL_NS:
+            self._unseen_since_host_ns = self._looked_host_ns
+        self._looked_host_ns = host_ns
+        # Before anything is read: what lies in a queue must not renew what has lapsed.
+        if self._supervisor.lease is not None and self._supervisor.lease.has_lapsed(host_ns):
+            self._supervisor.end_lease("lapsed")
+        self._active.expire(host_ns)
+        self._watch_gateway(host_ns)
+        self._watch_stops()
+        self._watch_rail(now_ns)
+        self._obey(host_ns)
+        self.beat(now_ns)
+        if now_ns - self._supervisor.told_ns >= STATE_PERIOD_NS:
+            self._supervisor.tell_state(now_ns)
+        if self._backend.modelled is not None:
+            self._reporter.modelled(self._backend.modelled, now_ns)
+        self._feed_watchdog(host_ns)
+
+    def _watch_gateway(self, host_ns: int) -> None:
+        if self._dialogue.undecodable is not None:
+            self._hang_up(self._dialogue.undecodable, host_ns)
+        elif self._dialogue.is_gone:
+            self._dialogue.hang_up()
+            self._supervisor.end_lease("the gateway is gone")
+        elif self._dialogue.is_silent(host_ns) and self._supervisor.lease is not None:
+            # What it said just before a stall of ours still lies in the queue.
+            self._obey(host_ns)
+            if self._dialogue.is_silent(host_ns):
+                self._supervisor.end_lease("the gateway is silent")
+
+    def _hang_up(self, undecodable: Undecodable, host_ns: int) -> None:
+        """On a gateway that says what no gateway says. A stop may lie there that was sent before or
+        beside it; nothing else is taken from it.
+        """
+        for command in islice(self._dialogue.commands(host_ns), _COMMANDS_A_POLL):
+            if isinstance(command, StopNow):
+                commands.obey(self._supervisor, command, host_ns)
+        why = f"the gateway sent {undecodable}"
+        self._reporter.undecodable(why, self._clock.now_ns())
+        self._supervisor.end_lease(why, counted="undecodable")
+        self._dialogue.hang_up()
+
+    def _watch_stops(self) -> None:
+        is_live = self._supervisor.states.state in ("PROBE", "ARMED")
+        for name, is_open in self._board.stop_edges():
+            if name == "wearer_stop":
+                self._supervisor.is_wearer_stop_tried |= self._wearer_stop_was_open and not is_open
+                self._wearer_stop_was_open = is_open
+            if is_open and is_live:
+                self._supervisor.halt(name, name, "the stop line opened")
+                return
+        if self._stopper.has_acted and is_live:
+            self._supervisor.halt(
+                "fault", "stopper", "an SPI message was overdue; its outputs were cut off"
+            )
+
+    def poll_stop_levels(self) -> None:
+        """Once a scan, for an edge that may have been lost."""
+        for name, is_open in self._board.stops().items():
+            if is_open:
+                self._supervisor.halt(name, name, "the stop line is open")
+                return
+
+    def _watch_rail(self, now_ns: int) -> None:
+        monitor = self._loaded.board.guards.rail_monitor
+        if monitor == "absent" or self._supervisor.states.state != "ARMED":
+            return
+        rail_v = self._rail.rail_v(now_ns)
+        if rail_v is None:
+            self._supervisor.halt(
+                "fault", "rail", f"the rail is not known ({self._rail.problem or 'stale'})"
+            )
+        elif not monitor.low_v <= rail_v <= monitor.high_v:
+            self._supervisor.halt(
+                "fault", "rail", f"{rail_v:.0f} V, not {monitor.low_v} to {monitor.high_v} V"
+            )
+
+    def _obey(self, host_ns: int) -> None:
+        for command in islice(self._dialogue.commands(host_ns), _COMMANDS_A_POLL):
+            commands.obey(self._supervisor, command, host_ns)
+
+    def take_frames(self) -> None:
+        """What lies there now. Planning takes time that the pulses cannot spare: of those that were
+        streamed the newest wins, and they are planned for so long at a time, one at least.
+        """
+        self._read_frames()
+        queue = self._dialogue.queue
+        self._reporter.superseded(queue.take_superseded())
+        begun_ns = now_ns = self._clock.now_ns()
+        while now_ns - begun_ns < _PLANNING_NS and (came := queue.next()) is not None:
+            host_ns = self._host_clock.now_ns()
+            steps = commands.take_frame(self._supervisor, came.message, host_ns, came.came_host_ns)
+            for _ in steps:
+                self._poll_meanwhile()
+            now_ns = self._clock.now_ns()
+
+    def _poll_meanwhile(self) -> None:
+        """While something is worked at that takes longer than everything may go unwatched."""
+        if self._host_clock.now_ns() - self._looked_host_ns >= _MEANWHILE_NS:
+            self.poll(self._clock.now_ns())
+
+    def _read_frames(self) -> None:
+        """With a poll between two reads: there is no end to what a gateway may send."""
+        for _ in range(_READS_A_POLL):
+            host_ns = self._host_clock.now_ns()
+            came_host_ns = self._unseen_since_host_ns or host_ns
+            if self._dialogue.read_frames(came_host_ns):
+                self._unseen_since_host_ns = None
+                return
+            # What is left may have lain there for as long as what was read.
+            self._unseen_since_host_ns = came_host_ns
+            if self._dialogue.queue.is_full:
+                return
+            self.poll(self._clock.now_ns())
+
+    def take_frames_within(self) -> None:
+        """While a scan is under way, so that a fall need not wait for its end."""
+        begun_ns = self._clock.now_ns()
+        if begun_ns >= self._may_plan_ns:
+            self.take_frames()
+            now_ns = self._clock.now_ns()
+            self._may_plan_ns = now_ns + _PLANS_REST * (now_ns - begun_ns)
+
+    def beat(self, now_ns: int) -> None:
+        heartbeat = self._loaded.board.guards.heartbeat
+        if heartbeat == "absent" or self._supervisor.states.state not in ("PROBE", "ARMED"):
+            return
+        if now_ns - self._beaten_ns >= heartbeat.window_ms * 1_000_000 // _BEATS_PER_WINDOW:
+            self._beaten_ns = now_ns
+            self._board.beat()

@@ -1,0 +1,256 @@
+"""One plan as a schedule: which pulse is due when, and what a newer frame leaves of a scan.
+
+Owns: the schedule of one plan, electrode by electrode and scan by scan, until its frame expires or
+has had its pulses. Must not know: how a pulse is fired, the board, sockets, clocks: time comes in.
+
+It is plain data that can be run by hand:
+
+    schedule = Schedule(plan, expires_host_ns, now_ns)
+    schedule.begin_scan(now_ns)
+    while (due := schedule.next_due()) is not None:
+        schedule.was_fired(due, now_ns)
+        schedule.advance()
+    schedule.end_scan(now_ns)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import msgspec
+
+from etd.engine.plan import Plan
+from etd.engine.visit import Visit
+from etd.stabilize.pipeline import Wish
+
+#: Rounding of rates may leave a pulse this little short of due.
+_ALMOST = 1e-9
+#: A scan that begins this late has been held up: more than waking late explains.
+_LATE_NS = 2_000_000
+#: A scan that lasts longer than this is looked into by newer frames; one in bursts at every pulse.
+_LONG_NS = 50_000_000
+
+#: `stimulus`: a pulse of a frame. `contact_poll`: a probe of an electrode that the frame leaves
+#: silent. `measurement`: a probe on the way up, or for `measure`.
+Purpose = Literal["stimulus", "contact_poll", "measurement"]
+
+
+class AfterProbe(msgspec.Struct, frozen=True):
+    """What was requested of a pulse before its own probe, when and under which ceiling; and the
+    current of that probe.
+    """
+
+    request: Wish
+    probe_ua: int
+    asked_ns: int
+    ceiling_ua: int
+
+
+class DuePulse(msgspec.Struct, frozen=True):
+    """One pulse that is due now.
+
+    `place` is its place in the plan (-1: no pulse of a frame). `rewrites_chain`: the whole chain is
+    shifted for it. `after`: its own probe has just been fired, and all is still connected.
+    """
+
+    scheduled: Visit
+    purpose: Purpose
+    place: int = -1
+    rewrites_chain: bool = False
+    after: AfterProbe | None = None
+
+    @property
+    def electrode(self) -> int:
+        return self.scheduled.electrode
+
+
+class _Turn(msgspec.Struct, frozen=True):
+    """One pulse of the scan under way, by its place; `is_again` after the first of a burst."""
+
+    place: int
+    is_again: bool
+
+
+class Schedule:
+    """See the module."""
+
+    def __init__(
+        self, plan: Plan, expires_host_ns: int, now_ns: int, before: Schedule | None = None
+    ) -> None:
+        """`before`: the one whose place it takes, if there is one. Rates go on across the two.
+        It expires on the machine's clock; all else here counts on the board's.
+        """
+        self.plan = plan
+        self.expires_host_ns = expires_host_ns
+        #: Whether a scan of it has begun.
+        self.is_begun = False
+        #: Whether a scan of it is under way.
+        self.is_scanning = False
+        self._turns: Sequence[_Turn] = ()
+        self._polls: Sequence[Visit] | None = None
+        self._polls_owed = 0
+        self._at = 0
+        #: What is left of each pulse for the rest of the scan under way.
+        self._left_of: list[Visit | None] = list(plan.visits)
+        #: When the scan began in which an electrode was last fired, and the last one of all.
+        self._fired_ns: dict[int, int] = {} if before is None else before._fired_ns
+        self._scanned_ns: int | None = None if before is None else before._scanned_ns
+        self.next_ns = now_ns
+        if before is not None and self._scanned_ns is not None:
+            due_ns = min(before.next_ns, self._scanned_ns + plan.period_ns)
+            self.next_ns = max(now_ns, due_ns)
+        # The fastest is due in every scan, a slower one in its share of them; all in the first.
+        fastest_hz = max((one.rate_hz for one in plan.visits), default=1.0)
+        self._share = [one.rate_hz / fastest_hz for one in plan.visits]
+        self._phase = [
+            self._rested(one, share) - share
+            for one, share in zip(plan.visits, self._share, strict=True)
+        ]
+        pulses = plan.frame.pulses
+        self._left = None if pulses is None else [pulses] * len(plan.visits)
+        #: When the last pulse of each place began.
+        self._begun_ns = [now_ns] * len(plan.visits)
+
+    def _rested(self, scheduled: Visit, share: float) -> float:
+        """How much of its period an electrode has rested when this frame begins; 1 is all of it.
+        Less than half a scan short counts as all; the fastest are due in every scan.
+        """
+        fired_ns = self._fired_ns.get(scheduled.electrode)
+        if fired_ns is None or share > 1.0 - _ALMOST:
+            return 1.0
+        return min(1.0, (self.next_ns - fired_ns) * scheduled.rate_hz / 1e9 + share / 2)
+
+    # --- the frame ---------------------------------------------------------------------------
+
+    def has_expired(self, host_ns: int) -> bool:
+        return host_ns >= self.expires_host_ns
+
+    @property
+    def has_had_its_pulses(self) -> bool:
+        return self.is_begun and self._left is not None and not any(self._left)
+
+    def lower(self, newer: Plan) -> None:
+        """Another plan comes after the scan under way: what falls by it falls now."""
+        wanted = {one.electrode: one for one in newer.visits}
+        self._left_of = [
+            None if one is None else one.lowered_to(wanted.get(one.electrode))
+            for one in self._left_of
+        ]
+
+    # --- one scan ----------------------------------------------------------------------------
+
+    def begin_scan(self, now_ns: int) -> None:
+        """The next one follows a period later; after a stall nothing is made up for."""
+        late_ns = now_ns - self.next_ns
+        self._scanned_ns = now_ns
+        self.next_ns = (now_ns if late_ns > _LATE_NS else self.next_ns) + self.plan.period_ns
+        self._turns, self._at = self._due_turns(), 0
+        self._polls = None
+        self.is_begun = self.is_scanning = True
+
+    def _due_turns(self) -> list[_Turn]:
+        """The pulses of the scan that begins now, burst after burst."""
+        plan, wanted = self.plan, self._wanted()
+        return [
+            _Turn(place, number > 0)
+            for group in plan.groups
+            for number in range(plan.pulses)
+            for place in group
+            if number < wanted[place]
+        ]
+
+    def _wanted(self) -> list[int]:
+        """How many pulses each place gets in the scan that begins now."""
+        found = []
+        for place, share in enumerate(self._share):
+            self._phase[place] += share
+            is_due = self._phase[place] >= 1.0 - _ALMOST
+            self._phase[place] -= is_due
+            left = self.plan.pulses if self._left is None else self._left[place]
+            found.append(min(left, self.plan.pulses) if is_due else 0)
+        return found
+
+    def next_due(self) -> DuePulse | None:
+        """The next pulse of the scan under way, its contact polls after the frame's own; None when
+        none is left.
+        """
+        self._pass_over_lowered()
+        if self._at < len(self._turns):
+            place = self._turns[self._at].place
+            scheduled = self._left_of[place]
+            return None if scheduled is None else DuePulse(scheduled, "stimulus", place)
+        polls, at = self._polls or (), self._at - len(self._turns)
+        if at < len(polls):
+            return DuePulse(polls[at], "contact_poll", rewrites_chain=at == 0)
+        return None
+
+    def _pass_over_lowered(self) -> None:
+        """What a newer frame has taken away of the scan under way."""
+        while self._at < len(self._turns) and self._left_of[self._turns[self._at].place] is None:
+            self._at += 1
+
+    def advance(self) -> None:
+        """The pulse that `next_due` gave is over, whether it was fired or not."""
+        self._at += 1
+
+    @property
+    def upcoming(self) -> Visit | None:
+        """What can be shifted in while the pulse before rests; None after the frame's last one."""
+        if self._at >= len(self._turns):
+            return None
+        return self.plan.visits[self._turns[self._at].place]
+
+    @property
+    def wants_polls(self) -> bool:
+        """All pulses of the frame are over, and it has not been said who is to be polled."""
+        return self._at >= len(self._turns) and self._polls is None
+
+    def add_polls(self, polls: Sequence[Visit], owed: int) -> None:
+        """Contact polls after the frame's own pulses; the first `owed` at any time."""
+        self._polls, self._polls_owed = polls, owed
+
+    def is_over(self, now_ns: int, poll_ns: int) -> bool:
+        """Whether nothing more belongs to the scan under way; one poll takes `poll_ns`."""
+        at = self._at - len(self._turns)
+        if self._polls is None or at < 0:
+            return False
+        if at >= len(self._polls):
+            return True
+        return at >= self._polls_owed and now_ns > self.next_ns - poll_ns
+
+    def end_scan(self, now_ns: int) -> bool:
+        """True if it came to its end too late for the next one, which then begins now; but a
+        period from now after a stall, because electrodes may just have been fired.
+        """
+        self.is_scanning = False
+        late_ns = now_ns - self.next_ns
+        if late_ns <= 0:
+            return False
+        self.next_ns = now_ns + (self.plan.period_ns if late_ns > self.plan.period_ns else 0)
+        return True
+
+    def was_paused(self, pause_ns: int) -> None:
+        """What is still to come of this scan is later by so much, and so are the next ones."""
+        self.next_ns += pause_ns
+
+    def is_long(self, now_ns: int) -> bool:
+        """Whether a newer frame is not to wait for the end of the scan under way."""
+        since_ns = now_ns if self._scanned_ns is None else self._scanned_ns
+        return self.plan.pulses > 1 or now_ns - since_ns >= _LONG_NS
+
+    def earliest_ns(self) -> int:
+        """When the next pulse may begin: in a burst an interval after the one before, else 0."""
+        self._pass_over_lowered()
+        if self._at >= len(self._turns):
+            return 0
+        turn = self._turns[self._at]
+        return self._begun_ns[turn.place] + self.plan.interval_ns if turn.is_again else 0
+
+    def was_fired(self, due: DuePulse, begun_ns: int) -> None:
+        """A stimulus began then."""
+        self._begun_ns[due.place] = begun_ns
+        if self._scanned_ns is not None:
+            self._fired_ns[due.electrode] = self._scanned_ns
+        if self._left is not None:
+            self._left[due.place] -= 1

@@ -1,0 +1,190 @@
+"""Which pulse is due next, and what is done where none is: waits, pauses, the ends of a scan.
+
+Owns: the way through scans and measurements, from the schedule's next pulse to the call that waits
+for it. Must not know: what may be fired of a pulse, what a pulse tells, sockets.
+"""
+
+from __future__ import annotations
+
+from etd.engine.components import Components
+from etd.engine.poller import Poller
+from etd.engine.schedule import DuePulse, Schedule
+from etd.engine.supervisor import Supervisor
+
+#: Between two polls when nothing is due; the heartbeat's monostable wants edges as well.
+TICK_NS = 1_000_000
+#: A contact poll with half-bridges takes less. Where relays move, one may make the next scan late.
+_CONTACT_POLL_NS = 1_000_000
+#: In a pause, and between the pulses of a burst, everything is polled this often.
+_POLL_NS = 2_000_000
+
+
+class Sequencer:
+    """See the module."""
+
+    def __init__(self, components: Components, supervisor: Supervisor, poller: Poller) -> None:
+        self._clock = components.clock
+        self._board = components.board
+        self._marker = components.backend.marker
+        self._reporter = components.reporter
+        self._active = components.active
+        self._opening = components.opening
+        self._firing = components.firing
+        self._requests = components.requests
+        self._supervisor = supervisor
+        self._poller = poller
+        self._is_pausing = False
+        #: The end of the scan before has rewritten the chain.
+        self._is_rewritten = False
+
+    @property
+    def is_between_scans(self) -> bool:
+        """Neither a scan nor a measurement of contact is under way."""
+        power_up = self._supervisor.energizer
+        return not self._active.is_scanning and (power_up is None or not power_up.is_measuring)
+
+    def leave(self) -> None:
+        """After a fault: nothing of the scan under way goes on."""
+        self._is_pausing = False
+        self._active.leave_scan()
+
+    def next_due(self, now_ns: int) -> DuePulse | None:
+        """None: nothing is due yet; waited for it, or began or left a scan."""
+        if self._active.is_interrupted:
+            self._board.release()
+            self._active.leave_scan()
+            return None
+        schedule, power_up = self._active.schedule, self._supervisor.energizer
+        if schedule is not None and self._active.is_scanning:
+            return self._next_of_scan(schedule, now_ns)
+        if power_up is not None and power_up.is_measuring:
+            return power_up.next_due()
+        self._poller.take_frames()
+        self._between_scans(self._clock.now_ns())
+        return None
+
+    def _next_of_scan(self, schedule: Schedule, now_ns: int) -> DuePulse | None:
+        if not self._is_pausing:
+            if schedule.is_long(now_ns):
+                self._poller.take_frames_within()
+                if self._active.is_interrupted:
+                    # Frames are read with polls in between, and one of those may have ended it.
+                    return None
+            if self._wait_for_burst(schedule.earliest_ns(), now_ns):
+                return None
+        pause_ns = self._clock.pause_until_ns(now_ns)
+        if pause_ns is not None:
+            if not self._is_pausing:
+                self._reporter.skipped(None, "processor")
+            self._is_pausing = True
+            self._clock.sleep_until_ns(min(pause_ns, now_ns + _POLL_NS))
+            schedule.was_paused(self._clock.now_ns() - now_ns)
+            return None
+        self._is_pausing = False
+        due = schedule.next_due()
+        if due is None:
+            self._wind_up(schedule)
+        return due
+
+    def _wait_for_burst(self, earliest_ns: int, now_ns: int) -> bool:
+        """True if the next pulse of a burst is not due yet; then some of the time is slept."""
+        if now_ns >= earliest_ns:
+            return False
+        self._clock.sleep_until_ns(min(earliest_ns, now_ns + _POLL_NS))
+        return True
+
+    def _between_scans(self, now_ns: int) -> None:
+        power_up = self._supervisor.energizer
+        if power_up is not None and self._supervisor.climb(power_up, now_ns):
+            return
+        schedule = self._active.schedule
+        if schedule is None or self._supervisor.states.state != "ARMED":
+            self._doze_until(now_ns + TICK_NS)
+            return
+        if now_ns < schedule.next_ns:
+            self._wait_for(schedule.next_ns, now_ns + TICK_NS)
+            return
+        if self._firing.has_drifted:
+            self._calibrate_again()
+        self._poller.poll_stop_levels()
+        if self._active.schedule is not None:
+            self._begin_scan(self._active.schedule)
+
+    def _wait_for(self, next_ns: int, tick_ns: int) -> None:
+        """A scan begins when it is due; a look between two of them may be late, by half a tick."""
+        if next_ns > tick_ns + TICK_NS // 2:
+            self._doze_until(tick_ns)
+            return
+        self._reporter.scan_report(self._clock.now_ns(), self._opening.ceiling_ua)
+        self._clock.sleep_until_ns(next_ns)
+
+    def _doze_until(self, deadline_ns: int) -> None:
+        self._reporter.scan_report(self._clock.now_ns(), self._opening.ceiling_ua)
+        self._clock.doze_until_ns(deadline_ns)
+
+    def _calibrate_again(self) -> None:
+        self._board.calibrate(lambda: self._poller.beat(self._clock.now_ns()))
+        self._firing.forget_drift()
+        self._reporter.counters["recalibrated"] += 1
+        self._supervisor.planner_of_lease()
+
+    # --- the way through a scan --------------------------------------------------------------
+
+    def _begin_scan(self, schedule: Schedule) -> None:
+        frame, is_first = schedule.plan.frame, not schedule.is_begun
+        self._active.begin_scan(schedule, self._clock.now_ns())
+        self._is_pausing = False
+        if is_first and frame.sync:
+            self._board.sync()
+        self._marker.mark("frame", frame.seq, frame.tag)
+        upcoming = schedule.upcoming
+        if upcoming is not None and not self._is_rewritten:
+            self._board.prepare(upcoming.selection, whole=True)
+        self._is_rewritten = False
+        if upcoming is None:
+            self._wind_up(schedule)
+
+    def fired(self, due: DuePulse, begun_ns: int) -> None:
+        """It began then: on to the next one."""
+        if due.purpose == "stimulus" and self._active.scanning is not None:
+            self._active.scanning.was_fired(due, begun_ns)
+        self._pass_on(due)
+
+    def not_fired(self, due: DuePulse) -> None:
+        """Limits, the ledger or a poll have kept it from being fired, and that is reported."""
+        if due.after is not None:
+            self._reporter.counters["probes_alone"] += 1
+        self._pass_on(due)
+
+    def _pass_on(self, due: DuePulse) -> None:
+        """To the next pulse, which is shifted in while this one rests."""
+        if due.purpose == "measurement":
+            self._supervisor.pass_on_measuring(due)
+            return
+        schedule = self._active.scanning
+        if schedule is None:
+            return
+        schedule.advance()
+        if schedule.upcoming is not None:
+            self._board.prepare(schedule.upcoming.selection)
+        else:
+            self._wind_up(schedule)
+
+    def _wind_up(self, schedule: Schedule) -> None:
+        """After the frame's own pulses: poll silent electrodes that it is time for, then end. Once
+        a scan the whole chain is rewritten: here, where the last rest covers some of it.
+        """
+        now_ns = self._clock.now_ns()
+        if schedule.wants_polls:
+            active = {one.electrode for one in schedule.plan.visits}
+            silent = [one for one in self._supervisor.probes if one.electrode not in active]
+            schedule.add_polls(*self._requests.polls(silent, now_ns))
+        if not schedule.is_over(now_ns, _CONTACT_POLL_NS):
+            return
+        if schedule.plan.visits:
+            self._board.prepare(schedule.plan.visits[0].selection, whole=True)
+            self._is_rewritten = True
+            self._board.release()
+        if schedule.end_scan(self._clock.now_ns()):
+            self._reporter.skipped(None, "overrun")
+        self._active.leave_scan()
