@@ -25,7 +25,7 @@ from etd_hal.cutlatch import CutLatch
 from etd_hal.errors import BoardFault, CannotSelect
 from etd_hal.guard import Guard
 from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
-from etd_hal.selection import Selection, Switch
+from etd_hal.selection import Selection, Selections, Switch
 from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
 from etd_hal.watch import Approval, Prepulse
 
@@ -89,6 +89,7 @@ class Board:
         self._safe_changes = _safe_changes(file)
         self.guard = Guard(file, machine, spi, gpio, clock, self.cut, self._safe_changes)
         self.switch = _switch(file, self.guard.gpio, clock)
+        self._selections = Selections(file)
         self._zero = zero_message()
         # Always at hand: the way to the safe state lays nothing out.
         spi.prepare(self._zero, is_lasting=True)
@@ -109,25 +110,7 @@ class Board:
 
         Raises: CannotSelect, where the board has no open state, or an output is not there.
         """
-        outputs = self.file.switch.outputs
-        for one in (output, *(returns or ())):
-            if not 0 <= one < outputs:
-                raise CannotSelect(one, "selected", f"the board has {outputs}")
-        others = ((1 << outputs) - 1) & ~(1 << output)
-        wanted = others if returns is None else _bits(returns)
-        if wanted & ~others:
-            raise CannotSelect(output, "selected", "it is among its own returns")
-        if not wanted:
-            raise CannotSelect(output, "selected", "it has no return")
-        if wanted != others and not self.switch.can_choose_returns:
-            left_out = (others & ~wanted).bit_length() - 1
-            raise CannotSelect(
-                left_out,
-                "left open",
-                f"the {self.file.switch.chip} connects every output to the source or to ground;"
-                ' on this board returns are "all"',
-            )
-        return Selection(output, wanted)
+        return self._selections.selection(output, returns)
 
     def pulse(self, current_ua: int, width_us: int, prepulse: Prepulse | None = None) -> Pulse:
         """The largest code not above `current_ua`, the widest shape not above `width_us`; and the
@@ -389,13 +372,6 @@ class Board:
         node_v = ad7276.code_of(received[0]) * self._node_v
         if node_v > _IDLE_NODE_V:
             raise BoardFault("node with the DAC at zero", f"{node_v:.0f} V", f"{_IDLE_NODE_V} V")
-
-
-def _bits(outputs: tuple[int, ...]) -> int:
-    found = 0
-    for output in outputs:
-        found |= 1 << output
-    return found
 
 
 def _tried(step: Callable[[], None]) -> str | None:

@@ -9,6 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from etd_hal.boardfile import BoardFile, Relays
+from etd_hal.errors import CannotSelect
+
 
 @dataclass(frozen=True, slots=True)
 class Selection:
@@ -29,6 +32,38 @@ class Selection:
 
     def ground(self, is_anodic: bool) -> int:
         return self.returns if is_anodic else self.alone
+
+
+class Selections:
+    """Which selections a board can make, by its file."""
+
+    def __init__(self, file: BoardFile) -> None:
+        self._switch = file.switch
+
+    def selection(self, output: int, returns: tuple[int, ...] | None) -> Selection:
+        """One output against `returns`, or against all others (None).
+
+        Raises: CannotSelect, where the board has no open state, or an output is not there.
+        """
+        outputs = self._switch.outputs
+        for one in (output, *(returns or ())):
+            if not 0 <= one < outputs:
+                raise CannotSelect(one, "selected", f"the board has {outputs}")
+        others = ((1 << outputs) - 1) & ~(1 << output)
+        wanted = others if returns is None else sum({1 << one for one in returns})
+        if wanted & ~others:
+            raise CannotSelect(output, "selected", "it is among its own returns")
+        if not wanted:
+            raise CannotSelect(output, "selected", "it has no return")
+        if wanted != others and not isinstance(self._switch, Relays):
+            left_out = (others & ~wanted).bit_length() - 1
+            raise CannotSelect(
+                left_out,
+                "left open",
+                f"the {self._switch.chip} connects every output to the source or to ground;"
+                ' on this board returns are "all"',
+            )
+        return Selection(output, wanted)
 
 
 class Switch(Protocol):
