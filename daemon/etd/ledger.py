@@ -156,7 +156,7 @@ class Ledger:
         return own.beside_pool_pc + array.pooled_pc
 
     def pulses(self, electrode: int, now_ns: int) -> int:
-        """Its own pulses in the last second."""
+        """Its pulses in the last second: its own, and those that it alone carried back."""
         self.charge_pc(electrode, now_ns)
         return self._own[electrode].pulses
 
@@ -174,7 +174,7 @@ class Ledger:
         total_pc = own.charge_pc - own.pooled_pc + array.pooled_pc + entry.charge_pc
         if entry.pulses and begun_ns is not None and now_ns < begun_ns + self._interval_ns:
             return "interval"
-        if own.pulses + entry.pulses > bounds.pulses:
+        if own.pulses + entry.pulses > bounds.pulses or not self._lone_return_fits(entry, now_ns):
             return "pulses"
         if total_pc > self._charge_pc:
             return "charge"
@@ -198,7 +198,7 @@ class Ledger:
             entry.on_us,
             entry.pulses,
             entry=entry,
-            carried=None if returns is None else _Line(now_ns, worst_pc),
+            carried=None if returns is None else _carried(entry, now_ns, worst_pc),
             before_ns=self._begun_ns[electrode],
             most_before_pc=self._most_beside_pool_pc,
         )
@@ -264,10 +264,24 @@ class Ledger:
             self._most_beside_pool_pc = self._recount(now_ns)
         return self._most_beside_pool_pc <= room_pc
 
+    def _lone_return_fits(self, entry: Entry, now_ns: int) -> bool:
+        """One against one, both are alone on their side, and the last guard counts both."""
+        if entry.returns is None or len(entry.returns) != 1:
+            return True
+        own = self._own[entry.returns[0]]
+        own.forget(now_ns)
+        return own.pulses + entry.pulses <= self._bounds.pulses
+
     def _recount(self, now_ns: int) -> int:
         for own in self._own:
             own.forget(now_ns)
         return max(own.beside_pool_pc for own in self._own)
+
+
+def _carried(entry: Entry, now_ns: int, charge_pc: int) -> _Line:
+    """As each of the named returns has it."""
+    is_alone = entry.returns is not None and len(entry.returns) == 1
+    return _Line(now_ns, charge_pc, pulses=entry.pulses if is_alone else 0)
 
 
 def _share_pc(entry: Entry, charge_pc: int) -> int:

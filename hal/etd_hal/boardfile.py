@@ -253,7 +253,8 @@ class MachineFile(_Strict, frozen=True):
     halt_excess_us: Annotated[float, Meta(gt=0, le=2_000)]
     #: A mean deviation beyond this asks for a new calibration.
     drift_us: Positive
-    #: One GPIO set call, and the processor time of a visit: for planning only.
+    #: One GPIO set call, and the processor time of a visit: for planning; by the first the guard
+    #: knows how long a flip of the switch may take.
     gpio_call_us: Positive
     visit_us: Annotated[float, Meta(ge=0, le=100_000)]
     #: The guard's own worst case for the two constants above: never the calibrated ones.

@@ -15,11 +15,10 @@ from the first word on one level besides zero, or two of which the second is hig
 and its pulse. For a message that is not silent: permitted in this state; approved, this one
 pulse, each step of it, for just these outputs; worst-case width and charge of its steps together
 within the maxima; not more often than the rate; outputs un-blanked, latch closed, one output
-alone on its side and at least one on the other. A visit is one message; or two whose second is the
-reverse; and before these at most one within the probe's bounds, the same way and with the switch
-untouched in between, whose charge counts to that of the pulse behind it.
+alone on its side and at least one on the other. What counts to the rate, and which messages are one
+visit, is in `visitrule.py`.
 A message within the probe's bounds may also be approved for outputs that are blanked, or relays
-that are all open: it begins no visit of two messages.
+that are all open.
 The rules for GPIO are in `watch.py`, with the decoding of the switch.
 
 While the stopper's cut stands (`cutlatch.py`) nothing passes to the lines, and no message that was
@@ -29,7 +28,6 @@ harmless in the picture (POL 0 while un-blanked) may connect all outputs to the 
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -37,6 +35,7 @@ from etd_hal.boardfile import BoardFile, MachineFile, Relays
 from etd_hal.cutlatch import CutLatch
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Changes, Clock, Edge, Gpio, Message, Spi, Transfer
+from etd_hal.visitrule import VisitRule, longest_flip_ns
 from etd_hal.watch import Approval, HalfBridgeWatch, RelayWatch, SwitchWatch
 
 _LONGEST_DELAY_US = 10
@@ -44,7 +43,6 @@ _MOST_WORDS = 32
 _MOST_TRANSFERS = 511
 #: Worst case over plan: the 20 % accuracy that IEC 60601-2-10 asks of duration and amplitude.
 _TOLERANCE = 1.2
-_SECOND_NS = 1_000_000_000
 _MAX_REMEMBERED = 1_024
 
 
@@ -56,16 +54,6 @@ class Step:
     current_ua: float
     shortest_us: float = 0.0
     longest_us: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Leading:
-    """A message within the probe's bounds that began a visit: a pulse may follow it."""
-
-    approval: Approval
-    #: Of the switch, when it was sent.
-    moves: int
-    longest_nc: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,16 +87,13 @@ class Guard:
         self._verdicts: dict[Message, Decoded] = {}
         self._permitted_ua = 0
         self._approval: Approval | None = None
-        self._fired_ns: defaultdict[int, deque[int]] = defaultdict(deque)
-        #: The first phase of a visit, until the one that reverses it.
-        self._first_phase: Approval | None = None
-        #: The probe that began a visit, until whatever is fired next.
-        self._leading: _Leading | None = None
         self.switch: SwitchWatch = (
             RelayWatch(board.switch, clock)
             if isinstance(board.switch, Relays)
             else HalfBridgeWatch(board.switch, _hv_line(board))
         )
+        flip_ns = longest_flip_ns(board, machine)
+        self._visits = VisitRule(board.maxima.rate_hz, flip_ns, self.switch)
         self.spi = GuardedSpi(self, spi, clock, cut)
         self.gpio = GuardedGpio(self.switch, gpio, cut, safe_changes)
 
@@ -125,7 +110,8 @@ class Guard:
         """After safe_off: these levels are known, the registers are not. Without that of the supply
         it is as it was.
         """
-        self._approval = self._first_phase = self._leading = None
+        self._approval = None
+        self._visits.forget()
         self.switch.forget(levels)
 
     def check(self, message: Message) -> None:
@@ -207,11 +193,9 @@ class Guard:
             raise GuardRefusal("state", f"{current_ua:.0f} uA", f"{self._permitted_ua} uA now")
         if longest_us > maxima.width_us * _TOLERANCE:
             raise GuardRefusal("width", f"{longest_us:.0f} us", f"{maxima.width_us} us")
-        charge_nc = decoded.longest_nc
-        leading, approval = self._leading, self._approval
-        is_led = leading is not None and approval is not None and self._leads(leading, approval)
-        if leading is not None and is_led:
-            charge_nc += leading.longest_nc
+        charge_nc, approval = decoded.longest_nc, self._approval
+        if approval is not None:
+            charge_nc += self._visits.probe_nc(approval)
         if charge_nc > maxima.charge_nc * _TOLERANCE:
             raise GuardRefusal("charge", f"{charge_nc:.0f} nC", f"{maxima.charge_nc} nC")
         if approval is None:
@@ -220,16 +204,9 @@ class Guard:
         if approval.is_blanked and not decoded.is_probe:
             raise GuardRefusal("switch", "a pulse while blanked", "a probe alone")
         self.switch.check_selection(approval)
-        self._leading = None
-        if approval.is_blanked:
-            # Counted, and the first phase of nothing.
-            self._begins(approval)
-            self._first_phase = None
-        elif is_led:
-            # Counted with its probe; what reverses it is the second phase of the same visit.
-            self._first_phase = approval
-        elif self._begins(approval) and decoded.is_probe:
-            self._leading = _Leading(approval, self.switch.moves, charge_nc)
+        self._visits.take(
+            approval, longest_us, decoded.longest_nc, decoded.is_probe, self._clock.now_ns()
+        )
         self._approval = None
 
     def _current_ua(self, code: int) -> float:
@@ -253,12 +230,6 @@ class Guard:
                 f"{most_ua} uA for {most_us} us",
             )
 
-    def _leads(self, leading: _Leading, approval: Approval) -> bool:
-        """The same outputs the same way, and nothing has moved: they were not let go in between."""
-        probe = leading.approval
-        is_same_way = (approval.source, approval.ground) == (probe.source, probe.ground)
-        return is_same_way and self.switch.moves == leading.moves
-
     def _is_probe(self, steps: list[Step]) -> bool:
         maxima = self._board.maxima
         return (
@@ -266,31 +237,6 @@ class Guard:
             and steps[0].current_ua <= maxima.probe_current_ua
             and steps[0].shortest_us <= maxima.probe_width_us + 1
         )
-
-    def _begins(self, approval: Approval) -> bool:
-        """Whether it begins a visit, of which one output gets so many in any second. A pulse and
-        the next one, if that reverses it on the same outputs, are the two phases of one visit.
-        """
-        first, self._first_phase = self._first_phase, None
-        if first is not None and _reverses(approval, first):
-            return False
-        now_ns = self._clock.now_ns()
-        # The visited output is the one alone on its side; with one on each side, both are alike.
-        alone = approval.source if approval.source.bit_count() == 1 else approval.ground
-        fired_ns = self._fired_ns[alone]
-        while fired_ns and fired_ns[0] <= now_ns - _SECOND_NS:
-            fired_ns.popleft()
-        if len(fired_ns) >= self._board.maxima.rate_hz:
-            raise GuardRefusal(
-                "rate", f"{len(fired_ns) + 1} pulses in a second", f"{self._board.maxima.rate_hz}"
-            )
-        fired_ns.append(now_ns)
-        self._first_phase = approval
-        return True
-
-
-def _reverses(second: Approval, first: Approval) -> bool:
-    return (second.source, second.ground) == (first.ground, first.source)
 
 
 def _code_in(sent: bytes) -> int:

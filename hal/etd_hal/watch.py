@@ -54,6 +54,8 @@ class HalfBridgeWatch:
         self._full = (1 << switch.outputs) - 1
         #: How often a line has changed: between two equal readings nothing has moved.
         self.moves = 0
+        #: A flip is a change of POL: of `switched` it makes as many.
+        self.switched_by_flip = 1
         self._watched = {self._data, self._clk, self._le, self._bl, self._pol}
         self._level: dict[int, int] = {}
         if hv is not None:
@@ -74,6 +76,11 @@ class HalfBridgeWatch:
         self._unknown_stages = self._outputs
         self._latch = 0
         self._is_latch_known = False
+
+    @property
+    def switched(self) -> int:
+        """How often what is connected may have changed: each move of a line counts."""
+        return self.moves
 
     def change(self, line: int, value: int) -> None:
         """One line changes. Raises: GuardRefusal before anything is sent."""
@@ -155,6 +162,10 @@ class RelayWatch:
         self._full = (1 << self._stages) - 1
         #: How often a line has changed: between two equal readings nothing has moved.
         self.moves = 0
+        #: How often what is connected may have changed: each copy to the relays counts. A flip
+        #: opens all, and closes the reverse.
+        self.switched = 0
+        self.switched_by_flip = 2
         self._pairs = sum(1 << stage for stage in range(0, self._stages, 2))
         self.forget(())
 
@@ -196,6 +207,7 @@ class RelayWatch:
             self._check_break(now_ns - self._copied_ns)
         self._latch = word
         self._copied_ns = now_ns
+        self.switched += 1
 
     def _check_break(self, waited_ns: int) -> None:
         if self._latch != 0:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
 
+from board_rig import changed
 from engine_rig import EngineRig
 from engine_scenes import MS, config, fully_open, only, phases, thinned
 from etd_hal.fake.faults import SpiStall
@@ -171,3 +173,24 @@ def test_a_frame_in_place_of_another_begins_at_the_next_start_of_a_scan(
     rig.run_ms(30)
     first_ns = next(one.from_ns for one in phases(rig, last_ns) if one.electrode == 5)
     assert first_ns - last_ns == pytest.approx(20 * MS, abs=MS)
+
+
+def test_two_that_share_their_only_return_share_its_rate(make_rig: MakeRig) -> None:
+    """It is alone on its side in the pulses of both, and the last guard counts it so."""
+    loaded = config("feetthrough-relay", N)
+    board = changed(loaded.board, "maxima", rate_hz=60)
+    rig = fully_open(make_rig(loaded=dataclasses.replace(loaded, board=board)), 500)
+    returns = tuple((6,) if one != 6 else (7,) for one in range(N))
+    since_ns = rig.clock.now_ns()
+    for _ in range(10):
+        answer = rig.show(current_ua=only(N, e2=400, e4=400), returns=returns, rate_hz=40.0)
+        assert answer.error is None, answer.reason
+        rig.run_ms(150)
+    assert rig.state == "ARMED"
+    begun_ns = [one.from_ns for one in phases(rig, since_ns) if one.electrode in (2, 4)]
+    assert len(begun_ns) > 60
+    assert all(
+        one_too_many_ns - first_ns >= 999 * MS
+        for first_ns, one_too_many_ns in zip(begun_ns, begun_ns[60:], strict=False)
+    )
+    assert "ledger" in {one.reason for one in thinned(rig)}

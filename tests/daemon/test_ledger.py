@@ -52,6 +52,26 @@ def test_a_window_is_one_second_and_what_is_older_does_not_count() -> None:
     assert WINDOW_NS == 1_000_000_000
 
 
+def test_a_lone_return_has_each_pulse_as_well() -> None:
+    """It is alone on its side, as the electrode is on the other: the last guard counts both."""
+    ledger = Ledger(4, bounds(pulses=2))
+    book(ledger, entry(0, returns=(1,)), NOW_NS)
+    book(ledger, entry(1, returns=(2, 3)), NOW_NS)
+    assert (ledger.pulses(0, NOW_NS), ledger.pulses(1, NOW_NS)) == (1, 2)
+    assert (ledger.pulses(2, NOW_NS), ledger.pulses(3, NOW_NS)) == (0, 0)
+    assert ledger.why_not(entry(1, returns=(0,)), NOW_NS) == "pulses"
+    assert ledger.why_not(entry(0, returns=(1,)), NOW_NS) == "pulses"
+    assert ledger.why_not(entry(0, returns=(1, 2)), NOW_NS) is None
+    assert ledger.why_not(entry(0, returns=(1,)), NOW_NS + WINDOW_NS) is None
+
+
+def test_a_lone_returns_pulse_that_was_not_sent_is_taken_back() -> None:
+    ledger = Ledger(2, bounds(pulses=2))
+    booking = ledger.book(entry(0, returns=(1,)), NOW_NS, PC)
+    ledger.take_back(booking)
+    assert (ledger.pulses(0, NOW_NS), ledger.pulses(1, NOW_NS)) == (0, 0)
+
+
 @pytest.mark.parametrize(
     ("limits", "first", "reason"),
     [

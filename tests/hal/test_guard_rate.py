@@ -94,6 +94,60 @@ class TestRate:
         with pytest.raises(GuardRefusal, match="rate"):
             rig.visit(5, False, returns=(3, 4))
 
+    @pytest.mark.parametrize("name", ["kajimoto-hv507", "feetthrough-relay"])
+    def test_visits_that_alternate_their_polarity_are_each_counted(
+        self, boards: Boards, name: str
+    ) -> None:
+        """At the rate that is allowed they lie far apart; relays stay closed until the next."""
+        rig = self.rig(boards, name)
+        for number in range(5):
+            rig.visit(3, number % 2 == 0)
+            rig.clock.spend(20_000_000)
+        with pytest.raises(GuardRefusal, match="6 pulses in a second"):
+            rig.visit(3, False)
+        assert len(rig.body()) == 5
+
+    def test_half_bridges_that_were_blanked_in_between_have_no_second_phase(
+        self, boards: Boards
+    ) -> None:
+        rig = self.rig(boards)
+        for is_anodic in (True, False, True, False, True):
+            rig.visit(3, is_anodic)
+        with pytest.raises(GuardRefusal, match="6 pulses in a second"):
+            rig.visit(3, False)
+
+    @pytest.mark.parametrize("name", ["kajimoto-hv507", "feetthrough-relay"])
+    @pytest.mark.parametrize(("waits_us", "counts"), [(900, 1), (4_000, 2)])
+    def test_a_second_phase_that_is_late_is_a_pulse_of_its_own(
+        self, boards: Boards, name: str, waits_us: int, counts: int
+    ) -> None:
+        rig = self.rig(boards, name)
+        pulse, selection = rig.board.pulse(1_000, 100), rig.board.selection(3, None)
+        rig.board.prepare(selection)
+        rig.board.connect(selection, True)
+        rig.board.fire(pulse, selection, True, 1_000, 100)
+        rig.board.flip(selection, False)
+        rig.clock.spend(waits_us * 1_000)
+        rig.board.fire(pulse, selection, False, 1_000, 100)
+        rig.board.discharge()
+        # Through relays that stay closed the next one could be the reverse of that.
+        rig.clock.spend(20_000_000)
+        for _ in range(5 - counts):
+            rig.visit(3)
+        with pytest.raises(GuardRefusal, match="rate"):
+            rig.visit(3)
+
+    @pytest.mark.parametrize("is_anodic", [True, False])
+    def test_of_one_output_against_one_both_are_counted(
+        self, boards: Boards, is_anodic: bool
+    ) -> None:
+        rig = self.rig(boards, "feetthrough-relay")
+        for other in (4, 5, 6, 7):
+            rig.visit(3, is_anodic, returns=(other,))
+        rig.visit(8, is_anodic, returns=(3,))
+        with pytest.raises(GuardRefusal, match="rate"):
+            rig.visit(3, is_anodic, returns=(9,))
+
     def test_a_reverse_pulse_after_another_output_is_a_pulse_of_its_own(
         self, boards: Boards
     ) -> None:
