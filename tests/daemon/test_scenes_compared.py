@@ -62,6 +62,14 @@ def test_old_names_are_read_as_new_ones() -> None:
     }
 
 
+def test_a_key_may_be_called_otherwise_below_another_one() -> None:
+    names = compare.Names({"keys": {"thinned": "slowed"}, "in": {"scan": {"thinned": "not_fired"}}})
+    assert names.renamed({"thinned": 1, "scan": {"thinned": 2}}) == {
+        "slowed": 1,
+        "scan": {"not_fired": 2},
+    }
+
+
 def test_a_sentence_may_be_worded_otherwise_and_may_not_go() -> None:
     names = compare.Names({"sentences": ["reason"]})
     was, now, gone = ({"reason": text} for text in ("too fast", "does not fit", ""))

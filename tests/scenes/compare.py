@@ -17,21 +17,29 @@ RENAMED = Path(__file__).with_name("renamed.toml")
 
 
 class Names:
-    """The table: `keys` and `values` by what they were; `sentences` are keys whose text may be
-    worded otherwise, and must be there in both.
+    """The table: `keys` and `values` by what they were, `in.NAME` the keys below the key NAME where
+    they are called otherwise there; `sentences` are keys whose text may be worded otherwise, and
+    must be there in both.
     """
 
     def __init__(self, table: dict[str, Any]) -> None:
         self._keys: dict[str, str] = table.get("keys", {})
+        self._within: dict[str, dict[str, str]] = table.get("in", {})
         self._values: dict[str, str] = table.get("values", {})
         self._sentences = frozenset(table.get("sentences", ()))
 
     def renamed(self, told: Any) -> Any:
         """An old message in new names."""
+        return self._renamed(told, self._keys)
+
+    def _renamed(self, told: Any, keys: dict[str, str]) -> Any:
         if isinstance(told, dict):
-            return {self._keys.get(key, key): self.renamed(value) for key, value in told.items()}
+            return {
+                keys.get(key, key): self._renamed(value, keys | self._within.get(key, {}))
+                for key, value in told.items()
+            }
         if isinstance(told, list):
-            return [self.renamed(one) for one in told]
+            return [self._renamed(one, keys) for one in told]
         return self._values.get(told, told) if isinstance(told, str) else told
 
     def without_sentences(self, told: Any, key: str = "") -> Any:
