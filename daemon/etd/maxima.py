@@ -1,15 +1,17 @@
 """What nobody may get here: the smallest of what code, board file and body-site file say.
 
-Owns: the maxima, which no frame, no person's file and no test of a board passes. Must not know:
-persons, time, hardware, what becomes of a wish for more.
+Owns: the maxima, which no frame, no person's file and no test of a board passes, and how they
+follow what the machine can time. Must not know: persons, time, hardware, what becomes of a wish for
+more.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from etd import bodysite
 from etd.bodysite import BodySite
+from etd.stabilize.pipeline import SHORTEST_US
 from etd_hal.boardfile import BoardFile
 
 #: uA x us = pC: charge is an integer throughout.
@@ -32,6 +34,50 @@ class Maxima:
     array_on_us_per_s: int
     probe_current_ua: int
     probe_width_us: int
+    #: No pulse is shorter than one word of the bus.
+    narrowest_us: int = SHORTEST_US
+
+
+class MaximaInForce:
+    """The maxima as this machine can keep them now: the one holder, from which all read them.
+
+    Timing calibrations change it, the later ones too. They say what the guard lets pass: widths,
+    and nothing else. So whatever bounds currents, charge and seconds (the ledger, the opening) may
+    take its numbers once.
+    """
+
+    def __init__(self, declared: Maxima) -> None:
+        self._declared = declared
+        self.now = declared
+
+    def follow(self, narrowest_us: int, widest_us: int) -> bool:
+        """After a calibration: the shortest pulse of this machine, and the widest that the guard
+        lets pass with its worst case. True if anything has changed.
+        """
+        before, declared = self.now, self._declared
+        self.now = replace(
+            declared,
+            narrowest_us=max(declared.narrowest_us, narrowest_us),
+            width_us=min(declared.width_us, widest_us),
+            probe_width_us=min(declared.probe_width_us, widest_us),
+        )
+        return self.now != before
+
+    @property
+    def limitations(self) -> tuple[str, ...]:
+        """What is refused here that the files allow, as sentences."""
+        now, declared, found = self.now, self._declared, []
+        if now.width_us < declared.width_us:
+            found.append(
+                f"pulses of more than {now.width_us} us are refused: on this machine their worst"
+                " case is above what the guard lets pass"
+            )
+        if now.narrowest_us > declared.narrowest_us:
+            found.append(
+                f"pulses of less than {now.narrowest_us} us are refused: on this machine one word"
+                " takes as long"
+            )
+        return tuple(found)
 
 
 def maxima_of(board: BoardFile, site: BodySite) -> Maxima:

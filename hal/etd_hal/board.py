@@ -22,7 +22,7 @@ from etd_hal.chips import ad5452, ad7276, hv507
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.chips.relay595 import RelaySwitch
 from etd_hal.cutlatch import CutLatch
-from etd_hal.errors import BoardFault, CannotSelect
+from etd_hal.errors import BoardFault
 from etd_hal.guard import Guard
 from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
 from etd_hal.selection import Selection, Selections, Switch
@@ -167,6 +167,11 @@ class Board:
         self._timing = calibrate(duration_ns, self.machine)
         self._pulses.clear()
         return self._timing
+
+    @property
+    def narrowest_us(self) -> int:
+        """The shortest pulse: one word. Raises: BoardFault before the first calibration."""
+        return math.ceil(self.timing.word_us)
 
     def widest_us(self, prepulse_us: int = 0) -> int:
         """The widest pulse that the guard lets pass on this machine, its worst case included, with

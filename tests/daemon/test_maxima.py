@@ -7,7 +7,7 @@ import pytest
 from engine_parts import board_file, board_with, body_site, site_with
 from etd import bodysite
 from etd.engine.telling import maxima_facts
-from etd.maxima import maxima_of
+from etd.maxima import Maxima, MaximaInForce, maxima_of
 
 
 def test_the_hard_ceilings_are_these_and_no_file_can_move_them() -> None:
@@ -75,6 +75,24 @@ def test_neither_the_probe_nor_the_uncalibrated_bound_is_above_the_current() -> 
     assert maxima.probe_current_ua == 60
     assert maxima.uncalibrated_current_ua == 60
     assert maxima_of(board_with(width_us=30), body_site()).probe_width_us == 30
+
+
+def test_what_a_machine_can_time_changes_widths_and_nothing_else() -> None:
+    """The ledger and the opening take their numbers once."""
+    declared = maxima_of(board_file(), body_site())
+    held = MaximaInForce(declared)
+    assert not held.follow(16, 200)
+    assert (held.now, held.limitations) == (declared, ())
+    assert held.follow(22, 45)
+    assert (held.now.narrowest_us, held.now.width_us, held.now.probe_width_us) == (22, 45, 45)
+    widths = {"narrowest_us", "width_us", "probe_width_us"}
+    for name in Maxima.__slots__:
+        assert name in widths or getattr(held.now, name) == getattr(declared, name)
+    assert len(held.limitations) == 2
+    assert not held.follow(22, 45)
+    assert held.follow(16, 120)
+    assert (held.now.width_us, held.now.probe_width_us) == (120, 50)
+    assert len(held.limitations) == 1
 
 
 def test_clients_are_told_the_maxima_in_the_units_of_the_protocol() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from etd.engine.plan import Plan
 from etd.engine.reporting import Reporter
 from etd.engine.schedule import Schedule
+from etd.maxima import Maxima
 from etd_hal.ports import Clock
 
 
@@ -42,6 +43,16 @@ class ActiveSchedule:
             self._reporter.superseded()
         self._let_go()
         self.schedule = Schedule(plan, expires_host_ns, self._clock.now_ns(), before)
+
+    def fit(self, maxima: Maxima) -> None:
+        """Between two scans, when a calibration has changed what widths there are: what stands
+        keeps within them, or is let go of, and that is told.
+        """
+        schedule = self.schedule
+        misfit = None if schedule is None else schedule.fit(maxima)
+        if schedule is not None and misfit is not None:
+            self._reporter.refused(schedule.plan.frame, misfit, self._clock.now_ns())
+            self._let_go()
 
     def silence(self) -> None:
         """No frame stands any more, and none comes."""

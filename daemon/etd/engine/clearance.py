@@ -18,7 +18,7 @@ from etd.engine.sharing import Sharing
 from etd.engine.visit import Visit
 from etd.firing import ReadyPulse, prepulse_of
 from etd.ledger import Entry, Ledger
-from etd.maxima import Maxima
+from etd.maxima import MaximaInForce
 from etd.protocol import Clamp
 from etd.stabilize.pipeline import Wish
 from etd_hal.board import Board
@@ -40,7 +40,7 @@ class Clearance:
     def __init__(
         self,
         board: Board,
-        maxima: Maxima,
+        maxima: MaximaInForce,
         ledger: Ledger,
         opening: Opening,
         contact: ContactMap,
@@ -103,7 +103,7 @@ class Clearance:
         return last_word(
             scheduled.path.with_share(share),
             request,
-            self._maxima,
+            self._maxima.now,
             ceiling_ua,
             self._opening.recontact_ua(electrode, now_ns),
             self._contact.is_touched[electrode] is False,

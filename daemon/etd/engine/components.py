@@ -28,7 +28,7 @@ from etd.engine.stopper import Stopper
 from etd.engine.timeouts import Timeouts
 from etd.firing import Firing
 from etd.ledger import Bounds, Ledger
-from etd.maxima import Maxima, maxima_of
+from etd.maxima import MaximaInForce, maxima_of
 from etd.stabilize.pipeline import Stabilizer
 from etd.stabilize.settings import pipeline
 from etd_hal.backend import Backend
@@ -56,7 +56,7 @@ class Components:
     rail: RailSensor
     pressure: PressureSensors
     # What bounds a pulse.
-    maxima: Maxima
+    maxima: MaximaInForce
     ledger: Ledger
     opening: Opening
     sharing: Sharing
@@ -83,9 +83,10 @@ def components_of(
     dialogue = Dialogue(timeouts.silence_ns)
     pressure = PressureSensors(loaded.array, backend.i2c, backend.clock)
     reporter = Reporter(electrodes, dialogue.send, pressure.told)
-    maxima = maxima_of(loaded.board, loaded.body_site)
-    ledger = Ledger(electrodes, Bounds.of(maxima))
-    opening, sharing = Opening(maxima.current_ua), Sharing(electrodes)
+    declared = maxima_of(loaded.board, loaded.body_site)
+    maxima = MaximaInForce(declared)
+    ledger = Ledger(electrodes, Bounds.of(declared))
+    opening, sharing = Opening(declared.current_ua), Sharing(electrodes)
     contact = ContactMap(electrodes, source, loaded.body_site.contact)
     impedance = ImpedanceMap(electrodes, source)
     ahead = LookingAhead(electrodes, contact, impedance)

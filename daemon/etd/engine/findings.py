@@ -15,7 +15,7 @@ from etd.engine.reporting import FiredPulse, Reporter
 from etd.engine.schedule import DuePulse
 from etd.engine.sharing import Sharing
 from etd.engine.visit import Visit
-from etd.maxima import Maxima
+from etd.maxima import MaximaInForce
 from etd_hal.board import Pulse, Shot
 
 
@@ -24,7 +24,7 @@ class Findings:
 
     def __init__(
         self,
-        maxima: Maxima,
+        maxima: MaximaInForce,
         opening: Opening,
         contact: ContactMap,
         sharing: Sharing,
@@ -57,7 +57,7 @@ class Findings:
             electrode, pulse.told_ua, last.voltage_v, begun_ns, is_at_end=is_at_end
         ):
             self._opening.touched_again(electrode)
-        if pulse.told_ua > self._maxima.probe_current_ua:
+        if pulse.told_ua > self._maxima.now.probe_current_ua:
             # Before a second phase the skin is not at rest: the first one tells more.
             probed_v = 0.0 if due.after is None else self._ahead.probed_v(electrode)
             self._asker.learn(electrode, _samples(pulse, first, probed_v), begun_ns)

@@ -41,7 +41,7 @@ def limits_of_calibration(
 ) -> PersonLimits:
     """A person's caps from a calibration, checked against array, site and maxima.
 
-    Raises: Refused (`bad_calibration`, `over_maximum`).
+    Raises: Refused (`bad_calibration`, `over_maximum`, `board_cannot`).
     """
     for what, is_made_for, here in (
         ("array", calibration.array, array),
@@ -60,6 +60,8 @@ def limits_of_calibration(
             f"the calibration's {calibration.width_us} us at {calibration.rate_hz} Hz is more than"
             f" {maxima.width_us} us at {maxima.rate_hz} Hz allowed here",
         )
+    fired = calibration.shape.of(Wish(maxima.probe_current_ua, calibration.width_us))
+    _check_narrowest("the calibration's", fired.width_us, maxima)
     for electrode, one in enumerate(calibration.electrode):
         if not one.threshold_ua <= one.comfortable_ua <= one.cap_ua:
             raise Refused(
@@ -85,7 +87,7 @@ def limits_of_calibration(
 def limits_of_numbers(limits: Limits, maxima: Maxima, electrodes: int) -> PersonLimits:
     """The same cap for all, from a client that has no calibration.
 
-    Raises: Refused (`over_maximum`).
+    Raises: Refused (`over_maximum`, `board_cannot`).
     """
     if limits.max_current_ua > maxima.uncalibrated_current_ua:
         raise Refused(
@@ -98,8 +100,18 @@ def limits_of_numbers(limits: Limits, maxima: Maxima, electrodes: int) -> Person
         raise Refused(
             "over_maximum", f"width_us {limits.width_us} is more than {maxima.width_us} here"
         )
+    _check_narrowest("width_us", limits.width_us, maxima)
     caps_ua = (limits.max_current_ua,) * electrodes
     return PersonLimits(caps_ua, limits.width_us, limits.width_us, None)
+
+
+def _check_narrowest(what: str, width_us: int, maxima: Maxima) -> None:
+    if width_us < maxima.narrowest_us:
+        raise Refused(
+            "board_cannot",
+            f"{what} {width_us} us is less than {maxima.narrowest_us} us, which one word takes on"
+            " this machine",
+        )
 
 
 class Path(msgspec.Struct, frozen=True):

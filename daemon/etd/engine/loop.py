@@ -21,7 +21,6 @@ from etd.engine.poller import Poller
 from etd.engine.schedule import AfterProbe, DuePulse
 from etd.engine.sequencer import TICK_NS, Sequencer
 from etd.engine.supervisor import Supervisor
-from etd.engine.telling import greeting
 from etd.errors import BoardFault, BusError, GuardRefusal
 from etd.link import Channel, NewFrame, ToEngine
 from etd.stabilize.pipeline import Stabilizer
@@ -58,8 +57,7 @@ class Engine:
         """A gateway has connected."""
         parts = self.components
         parts.dialogue.attach(commands, frames, parts.host_clock.now_ns())
-        states, maxima = parts.board.switch.states, self.supervisor.maxima
-        parts.dialogue.send(greeting(parts.loaded, maxima, states, parts.backend.name))
+        self.supervisor.greet()
         self.supervisor.tell_state(parts.clock.now_ns())
 
     @property

@@ -126,10 +126,17 @@ class Room:
         visits_hz: float,
         probe_pc: int,
     ) -> None:
-        """Raises: Refused (`over_maximum`). A probe's charge counts to the pulse that it goes
-        before, and not its width: the current is off between them.
+        """Raises: Refused (`over_maximum`, `board_cannot`). A probe's charge counts to the pulse
+        that it goes before, and not its width: the current is off between them.
         """
         maxima = self._rules.maxima
+        if width_us < maxima.narrowest_us:
+            raise Refused(
+                "board_cannot",
+                f"electrode {electrode}: width {width_us} us, and one word takes"
+                f" {maxima.narrowest_us} us on this machine: send at least that",
+                electrode,
+            )
         width_most_us = min(maxima.width_us, self._rules.person.width_us)
         charge_pc = self.charge_pc(current_ua, width_us)
         mean_ua = (charge_pc * phases + probe_pc) * visits_hz / 1e6

@@ -15,6 +15,7 @@ It is plain data that can be run by hand:
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Literal
 
@@ -22,6 +23,8 @@ import msgspec
 
 from etd.engine.plan import Plan
 from etd.engine.visit import Visit
+from etd.errors import Refused
+from etd.maxima import Maxima
 from etd.stabilize.pipeline import Wish
 
 #: Rounding of rates may leave a pulse this little short of due.
@@ -137,6 +140,27 @@ class Schedule:
             None if one is None else one.lowered_to(wanted.get(one.electrode))
             for one in self._left_of
         ]
+
+    def fit(self, maxima: Maxima) -> Refused | None:
+        """Between two scans, when other widths are possible than before: stabilizers get no more
+        room than there is now. Or why a pulse of the frame itself cannot be.
+        """
+        for one in self.plan.visits:
+            steps_us = (one.width_us, one.width_us if one.probe is None else one.probe.width_us)
+            is_too_wide = one.width_us + one.most.prepulse_us > maxima.width_us
+            if is_too_wide or min(steps_us) < maxima.narrowest_us:
+                return Refused(
+                    "over_maximum" if is_too_wide else "board_cannot",
+                    f"electrode {one.electrode}: by the last timing calibration pulses here have"
+                    f" {maxima.narrowest_us} to {maxima.width_us} us, so this frame ends: send one"
+                    " with another width_us",
+                    one.electrode,
+                )
+        widest_us = maxima.width_us
+        visits = tuple(one.within(widest_us) for one in self.plan.visits)
+        self.plan = dataclasses.replace(self.plan, visits=visits)
+        self._left_of = [None if one is None else one.within(widest_us) for one in self._left_of]
+        return None
 
     # --- one scan ----------------------------------------------------------------------------
 

@@ -126,7 +126,7 @@ class Sequencer:
         self._board.calibrate(lambda: self._poller.beat(self._clock.now_ns()))
         self._firing.forget_drift()
         self._reporter.counters["recalibrated"] += 1
-        self._supervisor.planner_of_lease()
+        self._supervisor.plan_anew()
 
     # --- the way through a scan --------------------------------------------------------------
 

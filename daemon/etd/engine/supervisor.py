@@ -6,7 +6,6 @@ are made of (`components.py`), who asks (`commands.py`), when (`loop.py`), ZeroM
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
 from etd.calibration import Calibration
@@ -14,14 +13,17 @@ from etd.engine.calibrating import calibrate_at_start
 from etd.engine.components import Components
 from etd.engine.energize import Energizer, Goal, Readiness, check_ready, lasting_refusal
 from etd.engine.lease import Lease
+from etd.engine.limits import PersonLimits
 from etd.engine.plan import Planner
 from etd.engine.probes import probes_of
 from etd.engine.room import Rules
 from etd.engine.schedule import DuePulse
 from etd.engine.state import StateMachine
+from etd.engine.telling import greeting
 from etd.engine.visit import Visit
 from etd.errors import BoardFault, Refused
 from etd.link import Answer, LeaseEnded
+from etd.maxima import Maxima
 from etd.protocol import Halt, StateReport
 from etd.stabilize.pipeline import Wish
 from etd_hal.cost import CostModel
@@ -48,12 +50,11 @@ class Supervisor:
         self.asker = components.asker
         self.rail = components.rail
         self.stopper = components.stopper
-        self.maxima = components.maxima
         self.dialogue = components.dialogue
         self.marker = components.backend.marker
         self.sharing = components.sharing
         self.not_granted: tuple[str, ...] = ()
-        self.limitations: tuple[str, ...] = ()
+        self._failed_calibrations: tuple[str, ...] = ()
         self.last_silence: str | None = None
         self.states = StateMachine()
         self.lease: Lease | None = None
@@ -78,18 +79,25 @@ class Supervisor:
         failed = calibrate_at_start(self.board, self.clock, tell)
         if failed:
             self.reporter.counters["calibration_attempts_failed"] += len(failed)
-        self.limitations += failed
-        self._narrow_to(self.board.widest_us(self.loaded.body_site.stabilize.prepulse_us))
+        self._failed_calibrations = failed
+        self._follow_timing()
 
-    def _narrow_to(self, widest_us: int) -> None:
-        """What the guard would refuse on this machine is refused when it is asked for."""
-        if widest_us >= self.maxima.width_us:
-            return
-        self.limitations += (
-            f"pulses of more than {widest_us} us are refused: on this machine their worst case is"
-            " above what the guard lets pass",
-        )
-        self.maxima = dataclasses.replace(self.maxima, width_us=widest_us)
+    def _follow_timing(self) -> bool:
+        """After each calibration: what the guard would refuse now is refused when it is asked for.
+        True if that is other than before.
+        """
+        board, prepulse_us = self.board, self.loaded.body_site.stabilize.prepulse_us
+        return self._components.maxima.follow(board.narrowest_us, board.widest_us(prepulse_us))
+
+    @property
+    def maxima(self) -> Maxima:
+        """As the last timing calibration leaves them."""
+        return self._components.maxima.now
+
+    @property
+    def limitations(self) -> tuple[str, ...]:
+        """What this machine did not do at once, or cannot do."""
+        return (*self._failed_calibrations, *self._components.maxima.limitations)
 
     def end(self) -> tuple[str, ...]:
         """Leave the board safe, whatever state it is in; what did not work, as sentences."""
@@ -124,18 +132,33 @@ class Supervisor:
             self._planner = None
             self.probes = ()
             return
+        self._plan_for(self.lease.person, has_new_probes=True)
+
+    def plan_anew(self) -> None:
+        """The timing is another one: frames to come are planned by it, and of the one that stands
+        nothing is fired that the guard would refuse.
+        """
+        has_changed = self._follow_timing()
+        if self.lease is not None:
+            self._plan_for(self.lease.person, has_changed)
+        if has_changed:
+            self.greet()
+            self.active.fit(self.maxima)
+
+    def _plan_for(self, person: PersonLimits, has_new_probes: bool) -> None:
         source = self.loaded.board.source
         rules = Rules(
             self.loaded.array,
             self.loaded.body_site,
             self.maxima,
-            self.lease.person,
+            person,
             source.full_scale_ua / (source.codes - 1),
             self.asker.reach,
         )
         cost = CostModel(self.loaded.board, self.loaded.machine, self.board.timing)
         self._planner = Planner(self.board, rules, cost)
-        self.probes = probes_of(self.board, self.loaded.array, self.maxima, self.lease.person)
+        if has_new_probes:
+            self.probes = probes_of(self.board, self.loaded.array, self.maxima, person)
 
     @property
     def planner(self) -> Planner:
@@ -286,6 +309,11 @@ class Supervisor:
         self.tell_state(self.clock.now_ns())
 
     # --- telling -----------------------------------------------------------------------------
+
+    def greet(self) -> None:
+        """Tell the gateway what there is to drive, and what nobody gets more of."""
+        states, backend = self.board.switch.states, self._components.backend
+        self.dialogue.send(greeting(self.loaded, self.maxima, states, backend.name))
 
     def answer(self, answer: Answer) -> None:
         """To the gateway, if it is there."""

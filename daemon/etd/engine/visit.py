@@ -47,6 +47,11 @@ class Visit(msgspec.Struct, frozen=True):
     def width_us(self) -> int:
         return self.wish.width_us
 
+    def within(self, widest_us: int) -> Visit:
+        """The same, with no more room for stabilizers than such a pulse, all steps together."""
+        width_us = min(self.most.width_us, widest_us - self.most.prepulse_us)
+        return replace(self, most=replace(self.most, width_us=width_us))
+
     def lowered_to(self, newer: Visit | None) -> Visit | None:
         """What is left of it in a scan under way when a newer frame has come, which asks for
         `newer` (None: silence). What has not fallen stays, and its rise waits for the next scan; no
