@@ -39,6 +39,7 @@ from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable
 from etd_hal.linesetup import line_setup, spi_setup
+from stepped_stopper import SteppedStopper
 
 LEASE = "a-lease"
 _ALIVE_NS = 50_000_000
@@ -72,6 +73,7 @@ class EngineRig:
     _alive_ns: int = 0
 
     def __post_init__(self) -> None:
+        self.stopper = SteppedStopper(self.engine, self.clock)
         self._turns = Turns(self.engine.components.rail, self.engine.components.pressure)
 
     def turn(self) -> None:

@@ -33,12 +33,15 @@ from etd_hal.backend import Backend
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.linesetup import line_setup, spi_setup
+from stepped_stopper import SteppedStopper
 
 #: The gateway has a turn this often, when nobody waits for it.
 _GATEWAY_NS = 4_000_000
 #: Nothing stands and nobody asks: time passes in steps, far within what the gateway may be silent.
 _STRIDE_NS = 20_000_000
 _PATIENCE = 20_000
+#: Its looks are few, so that minutes cost seconds: no message is overdue here.
+_STOPPER_NS = 20_000_000
 
 
 class SteppedDaemon:
@@ -80,6 +83,7 @@ class SteppedDaemon:
             modelled=lambda: self.fake.ask_body(self.body.take_felt),
         )
         self.engine = Engine(loaded, backend)
+        SteppedStopper(self.engine, self.clock, _STOPPER_NS)
         self.engine.supervisor.begin()
         self._listener = Listener(self.folder)
         self._engine_ends: tuple[Channel[ToEngine] | Channel[NewFrame], ...] = ()

@@ -130,7 +130,7 @@ def measure(scans: int, stabilize: Settings = NOTHING) -> ProcessorFigures:
         gateway[0].send(Alive())
         spi.begun_ns.clear()
         while len(spi.begun_ns) < ELECTRODES or engine.components.active.schedule is not None:
-            turn(engine)
+            _turn(engine)
             _drain(gateway[0])
         if seq >= _FIRST_SEQ + _WARM_UP:
             assert len(spi.begun_ns) == ELECTRODES * messages
@@ -178,7 +178,7 @@ def _armed(
     gateway[0].send(OpenLease(ref=1, lease="bench", client="bench", limits=limits))
     gateway[0].send(ArmBoard(ref=2))
     while engine.supervisor.states.state != "ARMED":
-        turn(engine)
+        _turn(engine)
         _drain(gateway[0])
     _open_up(engine, gateway)
     return engine, gateway, (commands, frames, *gateway)
@@ -191,10 +191,16 @@ def _open_up(engine: Engine, gateway: Ends) -> None:
         gateway[0].send(Alive())
         gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
         for _ in range(20):
-            turn(engine)
+            _turn(engine)
             _drain(gateway[0])
         seq += 1
     gateway[0].send(Alive())
+
+
+def _turn(engine: Engine) -> None:
+    """With a look of the stopper, whose thread is not part of the figures."""
+    engine.components.stopper.look()
+    turn(engine)
 
 
 def _drain(channel: Channel[ToGateway]) -> None:

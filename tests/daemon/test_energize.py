@@ -7,7 +7,7 @@ import pytest
 from etd.engine.energize import Readiness, check_ready
 from etd.errors import Refused
 
-READY = Readiness((), (), True, True)
+READY = Readiness((), (), True)
 
 
 def test_a_board_with_nothing_in_the_way_is_ready() -> None:
@@ -17,10 +17,9 @@ def test_a_board_with_nothing_in_the_way_is_ready() -> None:
 @pytest.mark.parametrize(
     ("ready", "said"),
     [
-        (Readiness(("readback", "heartbeat"), (), True, True), "readback, heartbeat: accept each"),
-        (Readiness((), ("emergency_stop", "wearer_stop"), True, True), "and wearer_stop open"),
-        (Readiness((), (), False, True), "press and release it once"),
-        (Readiness((), (), True, False), "restart the daemon"),
+        (Readiness(("readback", "heartbeat"), (), True), "readback, heartbeat: accept each"),
+        (Readiness((), ("emergency_stop", "wearer_stop"), True), "and wearer_stop open"),
+        (Readiness((), (), False), "press and release it once"),
     ],
 )
 def test_what_is_in_the_way_is_named_with_what_to_do(ready: Readiness, said: str) -> None:

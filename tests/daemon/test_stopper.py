@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
+
 import pytest
 
 from engine_parts import machine_file
-from etd.engine.stopper import Stopper
+from etd.engine.stopper import SILENT_NS, Stopper, StopperLiveness, StopperThread
 from etd.errors import BoardFault, BusError, GuardRefusal
 from etd_hal.board import OVERDUE_NS, Board
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import SpiStall
+from etd_hal.ports import Changes, Edge, Gpio, Message, Spi
 from stepped_board import SteppedBoard, stepped_board
 
 MS = 1_000_000
@@ -38,6 +42,24 @@ class StallingClock:
         self._clock.doze_until_ns(deadline_ns)
 
 
+class CalledGpio:
+    """Lines, and what happens before each of their calls."""
+
+    def __init__(self, gpio: Gpio) -> None:
+        self._gpio = gpio
+        self.before: Callable[[], None] = lambda: None
+
+    def set(self, changes: Changes) -> None:
+        self.before()
+        self._gpio.set(changes)
+
+    def get(self, line: int) -> int:
+        return self._gpio.get(line)
+
+    def edges(self) -> tuple[Edge, ...]:
+        return self._gpio.edges()
+
+
 class Scene:
     """A board that is about to fire at output 3, and a stopper that looks twice a millisecond."""
 
@@ -46,9 +68,8 @@ class Scene:
         backend, clock = self.made.backend, self.made.clock
         #: The clock of the thread that fires.
         self.scan_clock = StallingClock(clock)
-        self.board = Board(
-            self.made.board, machine_file(), backend.spi, backend.gpio, self.scan_clock
-        )
+        self.gpio = CalledGpio(backend.gpio)
+        self.board = Board(self.made.board, machine_file(), backend.spi, self.gpio, self.scan_clock)
         assert self.board.safe_off() == ()
         self.board.calibrate()
         self.board.supply_on()
@@ -170,3 +191,181 @@ def test_a_second_phase_is_not_fired_behind_a_cut(name: str) -> None:
     assert scene.stopper.has_acted
     assert scene.made.fake.violations == []
     assert len(scene.made.events("body")) == 1
+
+
+# --- another thread's message ---------------------------------------------------------------------
+
+#: Of real time; what is waited for takes none.
+PATIENCE_S = 10.0
+
+
+class HeldSpi:
+    """A message goes out when the test lets it."""
+
+    def __init__(self, spi: Spi) -> None:
+        self._spi = spi
+        self.is_held = False
+        self.has_begun, self.may_end = threading.Event(), threading.Event()
+
+    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+        self._spi.prepare(message, is_lasting=is_lasting)
+
+    def transfer(self, message: Message) -> tuple[bytes, ...]:
+        if self.is_held:
+            self.has_begun.set()
+            assert self.may_end.wait(PATIENCE_S)
+        return self._spi.transfer(message)
+
+
+class CallingClock:
+    """Its thread is taken off the processor in a reading, and the world goes on meanwhile."""
+
+    def __init__(self, clock: SteppedClock, meanwhile: Callable[[], None]) -> None:
+        self._clock = clock
+        self._meanwhile = meanwhile
+
+    def now_ns(self) -> int:
+        self._meanwhile()
+        return self._clock.now_ns()
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        self._clock.sleep_until_ns(deadline_ns)
+
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self._clock.doze_until_ns(deadline_ns)
+
+
+def test_a_message_that_ended_while_the_stopper_looked_is_not_overdue() -> None:
+    """Where a machine is busy the stopper may lose 10 ms between the deadline and the time."""
+    made = stepped_board("kajimoto-hv507")
+    spi = HeldSpi(made.backend.spi)
+    board = Board(made.board, machine_file(), spi, made.backend.gpio, made.clock)
+    assert board.safe_off() == ()
+    board.calibrate()
+    board.guard.permit(2_000)
+    selection = board.selection(3, None)
+    board.prepare(selection)
+    board.connect(selection, True)
+    spi.is_held = True
+    firing = threading.Thread(
+        target=lambda: board.fire(board.pulse(2_000, 100), selection, True, 2_000, 100)
+    )
+
+    def end_the_message() -> None:
+        spi.may_end.set()
+        firing.join(PATIENCE_S)
+        made.clock.spend(10 * MS)
+
+    stopper = Stopper(board, CallingClock(made.clock, end_the_message))
+    firing.start()
+    assert spi.has_begun.wait(PATIENCE_S)
+    stopper.look()
+    assert not firing.is_alive()
+    assert not stopper.has_acted
+    assert not board.cut.is_cut
+
+
+# --- the thread -----------------------------------------------------------------------------------
+
+
+def silence_of(stopper: Stopper, for_ms: int) -> StopperLiveness:
+    """Woken at 1 s, and judged every millisecond since."""
+    liveness = StopperLiveness(stopper)
+    liveness.begin(1_000 * MS)
+    for step in range(1, for_ms + 1):
+        liveness.judge((1_000 + step) * MS)
+    return liveness
+
+
+def test_a_thread_that_is_awake_leaves_the_time_of_its_looks() -> None:
+    scene = Scene()
+    looked = threading.Event()
+    stopper = Stopper(scene.board, CallingClock(scene.made.clock, looked.set))
+    thread = StopperThread(stopper)
+    thread.start()
+    thread.watch(True)
+    assert looked.wait(PATIENCE_S)
+    thread.end()
+    assert not thread.is_alive()
+    assert stopper.looked_ns == scene.made.clock.now_ns()
+
+
+def test_a_thread_that_hangs_in_its_look_leaves_no_time() -> None:
+    scene = Scene()
+    hangs, may_go_on = threading.Event(), threading.Event()
+
+    def hang() -> None:
+        hangs.set()
+        assert may_go_on.wait(PATIENCE_S)
+
+    stopper = Stopper(scene.board, CallingClock(scene.made.clock, hang))
+    thread = StopperThread(stopper)
+    thread.start()
+    thread.watch(True)
+    assert hangs.wait(PATIENCE_S)
+    liveness = silence_of(stopper, for_ms=600)
+    assert not liveness.has_looked
+    assert liveness.problem is not None
+    assert liveness.problem.startswith("the stopper has not looked for 600 ms")
+    may_go_on.set()
+    thread.end()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_thread_that_has_ended_leaves_no_time() -> None:
+    scene = Scene()
+
+    def end() -> None:
+        raise RuntimeError("the clock is gone")
+
+    stopper = Stopper(scene.board, CallingClock(scene.made.clock, end))
+    thread = StopperThread(stopper)
+    thread.start()
+    thread.watch(True)
+    thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+    assert silence_of(stopper, for_ms=600).problem is not None
+
+
+def test_a_cut_that_hangs_is_marked_and_leaves_no_time() -> None:
+    """Its GPIO call does not return: what it was about to do is known all the same."""
+    scene = Scene(stall_us=10_000)
+    marks: list[tuple[bool, bool, int]] = []
+    stopper = scene.stopper
+
+    def hanging() -> None:
+        marks.append((stopper.has_acted, scene.board.cut.is_cut, stopper.looked_ns))
+
+    scene.gpio.before = hanging
+    scene.made.clock.at(scene.looked_from_ns + 3 * MS, stopper.look)
+    scene.fire()
+    assert marks == [(True, True, 0)]
+    assert stopper.looked_ns == scene.looked_from_ns + 3 * MS
+
+
+def test_a_stopper_is_silent_from_its_last_look_on_and_alive_with_the_next() -> None:
+    scene = Scene()
+    liveness = StopperLiveness(scene.stopper)
+    begun_ns = scene.made.clock.now_ns()
+    liveness.begin(begun_ns)
+    scene.stopper.look()
+    assert liveness.has_looked
+    for step in range(SILENT_NS // MS + 1):
+        liveness.judge(begun_ns + step * MS)
+        assert liveness.problem is None
+    liveness.judge(begun_ns + SILENT_NS + MS)
+    assert liveness.problem is not None
+    scene.made.clock.spend(SILENT_NS + 2 * MS)
+    scene.stopper.look()
+    liveness.judge(scene.made.clock.now_ns())
+    assert liveness.problem is None
+
+
+def test_time_in_which_the_scan_thread_did_not_look_either_is_not_silence() -> None:
+    scene = Scene()
+    liveness = StopperLiveness(scene.stopper)
+    liveness.begin(1_000 * MS)
+    liveness.judge(1_001 * MS)
+    liveness.judge(61_001 * MS)
+    assert liveness.problem is None
+    assert liveness.silent_ns < 20 * MS

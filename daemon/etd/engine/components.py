@@ -24,7 +24,7 @@ from etd.engine.reporting import Reporter
 from etd.engine.requests import Requests
 from etd.engine.sensors import PressureSensors, RailSensor
 from etd.engine.sharing import Sharing
-from etd.engine.stopper import Stopper
+from etd.engine.stopper import Stopper, StopperLiveness
 from etd.engine.timeouts import Timeouts
 from etd.firing import Firing
 from etd.ledger import Bounds, Ledger
@@ -49,6 +49,7 @@ class Components:
     timeouts: Timeouts
     board: Board
     stopper: Stopper
+    stopper_liveness: StopperLiveness
     dialogue: Dialogue
     reporter: Reporter
     active: ActiveSchedule
@@ -79,6 +80,7 @@ def components_of(
     source, electrodes = loaded.board.source, loaded.array.count
     clock = BusyClock(backend.clock)
     board = Board(loaded.board, loaded.machine, backend.spi, backend.gpio, clock)
+    stopper = Stopper(board, backend.clock)
     timeouts = Timeouts(backend.timeout_factor)
     dialogue = Dialogue(timeouts.silence_ns)
     pressure = PressureSensors(loaded.array, backend.i2c, backend.clock)
@@ -101,7 +103,8 @@ def components_of(
         host_clock=backend.host_clock,
         timeouts=timeouts,
         board=board,
-        stopper=Stopper(board, backend.clock),
+        stopper=stopper,
+        stopper_liveness=StopperLiveness(stopper),
         dialogue=dialogue,
         reporter=reporter,
         active=ActiveSchedule(clock, reporter),

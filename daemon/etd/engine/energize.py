@@ -1,4 +1,5 @@
-"""From SAFE to a live board: supply on, rail there, contact measured; for `arm` and `measure`.
+"""From SAFE to a live board: the stopper looks, supply on, rail there, contact measured; for `arm`
+and `measure`.
 
 Owns: the checks before, the waiting, and the probe scan. Must not know: sockets, frames, what is
 done with a live board. It is stepped from the engine's loop, so that a stop is heard in between.
@@ -12,6 +13,7 @@ from typing import Literal
 
 from etd.engine.schedule import DuePulse
 from etd.engine.sensors import RailSensor
+from etd.engine.stopper import StopperLiveness
 from etd.engine.visit import Visit
 from etd.errors import Refused
 from etd_hal.board import Board
@@ -33,7 +35,6 @@ class Readiness:
     unaccepted_guards: tuple[str, ...]
     open_stops: tuple[str, ...]
     is_wearer_stop_tried: bool
-    is_stopper_alive: bool
     #: Why the last self-test does not allow it.
     untested: str | None = None
 
@@ -60,8 +61,6 @@ def check_ready(ready: Readiness) -> None:
             "arm_failed",
             "the wearer's stop has not been tried: press and release it once, then arm",
         )
-    if not ready.is_stopper_alive:
-        raise Refused("arm_failed", "the stopper thread has ended: restart the daemon")
 
 
 class Energizer:
@@ -73,6 +72,7 @@ class Energizer:
         ref: int,
         board: Board,
         rail: RailSensor,
+        stopper: StopperLiveness,
         probes: Sequence[Visit],
         clock: Clock,
     ) -> None:
@@ -82,36 +82,36 @@ class Energizer:
         self._is_measuring = False
         self._at = 0
         self._rail = rail
+        self._stopper = stopper
         self._probes = probes
         self._clock = clock
-        self._is_on = False
+        #: The supply, as far as there is a line for it.
+        self.is_on = False
         self._begun_ns = clock.now_ns()
 
     def begin(self) -> None:
-        """Supply on, once the rail is known where it is watched.
+        """The stopper has been woken. Supply on, once it looks, and the rail is known where it is
+        watched.
 
         Raises: Refused, if it cannot be known; BusError.
         """
-        if not self._rail.is_there or self._rail.rail_v(self._begun_ns) is not None:
-            self._switch_on(self._begun_ns)
-        elif self._rail.problem:
-            self._refuse_unknown()
+        self._stopper.begin(self._begun_ns)
+        self._await_watch(self._begun_ns)
 
-    def _switch_on(self, now_ns: int) -> None:
-        self._board.supply_on()
-        self._is_on = True
-        self._begun_ns = now_ns
-
-    def _refuse_unknown(self) -> None:
-        why = self._rail.problem or "no reading yet"
-        raise Refused("arm_failed", f"the rail is not known ({why}): check I2C")
-
-    def _await_reading(self, now_ns: int) -> None:
-        """The sensor thread has just begun: its first reading is on the way."""
-        if self._rail.rail_v(now_ns) is not None:
-            self._switch_on(now_ns)
+    def _await_watch(self, now_ns: int) -> None:
+        """Nothing goes on that is not watched: the stopper's first look and the sensor thread's
+        first reading are on the way.
+        """
+        if not self._stopper.has_looked:
+            if self._stopper.problem is not None:
+                raise Refused("arm_failed", self._stopper.problem)
+        elif not self._rail.is_there or self._rail.rail_v(now_ns) is not None:
+            self._board.supply_on()
+            self.is_on = True
+            self._begun_ns = now_ns
         elif self._rail.problem or now_ns - self._begun_ns > FIRST_READING_NS:
-            self._refuse_unknown()
+            why = self._rail.problem or "no reading yet"
+            raise Refused("arm_failed", f"the rail is not known ({why}): check I2C")
 
     def is_rail_there(self, now_ns: int) -> bool:
         """From then on contact is measured.
@@ -122,8 +122,8 @@ class Energizer:
         return self._is_measuring
 
     def _is_rail_there(self, now_ns: int) -> bool:
-        if not self._is_on:
-            self._await_reading(now_ns)
+        if not self.is_on:
+            self._await_watch(now_ns)
             return False
         monitor = self._board.file.guards.rail_monitor
         waited_ns = now_ns - self._begun_ns

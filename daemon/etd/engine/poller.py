@@ -1,7 +1,8 @@
 """What is looked at before every pulse, and whenever nothing is fired: it may change the state.
 
-Owns: the order of looking: what has lapsed, before any queue is read, so that after a stall nothing
-stale is shown; then gateway, stop lines, rail and commands. And the heartbeat, which stands for
+Owns: the order of looking: the stopper, since what it cut is a halt whatever follows; what has
+lapsed, before any queue is read, so that after a stall nothing stale is shown; then gateway, stop
+lines, rail and commands. And the heartbeat, which stands for
 all of them. Must not know: what is due, how a pulse is fired, ZeroMQ, files.
 """
 
@@ -48,6 +49,7 @@ class Poller:
         self._host_clock = components.host_clock
         self._board = components.board
         self._stopper = components.stopper
+        self._liveness = components.stopper_liveness
         self._rail = components.rail
         self._reporter = components.reporter
         self._active = components.active
@@ -68,6 +70,9 @@ class Poller:
         if host_ns - self._looked_host_ns > _STALL_NS:
             self._unseen_since_host_ns = self._looked_host_ns
         self._looked_host_ns = host_ns
+        # First of all: whatever else makes the board safe now, a cut is a halt.
+        if self._liveness.judge(now_ns) or self._stopper.has_acted:
+            self._heed_stopper()
         # Before anything is read: what lies in a queue must not renew what has lapsed.
         if self._supervisor.lease is not None and self._supervisor.lease.has_lapsed(host_ns):
             self._supervisor.end_lease("lapsed")
@@ -82,6 +87,17 @@ class Poller:
         if self._backend.modelled is not None:
             self._reporter.modelled(self._backend.modelled, now_ns)
         self._feed_watchdog(host_ns)
+
+    def _heed_stopper(self) -> None:
+        """A cut halts in any state, since it is remembered in any state. A stopper that does not
+        look any more halts what it should watch.
+        """
+        supervisor, problem = self._supervisor, self._liveness.problem
+        if self._stopper.has_acted and supervisor.states.state != "HALTED":
+            why = "an SPI message was overdue; its outputs were cut off"
+            supervisor.halt("fault", "stopper", why)
+        elif problem is not None and supervisor.is_powered:
+            supervisor.halt("fault", "stopper", problem)
 
     def _watch_gateway(self, host_ns: int) -> None:
         if self._dialogue.undecodable is not None:
@@ -116,10 +132,6 @@ class Poller:
             if is_open and is_live:
                 self._supervisor.halt(name, name, "the stop line opened")
                 return
-        if self._stopper.has_acted and is_live:
-            self._supervisor.halt(
-                "fault", "stopper", "an SPI message was overdue; its outputs were cut off"
-            )
 
     def poll_stop_levels(self) -> None:
         """Once a scan, for an edge that may have been lost."""

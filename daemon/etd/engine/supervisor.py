@@ -176,7 +176,8 @@ class Supervisor:
             raise Refused("wrong_state", f"{self.energizer.goal} is under way")
         check_ready(self._readiness())
         probes = self.probes
-        energizer = Energizer(goal, ref, self.board, self.rail, probes, self.clock)
+        liveness = self._components.stopper_liveness
+        energizer = Energizer(goal, ref, self.board, self.rail, liveness, probes, self.clock)
         self.states.probe()
         self.board.guard.permit(self.maxima.probe_current_ua)
         self.supply_changed(True)
@@ -195,7 +196,6 @@ class Supervisor:
             self.loaded.unaccepted_guards,
             tuple(name for name, is_open in stops.items() if is_open),
             self.is_wearer_stop_tried,
-            not self.stopper.has_acted,
             self._untested(),
         )
 
@@ -234,6 +234,11 @@ class Supervisor:
             self.board.guard.permit(self.maxima.current_ua)
             self.tell_state(self.clock.now_ns())
         self.answer(Answer(ref=energizer.ref, contact=contact))
+
+    @property
+    def is_powered(self) -> bool:
+        """ARMED, or on the way there behind the supply's switch."""
+        return self.states.state == "ARMED" or (self.energizer is not None and self.energizer.is_on)
 
     # --- the way down ------------------------------------------------------------------------
 

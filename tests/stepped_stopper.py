@@ -1,0 +1,44 @@
+"""The stopper's thread, played on a stepped clock: its looks fall into whatever the engine does.
+
+Owns: when it looks. Must not know: what a look does.
+"""
+
+from __future__ import annotations
+
+from etd.engine.loop import Engine
+from etd_hal.fake.clock import SteppedClock
+
+#: As the thread does.
+PERIOD_NS = 500_000
+
+
+class SteppedStopper:
+    """Looks while the supply is on, in the middle of calls and sleeps too."""
+
+    def __init__(self, engine: Engine, clock: SteppedClock, period_ns: int = PERIOD_NS) -> None:
+        self._stopper = engine.components.stopper
+        self._clock = clock
+        self.period_ns = period_ns
+        #: False: it has ended, or hangs.
+        self.is_looking = True
+        self._is_awake = False
+        self._is_under_way = False
+        self._next_ns = 0
+        engine.supervisor.supply_changed = self.watch
+
+    def watch(self, is_needed: bool) -> None:
+        """Supply on or off; woken it looks at once."""
+        self._is_awake = is_needed
+        if is_needed and not self._is_under_way:
+            self._is_under_way = True
+            self._next_ns = self._clock.now_ns()
+            self._turn()
+
+    def _turn(self) -> None:
+        if not self._is_awake:
+            self._is_under_way = False
+            return
+        if self.is_looking:
+            self._stopper.look()
+        self._next_ns += self.period_ns
+        self._clock.at(self._next_ns, self._turn)
