@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from etd_body.interface import Sides
-from etd_hal.board import Board, Shot
+from etd_hal.board import Board, PulseResult
 from etd_hal.boardfile import BoardFile, MachineFile, load_machine
 from etd_hal.errors import BusError
 from etd_hal.fake.board import FakeBoard
@@ -21,7 +21,7 @@ from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.world import Touchable
 from etd_hal.ports import Changes, Edge, Gpio, Message, Transfer
-from etd_hal.watch import Prepulse
+from etd_hal.switch_shadow import Prepulse
 from stepped_board import BOARDS, SteppedBoard, shipped_board, stepped_board
 
 MACHINES = BOARDS.parent / "machines"
@@ -114,7 +114,7 @@ class BoardRig:
         returns: tuple[int, ...] | None = None,
         whole: bool = False,
         prepulse: Prepulse | None = None,
-    ) -> Shot:
+    ) -> PulseResult:
         """One whole visit; phases are anodic (True) or cathodic. Returns the last shot."""
         first, *others = phases or (True,)
         board = self.board
@@ -122,12 +122,12 @@ class BoardRig:
         pulse = board.pulse(current_ua, width_us, prepulse)
         board.prepare(selection, whole)
         board.connect(selection, first)
-        shot = board.fire(pulse, selection, first, current_ua, width_us, prepulse)
+        result = board.fire(pulse, selection, first, current_ua, width_us, prepulse)
         for is_anodic in others:
             board.flip(selection, is_anodic)
-            shot = board.fire(pulse, selection, is_anodic, current_ua, width_us, prepulse)
+            result = board.fire(pulse, selection, is_anodic, current_ua, width_us, prepulse)
         board.discharge()
-        return shot
+        return result
 
     def records(self) -> list[dict[str, Any]]:
         """The trace so far, its header left out."""

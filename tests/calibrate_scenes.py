@@ -6,7 +6,7 @@ Owns: its conditions, and what was found of an electrode. Must not know: who sho
 from __future__ import annotations
 
 from etd.calibrate.conditions import Conditions
-from etd.calibration import ElectrodeLimits
+from etd.protocol.calibration import ElectrodeLimits
 
 ROW = Conditions(
     participant="P01",

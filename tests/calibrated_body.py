@@ -13,14 +13,14 @@ from statistics import median
 
 from msgspec.structs import replace
 
-from etd.array import Array
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.course import Course
-from etd.calibrate.modelled import FeltPresents, ModelledBody
+from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished
 from etd.calibrate.stimulator import Stimulator
-from etd.calibration import Calibration, ElectrodeLimits, Method
+from etd.files.array import Array
+from etd.protocol.calibration import Calibration, ElectrodeLimits, Method
 from etd_body.course import STILL, Script
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 
@@ -127,7 +127,7 @@ class _Sitting:
         self._progress = Progress(conditions=replace(conditions, reference=self._reference))
         self._course = Course(
             self._progress,
-            FeltPresents(self._stimulator, felt),
+            FeltPresenter(self._stimulator, felt),
             person,
             lambda: _TODAY,
             baseline=baseline,
@@ -154,7 +154,7 @@ class _Sitting:
         if self._baseline is not None:
             strong_ua = self._baseline.electrode[self._reference].comfortable_ua
             times = body.times_threshold(self._reference, strong_ua, WIDTH_US)
-        now_ua = body.told_threshold_ua(electrode, WIDTH_US, times=times)
+        now_ua = body.commanded_threshold_ua(electrode, WIDTH_US, times=times)
         self._true_ua.setdefault(electrode, []).append(now_ua)
 
     def _settle(self, electrode: int) -> None:

@@ -10,7 +10,7 @@ from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from etd.ledger import WINDOW_NS, Ledger
+from etd.safety.ledger import WINDOW_NS, Ledger
 from etd_body.electrode import Contact
 from etd_body.minimal import MinimalBody
 from etd_hal.backend import Backend
@@ -70,10 +70,10 @@ class Witness:
         self._note(now_ns)
         if self._ledger is None:
             return
-        for one, got_pc in enumerate(self.got_pc()):
-            booked_pc = self._ledger.charge_pc(one, now_ns)
+        for electrode, got_pc in enumerate(self.got_pc()):
+            booked_pc = self._ledger.charge_pc(electrode, now_ns)
             if got_pc > booked_pc + _ROUNDING_PC:
-                self.shortfalls.append(Shortfall(when, one, got_pc, booked_pc))
+                self.shortfalls.append(Shortfall(when, electrode, got_pc, booked_pc))
 
     def got_pc(self) -> list[float]:
         """Of each electrode in the last second, but for a message that was under way at its
@@ -102,12 +102,15 @@ class Witness:
         self._accounts_pc.append(self._account_pc())
 
     def _account_pc(self) -> list[float]:
-        return [self._body.absolute_charge_pc(one) for one in range(self._body.electrode_count)]
+        return [
+            self._body.absolute_charge_pc(electrode)
+            for electrode in range(self._body.electrode_count)
+        ]
 
 
 def _carries_current(message: Message) -> bool:
     """Whether any word has one of the DAC's twelve bits."""
-    return any(int.from_bytes(one.tx, "big") & 0x3FFC for one in message.transfers)
+    return any(int.from_bytes(transfer.tx, "big") & 0x3FFC for transfer in message.transfers)
 
 
 class _WatchedSpi:

@@ -85,7 +85,7 @@ class Command:
         """Wait for its end."""
         out, err = self.process.communicate(timeout=WITHIN_S)
         said = [self._unread["stdout"] + out, self._unread["stderr"] + err]
-        return Said(self.process.returncode, *(one.decode() for one in said))
+        return Said(self.process.returncode, *(data.decode() for data in said))
 
 
 class CommandRig:

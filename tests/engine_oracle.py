@@ -13,14 +13,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from etd.link import Report
-from etd.protocol import Clamp, Scan
+from etd.protocol.link import Report
+from etd.protocol.messages import Clamp, Scan
 from rise_witness import RISE_UA, Rise
 from skin_witness import Skin
 from trace_decoder import Facts, Phase, Record, decode, is_led, visits
 
 SECOND_NS = 1_000_000_000
-#: `told_ua` is rounded down to whole uA, charges to whole pC.
+#: `commanded_ua` is rounded down to whole uA, charges to whole pC.
 ROUNDING_PC = 1.0
 
 
@@ -71,7 +71,7 @@ class Story:
     contacts: list[tuple[int, int, float]] = field(default_factory=list)
     presses: list[int] = field(default_factory=list)
     #: (time, electrode, current, width): what a stabilizer asked for, where there was one.
-    wishes: list[tuple[int, int, int, int]] = field(default_factory=list)
+    requests: list[tuple[int, int, int, int]] = field(default_factory=list)
     reports: list[Report] = field(default_factory=list)
     is_probe_first: bool = False
 
@@ -102,7 +102,7 @@ class Visit:
 
     @property
     def current_ua(self) -> float:
-        return max(one.current_ua for one in self.phases)
+        return max(phase.current_ua for phase in self.phases)
 
     @property
     def is_led(self) -> bool:
@@ -111,11 +111,11 @@ class Visit:
 
     @property
     def charge_pc(self) -> float:
-        return sum(one.charge_pc for one in self.phases)
+        return sum(phase.charge_pc for phase in self.phases)
 
     @property
     def on_us(self) -> float:
-        return sum(one.width_us for one in self.phases)
+        return sum(phase.width_us for phase in self.phases)
 
     @property
     def returns(self) -> tuple[int, ...] | None:
@@ -133,9 +133,11 @@ class Oracle:
         self.facts = Facts.of(trace[0])
         self.trace = trace
         self.states = [
-            (one.state.now_ns, one.state.state) for one in story.reports if one.state is not None
+            (report.state.now_ns, report.state.state)
+            for report in story.reports
+            if report.state is not None
         ]
-        self.scans = [one.scan for one in story.reports if one.scan is not None]
+        self.scans = [report.scan for report in story.reports if report.scan is not None]
         self.visits = list(self._visits())
 
     @property
@@ -143,7 +145,7 @@ class Oracle:
         return self.facts.full_scale_ua / (self.facts.codes - 1)
 
     def _state_at(self, t_ns: int) -> str:
-        place = bisect_right(self.states, t_ns, key=lambda one: one[0])
+        place = bisect_right(self.states, t_ns, key=lambda entry: entry[0])
         return self.states[place - 1][1] if place else "SAFE"
 
     def _visits(self) -> Iterator[Visit]:
@@ -164,7 +166,7 @@ class Oracle:
     def _touches(self, electrode: int, chosen: Iterable[int] | None, skin: Skin) -> bool:
         opposite = range(self.story.electrodes) if chosen is None else chosen
         return skin.is_touched(electrode) and any(
-            skin.is_touched(one) for one in opposite if one != electrode
+            skin.is_touched(other) for other in opposite if other != electrode
         )
 
     def _was_safe(self, from_ns: int, to_ns: int) -> bool:
@@ -212,7 +214,7 @@ class Oracle:
 
     def _check_probe(self, visit: Visit) -> None:
         assert visit.current_ua <= self.story.bounds.probe_current_ua
-        assert all(one.width_us <= self.story.bounds.probe_width_us for one in visit.phases)
+        assert all(phase.width_us <= self.story.bounds.probe_width_us for phase in visit.phases)
 
     def check_caps(self) -> None:
         """Its own cap, and those of its returns."""
@@ -222,8 +224,8 @@ class Oracle:
 
     def _check_caps(self, visit: Visit) -> None:
         assert visit.current_ua <= visit.caps_ua[visit.electrode]
-        for one, share in visit.shares.items():
-            assert visit.current_ua * share <= visit.caps_ua[one] + 1e-6
+        for electrode, share in visit.shares.items():
+            assert visit.current_ua * share <= visit.caps_ua[electrode] + 1e-6
         if visit.is_known_open:
             assert visit.current_ua <= self.story.bounds.probe_current_ua
 
@@ -232,7 +234,10 @@ class Oracle:
         most_pc = self.story.bounds.charge_pc + ROUNDING_PC
         for visit in self.visits:
             for way in (True, False):
-                assert sum(one.charge_pc for one in visit.phases if one.is_anodic is way) <= most_pc
+                assert (
+                    sum(phase.charge_pc for phase in visit.phases if phase.is_anodic is way)
+                    <= most_pc
+                )
 
     def check_probes(self) -> None:
         """One at most, weak and short, before the pulse of a frame; of what it finds open, no more
@@ -258,13 +263,13 @@ class Oracle:
             assert max(charge_pc.values()) <= most_pc + ROUNDING_PC * len(window)
             assert pulses[visit.electrode] <= bounds.rate_hz
             assert on_us[visit.electrode] <= bounds.on_us_per_s
-            assert sum(one.charge_pc for one in window) <= bounds.array_mean_current_ua * 1e6
-            assert sum(one.on_us for one in window) <= bounds.array_on_us_per_s
+            assert sum(visit.charge_pc for visit in window) <= bounds.array_mean_current_ua * 1e6
+            assert sum(visit.on_us for visit in window) <= bounds.array_on_us_per_s
 
     def _second_before(self, last: int) -> list[Visit]:
         begun_ns = self.visits[last].begun_ns
         first = bisect_right(
-            self.visits, begun_ns - SECOND_NS, hi=last + 1, key=lambda one: one.begun_ns
+            self.visits, begun_ns - SECOND_NS, hi=last + 1, key=lambda visit: visit.begun_ns
         )
         return self.visits[first : last + 1]
 
@@ -295,7 +300,7 @@ class Oracle:
                 touched[visit.electrode] = Rise()
 
     def _armed_ns(self, t_ns: int) -> int:
-        place = bisect_right(self.states, t_ns, key=lambda one: one[0]) - 1
+        place = bisect_right(self.states, t_ns, key=lambda entry: entry[0]) - 1
         while place and self.states[place - 1][1] == "ARMED":
             place -= 1
         return self.states[place][0]
@@ -303,7 +308,7 @@ class Oracle:
     def check_stops(self) -> None:
         """After a stop line opened, the pulse under way is the last until the next way up."""
         for pressed_ns in self.story.presses:
-            after = [one for one in self.visits if one.begun_ns > pressed_ns]
+            after = [visit for visit in self.visits if visit.begun_ns > pressed_ns]
             if after and after[0].begun_ns > pressed_ns + self.story.bounds.slot_ns:
                 assert self._went_up(pressed_ns, after[0].begun_ns)
             if len(after) > 1:
@@ -323,9 +328,11 @@ class Oracle:
         """What was wanted of this pulse when the limits saw it."""
         assert visit.frame is not None
         asked_ua = visit.frame.current_ua[visit.electrode]
-        for until_ns in sorted(one.from_ns for one in visit.phases):
+        for until_ns in sorted(phase.from_ns for phase in visit.phases):
             wished = [
-                one for one in self.story.wishes if one[1] == visit.electrode and one[0] <= until_ns
+                entry
+                for entry in self.story.requests
+                if entry[1] == visit.electrode and entry[0] <= until_ns
             ]
             # What was asked for before a probe bounds what is asked for behind it.
             if wished:
@@ -347,11 +354,11 @@ class Oracle:
                 continue
             told = self._report_after(visit.begun_ns)
             assert told is not None
-            clamps = [one for one in told.clamped if one.electrode == visit.electrode]
+            clamps = [clamp for clamp in told.clamped if clamp.electrode == visit.electrode]
             if self._has_only_a_probe(visit) and self._is_excused(visit, told):
                 continue
             assert clamps, f"electrode {visit.electrode} was clamped, and nobody was told"
-            assert all(_makes_sense(one) for one in clamps)
+            assert all(_makes_sense(clamp) for clamp in clamps)
 
     def _is_excused(self, visit: Visit, told: Scan) -> bool:
         """A probe with no pulse behind it: named as thinned, or its frame's time was over, or that
@@ -359,18 +366,20 @@ class Oracle:
         """
         assert visit.frame is not None
         until_ns = visit.begun_ns + self.story.bounds.slot_ns
-        if self._wished_for_nothing(visit.electrode, visit.begun_ns, until_ns):
+        if self._requested_nothing(visit.electrode, visit.begun_ns, until_ns):
             return True
         is_over = until_ns >= visit.frame.expires_ns
-        return is_over or any(one.electrode == visit.electrode for one in told.thinned)
+        return is_over or any(
+            shortfall.electrode == visit.electrode for shortfall in told.not_fired
+        )
 
     def check_thinning_is_told(self) -> None:
         """Of each scan but a frame's last, every active electrode got a pulse, or is named."""
         for electrode, from_ns, to_ns in self._missing():
             named: set[int | None] = set()
             for scan in self._reports_about(from_ns, to_ns):
-                named |= {one.electrode for one in scan.clamped}
-                named |= {one.electrode for one in scan.thinned}
+                named |= {clamp.electrode for clamp in scan.clamped}
+                named |= {shortfall.electrode for shortfall in scan.not_fired}
             assert electrode in named, f"electrode {electrode} had no pulse, and nobody was told"
 
     def _reports_about(self, from_ns: int, to_ns: int) -> Iterator[Scan]:
@@ -396,14 +405,14 @@ class Oracle:
                     fired[seq][electrode] += 1
                 elif _is_due(frame, current_ua, fired[seq][electrode]) and following["seq"] == seq:
                     times = remark["t_ns"], following["t_ns"]
-                    if not self._wished_for_nothing(electrode, *times):
+                    if not self._requested_nothing(electrode, *times):
                         yield electrode, *times
 
-    def _wished_for_nothing(self, electrode: int, from_ns: int, to_ns: int) -> bool:
+    def _requested_nothing(self, electrode: int, from_ns: int, to_ns: int) -> bool:
         """A stabilizer that asks for less than one code is not clamped: it has its wish."""
         return any(
-            one == electrode and from_ns <= t_ns <= to_ns and current_ua < self.code_ua
-            for t_ns, one, current_ua, _ in self.story.wishes
+            other == electrode and from_ns <= t_ns <= to_ns and current_ua < self.code_ua
+            for t_ns, other, current_ua, _ in self.story.requests
         )
 
 
@@ -412,11 +421,11 @@ def _is_due(frame: SentFrame, current_ua: int, fired: int) -> bool:
 
 
 def _makes_sense(clamp: Clamp) -> bool:
-    return 0 <= clamp.got_ua < clamp.wanted_ua and clamp.limited_by >= 0
+    return 0 <= clamp.allowed_ua < clamp.wanted_ua and clamp.limited_by >= 0
 
 
 def _scan_remarks(trace: Sequence[Record]) -> list[Record]:
-    return [one for one in trace[1:] if one["bus"] == "engine" and one["event"] == "frame"]
+    return [entry for entry in trace[1:] if entry["bus"] == "engine" and entry["event"] == "frame"]
 
 
 def _sums(
@@ -429,6 +438,6 @@ def _sums(
     for visit in window:
         charge_pc[visit.electrode] += visit.charge_pc
         on_us[visit.electrode] += visit.on_us
-        for one, share in visit.shares.items():
-            charge_pc[one] += visit.charge_pc * share
+        for electrode, share in visit.shares.items():
+            charge_pc[electrode] += visit.charge_pc * share
     return charge_pc, pulses, on_us

@@ -11,17 +11,17 @@ from typing import Any
 
 import msgspec
 
-from etd.array import Array, load_array
-from etd.bodysite import BodySite, load_body_site
-from etd.calibration import Calibration, ElectrodeLimits
-from etd.engine.limits import PersonLimits, limits_of_calibration
-from etd.engine.plan import Planner
-from etd.engine.room import Rules
-from etd.errors import CannotSelect
-from etd.frame import Frame
-from etd.maxima import Maxima, maxima_of
-from etd.shipped import find
-from etd.stabilize.pipeline import NO_FURTHER, Reach
+from etd.files.array import Array, load_array
+from etd.files.body_site import BodySite, load_body_site
+from etd.files.resources import find
+from etd.planning.headroom import PlanRules
+from etd.planning.plan import Planner
+from etd.protocol.calibration import Calibration, ElectrodeLimits
+from etd.protocol.errors import CannotSelect
+from etd.protocol.frame import Frame
+from etd.safety.limits import PersonLimits, limits_of_calibration
+from etd.safety.maxima import Maxima, maxima_of
+from etd.stabilize.pipeline import NO_GAIN, MaxGain
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.cost import CostModel
 from etd_hal.selection import Selection
@@ -68,7 +68,7 @@ def maxima_with(**values: int) -> Maxima:
 
 def calibration(electrodes: int = 16, **changes: Any) -> Calibration:
     """Threshold 1000, comfortable 2000, cap 3000 uA everywhere."""
-    one = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=2_000, cap_ua=3_000)
+    limits = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=2_000, cap_ua=3_000)
     made = Calibration(
         participant="P01",
         body_site="fingertip",
@@ -79,7 +79,7 @@ def calibration(electrodes: int = 16, **changes: Any) -> Calibration:
         returns="all",
         date=datetime.date(2025, 1, 15),
         program="test",
-        electrode=(one,) * electrodes,
+        electrode=(limits,) * electrodes,
     )
     return msgspec.structs.replace(made, **changes)
 
@@ -97,7 +97,7 @@ class AnySelector:
             return Selection(output, everybody & ~(1 << output))
         if not self._can_choose:
             raise CannotSelect(output, "OPEN", "half-bridges")
-        return Selection(output, sum(1 << one for one in returns))
+        return Selection(output, sum(1 << electrode for electrode in returns))
 
 
 def planner(
@@ -108,7 +108,7 @@ def planner(
     site: BodySite | None = None,
     layout: Array | None = None,
     can_choose: bool = True,
-    reach: Reach = NO_FURTHER,
+    max_gain: MaxGain = NO_GAIN,
 ) -> Planner:
     """For a person with these caps; Kajimoto's board, 16 electrodes unless told otherwise."""
     board, site, layout = board or board_file(), site or body_site(), layout or array()
@@ -120,7 +120,7 @@ def planner(
         person = PersonLimits(caps, maxima.width_us, maxima.width_us, None)
     return Planner(
         AnySelector(can_choose=can_choose),
-        Rules(layout, site, maxima, person, 10_000 / 4_095, reach),
+        PlanRules(layout, site, maxima, person, 10_000 / 4_095, max_gain),
         CostModel(board, machine_file(), TIMING),
     )
 
@@ -132,4 +132,4 @@ def frame(**fields: Any) -> Frame:
 def currents(electrodes: int = 16, **only: int) -> tuple[int, ...]:
     """0 everywhere but at the named ones: currents(e3=1000)."""
     wanted = {int(name[1:]): value for name, value in only.items()}
-    return tuple(wanted.get(one, 0) for one in range(electrodes))
+    return tuple(wanted.get(electrode, 0) for electrode in range(electrodes))

@@ -13,11 +13,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from etd.config import LoadedConfig, fake_config
 from etd.engine.loop import Engine
-from etd.engine.sensors import Turns
-from etd.frame import Frame
-from etd.link import (
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.frame import Frame
+from etd.protocol.link import (
     Alive,
     Answer,
     ArmBoard,
@@ -29,7 +28,8 @@ from etd.link import (
     ToEngine,
     ToGateway,
 )
-from etd.protocol import Limits
+from etd.protocol.messages import Limits
+from etd.sensing.sensors import SensorCycle
 from etd.stabilize.pipeline import Stabilizer
 from etd_hal.backend import Backend
 from etd_hal.fake.board import FakeBoard
@@ -74,9 +74,9 @@ class EngineRig:
 
     def __post_init__(self) -> None:
         self.stopper = SteppedStopper(self.engine, self.clock)
-        self._turns = Turns(self.engine.components.rail, self.engine.components.pressure)
+        self._turns = SensorCycle(self.engine.components.rail, self.engine.components.pressure)
 
-    def turn(self) -> None:
+    def step(self) -> None:
         now_ns = self.clock.now_ns()
         self.meanwhile(now_ns)
         if self.is_gateway_alive and now_ns - self._alive_ns >= _ALIVE_NS // 2:
@@ -108,7 +108,7 @@ class EngineRig:
         """Turns until so much time has passed."""
         until_ns = self.clock.now_ns() + int(duration_ms * 1e6)
         while self.clock.now_ns() < until_ns:
-            self.turn()
+            self.step()
 
     @property
     def last_ref(self) -> int:
@@ -129,7 +129,7 @@ class EngineRig:
         until_ns = self.clock.now_ns() + patience_ms * 1_000_000
         while ref not in self.answers:
             assert self.clock.now_ns() < until_ns, "no answer"
-            self.turn()
+            self.step()
         return self.answers.pop(ref)
 
     def open(self, max_current_ua: int = 3_000, width_us: int = 200) -> None:

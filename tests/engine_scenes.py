@@ -15,10 +15,10 @@ from typing import Any
 import msgspec
 
 from engine_rig import LEASE, EngineRig
-from etd.calibration import Calibration, ElectrodeLimits
-from etd.config import LoadedConfig, fake_config
-from etd.link import Answer, LeaseEnded, OpenLease
-from etd.protocol import Clamp, Halt, Scan, Shown, StateReport, Thinned
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.calibration import Calibration, ElectrodeLimits
+from etd.protocol.link import Answer, LeaseEnded, OpenLease
+from etd.protocol.messages import Clamp, Halt, Scan, Shortfall, Shown, StateReport
 from etd_hal.boardfile import Guards
 from trace_decoder import Phase, decode, parse
 
@@ -27,7 +27,7 @@ MS = 1_000_000
 
 def phases(rig: EngineRig, since_ns: int = 0) -> list[Phase]:
     """What flowed, decoded from the SPI and GPIO events."""
-    return [one for one in decode(parse(rig.sink.getvalue())) if one.from_ns >= since_ns]
+    return [phase for phase in decode(parse(rig.sink.getvalue())) if phase.from_ns >= since_ns]
 
 
 def felt_ua(rig: EngineRig, since_ns: int = 0) -> dict[int, float]:
@@ -43,9 +43,9 @@ def moves(rig: EngineRig, name: str, since_ns: int = 0) -> list[tuple[int, int]]
     """(time, level) of one line, by its name in the trace's header."""
     lines = rig.engine.components.loaded.board.used_lines()
     return [
-        (one["t_ns"], one["value"])
-        for one in rig.records
-        if one["bus"] == "gpio" and one["line"] == lines[name] and one["t_ns"] >= since_ns
+        (entry["t_ns"], entry["value"])
+        for entry in rig.records
+        if entry["bus"] == "gpio" and entry["line"] == lines[name] and entry["t_ns"] >= since_ns
     ]
 
 
@@ -58,47 +58,47 @@ def longest_gap_ns(rig: EngineRig, from_ns: int, to_ns: int) -> int:
 def dac_codes(rig: EngineRig, since_ns: int = 0) -> list[tuple[int, int]]:
     """(time, code) of each word sent to the DAC."""
     return [
-        (one["t_ns"], int(one["tx"], 16) >> 2)
-        for one in rig.records
-        if one.get("event") == "transfer" and one["tx"] and one["t_ns"] >= since_ns
+        (entry["t_ns"], int(entry["tx"], 16) >> 2)
+        for entry in rig.records
+        if entry.get("event") == "transfer" and entry["tx"] and entry["t_ns"] >= since_ns
     ]
 
 
 def only(count: int, **wanted_ua: int) -> tuple[int, ...]:
     """0 everywhere but at the named electrodes: only(16, e3=1000)."""
     wanted = {int(name[1:]): value for name, value in wanted_ua.items()}
-    return tuple(wanted.get(one, 0) for one in range(count))
+    return tuple(wanted.get(electrode, 0) for electrode in range(count))
 
 
 # --- reports --------------------------------------------------------------------------------------
 
 
 def scans(rig: EngineRig) -> list[Scan]:
-    return [one.scan for one in rig.reports if one.scan is not None]
+    return [report.scan for report in rig.reports if report.scan is not None]
 
 
 def states(rig: EngineRig) -> list[StateReport]:
-    return [one.state for one in rig.reports if one.state is not None]
+    return [report.state for report in rig.reports if report.state is not None]
 
 
 def halts(rig: EngineRig) -> list[Halt]:
-    return [one.halt for one in rig.reports if one.halt is not None]
+    return [report.halt for report in rig.reports if report.halt is not None]
 
 
 def shown(rig: EngineRig) -> list[Shown]:
-    return [one for scan in scans(rig) for one in scan.shown]
+    return [shown for scan in scans(rig) for shown in scan.shown]
 
 
 def clamps(rig: EngineRig) -> list[Clamp]:
-    return [one for scan in scans(rig) for one in scan.clamped]
+    return [clamp for scan in scans(rig) for clamp in scan.clamped]
 
 
-def thinned(rig: EngineRig) -> list[Thinned]:
-    return [one for scan in scans(rig) for one in scan.thinned]
+def shortfalls(rig: EngineRig) -> list[Shortfall]:
+    return [shortfall for scan in scans(rig) for shortfall in scan.not_fired]
 
 
 def ended_leases(rig: EngineRig) -> list[LeaseEnded]:
-    return [one for one in rig.others if isinstance(one, LeaseEnded)]
+    return [message for message in rig.others if isinstance(message, LeaseEnded)]
 
 
 def first_fault(rig: EngineRig) -> str:
@@ -109,7 +109,7 @@ def first_fault(rig: EngineRig) -> str:
     assert halt is not None
     assert halts(rig)[0] == halt
     assert halt.cause == "fault"
-    return halt.who
+    return halt.source
 
 
 # --- ways into it ---------------------------------------------------------------------------------
@@ -125,7 +125,7 @@ def opened_to(rig: EngineRig, current_ua: int) -> None:
     """As if so much had been fired: how the opening rises by itself is tested at the wire, and
     what was fired for it would be in the ledgers and the maps of everything else.
     """
-    rig.engine.components.opening.fired(0, current_ua, current_ua, rig.clock.now_ns() - 100 * MS)
+    rig.engine.components.soft_start.fired(0, current_ua, current_ua, rig.clock.now_ns() - 100 * MS)
 
 
 def fully_open(rig: EngineRig, current_ua: int = 3_000) -> EngineRig:

@@ -19,8 +19,9 @@ sys.path[:0] = [str(CLONE / "daemon"), str(CLONE / "hal")]
 
 import datetime  # noqa: E402
 
-from etd.array import Array, load_array  # noqa: E402
-from etd.calibration import Calibration, ElectrodeLimits, to_toml  # noqa: E402
+from etd.files.array import Array, load_array  # noqa: E402
+from etd.files.calibration import to_toml  # noqa: E402
+from etd.protocol.calibration import Calibration, ElectrodeLimits  # noqa: E402
 from etd_body.living import LivingBody  # noqa: E402
 from etd_hal.boardfile import load_board  # noqa: E402
 from etd_hal.fake.fingertip import living_fingertip  # noqa: E402
@@ -52,13 +53,13 @@ def calibration_of(array: Array) -> Calibration:
         returns="all",
         date=datetime.date(2025, 1, 15),
         program="etd 0.1.0",
-        electrode=tuple(limits_of(body, one) for one in range(array.count)),
+        electrode=tuple(limits_of(body, electrode) for electrode in range(array.count)),
     )
 
 
 def limits_of(body: LivingBody, electrode: int) -> ElectrodeLimits:
-    threshold_ua = body.told_threshold_ua(electrode, WIDTH_US)
-    pain_ua = body.told_pain_threshold_ua(electrode, WIDTH_US)
+    threshold_ua = body.commanded_threshold_ua(electrode, WIDTH_US)
+    pain_ua = body.commanded_pain_threshold_ua(electrode, WIDTH_US)
     comfortable_ua = min(2.0 * threshold_ua, _COMFORTABLE_BELOW_PAIN * pain_ua, _MOST_UA)
     return ElectrodeLimits(
         threshold_ua=_down(threshold_ua) + _STEP_UA,
@@ -82,5 +83,5 @@ def _down(current_ua: float) -> int:
 
 
 if __name__ == "__main__":
-    for one in sorted(FOLDER.glob("fake-*.toml")):
-        one.write_text(text_of(array_of(one)), encoding="utf-8")
+    for path in sorted(FOLDER.glob("fake-*.toml")):
+        path.write_text(text_of(array_of(path)), encoding="utf-8")

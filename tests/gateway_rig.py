@@ -16,10 +16,10 @@ from typing import Any, Self
 import zmq
 
 from etd.client import clock
+from etd.files.paths import address_of
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
-from etd.link import Greeting
-from etd.places import address_of
+from etd.protocol.link import EngineHello
 from etd_hal.ports import Clock
 from scripted_engine import ScriptedEngine
 
@@ -60,7 +60,7 @@ class GatewayRig:
     """Stepped by the test: `until` gives gateway and engine turns while something is awaited."""
 
     def __init__(
-        self, facts: Greeting | None = None, clock: Clock | None = None, **config: Any
+        self, facts: EngineHello | None = None, clock: Clock | None = None, **config: Any
     ) -> None:
         self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
         root = Path(self._temporary.name)
@@ -110,8 +110,8 @@ class GatewayRig:
 
     def step(self, turns: int = 1) -> None:
         for _ in range(turns):
-            self.gateway.turn(5)
-            self.engine.turn()
+            self.gateway.step(5)
+            self.engine.step()
 
     def until(self, is_there: Callable[[], bool]) -> None:
         """Step until `is_there`; fails if it does not come to be."""
@@ -151,7 +151,7 @@ class GatewayRig:
 class ServedRig(GatewayRig):
     """The same in a thread of its own, for clients that block."""
 
-    def __init__(self, facts: Greeting | None = None, **config: Any) -> None:
+    def __init__(self, facts: EngineHello | None = None, **config: Any) -> None:
         super().__init__(facts, RunningClock(), **config)
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve)

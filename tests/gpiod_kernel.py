@@ -49,11 +49,11 @@ class Kernel:
     def request_lines(self, path: str, consumer: str, config: dict[int, Any]) -> HeldRequest:
         if self.busy & set(config):
             raise OSError(errno.EBUSY, "as told")
-        levels = {line: int(one.output_value.value) for line, one in config.items()}
+        levels = {line: int(entry.output_value.value) for line, entry in config.items()}
         self.granted.append(HeldRequest(10 + len(self.granted), list(config), levels))
         return self.granted[-1]
 
     def ioctl(self, fd: int, request: int, buffer: bytearray) -> int:
         """To whichever request has this file descriptor."""
-        (held,) = [one for one in self.granted if one.fd == fd]
+        (held,) = [held_request for held_request in self.granted if held_request.fd == fd]
         return held.ioctl(fd, request, buffer)

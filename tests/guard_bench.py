@@ -12,7 +12,7 @@ import pytest
 from board_rig import ZERO_WORD, BoardRig
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Message, Transfer
-from etd_hal.watch import Approval, Prepulse
+from etd_hal.switch_shadow import Approval, Prepulse
 
 ON = bytes.fromhex("0664")
 ALL = (1 << 64) - 1

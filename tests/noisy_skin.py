@@ -40,7 +40,7 @@ class NoisySkin:
         spread = random.Random(self.seed)
         each = range(self.electrodes)
         self.threshold_ua = [self.median_ua * exp(spread.gauss(0, self.sigma)) for _ in each]
-        self.pain_ua = [one * spread.uniform(1.3, 4.0) for one in self.threshold_ua]
+        self.pain_ua = [value * spread.uniform(1.3, 4.0) for value in self.threshold_ua]
         self._last = dict.fromkeys(each, 0)
 
     def present(self, electrode: int, current_ua: int) -> Delivered:
@@ -64,7 +64,7 @@ class NoisySkin:
 
     def most_of_pain(self) -> float:
         """The nearest that any presentation came to pain; 1 is pain."""
-        return max(current_ua / self.pain_ua[one] for one, current_ua in self.presented)
+        return max(current_ua / self.pain_ua[electrode] for electrode, current_ua in self.presented)
 
     def error(self, electrode: int, found_ua: int) -> float:
         """How far a threshold lies off the true one, as a part of it."""

@@ -12,8 +12,8 @@ from typing import Any, get_args
 
 import msgspec
 
-from etd.errors import ErrorCode
-from etd.protocol import (
+from etd.protocol.errors import ErrorCode
+from etd.protocol.messages import (
     MAX_MESSAGE_BYTES,
     REPLY_OF_OP,
     TELEMETRY_OF_TOPIC,
@@ -31,7 +31,7 @@ def make_schema() -> dict[str, Any]:
     bodies = list(TELEMETRY_OF_TOPIC.values())
     types = [Request, Failure, *replies, *bodies]
     made, components = msgspec.json.schema_components(types, ref_template=_REF)
-    reference = dict(zip([str(one) for one in types], made, strict=True))
+    reference = dict(zip([str(entry) for entry in types], made, strict=True))
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "etd wire protocol",

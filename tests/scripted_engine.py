@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from etd.link import (
+from etd.protocol.link import (
     Alive,
     Answer,
     Channel,
     Command,
-    Greeting,
+    EngineHello,
     LeaseEnded,
     Listener,
     MeasureContact,
@@ -24,14 +24,14 @@ from etd.link import (
     SetMark,
     ToEngine,
 )
-from etd.protocol import ArrayFacts, BoardFacts, Contact, MaximaFacts, State, StateReport
+from etd.protocol.messages import ArrayFacts, BoardFacts, Contact, MaximaFacts, State, StateReport
 
 ELECTRODES = 4
 
 
-def greeting(backend: str = "fake") -> Greeting:
+def engine_hello(backend: str = "fake") -> EngineHello:
     """Four electrodes in a row."""
-    return Greeting(
+    return EngineHello(
         board=BoardFacts(
             name="scripted",
             backend=backend,
@@ -89,10 +89,10 @@ def full_answer(message: Command | NewFrame) -> Answer:
 class ScriptedEngine:
     """Stepped by `turn`. `answer` decides what is answered; None says nothing."""
 
-    def __init__(self, folder: Path, facts: Greeting | None = None) -> None:
+    def __init__(self, folder: Path, facts: EngineHello | None = None) -> None:
         self._listener = Listener(folder)
         self._channels: tuple[Channel[ToEngine], Channel[NewFrame]] | None = None
-        self._facts = facts or greeting()
+        self._facts = facts or engine_hello()
         self.is_running = True
         self.state: State = "SAFE"
         self.answer: Callable[[Command | NewFrame], Answer | None] = full_answer
@@ -100,7 +100,7 @@ class ScriptedEngine:
         self.heard: list[Command | NewFrame] = []
         self.alive = 0
 
-    def turn(self) -> None:
+    def step(self) -> None:
         """Accept, greet, read everything, answer it. Nothing, once closed."""
         if not self.is_running:
             return
@@ -141,7 +141,7 @@ class ScriptedEngine:
     def leases(self) -> list[OpenLease]:
         return [message for message in self.heard if isinstance(message, OpenLease)]
 
-    def say(self, message: Greeting | Answer | LeaseEnded | Report) -> None:
+    def say(self, message: EngineHello | Answer | LeaseEnded | Report) -> None:
         assert self._channels is not None
         assert self._channels[0].send(message)
 

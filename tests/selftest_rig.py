@@ -9,23 +9,23 @@ import datetime
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from etd.bodysite import load_body_site
-from etd.config import LoadedConfig, fake_config
-from etd.selftest.bed import Asked, Bed, DummyLoad
+from etd.files.body_site import load_body_site
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.files.resources import find
+from etd.selftest.fixture import DummyLoad, Fixture, SelftestOptions
+from etd.selftest.report import Check, Report
 from etd.selftest.run import run
-from etd.selftest_report import Check, Report
-from etd.shipped import find
 from etd_body.electrode import OPEN_CONTACT
 from etd_body.minimal import MinimalBody
 from etd_hal.backend import Backend, Bench
-from etd_hal.bench import Hand, StopName, Understudy
+from etd_hal.bench import KillTestProcess, Operator, StopName
 from etd_hal.boardfile import BoardFile
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
-from etd_hal.fake.hand import FakeHand
-from etd_hal.fake.understudy import FakeUnderstudy
+from etd_hal.fake.kill_test_process import FakeKillTestProcess
+from etd_hal.fake.operator import FakeOperator
 from etd_hal.linesetup import line_setup, spi_setup
 from etd_hal.ports import Message, Spi
 
@@ -60,7 +60,7 @@ class LazyHand:
 class ChangedUnderstudy:
     """The bench's understudy, for a test that changes one thing of it."""
 
-    def __init__(self, inner: Understudy) -> None:
+    def __init__(self, inner: KillTestProcess) -> None:
         self._inner = inner
 
     def take_over(self) -> None:
@@ -118,7 +118,7 @@ class ChargeWatch:
 
     def _charges_pc(self) -> list[float]:
         body = self._body
-        return [body.absolute_charge_pc(one) for one in range(body.electrode_count)]
+        return [body.absolute_charge_pc(electrode) for electrode in range(body.electrode_count)]
 
 
 def _dac_code(word: bytes) -> int:
@@ -139,21 +139,21 @@ class SelftestRig:
     body: MinimalBody
     clock: SteppedClock
     bench: Bench
-    hand: Hand | None
-    asked: Asked
+    operator: Operator | None
+    options: SelftestOptions
     watch: ChargeWatch
-    understudy: FakeUnderstudy
+    kill_test_process: FakeKillTestProcess
 
     def run(self) -> Report:
-        return run(Bed(self.loaded, self.bench, self.hand, self.asked), DATE)
+        return run(Fixture(self.loaded, self.bench, self.operator, self.options), DATE)
 
-    def let_another_be_killed(self, changed: Callable[[Understudy], Understudy]) -> None:
+    def let_another_be_killed(self, changed: Callable[[KillTestProcess], KillTestProcess]) -> None:
         """The bench has another understudy: what is made of the one that it has."""
-        self.bench = replace(self.bench, understudy=changed(self.bench.understudy))
+        self.bench = replace(self.bench, kill_test_process=changed(self.bench.kill_test_process))
 
     @property
     def is_understudy_alive(self) -> bool:
-        return self.understudy.is_alive
+        return self.kill_test_process.is_alive
 
     def rail_v_after_a_while(self) -> float:
         """What is left of the rail when a supply that is off has had its time to fall."""
@@ -177,7 +177,7 @@ class SelftestRig:
 
 def bad(report: Report) -> list[tuple[str, str]]:
     """(stage, name) of what failed, in order."""
-    return [(one.stage, one.name) for one in report.checks if one.result == "fail"]
+    return [(check.stage, check.name) for check in report.checks if check.result == "fail"]
 
 
 def by_name(report: Report) -> dict[str, Check]:
@@ -224,15 +224,17 @@ def selftest_rig(
         *(watch, ports.gpio, ports.i2c, clock, ports.marker, ports.close),
         host_clock=clock,
     )
-    hand = FakeHand(fake.world, clock, really_ohm or {})
+    at_board = FakeOperator(fake.world, clock, really_ohm or {})
     load = second = None
     if load_ohm is not None:
         load = DummyLoad(load_ohm, 1, 2)
         if second_ohm is not None:
             second = DummyLoad(second_ohm, 1, 2)
-        hand.clip(load.resistance_ohm, load.first, load.second)
-    operator: Hand | None = LazyHand() if is_lazy else hand
-    understudy = FakeUnderstudy(fake, loaded.board, ports.gpio, line_setup(loaded.board), clock)
+        at_board.clip(load.resistance_ohm, load.first, load.second)
+    operator: Operator | None = LazyHand() if is_lazy else at_board
+    kill_test_process = FakeKillTestProcess(
+        fake, loaded.board, ports.gpio, line_setup(loaded.board), clock
+    )
     return SelftestRig(
         loaded,
         fake,
@@ -241,11 +243,11 @@ def selftest_rig(
         Bench(
             backend,
             fake.world.host,
-            hand,
-            understudy,
+            at_board,
+            kill_test_process,
         ),
         operator if has_operator else None,
-        Asked(load, one_shot_us, second),
+        SelftestOptions(load, one_shot_us, second),
         watch,
-        understudy,
+        kill_test_process,
     )

@@ -18,7 +18,7 @@ class Skin:
     """See the module. `contacts`: (time, electrode, conductance in S), 0 when lifted."""
 
     def __init__(self, contacts: Sequence[tuple[int, int, float]]) -> None:
-        self._contacts = sorted(contacts, key=lambda one: one[0])
+        self._contacts = sorted(contacts, key=lambda entry: entry[0])
         self._next = 0
         self._touching: set[int] = set()
         self._lifted_ns: dict[int, int] = {}
@@ -34,8 +34,8 @@ class Skin:
                 self._touching.discard(electrode)
                 self._lifted_ns[electrode] = changed_ns
         self._lifted_ns = {
-            one: lifted_ns
-            for one, lifted_ns in self._lifted_ns.items()
+            electrode: lifted_ns
+            for electrode, lifted_ns in self._lifted_ns.items()
             if t_ns - lifted_ns < SECOND_NS
         }
 

@@ -17,16 +17,16 @@ import msgspec
 import zmq
 
 from engine_rig import turn
-from etd.calibration import Calibration
 from etd.client.options import FrameOptions, frame_fields
 from etd.client.session import Flow, R, Session
-from etd.config import LoadedConfig, fake_config
 from etd.engine.loop import Engine
+from etd.files.configuration import LoadedConfig, fake_config
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
-from etd.link import Channel, Listener, NewFrame, ToEngine
-from etd.protocol import TELEMETRY_OF_TOPIC, FrameReply, HelloReply
-from etd.stabilize.settings import NOTHING, Settings
+from etd.protocol.calibration import Calibration
+from etd.protocol.link import Channel, Listener, NewFrame, ToEngine
+from etd.protocol.messages import TELEMETRY_OF_TOPIC, FrameReply, HelloReply
+from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_body.course import STILL, Script
 from etd_body.living import LivingBody
 from etd_hal.backend import Backend
@@ -52,16 +52,16 @@ class SteppedDaemon:
         array: str,
         body_seed: int = 1,
         script: Script = STILL,
-        stabilize: Settings = NOTHING,
+        stabilize: Settings = NO_STABILIZERS,
     ) -> None:
         self.loaded = loaded = _loaded(array, stabilize)
         self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
         self.folder = Path(self._temporary.name)
         self.clock = SteppedClock()
-        places_mm = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
+        positions_mm = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
         source = loaded.board.source
         self.body = LivingBody(
-            places_mm,
+            positions_mm,
             leak_ohm=source.leak_ohm,
             compliance_v=source.compliance_v,
             seed=body_seed,
@@ -124,7 +124,7 @@ class SteppedDaemon:
         """A turn of the engine, and one of the gateway where one is due or waited for."""
         if wait_ms or self.clock.now_ns() - self._gateway_ns >= _GATEWAY_NS:
             self._gateway_ns = self.clock.now_ns()
-            self.gateway.turn(wait_ms)
+            self.gateway.step(wait_ms)
         if not self.engine.has_gateway:
             channels = self._listener.accept()
             if channels is not None:
@@ -141,7 +141,7 @@ class SteppedDaemon:
             if self.engine.components.active.schedule is None:
                 stride_ns = self.clock.now_ns() + _STRIDE_NS
                 self.clock.sleep_until_ns(min(deadline_ns, stride_ns))
-                self.gateway.turn(0)
+                self.gateway.step(0)
             self.step()
 
     def doze_until_ns(self, deadline_ns: int) -> None:

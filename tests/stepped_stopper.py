@@ -39,6 +39,6 @@ class SteppedStopper:
             self._is_under_way = False
             return
         if self.is_looking:
-            self._stopper.look()
+            self._stopper.check()
         self._next_ns += self.period_ns
         self._clock.at(self._next_ns, self._turn)

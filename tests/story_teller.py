@@ -15,11 +15,11 @@ import msgspec
 import engine_rig
 from engine_oracle import Bounds, SentFrame, Story
 from engine_rig import LEASE
-from etd.bodysite import SiteMaxima
-from etd.calibration import Calibration, ElectrodeLimits, currents_of_levels
-from etd.config import LoadedConfig, fake_config
-from etd.frame import Frame, Returns, Ring
-from etd.link import (
+from etd.files.body_site import SiteMaxima
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.calibration import Calibration, ElectrodeLimits, currents_of_levels
+from etd.protocol.frame import Frame, Returns, Ring
+from etd.protocol.link import (
     ArmBoard,
     ClearHalt,
     CloseLease,
@@ -28,7 +28,7 @@ from etd.link import (
     OpenLease,
     StopNow,
 )
-from etd.stabilize.pipeline import Known, Reach, Wish
+from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 from etd_hal.fake.faults import RailOff
@@ -41,21 +41,21 @@ _LEVEL_WIDTH_US, _LEVEL_RATE_HZ = 80, 20.0
 class Asker:
     """A stabilizer that asks for what it was told to ask, one wish after another."""
 
-    def __init__(self, wishes: Sequence[Wish]) -> None:
-        self.wishes = wishes
+    def __init__(self, requests: Sequence[PulseRequest]) -> None:
+        self.requests = requests
         self.clock: Clock | None = None
         self.asked: list[tuple[int, int, int, int]] = []
 
-    reach = Reach(current=100.0, width=2.0, charge=200.0)
+    max_gain = MaxGain(current=100.0, width=2.0, charge=200.0)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Nothing to forget."""
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
+    def adapt(self, pulse_request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
         assert self.clock is not None
-        mine = self.wishes[len(self.asked) % len(self.wishes)]
+        mine = self.requests[len(self.asked) % len(self.requests)]
         now_ns = self.clock.now_ns()
-        self.asked.append((now_ns, known.electrode, mine.current_ua, mine.width_us))
+        self.asked.append((now_ns, estimate.electrode, mine.current_ua, mine.width_us))
         return mine
 
 
@@ -104,12 +104,12 @@ class Setting:
 class Teller:
     """Each verb does something to the engine or its world, whatever state they are in."""
 
-    def __init__(self, setting: Setting, wishes: Sequence[Wish] = ()) -> None:
-        self._asker = Asker(wishes)
+    def __init__(self, setting: Setting, requests: Sequence[PulseRequest] = ()) -> None:
+        self._adapter = Asker(requests)
         self.rig = engine_rig.make(
-            loaded=setting.loaded(), stabilizers=(self._asker,) if wishes else ()
+            loaded=setting.loaded(), stabilizers=(self._adapter,) if requests else ()
         )
-        self._asker.clock = self.rig.clock
+        self._adapter.clock = self.rig.clock
         self.story = Story(
             setting.bounds(), setting.electrodes, is_probe_first=setting.is_probe_first
         )
@@ -163,7 +163,7 @@ class Teller:
         self.rig.ask(MeasureContact, lease=LEASE)
 
     def stop(self) -> None:
-        self.rig.ask(StopNow, who="somebody")
+        self.rig.ask(StopNow, client="somebody")
 
     def clear(self) -> None:
         self.rig.ask(ClearHalt)
@@ -185,8 +185,10 @@ class Teller:
 
     def _look(self, electrodes: Iterable[int]) -> None:
         body = self.rig.fake.world.body
-        for one in electrodes:
-            self.story.contacts.append((self.now_ns, one, body.contact(one).conductance_s))
+        for electrode in electrodes:
+            self.story.contacts.append(
+                (self.now_ns, electrode, body.contact(electrode).conductance_s)
+            )
 
     def press(self, line: StopLine) -> None:
         if getattr(self.rig.engine.components.loaded.board.guards, line) != "absent":
@@ -226,7 +228,9 @@ class Teller:
         if is_streamed:
             self._stream(frame)
             # By its own number: the frame before it may be told as never shown just now.
-            refusals = [one.refused.seq for one in self.rig.reports if one.refused is not None]
+            refusals = [
+                report.refused.seq for report in self.rig.reports if report.refused is not None
+            ]
             error = seq in refusals
         else:
             answer = self.rig.show(sent_ns=sent_ns, **fields)
@@ -239,8 +243,8 @@ class Teller:
 
     def _stream(self, frame: Frame) -> None:
         self.rig.send(sent_ns=frame.sent_ns, **_given(frame))
-        self.rig.turn()
-        self.rig.turn()
+        self.rig.step()
+        self.rig.step()
 
     def _sent(self, frame: Frame, sent_ns: int) -> SentFrame:
         assert self._calibration is not None
@@ -262,7 +266,7 @@ class Teller:
     def _returns(self, returns: Returns | None) -> tuple[tuple[int, ...], ...] | None:
         array = self.rig.engine.components.loaded.array
         if isinstance(returns, Ring):
-            return tuple(array.ring(one, returns.ring_mm) for one in range(array.count))
+            return tuple(array.ring(electrode, returns.ring_mm) for electrode in range(array.count))
         return returns if isinstance(returns, tuple) else None
 
     def end(self) -> list[dict[str, Any]]:
@@ -272,7 +276,7 @@ class Teller:
         problems = self.rig.close()
         assert problems == ()
         self.story.reports = self.rig.reports
-        self.story.wishes = self._asker.asked
+        self.story.requests = self._adapter.asked
         return self.rig.trace()
 
 

@@ -39,7 +39,10 @@ EXCEPTIONS = {
     "daemon/test_client_places.py": {
         *("places.SYSTEM_RUNTIME", "places.SYSTEM_STATE", "places.USER_RUNTIMES")
     },
-    "daemon/test_selftest_gate.py": {"etd.places.SYSTEM_STATE", "etd.selftest_gate.why_not_armed"},
+    "daemon/test_selftest_gate.py": {
+        "etd.files.paths.SYSTEM_STATE",
+        "etd.selftest.arming_gate.arming_refusal",
+    },
     # A channel is filled to its last byte; and the turn in which the engine's end is not read yet.
     "daemon/test_gateway_engine.py": {"gateway._engine", "_engine._channels", "gateway._sockets"},
     "daemon/test_gateway_streams.py": {"gateway._engine", "_engine._channels"},
@@ -146,7 +149,7 @@ def test_no_exception_is_left_that_nothing_needs() -> None:
             "from etd_hal.board import Board\nmonkeypatch.setattr(Board, 'fire', other)",
             {"Board.fire"},
         ),
-        ("monkeypatch.setattr('etd.places.STATE', folder)", {"etd.places.STATE"}),
+        ("monkeypatch.setattr('etd.files.paths.STATE', folder)", {"etd.files.paths.STATE"}),
         ("import os\nmonkeypatch.setattr(os, 'getuid', user)", set()),
         ("rig.listen = gone  # type: ignore[method-assign]", {"rig.listen"}),
         ("rig.engine.answer = lambda _: None", set()),

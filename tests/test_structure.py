@@ -52,7 +52,9 @@ def test_the_search_finds_the_imports_that_are_there(port: str) -> None:
 
 def test_every_module_of_the_hal_is_under_the_contract_that_keeps_backends_apart() -> None:
     linter = tomllib.loads((CLONE / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]
-    contract = next(one for one in linter["contracts"] if one["name"].startswith("only compose"))
+    contract = next(
+        entry for entry in linter["contracts"] if entry["name"].startswith("only compose")
+    )
     hal = (CLONE / "hal" / "etd_hal").iterdir()
     modules = {f"etd_hal.{path.stem}" for path in hal if not path.name.startswith("__")}
     apart = {"etd_hal.compose", "etd_hal.fake", "etd_hal.linux"}

@@ -9,7 +9,7 @@ import bisect
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from etd.protocol import Scan
+from etd.protocol.messages import Scan
 from trace_decoder import Facts, Phase, Record, by_frame, decode, visits
 
 WIDTH_TOLERANCE_US = 1.0
@@ -26,7 +26,7 @@ class Sent:
 
     @property
     def active(self) -> set[int]:
-        return {one for one, current in enumerate(self.current_ua) if current > 0}
+        return {electrode for electrode, current in enumerate(self.current_ua) if current > 0}
 
 
 def one_code_ua(facts: Facts) -> float:
@@ -37,35 +37,35 @@ def check_body(trace: Sequence[Record]) -> None:
     """Each phase of the wires is a record of the body, and the other way round."""
     phases = decode(trace)
     told = [
-        (one["electrode"], one["from_ns"], one["to_ns"], one["asked_ua"])
-        for one in trace[1:]
-        if one["bus"] == "body"
+        (entry["electrode"], entry["from_ns"], entry["to_ns"], entry["asked_ua"])
+        for entry in trace[1:]
+        if entry["bus"] == "body"
     ]
     decoded = [
         (
-            one.electrode,
-            one.from_ns,
-            one.to_ns,
-            round(one.current_ua) * (1 if one.is_anodic else -1),
+            phase.electrode,
+            phase.from_ns,
+            phase.to_ns,
+            round(phase.current_ua) * (1 if phase.is_anodic else -1),
         )
-        for one in phases
+        for phase in phases
     ]
     assert decoded == told
 
 
 def check_what_passes(trace: Sequence[Record]) -> None:
     """What passes the skin is part of what the source is told, and flows the same way."""
-    for one in trace[1:]:
-        if one["bus"] == "body":
-            assert abs(one["current_ua"]) <= abs(one["asked_ua"]) + 1
-            assert one["current_ua"] * one["asked_ua"] >= 0
+    for entry in trace[1:]:
+        if entry["bus"] == "body":
+            assert abs(entry["current_ua"]) <= abs(entry["asked_ua"]) + 1
+            assert entry["current_ua"] * entry["asked_ua"] >= 0
 
 
 def check_frame(sent: Sent, phases: Sequence[Phase], facts: Facts) -> None:
     """Exactly the active electrodes, each with its current, width and phases."""
-    assert {one.electrode for one in phases} == sent.active
+    assert {phase.electrode for phase in phases} == sent.active
     pulses = list(visits(phases))
-    assert {tuple(one.is_anodic for one in pulse) for pulse in pulses} == {sent.phases}
+    assert {tuple(phase.is_anodic for phase in pulse) for pulse in pulses} == {sent.phases}
     for phase in phases:
         assert phase.electrode is not None
         asked_ua = sent.current_ua[phase.electrode]
@@ -78,14 +78,14 @@ def check_frames(sent: Iterable[Sent], trace: Sequence[Record]) -> None:
     facts, by_seq = Facts.of(trace[0]), {one.seq: one for one in sent}
     all_frames = by_frame(decode(trace)).items()
     found = {seq: phases for seq, phases in all_frames if seq >= min(by_seq)}
-    assert found.keys() == {seq for seq, one in by_seq.items() if one.active}
+    assert found.keys() == {seq for seq, sent in by_seq.items() if sent.active}
     for seq, phases in found.items():
         check_frame(by_seq[seq], phases, facts)
 
 
 def check_returns(phases: Iterable[Phase], facts: Facts, returns: dict[int, set[int]]) -> None:
     """The electrodes opposite to each stimulated one are just its returns."""
-    electrode_of = {output: one for one, output in enumerate(facts.electrodes)}
+    electrode_of = {output: electrode for electrode, output in enumerate(facts.electrodes)}
     for phase in phases:
         assert phase.electrode is not None
         opposite = phase.ground if phase.is_anodic else phase.source

@@ -170,7 +170,7 @@ class Wires:
         else:
             high = self.latch if direct else ~self.latch
         everybody = range(self.facts.outputs)
-        source = frozenset(one for one in everybody if high >> one & 1)
+        source = frozenset(electrode for electrode in everybody if high >> electrode & 1)
         return source, frozenset(everybody) - source
 
     def _relay_sides(self) -> tuple[frozenset[int], frozenset[int]] | None:
@@ -179,8 +179,12 @@ class Wires:
         facts, word = self.facts, self.latch
         everybody = range(facts.outputs)
         return (
-            frozenset(one for one in everybody if word >> 2 * one + facts.on_bit & 1),
-            frozenset(one for one in everybody if word >> 2 * one + facts.return_bit & 1),
+            frozenset(
+                electrode for electrode in everybody if word >> 2 * electrode + facts.on_bit & 1
+            ),
+            frozenset(
+                electrode for electrode in everybody if word >> 2 * electrode + facts.return_bit & 1
+            ),
         )
 
 
@@ -211,7 +215,9 @@ class Decoder:
         self.wires = Wires(facts)
         self.dac = Dac()
         self.phases: list[Phase] = []
-        self._electrode_of = {output: one for one, output in enumerate(facts.electrodes)}
+        self._electrode_of = {
+            output: electrode for electrode, output in enumerate(facts.electrodes)
+        }
         self._frame: tuple[int | None, int | None] = (None, None)
         self._scan: int | None = None
         self._since_ns = 0

@@ -117,7 +117,7 @@ class Rules:
         if word is None:
             self._broken(t_ns, "relays copied from stages that nobody has written")
             return
-        if any(word >> 2 * one & 3 == 3 for one in range(self.facts.outputs)):
+        if any(word >> 2 * electrode & 3 == 3 for electrode in range(self.facts.outputs)):
             self._broken(t_ns, "both relays of one electrode are on")
         was = before if before is not None else 0
         if word & ~was and was & ~word:

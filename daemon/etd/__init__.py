@@ -9,7 +9,14 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from etd.errors import AlreadyRunning, DaemonGone, EtdError, FileError, PatternError, Refused
+from etd.protocol.errors import (
+    AlreadyRunning,
+    DaemonGone,
+    EtdError,
+    FileError,
+    PatternError,
+    Refused,
+)
 from etd.version import __version__
 
 if TYPE_CHECKING:

@@ -22,13 +22,13 @@ from collections.abc import Sequence
 
 import msgspec
 
-from etd.errors import BoardFault, BusError, GuardRefusal
-from etd.ledger import Booking, Entry, Ledger
-from etd.stabilize.pipeline import Wish
-from etd_hal.board import Board, Pulse, Shot
+from etd.protocol.errors import BoardFault, BusError, GuardRefusal
+from etd.safety.ledger import Booking, Entry, Ledger
+from etd.stabilize.pipeline import PulseRequest
+from etd_hal.board import Board, Pulse, PulseResult
 from etd_hal.ports import Clock
 from etd_hal.selection import Selection
-from etd_hal.watch import Prepulse
+from etd_hal.switch_shadow import Prepulse
 
 #: Of the mean deviation from plan, by which drift is seen.
 _DRIFT_WEIGHT = 0.02
@@ -42,7 +42,7 @@ class ReadyPulse(msgspec.Struct, frozen=True):
     selection: Selection
     pulse: Pulse
     #: What the pulse was made of: none of its parts is more.
-    given: Wish
+    given: PulseRequest
     #: A probe after `Board.release`, which must reach nobody.
     is_blanked: bool = False
 
@@ -65,11 +65,11 @@ class Firing:
         """Messages take longer or shorter than calibrated, on the mean: calibrate again."""
         return abs(self._deviation_ns) > self._drift_ns
 
-    def forget_drift(self) -> None:
+    def reset_drift(self) -> None:
         """After a calibration."""
         self._deviation_ns = 0.0
 
-    def fire(self, ready: ReadyPulse, phases: Sequence[bool]) -> tuple[Shot, Shot]:
+    def fire(self, ready: ReadyPulse, phases: Sequence[bool]) -> tuple[PulseResult, PulseResult]:
         """Book, then send one message for each phase (True: anodic); all stays connected. Returns
         the first and the last phase's answer.
         """
@@ -84,21 +84,23 @@ class Firing:
         excess_pc = messages * ready.given.current_ua * self._most_excess_us
         return self._ledger.book(ready.entry, self._now_ns(), ready.entry.charge_pc + excess_pc)
 
-    def _send_first(self, booking: Booking, ready: ReadyPulse, is_anodic: bool) -> Shot:
+    def _send_first(self, booking: Booking, ready: ReadyPulse, is_anodic: bool) -> PulseResult:
         try:
-            shot = self._send(booking, ready, is_anodic, booking.begun_ns)
+            result = self._send(booking, ready, is_anodic, booking.begun_ns)
         except GuardRefusal:
             self._ledger.take_back(booking)
             raise
-        self._settle(booking, ready, shot, shot.begun_ns)
-        return shot
+        self._settle(booking, ready, result, result.begun_ns)
+        return result
 
-    def _send_next(self, booking: Booking, ready: ReadyPulse, is_anodic: bool) -> Shot:
-        shot = self._send(booking, ready, is_anodic, self._now_ns())
-        self._settle(booking, ready, shot, booking.begun_ns)
-        return shot
+    def _send_next(self, booking: Booking, ready: ReadyPulse, is_anodic: bool) -> PulseResult:
+        result = self._send(booking, ready, is_anodic, self._now_ns())
+        self._settle(booking, ready, result, booking.begun_ns)
+        return result
 
-    def _send(self, booking: Booking, ready: ReadyPulse, is_anodic: bool, since_ns: int) -> Shot:
+    def _send(
+        self, booking: Booking, ready: ReadyPulse, is_anodic: bool, since_ns: int
+    ) -> PulseResult:
         """`since_ns`: no current of this message can have flowed before."""
         given = ready.given
         try:
@@ -126,9 +128,11 @@ class Firing:
         more_pc = max(0, _flowed_pc(ready.given, now_ns - since_ns) - booked_pc)
         self._ledger.correct(booking, booking.charge_pc + more_pc, now_ns)
 
-    def _settle(self, booking: Booking, ready: ReadyPulse, shot: Shot, begun_ns: int) -> None:
+    def _settle(
+        self, booking: Booking, ready: ReadyPulse, result: PulseResult, begun_ns: int
+    ) -> None:
         """What a message took over its plan bounds how much longer the current flowed."""
-        excess_ns = shot.excess_ns
+        excess_ns = result.excess_ns
         self._deviation_ns += _DRIFT_WEIGHT * (excess_ns - self._deviation_ns)
         charge_pc = booking.charge_pc - ready.given.current_ua * self._most_excess_us
         if excess_ns > 0:
@@ -142,11 +146,11 @@ class Firing:
             )
 
 
-def prepulse_of(given: Wish) -> Prepulse | None:
+def prepulse_of(given: PulseRequest) -> Prepulse | None:
     """As the board takes it."""
     return Prepulse(given.prepulse_ua, given.prepulse_us) if given.prepulse_us else None
 
 
-def _flowed_pc(given: Wish, duration_ns: int) -> int:
+def _flowed_pc(given: PulseRequest, duration_ns: int) -> int:
     """At its full current for so long; rounded up."""
     return -(-given.current_ua * duration_ns // 1_000)

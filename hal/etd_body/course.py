@@ -66,11 +66,11 @@ class Course:
     """See the module."""
 
     def __init__(
-        self, script: Script, places_mm: Sequence[tuple[float, float]], *, seed: int
+        self, script: Script, positions_mm: Sequence[tuple[float, float]], *, seed: int
     ) -> None:
         self.script = script
         self._seed = seed
-        places = np.array(places_mm, dtype=float)
+        places = np.array(positions_mm, dtype=float)
         self._middle_mm: Floats = places.mean(axis=0)
         places -= self._middle_mm
         self._reach_mm = max(float(np.abs(places).max()), 1e-9)
@@ -92,9 +92,9 @@ class Course:
         """What a sensor under the middle of the array would see."""
         return self.script.mean_pressure_kpa * float(np.exp(self._waves(t_s)[0]))
 
-    def pressure_at_kpa(self, t_s: float, place_mm: tuple[float, float]) -> float:
+    def pressure_at_kpa(self, t_s: float, position_mm: tuple[float, float]) -> float:
         """What a sensor there would see; 0 while the skin is off the electrode nearest to it."""
-        place = (np.array(place_mm) - self._middle_mm) / self._reach_mm
+        place = (np.array(position_mm) - self._middle_mm) / self._reach_mm
         nearest = int(((self._places - place) ** 2).sum(axis=1).argmin())
         if self._attached(t_s)[nearest] == 0.0:
             return 0.0
@@ -121,9 +121,9 @@ class Course:
             return attached
         window_s = 60.0 / self.script.peels_per_min
         window = int(t_s // window_s)
-        for one in (window - 1, window):
-            if one >= 0:
-                attached *= self._peeled(one, window_s, t_s)
+        for electrode in (window - 1, window):
+            if electrode >= 0:
+                attached *= self._peeled(electrode, window_s, t_s)
         return attached
 
     def _peeled(self, window: int, window_s: float, t_s: float) -> Floats:

@@ -47,11 +47,11 @@ class _Passed:
 
 
 class LivingBody:
-    """See the module. `places_mm`: where each electrode is, as in an array file."""
+    """See the module. `positions_mm`: where each electrode is, as in an array file."""
 
     def __init__(
         self,
-        places_mm: Sequence[tuple[float, float]],
+        positions_mm: Sequence[tuple[float, float]],
         *,
         leak_ohm: float,
         compliance_v: float,
@@ -60,11 +60,11 @@ class LivingBody:
         figures: SkinFigures = SkinFigures(),  # noqa: B008 - frozen
         spread: NerveSpread = NerveSpread(),  # noqa: B008 - frozen
     ) -> None:
-        count = len(places_mm)
+        count = len(positions_mm)
         self._leak_s = 1.0 / leak_ohm
         self._compliance_v = compliance_v
-        self.skin = Skin(figures, Course(script, places_mm, seed=seed), places_mm, seed=seed)
-        self.sensation = Sensation(Nerves(places_mm, seed=seed, spread=spread))
+        self.skin = Skin(figures, Course(script, positions_mm, seed=seed), positions_mm, seed=seed)
+        self.sensation = Sensation(Nerves(positions_mm, seed=seed, spread=spread))
         self._born_ns: int | None = None
         self._t_ns = 0
         self._looked_ns = 0
@@ -134,10 +134,10 @@ class LivingBody:
         """The strongest of each electrode since the last call."""
         return self.sensation.take()
 
-    def pressure_kpa(self, t_ns: int, place_mm: tuple[float, float]) -> float:
+    def pressure_kpa(self, t_ns: int, position_mm: tuple[float, float]) -> float:
         """What a sensor under the array feels there, at a time that need not be the body's own."""
         t_s = (t_ns - (t_ns if self._born_ns is None else self._born_ns)) * 1e-9
-        return self.skin.course.pressure_at_kpa(max(0.0, t_s), place_mm)
+        return self.skin.course.pressure_at_kpa(max(0.0, t_s), position_mm)
 
     def look_at(self, t_ns: int) -> None:
         """Let time pass to `t_ns` and look at the skin, so that thresholds are those of now."""
@@ -145,7 +145,7 @@ class LivingBody:
         self._look(t_ns)
         self._connect()
 
-    def told_threshold_ua(
+    def commanded_threshold_ua(
         self, electrode: int, width_us: float, polarity: Polarity = "anodic", times: float = 1.0
     ) -> float:
         """What the source must be told for one pulse against all others to be just felt, or for it
@@ -154,37 +154,37 @@ class LivingBody:
         Leak, films, charging and compliance on the way; inf where no current does it.
         """
         skin_ua = times * self.sensation.true_threshold_ua(electrode, width_us, polarity)
-        return self._least_told(electrode, width_us, lambda passed, _: passed >= skin_ua)
+        return self._least_commanded(electrode, width_us, lambda passed, _: passed >= skin_ua)
 
     def times_threshold(
-        self, electrode: int, told_ua: float, width_us: float, polarity: Polarity = "anodic"
+        self, electrode: int, commanded_ua: float, width_us: float, polarity: Polarity = "anodic"
     ) -> float:
-        """How many times what is just felt passes the skin when the source is told `told_ua`: two
-        electrodes where that is the same feel alike. 0 without contact.
+        """How many times what is just felt passes the skin when the source is told `commanded_ua`:
+        two electrodes where that is the same feel alike. 0 without contact.
         """
         way = self._ways.against_all(electrode)
         if way.lone is None:
             return 0.0
-        passed_ua, _ = self._pulse(way, electrode, told_ua, width_us)
+        passed_ua, _ = self._pulse(way, electrode, commanded_ua, width_us)
         return passed_ua / self.sensation.true_threshold_ua(electrode, width_us, polarity)
 
-    def told_pain_threshold_ua(
+    def commanded_pain_threshold_ua(
         self, electrode: int, width_us: float, polarity: Polarity = "anodic"
     ) -> float:
         """The same for what just hurts, by thin fibres or by heat."""
         skin_ua = self.sensation.pain_threshold_ua(electrode, width_us, polarity)
-        return self._least_told(
+        return self._least_commanded(
             electrode,
             width_us,
             lambda passed, heat: passed >= skin_ua or pain_of_heat(heat) >= 1.0,
         )
 
-    def resistance_ohm(self, electrode: int, told_ua: float) -> int:
-        """Of one electrode alone, against a long pulse of `told_ua`."""
-        loop = self._loop_of(self._ways.against_all(electrode), electrode, told_ua * 1e-6)
+    def resistance_ohm(self, electrode: int, commanded_ua: float) -> int:
+        """Of one electrode alone, against a long pulse of `commanded_ua`."""
+        loop = self._loop_of(self._ways.against_all(electrode), electrode, commanded_ua * 1e-6)
         return round(float(self.skin.series_ohm[electrode]) + loop.parallel_ohm)
 
-    def _least_told(
+    def _least_commanded(
         self, electrode: int, width_us: float, does: Callable[[float, float], bool]
     ) -> float:
         """The least current at which `does` (uA through the skin, heat) answers yes."""
@@ -201,9 +201,9 @@ class LivingBody:
         return high
 
     def _pulse(
-        self, way: Way, electrode: int, told_ua: float, width_us: float
+        self, way: Way, electrode: int, commanded_ua: float, width_us: float
     ) -> tuple[float, float]:
-        loop = self._loop_of(way, electrode, told_ua * 1e-6)
+        loop = self._loop_of(way, electrode, commanded_ua * 1e-6)
         passed_ua = loop.advance(0.0, width_us * 1e-6)[1] / width_us * 1e12
         return passed_ua, self._heat(electrode, passed_ua, width_us, loop.parallel_ohm)
 
@@ -225,7 +225,9 @@ class LivingBody:
         skin = self.skin
         self._ways.use_skin()
         self.sensation.set_contacts(skin.radius_mm(), self._ways.conductance_s * skin.is_skin)
-        for electrode in [one for one in self._held_v if not skin.is_touching[one]]:
+        for electrode in [
+            electrode for electrode in self._held_v if not skin.is_touching[electrode]
+        ]:
             del self._held_v[electrode]
 
     def _connect(self) -> None:

@@ -42,9 +42,9 @@ class Gel:
         return self.resistivity_ohm_m * gap_mm * 1e3 / (diameter_mm * self.thickness_mm)
 
 
-def neighbors(places_mm: Sequence[tuple[float, float]]) -> Floats:
+def neighbors(positions_mm: Sequence[tuple[float, float]]) -> Floats:
     """1 for each pair of electrodes next to one another, otherwise 0: (electrodes, electrodes)."""
-    places = np.array(places_mm, dtype=float)
+    places = np.array(positions_mm, dtype=float)
     apart = np.linalg.norm(places[:, None] - places, axis=-1)
     np.fill_diagonal(apart, np.inf)
     return np.asarray((apart <= _NEIGHBOR * apart.min()).astype(float))

@@ -120,12 +120,12 @@ class Nerves:
 
     def __init__(
         self,
-        places_mm: Sequence[tuple[float, float]],
+        positions_mm: Sequence[tuple[float, float]],
         *,
         seed: int,
         spread: NerveSpread = NerveSpread(),
     ) -> None:
-        places = np.array(places_mm, dtype=float)
+        places = np.array(positions_mm, dtype=float)
         count = self.electrode_count = len(places)
         taus = len(TAU_US)
         self.everywhere: Floats = np.zeros((count, taus, ROWS, count))

@@ -65,20 +65,20 @@ class Skin:
         self,
         figures: SkinFigures,
         course: Course,
-        places_mm: Sequence[tuple[float, float]],
+        positions_mm: Sequence[tuple[float, float]],
         *,
         seed: int,
     ) -> None:
-        count = len(places_mm)
+        count = len(positions_mm)
         self.figures = figures
         self.course = course
         self._area = np.exp(np.random.default_rng([seed, 4]).normal(0, figures.area_sigma, count))
-        self._neighbors = neighbors(places_mm)
+        self._neighbors = neighbors(positions_mm)
         self._dry_bridge_s = 1.0 / figures.paste_bridge_ohm
         self._gel_ohm = 0.0
         if figures.gel is not None:
             self._gel_ohm = figures.gel.series_ohm(figures.diameter_mm)
-            gap_mm = _least_gap_mm(places_mm) - figures.diameter_mm
+            gap_mm = _least_gap_mm(positions_mm) - figures.diameter_mm
             self._dry_bridge_s += 1.0 / figures.gel.bridge_ohm(gap_mm, figures.diameter_mm)
         self._put: dict[int, Contact] = {}
         self.series_ohm: Floats = np.zeros(count)
@@ -157,7 +157,7 @@ class Skin:
         self.gain[electrode] = nominal_ohm / contact.resistance_ohm
 
 
-def _least_gap_mm(places_mm: Sequence[tuple[float, float]]) -> float:
-    places = np.array(places_mm, dtype=float)
+def _least_gap_mm(positions_mm: Sequence[tuple[float, float]]) -> float:
+    places = np.array(positions_mm, dtype=float)
     apart = np.linalg.norm(places[:, None] - places, axis=-1)
     return float(apart[apart > 0.0].min())

@@ -99,7 +99,7 @@ class Ways:
     def against_all(self, electrode: int) -> Way:
         """One electrode on the source, all others on ground."""
         count = range(len(self.conductance_s))
-        return self._read(_sorted(tuple(Side(1 if one == electrode else 2) for one in count)))
+        return self._read(_sorted(tuple(Side(1 if other == electrode else 2) for other in count)))
 
     def loop(self, way: Way, electrode: int, source_a: float, leak_s: float, top_v: float) -> Loop:
         """The source, told `source_a`, with the lone electrode as it is at that current."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from etd_hal.bench import Hand, Host, Understudy
+from etd_hal.bench import Host, KillTestProcess, Operator
 from etd_hal.ports import Clock, Gpio, I2c, Marker, Spi
 
 if TYPE_CHECKING:
@@ -72,5 +72,5 @@ class Bench:
     backend: Backend
     host: Host
     #: None where a person stands at the board.
-    hand: Hand | None
-    understudy: Understudy
+    operator: Operator | None
+    kill_test_process: KillTestProcess

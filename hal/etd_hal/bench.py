@@ -93,7 +93,7 @@ class Host(Protocol):
         ...
 
 
-class Understudy(Protocol):
+class KillTestProcess(Protocol):
     """A process in the program's place, there to be killed."""
 
     def take_over(self) -> None:
@@ -118,7 +118,7 @@ class Understudy(Protocol):
         ...
 
 
-class Hand(Protocol):
+class Operator(Protocol):
     """Who stands at the board and does what is asked; each call returns at once."""
 
     def press(self, stop: StopName) -> None:

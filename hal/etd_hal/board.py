@@ -26,8 +26,8 @@ from etd_hal.errors import BoardFault
 from etd_hal.guard import Guard
 from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
 from etd_hal.selection import Selection, Selections, Switch
+from etd_hal.switch_shadow import Approval, Prepulse
 from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
-from etd_hal.watch import Approval, Prepulse
 
 #: The stopper acts when a message is this much over its plan.
 OVERDUE_NS = 1_000_000
@@ -38,21 +38,21 @@ _IDLE_NODE_V = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """One phase, ready to be sent; `told_ua` is what its code tells the source, `prepulse_ua` what
-    the code before it does (0: there is none).
+    """One phase, ready to be sent; `commanded_ua` is what its code tells the source, `prepulse_ua`
+    what the code before it does (0: there is none).
     """
 
-    told_ua: int
+    commanded_ua: int
     code: int
     shape: Shape
     message: Message
     planned_ns: int
     #: Its width, in hundredths at the finest, as it is told.
-    told_us: float
+    commanded_us: float
     prepulse_ua: int = 0
 
 
-class Shot(msgspec.Struct, frozen=True):
+class PulseResult(msgspec.Struct, frozen=True):
     """What came back from one phase.
 
     `baseline_v` is the node's before the pulse, `early_v` 10 us after its beginning, `voltage_v`
@@ -126,7 +126,7 @@ class Board:
         return pulse
 
     def _new_pulse(self, current_ua: int, width_us: int, prepulse: Prepulse | None) -> Pulse:
-        code, told_ua = self._code(current_ua)
+        code, commanded_ua = self._code(current_ua)
         before, before_ua = (0, 0) if prepulse is None else self._code(prepulse.current_ua)
         if prepulse is None or not 0 < before < code:
             before, before_ua = 0, 0
@@ -137,8 +137,8 @@ class Board:
         # Here, because a pulse is chosen while the one before it rests.
         self.guard.spi.prepare(message)
         planned_ns = int(shape.duration_us * 1_000)
-        told_us = round(shape.width_us, 2)
-        return Pulse(told_ua, code, shape, message, planned_ns, told_us, before_ua)
+        commanded_us = round(shape.width_us, 2)
+        return Pulse(commanded_ua, code, shape, message, planned_ns, commanded_us, before_ua)
 
     def _code(self, current_ua: int) -> tuple[int, int]:
         """The code for a current, and what it tells the source."""
@@ -169,7 +169,7 @@ class Board:
         return self._timing
 
     @property
-    def narrowest_us(self) -> int:
+    def min_width_us(self) -> int:
         """The shortest pulse: one word. Raises: BoardFault before the first calibration."""
         return math.ceil(self.timing.word_us)
 
@@ -221,7 +221,7 @@ class Board:
         prepulse: Prepulse | None = None,
         *,
         is_blanked: bool = False,
-    ) -> Shot:
+    ) -> PulseResult:
         """Send one phase; the limits let `current_ua` for `width_us` through, `prepulse` before
         it, and no more. `is_blanked`: a probe after `release`, which must reach nobody.
 
@@ -240,7 +240,7 @@ class Board:
         )
         received = self.guard.spi.fire(pulse.message, pulse.planned_ns)
         begun_ns, ended_ns = self.guard.spi.begun_ns, self.guard.spi.ended_ns
-        return Shot(
+        return PulseResult(
             begun_ns,
             ended_ns,
             ended_ns - begun_ns - pulse.planned_ns,
@@ -364,8 +364,8 @@ class Board:
 
     def _deselect(self, levels: Changes) -> None:
         self.guard.permit(0)
-        self.guard.forget(levels)
-        self.switch.forget()
+        self.guard.reset(levels)
+        self.switch.reset()
         self.guard.gpio.is_making_safe = True
         try:
             self.switch.clear()

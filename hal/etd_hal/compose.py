@@ -28,7 +28,7 @@ from etd_hal.ports import (
 if TYPE_CHECKING:
     from etd_hal.fake.board import FakePorts
     from etd_hal.fake.clock import BoardClock
-    from etd_hal.fake.pressed import SensorUnderArray
+    from etd_hal.fake.pressure_sensors import SensorUnderArray
     from etd_hal.fake.remote import RemotePorts
 
 
@@ -119,7 +119,7 @@ def open_fake(
     board: BoardFile,
     *,
     electrodes: Sequence[int],
-    places_mm: Sequence[tuple[float, float]] | None = None,
+    positions_mm: Sequence[tuple[float, float]] | None = None,
     trace: Path | None = None,
     board_socket: Path | None = None,
     stepped: bool = False,
@@ -128,15 +128,14 @@ def open_fake(
 ) -> Backend:
     """A fake board with a fingertip on it, in this process or behind a board process's socket.
 
-    With `places_mm`, an (x, y) for each electrode, the fingertip lives: it changes, and tells what
-    it feels (`Backend.modelled`). Without, and in a board process, it only conducts.
-    `stepped` time passes only by being spent or slept, in one thread and without sockets;
-    otherwise it follows the real clock. A board process writes its own trace.
-    `timeout_factor` lengthens a frame's ttl, the lease and the gateway's silence, for a machine
-    that is too busy to keep them.
+    With `positions_mm`, an (x, y) for each electrode, the fingertip lives: it changes, and tells
+    what it feels (`Backend.modelled`). Without, and in a board process, it only conducts. `stepped`
+    time passes only by being spent or slept, in one thread and without sockets; otherwise it
+    follows the real clock. A board process writes its own trace. `timeout_factor` lengthens a
+    frame's ttl, the lease and the gateway's silence, for a machine that is too busy to keep them.
     `sensors` under the array feel the fingertip press; a board process has those that it was
-    started with.
-    Raises: BusError (`absent` without a board process, `busy` while another client has it).
+    started with. Raises: BusError (`absent` without a board process, `busy` while another client
+    has it).
     """
     from etd_hal.fake.clock import LiveClock, SteppedClock
     from etd_hal.linux.clock import LinuxClock
@@ -147,7 +146,7 @@ def open_fake(
         backend = _open_board_process(board, board_socket, LiveClock(LinuxClock()))
     else:
         clock = SteppedClock() if stepped else LiveClock(LinuxClock())
-        backend = _open_in_process(board, electrodes, places_mm, trace, clock, sensors)
+        backend = _open_in_process(board, electrodes, positions_mm, trace, clock, sensors)
     return dataclasses.replace(backend, timeout_factor=timeout_factor)
 
 
@@ -161,7 +160,7 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
     from etd_hal.linux import open_lines, open_ports
     from etd_hal.linux.gpio import find_chip, keeps_driving
     from etd_hal.linux.host import LinuxHost
-    from etd_hal.linux.understudy import LentGpio, LinuxUnderstudy
+    from etd_hal.linux.kill_test_process import LentGpio, LinuxKillTestProcess
 
     setup = line_setup(board)
     keeps_pins = keeps_driving(find_chip(board.gpio_chip_labels), setup)
@@ -171,7 +170,7 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
         _on_kernel(spi, lent, i2c, clock),
         LinuxHost(machine, keeps_pins),
         None,
-        LinuxUnderstudy(board, setup, lent),
+        LinuxKillTestProcess(board, setup, lent),
     )
 
 
@@ -183,8 +182,8 @@ def open_fake_bench(board: BoardFile, *, electrodes: Sequence[int]) -> Bench:
     from etd_hal.fake.board import FakeBoard
     from etd_hal.fake.clock import SteppedClock
     from etd_hal.fake.fingertip import untouched
-    from etd_hal.fake.hand import FakeHand
-    from etd_hal.fake.understudy import FakeUnderstudy
+    from etd_hal.fake.kill_test_process import FakeKillTestProcess
+    from etd_hal.fake.operator import FakeOperator
 
     clock = SteppedClock()
     fake = FakeBoard(board, clock, untouched(board, len(electrodes)), electrodes=electrodes)
@@ -193,25 +192,25 @@ def open_fake_bench(board: BoardFile, *, electrodes: Sequence[int]) -> Bench:
     return Bench(
         backend,
         fake.world.host,
-        FakeHand(fake.world, clock),
-        FakeUnderstudy(fake, board, ports.gpio, line_setup(board), clock),
+        FakeOperator(fake.world, clock),
+        FakeKillTestProcess(fake, board, ports.gpio, line_setup(board), clock),
     )
 
 
 def _open_in_process(
     board: BoardFile,
     electrodes: Sequence[int],
-    places_mm: Sequence[tuple[float, float]] | None,
+    positions_mm: Sequence[tuple[float, float]] | None,
     trace: Path | None,
     clock: BoardClock,
     sensors: Sequence[SensorUnderArray],
 ) -> Backend:
     from etd_hal.fake.board import FakeBoard
     from etd_hal.fake.fingertip import fingertip_body, living_fingertip
-    from etd_hal.fake.pressed import lying
+    from etd_hal.fake.pressure_sensors import lying
     from etd_hal.fake.trace import Trace
 
-    living = None if places_mm is None else living_fingertip(board, places_mm)
+    living = None if positions_mm is None else living_fingertip(board, positions_mm)
     fake = FakeBoard(
         board,
         clock,

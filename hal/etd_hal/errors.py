@@ -8,7 +8,7 @@
     ├── CannotSelect       the board has no such state of an output: output, wanted
     └── FileError          a file says something that cannot be: file, key, value, allowed
 
-(`etd.errors` adds what can be wrong with a frame, a request or a daemon.)
+(`etd.protocol.errors` adds what can be wrong with a frame, a request or a daemon.)
 
 Owns: what can go wrong at the edge, with fields. Must not know: frames, clients.
 """

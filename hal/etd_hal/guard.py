@@ -19,7 +19,7 @@ alone on its side and at least one on the other. What counts to the rate, and wh
 visit, is in `visitrule.py`.
 A message within the probe's bounds may also be approved for outputs that are blanked, or relays
 that are all open.
-The rules for GPIO are in `watch.py`, with the decoding of the switch.
+The rules for GPIO are in `switch_shadow.py`, with the decoding of the switch.
 
 While the stopper's cut stands (`cutlatch.py`) nothing passes to the lines, and no message that was
 given a plan to the bus: the lines are not as the guard's picture has them, and a change that is
@@ -35,8 +35,8 @@ from etd_hal.boardfile import BoardFile, MachineFile, Relays
 from etd_hal.cutlatch import CutLatch
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Changes, Clock, Edge, Gpio, Message, Spi, Transfer
+from etd_hal.switch_shadow import Approval, HalfBridgeShadow, RelayShadow, SwitchShadow
 from etd_hal.visitrule import VisitRule, longest_flip_ns
-from etd_hal.watch import Approval, HalfBridgeWatch, RelayWatch, SwitchWatch
 
 _LONGEST_DELAY_US = 10
 _MOST_WORDS = 32
@@ -87,10 +87,10 @@ class Guard:
         self._verdicts: dict[Message, Decoded] = {}
         self._permitted_ua = 0
         self._approval: Approval | None = None
-        self.switch: SwitchWatch = (
-            RelayWatch(board.switch, clock)
+        self.switch: SwitchShadow = (
+            RelayShadow(board.switch, clock)
             if isinstance(board.switch, Relays)
-            else HalfBridgeWatch(board.switch, _hv_line(board))
+            else HalfBridgeShadow(board.switch, _hv_line(board))
         )
         flip_ns = longest_flip_ns(board, machine)
         self._visits = VisitRule(board.maxima.rate_hz, flip_ns, self.switch)
@@ -106,13 +106,13 @@ class Guard:
         """For the next pulse, and that one only."""
         self._approval = approval
 
-    def forget(self, levels: Changes) -> None:
+    def reset(self, levels: Changes) -> None:
         """After safe_off: these levels are known, the registers are not. Without that of the supply
         it is as it was.
         """
         self._approval = None
-        self._visits.forget()
-        self.switch.forget(levels)
+        self._visits.reset()
+        self.switch.reset(levels)
 
     def check(self, message: Message) -> None:
         """Raises: GuardRefusal. Nothing has been sent then."""
@@ -309,7 +309,7 @@ class GuardedGpio:
     """The port that switches."""
 
     def __init__(
-        self, switch: SwitchWatch, gpio: Gpio, cut: CutLatch, safe_changes: Changes
+        self, switch: SwitchShadow, gpio: Gpio, cut: CutLatch, safe_changes: Changes
     ) -> None:
         self._switch = switch
         self._gpio = gpio

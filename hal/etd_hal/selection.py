@@ -46,11 +46,11 @@ class Selections:
         Raises: CannotSelect, where the board has no open state, or an output is not there.
         """
         outputs = self._switch.outputs
-        for one in (output, *(returns or ())):
-            if not 0 <= one < outputs:
-                raise CannotSelect(one, "selected", f"the board has {outputs}")
+        for electrode in (output, *(returns or ())):
+            if not 0 <= electrode < outputs:
+                raise CannotSelect(electrode, "selected", f"the board has {outputs}")
         others = ((1 << outputs) - 1) & ~(1 << output)
-        wanted = others if returns is None else sum({1 << one for one in returns})
+        wanted = others if returns is None else sum({1 << electrode for electrode in returns})
         if wanted & ~others:
             raise CannotSelect(output, "selected", "it is among its own returns")
         if not wanted:
@@ -103,7 +103,7 @@ class Switch(Protocol):
         """Nothing selected in the register either."""
         ...
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """After an error, and after safe_off: the next `prepare` writes everything."""
         ...
 

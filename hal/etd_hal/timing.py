@@ -93,7 +93,7 @@ class Timing:
         """
         count = math.ceil(left_us / (LONGEST_DELAY_US + self.delay_extra_us))
         held_us, more_us = (
-            math.floor(left_us - one * self.delay_extra_us) for one in (count, count + 1)
+            math.floor(left_us - delays * self.delay_extra_us) for delays in (count, count + 1)
         )
         if more_us > count and more_us + self.delay_extra_us >= held_us + _CLOSER_US:
             count, held_us = count + 1, more_us

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import msgspec
 
-from etd_hal import allowed
+from etd_hal import schema_hints
 from etd_hal.errors import FileError
 
 T = TypeVar("T")
@@ -79,8 +79,8 @@ def _sentences(data: object, kind: type, key: str, what: str) -> tuple[str, str]
     field = re.search(r"field `(.*)`$", what)
     if field is not None:
         return what[0].lower() + what[1:], _about_field(data, kind, key, field[1], what)
-    may_stand, found = allowed.place(kind, data, key)
-    words = allowed.in_words(may_stand)
+    may_stand, found = schema_hints.key_path(kind, data, key)
+    words = schema_hints.in_words(may_stand)
     if not words:
         return _told(found), what
     return _told(found), f"give {words}{_not(what)}{_meant(found, may_stand)}"
@@ -88,11 +88,11 @@ def _sentences(data: object, kind: type, key: str, what: str) -> tuple[str, str]
 
 def _about_field(data: object, kind: type, key: str, field: str, what: str) -> str:
     if "missing" in what:
-        may_stand, _ = allowed.place(kind, data, f"{key}.{field}")
-        return f"write it, {allowed.in_words(may_stand)}: nothing here has a default"
-    table, _ = allowed.place(kind, data, key)
-    keys = allowed.keys_of(table)
-    return f"remove it, or correct its name{allowed.meant(field, keys)}: {', '.join(keys)}"
+        may_stand, _ = schema_hints.key_path(kind, data, f"{key}.{field}")
+        return f"write it, {schema_hints.in_words(may_stand)}: nothing here has a default"
+    table, _ = schema_hints.key_path(kind, data, key)
+    keys = schema_hints.keys_of(table)
+    return f"remove it, or correct its name{schema_hints.meant(field, keys)}: {', '.join(keys)}"
 
 
 def _not(what: str) -> str:
@@ -101,8 +101,8 @@ def _not(what: str) -> str:
     return f", not {_KINDS[other[1]]}" if other is not None and other[1] in _KINDS else ""
 
 
-def _meant(found: object, may_stand: allowed.Alternatives) -> str:
-    return allowed.meant(found, allowed.words_of_choice(may_stand))
+def _meant(found: object, may_stand: schema_hints.Alternatives) -> str:
+    return schema_hints.meant(found, schema_hints.words_of_choice(may_stand))
 
 
 def _told(found: object) -> str:

@@ -37,7 +37,7 @@ from typing import Literal
 
 from etd_hal.boardfile import BoardFile, MachineFile, Relays
 from etd_hal.errors import GuardRefusal
-from etd_hal.watch import Approval, SwitchWatch
+from etd_hal.switch_shadow import Approval, SwitchShadow
 
 VisitState = Literal["idle", "probed", "fired"]
 
@@ -63,7 +63,7 @@ def longest_flip_ns(board: BoardFile, machine: MachineFile) -> int:
 class VisitRule:
     """See the module. One a guard."""
 
-    def __init__(self, rate_hz: int, flip_ns: int, switch: SwitchWatch) -> None:
+    def __init__(self, rate_hz: int, flip_ns: int, switch: SwitchShadow) -> None:
         self._rate_hz = rate_hz
         self._flip_ns = flip_ns
         self._switch = switch
@@ -76,7 +76,7 @@ class VisitRule:
         self._charge_nc = 0.0
         self._reverse_until_ns = 0
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """After the safe state: no visit is under way. What was counted stays counted."""
         self.state = "idle"
 
@@ -111,7 +111,7 @@ class VisitRule:
             self._begin(approval, now_ns)
             self.state = "probed" if is_probe else "fired"
         self._source, self._ground = approval.source, approval.ground
-        self._moves, self._switched = self._switch.moves, self._switch.switched
+        self._moves, self._switched = self._switch.edge_count, self._switch.switched
         self._charge_nc = longest_nc
         self._reverse_until_ns = now_ns + int(longest_us * 1_000) + self._flip_ns
 
@@ -121,7 +121,7 @@ class VisitRule:
             approval.source == self._source
             and approval.ground == self._ground
             and not approval.is_blanked
-            and self._switch.moves == self._moves
+            and self._switch.edge_count == self._moves
         )
 
     def _is_reverse(self, approval: Approval, now_ns: int) -> bool:

@@ -31,7 +31,10 @@ class BodyFigures:
 def measure(side: int) -> BodyFigures:
     """A square of `side` electrodes a side on a finger that sweats, presses and peels."""
     count = side * side
-    places = [(_PITCH_MM * (one % side), _PITCH_MM * (one // side)) for one in range(count)]
+    places = [
+        (_PITCH_MM * (electrode % side), _PITCH_MM * (electrode // side))
+        for electrode in range(count)
+    ]
     begun_s = _used_s()
     body = LivingBody(places, leak_ohm=66_000, compliance_v=300.0, seed=1, script=BUSY)
     set_up_s = _used_s()
@@ -52,7 +55,7 @@ def measure(side: int) -> BodyFigures:
 
 
 def _alone(electrode: int, count: int) -> Sides:
-    return tuple(Side.SOURCE if one == electrode else Side.GROUND for one in range(count))
+    return tuple(Side.SOURCE if other == electrode else Side.GROUND for other in range(count))
 
 
 def _used_s() -> float:

@@ -22,9 +22,9 @@ CLONE = Path(__file__).parents[2]
 sys.path[:0] = [str(CLONE / "daemon"), str(CLONE / "hal"), str(CLONE / "tests")]
 
 from calibrated_body import Outcome, calibrate_body, reference_of  # noqa: E402
-from etd.calibration import Method  # noqa: E402
-from etd.config import fake_config  # noqa: E402
-from etd.errors import FileError, Refused  # noqa: E402
+from etd.files.configuration import fake_config  # noqa: E402
+from etd.protocol.calibration import Method  # noqa: E402
+from etd.protocol.errors import FileError, Refused  # noqa: E402
 from etd_body.course import LYING, STILL, Script  # noqa: E402
 
 WITHIN = 0.10
@@ -75,7 +75,7 @@ def main() -> int:
                     f"{job.skin} {' '.join(job.methods)} seed {job.seed}: {found}", file=sys.stderr
                 )
                 continue
-            rows += [row_of(job, method, one) for method, one in found.items()]
+            rows += [row_of(job, method, outcome) for method, outcome in found.items()]
             if not args.json:
                 print("\n".join(map(line_of, rows[-len(found) :])), flush=True)
     ok = refused == 0 and all(row["ok"] for row in rows)
@@ -105,7 +105,9 @@ def jobs(args: argparse.Namespace) -> Iterator[Job]:
     for skin in args.skin or SKINS:
         for seed in args.seeds or SEEDS[skin]:
             for methods in SITTINGS:
-                last = max((i for i, one in enumerate(methods, 1) if one in wanted), default=0)
+                last = max(
+                    (i for i, method in enumerate(methods, 1) if method in wanted), default=0
+                )
                 if last:
                     yield Job(args.array, args.electrodes, skin, seed, methods[:last])
 

@@ -18,8 +18,8 @@ from pathlib import Path
 from bench.modelled import CURRENT_UA, ELECTRODES, WIDTH_US
 from etd.client import Display, clock
 from etd.client.telemetry import Telemetry
-from etd.places import CONTROL, address_of
-from etd.protocol import Scan
+from etd.files.paths import CONTROL, address_of
+from etd.protocol.messages import Scan
 
 _HERE = Path(__file__).resolve().parent
 _READY_WITHIN_NS = 20_000_000_000

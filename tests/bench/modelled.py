@@ -11,12 +11,12 @@ from itertools import pairwise
 import msgspec
 
 import engine_rig
-from etd.config import LoadedConfig, fake_config
-from etd.shipped import find
-from etd.stabilize.contact import ContactLaw
-from etd.stabilize.lines import LinesLaw
-from etd.stabilize.pressure import PressureLaw
-from etd.stabilize.settings import NOTHING, Settings
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.files.resources import find
+from etd.stabilize.contact import ContactSettings
+from etd.stabilize.linear_law import LinearLawSettings
+from etd.stabilize.pressure import PressureSettings
+from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.boardfile import load_machine
 from trace_decoder import Record
 
@@ -58,16 +58,18 @@ class ScanFigures:
 
 #: One law of each kind, with their default figures; of those by resistance the costliest.
 STABILIZED = Settings(
-    order=("pressure", "lines", "contact"),
-    pressure=PressureLaw(),
-    lines=LinesLaw(),
-    contact=ContactLaw(),
+    order=("pressure", "linear_law", "contact"),
+    pressure=PressureSettings(),
+    linear_law=LinearLawSettings(),
+    contact=ContactSettings(),
 )
 #: The same, with a probe before every pulse.
 AHEAD = msgspec.structs.replace(STABILIZED, probe_first=True)
 
 
-def loaded_with(rest_us: int, machine: str = "pi4", stabilize: Settings = NOTHING) -> LoadedConfig:
+def loaded_with(
+    rest_us: int, machine: str = "pi4", stabilize: Settings = NO_STABILIZERS
+) -> LoadedConfig:
     """The fake's own configuration, with another rest, and perhaps on another machine."""
     loaded = fake_config(electrodes=ELECTRODES)
     return replace(
@@ -93,7 +95,7 @@ def limit_us(loaded: LoadedConfig) -> float:
     return ELECTRODES * each_us
 
 
-def engine_scan(rest_us: int, stabilize: Settings = NOTHING) -> ScanFigures:
+def engine_scan(rest_us: int, stabilize: Settings = NO_STABILIZERS) -> ScanFigures:
     """All electrodes active, in scan order; the slowest of a few scans."""
     loaded = loaded_with(rest_us, stabilize=stabilize)
     rig = engine_rig.make(loaded=loaded)
@@ -115,13 +117,13 @@ def engine_scan(rest_us: int, stabilize: Settings = NOTHING) -> ScanFigures:
 
 def _whole_scans(trace: list[Record], messages: int) -> list[list[Record]]:
     """The bus events from one scan's remark to the next one's, where all electrodes had a pulse."""
-    starts = [place for place, one in enumerate(trace) if one.get("event") == "frame"]
+    starts = [place for place, entry in enumerate(trace) if entry.get("event") == "frame"]
     scans = [trace[begin:end] for begin, end in pairwise(starts)]
     return [scan for scan in scans if _messages(scan) == messages]
 
 
 def _messages(scan: list[Record]) -> int:
-    return sum(one.get("event") == "message" for one in scan)
+    return sum(entry.get("event") == "message" for entry in scan)
 
 
 def _figures(scan: list[Record], loaded: LoadedConfig) -> ScanFigures:

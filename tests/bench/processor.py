@@ -16,10 +16,10 @@ from bench.modelled import CURRENT_UA, ELECTRODES, WIDTH_US, loaded_with, messag
 from engine_rig import turn
 from etd.client import clock as real_clock
 from etd.engine.loop import Engine
-from etd.frame import Frame
-from etd.link import Alive, ArmBoard, Channel, NewFrame, OpenLease, ToEngine, ToGateway
-from etd.protocol import Limits
-from etd.stabilize.settings import NOTHING, Settings
+from etd.protocol.frame import Frame
+from etd.protocol.link import Alive, ArmBoard, Channel, NewFrame, OpenLease, ToEngine, ToGateway
+from etd.protocol.messages import Limits
+from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
 from etd_hal.compose import NoMarker
 from etd_hal.ports import Changes, Edge, Message
@@ -91,16 +91,18 @@ class FreeSpi:
 
 def answer(message: Message) -> tuple[bytes, ...]:
     """A touched electrode holds the node in proportion to the current."""
-    words = [int.from_bytes(one.tx, "big") >> 2 for one in message.transfers if one.tx]
+    words = [
+        int.from_bytes(transfer.tx, "big") >> 2 for transfer in message.transfers if transfer.tx
+    ]
     sample = (int(max(words) * ADC_CODES_PER_DAC_CODE) << 2).to_bytes(2, "big")
     return (b"\0\0", *(sample,) * (len(words) - 1))
 
 
 def message_ns(message: Message) -> int:
     """How long a message lasts, by round figures of a Raspberry Pi 4."""
-    words = sum(1 for one in message.transfers if one.tx)
+    words = sum(1 for transfer in message.transfers if transfer.tx)
     pauses = len(message.transfers) - words
-    held_ns = sum(one.delay_us for one in message.transfers) * 1_000
+    held_ns = sum(transfer.delay_us for transfer in message.transfers) * 1_000
     return _MESSAGE_NS + (words - 1) * _WORD_NS + pauses * _DELAY_NS + held_ns
 
 
@@ -117,7 +119,7 @@ class FreeGpio:
         return ()
 
 
-def measure(scans: int, stabilize: Settings = NOTHING) -> ProcessorFigures:
+def measure(scans: int, stabilize: Settings = NO_STABILIZERS) -> ProcessorFigures:
     """Pulses of `scans` scans of 64 electrodes, the first of them left out to warm up."""
     clock = FreeClock()
     spi = FreeSpi(clock)
@@ -187,7 +189,7 @@ def _armed(
 def _open_up(engine: Engine, gateway: Ends) -> None:
     """Hold frames until the opening lets the current through."""
     seq = 0
-    while engine.components.opening.ceiling_ua < CURRENT_UA:
+    while engine.components.soft_start.ceiling_ua < CURRENT_UA:
         gateway[0].send(Alive())
         gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
         for _ in range(20):
@@ -199,7 +201,7 @@ def _open_up(engine: Engine, gateway: Ends) -> None:
 
 def _turn(engine: Engine) -> None:
     """With a look of the stopper, whose thread is not part of the figures."""
-    engine.components.stopper.look()
+    engine.components.stopper.check()
     turn(engine)
 
 

@@ -117,7 +117,7 @@ def compare(rest_us: int) -> Comparison:
         modelled.engine_scan(rest_us, modelled.AHEAD),
         script.scan_us,
         script.calls_per_pulse,
-        tuple(one.scan_us for one in gpiod),
+        tuple(script_figures.scan_us for script_figures in gpiod),
         ELECTRODES * (2 * ESP32_WORD_US + WIDTH_US + rest_us),
     )
 
@@ -131,9 +131,9 @@ def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None
     console.print(_processor_table(figures["processor"], figures["stabilized"], figures["ahead"]))
     console.print(_latency_table(figures["latency"]))
     console.print(_body_table(figures["body"]))
-    for one in bounds:
-        verdict = "[green]met[/]" if one.is_met else "[red]MISSED[/]"
-        console.print(f"{verdict}  {one.what}: {one.value:g} (bound {one.bound:g})")
+    for bound in bounds:
+        verdict = "[green]met[/]" if bound.is_met else "[red]MISSED[/]"
+        console.print(f"{verdict}  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
 
 
 def _scan_table(found: Comparison, measured: processor.ProcessorFigures) -> Table:
@@ -198,12 +198,16 @@ def _processor_table(
         table.add_column(column, justify="left" if not column else "right")
     factor = processor.PI4_FACTOR
     kinds = (("", found), (", with stabilizers", stabilized), (", and a probe first", ahead))
-    for what, one in kinds:
-        table.add_row(f"here{what}", f"{one.median_us:.1f} us", f"{one.p99_us:.1f} us")
+    for what, processor_figures in kinds:
+        table.add_row(
+            f"here{what}",
+            f"{processor_figures.median_us:.1f} us",
+            f"{processor_figures.p99_us:.1f} us",
+        )
         table.add_row(
             f"on a Pi 4, {factor:g} times slower{what}",
-            f"{one.median_us * factor:.0f} us",
-            f"{one.p99_us * factor:.0f} us",
+            f"{processor_figures.median_us * factor:.0f} us",
+            f"{processor_figures.p99_us * factor:.0f} us",
         )
     return table
 
@@ -212,10 +216,17 @@ def _latency_table(found: list[latency.LatencyFigures]) -> Table:
     table = Table(title="frame sent to first pulse: gateway and engine in processes, measured here")
     for column in ("", "sent", "shown", "p50", "p99", "p99.9"):
         table.add_column(column, justify="left" if not column else "right")
-    for one in found:
-        times = (f"{us / 1_000:.2f} ms" for us in (one.p50_us, one.p99_us, one.p999_us))
-        load = f"{one.load} ({one.cut_short} cut short: {one.why})" if one.cut_short else one.load
-        table.add_row(load, str(one.sent), str(one.shown), *times)
+    for latency_figures in found:
+        times = (
+            f"{us / 1_000:.2f} ms"
+            for us in (latency_figures.p50_us, latency_figures.p99_us, latency_figures.p999_us)
+        )
+        load = (
+            f"{latency_figures.load} ({latency_figures.cut_short} cut short: {latency_figures.why})"
+            if latency_figures.cut_short
+            else latency_figures.load
+        )
+        table.add_row(load, str(latency_figures.sent), str(latency_figures.shown), *times)
     return table
 
 
@@ -225,12 +236,12 @@ def _body_table(found: list[body.BodyFigures]) -> Table:
     )
     for column in ("electrodes", "to set up", "for the scans", "a pulse"):
         table.add_column(column, justify="right")
-    for one in found:
+    for body_figures in found:
         table.add_row(
-            str(one.electrodes),
-            f"{one.setup_s:.2f} s",
-            f"{one.busy_s:.2f} s",
-            f"{one.pulse_us:.0f} us",
+            str(body_figures.electrodes),
+            f"{body_figures.setup_s:.2f} s",
+            f"{body_figures.busy_s:.2f} s",
+            f"{body_figures.pulse_us:.0f} us",
         )
     return table
 
@@ -254,18 +265,18 @@ def main() -> int:
     bounds.append(at_most("a second of the body with 64 electrodes, s", busy_s, MOST_BODY_S))
     if args.json:
         plain = {
-            "scans": [asdict(one) for one in comparisons],
+            "scans": [asdict(comparison) for comparison in comparisons],
             "processor": asdict(figures["processor"]),
             "stabilized": asdict(figures["stabilized"]),
             "ahead": asdict(figures["ahead"]),
-            "latency": [asdict(one) for one in figures["latency"]],
-            "body": [asdict(one) for one in figures["body"]],
-            "bounds": [asdict(one) for one in bounds],
+            "latency": [asdict(figure) for figure in figures["latency"]],
+            "body": [asdict(figure) for figure in figures["body"]],
+            "bounds": [asdict(bound) for bound in bounds],
         }
         print(json.dumps(plain))
     else:
         show(Console(), figures, bounds)
-    return 0 if all(one.is_met for one in bounds) else 1
+    return 0 if all(bound.is_met for bound in bounds) else 1
 
 
 if __name__ == "__main__":

@@ -107,8 +107,8 @@ def show(console: Console, found: list[SteadyFigures], held: list[Bound], said: 
     table = Table(title=f"felt strength, modelled: {said}")
     for column in ("", *steady_docs.COLUMNS):
         table.add_column(column, justify="right" if column else "left")
-    for one in found:
-        table.add_row(one.name, *steady_docs.cells(one))
+    for steady_figures in found:
+        table.add_row(steady_figures.name, *steady_docs.cells(steady_figures))
     table.caption = (
         "felt: 1 is the threshold; over time, over electrodes: standard deviation over mean, firm"
         " contacts only; not felt, above pain: of the scans of an electrode (how many of them);"
@@ -152,15 +152,15 @@ def main() -> int:
         f" seeds {args.seeds}; {looked_at} each one's {MINUTES:g} min"
     )
     if args.json:
-        told = [asdict(one) for one in found.values()]
+        told = [asdict(steady_figures) for steady_figures in found.values()]
         plain = {"conditions": said, "seeds": args.seeds, "laws": told}
-        print(json.dumps(plain | {"bounds": [asdict(one) for one in held]}))
+        print(json.dumps(plain | {"bounds": [asdict(bound) for bound in held]}))
     else:
         show(Console(width=None if sys.stdout.isatty() else 130), list(found.values()), held, said)
     if args.write_docs:
         steady_docs.write(steady_docs.PAGE, list(found.values()), held, said)
         steady_plots.write(PLOTS, {name: runs[0] for name, runs in kept.items()})
-    return 0 if all(one.is_met for one in held) else 1
+    return 0 if all(bound.is_met for bound in held) else 1
 
 
 if __name__ == "__main__":

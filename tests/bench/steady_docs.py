@@ -20,19 +20,22 @@ COLUMNS = (
 )
 
 
-def cells(one: SteadyFigures) -> tuple[str, ...]:
+def cells(steady_figures: SteadyFigures) -> tuple[str, ...]:
     """Of a row, in the order of `COLUMNS`."""
     return (
-        f"{one.mean_felt:.2f}",
-        f"{one.over_time:.1%}",
-        f"{one.over_electrodes:.1%}",
-        f"{one.below_threshold:.1%}",
-        f"{one.above_pain:.3%} ({one.scans_above_pain})",
-        f"{one.most_pain:.2f}",
-        "-" if one.recontact_step is None else f"{one.recontact_step:.2f}",
-        "-" if one.recontact_step_mean is None else f"{one.recontact_step_mean:.2f}",
-        f"{one.recontacts_above} of {one.recontacts}, {one.recontacts_not_judged} not judged",
-        f"{one.recontacts_above_later}",
+        f"{steady_figures.mean_felt:.2f}",
+        f"{steady_figures.over_time:.1%}",
+        f"{steady_figures.over_electrodes:.1%}",
+        f"{steady_figures.below_threshold:.1%}",
+        f"{steady_figures.above_pain:.3%} ({steady_figures.scans_above_pain})",
+        f"{steady_figures.most_pain:.2f}",
+        "-" if steady_figures.recontact_step is None else f"{steady_figures.recontact_step:.2f}",
+        "-"
+        if steady_figures.recontact_step_mean is None
+        else f"{steady_figures.recontact_step_mean:.2f}",
+        f"{steady_figures.recontacts_above} of {steady_figures.recontacts}, "
+        f"{steady_figures.recontacts_not_judged} not judged",
+        f"{steady_figures.recontacts_above_later}",
     )
 
 
@@ -47,11 +50,14 @@ def write(page: Path, found: Sequence[SteadyFigures], held: Sequence[Bound], sai
 
 
 def _part(found: Sequence[SteadyFigures], held: Sequence[Bound], said: str) -> str:
-    rows = [f"| {one.name} | {' | '.join(cells(one))} |\n" for one in found]
+    rows = [
+        f"| {steady_figures.name} | {' | '.join(cells(steady_figures))} |\n"
+        for steady_figures in found
+    ]
     verdicts = [
-        f"- {'Met' if one.is_met else '**Not met**'}: {one.what}: {one.value:g} (bound"
-        f" {one.bound:g}).\n"
-        for one in held
+        f"- {'Met' if bound.is_met else '**Not met**'}: {bound.what}: {bound.value:g} (bound"
+        f" {bound.bound:g}).\n"
+        for bound in held
     ]
     head = f"| | {' | '.join(COLUMNS)} |\n|---|{'---|' * len(COLUMNS)}\n"
     return f"\n{said[:1].upper()}{said[1:]}:\n\n{head}{''.join(rows)}\n{''.join(verdicts)}\n"

@@ -69,25 +69,25 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
     later: list[float] = []
     shown = below = painful = firm_painful = scans = returns = 0
     most_pain = 0.0
-    for one in kept:
-        firm = firm_of(one)
+    for run in kept:
+        firm = firm_of(run)
         ever = firm.any(axis=0)
-        felt = np.where(firm, one.felt, np.nan)[:, ever]
+        felt = np.where(firm, run.felt, np.nan)[:, ever]
         mean = np.nanmean(felt, axis=0)
         is_felt = mean > 0.0
         over_time.extend(np.nanstd(felt, axis=0)[is_felt] / mean[is_felt])
         over_electrodes.append(float(mean.std() / mean.mean()))
         means.extend(mean)
-        steps.extend(recontact_steps(one, firm, STEP_S))
-        later.extend(recontact_steps(one, firm, LONG_STEP_S))
-        returns += sum(1 for _ in _touched_again(one))
-        touching = one.attached > 0.0
+        steps.extend(recontact_steps(run, firm, STEP_S))
+        later.extend(recontact_steps(run, firm, LONG_STEP_S))
+        returns += sum(1 for _ in _touched_again(run))
+        touching = run.attached > 0.0
         shown += int(touching.sum())
-        below += int((touching & (one.felt < 1.0)).sum())
-        painful += int((one.pain >= 1.0).sum())
-        firm_painful += int(((one.pain >= 1.0) & firm).sum())
-        scans += one.felt.size
-        most_pain = max(most_pain, float(one.pain.max()))
+        below += int((touching & (run.felt < 1.0)).sum())
+        painful += int((run.pain >= 1.0).sum())
+        firm_painful += int(((run.pain >= 1.0) & firm).sum())
+        scans += run.felt.size
+        most_pain = max(most_pain, float(run.pain.max()))
     return SteadyFigures(
         name=name,
         mean_felt=float(np.mean(means)),

@@ -25,7 +25,7 @@ sys.path[:0] = [str(_CLONE / one) for one in ("tests", "daemon", "hal")]
 import numpy as np  # noqa: E402
 
 from bench.steady_skin import CALIBRATED_S, WIDTH_US, attachment_of, body_of, seen_ohm  # noqa: E402
-from etd.config import fake_config  # noqa: E402
+from etd.files.configuration import fake_config  # noqa: E402
 from etd_body.tissue import Floats  # noqa: E402
 
 TUNING_SEEDS = (1, 2, 3, 4, 5, 6, 7, 8)
@@ -88,26 +88,38 @@ def _finger(seed: int) -> tuple[Floats, ...]:
     asked.look_at(0)
     asked.look_at(int(CALIBRATED_S * 1e9))
     lies_on = attachment_of(seed, loaded.array).at(CALIBRATED_S).area >= 1.0
-    electrodes = [one for one in range(0, 64, _EVERY) if lies_on[one]]
-    told_ua = {one: _OVER * asked.told_threshold_ua(one, WIDTH_US) for one in electrodes}
-    first_ohm = {one: seen_ohm(asked, one, told_ua[one]) for one in electrodes}
-    skin_ua = {one: asked.sensation.true_threshold_ua(one, WIDTH_US) for one in electrodes}
+    electrodes = [electrode for electrode in range(0, 64, _EVERY) if lies_on[electrode]]
+    commanded_ua = {
+        electrode: _OVER * asked.commanded_threshold_ua(electrode, WIDTH_US)
+        for electrode in electrodes
+    }
+    first_ohm = {
+        electrode: seen_ohm(asked, electrode, commanded_ua[electrode]) for electrode in electrodes
+    }
+    skin_ua = {
+        electrode: asked.sensation.true_threshold_ua(electrode, WIDTH_US)
+        for electrode in electrodes
+    }
     body = body_of(seed, loaded.board, loaded.array)
     rows: list[tuple[float, float, float, float]] = []
     body.look_at(0)
     for at_s in _AT_S:
         body.look_at(int(at_s * 1e9))
-        for one in electrodes:
-            if not body.skin.is_touching[one]:
+        for other in electrodes:
+            if not body.skin.is_touching[other]:
                 continue
-            needed_ua = np.array([_OVER * body.told_threshold_ua(one, w) for w in _WIDTHS_US])
-            width_us = float(
-                np.exp(np.interp(-np.log(told_ua[one]), -np.log(needed_ua), np.log(_WIDTHS_US)))
+            needed_ua = np.array(
+                [_OVER * body.commanded_threshold_ua(other, w) for w in _WIDTHS_US]
             )
-            ratio = seen_ohm(body, one, told_ua[one]) / first_ohm[one]
-            true_ua = body.sensation.true_threshold_ua(one, width_us)
-            charge = true_ua * width_us / (skin_ua[one] * WIDTH_US)
-            energy = (true_ua / skin_ua[one]) ** 2 * ratio * width_us / WIDTH_US
+            width_us = float(
+                np.exp(
+                    np.interp(-np.log(commanded_ua[other]), -np.log(needed_ua), np.log(_WIDTHS_US))
+                )
+            )
+            ratio = seen_ohm(body, other, commanded_ua[other]) / first_ohm[other]
+            true_ua = body.sensation.true_threshold_ua(other, width_us)
+            charge = true_ua * width_us / (skin_ua[other] * WIDTH_US)
+            energy = (true_ua / skin_ua[other]) ** 2 * ratio * width_us / WIDTH_US
             rows.append((ratio, width_us, charge, energy))
     return tuple(np.array(rows).T)
 

@@ -16,7 +16,7 @@ from etd.explain.figure import Axis, Curve, Figure, floats
 from etd.explain.svgplot import svg_of
 
 #: Those that are compared; the others differ in something else than steadiness.
-_DRAWN = ("none", "contact", "energy", "fitted", "lines", "contact + fitted + probe")
+_DRAWN = ("none", "contact", "energy", "power_law", "linear_law", "contact + power_law + probe")
 
 
 def write(folder: Path, kept: dict[str, Kept]) -> None:
@@ -30,7 +30,7 @@ def write(folder: Path, kept: dict[str, Kept]) -> None:
 
 
 def _drift(kept: dict[str, Kept]) -> Figure:
-    curves = tuple(Curve(name, *_by_minute(one)) for name, one in kept.items())
+    curves = tuple(Curve(name, *_by_minute(run)) for name, run in kept.items())
     return Figure(
         name="steady-drift",
         title="Felt strength over ten minutes, mean of firm contacts (modelled)",
@@ -47,16 +47,16 @@ def _by_minute(kept: Kept) -> tuple[tuple[float, ...], tuple[float, ...]]:
     felt = np.where(firm_of(kept), kept.felt, np.nan)
     minute = kept.body_s // 60.0
     kinds = np.unique(minute)
-    at = [float(kept.body_s[minute == one].mean()) / 60.0 for one in kinds]
-    means = [float(np.nanmean(felt[minute == one])) for one in kinds]
-    return floats(at), floats(one / means[0] for one in means)
+    at = [float(kept.body_s[minute == kind].mean()) / 60.0 for kind in kinds]
+    means = [float(np.nanmean(felt[minute == kind])) for kind in kinds]
+    return floats(at), floats(mean / means[0] for mean in means)
 
 
 def _peeling(kept: dict[str, Kept]) -> Figure:
     electrode = _peeled_most(next(iter(kept.values())))
     curves = tuple(
-        Curve(name, floats(one.inside_s[_first(one)]), floats(one.felt[_first(one), electrode]))
-        for name, one in kept.items()
+        Curve(name, floats(run.inside_s[_first(run)]), floats(run.felt[_first(run), electrode]))
+        for name, run in kept.items()
     )
     return Figure(
         name="steady-peeling",

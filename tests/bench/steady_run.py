@@ -17,9 +17,9 @@ import engine_rig
 from bench import steady_skin
 from bench.steady_skin import Finger
 from engine_rig import EngineRig
-from etd.array import PressureSensor
-from etd.config import LoadedConfig, fake_config
-from etd.link import OpenLease
+from etd.files.array import PressureSensor
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.link import OpenLease
 from etd.stabilize.settings import Settings
 from etd_body.tissue import Floats
 from etd_hal.backend import Backend
@@ -154,7 +154,7 @@ def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int
     assert answer.error is None, answer.reason
     rig.arm()
     # What was not felt up to the most that anybody gets is left out, as a person's would be.
-    levels = tuple(level * one.felt for one in finger.calibration.electrode)
+    levels = tuple(level * limits.felt for limits in finger.calibration.electrode)
     frame = {"level": levels, "ttl_ms": 1_000}
     rig.hold(_OPENING_MS, **frame)
     begun_ns = rig.clock.now_ns()
@@ -179,9 +179,9 @@ def _hold(rig: EngineRig, until_ns: int, frame: dict[str, Any]) -> None:
 
 
 def _kept(finger: Finger, scans: _Scans, begun_ns: int, counters: dict[str, int]) -> Kept:
-    found = [one for one in scans.found if one[0] >= begun_ns]
-    elapsed_s = [(one[0] - begun_ns) * 1e-9 for one in found]
-    places = [finger.pieces.at(one) for one in elapsed_s]
+    found = [entry for entry in scans.found if entry[0] >= begun_ns]
+    elapsed_s = [(entry[0] - begun_ns) * 1e-9 for entry in found]
+    places = [finger.pieces.at(value) for value in elapsed_s]
     counted = [number for number, (_, inside_s) in enumerate(places) if inside_s >= 0.0]
     body_s = [places[number][0] for number in counted]
     return Kept(

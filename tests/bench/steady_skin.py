@@ -18,8 +18,8 @@ from statistics import median
 
 import numpy as np
 
-from etd.array import Array
-from etd.calibration import Calibration, ElectrodeLimits
+from etd.files.array import Array
+from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd_body.course import BUSY, Course, SkinNow
 from etd_body.living import LivingBody
 from etd_body.tissue import Floats
@@ -179,7 +179,7 @@ def calibrated(seed: int, board: BoardFile, array: Array) -> Calibration:
         returns="all",
         date=datetime.date(2025, 1, 15),
         program="bench",
-        electrode=tuple(limits_of(body, attachment, one) for one in range(array.count)),
+        electrode=tuple(limits_of(body, attachment, electrode) for electrode in range(array.count)),
     )
 
 
@@ -192,8 +192,8 @@ def limits_of(body: LivingBody, attachment: Course, electrode: int) -> Electrode
         at_s = CALIBRATED_S + (electrode + part / _ASKED_TIMES) * ASKED_S
         if attachment.at(at_s).area[electrode] >= 1.0:
             body.look_at(int(at_s * 1e9))
-            threshold_ua = min(MOST_UA, body.told_threshold_ua(electrode, WIDTH_US))
-            pain_ua = body.told_pain_threshold_ua(electrode, WIDTH_US)
+            threshold_ua = min(MOST_UA, body.commanded_threshold_ua(electrode, WIDTH_US))
+            pain_ua = body.commanded_pain_threshold_ua(electrode, WIDTH_US)
             ohm = seen_ohm(body, electrode, min(MOST_UA, _COMFORTABLE * threshold_ua))
             found.append((threshold_ua, pain_ua, ohm))
     threshold_ua, pain_ua, ohm = map(median, zip(*found, strict=True))
@@ -208,12 +208,12 @@ def limits_of(body: LivingBody, attachment: Course, electrode: int) -> Electrode
     )
 
 
-def seen_ohm(body: LivingBody, electrode: int, told_ua: float) -> float:
+def seen_ohm(body: LivingBody, electrode: int, commanded_ua: float) -> float:
     """What the end of a long pulse tells, returns and films included."""
     way = Ways(body.skin).against_all(electrode)
-    return 1.0 / (1.0 / (body.resistance_ohm(electrode, told_ua) + way.rest_ohm) + way.shunt_s)
+    return 1.0 / (1.0 / (body.resistance_ohm(electrode, commanded_ua) + way.rest_ohm) + way.shunt_s)
 
 
 def attached(finger: Finger, body_s: Sequence[float]) -> Floats:
     """[time, electrode]: what part of each contact lies on."""
-    return np.array([finger.attachment.at(one).area for one in body_s])
+    return np.array([finger.attachment.at(value).area for value in body_s])

@@ -21,8 +21,8 @@ import msgspec  # noqa: E402
 
 from bench.modelled import loaded_with  # noqa: E402
 from bench.processor import FreeGpio, answer, message_ns  # noqa: E402
-from etd.config import LoadedConfig  # noqa: E402
 from etd.engine.process import run_engine  # noqa: E402
+from etd.files.configuration import LoadedConfig  # noqa: E402
 from etd_hal.backend import Backend  # noqa: E402
 from etd_hal.compose import NoMarker, set_up_realtime, set_up_urgent_thread  # noqa: E402
 from etd_hal.linux.clock import LinuxClock  # noqa: E402

@@ -8,8 +8,8 @@ import pytest
 
 from etd.apps.standing import Standing
 from etd.apps.steps import Step
-from etd.errors import Refused
-from etd.protocol import Clamp, Fired, Scan, Shown
+from etd.protocol.errors import Refused
+from etd.protocol.messages import Clamp, Fired, Scan, Shown
 
 MS = 1_000_000
 BEGUN_NS = 1_000 * MS
@@ -32,7 +32,9 @@ def report(
 ) -> Scan:
     """So long after the frame has begun; its last pulse was then."""
     last_ns = None if fired_ms is None else BEGUN_NS + int(fired_ms * MS)
-    clamp = Clamp(electrode=0, wanted_ua=2_000, got_ua=ceiling_ua, reason="opening", limited_by=0)
+    clamp = Clamp(
+        electrode=0, wanted_ua=2_000, allowed_ua=ceiling_ua, reason="soft_start", limited_by=0
+    )
     return Scan(
         now_ns=BEGUN_NS + int(after_ms * MS),
         shown=(
@@ -53,21 +55,21 @@ def report(
             resistance_ohm=(), contact=(),
         ),
         clamped=(clamp,) if is_clamped else (),
-        thinned=(),
+        not_fired=(),
         ceiling_ua=ceiling_ua,
         dropped_reports=0,
     )  # fmt: skip
 
 
-def held(one: Standing) -> bool:
+def held(standing: Standing) -> bool:
     """Held, and not counted as begun."""
-    return one.is_held and one.begun_ns is None
+    return standing.is_held and standing.begun_ns is None
 
 
-def heard(one: Standing, *scans: Scan) -> Standing:
+def heard(standing: Standing, *scans: Scan) -> Standing:
     for scan in scans:
-        one.hear(scan, scan.now_ns)
-    return one
+        standing.hear(scan, scan.now_ns)
+    return standing
 
 
 def test_a_frame_of_which_nothing_is_taken_counts_from_its_first_scan() -> None:

@@ -8,14 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etd.array import (
-    ARRAY_FOR_COUNT,
-    Array,
-    array_for_count,
-    check_fits,
-    load_array,
-)
-from etd.errors import FileError
+from etd.files.array import ARRAY_FOR_COUNT, Array, array_for_count, check_fits, load_array
+from etd.protocol.errors import FileError
 from files_by_hand import ARRAY, CONFIG, spoiled, write
 
 GRID = load_array(CONFIG / "arrays" / "grid-8x8.toml")

@@ -12,16 +12,16 @@ import pytest
 from calibrated_body import CAP_UA, WIDTH_US, calibrate_body, conditions_of
 from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.calibrate.trial import Stopped
-from etd.calibration import Calibration, ElectrodeLimits, Method
 from etd.client.options import FrameOptions
-from etd.errors import Refused
-from etd.protocol import FrameReply
+from etd.protocol.calibration import Calibration, ElectrodeLimits, Method
+from etd.protocol.errors import Refused
+from etd.protocol.messages import FrameReply
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.contact import ContactLaw
-from etd.stabilize.fitted import FittedLaw
-from etd.stabilize.narrow import Narrow
+from etd.stabilize.contact import ContactSettings
+from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
+from etd.stabilize.strength_duration import StrengthDuration
 from etd_body.electrode import OPEN_CONTACT, skin
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 
@@ -147,13 +147,15 @@ def test_a_current_far_above_all_before_takes_as_many_presentations_as_the_openi
     display.close()
 
 
-NARROW = Narrow(width_us=50, tau_us=151.0)
+NARROW = StrengthDuration(width_us=50, tau_us=151.0)
 PREPULSE = Prepulse(below_db=6.0, width_us=40)
 BURSTS = Bursts(pulses=2, rate_hz=300.0)
 
 
 def test_pulses_that_would_be_made_narrower_and_stronger_are_not_presented() -> None:
-    with SteppedDaemon("pad-8", stabilize=Settings(order=("narrow",), narrow=NARROW)) as daemon:
+    with SteppedDaemon(
+        "pad-8", stabilize=Settings(order=("strength_duration",), strength_duration=NARROW)
+    ) as daemon:
         display = armed(daemon)
         with pytest.raises(Refused, match="send width_us of at most 50") as refusal:
             stimulator(daemon, display).open()
@@ -162,7 +164,7 @@ def test_pulses_that_would_be_made_narrower_and_stronger_are_not_presented() -> 
 
 
 def test_pulses_of_another_width_than_asked_for_are_no_presentation() -> None:
-    law = Settings(order=("fitted",), fitted=FittedLaw(k=1.0))
+    law = Settings(order=("power_law",), power_law=PowerLawSettings(k=1.0))
     with SteppedDaemon("pad-8", stabilize=law) as daemon:
         daemon.fake.ask_body(lambda: daemon.body.touch(daemon.now_ns(), 3, skin(2e3, 2e4, 0.3)))
         display = armed(daemon)
@@ -244,7 +246,7 @@ def test_after_a_silence_a_law_of_contact_has_a_presentation_shown_again_and_a_p
     is_probe_first: bool, shown: range
 ) -> None:
     """As often as it takes until the contact counts as firm (`soften_ms`)."""
-    law = Settings(order=("contact",), contact=ContactLaw(), probe_first=is_probe_first)
+    law = Settings(order=("contact",), contact=ContactSettings(), probe_first=is_probe_first)
     with SteppedDaemon("pad-8", stabilize=law) as daemon:
         display = armed(daemon)
         stimulating = stimulator(daemon, display)

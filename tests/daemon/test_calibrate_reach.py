@@ -15,9 +15,9 @@ ANSWERS = st.sampled_from(["not_felt", "felt", "comfortable", "too_strong"])
 CAPS = st.integers(50, 10_000)
 
 
-def wishing(wishes: list[float]) -> Procedure[None]:
-    for wish in wishes:  # noqa: UP028 - what is sent goes nowhere
-        yield wish
+def wishing(requests: list[float]) -> Procedure[None]:
+    for pulse_request in requests:  # noqa: UP028 - what is sent goes nowhere
+        yield pulse_request
 
 
 @given(
@@ -46,16 +46,16 @@ def test_nothing_goes_past_the_cap_nor_far_into_the_unknown(
             tolerated_ua = max(tolerated_ua, current_ua)
         return answer
 
-    run(wishing([wish for wish, _ in said]), reach, present)
+    run(wishing([pulse_request for pulse_request, _ in said]), reach, present)
     assert len(presented) == len(said)
 
 
 def test_what_was_too_strong_leaves_what_was_tolerated_below_it() -> None:
     reach = Reach(3_000, 500)
-    reach.learn(500, "felt")
-    reach.learn(550, "too_strong")
+    reach.update(500, "felt")
+    reach.update(550, "too_strong")
     assert (reach.cap_ua, reach.bounded(9_000)) == (500, 500)
-    reach.learn(500, "too_strong")
+    reach.update(500, "too_strong")
     assert reach.bounded(9_000) < 500
 
 
@@ -63,11 +63,11 @@ def test_where_more_was_tolerated_before_what_was_tolerated_last_is_left() -> No
     """So that a cap that was just accepted stays one."""
     reach = Reach(3_000, 600)
     for current_ua in (600, 500, 520):
-        reach.learn(current_ua, "felt")
+        reach.update(current_ua, "felt")
     assert reach.left_below(540) == 520
-    reach.learn(540, "too_strong")
+    reach.update(540, "too_strong")
     assert (reach.cap_ua, reach.tolerated_ua) == (520, 520)
-    reach.learn(520, "too_strong")
+    reach.update(520, "too_strong")
     assert reach.cap_ua == 472
 
 
@@ -119,7 +119,7 @@ def test_the_cap_is_the_strongest_that_was_accepted_a_fifth_above_comfortable() 
 def test_the_first_too_strong_ends_the_ascent_and_is_above_the_cap() -> None:
     found, presented = comfortable_with({0: "felt", 1_500: "comfortable", 1_650: "too_strong"})
     assert found.comfortable_ua <= found.cap_ua < 1_650
-    assert sum(one >= 1_650 for one in presented) == 1
+    assert sum(electrode >= 1_650 for electrode in presented) == 1
 
 
 def test_where_it_is_too_strong_before_it_is_comfortable_what_was_accepted_is_both() -> None:

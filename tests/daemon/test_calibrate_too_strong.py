@@ -23,8 +23,8 @@ from etd.calibrate.progress import Progress, finished, load_progress, save_progr
 from etd.calibrate.reach import Reach
 from etd.calibrate.stimulator import Delivered
 from etd.calibrate.trial import Stopped
-from etd.calibration import Calibration, ElectrodeLimits
-from etd.errors import FileError, Refused
+from etd.protocol.calibration import Calibration, ElectrodeLimits
+from etd.protocol.errors import FileError, Refused
 from noisy_skin import NoisySkin
 
 TODAY = datetime.date(2025, 3, 4)
@@ -164,14 +164,14 @@ def test_however_often_it_is_broken_off_nothing_as_strong_comes_again(
                 if answer == "too_strong":
                     hurt_ua[electrode] = current_ua
         found = sittings.kept.found if sittings.path.exists() else {}
-        assert all(one.cap_ua < hurt_ua.get(where, 9_999) for where, one in found.items())
+        assert all(limits.cap_ua < hurt_ua.get(where, 9_999) for where, limits in found.items())
 
 
 def test_what_is_left_out_gets_no_more_than_too_strong_has_left() -> None:
     found = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=1_500, cap_ua=1_800)
     progress = Progress(conditions=ROW, found={0: found, 1: found}, lowered_ua={2: 300, 3: 1_200})
     made = finished(progress, TODAY, "test").electrode
-    assert [(one.cap_ua, one.felt) for one in made[2:]] == [(300, False), (1_000, False)]
+    assert [(limits.cap_ua, limits.felt) for limits in made[2:]] == [(300, False), (1_000, False)]
 
 
 def test_files_of_before_it_was_kept_are_read(tmp_path: Path) -> None:
@@ -342,6 +342,6 @@ def test_of_two_whatever_is_said_nothing_as_strong_as_what_hurt_comes_again(
         except Refused:
             assert REFERENCE in hurt
         break
-    for electrode, one in progress.found.items():
-        assert one.cap_ua < hurt.get(electrode, 9_999)
-        assert one.cap_ua >= 1_000
+    for electrode, limits in progress.found.items():
+        assert limits.cap_ua < hurt.get(electrode, 9_999)
+        assert limits.cap_ua >= 1_000

@@ -10,23 +10,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etd.array import load_array
-from etd.bodysite import load_body_site
-from etd.calibration import (
+from etd.files.array import load_array
+from etd.files.body_site import load_body_site
+from etd.files.calibration import load_calibration, to_toml
+from etd.files.resources import find, names
+from etd.protocol.calibration import (
     Calibration,
     ElectrodeLimits,
     check_shape_of_levels,
     current_of_level,
-    load_calibration,
-    to_toml,
 )
-from etd.errors import FileError, Refused
-from etd.frame import Ring
-from etd.shipped import find, names
+from etd.protocol.errors import FileError, Refused
+from etd.protocol.frame import Ring
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.narrow import Narrow
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.shape import PLAIN, Shape
+from etd.stabilize.strength_duration import StrengthDuration
 from etd_hal.tomlfile import convert
 from fake_calibrations import array_of, text_of
 from files_by_hand import CALIBRATION, spoiled, write
@@ -57,8 +56,8 @@ RETURNS = st.one_of(
 )
 SHAPES = st.builds(
     Shape,
-    narrow=st.none()
-    | st.builds(Narrow, width_us=st.integers(20, 200), tau_us=st.floats(50.0, 2_000.0)),
+    strength_duration=st.none()
+    | st.builds(StrengthDuration, width_us=st.integers(20, 200), tau_us=st.floats(50.0, 2_000.0)),
     prepulse=st.none()
     | st.builds(Prepulse, below_db=st.floats(2.0, 10.0), width_us=st.integers(20, 150)),
     bursts=st.none()
@@ -132,7 +131,11 @@ BURSTS = Bursts(pulses=6, rate_hz=350.0)
             Shape(prepulse=Prepulse(below_db=6.0, width_us=50)),
             "a prepulse of 50 us, 6 dB below of it: put that back, calibrate anew, or open",
         ),
-        (PLAIN, Shape(narrow=Narrow(width_us=50, tau_us=151.0)), r"narrowed to 50 us \(tau 151"),
+        (
+            PLAIN,
+            Shape(strength_duration=StrengthDuration(width_us=50, tau_us=151.0)),
+            r"narrowed to 50 us \(tau 151",
+        ),
         (PLAIN, Shape(probe_first=True), "now makes a probe before each of it"),
         (
             Shape(bursts=BURSTS),
@@ -144,35 +147,45 @@ BURSTS = Bursts(pulses=6, rate_hz=350.0)
 def test_levels_of_another_shape_of_pulse_are_refused(
     tmp_path: Path, made_with: Shape, now: Shape, said: str
 ) -> None:
-    one = load_calibration(write(tmp_path, "c.toml", CALIBRATION))
-    one = msgspec.structs.replace(one, shape=made_with)
+    calibration = load_calibration(write(tmp_path, "c.toml", CALIBRATION))
+    calibration = msgspec.structs.replace(calibration, shape=made_with)
     with pytest.raises(Refused, match=said):
-        check_shape_of_levels(one, now)
-    check_shape_of_levels(one, made_with)
+        check_shape_of_levels(calibration, now)
+    check_shape_of_levels(calibration, made_with)
 
 
 def test_pulses_that_are_narrow_already_are_not_made_another_shape(tmp_path: Path) -> None:
-    one = load_calibration(write(tmp_path, "c.toml", CALIBRATION))
-    check_shape_of_levels(one, Shape(narrow=Narrow(width_us=one.width_us, tau_us=151.0)))
+    calibration = load_calibration(write(tmp_path, "c.toml", CALIBRATION))
+    check_shape_of_levels(
+        calibration,
+        Shape(strength_duration=StrengthDuration(width_us=calibration.width_us, tau_us=151.0)),
+    )
     with pytest.raises(Refused):
-        check_shape_of_levels(one, Shape(narrow=Narrow(width_us=one.width_us - 1, tau_us=151.0)))
+        check_shape_of_levels(
+            calibration,
+            Shape(
+                strength_duration=StrengthDuration(width_us=calibration.width_us - 1, tau_us=151.0)
+            ),
+        )
 
 
-@given(one=limits(), low=st.floats(0, 1), high=st.floats(0, 1), gamma=st.floats(0.5, 3.0))
+@given(
+    electrode_limits=limits(), low=st.floats(0, 1), high=st.floats(0, 1), gamma=st.floats(0.5, 3.0)
+)
 def test_a_higher_level_never_means_less_and_no_level_means_more_than_comfortable(
-    one: ElectrodeLimits, low: float, high: float, gamma: float
+    electrode_limits: ElectrodeLimits, low: float, high: float, gamma: float
 ) -> None:
     low, high = sorted((low, high))
-    low_ua, high_ua = (current_of_level(one, level, gamma) for level in (low, high))
-    assert low_ua <= high_ua <= one.comfortable_ua <= one.cap_ua
-    assert current_of_level(one, 0.0, gamma) == 0
-    assert current_of_level(one, 1.0, gamma) == one.comfortable_ua
+    low_ua, high_ua = (current_of_level(electrode_limits, level, gamma) for level in (low, high))
+    assert low_ua <= high_ua <= electrode_limits.comfortable_ua <= electrode_limits.cap_ua
+    assert current_of_level(electrode_limits, 0.0, gamma) == 0
+    assert current_of_level(electrode_limits, 1.0, gamma) == electrode_limits.comfortable_ua
 
 
 def test_the_least_level_is_at_the_threshold_and_half_of_it_half_way() -> None:
-    one = ElectrodeLimits(threshold_ua=1000, comfortable_ua=2000, cap_ua=3000)
-    assert current_of_level(one, 1e-9, 1.0) == 1000
-    assert current_of_level(one, 0.5, 1.0) == 1500
+    limits = ElectrodeLimits(threshold_ua=1000, comfortable_ua=2000, cap_ua=3000)
+    assert current_of_level(limits, 1e-9, 1.0) == 1000
+    assert current_of_level(limits, 0.5, 1.0) == 1500
 
 
 @pytest.mark.parametrize(
@@ -222,7 +235,7 @@ def test_a_shipped_calibration_fits_its_array_and_stays_below_its_body_site(name
     maxima = load_body_site(find("bodysites", calibration.body_site)).maxima
     array = load_array(find("arrays", calibration.array))
     assert len(calibration.electrode) == array.count
-    cap_ua = max(one.cap_ua for one in calibration.electrode)
+    cap_ua = max(limits.cap_ua for limits in calibration.electrode)
     assert cap_ua <= maxima.current_ua
     assert cap_ua * calibration.width_us / 1_000 <= maxima.charge_nc
     assert cap_ua * calibration.width_us * calibration.rate_hz / 1e6 <= maxima.mean_current_ua
@@ -237,11 +250,11 @@ def test_a_shipped_calibration_is_that_of_the_fakes_own_body(name: str) -> None:
 
 @pytest.mark.parametrize("name", names("calibrations"))
 def test_a_shipped_calibration_is_that_of_a_dry_fingertip(name: str) -> None:
-    for one in load_calibration(find("calibrations", name)).electrode:
-        assert 600 <= one.threshold_ua <= 2_500
-        assert 1.0 < one.comfortable_ua / one.threshold_ua <= 2.05
-        assert one.resistance_ohm is not None
-        assert 20_000 <= one.resistance_ohm <= 150_000
+    for limits in load_calibration(find("calibrations", name)).electrode:
+        assert 600 <= limits.threshold_ua <= 2_500
+        assert 1.0 < limits.comfortable_ua / limits.threshold_ua <= 2.05
+        assert limits.resistance_ohm is not None
+        assert 20_000 <= limits.resistance_ohm <= 150_000
 
 
 def test_every_value_of_a_calibration_is_required_but_resistance_and_gamma() -> None:

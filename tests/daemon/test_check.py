@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from etd.check import check_file
 from etd.cli import check as verb
+from etd.files.check import check_file
 from files_by_hand import (
     ARRAY,
     CALIBRATION,
@@ -80,9 +80,10 @@ def test_a_kind_is_known_by_content_whatever_the_file_is_called(
             " put it before, for they reckon with what it leaves",
         ),
         (
-            'order = ["narrow", "contact", "lines"]\n[stabilize.contact]\n[stabilize.lines]\n'
-            "[stabilize.narrow]\nwidth_us = 50\ntau_us = 150.0",
-            "stabilized by narrow, contact, lines",
+            'order = ["strength_duration", "contact", "linear_law"]\n[stabilize.contact]\n'
+            "[stabilize.linear_law]\n"
+            "[stabilize.strength_duration]\nwidth_us = 50\ntau_us = 150.0",
+            "stabilized by strength_duration, contact, linear_law",
         ),
         (
             'order = ["contact", "energy"]\nprobe_first = true\n'
@@ -190,7 +191,7 @@ def test_the_same_is_told_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert run("--json", good, bad) == 1
     answer = json.loads(capsys.readouterr().out)
     assert answer["ok"] is False
-    assert [one["error"] is None for one in answer["files"]] == [True, False]
+    assert [entry["error"] is None for entry in answer["files"]] == [True, False]
     assert answer["files"][0]["kind"] == "array"
 
 

@@ -14,13 +14,14 @@ from hypothesis import strategies as st
 
 from etd.apps.demo_pattern import SWEEP_S, SweepingBar
 from etd.apps.picture import Picture
-from etd.apps.steps import Currents, Manner, steps_of
-from etd.array import load_array
-from etd.calibration import Calibration, load_calibration
-from etd.errors import Refused
-from etd.frame import Polarity
-from etd.pattern import Pattern, PatternFrame
-from etd.shipped import find
+from etd.apps.steps import Currents, PlayOptions, steps_of
+from etd.files.array import load_array
+from etd.files.calibration import load_calibration
+from etd.files.pattern import Pattern, PatternFrame
+from etd.files.resources import find
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import Refused
+from etd.protocol.frame import Polarity
 
 Rates = st.none() | st.floats(0.1, 200)
 Levels = st.lists(st.floats(0, 1), min_size=8, max_size=8).map(tuple)
@@ -51,7 +52,7 @@ CURRENTS = Currents(1000, 100, 60.0)
 
 
 def test_currents_are_fractions_of_the_one_that_is_given() -> None:
-    (step,) = steps_of(pattern(frame(ONE)), Manner(currents=CURRENTS), 8, None, print)
+    (step,) = steps_of(pattern(frame(ONE)), PlayOptions(currents=CURRENTS), 8, None, print)
     assert step.numbers == (1000, 500, 0, 0, 0, 0, 0, 0)
     assert step.largest_ua == 1000
     assert (step.options["width_us"], step.options["rate_hz"]) == (100, 60.0)
@@ -62,9 +63,9 @@ def test_currents_are_fractions_of_the_one_that_is_given() -> None:
 def test_no_current_and_no_rate_is_above_what_the_caller_allows(
     level: tuple[float, ...], rate_hz: float | None, most_hz: float | None, current_ua: int
 ) -> None:
-    manner = Manner(currents=Currents(current_ua, 100, 60.0), max_rate_hz=most_hz)
+    play_options = PlayOptions(currents=Currents(current_ua, 100, 60.0), max_rate_hz=most_hz)
     told: list[str] = []
-    (step,) = steps_of(pattern(frame(level, rate_hz=rate_hz)), manner, 8, None, told.append)
+    (step,) = steps_of(pattern(frame(level, rate_hz=rate_hz)), play_options, 8, None, told.append)
     assert max(step.numbers) <= current_ua
     assert step.largest_ua == max(step.numbers)
     asked_hz = rate_hz or 60.0
@@ -75,7 +76,9 @@ def test_no_current_and_no_rate_is_above_what_the_caller_allows(
 
 
 def test_silence_after_a_frame_is_a_step_of_its_own(calibration: Calibration) -> None:
-    steps = steps_of(pattern(frame(ONE, off_ms=40), frame(ONE)), Manner(), 8, calibration, print)
+    steps = steps_of(
+        pattern(frame(ONE, off_ms=40), frame(ONE)), PlayOptions(), 8, calibration, print
+    )
     assert [step.duration_ms for step in steps] == [100, 40, 100]
     assert [step.options["tag"] for step in steps] == [0, 0, 1]
     assert [step.ends_frame for step in steps] == [False, True, True]
@@ -88,7 +91,7 @@ def test_levels_are_scaled_and_leave_the_conditions_to_the_calibration(
 ) -> None:
     told: list[str] = []
     wanted = pattern(frame(ONE, rate_hz=75.0, polarity="anodic"))
-    (step,) = steps_of(wanted, Manner(level=0.5), 8, calibration, told.append)
+    (step,) = steps_of(wanted, PlayOptions(level=0.5), 8, calibration, told.append)
     assert step.numbers[:2] == (0.5, 0.25)
     assert not {"rate_hz", "polarity", "width_us"} & set(step.options)
     assert "75 Hz" in told[0]
@@ -98,36 +101,36 @@ def test_levels_are_scaled_and_leave_the_conditions_to_the_calibration(
 
 def test_a_rate_that_is_the_calibrations_is_nothing_to_tell(calibration: Calibration) -> None:
     told: list[str] = []
-    steps_of(pattern(frame(ONE, rate_hz=60.0)), Manner(), 8, calibration, told.append)
+    steps_of(pattern(frame(ONE, rate_hz=60.0)), PlayOptions(), 8, calibration, told.append)
     assert told == []
 
 
 @pytest.mark.parametrize(
-    ("manner", "polarity", "sentence"),
+    ("play_options", "polarity", "sentence"),
     [
-        (Manner(), "cathodic", "--current-ua"),
-        (Manner(polarity="biphasic"), "anodic", "biphasic"),
-        (Manner(max_rate_hz=30.0), "anodic", "--max-rate 30"),
+        (PlayOptions(), "cathodic", "--current-ua"),
+        (PlayOptions(polarity="biphasic"), "anodic", "biphasic"),
+        (PlayOptions(max_rate_hz=30.0), "anodic", "--max-rate 30"),
     ],
 )
 def test_levels_under_other_conditions_are_refused(
-    calibration: Calibration, manner: Manner, polarity: Polarity, sentence: str
+    calibration: Calibration, play_options: PlayOptions, polarity: Polarity, sentence: str
 ) -> None:
     with pytest.raises(Refused, match=sentence):
-        steps_of(pattern(frame(ONE, polarity=polarity)), manner, 8, calibration, print)
+        steps_of(pattern(frame(ONE, polarity=polarity)), play_options, 8, calibration, print)
 
 
 def test_a_pattern_for_another_array_is_refused(calibration: Calibration) -> None:
     with pytest.raises(Refused, match="8 electrodes, this array has 64"):
-        steps_of(pattern(frame(ONE)), Manner(), 64, calibration, print)
+        steps_of(pattern(frame(ONE)), PlayOptions(), 64, calibration, print)
 
 
 def test_a_calibration_with_another_gamma_gives_other_currents(calibration: Calibration) -> None:
     steep = msgspec.structs.replace(calibration, gamma=2.0)
-    manner = Manner(level=0.25)
+    play_options = PlayOptions(level=0.25)
     largest = [
-        steps_of(pattern(frame(ONE)), manner, 8, one, print)[0].largest_ua
-        for one in (calibration, steep)
+        steps_of(pattern(frame(ONE)), play_options, 8, made, print)[0].largest_ua
+        for made in (calibration, steep)
     ]
     assert largest[0] < largest[1]
 

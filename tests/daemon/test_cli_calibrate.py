@@ -14,11 +14,11 @@ from calibrate_scenes import FOUND, ROW
 from etd.calibrate import quest_plus
 from etd.calibrate.answers import ANSWERS, Answer, Ask, Question
 from etd.calibrate.progress import Progress
-from etd.calibration import ElectrodeLimits
 from etd.cli import USED_WRONGLY, main
 from etd.cli.calibrate_screen import Screen
 from etd.cli.keys import Keyboard, legend
-from etd.protocol import ArrayFacts
+from etd.protocol.calibration import ElectrodeLimits
+from etd.protocol.messages import ArrayFacts
 
 
 class Typed:
@@ -137,7 +137,7 @@ def test_a_terminal_that_has_gone_is_a_stop(typed: Typed) -> None:
 @pytest.mark.parametrize("ask", ["strength", "compare", "which"])
 def test_the_legend_names_every_answer_and_the_stop(ask: Ask) -> None:
     said = legend(ask)
-    assert all(one.replace("_", " ") in said for one in ANSWERS[ask])
+    assert all(answer.replace("_", " ") in said for answer in ANSWERS[ask])
     assert "SPACE STOP" in said
 
 

@@ -13,8 +13,8 @@ from etd.cli import main
 from etd.cli.demo import Demo
 from etd.cli.options import FakeBoard, any_board_faked
 from etd.client import Display
-from etd.errors import ErrorCode, Refused
-from etd.link import Answer, Command, NewFrame
+from etd.protocol.errors import ErrorCode, Refused
+from etd.protocol.link import Answer, Command, NewFrame
 from gateway_rig import ServedRig
 from scripted_engine import full_answer
 
@@ -53,7 +53,7 @@ def test_any_other_refusal_ends_it() -> None:
         rig.engine.answer = refusing("halted", 2)
         with display_of(rig) as display, pytest.raises(Refused, match="halted"):
             Demo(display, has_calibration=False).run(SECONDS)
-        assert [one.frame.seq for one in rig.engine.frames] == [1, 2]
+        assert [message.frame.seq for message in rig.engine.frames] == [1, 2]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import pytest
 
 from etd import cli
 from etd.cli.stop import Stopped, lines_of
-from etd.errors import (
+from etd.protocol.errors import (
     AlreadyRunning,
     BoardFault,
     BusError,
@@ -243,7 +243,16 @@ def test_safe_needs_the_hal_and_the_standard_library_only() -> None:
     # What is loaded anyway (an editable install's finder, say) is not the command's.
     loaded = modules_of(IMPORTED_BY_SAFE) - modules_of(IMPORTED_BY_NOTHING)
     ours = {name for name in loaded if name.split(".")[0] == "etd"}
-    assert ours == {"etd", "etd.cli", "etd.cli.safe", "etd.errors", "etd.shipped", "etd.version"}
+    assert ours == {
+        "etd",
+        "etd.cli",
+        "etd.cli.safe",
+        "etd.files",
+        "etd.protocol",
+        "etd.protocol.errors",
+        "etd.files.resources",
+        "etd.version",
+    }
     packages = {name.split(".")[0] for name in loaded} - sys.stdlib_module_names
     # msgspec takes typing_extensions where it is installed, and does without where it is not.
     assert packages - {"typing_extensions"} == {"etd", "etd_hal", "msgspec"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from etd.cli.measure import lines_of
-from etd.protocol import MeasureReply
+from etd.protocol.messages import MeasureReply
 
 FOUND = MeasureReply(
     ok=True,

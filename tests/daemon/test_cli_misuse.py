@@ -17,7 +17,7 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize("arguments", WRONG, ids=lambda one: one[0])
+@pytest.mark.parametrize("arguments", WRONG, ids=lambda entry: entry[0])
 def test_a_program_that_asked_for_json_gets_the_reason_as_json(
     arguments: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -29,7 +29,7 @@ def test_a_program_that_asked_for_json_gets_the_reason_as_json(
     assert answer["reason"].startswith("etd")
 
 
-@pytest.mark.parametrize("arguments", WRONG, ids=lambda one: one[0])
+@pytest.mark.parametrize("arguments", WRONG, ids=lambda entry: entry[0])
 def test_people_get_it_on_standard_error_alone(
     arguments: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:

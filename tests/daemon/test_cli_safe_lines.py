@@ -44,7 +44,7 @@ def kernel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Kernel:
 
 def no_spi(board: BoardFile) -> LinuxSpi:
     """Whatever there is on the machine that runs the tests."""
-    raise BusError("absent", board.source.spi, "opening")
+    raise BusError("absent", board.source.spi, "soft_start")
 
 
 def clocked_in(kernel: Kernel) -> list[int]:

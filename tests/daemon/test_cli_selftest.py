@@ -13,12 +13,12 @@ import pytest
 from etd import cli
 from etd.cli import selftest_ending
 from etd.cli.selftest_table import Table
-from etd.config import fake_config
+from etd.files.configuration import fake_config
+from etd.selftest.report import load
 from etd.selftest.run import STAGES
-from etd.selftest_report import load
-from etd.selftest_subject import subject_of
+from etd.selftest.subject import subject_of
 from etd_hal.board import Board
-from etd_hal.fake.hand import FakeHand
+from etd_hal.fake.operator import FakeOperator
 
 FULL = ["selftest", "--board", "fake", "--array", "grid-4x4"]
 ONE_LOAD = ["--dummy-load", "47000", "--load-electrodes", "0,5"]
@@ -109,7 +109,7 @@ def test_what_cannot_be_is_used_wrongly(
         assert not state.exists()
     answer = json.loads(capsys.readouterr().out)
     assert (answer["ok"], answer["error"]) == (False, "used_wrongly")
-    assert any(one in answer["reason"] for one in arguments)
+    assert any(argument in answer["reason"] for argument in arguments)
 
 
 def test_with_one_load_the_second_walk_is_a_skip_that_says_what_to_add(
@@ -125,12 +125,12 @@ def test_with_one_load_the_second_walk_is_a_skip_that_says_what_to_add(
 def test_a_touch_in_the_wrong_place_is_told_live(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clip = FakeHand.clip
+    clip = FakeOperator.clip
 
-    def clip_wrongly(hand: FakeHand, load_ohm: int, first: int, second: int) -> None:
-        clip(hand, load_ohm, first, 9 if second == 7 else second)
+    def clip_wrongly(operator: FakeOperator, load_ohm: int, first: int, second: int) -> None:
+        clip(operator, load_ohm, first, 9 if second == 7 else second)
 
-    monkeypatch.setattr(FakeHand, "clip", clip_wrongly)
+    monkeypatch.setattr(FakeOperator, "clip", clip_wrongly)
     assert cli.main([*FULL, *LOAD]) == 1
     asked, told = capsys.readouterr().out.split("-> 47000 ohm between electrode 0 and electrode 7")
     assert "wrong place" not in asked
@@ -330,8 +330,8 @@ def test_no_further_signal_breaks_off_the_way_to_the_safe_state(ending: signal.S
         process.send_signal(ending)
         assert "half way\n" in iter(process.stdout.readline, "")
         further = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT} - {ending}
-        for one in further:
-            process.send_signal(one)
+        for signals in further:
+            process.send_signal(signals)
         said = process.communicate("go on\n", timeout=30.0)[1]
     finally:
         process.kill()

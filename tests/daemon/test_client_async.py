@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from etd import AsyncDisplay, DaemonGone, Refused
-from etd.link import Answer, ArmBoard, Command, NewFrame, StopNow
+from etd.protocol.link import Answer, ArmBoard, Command, NewFrame, StopNow
 from gateway_rig import ServedRig
 from scripted_engine import full_answer
 

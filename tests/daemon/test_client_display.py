@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 from etd import DaemonGone, Display, FileError, Refused
-from etd.calibration import Calibration
 from etd.client import values
 from etd.gateway.server import Gateway
-from etd.link import Answer, ArmBoard, Command, KeepLease, NewFrame, StopNow
-from etd.protocol import MAX_MESSAGE_BYTES
+from etd.protocol.calibration import Calibration
+from etd.protocol.link import Answer, ArmBoard, Command, KeepLease, NewFrame, StopNow
+from etd.protocol.messages import MAX_MESSAGE_BYTES
 from gateway_rig import ServedRig
 from scripted_engine import full_answer
 
@@ -136,7 +136,7 @@ def test_an_unknown_option_is_refused_by_name(rig: ServedRig) -> None:
 
 
 def test_a_message_over_the_size_limit_is_refused_with_a_sentence(rig: ServedRig) -> None:
-    sets = [[other for other in range(256) if other != one] for one in range(256)]
+    sets = [[other for other in range(256) if other != electrode] for electrode in range(256)]
     with display(rig) as d, pytest.raises(Refused, match=f"at most {MAX_MESSAGE_BYTES}") as refused:
         d.show([0] * 256, returns=sets)
     assert refused.value.code == "too_large"

@@ -12,7 +12,8 @@ import pytest
 
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, armed, config, felt_ua, halts, moves, phases, states
-from etd.link import (
+from etd.files.resources import find
+from etd.protocol.link import (
     Answer,
     ArmBoard,
     CloseLease,
@@ -21,7 +22,6 @@ from etd.link import (
     MeasureContact,
     StopNow,
 )
-from etd.shipped import find
 from etd_hal.backend import Backend
 from etd_hal.boardfile import GUARDS, load_board
 from etd_hal.errors import FileError
@@ -153,8 +153,8 @@ def test_the_supply_comes_on_and_armed_is_entered_when_the_rail_is_there(
     rig = armed(make_rig(REFERENCE))
     assert rig.fake.world.rail_v() > 270
     assert moves(rig, "HV")[-1][1] == 1
-    assert min(one.from_ns for one in phases(rig)) > moves(rig, "HV")[-1][0] + 50 * MS
-    assert [one.state for one in states(rig)][-2:] == ["PROBE", "ARMED"]
+    assert min(phase.from_ns for phase in phases(rig)) > moves(rig, "HV")[-1][0] + 50 * MS
+    assert [state.state for state in states(rig)][-2:] == ["PROBE", "ARMED"]
     assert states(rig)[-1].supply_on
 
 
@@ -221,7 +221,7 @@ def test_a_rail_on_its_way_to_too_high_halts_soon_after_it_was_found_there(
     armed(rig)
     rig.run_ms(300)
     assert rig.state == "HALTED"
-    assert halts(rig)[0].who == "rail"
+    assert halts(rig)[0].source == "rail"
     assert "320" in halts(rig)[0].detail
 
 
@@ -240,7 +240,7 @@ def test_without_a_monitor_the_supply_gets_half_a_second(make_rig: MakeRig) -> N
     rig.open()
     on_from_ns = rig.clock.now_ns()
     rig.arm()
-    assert min(one.from_ns for one in phases(rig)) >= on_from_ns + 500 * MS
+    assert min(phase.from_ns for phase in phases(rig)) >= on_from_ns + 500 * MS
 
 
 # --- cut short ------------------------------------------------------------------------------------
@@ -249,7 +249,7 @@ def test_without_a_monitor_the_supply_gets_half_a_second(make_rig: MakeRig) -> N
 def test_an_arm_cut_short_by_stop_is_answered(make_rig: MakeRig) -> None:
     rig = make_rig(REFERENCE)
     ref = begin_arming(rig)
-    rig.ask(StopNow, who="operator")
+    rig.ask(StopNow, client="operator")
     answer = rig.wait_for(ref)
     assert answer.error == "arm_failed"
     assert "halted by stop" in answer.reason
@@ -328,7 +328,9 @@ def test_a_second_way_up_in_the_middle_of_the_first_waits_for_its_own_rail(
     assert rig.wait_for(first).error == "arm_failed"
     assert rig.wait_for(second).error is None
     assert rig.state == "ARMED"
-    paused = [one for one in phases(rig) if cut_ns + 10 * MS < one.from_ns < cut_ns + 500 * MS]
+    paused = [
+        phase for phase in phases(rig) if cut_ns + 10 * MS < phase.from_ns < cut_ns + 500 * MS
+    ]
     assert paused == []
 
 
@@ -350,14 +352,14 @@ def test_measure_goes_up_and_comes_back_to_safe(make_rig: MakeRig) -> None:
     rig.reports.clear()
     answer = rig.ask(MeasureContact, lease=LEASE)
     assert answer.error is None
-    assert [one.state for one in states(rig)] == ["PROBE", "SAFE"]
+    assert [state.state for state in states(rig)] == ["PROBE", "SAFE"]
     assert rig.state == "SAFE"
     assert moves(rig, "HV")[-1][1] == 0
     contact = answer.contact
     assert contact is not None
     assert contact.contact == (True,) * 7 + (False,) + (True,) * 56
-    assert all(20_000 < (one or 50_000) < 100_000 for one in contact.resistance_ohm)
-    told = [one.contact for one in rig.reports if one.contact is not None]
+    assert all(20_000 < (ohm or 50_000) < 100_000 for ohm in contact.resistance_ohm)
+    told = [report.contact for report in rig.reports if report.contact is not None]
     assert told == [contact]
 
 
@@ -367,9 +369,11 @@ def test_a_probe_never_passes_its_bound_on_the_wire(make_rig: MakeRig, board: st
     rig.open()
     assert rig.ask(MeasureContact, lease=LEASE).error is None
     fired = phases(rig)
-    assert [one.electrode for one in fired] == list(range(rig.engine.components.loaded.array.count))
-    assert all(0 < one.current_ua <= PROBE_UA for one in fired)
-    assert all(one.width_us <= 50 for one in fired)
+    assert [phase.electrode for phase in fired] == list(
+        range(rig.engine.components.loaded.array.count)
+    )
+    assert all(0 < phase.current_ua <= PROBE_UA for phase in fired)
+    assert all(phase.width_us <= 50 for phase in fired)
 
 
 def test_what_was_measured_is_forgotten_when_the_supply_goes_off(make_rig: MakeRig) -> None:

@@ -64,7 +64,7 @@ class Scene:
             self.rig.fake.world.put_in(fault)
         wanted = {HERE: CURRENT_UA}
         asked = {
-            "current_ua": tuple(wanted.get(one, 0) for one in range(self.count)),
+            "current_ua": tuple(wanted.get(electrode, 0) for electrode in range(self.count)),
             "width_us": WIDTH_US,
             "pulses": 1,
             "rate_hz": 10.0,
@@ -73,7 +73,7 @@ class Scene:
         self.rig.send(**{**asked, **fields})
         until_ns = self.rig.clock.now_ns() + 120 * MS
         while self.rig.clock.now_ns() < until_ns:
-            self.rig.turn()
+            self.rig.step()
             self.witness.look("between two turns")
 
     def end(self) -> None:
@@ -85,7 +85,7 @@ class Scene:
 
 def to_named_returns(count: int) -> tuple[tuple[int, ...], ...]:
     """Two for the electrode that is stimulated; the others get none of it."""
-    others = tuple(((one + 1) % count, (one + 2) % count) for one in range(count))
+    others = tuple(((electrode + 1) % count, (electrode + 2) % count) for electrode in range(count))
     return (*others[:HERE], RETURNS, *others[HERE + 1 :])
 
 
@@ -142,13 +142,15 @@ def test_whatever_becomes_of_a_message_the_ledger_never_has_less_than_the_body_g
     scene = Scene(board, is_probe_first=is_probe_first)
     returns = to_named_returns(scene.count) if is_named and board == RELAY else "all"
     faults = [
-        one if isinstance(one, MisoStuck) else msgspec.structs.replace(one, at_message=at_message)
-        for one in found
+        spi_error
+        if isinstance(spi_error, MisoStuck)
+        else msgspec.structs.replace(spi_error, at_message=at_message)
+        for spi_error in found
     ]
     wanted = {HERE: CURRENT_UA, HERE + 2: CURRENT_UA // 2}
     scene.show(
         *dict.fromkeys(faults),
-        current_ua=tuple(wanted.get(one, 0) for one in range(scene.count)),
+        current_ua=tuple(wanted.get(electrode, 0) for electrode in range(scene.count)),
         width_us=width_us,
         polarity=polarity,
         returns=returns,

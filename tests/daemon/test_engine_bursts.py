@@ -13,9 +13,9 @@ import pytest
 from engine_parts import array, board_file, body_site, currents, frame, planner
 from engine_rig import EngineRig
 from engine_scenes import MS, armed, config, fully_open, moves, only, phases, scans
-from etd.bodysite import BodySite
-from etd.config import LoadedConfig
-from etd.errors import Refused
+from etd.files.body_site import BodySite
+from etd.files.configuration import LoadedConfig
+from etd.protocol.errors import Refused
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.settings import Settings
 from trace_decoder import Phase
@@ -43,7 +43,7 @@ def loaded_with(bursts: Bursts = SIX, board: str = "kajimoto-hv507", **maxima: i
 
 
 def begun_us(found: Sequence[Phase], electrode: int) -> list[float]:
-    return [one.from_ns / 1_000 for one in found if one.electrode == electrode]
+    return [phase.from_ns / 1_000 for phase in found if phase.electrode == electrode]
 
 
 def apart_us(found: Sequence[Phase], electrode: int) -> list[float]:
@@ -68,8 +68,8 @@ def test_each_electrode_gets_its_burst_of_pulses_at_the_rate_inside_it(make_rig:
     found = phases(rig, since_ns)
     for electrode in (3, 9):
         apart = apart_us(found, electrode)
-        within = [one for one in apart if one < 10_000]
-        between = [one for one in apart if one >= 10_000]
+        within = [value for value in apart if value < 10_000]
+        between = [value for value in apart if value >= 10_000]
         assert len(within) == 5 * (len(between) + 1)
         assert within == pytest.approx([BURST_US] * len(within), abs=150)
         assert min(within) >= BURST_US
@@ -85,9 +85,9 @@ def test_the_electrodes_of_a_group_take_turns_and_the_next_group_follows(
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=(800,) * N, width_us=100, ttl_ms=60)
     rig.run_ms(60)
-    order = [one.electrode for one in phases(rig, since_ns)]
+    order = [phase.electrode for phase in phases(rig, since_ns)]
     groups = [list(range(first, N, 3)) for first in range(3)]
-    assert order == [one for group in groups for one in group * 6]
+    assert order == [electrode for group in groups for electrode in group * 6]
 
 
 def test_a_scan_in_bursts_breaks_no_rule_of_the_wires(make_rig: MakeRig) -> None:
@@ -114,7 +114,7 @@ def test_so_many_pulses_per_electrode_then_silence_counts_them_one_by_one(
     rig.show(current_ua=(800,) * N, pulses=8, ttl_ms=900)
     rig.run_ms(300)
     found = phases(rig, since_ns)
-    assert [len(begun_us(found, one)) for one in range(N)] == [8] * N
+    assert [len(begun_us(found, electrode)) for electrode in range(N)] == [8] * N
 
 
 def test_a_frame_that_expires_within_a_burst_ends_it(make_rig: MakeRig) -> None:
@@ -139,7 +139,7 @@ def test_a_stop_within_a_burst_is_heard_between_its_pulses(make_rig: MakeRig) ->
     assert rig.state == "HALTED"
     off_ns = [t_ns for t_ns, level in moves(rig, "HV", now_ns) if not level]
     assert now_ns + 10 * MS <= off_ns[0] < now_ns + 13 * MS
-    after = [one.from_ns for one in phases(rig, now_ns) if one.from_ns > now_ns + 10 * MS]
+    after = [phase.from_ns for phase in phases(rig, now_ns) if phase.from_ns > now_ns + 10 * MS]
     assert after == []
 
 
@@ -152,8 +152,13 @@ def test_the_ledger_counts_every_pulse_of_a_burst(make_rig: MakeRig) -> None:
     since_ns = rig.clock.now_ns()
     rig.hold(900, current_ua=only(N, e3=800), width_us=100)
     assert len(begun_us(phases(rig, since_ns), 3)) == 40
-    told = [one for scan in scans(rig) for one in scan.thinned if one.reason == "ledger"]
-    assert 3 in {one.electrode for one in told}
+    told = [
+        shortfall
+        for scan in scans(rig)
+        for shortfall in scan.not_fired
+        if shortfall.reason == "ledger"
+    ]
+    assert 3 in {shortfall.electrode for shortfall in told}
 
 
 def test_bursts_whose_pulses_are_too_many_in_a_second_are_refused() -> None:
@@ -182,9 +187,11 @@ def test_a_rate_of_bursts_that_does_not_fit_is_refused_with_the_achievable_one()
     with pytest.raises(Refused, match="do not fit") as caught:
         made.plan(frame(current_ua=(500,) * 64, width_us=100, rate_hz=15.0))
     assert caught.value.achievable_hz == pytest.approx(6.9, abs=0.1)
-    thinned = made.plan(frame(current_ua=(500,) * 64, width_us=100, rate_hz=15.0, thin=True))
-    assert thinned.rate_hz == caught.value.achievable_hz
-    assert len(thinned.groups) == 8
+    shortfalls = made.plan(
+        frame(current_ua=(500,) * 64, width_us=100, rate_hz=15.0, allow_slower=True)
+    )
+    assert shortfalls.rate_hz == caught.value.achievable_hz
+    assert len(shortfalls.groups) == 8
 
 
 def test_a_burst_takes_its_intervals_however_few_electrodes_there_are() -> None:

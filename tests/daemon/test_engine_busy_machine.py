@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import engine_rig
 from engine_rig import EngineRig
-from engine_scenes import MS, halts, only, phases, thinned
-from etd.link import ArmBoard
+from engine_scenes import MS, halts, only, phases, shortfalls
+from etd.protocol.link import ArmBoard
 from etd_hal.fake.clock import SteppedClock
 from trace_decoder import parse
 from trace_rules import violations
@@ -59,7 +59,7 @@ def armed_rig(board: str, machine: HeldUpClock) -> EngineRig:
     )
     # The stopper has no thread that is never held up: it looks when the machine gives it a turn.
     rig.stopper.is_looking = False
-    machine.others = rig.engine.components.stopper.look
+    machine.others = rig.engine.components.stopper.check
     rig.open(1_000)
     if rig.engine.components.loaded.board.guards.wearer_stop != "absent":
         rig.try_wearer_stop()
@@ -80,14 +80,14 @@ def test_it_fires_all_that_is_asked_and_nothing_is_overdue_overrun_or_too_long(
     answer = rig.wait_for(rig.send(**frame, ttl_ms=1_000, pulses=20), PATIENCE_MS)
     assert answer.error is None
     while rig.engine.components.active.schedule is not None:
-        rig.turn()
-    fired = [one.electrode for one in phases(rig, begun_ns)]
+        rig.step()
+    fired = [phase.electrode for phase in phases(rig, begun_ns)]
     assert (fired.count(3), fired.count(9)) == (20, 20)
     assert rig.state == "ARMED"
     assert halts(rig) == []
     assert not rig.engine.components.stopper.has_acted
     assert rig.engine.components.reporter.counters["recalibrated"] == 0
-    assert thinned(rig) == []
+    assert shortfalls(rig) == []
     late_ns = machine.now_ns() - rig.engine.components.clock.now_ns()
     assert late_ns > MOST_STALLED_NS, "the machine was not held up"
     assert rig.close() == ()

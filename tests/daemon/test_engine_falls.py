@@ -22,13 +22,13 @@ from engine_scenes import (
     phases,
     scans,
 )
-from etd.calibration import ElectrodeLimits
-from etd.config import LoadedConfig
-from etd.link import Alive
+from etd.files.configuration import LoadedConfig
+from etd.protocol.calibration import ElectrodeLimits
+from etd.protocol.link import Alive
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.fitted import FittedLaw
-from etd.stabilize.narrow import Narrow
+from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.settings import Settings
+from etd.stabilize.strength_duration import StrengthDuration
 from etd_body.electrode import skin
 from trace_decoder import Phase
 
@@ -63,9 +63,9 @@ def midway(rig: EngineRig, after_ms: float, rate_hz: float, *newer: dict[str, An
     begun_ns = rig.clock.now_ns()
     rig.send(**STRONG, rate_hz=rate_hz, ttl_ms=1_000)
     sent_ns = begun_ns
-    for number, one in enumerate(newer):
+    for number, entry in enumerate(newer):
         sent_ns = begun_ns + int((after_ms + number) * MS)
-        fields = {"rate_hz": rate_hz, "ttl_ms": 900, **one}
+        fields = {"rate_hz": rate_hz, "ttl_ms": 900, **entry}
         rig.clock.at(sent_ns, partial(rig.send, **fields))
     rig.run_ms(700)
     assert all(answer.error is None for answer in rig.answers.values())
@@ -74,9 +74,9 @@ def midway(rig: EngineRig, after_ms: float, rate_hz: float, *newer: dict[str, An
 
 def of(rig: EngineRig, electrode: int, since_ns: int, until_ns: int | None = None) -> list[Phase]:
     return [
-        one
-        for one in phases(rig, since_ns)
-        if one.electrode == electrode and (until_ns is None or one.from_ns < until_ns)
+        phase
+        for phase in phases(rig, since_ns)
+        if phase.electrode == electrode and (until_ns is None or phase.from_ns < until_ns)
     ]
 
 
@@ -106,8 +106,8 @@ def test_in_a_burst_a_fall_holds_from_the_next_pulse(
     sent_ns = midway(rig, after_ms, rate_hz, weaker)
     before = of(rig, 3, shown_ns, sent_ns)
     assert 1 <= len(before) < bursts.pulses
-    assert all(one.charge_pc > 90_000 for one in before)
-    assert all(one.charge_pc < 61_000 for one in of(rig, 3, sent_ns))
+    assert all(phase.charge_pc > 90_000 for phase in before)
+    assert all(phase.charge_pc < 61_000 for phase in of(rig, 3, sent_ns))
     burst_ns = int(bursts.pulses * bursts.interval_us * 1_000)
     others = of(rig, 9, shown_ns, shown_ns + burst_ns + MS)
     assert len(others) == bursts.pulses, "who has not fallen keeps the rhythm"
@@ -118,7 +118,7 @@ def test_what_fell_goes_on_weaker_in_the_same_burst(make_rig: MakeRig) -> None:
     shown_ns = rig.clock.now_ns()
     weaker = {"current_ua": only(N, e3=300, e9=1_000), "width_us": 100}
     midway(rig, 7.0, 15.0, weaker)
-    burst = [round(one.current_ua, -2) for one in of(rig, 3, shown_ns, shown_ns + 30 * MS)]
+    burst = [round(phase.current_ua, -2) for phase in of(rig, 3, shown_ns, shown_ns + 30 * MS)]
     assert burst == [1_000, 1_000, 1_000, 300, 300, 300]
 
 
@@ -131,7 +131,7 @@ def test_a_rise_waits_for_the_next_burst(make_rig: MakeRig) -> None:
     weaker = {"current_ua": only(N, e3=300), "width_us": 100}
     stronger = {"current_ua": only(N, e3=800), "width_us": 100}
     midway(rig, 7.0, 15.0, weaker, stronger)
-    found = [round(one.current_ua, -2) for one in of(rig, 3, shown_ns, shown_ns + 90 * MS)]
+    found = [round(phase.current_ua, -2) for phase in of(rig, 3, shown_ns, shown_ns + 90 * MS)]
     assert found == [1_000] * 3 + [300] * 3 + [800] * 6
     assert rig.engine.components.reporter.counters["frames_superseded"] == superseded + 1
 
@@ -143,7 +143,7 @@ def test_a_frame_that_is_refused_takes_nothing_from_a_burst(make_rig: MakeRig) -
     rig.clock.at(begun_ns + 7 * MS, lambda: rig.send(current_ua=only(N, e3=9_000, e9=300)))
     rig.run_ms(60)
     assert {answer.error for answer in rig.answers.values()} == {None, "over_maximum"}
-    assert [round(one.current_ua, -2) for one in of(rig, 9, begun_ns)] == [1_000] * 6
+    assert [round(phase.current_ua, -2) for phase in of(rig, 9, begun_ns)] == [1_000] * 6
 
 
 def test_a_newer_frame_whose_time_is_over_before_its_scan_is_told(make_rig: MakeRig) -> None:
@@ -154,10 +154,10 @@ def test_a_newer_frame_whose_time_is_over_before_its_scan_is_told(make_rig: Make
         begun_ns + 90 * MS, lambda: rig.send(current_ua=only(N, e3=300), rate_hz=2.0, ttl_ms=100)
     )
     rig.run_ms(600)
-    refused = [one.refused for one in rig.reports if one.refused is not None]
-    assert [one.error for one in refused] == ["expired"]
-    assert max(one.current_ua for one in of(rig, 3, begun_ns + 95 * MS)) < 301, "it has fallen"
-    assert rig.last_seq not in {one.seq for scan in scans(rig) for one in scan.shown}
+    refused = [report.refused for report in rig.reports if report.refused is not None]
+    assert [refused_report.error for refused_report in refused] == ["expired"]
+    assert max(phase.current_ua for phase in of(rig, 3, begun_ns + 95 * MS)) < 301, "it has fallen"
+    assert rig.last_seq not in {shown.seq for scan in scans(rig) for shown in scan.shown}
 
 
 def test_in_a_long_scan_of_a_stack_of_boards_a_fall_waits_for_a_twentieth_of_a_second(
@@ -178,18 +178,18 @@ def test_a_current_that_is_named_holds_at_once_for_a_level_that_a_law_makes_stro
 ) -> None:
     """A law in this order widens a pulse, which is made narrower and stronger again."""
     settings = Settings(
-        order=("fitted", "narrow"),
-        fitted=FittedLaw(k=1.0, most_wider=4.0, rise_per_s=20.0),
-        narrow=Narrow(width_us=50, tau_us=151.0),
+        order=("power_law", "strength_duration"),
+        power_law=PowerLawSettings(k=1.0, max_widening=4.0, rise_per_s=20.0),
+        strength_duration=StrengthDuration(width_us=50, tau_us=151.0),
         bursts=Bursts(pulses=6, rate_hz=350.0),
     )
     loaded = loaded_with(None, "kajimoto-hv507", N)
     site = msgspec.structs.replace(loaded.body_site, stabilize=settings)
     rig = make_rig(loaded=dataclasses.replace(loaded, body_site=site))
-    one = ElectrodeLimits(
+    limits = ElectrodeLimits(
         threshold_ua=500, comfortable_ua=1_000, cap_ua=3_000, resistance_ohm=60_000
     )
-    changes: dict[str, Any] = {"electrode": (one,) * N, "width_us": 50, "rate_hz": 15.0}
+    changes: dict[str, Any] = {"electrode": (limits,) * N, "width_us": 50, "rate_hz": 15.0}
     made = calibration(rig, (3_000,) * N, shape=settings.shape, **changes)
     assert open_calibrated(rig, made).error is None
     rig.arm()
@@ -203,8 +203,8 @@ def test_a_current_that_is_named_holds_at_once_for_a_level_that_a_law_makes_stro
     rig.clock.at(named_ns, partial(rig.send, **named))
     rig.run_ms(60)
     assert all(answer.error is None for answer in rig.answers.values())
-    before = [one.current_ua for one in of(rig, 3, begun_ns, named_ns)]
-    after = [one.current_ua for one in of(rig, 3, named_ns, begun_ns + 30 * MS)]
+    before = [phase.current_ua for phase in of(rig, 3, begun_ns, named_ns)]
+    after = [phase.current_ua for phase in of(rig, 3, named_ns, begun_ns + 30 * MS)]
     assert len(before) + len(after) == 6, "one burst"
     assert min(before) > 1_100
     assert max(after) <= 1_000

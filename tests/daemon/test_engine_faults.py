@@ -20,7 +20,7 @@ from engine_scenes import (
     phases,
     states,
 )
-from etd.link import ArmBoard
+from etd.protocol.link import ArmBoard
 from etd_hal.backend import Backend
 from etd_hal.errors import BusError, GuardRefusal
 from etd_hal.fake.faults import (
@@ -143,7 +143,7 @@ def test_a_guard_refusal_halts_with_its_rule(make_rig: MakeRig) -> None:
     rig.run_ms(50)
     assert first_fault(rig) == GuardRefusal.__name__
     assert "approval" in halts(rig)[0].detail
-    assert [one for one in phases(rig, since_ns) if one.current_ua > 100] == []
+    assert [phase for phase in phases(rig, since_ns) if phase.current_ua > 100] == []
 
 
 # --- GPIO that is gone ----------------------------------------------------------------------------
@@ -190,7 +190,7 @@ def test_lines_that_are_gone_halt_and_the_dac_is_zeroed_all_the_same(operation: 
     assert operation in halts(rig)[0].detail
     assert dac_codes(rig, since_ns)[-1][1] == 0
     assert rig.fake.dac_code == 0
-    rig.turn()
+    rig.step()
     # What could not be told to go off is not told as off.
     assert states(rig)[-1].supply_on is (operation == "set")
     failing[0].fails = set()

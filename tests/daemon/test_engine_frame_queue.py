@@ -11,8 +11,8 @@ import pytest
 
 from engine_rig import LEASE, EngineRig, turn
 from engine_scenes import MS, armed, fully_open, longest_gap_ns, only, phases, shown
-from etd.frame import Frame
-from etd.link import MAX_DATAGRAM_BYTES, Alive, Channel, NewFrame, StopNow
+from etd.protocol.frame import Frame
+from etd.protocol.link import MAX_DATAGRAM_BYTES, Alive, Channel, NewFrame, StopNow
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -95,7 +95,7 @@ def test_a_stop_is_heard_in_the_midst_of_a_flood_of_frames(make_rig: MakeRig) ->
 
     def meanwhile() -> None:
         if flooding.are_read == 200:
-            rig.commands.send(StopNow(ref=0, who="operator"))
+            rig.commands.send(StopNow(ref=0, client="operator"))
         if rig.state == "HALTED":
             heard_after.append(flooding.are_read)
 
@@ -132,12 +132,12 @@ def test_of_many_streamed_frames_a_few_are_planned_and_the_newest_stands(
     rig.run_ms(60)
     superseded = rig.engine.components.reporter.counters["frames_superseded"] - before
     assert superseded >= 290
-    seqs = [one.seq for one in shown(rig)]
+    seqs = [frame.seq for frame in shown(rig)]
     assert seqs == sorted(seqs)
     assert seqs[-1] == 1_299
     since_ns = rig.clock.now_ns()
     rig.run_ms(60)
-    assert {one.electrode for one in phases(rig, since_ns)} == {1_299 % N}
+    assert {phase.electrode for phase in phases(rig, since_ns)} == {1_299 % N}
 
 
 def test_every_frame_that_wants_an_answer_gets_one_in_order(make_rig: MakeRig) -> None:
@@ -149,9 +149,9 @@ def test_every_frame_that_wants_an_answer_gets_one_in_order(make_rig: MakeRig) -
         assert rig.frames.send(frame(seq, ref=ref))
     answered: list[int] = []
     while len(answered) < len(refs):
-        rig.turn()
+        rig.step()
         answered += rig.answers
-        assert [one.error for one in rig.answers.values()] == [None] * len(rig.answers)
+        assert [answer.error for answer in rig.answers.values()] == [None] * len(rig.answers)
         rig.answers.clear()
     assert answered == refs
     rig.run_ms(60)

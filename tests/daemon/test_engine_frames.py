@@ -8,8 +8,8 @@ import pytest
 
 from engine_rig import EngineRig
 from engine_scenes import MS, armed, felt_ua, fully_open, only, phases, shown
-from etd.frame import Frame
-from etd.link import Alive, ArmBoard, KeepLease, NewFrame
+from etd.protocol.frame import Frame
+from etd.protocol.link import Alive, ArmBoard, KeepLease, NewFrame
 from trace_decoder import visits
 
 MakeRig = Callable[..., EngineRig]
@@ -28,7 +28,7 @@ def test_a_frame_becomes_its_currents_on_its_electrodes(make_rig: MakeRig) -> No
     rig.show(current_ua=only(N, e3=700, e9=1_500), width_us=80, pulses=3)
     rig.run_ms(100)
     found = list(visits(phases(rig, since_ns)))
-    assert [one[0].electrode for one in found] == [3, 9, 3, 9, 3, 9]
+    assert [visit[0].electrode for visit in found] == [3, 9, 3, 9, 3, 9]
     for (phase,) in found:
         assert phase.is_anodic
         asked_ua = {3: 700, 9: 1_500}[phase.electrode or 0]
@@ -45,7 +45,7 @@ def test_a_frame_past_its_time_is_silent_within_one_pulse(make_rig: MakeRig, ttl
     fired = [phase for phase in phases(rig, sent_ns) if phase.current_ua > 900]
     assert fired
     expires_ns = sent_ns + ttl_ms * MS
-    assert max(one.from_ns for one in fired) < expires_ns + MS
+    assert max(phase.from_ns for phase in fired) < expires_ns + MS
 
 
 def test_no_pulse_begins_once_its_frame_s_time_is_over(make_rig: MakeRig) -> None:
@@ -59,7 +59,7 @@ def test_no_pulse_begins_once_its_frame_s_time_is_over(make_rig: MakeRig) -> Non
         sent_ns = rig.clock.now_ns() - early_us * 1_000
         rig.show(current_ua=(500,) * N, rate_hz=100.0, ttl_ms=12, sent_ns=sent_ns)
         rig.run_ms(60)
-        begun_ns = [one.from_ns for one in phases(rig, sent_ns)]
+        begun_ns = [phase.from_ns for phase in phases(rig, sent_ns)]
         assert max(begun_ns) < sent_ns + 12 * MS + 20_000
         fired += len(begun_ns)
     assert fired > N * ends_within_us // 20
@@ -146,8 +146,10 @@ def test_that_many_pulses_each_and_then_silence(make_rig: MakeRig) -> None:
     rates = (50.0,) * 8 + (25.0,) * 8
     rig.show(current_ua=ALL, rate_hz=rates, pulses=4, ttl_ms=1_000)
     rig.run_ms(400)
-    fired = [one.electrode for one in phases(rig, since_ns)]
-    assert {one: fired.count(one) for one in range(N)} == dict.fromkeys(range(N), 4)
+    fired = [phase.electrode for phase in phases(rig, since_ns)]
+    assert {electrode: fired.count(electrode) for electrode in range(N)} == dict.fromkeys(
+        range(N), 4
+    )
     assert rig.engine.components.active.schedule is None
 
 
@@ -176,7 +178,7 @@ def test_a_silent_frame_is_shown_without_a_pulse(make_rig: MakeRig) -> None:
     rig.show(current_ua=(0,) * N, ttl_ms=100, tag=77)
     rig.run_ms(200)
     assert phases(rig, since_ns) == []
-    mine = [one for one in shown(rig) if one.tag == 77]
+    mine = [frame for frame in shown(rig) if frame.tag == 77]
     assert mine[-1].ended
     assert mine[-1].first_ns is None
 

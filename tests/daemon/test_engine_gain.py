@@ -11,11 +11,11 @@ import pytest
 import engine_rig
 from engine_rig import LEASE, EngineRig
 from engine_scenes import fully_open, only, phases
-from etd.config import fake_config
-from etd.link import CloseLease
-from etd.stabilize.energy import EnergyLaw
-from etd.stabilize.fitted import FittedLaw
-from etd.stabilize.lines import LinesLaw
+from etd.files.configuration import fake_config
+from etd.protocol.link import CloseLease
+from etd.stabilize.energy import EnergySettings
+from etd.stabilize.linear_law import LinearLawSettings
+from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 from etd_hal.fake.faults import AdcScale
@@ -23,9 +23,9 @@ from etd_hal.fake.faults import AdcScale
 N, WIDTH_US, CURRENT_UA = 16, 60, 1_000
 NEAR = 1.5**0.8
 LAWS: dict[str, Any] = {
-    "fitted": FittedLaw(k=1.05),
-    "energy": EnergyLaw(),
-    "lines": LinesLaw(charge_slope=-0.48, energy_slope=0.22),
+    "power_law": PowerLawSettings(k=1.05),
+    "energy": EnergySettings(),
+    "linear_law": LinearLawSettings(charge_slope=-0.48, energy_slope=0.22),
 }
 
 
@@ -46,12 +46,12 @@ def held(rig: EngineRig, duration_ms: float) -> float:
     begun_ns = rig.clock.now_ns()
     wanted = only(N, e4=CURRENT_UA)
     rig.hold(duration_ms, current_ua=wanted, width_us=WIDTH_US, rate_hz=10.0, ttl_ms=300)
-    last = [one for one in phases(rig, begun_ns) if one.electrode == 4][-1]
+    last = [phase for phase in phases(rig, begun_ns) if phase.electrode == 4][-1]
     return last.charge_pc / (CURRENT_UA * WIDTH_US)
 
 
 def doubts(rig: EngineRig) -> int:
-    return rig.engine.components.reporter.counters["not_believed_bound"]
+    return rig.engine.components.reporter.counters["rejected_bound"]
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -78,11 +78,11 @@ def test_a_law_that_a_wrong_gain_holds_at_its_widest_gives_up_and_says_so_once(
 def test_a_law_that_a_gain_too_high_holds_at_next_to_nothing_stays_there_and_says_so_once(
     gain: float,
 ) -> None:
-    rig = rig_with("fitted")
+    rig = rig_with("power_law")
     rig.fake.world.put_in(AdcScale(gain))
     assert held(rig, 3_000) < 0.25, "skin may ask for that, for a while"
     assert held(rig, 18_000) < 0.25, "an edge of skin that carries all reads the same"
-    assert rig.engine.components.reporter.counters["not_believed_narrow"] == 1
+    assert rig.engine.components.reporter.counters["rejected_narrow"] == 1
     assert rig.close() == ()
 
 
@@ -99,14 +99,14 @@ def test_no_law_is_driven_above_what_the_frame_wants_by_a_resistance_too_high(
 
 def test_some_gains_do_hold_a_law_at_its_widest() -> None:
     """What the test above is about."""
-    rig = rig_with("fitted")
+    rig = rig_with("power_law")
     rig.fake.world.put_in(AdcScale(0.6))
     assert held(rig, 2_000) > 1.45
     rig.close()
 
 
 def test_whoever_comes_next_is_told_what_is_still_not_believed() -> None:
-    rig = rig_with("fitted")
+    rig = rig_with("power_law")
     rig.fake.world.put_in(AdcScale(0.6))
     held(rig, 12_000)
     assert doubts(rig) == 1
@@ -119,7 +119,7 @@ def test_whoever_comes_next_is_told_what_is_still_not_believed() -> None:
 
 
 def test_a_gain_that_is_right_now_and_then_is_not_believed_for_the_rest_of_the_time() -> None:
-    rig = rig_with("fitted")
+    rig = rig_with("power_law")
     wrong = AdcScale(0.6)
     for _ in range(2):
         rig.fake.world.put_in(wrong)
@@ -131,7 +131,7 @@ def test_a_gain_that_is_right_now_and_then_is_not_believed_for_the_rest_of_the_t
 
 
 def test_a_law_is_believed_again_when_it_wants_less() -> None:
-    rig = rig_with("fitted")
+    rig = rig_with("power_law")
     wrong = AdcScale(0.6)
     rig.fake.world.put_in(wrong)
     held(rig, 12_000)
@@ -147,26 +147,26 @@ def test_a_law_is_believed_again_when_it_wants_less() -> None:
 def test_a_gain_that_is_wrong_for_all_electrodes_widens_none_for_long(name: str) -> None:
     rig = rig_with(name)
     ohms = {1: 15_000.0, 3: 25_000.0, 4: 19_000.0, 6: 22_000.0}
-    for one, ohm in ohms.items():
-        rig.fake.world.touch(one, skin(1_000.0, ohm, 0.8))
-    wanted = only(N, **{f"e{one}": CURRENT_UA for one in ohms})
+    for electrode, ohm in ohms.items():
+        rig.fake.world.touch(electrode, skin(1_000.0, ohm, 0.8))
+    wanted = only(N, **{f"e{ohm}": CURRENT_UA for ohm in ohms})
 
     def charges(duration_ms: float) -> dict[int, float]:
         begun_ns = rig.clock.now_ns()
         rig.hold(duration_ms, current_ua=wanted, width_us=WIDTH_US, rate_hz=10.0, ttl_ms=300)
-        last = {one.electrode: one.charge_pc for one in phases(rig, begun_ns)}
-        return {one: last[one] / (CURRENT_UA * WIDTH_US) for one in ohms}
+        last = {phase.electrode: phase.charge_pc for phase in phases(rig, begun_ns)}
+        return {ohm: last[ohm] / (CURRENT_UA * WIDTH_US) for ohm in ohms}
 
     assert max(charges(2_500).values()) < 1.1
     rig.fake.world.put_in(AdcScale(0.7))
-    assert max(charges(500).values()) > (1.01 if name == "lines" else 1.2)
+    assert max(charges(500).values()) > (1.01 if name == "linear_law" else 1.2)
     left = charges(25_000)
     assert max(left.values()) < 1.15
     rig.fake.world.touch(3, skin(1_000.0, 0.6 * ohms[3], 0.8))
-    more = 0.0 if name == "lines" else 0.1
+    more = 0.0 if name == "linear_law" else 0.1
     assert charges(1_000)[3] >= left[3] + more, "one that alone gets wetter is still answered"
     assert doubts(rig) == 0
-    assert rig.engine.components.reporter.counters["not_believed_common"] == (
-        0 if name == "lines" else 1
+    assert rig.engine.components.reporter.counters["rejected_common"] == (
+        0 if name == "linear_law" else 1
     )
     assert rig.close() == ()

@@ -18,8 +18,8 @@ from engine_scenes import (
     phases,
     states,
 )
-from etd.link import ArmBoard, ClearHalt, DisarmBoard, MeasureContact, OpenLease, StopNow
-from etd.protocol import Limits
+from etd.protocol.link import ArmBoard, ClearHalt, DisarmBoard, MeasureContact, OpenLease, StopNow
+from etd.protocol.messages import Limits
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -28,7 +28,7 @@ REFERENCE = "reference-hv507"
 
 
 def stop(rig: EngineRig, who: str = "operator") -> None:
-    assert rig.ask(StopNow, who=who).error is None
+    assert rig.ask(StopNow, client=who).error is None
 
 
 def in_state(rig: EngineRig, state: str) -> EngineRig:
@@ -48,12 +48,12 @@ def test_stop_halts_from_every_state(make_rig: MakeRig, state: str) -> None:
     stop(rig)
     assert rig.state == "HALTED"
     (halt,) = halts(rig)
-    assert (halt.cause, halt.who) == ("stop", "operator")
+    assert (halt.cause, halt.source) == ("stop", "operator")
     assert states(rig)[-1].halt == halt
     assert moves(rig, "HV")[-1][1] == 0
     assert rig.fake.dac_code == 0
     assert rig.engine.supervisor.lease is None
-    assert ended_leases(rig)[-1].why == "halted"
+    assert ended_leases(rig)[-1].reason == "halted"
 
 
 def test_stop_is_silent_within_one_pulse(make_rig: MakeRig) -> None:
@@ -61,9 +61,9 @@ def test_stop_is_silent_within_one_pulse(make_rig: MakeRig) -> None:
     rig.show(current_ua=ALL, rate_hz=100.0, ttl_ms=1_000)
     rig.run_ms(7)
     asked_ns = rig.clock.now_ns()
-    rig.commands.send(StopNow(ref=0, who="operator"))
+    rig.commands.send(StopNow(ref=0, client="operator"))
     rig.run_ms(100)
-    assert rig.engine.components.opening.ceiling_ua == 0
+    assert rig.engine.components.soft_start.ceiling_ua == 0
     assert phases(rig)[-1].to_ns < asked_ns + MS
     assert all(code == 0 for _, code in dac_codes(rig, asked_ns + MS))
 
@@ -72,10 +72,10 @@ def test_a_stop_in_the_middle_of_a_scan_is_heard_before_the_next_pulse(make_rig:
     rig = fully_open(make_rig(electrodes=N), 1_000)
     rig.run_ms(250)
     asked_ns = rig.clock.now_ns() + 3 * MS
-    rig.clock.at(asked_ns, lambda: rig.commands.send(StopNow(ref=0, who="operator")))
+    rig.clock.at(asked_ns, lambda: rig.commands.send(StopNow(ref=0, client="operator")))
     rig.show(current_ua=ALL, rate_hz=60.0, ttl_ms=1_000)
     rig.run_ms(100)
-    assert any(one.from_ns < asked_ns for one in phases(rig) if one.current_ua > 900)
+    assert any(phase.from_ns < asked_ns for phase in phases(rig) if phase.current_ua > 900)
     assert phases(rig)[-1].from_ns < asked_ns + MS
 
 
@@ -110,7 +110,7 @@ def test_the_first_cause_stands(make_rig: MakeRig) -> None:
     rig = armed(make_rig(electrodes=N))
     stop(rig, "the first")
     stop(rig, "the second")
-    assert [one.who for one in halts(rig)] == ["the first"]
+    assert [halt.source for halt in halts(rig)] == ["the first"]
     assert rig.engine.supervisor.states.halt == halts(rig)[0]
 
 
@@ -145,11 +145,11 @@ def test_a_stop_line_while_armed_is_silent_within_one_pulse_and_halts(
     rig.fake.world.press(line, pressed_ns)  # type: ignore[arg-type]
     rig.show(current_ua=(1_000,) * 64, rate_hz=20.0, ttl_ms=1_000)
     rig.run_ms(50)
-    fired = [one for one in phases(rig) if one.current_ua > 900]
+    fired = [phase for phase in phases(rig) if phase.current_ua > 900]
     assert 5 < len(fired) < 30
     assert pressed_ns - MS < fired[-1].from_ns < pressed_ns + MS
     (halt,) = halts(rig)
-    assert (halt.cause, halt.who) == (line, line)
+    assert (halt.cause, halt.source) == (line, line)
     hv_ns, hv = moves(rig, "HV")[-1]
     assert hv == 0
     assert hv_ns < pressed_ns + MS
@@ -218,7 +218,7 @@ def test_a_stop_is_heard_behind_a_flood_of_frames(make_rig: MakeRig) -> None:
     for _ in range(200):
         rig.send(current_ua=ALL, ttl_ms=1_000)
     asked_ns = rig.clock.now_ns()
-    rig.commands.send(StopNow(ref=0, who="operator"))
+    rig.commands.send(StopNow(ref=0, client="operator"))
     rig.run_ms(20)
     assert rig.state == "HALTED"
-    assert [one for one in phases(rig, asked_ns) if one.from_ns > asked_ns + MS] == []
+    assert [phase for phase in phases(rig, asked_ns) if phase.from_ns > asked_ns + MS] == []

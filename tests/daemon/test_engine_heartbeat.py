@@ -10,9 +10,9 @@ from itertools import pairwise
 import pytest
 
 from engine_rig import LEASE, EngineRig
-from engine_scenes import MS, armed, config, fully_open, halts, longest_gap_ns, moves, thinned
-from etd.link import ArmBoard, DisarmBoard, StopNow
-from etd.stabilize.pipeline import Known, Reach, Wish
+from engine_scenes import MS, armed, config, fully_open, halts, longest_gap_ns, moves, shortfalls
+from etd.protocol.link import ArmBoard, DisarmBoard, StopNow
+from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
 from etd_hal.backend import Backend
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import SpiStall
@@ -42,7 +42,7 @@ def test_each_beat_is_an_edge(make_rig: MakeRig) -> None:
     rig = armed(make_rig(REFERENCE))
     rig.run_ms(200)
     levels = [value for _, value in moves(rig, "HEARTBEAT", supplied_from_ns(rig))]
-    assert all(one != other for one, other in pairwise(levels))
+    assert all(electrode != other for electrode, other in pairwise(levels))
 
 
 def test_in_safe_and_in_halted_nothing_beats(make_rig: MakeRig) -> None:
@@ -58,7 +58,7 @@ def test_in_safe_and_in_halted_nothing_beats(make_rig: MakeRig) -> None:
     assert edges_ns(rig, since_ns)
     assert edges_ns(rig, disarmed_ns) == []
     assert rig.ask(ArmBoard).error is None
-    rig.ask(StopNow, who="operator")
+    rig.ask(StopNow, client="operator")
     rig.run_ms(100)
     halted_ns = halts(rig)[0].t_ns
     assert edges_ns(rig, halted_ns) == []
@@ -122,14 +122,14 @@ class Thinks:
     us: int
     spend: Callable[[int], None] = lambda _: None
 
-    reach = Reach()
+    max_gain = MaxGain()
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         pass
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
+    def adapt(self, pulse_request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
         self.spend(self.us * 1_000)
-        return wish
+        return pulse_request
 
 
 def busy_rig(
@@ -152,7 +152,7 @@ def busy_rig(
 def dense(rig: EngineRig) -> tuple[int, int]:
     """The densest plan there is, for nearly a second; from when to when."""
     since_ns = rig.clock.now_ns()
-    assert rig.show(current_ua=ALL, rate_hz=100.0, thin=True, ttl_ms=1_000).thinned
+    assert rig.show(current_ua=ALL, rate_hz=100.0, allow_slower=True, ttl_ms=1_000).slowed
     rig.run_ms(950)
     return since_ns, rig.clock.now_ns()
 
@@ -166,7 +166,7 @@ def test_the_densest_plan_leaves_a_fifth_of_every_100_ms(make_rig: MakeRig, rest
 
 
 @pytest.mark.parametrize("think_us", [80, 300])
-def test_when_visits_take_longer_than_planned_the_scan_is_thinned_and_it_is_told(
+def test_when_visits_take_longer_than_planned_the_scan_is_slowed_and_it_is_told(
     make_rig: MakeRig, think_us: int
 ) -> None:
     rig, sleeps = busy_rig(make_rig, 50, think_us, "kajimoto-hv507")
@@ -175,16 +175,19 @@ def test_when_visits_take_longer_than_planned_the_scan_is_thinned_and_it_is_told
     waking = [0, *(until for _, until in sleeps.asleep)]
     stretches = [asleep[0] - woke for asleep, woke in zip(sleeps.asleep, waking, strict=False)]
     assert max(stretches[1:]) < 81 * MS, "80 % of any 100 ms"
-    assert sum(one.pulses for one in thinned(rig) if one.reason == "processor") >= 7
+    assert (
+        sum(shortfall.pulses for shortfall in shortfalls(rig) if shortfall.reason == "processor")
+        >= 7
+    )
 
 
 def test_a_pause_is_told_and_the_heartbeat_goes_on_through_it(make_rig: MakeRig) -> None:
     rig, _ = busy_rig(make_rig, 50, 300)
     fully_open(rig, 500)
     since_ns = rig.clock.now_ns()
-    rig.show(current_ua=ALL, rate_hz=100.0, thin=True, ttl_ms=1_000)
+    rig.show(current_ua=ALL, rate_hz=100.0, allow_slower=True, ttl_ms=1_000)
     rig.run_ms(900)
-    assert [one for one in thinned(rig) if one.reason == "processor"]
+    assert [shortfall for shortfall in shortfalls(rig) if shortfall.reason == "processor"]
     assert longest_gap_ns(rig, since_ns, rig.clock.now_ns()) <= WINDOW_NS // 2
     assert rig.state == "ARMED"
 
@@ -193,11 +196,11 @@ def test_a_stop_line_is_heard_in_a_pause(make_rig: MakeRig) -> None:
     rig, _ = busy_rig(make_rig, 50, 300)
     fully_open(rig, 500)
     rig.run_ms(250)
-    rig.show(current_ua=ALL, rate_hz=100.0, thin=True, ttl_ms=1_000)
+    rig.show(current_ua=ALL, rate_hz=100.0, allow_slower=True, ttl_ms=1_000)
     pressed_ns: list[int] = []
 
     def press(now_ns: int) -> None:
-        if not pressed_ns and rig.engine.components.reporter.counters["thinned_processor"]:
+        if not pressed_ns and rig.engine.components.reporter.counters["not_fired_processor"]:
             pressed_ns.append(now_ns)
 
     for step in range(1, 200):

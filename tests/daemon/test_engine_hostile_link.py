@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 import engine_rig
 from engine_rig import LEASE, EngineRig, turn
 from engine_scenes import MS, armed, calibration, fully_open, open_calibrated, phases, states
-from etd.calibration import Calibration, ElectrodeLimits
-from etd.frame import Frame, Ring
-from etd.link import (
+from etd.protocol.calibration import Calibration, ElectrodeLimits
+from etd.protocol.frame import Frame, Ring
+from etd.protocol.link import (
     Alive,
     ArmBoard,
     Channel,
@@ -25,7 +25,7 @@ from etd.link import (
     CloseLease,
     Command,
     DisarmBoard,
-    Greeting,
+    EngineHello,
     KeepLease,
     MeasureContact,
     NewFrame,
@@ -34,11 +34,11 @@ from etd.link import (
     StopNow,
     ToGateway,
 )
-from etd.protocol import Limits, RefusedReport
+from etd.protocol.messages import Limits, RefusedReport
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.narrow import Narrow
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.shape import Shape
+from etd.stabilize.strength_duration import StrengthDuration
 
 MakeRig = Callable[..., EngineRig]
 N = 8
@@ -61,7 +61,7 @@ def send_bytes(rig: EngineRig, where: str, data: bytes) -> None:
 
 
 def refusals(rig: EngineRig) -> list[RefusedReport]:
-    return [one.refused for one in rig.reports if one.refused is not None]
+    return [report.refused for report in rig.reports if report.refused is not None]
 
 
 # --- bytes ----------------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ UNDECODABLE = {
     "no UTF-8 in a key": text(b"\xa5\xff\xfe\xfd\xfc\xfb", b"\x01"),
     "deep nesting": text(b"\xa1x", b"\x91" * 100_000 + b"\x01"),
     "a list that claims to be long": text(b"\xa1x", b"\xdd\xff\xff\xff\xff"),
-    "an engine's message": msgspec.msgpack.encode(Greeting.__struct_fields__),
+    "an engine's message": msgspec.msgpack.encode(EngineHello.__struct_fields__),
     "a ttl that is none": msgspec.msgpack.encode(
         NewFrame(ref=1, frame=Frame(lease=LEASE, seq=1, current_ua=ALL, ttl_ms=60_000))
     ),
@@ -91,7 +91,7 @@ UNDECODABLE = {
         NewFrame(ref=1, frame=Frame(lease=LEASE, seq=1, level=(float("inf"),) * N))
     ),
     "a kind without end": msgspec.msgpack.encode({"type": "x" * 100_000}),
-    "a name without end": msgspec.msgpack.encode(StopNow(who="x" * 100_000)),
+    "a name without end": msgspec.msgpack.encode(StopNow(client="x" * 100_000)),
 }
 
 
@@ -109,7 +109,7 @@ def test_what_cannot_be_read_ends_the_gateway_and_not_the_engine(
     rig.run_ms(20)
     assert not rig.engine.has_gateway
     assert (rig.state, rig.engine.supervisor.lease, rig.fake.dac_code) == ("SAFE", None, 0)
-    assert [one for one in phases(rig, since_ns) if one.from_ns > since_ns + 2 * MS] == []
+    assert [phase for phase in phases(rig, since_ns) if phase.from_ns > since_ns + 2 * MS] == []
     (refusal,) = refusals(rig)
     assert refusal.error == "bad_message"
     assert "could not be decoded" in refusal.reason
@@ -129,7 +129,7 @@ def test_a_stop_beside_it_is_still_obeyed_and_nothing_else_is(
     rig.clock.spend(2 * MS)
     send_bytes(rig, "frames", b"\xff")
     turn(rig.engine)
-    rig.commands.send(StopNow(ref=0, who="operator"))
+    rig.commands.send(StopNow(ref=0, client="operator"))
     rig.commands.send(ClearHalt(ref=0))
     if where == "commands":
         send_bytes(rig, "commands", b"\xff")
@@ -137,12 +137,12 @@ def test_a_stop_beside_it_is_still_obeyed_and_nothing_else_is(
     assert not rig.engine.has_gateway
     assert rig.state == "HALTED"
     assert rig.engine.supervisor.states.halt is not None
-    assert rig.engine.supervisor.states.halt.who == "operator"
+    assert rig.engine.supervisor.states.halt.source == "operator"
 
 
 # --- frames that are none -------------------------------------------------------------------------
 
-CHAIN = (*((one + 1,) for one in range(31)), (0,))
+CHAIN = (*((electrode + 1,) for electrode in range(31)), (0,))
 WRONG: dict[str, dict[str, Any]] = {
     "too few currents": {"current_ua": (500,) * 31},
     "too many currents": {"current_ua": (500,) * 33},
@@ -178,7 +178,7 @@ def test_a_frame_of_the_wrong_shape_is_refused_by_the_engine_too(
     frame = Frame(**{"lease": LEASE, "seq": 1_000, "rate_hz": 1.0, **WRONG[what]})
     rig.frames.send(NewFrame(ref=0, frame=frame))
     rig.run_ms(5)
-    assert [one.error for one in refusals(rig)] == ["bad_frame"]
+    assert [refusal.error for refusal in refusals(rig)] == ["bad_frame"]
     assert rig.state == "ARMED"
     assert rig.show(seq=1_000, current_ua=(500,) * 32, rate_hz=1.0).error is None
 
@@ -231,7 +231,9 @@ returns = st.one_of(
 )
 shapes = st.builds(
     Shape,
-    narrow=st.one_of(st.none(), st.builds(Narrow, width_us=numbers, tau_us=floats)),
+    strength_duration=st.one_of(
+        st.none(), st.builds(StrengthDuration, width_us=numbers, tau_us=floats)
+    ),
     prepulse=st.one_of(st.none(), st.builds(Prepulse, below_db=floats, width_us=numbers)),
     bursts=st.one_of(st.none(), st.builds(Bursts, pulses=numbers, rate_hz=floats)),
     probe_first=st.booleans(),
@@ -250,7 +252,7 @@ frames = st.builds(
     ttl_ms=st.one_of(st.just(200), numbers),
     pulses=st.one_of(st.none(), numbers),
     strict=st.booleans(),
-    thin=st.booleans(),
+    allow_slower=st.booleans(),
     sent_ns=st.one_of(st.none(), numbers),
     tag=st.one_of(st.none(), numbers),
     sync=st.booleans(),
@@ -290,7 +292,7 @@ def commands(rig: EngineRig) -> st.SearchStrategy[Command]:
     leases = {"ref": st.just(7), "lease": strings}
     return st.one_of(
         st.builds(Alive),
-        st.builds(StopNow, ref=numbers, who=strings),
+        st.builds(StopNow, ref=numbers, client=strings),
         st.builds(ClearHalt),
         st.builds(ArmBoard, ref=numbers),
         st.builds(SetMark, tag=st.one_of(st.none(), numbers), **leases),
@@ -379,7 +381,10 @@ def test_every_frame_is_taken_or_refused_or_ends_its_gateway(
         ref = 0 if is_streamed else 99
         send_bytes(rig, "frames", encoded(NewFrame(ref=ref, frame=frame)))
         rig.run_ms(5)
-        told = [*refusals(rig), *(one for one in rig.answers.values() if one.error is not None)]
+        told = [
+            *refusals(rig),
+            *(answer for answer in rig.answers.values() if answer.error is not None),
+        ]
         is_taken = rig.engine.components.reporter.counters["frames_shown"] > 0
         assert is_taken or len(told) == 1
         assert rig.engine.has_gateway or rig.state == "SAFE"

@@ -19,14 +19,14 @@ from engine_scenes import (
     phases,
     states,
 )
-from etd.link import (
+from etd.protocol.link import (
     Alive,
     Answer,
     ArmBoard,
     Channel,
     CloseLease,
     DisarmBoard,
-    Greeting,
+    EngineHello,
     KeepLease,
     MeasureContact,
     NewFrame,
@@ -35,7 +35,7 @@ from etd.link import (
     ToEngine,
     ToGateway,
 )
-from etd.protocol import Limits
+from etd.protocol.messages import Limits
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -52,7 +52,7 @@ def test_a_lease_lapses_after_one_second_and_the_board_is_safe(make_rig: MakeRig
     rig.run_ms(15)
     assert rig.state == "SAFE"
     (ended,) = ended_leases(rig)
-    assert (ended.lease, ended.why) == (LEASE, "lapsed")
+    assert (ended.lease, ended.reason) == (LEASE, "lapsed")
     assert rig.clock.now_ns() - kept_ns < 1_020 * MS
     assert states(rig)[-1].holder is None
     assert states(rig)[-1].last_disarm == "lapsed"
@@ -90,7 +90,7 @@ def test_a_frame_with_a_foreign_lease_is_refused_and_changes_nothing(make_rig: M
     since_ns = rig.clock.now_ns()
     assert rig.show(lease="foreign", seq=999, current_ua=ALL).error == "other_lease"
     rig.run_ms(100)
-    assert {one.electrode for one in phases(rig, since_ns)} == {3}
+    assert {phase.electrode for phase in phases(rig, since_ns)} == {3}
 
 
 def test_a_second_lease_is_refused_and_told_who_holds_it(make_rig: MakeRig) -> None:
@@ -133,7 +133,7 @@ def test_closing_a_lease_makes_safe_and_lets_the_next_one_in(make_rig: MakeRig) 
     rig.run_ms(50)
     assert phases(rig, since_ns) == []
     assert (rig.state, rig.fake.dac_code) == ("SAFE", 0)
-    assert ended_leases(rig)[-1].why == "closed"
+    assert ended_leases(rig)[-1].reason == "closed"
     rig.open()
 
 
@@ -159,7 +159,7 @@ def test_a_gateway_silent_for_a_quarter_second_ends_the_lease(make_rig: MakeRig)
     assert rig.state == "ARMED"
     rig.run_ms(30)
     assert rig.state == "SAFE"
-    assert ended_leases(rig)[-1].why == "the gateway is silent"
+    assert ended_leases(rig)[-1].reason == "the gateway is silent"
     rig.run_ms(300)
     assert silent_from_ns + 230 * MS < phases(rig)[-1].to_ns < silent_from_ns + 252 * MS
 
@@ -194,7 +194,7 @@ def test_a_gateway_that_is_gone_ends_the_lease_at_once(make_rig: MakeRig) -> Non
     assert rig.state == "SAFE"
     assert rig.engine.supervisor.lease is None
     assert not rig.engine.has_gateway
-    assert [one for one in phases(rig, since_ns) if one.from_ns > since_ns + MS] == []
+    assert [phase for phase in phases(rig, since_ns) if phase.from_ns > since_ns + MS] == []
     assert rig.fake.dac_code == 0
 
 
@@ -227,9 +227,9 @@ def test_the_next_gateway_is_greeted_and_starts_in_safe(make_rig: MakeRig) -> No
     rig.others.clear()
     rig.reports.clear()
     rig.run_ms(5)
-    (greeting,) = rig.others
-    assert isinstance(greeting, Greeting)
-    assert greeting.array.electrodes == N
+    (engine_hello,) = rig.others
+    assert isinstance(engine_hello, EngineHello)
+    assert engine_hello.array.electrodes == N
     assert states(rig)[0].state == "SAFE"
     rig.open()
     rig.commands.close()
@@ -247,12 +247,12 @@ def test_without_a_gateway_nothing_is_armed(make_rig: MakeRig) -> None:
 def test_the_greeting_says_what_there_is_to_drive(make_rig: MakeRig) -> None:
     rig = make_rig(electrodes=N)
     rig.run_ms(2)
-    (greeting,) = rig.others
-    assert isinstance(greeting, Greeting)
-    assert greeting.board.name == "kajimoto-hv507"
-    assert greeting.board.absent_guards == rig.engine.components.loaded.board.absent_guards
-    assert (greeting.body_site, greeting.default_width_us) == ("fingertip", 100)
-    assert greeting.maxima.current_ua == 8_000
+    (engine_hello,) = rig.others
+    assert isinstance(engine_hello, EngineHello)
+    assert engine_hello.board.name == "kajimoto-hv507"
+    assert engine_hello.board.absent_guards == rig.engine.components.loaded.board.absent_guards
+    assert (engine_hello.body_site, engine_hello.default_width_us) == ("fingertip", 100)
+    assert engine_hello.maxima.current_ua == 8_000
 
 
 def test_the_state_is_told_every_second(make_rig: MakeRig) -> None:

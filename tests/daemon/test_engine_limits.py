@@ -19,9 +19,9 @@ from engine_scenes import (
     open_calibrated,
     opened_to,
     phases,
-    thinned,
+    shortfalls,
 )
-from etd.stabilize.pipeline import Known, Reach, Wish, ask_all
+from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest, adapt_all
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -31,7 +31,7 @@ STEP_UA = 10_000 / 4_095
 def caps(**only_ua: int) -> list[int]:
     """4 mA everywhere but at the named electrodes."""
     changed = {int(name[1:]): value for name, value in only_ua.items()}
-    return [changed.get(one, 4_000) for one in range(N)]
+    return [changed.get(electrode, 4_000) for electrode in range(N)]
 
 
 def calibrated(rig: EngineRig, caps_ua: list[int], open_ua: int = 3_000) -> EngineRig:
@@ -46,15 +46,17 @@ def calibrated(rig: EngineRig, caps_ua: list[int], open_ua: int = 3_000) -> Engi
 def test_an_electrode_never_gets_more_than_its_own_cap(make_rig: MakeRig) -> None:
     rig = calibrated(make_rig(electrodes=N), caps(e3=700))
     answer = rig.show(current_ua=only(N, e3=2_000, e4=2_000))
-    assert [(one.electrode, one.got_ua, one.reason) for one in answer.clamped] == [(3, 700, "cap")]
+    assert [(clamp.electrode, clamp.allowed_ua, clamp.reason) for clamp in answer.clamped] == [
+        (3, 700, "cap")
+    ]
     rig.run_ms(60)
     felt = felt_ua(rig)
     assert 700 - STEP_UA < felt[3] <= 700
     assert 2_000 - STEP_UA < felt[4] <= 2_000
-    told = [one for one in clamps(rig) if one.reason == "cap"]
-    assert {(one.electrode, one.wanted_ua, one.got_ua, one.limited_by) for one in told} == {
-        (3, 2_000, 700, 3)
-    }
+    told = [clamp for clamp in clamps(rig) if clamp.reason == "cap"]
+    assert {
+        (clamp.electrode, clamp.wanted_ua, clamp.allowed_ua, clamp.limited_by) for clamp in told
+    } == {(3, 2_000, 700, 3)}
 
 
 @pytest.mark.parametrize("width_us", [40, 100, 130, 160])
@@ -64,13 +66,16 @@ def test_a_cap_is_of_the_charge_that_it_has_in_the_pulses_it_was_accepted_with(
     """They were of 100 us: a wider pulse of the same current would be felt as more."""
     cap_ua = 2_000
     rig = calibrated(make_rig(electrodes=N), caps(e3=cap_ua))
-    got_ua = cap_ua * min(width_us, 100) // width_us
+    allowed_ua = cap_ua * min(width_us, 100) // width_us
     asked = {"current_ua": only(N, e3=cap_ua), "width_us": width_us}
     answer = rig.show(**asked)
-    told = [(one.electrode, one.wanted_ua, one.got_ua, one.reason) for one in answer.clamped]
-    assert told == ([] if width_us <= 100 else [(3, cap_ua, got_ua, "cap")])
+    told = [
+        (clamp.electrode, clamp.wanted_ua, clamp.allowed_ua, clamp.reason)
+        for clamp in answer.clamped
+    ]
+    assert told == ([] if width_us <= 100 else [(3, cap_ua, allowed_ua, "cap")])
     rig.run_ms(60)
-    assert got_ua - STEP_UA < felt_ua(rig)[3] <= got_ua
+    assert allowed_ua - STEP_UA < felt_ua(rig)[3] <= allowed_ua
     is_refused = rig.show(**asked, strict=True).error == "over_limit"
     assert is_refused == (width_us > 100)
 
@@ -78,11 +83,11 @@ def test_a_cap_is_of_the_charge_that_it_has_in_the_pulses_it_was_accepted_with(
 def test_the_cap_of_a_return_is_of_its_charge_too(make_rig: MakeRig) -> None:
     rig = make_rig(loaded=config("feetthrough-relay", N))
     calibrated(rig, caps(e4=600))
-    sets = tuple((0,) if one == 4 else (4,) for one in range(N))
+    sets = tuple((0,) if electrode == 4 else (4,) for electrode in range(N))
     answer = rig.show(
         current_ua=only(N, e3=600), width_us=150, returns=sets, pulses=1, rate_hz=10.0
     )
-    assert [(one.got_ua, one.reason, one.limited_by) for one in answer.clamped] == [
+    assert [(clamp.allowed_ua, clamp.reason, clamp.limited_by) for clamp in answer.clamped] == [
         (400, "return_cap", 4)
     ]
 
@@ -90,7 +95,7 @@ def test_the_cap_of_a_return_is_of_its_charge_too(make_rig: MakeRig) -> None:
 def test_a_level_is_felt_between_threshold_and_comfortable(make_rig: MakeRig) -> None:
     rig = calibrated(make_rig(electrodes=N), caps())
     since_ns = rig.clock.now_ns()
-    rig.show(level=tuple(1.0 if one == 5 else 0.0 for one in range(N)))
+    rig.show(level=tuple(1.0 if electrode == 5 else 0.0 for electrode in range(N)))
     rig.run_ms(30)
     assert felt_ua(rig, since_ns) == {5: pytest.approx(2_000, abs=STEP_UA)}
 
@@ -101,9 +106,9 @@ def on_skin(rig: EngineRig, electrodes: int) -> None:
         rig.fake.world.lift(electrode)
 
 
-@pytest.mark.parametrize(("touching", "got_ua"), [(16, 1_500), (8, 700)])
+@pytest.mark.parametrize(("touching", "allowed_ua"), [(16, 1_500), (8, 700)])
 def test_through_all_others_a_weak_return_counts_by_the_share_it_may_carry(
-    make_rig: MakeRig, touching: int, got_ua: int
+    make_rig: MakeRig, touching: int, allowed_ua: int
 ) -> None:
     rig = make_rig(electrodes=N)
     on_skin(rig, touching)
@@ -111,9 +116,13 @@ def test_through_all_others_a_weak_return_counts_by_the_share_it_may_carry(
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=only(N, e5=3_000), pulses=2, rate_hz=20.0)
     rig.run_ms(40)
-    assert felt_ua(rig, since_ns)[5] == pytest.approx(got_ua, abs=STEP_UA)
-    told = [one for one in clamps(rig) if one.reason == "return_cap" and one.wanted_ua == 3_000]
-    assert {(one.electrode, one.limited_by, one.got_ua) for one in told} == {(5, 3, got_ua)}
+    assert felt_ua(rig, since_ns)[5] == pytest.approx(allowed_ua, abs=STEP_UA)
+    told = [
+        clamp for clamp in clamps(rig) if clamp.reason == "return_cap" and clamp.wanted_ua == 3_000
+    ]
+    assert {(clamp.electrode, clamp.limited_by, clamp.allowed_ua) for clamp in told} == {
+        (5, 3, allowed_ua)
+    }
 
 
 def test_a_weak_return_that_is_left_alone_is_spared_within_a_second(make_rig: MakeRig) -> None:
@@ -124,10 +133,10 @@ def test_a_weak_return_that_is_left_alone_is_spared_within_a_second(make_rig: Ma
     rig.hold(1_000, current_ua=only(N, e5=3_000), rate_hz=20.0)
     since_ns = rig.clock.now_ns()
     rig.hold(500, current_ua=only(N, e5=3_000), rate_hz=20.0)
-    fired_ua = [one.current_ua for one in phases(rig, since_ns) if one.electrode == 5]
+    fired_ua = [phase.current_ua for phase in phases(rig, since_ns) if phase.electrode == 5]
     assert len(fired_ua) == 10
     assert max(fired_ua) <= 1_000
-    assert {one.limited_by for one in clamps(rig) if one.reason == "return_cap"} == {3}
+    assert {clamp.limited_by for clamp in clamps(rig) if clamp.reason == "return_cap"} == {3}
 
 
 def test_one_electrode_alone_gets_what_it_wants_as_long_as_the_others_touch(
@@ -138,13 +147,13 @@ def test_one_electrode_alone_gets_what_it_wants_as_long_as_the_others_touch(
     rig.hold(1_200, current_ua=only(N, e5=3_000), rate_hz=60.0)
     since_ns = rig.clock.now_ns()
     rig.hold(5_000, current_ua=only(N, e5=3_000), rate_hz=60.0)
-    mine = [one for one in phases(rig, since_ns) if one.electrode == 5]
-    others = [one for one in phases(rig, since_ns) if one.electrode != 5]
-    assert min(one.current_ua for one in mine) == pytest.approx(3_000, abs=STEP_UA)
-    assert max(one.current_ua for one in others) <= 300
-    assert {one.electrode for one in others} == set(range(N)) - {5}
-    assert rig.engine.components.reporter.counters["looks"] == len(
-        [one for one in phases(rig) if one.scan is not None and 200 < one.current_ua < 400]
+    mine = [phase for phase in phases(rig, since_ns) if phase.electrode == 5]
+    others = [phase for phase in phases(rig, since_ns) if phase.electrode != 5]
+    assert min(phase.current_ua for phase in mine) == pytest.approx(3_000, abs=STEP_UA)
+    assert max(phase.current_ua for phase in others) <= 300
+    assert {phase.electrode for phase in others} == set(range(N)) - {5}
+    assert rig.engine.components.reporter.counters["contact_polls"] == len(
+        [phase for phase in phases(rig) if phase.scan is not None and 200 < phase.current_ua < 400]
     )
 
 
@@ -154,7 +163,7 @@ def test_where_nothing_would_be_taken_away_silent_electrodes_stay_silent(
     rig = calibrated(make_rig(electrodes=N), caps())
     since_ns = rig.clock.now_ns()
     rig.hold(5_000, current_ua=only(N, e5=3_000), rate_hz=60.0)
-    assert {one.electrode for one in phases(rig, since_ns)} == {5}
+    assert {phase.electrode for phase in phases(rig, since_ns)} == {5}
 
 
 def test_in_an_explicit_set_the_weakest_return_caps_as_if_it_were_alone(
@@ -165,7 +174,7 @@ def test_in_an_explicit_set_the_weakest_return_caps_as_if_it_were_alone(
     since_ns = rig.clock.now_ns()
     sets = ((3, 4), *((0,),) * 15)
     answer = rig.show(current_ua=only(N, e0=900), returns=sets, pulses=1, rate_hz=10.0)
-    assert [(one.got_ua, one.limited_by) for one in answer.clamped] == [(600, 3)]
+    assert [(clamp.allowed_ua, clamp.limited_by) for clamp in answer.clamped] == [(600, 3)]
     rig.run_ms(40)
     (phase,) = phases(rig, since_ns)
     assert phase.current_ua == pytest.approx(600, abs=STEP_UA)
@@ -191,11 +200,11 @@ def test_a_pulse_that_does_not_fit_the_ledger_is_not_fired_and_is_told(make_rig:
     rig.run_ms(1_100 - 230)
     since_ns = rig.clock.now_ns()
     rig.hold(900, current_ua=only(N, e5=500), width_us=100, rate_hz=100.0)
-    fired = [one for one in phases(rig, since_ns) if one.electrode == 5]
+    fired = [phase for phase in phases(rig, since_ns) if phase.electrode == 5]
     assert len(fired) == 20
-    told = [one for one in thinned(rig) if one.reason == "ledger"]
-    assert {one.electrode for one in told} == {5}
-    assert sum(one.pulses for one in told) > 60
+    told = [shortfall for shortfall in shortfalls(rig) if shortfall.reason == "ledger"]
+    assert {shortfall.electrode for shortfall in told} == {5}
+    assert sum(shortfall.pulses for shortfall in told) > 60
 
 
 def test_the_window_of_the_ledger_goes_on_across_frames_and_leases(make_rig: MakeRig) -> None:
@@ -203,7 +212,7 @@ def test_the_window_of_the_ledger_goes_on_across_frames_and_leases(make_rig: Mak
     rig.hold(400, current_ua=only(N, e5=500), width_us=100, rate_hz=100.0)
     since_ns = rig.clock.now_ns()
     rig.hold(300, current_ua=only(N, e5=400), width_us=90, rate_hz=100.0)
-    fired = [one for one in phases(rig, since_ns) if one.electrode == 5]
+    fired = [phase for phase in phases(rig, since_ns) if phase.electrode == 5]
     assert fired == []
 
 
@@ -213,10 +222,10 @@ def test_the_charge_that_an_electrode_gets_in_any_second_is_within_its_mean_curr
     rig = fully_open(make_rig(loaded=config(maxima={"mean_current_ua": 4})), 1_000)
     for width_us, rate_hz in ((100, 40.0), (50, 79.0), (99, 39.0)):
         rig.hold(500, current_ua=only(N, e5=1_000), width_us=width_us, rate_hz=rate_hz)
-    fired = [one for one in phases(rig) if one.electrode == 5]
+    fired = [phase for phase in phases(rig) if phase.electrode == 5]
     for last in fired:
-        second = [one for one in fired if 0 <= last.from_ns - one.from_ns < 1_000 * MS]
-        assert sum(one.charge_pc for one in second) <= 4_000_000
+        second = [phase for phase in fired if 0 <= last.from_ns - phase.from_ns < 1_000 * MS]
+        assert sum(phase.charge_pc for phase in second) <= 4_000_000
 
 
 # --- stabilizers ----------------------------------------------------------------------------------
@@ -230,21 +239,23 @@ class Times:
     width_us: int = 200
 
     @property
-    def reach(self) -> Reach:
-        return Reach(self.factor, 2.0, 2 * self.factor)
+    def max_gain(self) -> MaxGain:
+        return MaxGain(self.factor, 2.0, 2 * self.factor)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         pass
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
-        assert known.electrode in range(N)
-        return Wish(int(wish.current_ua * self.factor), self.width_us)
+    def adapt(self, pulse_request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        assert estimate.electrode in range(N)
+        return PulseRequest(int(pulse_request.current_ua * self.factor), self.width_us)
 
 
 def test_stabilizers_ask_one_after_another() -> None:
-    known = Known(3, True, 50_000, 30.0)
-    assert ask_all((), Wish(100, 50), known) == Wish(100, 50)
-    assert ask_all((Times(2), Times(3, 60)), Wish(100, 50), known) == Wish(600, 60)
+    estimate = ElectrodeEstimate(3, True, 50_000, 30.0)
+    assert adapt_all((), PulseRequest(100, 50), estimate) == PulseRequest(100, 50)
+    assert adapt_all((Times(2), Times(3, 60)), PulseRequest(100, 50), estimate) == PulseRequest(
+        600, 60
+    )
 
 
 def test_whatever_a_stabilizer_asks_for_the_limits_have_the_last_word(make_rig: MakeRig) -> None:
@@ -257,7 +268,7 @@ def test_whatever_a_stabilizer_asks_for_the_limits_have_the_last_word(make_rig: 
     # Twice as wide as the frame's: the caps let through the charge that they have at its width.
     assert felt[3] == pytest.approx(350, abs=STEP_UA)
     assert felt[4] == pytest.approx(2_000, abs=STEP_UA + 60)
-    assert 190 < max(one.width_us for one in phases(rig, since_ns)) <= 200
+    assert 190 < max(phase.width_us for phase in phases(rig, since_ns)) <= 200
 
 
 def test_whatever_a_stabilizer_asks_for_a_current_that_is_named_is_never_passed(
@@ -271,8 +282,8 @@ def test_whatever_a_stabilizer_asks_for_a_current_that_is_named_is_never_passed(
     felt = felt_ua(rig, since_ns)
     assert felt[3] == pytest.approx(100, abs=STEP_UA)
     assert felt[4] == pytest.approx(500, abs=STEP_UA)
-    assert 190 < max(one.width_us for one in phases(rig, since_ns)) <= 200
-    assert {one.reason for one in clamps(rig)[told:]} == {"frame"}
+    assert 190 < max(phase.width_us for phase in phases(rig, since_ns)) <= 200
+    assert {clamp.reason for clamp in clamps(rig)[told:]} == {"frame"}
 
 
 def test_no_stabilizer_widens_a_pulse_beyond_the_width_that_a_person_is_limited_to(
@@ -283,7 +294,7 @@ def test_no_stabilizer_widens_a_pulse_beyond_the_width_that_a_person_is_limited_
     rig.arm()
     since_ns = rig.clock.now_ns()
     rig.hold(200, current_ua=only(N, e4=300), width_us=80)
-    assert 119 < max(one.width_us for one in phases(rig, since_ns)) <= 120
+    assert 119 < max(phase.width_us for phase in phases(rig, since_ns)) <= 120
 
 
 def test_a_stabilizer_may_ask_for_less(make_rig: MakeRig) -> None:
@@ -293,8 +304,8 @@ def test_a_stabilizer_may_ask_for_less(make_rig: MakeRig) -> None:
     rig.show(current_ua=only(N, e4=900), width_us=100)
     rig.run_ms(60)
     assert felt_ua(rig, since_ns)[4] == pytest.approx(450, abs=STEP_UA)
-    assert max(one.width_us for one in phases(rig, since_ns)) <= 60
-    assert not [one for one in clamps(rig) if one.electrode == 4]
+    assert max(phase.width_us for phase in phases(rig, since_ns)) <= 60
+    assert not [clamp for clamp in clamps(rig) if clamp.electrode == 4]
 
 
 def test_a_stabilizer_that_asks_for_nothing_is_silence(make_rig: MakeRig) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from engine_rig import EngineRig
 from engine_scenes import config, fully_open, only, phases
-from etd.stabilize.pipeline import Known, Reach, Wish
+from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -19,39 +19,41 @@ N = 16
 class Asks:
     """A stabilizer that always asks for the same."""
 
-    wish: Wish
+    request: PulseRequest
 
-    reach = Reach()
+    max_gain = MaxGain()
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         pass
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
-        return self.wish
+    def adapt(self, pulse_request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        return self.request
 
 
-@pytest.mark.parametrize("wish", [Wish(-1, 100), Wish(500, 0), Wish(500, 19)])
+@pytest.mark.parametrize(
+    "pulse_request", [PulseRequest(-1, 100), PulseRequest(500, 0), PulseRequest(500, 19)]
+)
 def test_an_impossible_wish_is_counted_and_the_frames_own_pulse_is_given(
-    make_rig: MakeRig, wish: Wish
+    make_rig: MakeRig, pulse_request: PulseRequest
 ) -> None:
-    rig = fully_open(make_rig(electrodes=N, stabilizers=[Asks(wish)]), 500)
+    rig = fully_open(make_rig(electrodes=N, stabilizers=[Asks(pulse_request)]), 500)
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=only(N, e3=400), pulses=1)
     rig.run_ms(30)
     (fired,) = phases(rig, since_ns)
     assert fired.current_ua == pytest.approx(400, abs=2.5)
-    assert rig.engine.components.reporter.counters["impossible_wishes"] >= 1
+    assert rig.engine.components.reporter.counters["impossible_requests"] >= 1
     assert rig.state == "ARMED"
 
 
 def test_a_wish_for_more_width_than_its_slot_is_cut_and_counted(make_rig: MakeRig) -> None:
-    rig = fully_open(make_rig(electrodes=N, stabilizers=[Asks(Wish(400, 200))]), 500)
+    rig = fully_open(make_rig(electrodes=N, stabilizers=[Asks(PulseRequest(400, 200))]), 500)
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=only(N, e3=400), width_us=50, pulses=1)
     rig.run_ms(30)
     (fired,) = phases(rig, since_ns)
     assert fired.width_us <= 50.0
-    assert rig.engine.components.reporter.counters["width_wishes_cut"] >= 1
+    assert rig.engine.components.reporter.counters["width_requests_cut"] >= 1
 
 
 def test_probes_stay_within_the_limits_of_the_person(make_rig: MakeRig) -> None:
@@ -61,8 +63,8 @@ def test_probes_stay_within_the_limits_of_the_person(make_rig: MakeRig) -> None:
     rig.arm()
     fired = phases(rig, since_ns)
     assert len(fired) == N
-    assert max(one.current_ua for one in fired) <= 50
-    assert max(one.width_us for one in fired) <= 20
+    assert max(phase.current_ua for phase in fired) <= 50
+    assert max(phase.width_us for phase in fired) <= 20
 
 
 def test_a_stop_line_whose_edge_was_lost_is_seen_by_its_level(make_rig: MakeRig) -> None:
@@ -94,7 +96,7 @@ def test_an_accepted_frame_that_is_never_shown_is_told(make_rig: MakeRig) -> Non
     rig.run_ms(20)
     assert rig.show(current_ua=only(N, e3=400), rate_hz=5.0, ttl_ms=5).error is None
     rig.run_ms(60)
-    (told,) = [one.refused for one in rig.reports if one.refused is not None]
+    (told,) = [report.refused for report in rig.reports if report.refused is not None]
     assert told.error == "expired"
     assert "5 ms" in told.reason
 
@@ -106,7 +108,7 @@ def test_what_the_guard_would_refuse_on_this_machine_is_refused_when_asked_for(
     rig = make_rig(loaded=config(machine=slow))
     widest_us = rig.engine.supervisor.maxima.width_us
     assert 50 < widest_us < 200
-    assert any(str(widest_us) in one for one in rig.engine.supervisor.limitations)
+    assert any(str(widest_us) in limitation for limitation in rig.engine.supervisor.limitations)
     rig.open(width_us=widest_us)
     rig.arm()
     rig.hold(130, current_ua=only(N, e0=20), rate_hz=20.0, width_us=50)

@@ -10,8 +10,8 @@ import msgspec
 import pytest
 
 from engine_oracle import Oracle, Story
-from etd.bodysite import SiteMaxima
-from etd.link import Report
+from etd.files.body_site import SiteMaxima
+from etd.protocol.link import Report
 from story_teller import Setting, Teller
 from trace_decoder import Record
 
@@ -50,7 +50,7 @@ def with_bound(**values: int) -> Lie:
 
 def with_frames(ttl_ms: int) -> Lie:
     return lambda story: replace(
-        story, frames={seq: replace(one, ttl_ms=ttl_ms) for seq, one in story.frames.items()}
+        story, frames={seq: replace(sent, ttl_ms=ttl_ms) for seq, sent in story.frames.items()}
     )
 
 
@@ -63,10 +63,10 @@ def without(**empty: tuple[()]) -> Lie:
 
     def lie(story: Story) -> Story:
         reports = [
-            one
-            if one.scan is None
-            else msgspec.structs.replace(one, scan=msgspec.structs.replace(one.scan, **empty))
-            for one in story.reports
+            report
+            if report.scan is None
+            else msgspec.structs.replace(report, scan=msgspec.structs.replace(report.scan, **empty))
+            for report in story.reports
         ]
         return replace(story, reports=reports)
 
@@ -74,15 +74,17 @@ def without(**empty: tuple[()]) -> Lie:
 
 
 def without_states(story: Story) -> Story:
-    return replace(story, reports=[one for one in story.reports if one.state is None])
+    return replace(story, reports=[report for report in story.reports if report.state is None])
 
 
 def with_an_arming_between(story: Story) -> Story:
     """As if what was fired in the first half had been before the arming."""
-    armed = next(one.state for one in story.reports if one.state and one.state.state == "ARMED")
+    armed = next(
+        report.state for report in story.reports if report.state and report.state.state == "ARMED"
+    )
     half = len(story.reports) // 2
     reports = story.reports[half:]
-    now_ns = next(one.scan.now_ns for one in reports if one.scan is not None)
+    now_ns = next(report.scan.now_ns for report in reports if report.scan is not None)
     between = [
         Report(state=msgspec.structs.replace(armed, state=state, now_ns=now_ns))
         for state in ("SAFE", "ARMED")
@@ -99,9 +101,9 @@ def test_the_story_as_it_was_is_within_all_judgments() -> None:
     story, trace = told()
     oracle = Oracle(story, trace)
     oracle.check_all()
-    assert {one.state for one in oracle.visits} == {"PROBE", "ARMED"}
+    assert {visit.state for visit in oracle.visits} == {"PROBE", "ARMED"}
     assert any(scan.clamped for scan in oracle.scans)
-    assert any(scan.thinned for scan in oracle.scans)
+    assert any(scan.not_fired for scan in oracle.scans)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +124,7 @@ def test_the_story_as_it_was_is_within_all_judgments() -> None:
         ("check_opening", with_an_arming_between),
         ("check_stops", with_an_early_press),
         ("check_clamps_are_told", without(clamped=())),
-        ("check_thinning_is_told", without(clamped=(), thinned=())),
+        ("check_thinning_is_told", without(clamped=(), not_fired=())),
     ],
 )
 def test_a_judgment_fails_when_more_was_given_than_it_is_told(judgment: str, lie: Lie) -> None:

@@ -20,9 +20,9 @@ from engine_scenes import (
     phases,
     shown,
 )
-from etd.frame import Frame
-from etd.link import Channel, CloseLease, DisarmBoard, NewFrame, OpenLease
-from etd.protocol import Limits
+from etd.protocol.frame import Frame
+from etd.protocol.link import Channel, CloseLease, DisarmBoard, NewFrame, OpenLease
+from etd.protocol.messages import Limits
 from etd_hal.fake.clock import SteppedClock
 
 MakeRig = Callable[..., EngineRig]
@@ -50,9 +50,9 @@ class Costly(tuple[int, ...]):
         return super().__getitem__(index)
 
     def __iter__(self) -> Iterator[int]:
-        for one in super().__iter__():
+        for electrode in super().__iter__():
             self.clock.spend(self.each_ns)
-            yield one
+            yield electrode
 
 
 class SlowPlans(Channel[NewFrame]):
@@ -110,7 +110,7 @@ def test_the_heart_beats_while_many_frames_are_planned(make_rig: MakeRig, plan_m
         send(rig, 1_000 + number, 5_000 + number, rate_hz=20.0)
     answered: dict[int, str | None] = {}
     while len(answered) < 32:
-        rig.turn()
+        rig.step()
         answered |= {ref: answer.error for ref, answer in rig.answers.items() if ref >= 5_000}
     assert longest_gap_ns(rig, since_ns, rig.clock.now_ns()) <= WINDOW_NS
     assert answered.keys() == set(range(5_000, 5_032))
@@ -145,8 +145,8 @@ def test_a_stop_line_is_heard_while_frames_are_planned(make_rig: MakeRig, plan_m
     for number in range(32):
         send(rig, 1_000 + number, 5_000 + number, rate_hz=20.0)
     while rig.state != "HALTED":
-        rig.turn()
-    assert halts(rig)[0].who == "emergency_stop"
+        rig.step()
+    assert halts(rig)[0].source == "emergency_stop"
     assert halts(rig)[0].t_ns < pressed_ns + 5 * MS
     rig.run_ms(200)
     assert {answer.error for ref, answer in rig.answers.items() if ref >= 5_010} == {"no_lease"}
@@ -162,7 +162,7 @@ def test_pulses_go_on_between_frames_that_take_long_to_plan(make_rig: MakeRig) -
     for number in range(32):
         send(rig, 1_000 + number, 5_000 + number, current_ua=only(N, e3=500), rate_hz=60.0)
     rig.run_ms(360)
-    begun_ns = [one.from_ns for one in phases(rig, since_ns) if one.electrode == 3]
+    begun_ns = [phase.from_ns for phase in phases(rig, since_ns) if phase.electrode == 3]
     gaps_ns = [after - before for before, after in pairwise(begun_ns)]
     # A period, a plan that has just begun, and the pause of a processor that was busy.
     assert max(gaps_ns) < 50 * MS
@@ -209,4 +209,4 @@ def test_a_frame_is_refused_when_the_board_is_disarmed_while_it_is_planned(
     )
     send(rig, 1_000, 5_000, rate_hz=20.0)
     assert rig.wait_for(5_000).error == "not_armed"
-    assert [one.seq for one in shown(rig)][-1] != 1_000
+    assert [frame.seq for frame in shown(rig)][-1] != 1_000

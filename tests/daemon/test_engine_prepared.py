@@ -29,7 +29,7 @@ def test_a_fade_whose_every_frame_has_new_currents_is_never_calibrated_again(
 ) -> None:
     rig = fully_open(make_rig(board, electrodes=N), 1_000)
     for current_ua in faded(20):
-        assert rig.show(current_ua=current_ua, rate_hz=20.0, thin=True).error is None
+        assert rig.show(current_ua=current_ua, rate_hz=20.0, allow_slower=True).error is None
         rig.run_ms(60)
     assert rig.state == "ARMED"
     assert rig.engine.components.reporter.counters["recalibrated"] == 0
@@ -38,7 +38,7 @@ def test_a_fade_whose_every_frame_has_new_currents_is_never_calibrated_again(
 def test_a_soft_start_is_never_calibrated_again(make_rig: MakeRig) -> None:
     rig = armed(make_rig(electrodes=N))
     rig.hold(700, current_ua=(3_000,) * N, rate_hz=50.0)
-    assert len({one.current_ua for one in phases(rig)}) > 30
+    assert len({phase.current_ua for phase in phases(rig)}) > 30
     assert rig.engine.components.reporter.counters["recalibrated"] == 0
 
 

@@ -11,13 +11,13 @@ import pytest
 from engine_parts import array, body_site, currents, frame, planner
 from engine_rig import EngineRig
 from engine_scenes import calibration, clamps, config, only, open_calibrated, opened_to, phases
-from etd.bodysite import BodySite, check_body_site
-from etd.config import LoadedConfig
-from etd.errors import Refused
-from etd.stabilize.narrow import Narrow
-from etd.stabilize.pipeline import NO_FURTHER, Known, Reach, Wish
+from etd.files.body_site import BodySite, check_body_site
+from etd.files.configuration import LoadedConfig
+from etd.protocol.errors import Refused
+from etd.stabilize.pipeline import NO_GAIN, ElectrodeEstimate, MaxGain, PulseRequest
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
+from etd.stabilize.strength_duration import StrengthDuration
 from etd_hal.errors import FileError
 from trace_decoder import Phase, pulses
 from trace_rules import violations
@@ -65,7 +65,7 @@ def test_every_pulse_comes_in_two_steps_as_far_apart_as_the_site_says(
 ) -> None:
     rig = opened(make_rig(loaded=loaded_with()), 1_500)
     found = shown(rig, current_ua=only(N, e3=1_000, e9=600), width_us=80, polarity=polarity)
-    assert {one[0].electrode for one in found} == {3, 9}
+    assert {visit[0].electrode for visit in found} == {3, 9}
     for before, pulse in found:
         asked_ua = {3: 1_000, 9: 600}[pulse.electrode or 0]
         assert asked_ua - STEP_UA < pulse.current_ua <= asked_ua
@@ -76,8 +76,10 @@ def test_every_pulse_comes_in_two_steps_as_far_apart_as_the_site_says(
 
 
 def test_narrow_pulses_may_have_prepulses_too(make_rig: MakeRig) -> None:
-    narrow = Narrow(width_us=60, tau_us=151.0)
-    settings = Settings(order=("narrow", "prepulse"), narrow=narrow, prepulse=SIX_DB)
+    narrow = StrengthDuration(width_us=60, tau_us=151.0)
+    settings = Settings(
+        order=("strength_duration", "prepulse"), strength_duration=narrow, prepulse=SIX_DB
+    )
     rig = make_rig(loaded=loaded_with(settings))
     made = calibration(rig, (2_500,) * N, shape=settings.shape)
     assert open_calibrated(rig, made).error is None
@@ -86,7 +88,9 @@ def test_narrow_pulses_may_have_prepulses_too(make_rig: MakeRig) -> None:
     rig.hold(530, current_ua=only(N, e0=20), width_us=60, rate_hz=20.0)
     found = shown(rig, level=only(N, e3=1), pulses=1)
     ((before, pulse),) = found
-    rise = narrow.ask(Wish(1_250, 100), rig.engine.components.asker.known(3, 0)).current_ua
+    rise = narrow.adapt(
+        PulseRequest(1_250, 100), rig.engine.components.adapter.estimate(3, 0)
+    ).current_ua
     assert 1_800 < rise < 1_900
     assert pulse.current_ua == pytest.approx(rise, abs=STEP_UA)
     assert pulse.width_us == pytest.approx(60, abs=1)
@@ -96,7 +100,7 @@ def test_narrow_pulses_may_have_prepulses_too(make_rig: MakeRig) -> None:
 def test_a_scan_with_prepulses_breaks_no_rule_and_ends_in_time(make_rig: MakeRig) -> None:
     rig = opened(make_rig(loaded=loaded_with()), 1_000)
     rig.hold(150, current_ua=(800,) * N, width_us=80)
-    assert rig.engine.components.reporter.counters["thinned_overrun"] == 0
+    assert rig.engine.components.reporter.counters["not_fired_overrun"] == 0
     assert rig.close() == ()
     assert violations(rig.trace(), 200) == []
 
@@ -106,13 +110,17 @@ def test_two_steps_up_or_one_down_break_a_rule_of_the_wires(make_rig: MakeRig) -
     shown(rig, current_ua=only(N, e3=800), width_us=80)
     assert rig.close() == ()
     trace = rig.trace()
-    steps = [place for place, one in enumerate(trace) if one.get("tx") not in (None, "", "0000")]
+    steps = [
+        place for place, entry in enumerate(trace) if entry.get("tx") not in (None, "", "0000")
+    ]
     before, pulse = trace[steps[-3]]["tx"], trace[steps[-1]]["tx"]
     assert before < pulse
     for place, word in ((steps[-1], before), (steps[-1], "3ffc")):
-        doctored = [dict(one) for one in trace]
+        doctored = [dict(entry) for entry in trace]
         doctored[place]["tx"] = word
-        assert any("current steps from code" in one for one in violations(doctored, 200))
+        assert any(
+            "current steps from code" in violation for violation in violations(doctored, 200)
+        )
 
 
 @pytest.mark.parametrize(("width_us", "most"), [(100, 1.05), (36, 1.05), (25, 1.6)])
@@ -120,12 +128,14 @@ def test_what_the_skin_resists_is_told_by_the_pulse_and_never_seems_less(
     make_rig: MakeRig, width_us: int, most: float
 ) -> None:
     """Skin that does not begin at rest seems to resist more where a pulse has no end sample."""
-    alone_settings = Settings(order=("narrow",), narrow=Narrow(width_us=200, tau_us=151.0))
+    alone_settings = Settings(
+        order=("strength_duration",), strength_duration=StrengthDuration(width_us=200, tau_us=151.0)
+    )
     found = []
     for settings in (alone_settings, LEADING):
         rig = opened(make_rig(loaded=loaded_with(settings)), 1_000)
         rig.hold(100, current_ua=only(N, e3=800), width_us=width_us)
-        found.append(rig.engine.components.asker.known(3, rig.clock.now_ns()).skin_ohm)
+        found.append(rig.engine.components.adapter.estimate(3, rig.clock.now_ns()).skin_ohm)
     alone_ohm, led_ohm = found
     assert alone_ohm is not None
     assert led_ohm is not None
@@ -136,10 +146,12 @@ def test_what_the_skin_resists_is_told_by_the_pulse_and_never_seems_less(
 def test_a_time_constant_is_not_read_from_skin_that_does_not_begin_at_rest(
     make_rig: MakeRig, is_led: bool
 ) -> None:
-    alone = Settings(order=("narrow",), narrow=Narrow(width_us=200, tau_us=151.0))
+    alone = Settings(
+        order=("strength_duration",), strength_duration=StrengthDuration(width_us=200, tau_us=151.0)
+    )
     rig = opened(make_rig(loaded=loaded_with(LEADING if is_led else alone)), 1_000)
     rig.hold(100, current_ua=only(N, e3=800), width_us=100)
-    _, capacitance_nf = rig.engine.components.asker.told(3, rig.clock.now_ns())
+    _, capacitance_nf = rig.engine.components.adapter.reported_ohm_nf(3, rig.clock.now_ns())
     assert (capacitance_nf is None) == is_led
 
 
@@ -152,10 +164,10 @@ def test_the_prepulse_falls_with_a_pulse_that_is_clamped(make_rig: MakeRig) -> N
     rig.arm()
     rig.hold(200, current_ua=only(N, e0=20), rate_hz=20.0)
     found = shown(rig, current_ua=only(N, e3=1_000), width_us=80)
-    told = [one for one in clamps(rig) if one.electrode == 3]
+    told = [clamp for clamp in clamps(rig) if clamp.electrode == 3]
     assert told
     for before, pulse in found:
-        assert pulse.current_ua <= told[-1].got_ua <= 600
+        assert pulse.current_ua <= told[-1].allowed_ua <= 600
         assert before.current_ua == pytest.approx(0.5 * pulse.current_ua, abs=2 * STEP_UA)
         charge_pc = before.charge_pc + pulse.charge_pc
         assert charge_pc <= 600 * 80
@@ -167,7 +179,7 @@ def test_the_ledger_counts_the_time_of_both_steps(make_rig: MakeRig) -> None:
     rig.run_ms(870)
     since_ns = rig.clock.now_ns()
     rig.hold(900, current_ua=only(N, e3=800), width_us=80)
-    fired = [one for one in pulses(phases(rig, since_ns)) if one[0].electrode == 3]
+    fired = [visit for visit in pulses(phases(rig, since_ns)) if visit[0].electrode == 3]
     assert len(fired) == 10
 
 
@@ -175,48 +187,48 @@ def test_the_ledger_counts_the_time_of_both_steps(make_rig: MakeRig) -> None:
 class Asks:
     """A stabilizer that asks for a stronger prepulse than the plan has reckoned with."""
 
-    wish: Wish
-    reach: Reach = NO_FURTHER
+    request: PulseRequest
+    max_gain: MaxGain = NO_GAIN
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
-        return self.wish
+    def adapt(self, pulse_request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        return self.request
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """It remembers nothing."""
 
 
 def test_the_ledger_counts_the_charge_of_both_steps(make_rig: MakeRig) -> None:
     """64 nC and 47 each: 35 in a second of at most 4 uC."""
-    asks = Asks(Wish(800, 80, 790, 60))
+    asks = Asks(PulseRequest(800, 80, 790, 60))
     rig = opened(make_rig(loaded=loaded_with(mean_current_ua=4), stabilizers=[asks]), 1_000)
     rig.run_ms(870)
     since_ns = rig.clock.now_ns()
     rig.hold(950, current_ua=only(N, e3=800), width_us=80, rate_hz=45.0)
-    fired = [one for one in pulses(phases(rig, since_ns)) if one[0].electrode == 3]
+    fired = [visit for visit in pulses(phases(rig, since_ns)) if visit[0].electrode == 3]
     assert len(fired) == 35
-    assert sum(step.charge_pc for one in fired for step in one) <= 4_000_000
+    assert sum(step.charge_pc for visit in fired for step in visit) <= 4_000_000
 
 
 def test_a_prepulse_longer_than_the_site_leaves_room_for_is_cut_and_counted(
     make_rig: MakeRig,
 ) -> None:
-    rig = make_rig(loaded=loaded_with(), stabilizers=[Asks(Wish(800, 80, 400, 90))])
+    rig = make_rig(loaded=loaded_with(), stabilizers=[Asks(PulseRequest(800, 80, 400, 90))])
     found = shown(opened(rig, 1_000), current_ua=only(N, e3=800), width_us=80)
     assert all(before.width_us <= 60 for before, _ in found)
-    assert rig.engine.components.reporter.counters["width_wishes_cut"] >= len(found)
+    assert rig.engine.components.reporter.counters["width_requests_cut"] >= len(found)
 
 
 def test_the_charge_of_both_steps_is_refused_above_the_maximum() -> None:
     """400 uA for 100 us and 200 uA for 60 us are 52 nC."""
     made = planner(site=leading(body_site(), charge_nc=52))
-    assert made.plan(frame(current_ua=currents(e3=400), width_us=100)).visits
+    assert made.plan(frame(current_ua=currents(e3=400), width_us=100)).schedule
     with pytest.raises(Refused, match="charge of a pulse"):
         made.plan(frame(current_ua=currents(e3=401), width_us=100))
 
 
 def test_the_width_of_both_steps_is_refused_above_the_maximum() -> None:
     made = planner(site=leading(body_site()))
-    assert made.plan(frame(current_ua=currents(e3=400), width_us=140)).visits
+    assert made.plan(frame(current_ua=currents(e3=400), width_us=140)).schedule
     with pytest.raises(Refused, match="width 201 us"):
         made.plan(frame(current_ua=currents(e3=400), width_us=141))
 
@@ -229,7 +241,7 @@ def test_the_mean_current_is_that_of_both_steps() -> None:
 
 
 def test_a_slot_has_room_for_both_steps() -> None:
-    asked = frame(current_ua=(300,) * 64, width_us=100, rate_hz=120.0, thin=True)
+    asked = frame(current_ua=(300,) * 64, width_us=100, rate_hz=120.0, allow_slower=True)
     alone, led = (
         planner(site=site, layout=array("grid-8x8")).plan(asked)
         for site in (body_site(), leading(body_site()))
@@ -244,7 +256,7 @@ def test_what_the_guard_would_refuse_of_both_steps_is_refused_when_asked_for(
     rig = make_rig(loaded=loaded_with())
     widest_us = rig.engine.supervisor.maxima.width_us
     assert 180 < widest_us < 200
-    assert any(str(widest_us) in one for one in rig.engine.supervisor.limitations)
+    assert any(str(widest_us) in limitation for limitation in rig.engine.supervisor.limitations)
     rig.open(width_us=widest_us)
     rig.arm()
     rig.hold(130, current_ua=only(N, e0=20), rate_hz=20.0)

@@ -12,11 +12,11 @@ import pytest
 import engine_rig
 from engine_rig import EngineRig
 from engine_scenes import fully_open, only, phases, scans, states
-from etd.array import PressureSensor
-from etd.config import LoadedConfig, fake_config
+from etd.files.array import PressureSensor
+from etd.files.configuration import LoadedConfig, fake_config
 from etd.gateway.journal import Journal
-from etd.link import MeasureContact
-from etd.stabilize.pressure import PressureLaw
+from etd.protocol.link import MeasureContact
+from etd.stabilize.pressure import PressureSettings
 from etd.stabilize.settings import Settings
 from etd_hal.fake.faults import I2cFailure
 
@@ -45,7 +45,7 @@ def pressed_config() -> LoadedConfig:
     loaded = fake_config(board="reference-hv507", electrodes=COUNT)
     x_mm = loaded.array.x_mm
     sensors = (sensor(LEFT_AT, min(x_mm)), sensor(RIGHT_AT, max(x_mm)))
-    table = Settings(order=("pressure",), pressure=PressureLaw())
+    table = Settings(order=("pressure",), pressure=PressureSettings())
     return dataclasses.replace(
         loaded,
         array=msgspec.structs.replace(loaded.array, pressure=sensors),
@@ -72,8 +72,8 @@ def hold(rig: EngineRig, duration_ms: float) -> None:
 def fired_ua(rig: EngineRig, electrode: int, duration_ms: float) -> list[int]:
     since_ns = rig.clock.now_ns()
     hold(rig, duration_ms)
-    found = [one for one in phases(rig, since_ns) if one.electrode == electrode]
-    return [round(one.current_ua) for one in found]
+    found = [phase for phase in phases(rig, since_ns) if phase.electrode == electrode]
+    return [round(phase.current_ua) for phase in found]
 
 
 def ended(rig: EngineRig) -> None:
@@ -133,7 +133,7 @@ def test_a_sensor_that_dies_or_lies_gives_the_frames_own_pulse_and_is_named_unti
     assert fired_ua(rig, RIGHT, 300) == []
     hold(rig, 4_000)
     assert states(rig)[-1].sensor_problems == {}
-    assert rig.engine.components.reporter.counters["not_believed_pressure"] == 1
+    assert rig.engine.components.reporter.counters["rejected_pressure"] == 1
     ended(rig)
 
 

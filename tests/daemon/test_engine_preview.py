@@ -14,25 +14,27 @@ from engine_parts import array, body_site, maxima_with
 from engine_parts import calibration as calibrated
 from engine_rig import EngineRig
 from engine_scenes import calibration, clamps, config, only, open_calibrated, opened_to, phases
-from etd.calibration import Calibration
-from etd.engine.limits import Path, PersonLimits, last_word
-from etd.engine.room import Room, Rules
-from etd.stabilize.narrow import Narrow
-from etd.stabilize.pipeline import NO_FURTHER, Wish
+from etd.planning.headroom import Headroom, PlanRules
+from etd.protocol.calibration import Calibration
+from etd.safety.limits import Path, PersonLimits, clamp_to_limits
+from etd.stabilize.pipeline import NO_GAIN, PulseRequest
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
+from etd.stabilize.strength_duration import StrengthDuration
 from trace_decoder import visits
 
 N, ELECTRODE = 16, 3
 STEP_UA = 10_000 / 4_095
 HIGH_UA = 8_000
 prepulses = st.builds(Prepulse, below_db=st.floats(2.0, 10.0), width_us=st.integers(20, 90))
-narrows = st.builds(Narrow, width_us=st.integers(30, 100), tau_us=st.just(151.0))
+narrows = st.builds(StrengthDuration, width_us=st.integers(30, 100), tau_us=st.just(151.0))
 
 
-def table(prepulse: Prepulse | None, narrow: Narrow | None, is_probe_first: bool) -> Settings:
-    named = {"narrow": narrow, "prepulse": prepulse}
-    laws: dict[str, Any] = {name: one for name, one in named.items() if one is not None}
+def table(
+    prepulse: Prepulse | None, narrow: StrengthDuration | None, is_probe_first: bool
+) -> Settings:
+    named = {"strength_duration": narrow, "prepulse": prepulse}
+    laws: dict[str, Any] = {name: narrow for name, narrow in named.items() if narrow is not None}
     return Settings(order=tuple(laws), probe_first=is_probe_first, **laws)  # type: ignore[arg-type]
 
 
@@ -42,10 +44,10 @@ def accepted_pc(cap_ua: int, width_us: int, prepulse: Prepulse | None) -> int:
     return cap_ua * width_us + led_pc
 
 
-def rules(prepulse: Prepulse | None, made: Calibration | None) -> Rules:
+def rules(prepulse: Prepulse | None, made: Calibration | None) -> PlanRules:
     site = msgspec.structs.replace(body_site(), stabilize=table(prepulse, None, False))
     person = PersonLimits((HIGH_UA,) * N, 200, 200 if made is None else made.width_us, made)
-    return Rules(array(), site, maxima_with(), person, STEP_UA, NO_FURTHER)
+    return PlanRules(array(), site, maxima_with(), person, STEP_UA, NO_GAIN)
 
 
 @given(
@@ -65,25 +67,28 @@ def test_a_cap_lets_through_the_charge_that_was_accepted_and_all_of_it(
     wider: float,
 ) -> None:
     made = calibrated(shape=table(prepulse, None, False).shape) if is_calibrated else None
-    frame_wish = Wish(wanted_ua, own_us)
-    most = msgspec.structs.replace(
-        Room(rules(prepulse, made)).most(frame_wish, 1.0, 1, None, NO_FURTHER),
+    frame_wish = PulseRequest(wanted_ua, own_us)
+    bounds = msgspec.structs.replace(
+        Headroom(rules(prepulse, made)).bounds(frame_wish, 1.0, 1, None, NO_GAIN),
         current_ua=HIGH_UA,
         charge_pc=HIGH_UA * 200,
     )
-    wish = Wish(wanted_ua, max(20, int(own_us * wider)))
-    wish = wish if prepulse is None else prepulse.of(wish)
+    pulse_request = PulseRequest(wanted_ua, max(20, int(own_us * wider)))
+    pulse_request = pulse_request if prepulse is None else prepulse.of(pulse_request)
     free = maxima_with(charge_pc=2_000_000)
     path = Path(ELECTRODE, cap_ua, HIGH_UA, 9, 1 / 15)
-    got_ua, clamp = last_word(path, wish, free, HIGH_UA, None, False, most)
+    allowed_ua, clamp = clamp_to_limits(path, pulse_request, free, HIGH_UA, None, False, bounds)
     cap_us = own_us if made is None else min(own_us, made.width_us)
     most_pc = accepted_pc(cap_ua, cap_us, prepulse if is_calibrated else None)
-    assert got_ua <= min(cap_ua, wanted_ua)
-    assert wish.at(got_ua).charge_pc <= most_pc
+    assert allowed_ua <= min(cap_ua, wanted_ua)
+    assert pulse_request.at(allowed_ua).charge_pc <= most_pc
     if clamp is None:
-        assert got_ua == wanted_ua
+        assert allowed_ua == wanted_ua
     else:
-        assert got_ua == cap_ua or wish.at(got_ua + 1).charge_pc > most_pc - wish.prepulse_us
+        assert (
+            allowed_ua == cap_ua
+            or pulse_request.at(allowed_ua + 1).charge_pc > most_pc - pulse_request.prepulse_us
+        )
 
 
 # --- announced, and fired -----------------------------------------------------------------------
@@ -96,7 +101,7 @@ def test_a_cap_lets_through_the_charge_that_was_accepted_and_all_of_it(
 )
 @given(
     prepulse=st.none() | prepulses,
-    narrow=st.none() | narrows,
+    strength_duration=st.none() | narrows,
     is_probe_first=st.booleans(),
     is_calibrated=st.booleans(),
     cap_ua=st.integers(400, 2_000),
@@ -105,7 +110,7 @@ def test_a_cap_lets_through_the_charge_that_was_accepted_and_all_of_it(
 )
 def test_what_is_announced_as_clamped_is_what_is_fired(
     prepulse: Prepulse | None,
-    narrow: Narrow | None,
+    narrow: StrengthDuration | None,
     is_probe_first: bool,
     is_calibrated: bool,
     cap_ua: int,
@@ -133,16 +138,18 @@ def test_what_is_announced_as_clamped_is_what_is_fired(
     rig.run_ms(120)
     assert (refusal.error == "over_limit") == bool(answer.clamped)
     assert clamps(rig)[told:] == list(answer.clamped)
-    (fired,) = [one for one in visits(phases(rig, since_ns)) if one[0].electrode == ELECTRODE]
+    (fired,) = [visit for visit in visits(phases(rig, since_ns)) if visit[0].electrode == ELECTRODE]
     *before, pulse = fired[1:] if is_probe_first else fired
     if answer.clamped:
-        got_ua = answer.clamped[0].got_ua
+        allowed_ua = answer.clamped[0].allowed_ua
     else:
-        got_ua = wanted_ua if narrow is None else narrow.of(Wish(wanted_ua, width_us)).current_ua
-    assert got_ua - STEP_UA <= pulse.current_ua <= got_ua
+        allowed_ua = (
+            wanted_ua if narrow is None else narrow.of(PulseRequest(wanted_ua, width_us)).current_ua
+        )
+    assert allowed_ua - STEP_UA <= pulse.current_ua <= allowed_ua
     assert pulse.current_ua <= cap_ua
     led = prepulse if is_calibrated else None
-    charge_pc = sum(one.charge_pc for one in before) + pulse.charge_pc
+    charge_pc = sum(phase.charge_pc for phase in before) + pulse.charge_pc
     assert charge_pc <= accepted_pc(cap_ua, width_us, led) + 1.0
     assert rig.close() == ()
 

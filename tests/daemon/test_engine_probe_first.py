@@ -14,15 +14,15 @@ from hypothesis import strategies as st
 from engine_parts import array, body_site, currents, frame, planner
 from engine_rig import EngineRig
 from engine_scenes import config, only, opened_to, phases, scans
-from etd.bodysite import BodySite
-from etd.config import LoadedConfig
-from etd.errors import BoardFault, Refused
+from etd.files.body_site import BodySite
+from etd.files.configuration import LoadedConfig
+from etd.protocol.errors import BoardFault, Refused
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.contact import ContactLaw
-from etd.stabilize.energy import EnergyLaw
-from etd.stabilize.fitted import FittedLaw
-from etd.stabilize.lines import LinesLaw
-from etd.stabilize.pipeline import NO_FURTHER, Known, Reach, Wish
+from etd.stabilize.contact import ContactSettings
+from etd.stabilize.energy import EnergySettings
+from etd.stabilize.linear_law import LinearLawSettings
+from etd.stabilize.pipeline import NO_GAIN, ElectrodeEstimate, MaxGain, PulseRequest
+from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
@@ -87,7 +87,7 @@ def hold(rig: EngineRig, duration_ms: float, **fields: Any) -> Sequence[tuple[Ph
 def charge_pc(visit: Sequence[Phase]) -> float:
     """Of its pulse, prepulse and phases included: all but the probe."""
     is_probe_first = len(visit) > 1 and is_led(*visit[:2])
-    return sum(one.charge_pc for one in visit[is_probe_first:])
+    return sum(phase.charge_pc for phase in visit[is_probe_first:])
 
 
 # --- on the wires ---------------------------------------------------------------------------------
@@ -107,7 +107,7 @@ def test_a_probe_goes_before_every_pulse_the_way_that_its_first_phase_will_go(
         assert PROBE_UA - STEP_UA < probe.current_ua <= PROBE_UA
         assert PROBE_US - 1 < probe.width_us <= PROBE_US
         assert probe.is_anodic == pulse[0].is_anodic == (polarity != "cathodic")
-        assert all(one.current_ua > CURRENT_UA - STEP_UA for one in pulse)
+        assert all(phase.current_ua > CURRENT_UA - STEP_UA for phase in pulse)
     assert rig.close() == ()
     assert violations(rig.trace(), REST_US) == []
 
@@ -127,23 +127,23 @@ def test_each_pulse_of_a_burst_has_its_probe(make_rig: MakeRig) -> None:
     rig = standing(make_rig(loaded=loaded), rate_hz=10.0)
     found = hold(rig, 200, rate_hz=10.0)
     assert len(found) >= 6
-    assert all(is_led(*one[:2]) for one in found)
-    assert rig.engine.components.reporter.counters["thinned_ledger"] == 0
+    assert all(is_led(*visit[:2]) for visit in found)
+    assert rig.engine.components.reporter.counters["not_fired_ledger"] == 0
 
 
 def test_a_pulse_as_weak_as_a_probe_has_none(make_rig: MakeRig) -> None:
     rig = standing(make_rig(loaded=with_probes()))
     found = hold(rig, 100, current_ua=only(N, e4=PROBE_UA))
-    assert all(len(one) == 1 for one in found)
+    assert all(len(visit) == 1 for visit in found)
     found = hold(rig, 100, current_ua=only(N, e4=PROBE_UA + 10))
-    assert all(len(one) == 2 for one in found)
+    assert all(len(visit) == 2 for visit in found)
 
 
 def test_a_probe_is_never_longer_than_the_frames_own_pulse(make_rig: MakeRig) -> None:
     rig = standing(make_rig(loaded=with_probes()))
     found = hold(rig, 100, width_us=30)
-    assert all(len(one) == 2 for one in found)
-    assert all(29 < phase.width_us <= 30 for one in found for phase in one)
+    assert all(len(visit) == 2 for visit in found)
+    assert all(29 < phase.width_us <= 30 for visit in found for phase in visit)
 
 
 # --- what it finds --------------------------------------------------------------------------------
@@ -158,21 +158,21 @@ def test_an_electrode_found_open_gets_nothing_of_this_pulse_and_that_is_told(
     first, *others = hold(rig, 100)
     assert len(first) == 1
     assert first[0].current_ua <= PROBE_UA
-    assert all(len(one) == 1 and one[0].current_ua <= PROBE_UA for one in others)
+    assert all(len(visit) == 1 and visit[0].current_ua <= PROBE_UA for visit in others)
     told = [scan for scan in scans(rig) if scan.now_ns > since_ns and scan.clamped]
     clamp = told[0].clamped[0]
     assert (clamp.electrode, clamp.reason, clamp.wanted_ua) == (4, "contact_open", CURRENT_UA)
-    assert clamp.got_ua == 0
+    assert clamp.allowed_ua == 0
 
 
 @pytest.mark.parametrize(
     "laws",
     [
-        {"contact": ContactLaw()},
-        {"fitted": FittedLaw(k=0.7)},
-        {"lines": LinesLaw(charge_slope=-0.5)},
+        {"contact": ContactSettings()},
+        {"power_law": PowerLawSettings(k=0.7)},
+        {"linear_law": LinearLawSettings(charge_slope=-0.5)},
     ],
-    ids=["contact", "fitted", "lines"],
+    ids=["contact", "power_law", "linear_law"],
 )
 def test_a_contact_that_has_lost_half_of_itself_gets_less_with_this_very_pulse(
     make_rig: MakeRig, laws: dict[str, Any]
@@ -191,16 +191,16 @@ def test_a_contact_that_has_lost_half_of_itself_gets_less_with_this_very_pulse(
 def test_no_probe_is_taken_for_what_the_skin_resists(make_rig: MakeRig) -> None:
     found = []
     for is_probe_first in (True, False):
-        loaded = with_probes(is_probe_first=is_probe_first, energy=EnergyLaw())
+        loaded = with_probes(is_probe_first=is_probe_first, energy=EnergySettings())
         rig = standing(make_rig(loaded=loaded))
-        found.append(rig.engine.components.asker.known(4, rig.clock.now_ns()).skin_ohm)
+        found.append(rig.engine.components.adapter.estimate(4, rig.clock.now_ns()).skin_ohm)
     with_probe, without = found
     assert without is not None
     assert with_probe == pytest.approx(without, rel=0.01)
 
 
 def test_a_resistance_that_a_probe_says_has_fallen_waits_for_the_pulse(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_probes(energy=EnergyLaw(rise_per_s=20.0))))
+    rig = standing(make_rig(loaded=with_probes(energy=EnergySettings(rise_per_s=20.0))))
     steady_pc = charge_pc(hold(rig, 100)[-1])
     rig.fake.world.touch(4, skin(500.0, 19_500.0, 0.6))
     assert charge_pc(hold(rig, 15)[0]) <= steady_pc * 1.001
@@ -209,11 +209,11 @@ def test_a_resistance_that_a_probe_says_has_fallen_waits_for_the_pulse(make_rig:
 def test_what_a_probe_leaves_in_dry_skin_makes_nobody_doubt_a_pulse_hardly_stronger(
     make_rig: MakeRig,
 ) -> None:
-    rig = standing(make_rig(loaded=with_probes(energy=EnergyLaw())))
+    rig = standing(make_rig(loaded=with_probes(energy=EnergySettings())))
     rig.fake.world.touch(4, skin(3_000.0, 120_000.0, 0.3))
     for current_ua in (PROBE_UA + 30, 400, 600):
         found = hold(rig, 100, current_ua=only(N, e4=current_ua))
-        assert all(len(one) == 2 for one in found)
+        assert all(len(visit) == 2 for visit in found)
     counters = rig.engine.components.reporter.counters
     assert [name for name in counters if name.startswith("not_believed")] == []
 
@@ -221,17 +221,17 @@ def test_what_a_probe_leaves_in_dry_skin_makes_nobody_doubt_a_pulse_hardly_stron
 def test_a_probe_of_a_node_that_is_not_at_rest_is_not_believed_and_counted_once(
     make_rig: MakeRig,
 ) -> None:
-    rig = standing(make_rig(loaded=with_probes(contact=ContactLaw())))
+    rig = standing(make_rig(loaded=with_probes(contact=ContactSettings())))
     fault = DacOffset(400.0)
     rig.fake.world.put_in(fault)
-    assert all(len(one) == 2 for one in hold(rig, 100))
+    assert all(len(visit) == 2 for visit in hold(rig, 100))
     rig.fake.world.take_out(fault)
     hold(rig, 50)
-    assert rig.engine.components.reporter.counters["not_believed_probe"] == 1
+    assert rig.engine.components.reporter.counters["rejected_probe"] == 1
 
 
 def test_a_probe_whose_pulse_is_withheld_is_counted(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_probes(contact=ContactLaw())))
+    rig = standing(make_rig(loaded=with_probes(contact=ContactSettings())))
     counters = rig.engine.components.reporter.counters
     before = counters["probes_alone"]
     hold(rig, 50)
@@ -244,11 +244,13 @@ def test_a_probe_whose_pulse_is_withheld_is_counted(make_rig: MakeRig) -> None:
 
 @pytest.mark.parametrize("factor", [0.0, 0.3, 3.0])
 def test_a_probe_that_is_read_wrong_never_gives_more(make_rig: MakeRig, factor: float) -> None:
-    rig = standing(make_rig(loaded=with_probes(fitted=FittedLaw(k=0.7), contact=ContactLaw())))
+    rig = standing(
+        make_rig(loaded=with_probes(power_law=PowerLawSettings(k=0.7), contact=ContactSettings()))
+    )
     steady_pc = charge_pc(hold(rig, 100)[-1])
     rig.fake.world.put_in(AdcScale(factor))
     first = hold(rig, 15)[0]
-    assert sum(one.charge_pc for one in first) <= steady_pc * 1.001 + PROBE_UA * PROBE_US
+    assert sum(phase.charge_pc for phase in first) <= steady_pc * 1.001 + PROBE_UA * PROBE_US
 
 
 # --- limits, plan and ledger ----------------------------------------------------------------------
@@ -258,15 +260,17 @@ def test_a_probe_that_is_read_wrong_never_gives_more(make_rig: MakeRig, factor: 
 class Follows:
     """A stabilizer with a slope of its own, either way, and no slew."""
 
-    most: Wish
+    most: PulseRequest
     slope: float
-    reach: Reach = NO_FURTHER
+    max_gain: MaxGain = NO_GAIN
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
-        part = 1.0 if known.skin_ohm is None else (known.skin_ohm / 40_000.0) ** self.slope
-        return Wish(int(self.most.current_ua * part), max(20, int(self.most.width_us / part)))
+    def adapt(self, pulse_request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        part = 1.0 if estimate.skin_ohm is None else (estimate.skin_ohm / 40_000.0) ** self.slope
+        return PulseRequest(
+            int(self.most.current_ua * part), max(20, int(self.most.width_us / part))
+        )
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """It remembers nothing."""
 
 
@@ -274,7 +278,7 @@ class Follows:
 def test_nothing_is_asked_for_behind_a_probe_that_was_not_asked_for_before_it(
     make_rig: MakeRig, slope: float
 ) -> None:
-    asks = Follows(Wish(900, WIDTH_US), slope)
+    asks = Follows(PulseRequest(900, WIDTH_US), slope)
     rig = standing(make_rig(loaded=with_probes(), stabilizers=[asks]))
     steady = hold(rig, 100)[-1][-1]
     rig.fake.world.touch(4, HALF)
@@ -283,20 +287,24 @@ def test_nothing_is_asked_for_behind_a_probe_that_was_not_asked_for_before_it(
     assert first.width_us <= steady.width_us + 1
 
 
-wishes = st.builds(
-    Wish, st.integers(0, 9_000), st.integers(20, 200), st.integers(0, 900), st.integers(0, 99)
+requests = st.builds(
+    PulseRequest,
+    st.integers(0, 9_000),
+    st.integers(20, 200),
+    st.integers(0, 900),
+    st.integers(0, 99),
 )
 
 
-@given(before=wishes, after=wishes)
-def test_not_above_is_no_part_more_than_either(before: Wish, after: Wish) -> None:
+@given(before=requests, after=requests)
+def test_not_above_is_no_part_more_than_either(before: PulseRequest, after: PulseRequest) -> None:
     both = before.not_above(after)
     assert both == after.not_above(before)
-    for one in (before, after):
-        assert both.current_ua <= one.current_ua
-        assert both.width_us <= one.width_us
-        assert both.prepulse_ua <= one.prepulse_ua
-        assert both.prepulse_us <= one.prepulse_us
+    for request in (before, after):
+        assert both.current_ua <= request.current_ua
+        assert both.width_us <= request.width_us
+        assert both.prepulse_ua <= request.prepulse_ua
+        assert both.prepulse_us <= request.prepulse_us
 
 
 def test_a_probe_counts_to_the_charge_of_its_pulse_and_not_to_its_width() -> None:
@@ -304,17 +312,17 @@ def test_a_probe_counts_to_the_charge_of_its_pulse_and_not_to_its_width() -> Non
     site = probing(body_site())
     tight = msgspec.structs.replace(site, maxima=msgspec.structs.replace(site.maxima, charge_nc=55))
     made = planner(site=tight)
-    assert made.plan(frame(current_ua=currents(e3=400), width_us=100)).visits
+    assert made.plan(frame(current_ua=currents(e3=400), width_us=100)).schedule
     with pytest.raises(Refused, match="charge of a pulse"):
         made.plan(frame(current_ua=currents(e3=401), width_us=100))
-    assert planner(site=site).plan(frame(current_ua=currents(e3=400), width_us=200)).visits
+    assert planner(site=site).plan(frame(current_ua=currents(e3=400), width_us=200)).schedule
 
 
 def test_the_mean_current_is_that_of_probes_and_pulses() -> None:
     """2 350 uA for 100 us and 15 nC, 120 times a second: 30 uA."""
     made = planner(site=probing(body_site()))
     whole = {"width_us": 100, "rate_hz": 120.0}
-    assert made.plan(frame(current_ua=currents(e3=2_350), **whole)).visits
+    assert made.plan(frame(current_ua=currents(e3=2_350), **whole)).schedule
     with pytest.raises(Refused, match=r"mean current 30\.0"):
         made.plan(frame(current_ua=currents(e3=2_351), **whole))
 
@@ -322,24 +330,26 @@ def test_the_mean_current_is_that_of_probes_and_pulses() -> None:
 @pytest.mark.parametrize("polarity", ["anodic", "biphasic"])
 def test_stabilizers_find_no_room_where_the_probe_needs_it(polarity: str) -> None:
     """Mean current and time with current, of all phases and the probe."""
-    whole = {"width_us": 60, "rate_hz": 120.0, "polarity": polarity, "thin": True}
+    whole = {"width_us": 60, "rate_hz": 120.0, "polarity": polarity, "allow_slower": True}
     phases_of = 2 if polarity == "biphasic" else 1
-    site = probing(body_site(), energy=EnergyLaw(most_wider=4.0))
-    made = planner(site=site, reach=Reach(width=4.0, charge=4.0))
-    most = made.plan(frame(current_ua=currents(e3=1_000), **whole)).visits[0].most
+    site = probing(body_site(), energy=EnergySettings(max_widening=4.0))
+    made = planner(site=site, max_gain=MaxGain(width=4.0, charge=4.0))
+    bounds = made.plan(frame(current_ua=currents(e3=1_000), **whole)).schedule[0].bounds
     probe_pc = PROBE_UA * PROBE_US
-    assert (phases_of * most.charge_pc + probe_pc) * 120 <= 30_000_000
-    assert (phases_of * most.width_us + PROBE_US) * 120 <= 24_000
+    assert (phases_of * bounds.charge_pc + probe_pc) * 120 <= 30_000_000
+    assert (phases_of * bounds.width_us + PROBE_US) * 120 <= 24_000
 
 
 def test_stabilizers_get_no_charge_that_the_probe_needs() -> None:
-    made = planner(site=probing(body_site()), reach=Reach(width=1.3, charge=4.0))
-    (visit,) = made.plan(frame(current_ua=currents(e3=3_000), width_us=150, rate_hz=10.0)).visits
-    assert visit.most.charge_pc + PROBE_UA * PROBE_US == 500_000
+    made = planner(site=probing(body_site()), max_gain=MaxGain(width=1.3, charge=4.0))
+    (scheduled,) = made.plan(
+        frame(current_ua=currents(e3=3_000), width_us=150, rate_hz=10.0)
+    ).schedule
+    assert scheduled.bounds.charge_pc + PROBE_UA * PROBE_US == 500_000
 
 
 def test_a_slot_has_room_for_the_probe_and_for_what_is_decided_behind_it() -> None:
-    asked = frame(current_ua=(500,) * 64, width_us=100, rate_hz=120.0, thin=True)
+    asked = frame(current_ua=(500,) * 64, width_us=100, rate_hz=120.0, allow_slower=True)
     alone, led = (
         planner(site=site, layout=array("grid-8x8")).plan(asked)
         for site in (body_site(), probing(body_site()))
@@ -350,7 +360,7 @@ def test_a_slot_has_room_for_the_probe_and_for_what_is_decided_behind_it() -> No
 
 
 def test_a_frame_of_pulses_as_weak_as_probes_needs_no_room_for_any() -> None:
-    asked = frame(current_ua=(300,) * 64, width_us=100, rate_hz=120.0, thin=True)
+    asked = frame(current_ua=(300,) * 64, width_us=100, rate_hz=120.0, allow_slower=True)
     alone, led = (
         planner(site=site, layout=array("grid-8x8")).plan(asked)
         for site in (body_site(), probing(body_site()))
@@ -359,10 +369,10 @@ def test_a_frame_of_pulses_as_weak_as_probes_needs_no_room_for_any() -> None:
 
 
 def test_a_scan_with_probes_ends_in_time(make_rig: MakeRig) -> None:
-    rig = opened(make_rig(loaded=with_probes(contact=ContactLaw())), 1_000)
+    rig = opened(make_rig(loaded=with_probes(contact=ContactSettings())), 1_000)
     rig.hold(150, current_ua=(800,) * N, width_us=80, rate_hz=100.0)
-    assert rig.engine.components.reporter.counters["thinned_overrun"] == 0
-    assert rig.engine.components.reporter.counters["thinned_ledger"] == 0
+    assert rig.engine.components.reporter.counters["not_fired_overrun"] == 0
+    assert rig.engine.components.reporter.counters["not_fired_ledger"] == 0
 
 
 def test_the_ledger_counts_the_time_of_probe_and_pulse(make_rig: MakeRig) -> None:
@@ -372,16 +382,16 @@ def test_the_ledger_counts_the_time_of_probe_and_pulse(make_rig: MakeRig) -> Non
     rig = make_rig(loaded=with_probes(maxima={"on_us_per_s": 1_390}))
     rig = opened(rig, CURRENT_UA)
     rig.run_ms(870)
-    found = [one for one in hold(rig, 950) if one[0].electrode == 4]
+    found = [visit for visit in hold(rig, 950) if visit[0].electrode == 4]
     assert len(found) == 10
-    assert all(len(one) == 2 for one in found)
+    assert all(len(visit) == 2 for visit in found)
 
 
 def test_the_ledger_counts_the_charge_of_probe_and_pulse(make_rig: MakeRig) -> None:
     rig = standing(make_rig(loaded=with_probes()))
     found = hold(rig, 1_000)
     now_ns = rig.clock.now_ns()
-    within = [one for one in found if one[0].from_ns > now_ns - 1_000_000_000]
+    within = [visit for visit in found if visit[0].from_ns > now_ns - 1_000_000_000]
     one_pc = CURRENT_UA * WIDTH_US + PROBE_UA * PROBE_US
     assert rig.engine.components.ledger.charge_pc(4, now_ns) == len(within) * one_pc
 
@@ -392,14 +402,14 @@ def test_a_probe_before_a_pulse_that_never_comes_is_booked(make_rig: MakeRig) ->
     ledger, since_ns = rig.engine.components.ledger, rig.clock.now_ns()
     before = ledger.pulses(9, since_ns)
 
-    def break_down(*_: object) -> Wish:
+    def break_down(*_: object) -> PulseRequest:
         raise BoardFault("in between", "nothing", "a wish")
 
-    rig.engine.components.asker.wish_again = break_down  # type: ignore[assignment, method-assign]
+    rig.engine.components.adapter.readapt = break_down  # type: ignore[assignment, method-assign]
     rig.show(current_ua=only(N, e9=CURRENT_UA), width_us=WIDTH_US)
     rig.run_ms(40)
     assert rig.state == "HALTED"
-    (fired,) = visits([one for one in phases(rig, since_ns) if one.electrode == 9])
+    (fired,) = visits([phase for phase in phases(rig, since_ns) if phase.electrode == 9])
     assert len(fired) == 1
     assert ledger.pulses(9, rig.clock.now_ns()) == before + 1
 

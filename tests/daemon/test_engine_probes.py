@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 import engine_rig
 from engine_rig import LEASE, EngineRig
 from engine_scenes import calibration, config, only, open_calibrated, phases
-from etd.link import MeasureContact
-from etd.stabilize.contact import ContactLaw
-from etd.stabilize.pipeline import NO_FURTHER, SHORTEST_US, Known, Stabilizer, Wish
+from etd.protocol.link import MeasureContact
+from etd.stabilize.contact import ContactSettings
+from etd.stabilize.pipeline import NO_GAIN, SHORTEST_US, ElectrodeEstimate, PulseRequest, Stabilizer
 from etd.stabilize.settings import Settings
 from etd_hal.fake.faults import AdcNoise, Fault
 from trace_decoder import Phase, is_led, visits
@@ -44,7 +44,7 @@ def calibrated(
 ) -> EngineRig:
     """Open with these caps, accepted in pulses of one width; contacts are kept known by looks."""
     loaded = config(electrodes=N, maxima=maxima)
-    laws = Settings(order=("contact",), contact=ContactLaw(), probe_first=is_probe_first)
+    laws = Settings(order=("contact",), contact=ContactSettings(), probe_first=is_probe_first)
     site = msgspec.structs.replace(loaded.body_site, stabilize=laws)
     rig = make(
         loaded=dataclasses.replace(loaded, body_site=site), stabilizers=stabilizers, faults=faults
@@ -106,7 +106,7 @@ def test_each_kind_of_probe_is_within_what_was_accepted(
     make_rig: MakeRig, accepted_us: int
 ) -> None:
     """A strong frame at an electrode with a high cap, beside electrodes with low ones."""
-    caps_ua = tuple(1_000 if one == HERE else 250 for one in range(N))
+    caps_ua = tuple(1_000 if electrode == HERE else 250 for electrode in range(N))
     rig = calibrated(caps_ua, accepted_us, is_probe_first=True, make=make_rig)
     rig.arm()
     armed_ns = rig.clock.now_ns()
@@ -118,12 +118,12 @@ def test_each_kind_of_probe_is_within_what_was_accepted(
 class Narrows:
     """A law that makes every pulse as narrow as can be, at the same current."""
 
-    reach = NO_FURTHER
+    max_gain = NO_GAIN
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
-        return dataclasses.replace(wish, width_us=SHORTEST_US)
+    def adapt(self, pulse_request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        return dataclasses.replace(pulse_request, width_us=SHORTEST_US)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         pass
 
 
@@ -148,18 +148,18 @@ def test_a_narrower_probe_tells_what_touches_all_the_same(
         (250,) * N, accepted_us, faults=[AdcNoise(1.5, seed=accepted_us)], make=make_rig
     )
     lifted = {2, 7, 11}
-    for one in lifted:
-        rig.fake.world.lift(one)
+    for electrode in lifted:
+        rig.fake.world.lift(electrode)
     answer = rig.ask(MeasureContact, lease=LEASE)
     assert answer.contact is not None
-    assert answer.contact.contact == tuple(one not in lifted for one in range(N))
+    assert answer.contact.contact == tuple(electrode not in lifted for electrode in range(N))
 
 
 # --- looks are pulses like others: limits and ledger hold for them -------------------------------
 
 
 def looks(rig: EngineRig, since_ns: int) -> list[Phase]:
-    return [one for one in phases(rig, since_ns) if one.electrode != HERE]
+    return [phase for phase in phases(rig, since_ns) if phase.electrode != HERE]
 
 
 def test_a_look_is_not_above_the_ceiling_of_the_opening(make_rig: MakeRig) -> None:
@@ -170,16 +170,16 @@ def test_a_look_is_not_above_the_ceiling_of_the_opening(make_rig: MakeRig) -> No
     since_ns = rig.clock.now_ns()
     rig.hold(150, current_ua=only(N, e4=20), rate_hz=50.0)
     seen = looks(rig, since_ns)
-    assert {one.electrode for one in seen} == set(range(N)) - {HERE}
-    for one in seen:
-        assert one.current_ua <= (one.from_ns - since_ns) * 500 / (100 * MS)
-    assert min(one.current_ua for one in seen) < 0.9 * PROBE_UA
+    assert {phase.electrode for phase in seen} == set(range(N)) - {HERE}
+    for other_phase in seen:
+        assert other_phase.current_ua <= (other_phase.from_ns - since_ns) * 500 / (100 * MS)
+    assert min(phase.current_ua for phase in seen) < 0.9 * PROBE_UA
 
 
 def test_a_look_is_not_above_the_cap_of_a_return_that_may_carry_it_all(make_rig: MakeRig) -> None:
     """As one may when somebody was found gone, and no look from before counts."""
     cap_ua = 60
-    caps_ua = tuple(cap_ua if one == 9 else 1_000 for one in range(N))
+    caps_ua = tuple(cap_ua if electrode == 9 else 1_000 for electrode in range(N))
     rig = calibrated(caps_ua, 100, is_probe_first=False, make=make_rig)
     rig.arm()
     frame = {"current_ua": only(N, e4=500), "rate_hz": 50.0}
@@ -188,7 +188,7 @@ def test_a_look_is_not_above_the_cap_of_a_return_that_may_carry_it_all(make_rig:
     rig.fake.world.lift(3)
     rig.hold(600, **frame)
     seen = looks(rig, since_ns)
-    gone = next(place for place, one in enumerate(seen) if one.electrode == 3)
+    gone = next(place for place, phase in enumerate(seen) if phase.electrode == 3)
     assert seen[gone].current_ua > 0.9 * PROBE_UA
     assert seen[gone + 1].current_ua <= cap_ua
 
@@ -209,6 +209,6 @@ def test_a_look_that_the_second_has_no_room_for_is_not_fired(make_rig: MakeRig) 
     rig.hold(3_000, current_ua=only(N, e4=500), width_us=width_us, rate_hz=float(rate_hz))
     found = phases(rig, since_ns)
     for last in found:
-        second = [one for one in found if 0 <= last.from_ns - one.from_ns < 1_000 * MS]
-        assert sum(one.width_us for one in second) <= rate_hz * width_us
+        second = [phase for phase in found if 0 <= last.from_ns - phase.from_ns < 1_000 * MS]
+        assert sum(phase.width_us for phase in second) <= rate_hz * width_us
     assert looks(rig, since_ns)

@@ -11,10 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from engine_oracle import Oracle
-from etd.bodysite import SiteMaxima
-from etd.engine.plan import PHASES
-from etd.frame import Ring
-from etd.stabilize.pipeline import Wish
+from etd.files.body_site import SiteMaxima
+from etd.planning.plan import PHASES
+from etd.protocol.frame import Ring
+from etd.stabilize.pipeline import PulseRequest
 from story_teller import Setting, Teller
 from trace_rules import violations
 
@@ -75,10 +75,10 @@ electrodes = st.integers(0, ELECTRODES - 1)
 def return_sets(draw: st.DrawFn) -> tuple[tuple[int, ...], ...]:
     """Two returns at least: of one against one, the wires cannot say who is stimulated."""
 
-    def others(one: int) -> st.SearchStrategy[list[int]]:
-        return st.lists(electrodes.filter(lambda it: it != one), min_size=2, unique=True)
+    def others(electrode: int) -> st.SearchStrategy[list[int]]:
+        return st.lists(electrodes.filter(lambda it: it != electrode), min_size=2, unique=True)
 
-    return tuple(tuple(draw(others(one))) for one in range(ELECTRODES))
+    return tuple(tuple(draw(others(electrode))) for electrode in range(ELECTRODES))
 
 
 @st.composite
@@ -86,7 +86,7 @@ def frames(draw: st.DrawFn, most: SiteMaxima, can_choose_returns: bool) -> Step:
     """Any frame that passes the gateway. Most ask for what is allowed, or for little more."""
     fields: dict[str, Any] = {
         "ttl_ms": draw(st.sampled_from([1, 20, 120, 300])),
-        "thin": draw(st.sampled_from([True, True, False])),
+        "allow_slower": draw(st.sampled_from([True, True, False])),
         "strict": draw(st.sampled_from([False, False, False, True])),
         "pulses": draw(st.sampled_from([None, None, 1, 3])),
     }
@@ -169,7 +169,7 @@ def whole_stories(draw: st.DrawFn, board: str) -> tuple[Setting, tuple[int, ...]
     most = draw(maxima())
     setting = Setting(board, ELECTRODES, most, SLOTS[board], draw(st.booleans()))
     lifted = draw(st.sets(electrodes, max_size=ELECTRODES - 2))
-    told = [Step("lift", {"electrode": one}) for one in sorted(lifted)]
+    told = [Step("lift", {"electrode": electrode}) for electrode in sorted(lifted)]
     told.append(Step("new_person", {"caps_ua": draw(caps(most.current_ua))}))
     told += draw(st.lists(steps(board, most), min_size=1, max_size=14))
     return setting, draw(caps(most.current_ua)), told
@@ -199,26 +199,28 @@ def test_nobody_ever_gets_more_than_allowed_and_all_that_is_taken_away_is_told(b
     any_story()
 
 
-wishes = st.lists(
-    st.builds(Wish, st.integers(0, 200_000), st.integers(20, 400)), min_size=1, max_size=5
+requests = st.lists(
+    st.builds(PulseRequest, st.integers(0, 200_000), st.integers(20, 400)), min_size=1, max_size=5
 )
 
 
 @stories
-@given(story=whole_stories("kajimoto-hv507"), asked=wishes)
+@given(story=whole_stories("kajimoto-hv507"), asked=requests)
 def test_a_stabilizer_may_ask_for_anything_and_widens_no_limit(
-    story: tuple[Setting, tuple[int, ...], list[Step]], asked: list[Wish]
+    story: tuple[Setting, tuple[int, ...], list[Step]], asked: list[PulseRequest]
 ) -> None:
     setting, caps_ua, told = story
     judged(Teller(setting, asked), caps_ua, told)
 
 
 @pytest.mark.parametrize(
-    "behind", [Wish(3, 20), Wish(0, 20), Wish(290, 20), Wish(200_000, 400)], ids=str
+    "behind",
+    [PulseRequest(3, 20), PulseRequest(0, 20), PulseRequest(290, 20), PulseRequest(200_000, 400)],
+    ids=str,
 )
-def test_behind_a_probe_a_stabilizer_may_ask_for_anything_as_well(behind: Wish) -> None:
+def test_behind_a_probe_a_stabilizer_may_ask_for_anything_as_well(behind: PulseRequest) -> None:
     """For one electrode at 300 uA: its probes are as strong."""
-    current_ua = tuple(301 if one == 7 else 0 for one in range(ELECTRODES))
+    current_ua = tuple(301 if electrode == 7 else 0 for electrode in range(ELECTRODES))
     frame = {
         "fields": {"current_ua": current_ua, "width_us": 50, "rate_hz": 15.0, "ttl_ms": 300},
         "is_streamed": False,
@@ -227,11 +229,13 @@ def test_behind_a_probe_a_stabilizer_may_ask_for_anything_as_well(behind: Wish) 
     }
     setting = Setting("kajimoto-hv507", ELECTRODES, WIDE_OPEN, HALF_BRIDGE_SLOT_NS, True)
     oracle = judged(
-        Teller(setting, [Wish(400, 50), behind]), (1_500,) * ELECTRODES, [Step("frame", frame)]
+        Teller(setting, [PulseRequest(400, 50), behind]),
+        (1_500,) * ELECTRODES,
+        [Step("frame", frame)],
     )
-    fired = [one for one in oracle.visits if one.state == "ARMED"]
+    fired = [visit for visit in oracle.visits if visit.state == "ARMED"]
     assert fired
-    assert all(one.phases[0].is_weak for one in fired)
+    assert all(visit.phases[0].is_weak for visit in fired)
 
 
 WIDE_OPEN = SiteMaxima(
@@ -268,7 +272,7 @@ def test_returns_that_lose_the_skin_while_a_frame_stands_make_no_other_return_ca
     teller = Teller(
         Setting("kajimoto-hv507", ELECTRODES, WIDE_OPEN, HALF_BRIDGE_SLOT_NS, is_probe_first)
     )
-    current_ua = tuple(3_000 if one in active else 0 for one in range(ELECTRODES))
+    current_ua = tuple(3_000 if electrode in active else 0 for electrode in range(ELECTRODES))
     frame = {
         "fields": {"current_ua": current_ua, "width_us": 100, "rate_hz": 60.0},
         "is_streamed": False,
@@ -276,8 +280,8 @@ def test_returns_that_lose_the_skin_while_a_frame_stands_make_no_other_return_ca
         "pause_ms": 100,
     }
     told = [Step("frame", frame), Step("wait", {"duration_ms": pause_ms})]
-    for one in sorted(set(range(ELECTRODES)) - active - staying):
-        told.append(Step("lift", {"electrode": one}))
+    for other in sorted(set(range(ELECTRODES)) - active - staying):
+        told.append(Step("lift", {"electrode": other}))
         if not is_at_once:
             told.append(Step("frame", {**frame, "repeats": 3}))
     told.append(Step("frame", {**frame, "repeats": 18}))
@@ -313,7 +317,7 @@ def test_a_look_goes_back_through_all_others_whatever_returns_its_frame_chose() 
             "current_ua": (0, 0, 0, 0, 129, 184, 0, 0),
             "width_us": 20,
             "rate_hz": 15.0,
-            "thin": True,
+            "allow_slower": True,
             "ttl_ms": 120,
             "returns": others,
         },
@@ -323,10 +327,10 @@ def test_a_look_goes_back_through_all_others_whatever_returns_its_frame_chose() 
     }
     teller = Teller(Setting("feetthrough-relay", ELECTRODES, tight, RELAY_SLOT_NS))
     told = [
-        *(Step("lift", {"electrode": one}) for one in (0, 1, 2)),
+        *(Step("lift", {"electrode": electrode}) for electrode in (0, 1, 2)),
         Step("new_person", {"caps_ua": (164, 50, 152, 50, 1_324, 1_667, 75, 2_111)}),
         *(Step("frame", frame) for _ in range(3)),
         Step("wait", {"duration_ms": 300}),
     ]
     oracle = judged(teller, (1_500,) * ELECTRODES, told)
-    assert any(one.is_look for one in oracle.visits)
+    assert any(visit.is_look for visit in oracle.visits)

@@ -10,7 +10,7 @@ import pytest
 
 from board_rig import changed
 from engine_rig import EngineRig
-from engine_scenes import MS, config, fully_open, only, phases, thinned
+from engine_scenes import MS, config, fully_open, only, phases, shortfalls
 from etd_hal.backend import Backend
 from etd_hal.fake.faults import SpiStall
 from etd_hal.ports import Changes, Edge
@@ -32,18 +32,18 @@ def test_the_mean_rate_over_seconds_is_the_one_asked_for(make_rig: MakeRig, rate
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=only(N, e3=400), rate_hz=rate_hz, ttl_ms=1_000)
     rig.run_ms(999)
-    fired = [one for one in phases(rig, since_ns) if one.electrode == 3]
+    fired = [phase for phase in phases(rig, since_ns) if phase.electrode == 3]
     assert len(fired) in (int(rate_hz), int(rate_hz) + 1)
-    assert all(one == pytest.approx(1e9 / rate_hz, abs=1.2e6) for one in gaps_ns(fired))
+    assert all(gap_ns == pytest.approx(1e9 / rate_hz, abs=1.2e6) for gap_ns in gaps_ns(fired))
 
 
 def test_electrodes_of_one_frame_may_have_rates_of_their_own(make_rig: MakeRig) -> None:
     rig = fully_open(make_rig(electrodes=N), 500)
-    rates = tuple(float(5 + 3 * one) for one in range(N))
+    rates = tuple(float(5 + 3 * electrode) for electrode in range(N))
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=(400,) * N, rate_hz=rates, ttl_ms=1_000)
     rig.run_ms(990)
-    fired = [one.electrode for one in phases(rig, since_ns)]
+    fired = [phase.electrode for phase in phases(rig, since_ns)]
     for electrode, rate_hz in enumerate(rates):
         assert fired.count(electrode) == pytest.approx(rate_hz, abs=1.5)
 
@@ -53,7 +53,7 @@ def test_all_are_visited_in_the_first_scan_whatever_their_rates(make_rig: MakeRi
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=(400,) * N, rate_hz=(50.0,) + (1.0,) * 15, ttl_ms=1_000)
     rig.run_ms(15)
-    fired = [one.electrode for one in phases(rig, since_ns)]
+    fired = [phase.electrode for phase in phases(rig, since_ns)]
     assert fired[:N] == list(range(N))
     assert {*fired[N:]} <= {0}
 
@@ -64,9 +64,10 @@ def test_a_scan_goes_in_the_order_of_the_chain(make_rig: MakeRig) -> None:
     rig.show(current_ua=only(N, e14=400, e2=400, e7=400), pulses=2, polarity="biphasic")
     rig.run_ms(60)
     found = [
-        [(one.electrode, one.is_anodic) for one in pair] for pair in visits(phases(rig, since_ns))
+        [(phase.electrode, phase.is_anodic) for phase in pair]
+        for pair in visits(phases(rig, since_ns))
     ]
-    assert found == [[(one, True), (one, False)] for one in (2, 7, 14)] * 2
+    assert found == [[(electrode, True), (electrode, False)] for electrode in (2, 7, 14)] * 2
 
 
 def test_polarities_may_be_mixed_in_one_frame(make_rig: MakeRig) -> None:
@@ -75,11 +76,11 @@ def test_polarities_may_be_mixed_in_one_frame(make_rig: MakeRig) -> None:
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=(400,) * N, polarity=kinds, pulses=1, rate_hz=20.0)
     rig.run_ms(40)
-    found = [[one.is_anodic for one in pair] for pair in visits(phases(rig, since_ns))]
+    found = [[phase.is_anodic for phase in pair] for pair in visits(phases(rig, since_ns))]
     assert found == [[True], [False], [True, False], [False, True]] * 4
 
 
-def test_a_thinned_frame_has_the_rate_that_the_answer_tells_and_is_not_late(
+def test_a_slowed_frame_has_the_rate_that_the_answer_tells_and_is_not_late(
     make_rig: MakeRig,
 ) -> None:
     rig = fully_open(make_rig("kajimoto-hv507"), 500)
@@ -87,16 +88,18 @@ def test_a_thinned_frame_has_the_rate_that_the_answer_tells_and_is_not_late(
     refused = rig.show(**wanted)
     assert refused.error == "too_fast"
     since_ns = rig.clock.now_ns()
-    answer = rig.show(thin=True, ttl_ms=1_000, **wanted)
+    answer = rig.show(allow_slower=True, ttl_ms=1_000, **wanted)
     assert answer.rate_hz == refused.achievable_hz
-    assert [(one.reason, one.rate_hz) for one in answer.thinned] == [("rate", answer.rate_hz)]
+    assert [(shortfall.reason, shortfall.rate_hz) for shortfall in answer.slowed] == [
+        ("rate", answer.rate_hz)
+    ]
     rig.run_ms(950)
     assert answer.rate_hz is not None
     seconds = (rig.clock.now_ns() - since_ns) / 1e9
-    fired = [one.electrode for one in phases(rig, since_ns)]
+    fired = [phase.electrode for phase in phases(rig, since_ns)]
     for electrode in range(64):
         assert fired.count(electrode) == pytest.approx(seconds * answer.rate_hz, abs=1.1)
-    assert not [one for one in thinned(rig) if one.reason == "overrun"]
+    assert not [shortfall for shortfall in shortfalls(rig) if shortfall.reason == "overrun"]
 
 
 @pytest.mark.parametrize(
@@ -110,14 +113,16 @@ def test_the_achievable_rate_is_achieved_on_every_board(
     rig = fully_open(make_rig(board), 300)
     wanted = {"current_ua": (300,) * electrodes, "polarity": polarity}
     since_ns = rig.clock.now_ns()
-    answer = rig.show(thin=True, rate_hz=100.0, ttl_ms=1_000, **wanted)
+    answer = rig.show(allow_slower=True, rate_hz=100.0, ttl_ms=1_000, **wanted)
     assert answer.error is None, answer.reason
     assert answer.rate_hz is not None
     rig.run_ms(950)
     seconds = (rig.clock.now_ns() - since_ns) / 1e9
-    fired = [one[0].electrode for one in visits(phases(rig, since_ns))]
+    fired = [visit[0].electrode for visit in visits(phases(rig, since_ns))]
     assert fired.count(0) == pytest.approx(seconds * answer.rate_hz, abs=1.1)
-    assert not [one for one in thinned(rig) if one.reason in ("overrun", "processor")]
+    assert not [
+        shortfall for shortfall in shortfalls(rig) if shortfall.reason in ("overrun", "processor")
+    ]
 
 
 class HeldUpGpio:
@@ -161,8 +166,10 @@ def test_a_scan_that_came_late_is_told_and_nothing_is_made_up_for(
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=only(N, e3=400), rate_hz=100.0, ttl_ms=500)
     rig.run_ms(300)
-    assert sum(one.pulses for one in thinned(rig) if one.reason == "overrun") >= 1
-    fired = [one for one in phases(rig, since_ns) if one.electrode == 3]
+    assert (
+        sum(shortfall.pulses for shortfall in shortfalls(rig) if shortfall.reason == "overrun") >= 1
+    )
+    fired = [phase for phase in phases(rig, since_ns) if phase.electrode == 3]
     gaps = gaps_ns(fired)
     assert min(gaps) > 8 * MS
     assert max(gaps) > 60 * MS
@@ -182,7 +189,7 @@ def test_a_stream_of_frames_does_not_change_how_often_an_electrode_is_visited(
         rig.send(current_ua=only(N, e3=400, e15=300), rate_hz=rates)
         rig.run_ms(every_ms)
     seconds = (rig.clock.now_ns() - since_ns) / 1e9
-    fired = [one.electrode for one in phases(rig, since_ns)]
+    fired = [phase.electrode for phase in phases(rig, since_ns)]
     assert fired.count(3) == pytest.approx(50 * seconds, abs=2)
     assert fired.count(15) == pytest.approx(5 * seconds, abs=1.5)
 
@@ -206,7 +213,7 @@ def test_a_frame_in_place_of_another_begins_at_the_next_start_of_a_scan(
     last_ns = phases(rig)[-1].from_ns
     rig.show(current_ua=only(N, e5=400), rate_hz=50.0)
     rig.run_ms(30)
-    first_ns = next(one.from_ns for one in phases(rig, last_ns) if one.electrode == 5)
+    first_ns = next(phase.from_ns for phase in phases(rig, last_ns) if phase.electrode == 5)
     assert first_ns - last_ns == pytest.approx(20 * MS, abs=MS)
 
 
@@ -215,17 +222,17 @@ def test_two_that_share_their_only_return_share_its_rate(make_rig: MakeRig) -> N
     loaded = config("feetthrough-relay", N)
     board = changed(loaded.board, "maxima", rate_hz=60)
     rig = fully_open(make_rig(loaded=dataclasses.replace(loaded, board=board)), 500)
-    returns = tuple((6,) if one != 6 else (7,) for one in range(N))
+    returns = tuple((6,) if electrode != 6 else (7,) for electrode in range(N))
     since_ns = rig.clock.now_ns()
     for _ in range(10):
         answer = rig.show(current_ua=only(N, e2=400, e4=400), returns=returns, rate_hz=40.0)
         assert answer.error is None, answer.reason
         rig.run_ms(150)
     assert rig.state == "ARMED"
-    begun_ns = [one.from_ns for one in phases(rig, since_ns) if one.electrode in (2, 4)]
+    begun_ns = [phase.from_ns for phase in phases(rig, since_ns) if phase.electrode in (2, 4)]
     assert len(begun_ns) > 60
     assert all(
         one_too_many_ns - first_ns >= 999 * MS
         for first_ns, one_too_many_ns in zip(begun_ns, begun_ns[60:], strict=False)
     )
-    assert "ledger" in {one.reason for one in thinned(rig)}
+    assert "ledger" in {shortfall.reason for shortfall in shortfalls(rig)}

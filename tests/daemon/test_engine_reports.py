@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, armed, fully_open, only, phases, scans, shown
-from etd.frame import Frame
-from etd.link import NewFrame, SetMark
+from etd.protocol.frame import Frame
+from etd.protocol.link import NewFrame, SetMark
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -17,16 +17,16 @@ N = 16
 def marks(rig: EngineRig) -> list[tuple[int, int | None]]:
     """(seq, tag) of each frame remark in the trace, repeats left out."""
     found: list[tuple[int, int | None]] = []
-    for one in rig.records:
-        if one["bus"] == "engine" and one["event"] == "frame":
-            remark = (one["seq"], one["tag"])
+    for entry in rig.records:
+        if entry["bus"] == "engine" and entry["event"] == "frame":
+            remark = (entry["seq"], entry["tag"])
             if not found or found[-1] != remark:
                 found.append(remark)
     return found
 
 
 def ended(rig: EngineRig) -> Counter[int]:
-    return Counter(one.seq for one in shown(rig) if one.ended)
+    return Counter(frame.seq for frame in shown(rig) if frame.ended)
 
 
 def test_every_frame_begun_is_told_once_as_ended_although_reports_are_capped(
@@ -40,7 +40,7 @@ def test_every_frame_begun_is_told_once_as_ended_although_reports_are_capped(
     begun = marks(rig)
     assert len(begun) > 55
     assert ended(rig) == Counter(seq for seq, _ in begun)
-    told = {one.seq: one.tag for one in shown(rig)}
+    told = {frame.seq: frame.tag for frame in shown(rig)}
     assert all(told[seq] == tag for seq, tag in begun)
 
 
@@ -51,7 +51,7 @@ def test_reports_of_scans_come_at_most_thirty_times_a_second(make_rig: MakeRig) 
     rig.hold(1_000, current_ua=only(N, e3=400), rate_hz=100.0)
     seconds = (rig.clock.now_ns() - since_ns) / 1e9
     assert 20 < len(scans(rig)) <= 30 * seconds + 1
-    assert sum(one.scans for one in scans(rig)) > 90
+    assert sum(scan.scans for scan in scans(rig)) > 90
 
 
 def test_the_times_told_are_those_of_the_first_and_last_pulse_on_the_wire(
@@ -63,7 +63,7 @@ def test_the_times_told_are_those_of_the_first_and_last_pulse_on_the_wire(
     rig.show(current_ua=only(N, e3=400, e7=400), pulses=3, tag=9)
     rig.run_ms(200)
     fired = phases(rig, since_ns)
-    mine = next(one for one in shown(rig) if one.tag == 9 and one.ended)
+    mine = next(frame for frame in shown(rig) if frame.tag == 9 and frame.ended)
     assert mine.first_ns is not None
     assert mine.last_ns is not None
     assert 0 <= fired[0].from_ns - mine.first_ns < 100_000
@@ -76,12 +76,12 @@ def test_what_was_fired_is_what_went_over_the_wire(make_rig: MakeRig) -> None:
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=only(N, e3=777, e7=444), width_us=90, pulses=1, tag=9)
     rig.run_ms(200)
-    fired = [one for one in scans(rig) if one.tag == 9][-1].fired
+    fired = [scan for scan in scans(rig) if scan.tag == 9][-1].fired
     for phase in phases(rig, since_ns):
         assert phase.electrode is not None
         assert abs(fired.current_ua[phase.electrode] - phase.current_ua) <= 1
         assert abs(fired.width_us[phase.electrode] - phase.width_us) < 0.5
-    assert sum(1 for one in fired.current_ua if one) == 2
+    assert sum(1 for electrode in fired.current_ua if electrode) == 2
     assert fired.resistance_ohm[3] is not None
     assert 20_000 < fired.resistance_ohm[3] < 100_000
 
@@ -106,7 +106,7 @@ def test_a_streamed_frame_that_is_refused_is_reported_at_once(make_rig: MakeRig)
     rig = armed(make_rig(electrodes=N))
     rig.frames.send(NewFrame(ref=0, frame=Frame(lease=LEASE, seq=5, current_ua=only(N, e3=9_000))))
     rig.run_ms(3)
-    (refused,) = [one.refused for one in rig.reports if one.refused is not None]
+    (refused,) = [report.refused for report in rig.reports if report.refused is not None]
     assert (refused.error, refused.seq, refused.electrode) == ("over_maximum", 5, 3)
     assert refused.count == 1
     assert rig.engine.components.reporter.counters["frames_refused"] == 1
@@ -140,10 +140,12 @@ def test_a_mark_is_in_the_trace_and_on_the_sync_line(make_rig: MakeRig) -> None:
     answer = rig.ask(SetMark, lease=LEASE, tag=42)
     assert (answer.error, answer.sync) == (None, True)
     assert answer.marked_ns is not None
-    (mark,) = [one for one in rig.records if one.get("event") == "mark"]
+    (mark,) = [entry for entry in rig.records if entry.get("event") == "mark"]
     assert mark["tag"] == 42
     assert 0 <= mark["t_ns"] - answer.marked_ns < MS
-    sync = [one["value"] for one in rig.records if one["bus"] == "gpio" and one["line"] == 12]
+    sync = [
+        entry["value"] for entry in rig.records if entry["bus"] == "gpio" and entry["line"] == 12
+    ]
     assert sync == [0, 1, 0]
 
 

@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 import engine_rig
 from engine_rig import LEASE, EngineRig
 from engine_scenes import fully_open, only, phases
-from etd.config import LoadedConfig, fake_config
-from etd.link import KeepLease
-from etd.stabilize.belief import BELIEVED_NS
-from etd.stabilize.contact import ContactLaw
-from etd.stabilize.energy import EnergyLaw
-from etd.stabilize.fitted import FittedLaw
-from etd.stabilize.lines import LinesLaw
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.link import KeepLease
+from etd.stabilize.contact import ContactSettings
+from etd.stabilize.energy import EnergySettings
+from etd.stabilize.linear_law import LinearLawSettings
+from etd.stabilize.max_age import MAX_AGE_NS
+from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.settings import Settings
 from etd_body.electrode import OPEN_CONTACT, Contact, skin
 from trace_decoder import Phase, visits
@@ -29,15 +29,21 @@ MakeRig = Callable[..., EngineRig]
 N = 16
 CURRENT_UA, WIDTH_US, RATE_HZ = 1_500, 60, 50.0
 WHOLE, HALF = skin(1_000.0, 19_000.0, 0.8), skin(2_000.0, 38_000.0, 0.4)
-BELIEVED_MS = BELIEVED_NS / 1e6
+BELIEVED_MS = MAX_AGE_NS / 1e6
 #: Of the wanted current, where no calibration names a threshold.
-START_PART = ContactLaw().start_part
+START_PART = ContactSettings().start_fraction
 LAWS: dict[str, dict[str, Any]] = {
-    "contact": {"contact": ContactLaw()},
-    "energy": {"energy": EnergyLaw(rise_per_s=20.0)},
-    "contact, fitted": {"contact": ContactLaw(), "fitted": FittedLaw(k=0.73, rise_per_s=20.0)},
-    "fitted the other way": {"fitted": FittedLaw(k=-2.0, rise_per_s=20.0)},
-    "contact, lines": {"contact": ContactLaw(), "lines": LinesLaw(rise_per_s=20.0)},
+    "contact": {"contact": ContactSettings()},
+    "energy": {"energy": EnergySettings(rise_per_s=20.0)},
+    "contact, fitted": {
+        "contact": ContactSettings(),
+        "power_law": PowerLawSettings(k=0.73, rise_per_s=20.0),
+    },
+    "fitted the other way": {"power_law": PowerLawSettings(k=-2.0, rise_per_s=20.0)},
+    "contact, lines": {
+        "contact": ContactSettings(),
+        "linear_law": LinearLawSettings(rise_per_s=20.0),
+    },
 }
 
 
@@ -59,7 +65,7 @@ def hold(rig: EngineRig, duration_ms: float, rate_hz: float = RATE_HZ) -> Sequen
     """The visits of electrode 4 meanwhile."""
     since_ns = rig.clock.now_ns()
     rig.hold(duration_ms, current_ua=only(N, e4=CURRENT_UA), width_us=WIDTH_US, rate_hz=rate_hz)
-    return list(visits([one for one in phases(rig, since_ns) if one.electrode == 4]))
+    return list(visits([phase for phase in phases(rig, since_ns) if phase.electrode == 4]))
 
 
 def silent(rig: EngineRig, duration_ms: float) -> None:
@@ -100,9 +106,9 @@ def test_the_first_pulse_after_a_silence_is_never_above_the_unstabilized_soft_st
     rig.fake.world.touch(4, before)
     hold(rig, 300)
     each_ms = silence_ms / (len(meanwhile) + 1)
-    for one in meanwhile:
+    for contact in meanwhile:
         silent(rig, each_ms)
-        rig.fake.world.touch(4, one)
+        rig.fake.world.touch(4, contact)
     silent(rig, each_ms)
     first = hold(rig, 15)[0]
     soft = START_PART if "contact" in LAWS[name] else 1.0
@@ -114,49 +120,49 @@ def test_the_first_pulse_after_a_silence_is_never_above_the_unstabilized_soft_st
 def test_a_factor_and_a_resistance_hold_over_a_short_silence_and_not_over_a_long_one(
     make_rig: MakeRig, silence_ms: int, is_known: bool
 ) -> None:
-    rig = standing(make_rig(loaded=with_laws({"energy": EnergyLaw(rise_per_s=20.0)})))
+    rig = standing(make_rig(loaded=with_laws({"energy": EnergySettings(rise_per_s=20.0)})))
     rig.fake.world.touch(4, skin(500.0, 7_000.0, 1.6))
     hold(rig, 300)
     steady = hold(rig, 30)[-1][-1]
     assert steady.width_us > 1.2 * WIDTH_US
     silent(rig, silence_ms)
     now_ns = rig.clock.now_ns()
-    assert (rig.engine.components.asker.known(4, now_ns).skin_ohm is not None) == is_known
+    assert (rig.engine.components.adapter.estimate(4, now_ns).skin_ohm is not None) == is_known
     first = hold(rig, 15)[0][-1]
     expected_us = steady.width_us if is_known else WIDTH_US
     assert first.width_us == pytest.approx(expected_us, abs=2)
-    assert rig.engine.components.reporter.counters["not_believed_old"] == (0 if is_known else 1)
+    assert rig.engine.components.reporter.counters["rejected_old"] == (0 if is_known else 1)
 
 
 def test_a_finger_put_back_in_a_silence_is_met_softly_and_becomes_firm(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_laws({"contact": ContactLaw()})))
+    rig = standing(make_rig(loaded=with_laws({"contact": ContactSettings()})))
     assert hold(rig, 15)[0][-1].current_ua == pytest.approx(CURRENT_UA, abs=5)
     rig.fake.world.lift(4)
     silent(rig, 1_500)
     rig.fake.world.touch(4, WHOLE)
-    found = [one[-1].current_ua for one in hold(rig, 1_300)]
+    found = [sequence[-1].current_ua for sequence in hold(rig, 1_300)]
     assert found[0] == pytest.approx(START_PART * CURRENT_UA, abs=5)
     assert found == sorted(found)
     assert found[-1] == pytest.approx(CURRENT_UA, abs=5)
 
 
 def test_pulses_slower_than_what_is_believed_are_each_a_first_one(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_laws({"contact": ContactLaw()})))
+    rig = standing(make_rig(loaded=with_laws({"contact": ContactSettings()})))
     silent(rig, 1_100)
     found = hold(rig, 5_000, rate_hz=0.8)
     assert len(found) >= 3
-    for (one,) in found:
-        assert one.current_ua == pytest.approx(START_PART * CURRENT_UA, abs=5)
+    for (phase,) in found:
+        assert phase.current_ua == pytest.approx(START_PART * CURRENT_UA, abs=5)
 
 
 # --- with a probe first -------------------------------------------------------------------------
 
 
 def test_a_probe_that_sees_the_same_contact_makes_a_soft_start_needless(make_rig: MakeRig) -> None:
-    laws = {"contact": ContactLaw(), "fitted": FittedLaw(k=0.7)}
+    laws = {"contact": ContactSettings(), "power_law": PowerLawSettings(k=0.7)}
     rig = standing(make_rig(loaded=with_laws(laws, is_probe_first=True)))
     silent(rig, 5_000)
-    assert rig.engine.components.asker.known(4, rig.clock.now_ns()).state == "unknown"
+    assert rig.engine.components.adapter.estimate(4, rig.clock.now_ns()).state == "unknown"
     first = hold(rig, 15)[0]
     assert len(first) == 2
     assert charge_pc(first) == pytest.approx(CURRENT_UA * WIDTH_US, rel=0.03)
@@ -165,7 +171,7 @@ def test_a_probe_that_sees_the_same_contact_makes_a_soft_start_needless(make_rig
 def test_a_probe_that_sees_half_of_the_contact_makes_the_first_pulse_soft(
     make_rig: MakeRig,
 ) -> None:
-    rig = standing(make_rig(loaded=with_laws({"contact": ContactLaw()}, is_probe_first=True)))
+    rig = standing(make_rig(loaded=with_laws({"contact": ContactSettings()}, is_probe_first=True)))
     rig.fake.world.lift(4)
     silent(rig, 1_500)
     rig.fake.world.touch(4, HALF)
@@ -175,7 +181,7 @@ def test_a_probe_that_sees_half_of_the_contact_makes_the_first_pulse_soft(
 
 
 def test_a_probe_that_sees_nothing_leaves_nothing_for_the_first_pulse(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_laws({"contact": ContactLaw()}, is_probe_first=True)))
+    rig = standing(make_rig(loaded=with_laws({"contact": ContactSettings()}, is_probe_first=True)))
     silent(rig, 1_500)
     rig.fake.world.lift(4)
     assert len(hold(rig, 15)[0]) == 1
@@ -184,7 +190,7 @@ def test_a_probe_that_sees_nothing_leaves_nothing_for_the_first_pulse(make_rig: 
 def test_a_resistance_that_a_probe_sees_risen_counts_from_the_first_pulse_on(
     make_rig: MakeRig,
 ) -> None:
-    laws = {"fitted": FittedLaw(k=0.7)}
+    laws = {"power_law": PowerLawSettings(k=0.7)}
     rig = standing(make_rig(loaded=with_laws(laws, is_probe_first=True)))
     silent(rig, 1_500)
     rig.fake.world.touch(4, HALF)
@@ -196,18 +202,18 @@ def test_a_resistance_that_a_probe_sees_risen_counts_from_the_first_pulse_on(
 
 def test_looks_at_a_silent_electrode_keep_its_contact_known(make_rig: MakeRig) -> None:
     """Another electrode's frame stands meanwhile."""
-    rig = standing(make_rig(loaded=with_laws({"contact": ContactLaw()})))
+    rig = standing(make_rig(loaded=with_laws({"contact": ContactSettings()})))
     since_ns = rig.clock.now_ns()
     rig.hold(2_000, current_ua=only(N, e9=900), width_us=WIDTH_US, rate_hz=RATE_HZ)
-    looks = [one for one in phases(rig, since_ns) if one.electrode == 4]
+    looks = [phase for phase in phases(rig, since_ns) if phase.electrode == 4]
     assert 3 <= len(looks) <= 5
-    assert max(one.current_ua for one in looks) <= 300
-    assert rig.engine.components.reporter.counters["thinned_overrun"] == 0
+    assert max(phase.current_ua for phase in looks) <= 300
+    assert rig.engine.components.reporter.counters["not_fired_overrun"] == 0
     assert hold(rig, 15)[0][-1].current_ua == pytest.approx(CURRENT_UA, abs=5)
 
 
 def test_a_finger_that_looks_saw_come_back_is_met_softly(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_laws({"contact": ContactLaw()})))
+    rig = standing(make_rig(loaded=with_laws({"contact": ContactSettings()})))
     other = {"current_ua": only(N, e9=900), "width_us": WIDTH_US, "rate_hz": RATE_HZ}
     rig.fake.world.lift(4)
     rig.hold(1_500, **other)
@@ -216,10 +222,10 @@ def test_a_finger_that_looks_saw_come_back_is_met_softly(make_rig: MakeRig) -> N
     assert hold(rig, 100)[0][-1].current_ua < START_PART * CURRENT_UA
 
 
-@pytest.mark.parametrize("laws", [{}, {"fitted": FittedLaw(k=0.7)}])
+@pytest.mark.parametrize("laws", [{}, {"power_law": PowerLawSettings(k=0.7)}])
 def test_nobody_is_looked_at_for_laws_that_do_not_go_by_contact(
     make_rig: MakeRig, laws: dict[str, Any]
 ) -> None:
     rig = standing(make_rig(loaded=with_laws(laws)))
     rig.hold(1_500, current_ua=only(N, e9=900), width_us=WIDTH_US, rate_hz=RATE_HZ)
-    assert rig.engine.components.reporter.counters["looks"] == 0
+    assert rig.engine.components.reporter.counters["contact_polls"] == 0

@@ -19,7 +19,7 @@ from engine_scenes import (
     phases,
     states,
 )
-from etd.link import ArmBoard, ClearHalt, DisarmBoard, StopNow
+from etd.protocol.link import ArmBoard, ClearHalt, DisarmBoard, StopNow
 from etd_hal.fake.faults import (
     MisoStuck,
     SpiError,
@@ -64,9 +64,9 @@ def messages_of_the_scan(board: str, polarity: str) -> list[int]:
     since_ns = rig.clock.now_ns()
     show_three(rig, polarity)
     found = [
-        one["transfers"]
-        for one in rig.records
-        if one.get("event") == "message" and one["t_ns"] > since_ns
+        entry["transfers"]
+        for entry in rig.records
+        if entry.get("event") == "message" and entry["t_ns"] > since_ns
     ]
     assert rig.close() == ()
     return found
@@ -85,29 +85,29 @@ def every_transfer() -> Iterator[tuple[str, str, int, int]]:
 
 def assert_cut_off(rig: EngineRig, failed_ns: int) -> None:
     """After the error the very next thing on the wires is the GPIO half of the safe state."""
-    after = [one for one in rig.records if one["t_ns"] > failed_ns and one["bus"] != "body"]
+    after = [entry for entry in rig.records if entry["t_ns"] > failed_ns and entry["bus"] != "body"]
     lines = rig.engine.components.loaded.board.used_lines()
-    after = [one for one in after if one.get("event") not in ("done", "cs")]
+    after = [entry for entry in after if entry.get("event") not in ("done", "cs")]
     expected = [(lines["POL"], 1), (lines["BL"], 0)] if "BL" in lines else [(lines["HV"], 0)]
-    assert [(one["line"], one["value"]) for one in after[: len(expected)]] == expected
+    assert [(entry["line"], entry["value"]) for entry in after[: len(expected)]] == expected
     assert after[0]["t_ns"] - failed_ns < 100_000
 
 
 def broken_beside(rig: EngineRig, failed_ns: int) -> list[str]:
     """The rules broken anywhere but in the message that failed."""
     found = violations(parse(rig.sink.getvalue()), rig.engine.components.loaded.board.rest_us)
-    return [one for one in found if abs(int(one.split()[0]) - failed_ns) > 20_000]
+    return [text for text in found if abs(int(text.split()[0]) - failed_ns) > 20_000]
 
 
 def failed_at_ns(rig: EngineRig) -> int:
     """When the message that failed ended: the last one that had not all its transfers."""
     counted: list[tuple[int, int, int]] = []
-    for one in rig.records:
-        if one.get("event") == "message":
-            counted.append((one["transfers"], 0, one["t_ns"]))
-        elif one.get("event") == "transfer":
+    for entry in rig.records:
+        if entry.get("event") == "message":
+            counted.append((entry["transfers"], 0, entry["t_ns"]))
+        elif entry.get("event") == "transfer":
             transfers, seen, _ = counted[-1]
-            counted[-1] = (transfers, seen + 1, one["t_ns"])
+            counted[-1] = (transfers, seen + 1, entry["t_ns"])
     short = [t_ns for transfers, seen, t_ns in counted if seen < transfers]
     assert len(short) == 1
     return short[0]
@@ -164,10 +164,10 @@ def test_spi_that_never_comes_back_is_told_and_the_stop_s_cause_stands() -> None
     rig = fully_open(engine_rig.make(electrodes=N), 500)
     for message in range(1, 200):
         rig.fake.world.put_in(SpiError(message))
-    rig.ask(StopNow, who="operator")
+    rig.ask(StopNow, client="operator")
     halt = rig.engine.supervisor.states.halt
     assert halt is not None
-    assert (halt.cause, halt.who) == ("stop", "operator")
+    assert (halt.cause, halt.source) == ("stop", "operator")
     assert "transfer" in halt.detail
     answer = rig.ask(ClearHalt)
     assert answer.error == "halted"
@@ -207,8 +207,8 @@ def test_an_overdue_message_is_cut_off_by_the_stopper_and_halts(make_rig: MakeRi
     rig.show(current_ua=ALL, pulses=1)
     rig.run_ms(100)
     assert first_fault(rig) == "BoardFault"
-    flowed = [one for one in phases(rig, since_ns) if one.source and one.ground]
-    given_ns = max(one.to_ns - one.from_ns for one in flowed)
+    flowed = [phase for phase in phases(rig, since_ns) if phase.source and phase.ground]
+    given_ns = max(phase.to_ns - phase.from_ns for phase in flowed)
     assert given_ns < 2_000_000
     assert rig.engine.components.stopper.has_acted
 

@@ -11,10 +11,10 @@ import pytest
 
 from engine_rig import EngineRig
 from engine_scenes import fully_open, only, phases
-from etd.config import LoadedConfig, fake_config
-from etd.stabilize.contact import ContactLaw
-from etd.stabilize.energy import EnergyLaw
-from etd.stabilize.fitted import FittedLaw
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.stabilize.contact import ContactSettings
+from etd.stabilize.energy import EnergySettings
+from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 from etd_hal.boardfile import BoardFile
@@ -51,11 +51,11 @@ def last_pulse(rig: EngineRig) -> tuple[float, float]:
 
 def felt_there_ua(rig: EngineRig, since_ns: int) -> list[float]:
     """The currents of electrode 4; others are looked at."""
-    return [one.current_ua for one in phases(rig, since_ns) if one.electrode == 4]
+    return [phase.current_ua for phase in phases(rig, since_ns) if phase.electrode == 4]
 
 
 def test_skin_that_takes_less_energy_gets_longer_pulses_within_its_slot(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_laws(energy=EnergyLaw(most_wider=1.5))))
+    rig = standing(make_rig(loaded=with_laws(energy=EnergySettings(max_widening=1.5))))
     assert last_pulse(rig)[1] == pytest.approx(WIDTH_US, abs=2)
     rig.fake.world.touch(4, skin(500.0, 9_500.0, 1.6))
     hold(rig, 1_500)
@@ -65,7 +65,7 @@ def test_skin_that_takes_less_energy_gets_longer_pulses_within_its_slot(make_rig
 
 
 def test_skin_that_takes_more_energy_gets_shorter_pulses(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_laws(energy=EnergyLaw())))
+    rig = standing(make_rig(loaded=with_laws(energy=EnergySettings())))
     rig.fake.world.touch(4, skin(2_000.0, 48_000.0, 0.3))
     hold(rig, 200)
     assert last_pulse(rig)[1] < 0.85 * WIDTH_US
@@ -75,13 +75,13 @@ def test_skin_that_resists_a_little_more_gets_less_in_full_with_the_next_pulse(
     make_rig: MakeRig,
 ) -> None:
     """No mean over pulses delays a fall, however fast they come."""
-    rig = standing(make_rig(loaded=with_laws(fitted=FittedLaw(k=1.05))))
+    rig = standing(make_rig(loaded=with_laws(power_law=PowerLawSettings(k=1.05))))
     frame = {"current_ua": only(N, e4=CURRENT_UA), "width_us": WIDTH_US, "rate_hz": 100.0}
     rig.hold(300, **frame)
     begun_ns = rig.clock.now_ns()
     rig.fake.world.touch(4, skin(1_000.0, 23_000.0, 0.8))
     rig.hold(300, **frame)
-    charge_pc = [one.charge_pc for one in phases(rig, begun_ns)]
+    charge_pc = [phase.charge_pc for phase in phases(rig, begun_ns)]
     assert charge_pc[1] < 0.87 * charge_pc[0]
     assert charge_pc[1] <= 1.01 * charge_pc[-1]
 
@@ -92,12 +92,12 @@ def test_the_plan_makes_room_for_the_widest_that_may_be_asked(make_rig: MakeRig)
     plain.open()
     plain.arm()
     assert plain.show(**frame).error is None
-    wider = make_rig(loaded=with_laws(energy=EnergyLaw(most_wider=2.0)))
+    wider = make_rig(loaded=with_laws(energy=EnergySettings(max_widening=2.0)))
     wider.open()
     wider.arm()
     assert wider.show(**(frame | {"rate_hz": 120.0})).error is None
     many = make_rig(
-        loaded=replace(with_laws(energy=EnergyLaw(most_wider=2.0)), board=_resting(400))
+        loaded=replace(with_laws(energy=EnergySettings(max_widening=2.0)), board=_resting(400))
     )
     many.open()
     many.arm()
@@ -113,7 +113,7 @@ def _resting(rest_us: int) -> BoardFile:
 def test_an_adc_that_goes_wrong_gives_the_frames_own_pulse_and_is_counted_once(
     make_rig: MakeRig,
 ) -> None:
-    rig = standing(make_rig(loaded=with_laws(energy=EnergyLaw())))
+    rig = standing(make_rig(loaded=with_laws(energy=EnergySettings())))
     rig.fake.world.touch(4, skin(2_000.0, 48_000.0, 0.3))
     hold(rig, 300)
     rig.fake.world.put_in(AdcScale(0.01))
@@ -121,17 +121,19 @@ def test_an_adc_that_goes_wrong_gives_the_frames_own_pulse_and_is_counted_once(
     current_ua, width_us = last_pulse(rig)
     assert width_us == pytest.approx(WIDTH_US, abs=2)
     assert current_ua <= CURRENT_UA
-    assert rig.engine.components.reporter.counters["not_believed_implausible"] == 1
+    assert rig.engine.components.reporter.counters["rejected_implausible"] == 1
 
 
 @pytest.mark.parametrize("volts", [0.1, 0.2, 1.0, 3.0, 4.9, 60.0])
-@pytest.mark.parametrize("laws", [{"fitted": FittedLaw(k=0.73)}, {"energy": EnergyLaw()}])
-@pytest.mark.parametrize("told_ua", [500, CURRENT_UA])
+@pytest.mark.parametrize(
+    "laws", [{"power_law": PowerLawSettings(k=0.73)}, {"energy": EnergySettings()}]
+)
+@pytest.mark.parametrize("commanded_ua", [500, CURRENT_UA])
 def test_an_adc_that_stands_still_gives_the_frames_own_pulse_and_is_counted_once(
-    make_rig: MakeRig, laws: dict[str, Any], volts: float, told_ua: int
+    make_rig: MakeRig, laws: dict[str, Any], volts: float, commanded_ua: int
 ) -> None:
     rig = standing(make_rig(loaded=with_laws(**laws)))
-    frame = {"current_ua": only(N, e4=told_ua), "width_us": WIDTH_US, "rate_hz": 50.0}
+    frame = {"current_ua": only(N, e4=commanded_ua), "width_us": WIDTH_US, "rate_hz": 50.0}
     rig.hold(300, **frame)
     node_v = fake_config(electrodes=N).board.source.node_uv_per_code / 1e6
     fault = AdcStuck(round(volts / node_v))
@@ -141,18 +143,18 @@ def test_an_adc_that_stands_still_gives_the_frames_own_pulse_and_is_counted_once
     rig.fake.world.take_out(fault)
     # The first one is what is asked before anybody can know.
     fired = phases(rig, since_ns)[1:]
-    assert max(one.current_ua for one in fired) <= told_ua
+    assert max(phase.current_ua for phase in fired) <= commanded_ua
     assert fired[-1].width_us == pytest.approx(WIDTH_US, abs=2)
-    assert max(one.width_us for one in fired) <= WIDTH_US + 2
+    assert max(phase.width_us for phase in fired) <= WIDTH_US + 2
     counters = rig.engine.components.reporter.counters
     told = {name: count for name, count in counters.items() if name.startswith("not_believed")}
-    assert told == {"not_believed_adc": 1}
+    assert told == {"rejected_adc": 1}
 
 
 def test_a_contact_made_anew_rises_from_half_and_never_above_what_is_wanted(
     make_rig: MakeRig,
 ) -> None:
-    rig = standing(make_rig(loaded=with_laws(contact=ContactLaw())))
+    rig = standing(make_rig(loaded=with_laws(contact=ContactSettings())))
     rig.fake.world.lift(4)
     hold(rig, 300)
     rig.fake.world.touch(4, skin(1_000.0, 19_000.0, 0.8))
@@ -167,7 +169,7 @@ def test_a_contact_made_anew_rises_from_half_and_never_above_what_is_wanted(
 
 
 def test_peeling_is_answered_with_the_next_pulse(make_rig: MakeRig) -> None:
-    rig = standing(make_rig(loaded=with_laws(contact=ContactLaw())))
+    rig = standing(make_rig(loaded=with_laws(contact=ContactSettings())))
     rig.fake.world.touch(4, skin(3_000.0, 57_000.0, 0.25))
     since_ns = rig.clock.now_ns()
     hold(rig, 100)

@@ -19,17 +19,17 @@ from hypothesis import strategies as st
 import engine_rig
 from engine_rig import EngineRig
 from engine_scenes import MS, calibration, only, open_calibrated, phases
-from etd.calibration import Calibration, ElectrodeLimits
-from etd.config import LoadedConfig, fake_config
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.contact import ContactLaw
-from etd.stabilize.energy import EnergyLaw
-from etd.stabilize.fitted import FittedLaw
-from etd.stabilize.lines import LinesLaw
-from etd.stabilize.narrow import Narrow
+from etd.stabilize.contact import ContactSettings
+from etd.stabilize.energy import EnergySettings
+from etd.stabilize.linear_law import LinearLawSettings
+from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.prepulse import Prepulse
-from etd.stabilize.pressure import PressureLaw
+from etd.stabilize.pressure import PressureSettings
 from etd.stabilize.settings import Settings
+from etd.stabilize.strength_duration import StrengthDuration
 from etd_body.electrode import OPEN_CONTACT, skin
 from etd_hal.fake.faults import AdcScale, AdcStuck, Fault
 from trace_decoder import Phase, is_led, visits
@@ -48,23 +48,25 @@ wider = st.sampled_from([1.0, 1.5, 4.0])
 fast = st.sampled_from([1.0, 20.0])
 by_resistance: st.SearchStrategy[dict[str, Any]] = st.one_of(
     st.just({}),
-    st.builds(EnergyLaw, most_wider=wider, rise_per_s=fast).map(lambda law: {"energy": law}),
+    st.builds(EnergySettings, max_widening=wider, rise_per_s=fast).map(lambda law: {"energy": law}),
     st.builds(
-        FittedLaw, k=st.sampled_from([-2.0, 1.0, 2.0]), most_wider=wider, rise_per_s=fast
-    ).map(lambda law: {"fitted": law}),
+        PowerLawSettings, k=st.sampled_from([-2.0, 1.0, 2.0]), max_widening=wider, rise_per_s=fast
+    ).map(lambda law: {"power_law": law}),
     st.builds(
-        LinesLaw,
+        LinearLawSettings,
         charge_slope=st.sampled_from([-0.5, 0.0, 1.0]),
         energy_slope=st.sampled_from([0.2, 2.0]),
-        most_wider=wider,
+        max_widening=wider,
         rise_per_s=fast,
-    ).map(lambda law: {"lines": law}),
+    ).map(lambda law: {"linear_law": law}),
 )
 others: dict[str, st.SearchStrategy[Any]] = {
-    "contact": st.builds(ContactLaw, rise_per_s=st.sampled_from([0.2, 10.0])),
-    "pressure": st.builds(PressureLaw, rise_per_s=fast),
-    "narrow": st.builds(
-        Narrow, width_us=st.sampled_from([25, 50, 80]), tau_us=st.sampled_from([60.0, 151.0])
+    "contact": st.builds(ContactSettings, rise_per_s=st.sampled_from([0.2, 10.0])),
+    "pressure": st.builds(PressureSettings, rise_per_s=fast),
+    "strength_duration": st.builds(
+        StrengthDuration,
+        width_us=st.sampled_from([25, 50, 80]),
+        tau_us=st.sampled_from([60.0, 151.0]),
     ),
 }
 prepulses = st.builds(
@@ -77,7 +79,11 @@ bursts = st.builds(
 
 @st.composite
 def tables(draw: st.DrawFn) -> Settings:
-    laws = {name: draw(one) for name, one in others.items() if draw(st.booleans())}
+    laws = {
+        name: draw(search_strategy)
+        for name, search_strategy in others.items()
+        if draw(st.booleans())
+    }
     laws |= draw(by_resistance)
     order = draw(st.permutations(sorted(laws)))
     if draw(st.booleans()):
@@ -157,11 +163,14 @@ class Player:
     def show(self, strengths: tuple[int, ...], width_us: int, is_level: bool) -> None:
         made = self.calibration if is_level else None
         if made is None:
-            current_ua = tuple(CURRENTS_UA[one] for one in strengths)
+            current_ua = tuple(CURRENTS_UA[strength] for strength in strengths)
             asked: dict[str, Any] = {"current_ua": current_ua, "width_us": width_us}
         else:
-            current_ua, width_us = tuple(LEVELS[one][1] for one in strengths), made.width_us
-            asked = {"level": tuple(LEVELS[one][0] for one in strengths)}
+            current_ua, width_us = (
+                tuple(LEVELS[strength][1] for strength in strengths),
+                made.width_us,
+            )
+            asked = {"level": tuple(LEVELS[strength][0] for strength in strengths)}
         now_ns = self.rig.clock.now_ns()
         ref = self.rig.send(**asked, rate_hz=15.0, ttl_ms=1_000, polarity=self.polarity)
         self.sent[ref] = Sent(self.rig.last_seq, current_ua, width_us, now_ns, made is not None)
@@ -180,7 +189,7 @@ class Player:
 
     @property
     def accepted(self) -> list[Sent]:
-        return [one for ref, one in self.sent.items() if self.rig.answers[ref].error is None]
+        return [sent for ref, sent in self.sent.items() if self.rig.answers[ref].error is None]
 
 
 # --- the oracle ----------------------------------------------------------------------------------
@@ -197,7 +206,7 @@ def open_lease(rig: EngineRig, table: Settings, polarity: str, by: Any) -> Calib
         rig.open(CAP_UA, 190)
         return None
     width_us, resistance_ohm = by
-    one = ElectrodeLimits(
+    limits = ElectrodeLimits(
         threshold_ua=THRESHOLD_UA,
         comfortable_ua=COMFORTABLE_UA,
         cap_ua=CAP_UA,
@@ -206,7 +215,7 @@ def open_lease(rig: EngineRig, table: Settings, polarity: str, by: Any) -> Calib
     made = calibration(
         rig,
         (CAP_UA,) * N,
-        electrode=(one,) * N,
+        electrode=(limits,) * N,
         polarity=polarity,
         width_us=width_us,
         rate_hz=15.0,
@@ -216,21 +225,24 @@ def open_lease(rig: EngineRig, table: Settings, polarity: str, by: Any) -> Calib
     return made
 
 
-def most_wider(table: Settings) -> float:
-    laws = (table.energy, table.fitted, table.lines)
-    return max((law.most_wider for law in laws if law is not None), default=1.0)
+def max_widening(table: Settings) -> float:
+    laws = (table.energy, table.power_law, table.linear_law)
+    return max((law.max_widening for law in laws if law is not None), default=1.0)
 
 
 def rise_of(table: Settings, frame: Sent) -> float:
     """How much stronger a pulse of the same height above its strength-duration curve is, if it is
     narrowed; where a law may have widened it before, from what that makes of it. Only levels are.
     """
-    narrow, order = table.narrow, table.order
+    narrow, order = table.strength_duration, table.order
     if narrow is None or not frame.is_level:
         return 1.0
     width_us: float = frame.width_us
-    if any(one in order[: order.index("narrow")] for one in ("energy", "fitted", "lines")):
-        width_us *= most_wider(table)
+    if any(
+        one in order[: order.index("strength_duration")]
+        for one in ("energy", "power_law", "linear_law")
+    ):
+        width_us *= max_widening(table)
     if width_us <= narrow.width_us:
         return 1.0
     return math.expm1(-width_us / narrow.tau_us) / math.expm1(-narrow.width_us / narrow.tau_us)
@@ -247,7 +259,7 @@ def cap_pc(table: Settings, width_us: int, made: Calibration | None) -> float:
 
 def is_named_and_narrowed(frame: Sent, table: Settings) -> bool:
     """A current that would become a stronger one."""
-    narrow = table.narrow
+    narrow = table.strength_duration
     if narrow is None or frame.is_level:
         return False
     return any(frame.current_ua) and frame.width_us > narrow.width_us
@@ -264,7 +276,7 @@ def check(
     electrode = visit[0].electrode
     assert electrode is not None
     wanted_ua, width_us = frame.current_ua[electrode], frame.width_us
-    strongest_ua = max(one.current_ua for one in visit)
+    strongest_ua = max(phase.current_ua for phase in visit)
     assert strongest_ua <= opened_ua
     probe, body = visit[:1], visit
     if len(visit) > 1 and is_led(*visit[:2]):
@@ -276,24 +288,24 @@ def check(
         assert body is visit, "no more than a look where a frame asks for nothing"
         assert strongest_ua <= PROBE_UA
         return
-    rise, pre, times = rise_of(table, frame), table.prepulse, most_wider(table)
+    rise, pre, times = rise_of(table, frame), table.prepulse, max_widening(table)
     led_ua, led_us = (wanted_ua * rise * pre.part, pre.width_us) if pre else (0.0, 0)
     assert strongest_ua <= min(CAP_UA, rise * wanted_ua)
     whole_pc = cap_pc(table, width_us, made)
     for is_anodic in (True, False):
-        way = [one for one in body if one.is_anodic is is_anodic]
-        charge_pc = sum(one.charge_pc for one in way)
+        way = [phase for phase in body if phase.is_anodic is is_anodic]
+        charge_pc = sum(phase.charge_pc for phase in way)
         assert charge_pc <= times * wanted_ua * width_us + led_ua * led_us + 2.0
         assert charge_pc <= min(whole_pc, MAX_PC) + 2.0
-        assert sum(one.width_us for one in way) <= times * width_us + led_us + 0.1
+        assert sum(phase.width_us for phase in way) <= times * width_us + led_us + 0.1
 
 
 def check_story(player: Player, table: Settings, armed_ns: int) -> None:
-    for ref, one in player.sent.items():
+    for ref, sent in player.sent.items():
         is_bad = player.rig.answers[ref].error == "bad_frame"
-        assert is_bad == is_named_and_narrowed(one, table)
+        assert is_bad == is_named_and_narrowed(sent, table)
     accepted = player.accepted
-    by_seq = {one.seq: one for one in accepted}
+    by_seq = {sent.seq: sent for sent in accepted}
     grace_ns = GRACE_NS[table.bursts is not None]
     checked = partial(check, table=table, made=player.calibration)
     for visit in visits(phases(player.rig, armed_ns)):
@@ -303,7 +315,7 @@ def check_story(player: Player, table: Settings, armed_ns: int) -> None:
         opened_ua = RISE_UA * ((begun_ns - armed_ns) // RISE_NS + 1)
         standing = by_seq[seq]
         checked(standing, visit, opened_ua=opened_ua)
-        come = [one for one in accepted if standing.sent_ns < one.sent_ns <= begun_ns - grace_ns]
+        come = [sent for sent in accepted if standing.sent_ns < sent.sent_ns <= begun_ns - grace_ns]
         if come and standing.current_ua[electrode]:
             checked(come[-1], visit, opened_ua=opened_ua)
 
@@ -327,7 +339,7 @@ def test_no_law_gets_more_and_no_fall_is_delayed_whatever_it_is_told(
     rig.arm()
     armed_ns = rig.clock.now_ns()
     player = Player(rig, polarity, Pressed(), made)
-    rig.engine.components.asker._pressed = player.pressed
+    rig.engine.components.adapter._pressure_source = player.pressed
     player.show(only(N, e0=1), 20, is_level=False)
     rig.run_ms(200)
     at_ns = rig.clock.now_ns()

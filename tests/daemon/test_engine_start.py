@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from engine_rig import EngineRig, make
-from etd.errors import BoardFault, BusError
+from etd.protocol.errors import BoardFault, BusError
 from etd_hal.fake.faults import Fault, SpiError, SpiJitter, SpiStall
 
 #: Messages of the first attempt; more than one of the seven that are timed alike.
@@ -42,7 +42,7 @@ def test_what_is_really_wrong_fails_three_times_and_ends_it() -> None:
     told: list[str] = []
     with pytest.raises(BoardFault, match="timing calibration"):
         make(faults=[SpiJitter(3, 20)], tell=told.append)
-    assert [one[:14] for one in told] == [f"attempt {one} of 3" for one in (1, 2, 3)]
+    assert [text[:14] for text in told] == [f"attempt {electrode} of 3" for electrode in (1, 2, 3)]
 
 
 def test_a_bus_that_fails_is_not_tried_again() -> None:

@@ -23,7 +23,7 @@ from engine_scenes import (
     phases,
 )
 from etd.engine.stopper import SILENT_NS
-from etd.link import ArmBoard, ClearHalt, CloseLease, DisarmBoard, KeepLease
+from etd.protocol.link import ArmBoard, ClearHalt, CloseLease, DisarmBoard, KeepLease
 from etd_hal.fake.faults import SpiStall
 
 MakeRig = Callable[..., EngineRig]
@@ -93,7 +93,7 @@ def test_a_lease_that_lapses_in_the_same_look_hides_no_cut(board: str) -> None:
     assert rig.state == "HALTED"
     (halt,) = halts(rig)
     assert "cut off" in halt.detail
-    assert [one.why for one in ended_leases(rig)] == ["halted"]
+    assert [ended_lease.reason for ended_lease in ended_leases(rig)] == ["halted"]
     assert rig.ask(ArmBoard).error == "halted"
     assert_works_again(rig)
 
@@ -105,7 +105,7 @@ def test_a_command_in_the_same_look_hides_no_cut(way: type[DisarmBoard | CloseLe
     rig.clock.at(rig.clock.now_ns() + 10 * MS, lambda: rig.commands.send(way(ref=0, lease=LEASE)))
     rig.run_ms(100)
     assert rig.state == "HALTED"
-    assert halts(rig)[0].who == "stopper"
+    assert halts(rig)[0].source == "stopper"
     assert_works_again(rig)
 
 
@@ -175,7 +175,7 @@ def test_a_stopper_that_looks_no_more_halts_an_armed_board(make_rig: MakeRig, bo
         assert rig.clock.now_ns() < silent_from_ns + 1_000 * MS
     assert rig.state == "HALTED"
     (halt,) = halts(rig)
-    assert (halt.cause, halt.who) == ("fault", "stopper")
+    assert (halt.cause, halt.source) == ("fault", "stopper")
     assert "the stopper has not looked for 50" in halt.detail
     assert SILENT_NS - MS <= halt.t_ns - silent_from_ns <= SILENT_NS + 60 * MS
     # It is dead still: clear leads out of HALTED, and arming says why it does not go on.
@@ -200,7 +200,7 @@ def test_a_stopper_that_looks_no_more_halts_a_board_on_its_way_up(make_rig: Make
     assert answer.error == "arm_failed"
     assert "has not looked" in answer.reason
     assert rig.state == "HALTED"
-    assert halts(rig)[0].who == "stopper"
+    assert halts(rig)[0].source == "stopper"
     assert moves(rig, "HV")[-1][1] == 0
 
 
@@ -222,7 +222,7 @@ def test_a_process_that_was_stopped_finds_no_fault_in_its_stopper(
     rig.stopper.is_looking = False
     rig.clock.spend(5_000 * MS)
     for _ in range(10):
-        rig.turn()
+        rig.step()
     rig.stopper.is_looking = True
     rig.run_ms(600)
     assert halts(rig) == []

@@ -17,9 +17,9 @@ from engine_scenes import (
     phases,
     states,
 )
-from etd.link import ArmBoard, CloseLease, DisarmBoard, Greeting, OpenLease
-from etd.protocol import Limits, RefusedReport
-from etd.stabilize.pipeline import Known, Reach, Wish
+from etd.protocol.link import ArmBoard, CloseLease, DisarmBoard, EngineHello, OpenLease
+from etd.protocol.messages import Limits, RefusedReport
+from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
 from etd_hal.fake.faults import SlowWords
 
 MakeRig = Callable[..., EngineRig]
@@ -32,7 +32,7 @@ WIDE_US, LESS_WIDE_US = 133, 123
 
 
 def refusals(rig: EngineRig) -> list[RefusedReport]:
-    return [one.refused for one in rig.reports if one.refused is not None]
+    return [report.refused for report in rig.reports if report.refused is not None]
 
 
 def recalibrated(rig: EngineRig, **frame: Any) -> int:
@@ -42,7 +42,7 @@ def recalibrated(rig: EngineRig, **frame: Any) -> int:
     for _ in range(60):
         rig.show(**{"current_ua": only(N, e3=400), "rate_hz": 60.0, **frame})
         for _ in range(20):
-            rig.turn()
+            rig.step()
             if rig.engine.components.reporter.counters["recalibrated"] > before:
                 return rig.clock.now_ns()
     raise AssertionError("never calibrated again")
@@ -90,8 +90,8 @@ def test_what_is_told_follows(slow_rig: EngineRig) -> None:
     rig = slow_rig
     recalibrated(rig, width_us=100)
     rig.run_ms(1_100)
-    greetings = [one for one in rig.others if isinstance(one, Greeting)]
-    assert [one.maxima.width_us for one in greetings] == [WIDE_US, LESS_WIDE_US]
+    greetings = [message for message in rig.others if isinstance(message, EngineHello)]
+    assert [greeting.maxima.width_us for greeting in greetings] == [WIDE_US, LESS_WIDE_US]
     told = " ".join(states(rig)[-1].not_granted)
     assert f"more than {LESS_WIDE_US} us" in told
     assert str(WIDE_US) not in told
@@ -108,13 +108,13 @@ def test_a_frame_that_still_fits_goes_on(slow_rig: EngineRig) -> None:
 class AlwaysWider:
     """A stabilizer that asks for twice the width."""
 
-    reach = Reach(width=2.0, charge=2.0)
+    max_gain = MaxGain(width=2.0, charge=2.0)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Nothing to forget."""
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
-        return Wish(wish.current_ua, 2 * wish.width_us)
+    def adapt(self, pulse_request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        return PulseRequest(pulse_request.current_ua, 2 * pulse_request.width_us)
 
 
 def test_stabilizers_get_no_more_room_than_there_is_now(make_rig: MakeRig) -> None:
@@ -125,7 +125,7 @@ def test_stabilizers_get_no_more_room_than_there_is_now(make_rig: MakeRig) -> No
     rig.run_ms(100)
     fired = phases(rig, since_ns)
     assert len(fired) >= 5
-    assert max(one.width_us for one in fired) <= LESS_WIDE_US
+    assert max(phase.width_us for phase in fired) <= LESS_WIDE_US
     assert rig.state == "ARMED"
     assert refusals(rig) == []
 
@@ -154,7 +154,7 @@ def test_probes_are_no_wider_than_what_there_is_now(make_rig: MakeRig) -> None:
     since_ns = rig.clock.now_ns()
     assert rig.ask(ArmBoard).error is None
     assert len(phases(rig, since_ns)) == N
-    assert max(one.width_us for one in phases(rig, since_ns)) <= 45
+    assert max(phase.width_us for phase in phases(rig, since_ns)) <= 45
 
 
 # --- one word of the bus --------------------------------------------------------------------------
@@ -168,7 +168,7 @@ def test_a_pulse_shorter_than_a_word_is_refused_and_halts_nothing(make_rig: Make
     answer = rig.show(current_ua=only(N, e3=400), width_us=20)
     assert answer.error == "board_cannot"
     assert "21 us" in answer.reason
-    assert any("less than 21 us" in one for one in states(rig)[-1].not_granted)
+    assert any("less than 21 us" in text for text in states(rig)[-1].not_granted)
     assert rig.show(current_ua=only(N, e3=400), width_us=21).error is None
     rig.run_ms(50)
     assert rig.state == "ARMED"
@@ -193,5 +193,5 @@ def test_a_frame_that_stands_and_is_too_short_now_ends_and_is_told(make_rig: Mak
         rig.show(current_ua=only(N, e3=400), width_us=20, rate_hz=100.0)
         rig.run_ms(10)
     assert rig.engine.components.reporter.counters["recalibrated"] == 1
-    assert [one.error for one in refusals(rig)] == ["board_cannot"]
+    assert [refusal.error for refusal in refusals(rig)] == ["board_cannot"]
     assert rig.state == "ARMED"

@@ -9,9 +9,9 @@ import pytest
 
 import engine_rig
 from engine_rig import EngineRig
-from etd.engine.plan import PHASES
-from etd.frame import Polarity, Ring
-from etd.pattern import Pattern, PatternFrame, load_pattern
+from etd.files.pattern import Pattern, PatternFrame, load_pattern
+from etd.planning.plan import PHASES
+from etd.protocol.frame import Polarity, Ring
 from trace_agreement import (
     Sent,
     check_body,
@@ -32,7 +32,10 @@ LONGEST_MS = 900
 def our_pattern(electrodes: int, frames: int = 12, duration_ms: int = 40) -> Pattern:
     """A stripe that walks over the array, with one silent frame."""
     stripes = [
-        tuple(1.0 if (one + frame) % 4 == 0 and frame != 5 else 0.0 for one in range(electrodes))
+        tuple(
+            1.0 if (electrode + frame) % 4 == 0 and frame != 5 else 0.0
+            for electrode in range(electrodes)
+        )
         for frame in range(frames)
     ]
     return Pattern(
@@ -69,7 +72,7 @@ class Player:
         self.rig.open()
         self.rig.arm()
         count = self.rig.engine.components.loaded.array.count
-        while self.rig.engine.components.opening.ceiling_ua < current_ua:
+        while self.rig.engine.components.soft_start.ceiling_ua < current_ua:
             self.rig.hold(20, current_ua=(current_ua, *(0,) * (count - 1)), rate_hz=20.0)
         self.rig.run_ms(250)
 
@@ -88,7 +91,7 @@ class Player:
                 width_us=self.width_us,
                 polarity=polarity,
                 ttl_ms=shown_ms,
-                thin=True,
+                allow_slower=True,
                 **more,
             )
             assert answer.error is None, answer.reason
@@ -132,7 +135,9 @@ def test_all_frames_of_the_kits_sine_wave_come_out_as_sent() -> None:
     player.play(pattern)
     trace = player.finish()
     tags = [
-        one["tag"] for one in trace[1:] if one.get("event") == "frame" and one["tag"] is not None
+        entry["tag"]
+        for entry in trace[1:]
+        if entry.get("event") == "frame" and entry["tag"] is not None
     ]
     assert sorted(set(tags)) == list(range(76))
 
@@ -182,7 +187,9 @@ def test_a_ring_of_returns_comes_out_as_sent_on_the_relay_board(polarity: Polari
     player.play(our_pattern(array.count, 6, 120), polarity, returns=ring)
     first = player.sent[0].seq
     trace = player.finish()
-    expected = {one: set(array.ring(one, ring.ring_mm)) for one in range(array.count)}
+    expected = {
+        electrode: set(array.ring(electrode, ring.ring_mm)) for electrode in range(array.count)
+    }
     assert all(2 <= len(members) < array.count - 1 for members in expected.values())
     played = [phase for phase in decode(trace) if phase.seq is not None and phase.seq >= first]
     check_returns(played, Facts.of(trace[0]), expected)
@@ -191,12 +198,14 @@ def test_a_ring_of_returns_comes_out_as_sent_on_the_relay_board(polarity: Polari
 def test_explicit_returns_come_out_as_sent_on_the_relay_board() -> None:
     rig = engine_rig.make("feetthrough-relay")
     count = rig.engine.components.loaded.array.count
-    returns = tuple(((one + 1) % count, (one + 5) % count) for one in range(count))
+    returns = tuple(
+        ((electrode + 1) % count, (electrode + 5) % count) for electrode in range(count)
+    )
     player = Player(rig)
     player.open_up()
     player.play(our_pattern(count, 4, 120), "cathodic", returns=returns)
     first = player.sent[0].seq
     trace = player.finish()
     played = [phase for phase in decode(trace) if phase.seq is not None and phase.seq >= first]
-    expected = {one: set(members) for one, members in enumerate(returns)}
+    expected = {electrode: set(members) for electrode, members in enumerate(returns)}
     check_returns(played, Facts.of(trace[0]), expected)

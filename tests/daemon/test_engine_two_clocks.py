@@ -13,7 +13,7 @@ import pytest
 
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, ended_leases, fully_open, only, phases, states
-from etd.link import Alive, KeepLease
+from etd.protocol.link import Alive, KeepLease
 from etd_hal.backend import Backend
 from etd_hal.ports import Clock
 
@@ -67,7 +67,7 @@ class Scene:
         for _ in range(within_ms // 20):
             self.rig.commands.send(KeepLease(ref=0, lease=LEASE))
             self.rig.run_ms(20)
-        return (max(one.from_ns for one in phases(self.rig, begun_ns)) - begun_ns) / MS
+        return (max(phase.from_ns for phase in phases(self.rig, begun_ns)) - begun_ns) / MS
 
 
 @pytest.mark.parametrize("board", BOARDS)
@@ -83,9 +83,9 @@ def test_a_machine_that_was_stopped_for_5_s_shows_nothing_afterwards_and_is_no_f
     since_ns = rig.clock.now_ns()
     rig.run_ms(500)
     assert phases(rig, since_ns) == []
-    assert [one.why for one in ended_leases(rig)] == ["lapsed"]
+    assert [ended_lease.reason for ended_lease in ended_leases(rig)] == ["lapsed"]
     assert rig.state == "SAFE"
-    assert [one for one in rig.reports if one.halt is not None] == []
+    assert [report for report in rig.reports if report.halt is not None] == []
 
 
 def test_a_frame_that_expired_meanwhile_is_not_shown_and_the_next_one_is(make_rig: MakeRig) -> None:

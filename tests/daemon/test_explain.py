@@ -36,11 +36,11 @@ def explained(name: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
 
 
 def checks(told: dict[str, Any]) -> dict[str, float]:
-    return {one["what"]: one["modelled"] for one in told["checks"]}
+    return {entry["what"]: entry["modelled"] for entry in told["checks"]}
 
 
 def curve(told: dict[str, Any], name: str) -> dict[float, float]:
-    found = next(one for one in told["curves"] if one["name"] == name)
+    found = next(entry for entry in told["curves"] if entry["name"] == name)
     return dict(zip(found["x"], found["y"], strict=True))
 
 
@@ -50,9 +50,9 @@ def test_every_checked_number_is_its_closed_form_to_one_percent(
 ) -> None:
     found = explained(name, capsys)["checks"]
     assert len(found) >= 4
-    for one in found:
-        assert one["modelled"] == pytest.approx(one["closed_form"], rel=0.01)
-        assert one["error_percent"] < 1.0
+    for entry in found:
+        assert entry["modelled"] == pytest.approx(entry["closed_form"], rel=0.01)
+        assert entry["error_percent"] < 1.0
 
 
 def test_the_verb_knows_all_figures_without_making_one() -> None:
@@ -140,7 +140,9 @@ def test_no_row_of_a_nerve_holds_when_the_membrane_is_another_one(
 
     monkeypatch.setattr(Membrane, "step_response", begins_late)
     monkeypatch.setattr(Membrane, "final", goes_too_far)
-    held = [one["what"] for one in explained(name, capsys)["checks"] if one["error_percent"] < 1.0]
+    held = [
+        entry["what"] for entry in explained(name, capsys)["checks"] if entry["error_percent"] < 1.0
+    ]
     assert held == []
 
 
@@ -192,10 +194,10 @@ def test_a_plot_is_well_formed_and_names_its_curves(name: str, tmp_path: Path) -
     file = tmp_path / "plot.svg"
     assert cli.main(["explain", name, "--plot", str(file)]) == 0
     root = ET.fromstring(file.read_text(encoding="utf-8"))
-    texts = {one.text for one in root.iter() if one.tag.endswith("text")}
+    texts = {element.text for element in root.iter() if element.tag.endswith("text")}
     figure = FIGURES[name]()
     assert {figure.title, figure.x.label, figure.y.label} <= texts
-    assert {one.name for one in figure.curves} <= texts
+    assert {curve.name for curve in figure.curves} <= texts
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -216,8 +218,10 @@ def test_a_plot_lies_where_its_axes_say() -> None:
     line = Curve("line", (1.0, 10.0, 100.0), (0.0, 1.0, 2.0))
     figure = Figure("f", "a < b", "", Axis("x", "log"), Axis("y", most=2.0), (line,), ())
     root = ET.fromstring(svgplot.svg_of(figure))
-    points = next(one.get("points", "") for one in root.iter() if one.tag.endswith("polyline"))
-    places = [tuple(float(part) for part in one.split(",")) for one in points.split()]
+    points = next(
+        element.get("points", "") for element in root.iter() if element.tag.endswith("polyline")
+    )
+    places = [tuple(float(part) for part in text.split(",")) for text in points.split()]
     (left, bottom), (middle, half), (right, top) = places
     assert middle == pytest.approx((left + right) / 2.0, abs=0.1)
     assert half == pytest.approx((top + bottom) / 2.0, abs=0.1)
@@ -225,13 +229,15 @@ def test_a_plot_lies_where_its_axes_say() -> None:
 
 
 def test_names_at_the_curves_ends_do_not_lie_on_one_another() -> None:
-    curves = tuple(Curve(f"c{one}", (0.0, 1.0), (0.0, one / 1_000)) for one in range(6))
+    curves = tuple(
+        Curve(f"c{electrode}", (0.0, 1.0), (0.0, electrode / 1_000)) for electrode in range(6)
+    )
     figure = Figure("f", "t", "", Axis("x"), Axis("y", most=1.0), curves, ())
     root = ET.fromstring(svgplot.svg_of(figure))
     at = [
-        float(one.get("y", "0"))
-        for one in root.iter()
-        if one.tag.endswith("text") and (one.text or "").startswith("c")
+        float(element.get("y", "0"))
+        for element in root.iter()
+        if element.tag.endswith("text") and (element.text or "").startswith("c")
     ]
     assert len(at) == 6
     assert all(abs(a - b) >= 15.9 for a, b in pairwise(sorted(at)))

@@ -10,11 +10,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from etd.array import Array
-from etd.bodysite import BodySite
-from etd.calibration import Calibration
-from etd.check import check_file
-from etd.config import EtdConfig
+from etd.files.array import Array
+from etd.files.body_site import BodySite
+from etd.files.check import check_file
+from etd.files.configuration import EtdConfig
+from etd.protocol.calibration import Calibration
 from etd_hal.boardfile import BoardFile, MachineFile
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import convert
@@ -23,15 +23,15 @@ from files_by_hand import ARRAY, CALIBRATION, CONFIG, spoiled, write
 SITE = (CONFIG / "bodysites" / "fingertip.toml").read_text(encoding="utf-8")
 STABILIZED = """
 [stabilize]
-order = ["contact", "pressure", "lines", "narrow", "prepulse"]
+order = ["contact", "pressure", "linear_law", "strength_duration", "prepulse"]
 probe_first = true
 [stabilize.contact]
-start_part = 0.5
+start_fraction = 0.5
 [stabilize.pressure]
 none_kpa = 10.0
-[stabilize.lines]
-most_wider = 1.5
-[stabilize.narrow]
+[stabilize.linear_law]
+max_widening = 1.5
+[stabilize.strength_duration]
 width_us = 50
 tau_us = 150.0
 [stabilize.prepulse]
@@ -88,8 +88,8 @@ def test_any_value_of_another_kind_is_told_with_what_is_allowed_there(kind: str)
     ("text", "old", "new", "sentence"),
     [
         (SITE + STABILIZED, '"pressure"', '"preasure"',
-         'stabilize.order[1]: it says \'preasure\'; give "contact", "energy", "fitted", "lines",'
-         ' "narrow", "prepulse" or "pressure" (is pressure meant?)'),
+         'stabilize.order[1]: it says \'preasure\'; give "contact", "energy", "linear_law",'
+         ' "power_law", "prepulse", "pressure" or "strength_duration" (is pressure meant?)'),
         (SITE, 'polarity = "anodic"', 'polarity = "both"',
          "defaults.polarity: it says 'both'; give \"anodic\", \"biphasic\","
          ' "biphasic_cathodic_first" or "cathodic"'),

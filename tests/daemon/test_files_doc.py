@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from etd.check import check_file
+from etd.files.check import check_file
 from files_by_hand import REPOSITORY, write
 
 DOC = (REPOSITORY / "docs" / "files.md").read_text(encoding="utf-8")

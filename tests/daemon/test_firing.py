@@ -7,13 +7,13 @@ import pytest
 from board_rig import BoardRig, board_rig
 from charge_witness import even_skin
 from engine_parts import body_site
-from etd.errors import BoardFault, BusError, GuardRefusal
 from etd.firing import Firing, ReadyPulse
-from etd.ledger import WINDOW_NS, Bounds, Entry, Ledger
-from etd.maxima import maxima_of
-from etd.selftest.bed import Bed
+from etd.protocol.errors import BoardFault, BusError, GuardRefusal
+from etd.safety.ledger import WINDOW_NS, Bounds, Entry, Ledger
+from etd.safety.maxima import maxima_of
+from etd.selftest.fixture import Fixture
 from etd.selftest.prober import Prober
-from etd.stabilize.pipeline import Wish
+from etd.stabilize.pipeline import PulseRequest
 from etd_hal.fake.faults import Fault, MisoStuck, SpiError, SpiShort, SpiStall
 from etd_hal.ports import Clock
 from selftest_rig import SelftestRig, selftest_rig
@@ -50,7 +50,7 @@ class Scene:
         pulse = self.rig.board.pulse(CURRENT_UA, WIDTH_US)
         charge_pc, on_us = PHASE_PC * len(phases), WIDTH_US * len(phases)
         entry = Entry(HERE, charge_pc, on_us, returns, 1.0)
-        self.ready = ReadyPulse(entry, selection, pulse, Wish(CURRENT_UA, WIDTH_US))
+        self.ready = ReadyPulse(entry, selection, pulse, PulseRequest(CURRENT_UA, WIDTH_US))
         self.rig.board.prepare(selection, whole=True)
         self.rig.board.connect(selection, phases[0])
         self.begun_ns = self.rig.clock.now_ns()
@@ -72,11 +72,11 @@ class Scene:
     def pulses_ns(self) -> list[int]:
         """When the messages with a pulse began: those of several transfers, since the scene did."""
         return [
-            one["t_ns"]
-            for one in self.rig.records()
-            if one.get("event") == "message"
-            and one["transfers"] > 1
-            and one["t_ns"] >= self.begun_ns
+            entry["t_ns"]
+            for entry in self.rig.records()
+            if entry.get("event") == "message"
+            and entry["transfers"] > 1
+            and entry["t_ns"] >= self.begun_ns
         ]
 
     def got_pc(self, electrode: int = HERE) -> float:
@@ -85,8 +85,8 @@ class Scene:
     def check_all(self) -> None:
         """Nobody got more than the ledger has."""
         now_ns = self.rig.clock.now_ns()
-        for one in range(self.count):
-            assert self.got_pc(one) <= self.ledger.charge_pc(one, now_ns) + 1.0
+        for electrode in range(self.count):
+            assert self.got_pc(electrode) <= self.ledger.charge_pc(electrode, now_ns) + 1.0
 
 
 @pytest.mark.parametrize("board", [KAJIMOTO, RELAY])
@@ -231,7 +231,9 @@ def test_a_visit_that_the_guard_refused_is_taken_back(board: str) -> None:
     with pytest.raises(GuardRefusal):
         scene.fire()
     now_ns = scene.rig.clock.now_ns()
-    assert [scene.ledger.charge_pc(one, now_ns) for one in range(scene.count)] == [0] * scene.count
+    assert [scene.ledger.charge_pc(electrode, now_ns) for electrode in range(scene.count)] == [
+        0
+    ] * scene.count
     assert scene.ledger.pulses(HERE, now_ns) == 0
     assert scene.ledger.rested_ns(HERE) == 0
 
@@ -252,11 +254,11 @@ def test_when_the_guard_refuses_the_second_phase_what_was_booked_stays() -> None
 
 def probing(rig: SelftestRig) -> Prober:
     """A bed with its load on electrode 1, timed and supplied."""
-    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
-    bed.board.calibrate()
-    bed.supply_on()
-    bed.wait_ms(2_000)
-    return Prober(bed)
+    fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
+    fixture.board.calibrate()
+    fixture.supply_on()
+    fixture.wait_ms(2_000)
+    return Prober(fixture)
 
 
 @pytest.mark.parametrize("board", ["reference-hv507", RELAY])

@@ -14,7 +14,7 @@ import zmq
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from etd.protocol import MAX_MESSAGE_BYTES
+from etd.protocol.messages import MAX_MESSAGE_BYTES
 from gateway_rig import GatewayRig
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 import zmq
 
-from etd.link import ArmBoard, Report, StopNow
-from etd.protocol import RefusedReport
+from etd.protocol.link import ArmBoard, Report, StopNow
+from etd.protocol.messages import RefusedReport
 from gateway_rig import PATIENCE, GatewayRig
 from scripted_engine import ScriptedEngine
 
@@ -71,14 +71,14 @@ def test_a_stop_goes_out_before_what_came_earlier() -> None:
             # The answers of the try before; and time for all four to be there at the next turn.
             while rig.control.poll(20):
                 rig.control.recv()
-            rig.gateway.turn(1000)
-            rig.engine.turn()
+            rig.gateway.step(1000)
+            rig.engine.step()
             if len(rig.engine.heard) == 4:  # all four came in one turn
                 break
             rig.until(lambda: len(rig.engine.heard) == 4)
 
         assert isinstance(rig.engine.heard[0], StopNow)
-        assert rig.engine.heard[0].who == "me"
+        assert rig.engine.heard[0].client == "me"
         assert all(isinstance(command, ArmBoard) for command in rig.engine.heard[1:])
 
 
@@ -109,7 +109,7 @@ def test_what_is_asked_in_the_turn_in_which_the_engine_ends_is_told_that_it_is_g
         rig.control.send(json.dumps({"op": op, **frame}).encode())
         assert rig.gateway._sockets.control.poll(5_000)
 
-        rig.gateway.turn(0)  # the link's end has not been read yet
+        rig.gateway.step(0)  # the link's end has not been read yet
 
         reply = rig.reply()
         assert reply["error"] == "engine_gone"

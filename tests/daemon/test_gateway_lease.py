@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pytest
 
-from etd.errors import Refused
 from etd.gateway.lease import LeaseView
+from etd.protocol.errors import Refused
 
 
 def test_a_lease_belongs_to_the_user_who_opened_it() -> None:

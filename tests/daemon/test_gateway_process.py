@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 from etd import AlreadyRunning, Display
+from etd.files.paths import address_of
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
-from etd.places import address_of
 from gateway_rig import HandClock
 from scripted_engine import ScriptedEngine
 
@@ -81,9 +81,9 @@ def test_a_killed_gateway_is_seen_by_its_engine_at_once(folder: Path) -> None:
     engine = ScriptedEngine(folder)
     with process(folder) as running:
         while not engine.alive:
-            engine.turn()
+            engine.step()
         running.kill()
         running.wait(10)
-        engine.turn()
+        engine.step()
         assert not engine.is_connected
     engine.close()

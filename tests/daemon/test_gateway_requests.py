@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 import zmq
 
-from etd.errors import AlreadyRunning, FileError, HardwareMissing
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
 from etd.gateway.sockets import check_version
-from etd.link import (
+from etd.protocol.errors import AlreadyRunning, FileError, HardwareMissing
+from etd.protocol.link import (
     Answer,
     ArmBoard,
     ClearHalt,
@@ -31,9 +31,9 @@ from etd.link import (
     NewFrame,
     SetMark,
 )
-from etd.protocol import Clamp
+from etd.protocol.messages import Clamp
 from gateway_rig import GatewayRig, HandClock
-from scripted_engine import greeting
+from scripted_engine import engine_hello
 
 CALIBRATION: dict[str, Any] = {
     "participant": "P01",
@@ -131,7 +131,7 @@ def test_measure_and_mark_carry_what_the_engine_said() -> None:
 def test_a_frame_comes_through_whole_and_its_clamps_come_back() -> None:
     with GatewayRig() as rig:
         lease = rig.open()
-        clamp = Clamp(electrode=1, wanted_ua=900, got_ua=800, reason="cap", limited_by=1)
+        clamp = Clamp(electrode=1, wanted_ua=900, allowed_ua=800, reason="cap", limited_by=1)
         rig.engine.answer = lambda command: Answer(ref=command.ref, rate_hz=50.0, clamped=(clamp,))
 
         reply = rig.call(
@@ -147,7 +147,7 @@ def test_a_frame_comes_through_whole_and_its_clamps_come_back() -> None:
         )
 
         assert (reply["seq"], reply["rate_hz"]) == (3, 50.0)
-        assert reply["clamped"][0]["got_ua"] == 800
+        assert reply["clamped"][0]["allowed_ua"] == 800
         (sent,) = rig.engine.frames
         assert sent.frame.current_ua == (0, 900, 0, 0)
         assert (sent.frame.ttl_ms, sent.frame.strict, sent.frame.tag) == (300, True, 8)
@@ -173,10 +173,10 @@ def test_a_refusal_of_the_engine_keeps_its_fields() -> None:
 def test_a_lapsed_lease_is_no_lease() -> None:
     with GatewayRig() as rig:
         lease = rig.open()
-        rig.engine.say(LeaseEnded(lease="another", why="closed"))
+        rig.engine.say(LeaseEnded(lease="another", reason="closed"))
         assert rig.call(op="keep", lease=lease)["ok"]
 
-        rig.engine.say(LeaseEnded(lease=lease, why="lapsed"))
+        rig.engine.say(LeaseEnded(lease=lease, reason="lapsed"))
         rig.step(2)
 
         assert rig.call(op="keep", lease=lease)["error"] == "no_lease"
@@ -291,7 +291,7 @@ def test_the_fakes_own_calibrations_are_offered_to_the_fake_only(tmp_path: Path)
             op="calibration", do="set", name="fake-fingertip", calibration=CALIBRATION
         )
         assert refused["error"] == "bad_calibration"
-    with GatewayRig(greeting(backend="linux"), shipped_calibrations=shipped) as rig:
+    with GatewayRig(engine_hello(backend="linux"), shipped_calibrations=shipped) as rig:
         assert rig.call(op="hello")["calibrations"] == []
         assert rig.call(op="open", client="a", calibration="fake-fingertip")["error"] == "not_found"
 

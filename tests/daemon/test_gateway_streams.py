@@ -10,7 +10,7 @@ from typing import Any
 
 import zmq
 
-from etd.link import ArmBoard
+from etd.protocol.link import ArmBoard
 from gateway_rig import GatewayRig
 
 

@@ -12,14 +12,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from etd.shipped import find
+from etd.files.resources import find
 from etd_hal.board import Board
 from etd_hal.boardfile import load_machine
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.errors import BusError, GuardRefusal
 from etd_hal.ports import Changes, Edge, Gpio, Message, Transfer
 from etd_hal.selection import Selection
-from etd_hal.watch import Approval
+from etd_hal.switch_shadow import Approval
 from stepped_board import SteppedBoard, stepped_board
 from trace_decoder import Phase, decode
 
@@ -137,7 +137,7 @@ def select_and_fire(bench: Bench, flipped: int) -> int:
     gpio = FlippingGpio(bench.board.guard.gpio, flipped)
     lines = bench.stepped.board.switch.lines
     switch = HalfBridgeSwitch(gpio, lines, bench.stepped.board.switch.outputs, None)  # type: ignore[arg-type]
-    switch.forget()
+    switch.reset()
     # Twice: filled as a whole, then by as few clocks as will do.
     for output, whole in ((OUTPUT - 1, True), (OUTPUT, False)):
         switch.prepare(bench.board.selection(output, None), whole)

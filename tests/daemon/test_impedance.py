@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine_parts import board_file
-from etd.calibration import ElectrodeLimits, resisted_as_skin
-from etd.engine.impedance import BEFORE_END_US, EARLY_US, ImpedanceMap, Samples
-from etd.stabilize.belief import BELIEVED_NS, LEAST_OHM, MOST_OHM
+from etd.protocol.calibration import ElectrodeLimits, resisted_as_skin
+from etd.sensing.impedance import BEFORE_END_US, EARLY_US, ImpedanceMap, Samples
+from etd.stabilize.max_age import MAX_AGE_NS, MAX_SKIN_OHM, MIN_SKIN_OHM
 
 LEAK_OHM, COMPLIANCE_V = 66_000.0, 300.0
 
@@ -22,7 +22,7 @@ def pulse(
     skin_ohm: float,
     capacitance_nf: float = 0.3,
     *,
-    told_ua: int = 2_000,
+    commanded_ua: int = 2_000,
     width_us: float = 100.0,
     series_ohm: float = 2_000.0,
     noise: float = 1.0,
@@ -31,15 +31,15 @@ def pulse(
     parallel_ohm = skin_ohm - series_ohm
     way_ohm = series_ohm + LEAK_OHM
     tau_us = capacitance_nf * 1e-3 * parallel_ohm * way_ohm / (parallel_ohm + way_ohm)
-    end_v = told_ua / 1e6 / (1 / skin_ohm + 1 / LEAK_OHM)
-    begin_v = told_ua / 1e6 / (1 / series_ohm + 1 / LEAK_OHM)
+    end_v = commanded_ua / 1e6 / (1 / skin_ohm + 1 / LEAK_OHM)
+    begin_v = commanded_ua / 1e6 / (1 / series_ohm + 1 / LEAK_OHM)
 
     def node_v(t_us: float) -> float:
         return noise * (end_v - (end_v - begin_v) * math.exp(-t_us / tau_us))
 
     has_end = width_us >= 33
     return Samples(
-        told_ua,
+        commanded_ua,
         width_us,
         0.0,
         node_v(EARLY_US),
@@ -57,7 +57,7 @@ def impedances() -> ImpedanceMap:
 @pytest.mark.parametrize("width_us", [35.0, 50.0, 200.0])
 def test_two_samples_tell_resistance_and_capacitance(skin_ohm: int, width_us: float) -> None:
     found = impedances()
-    assert found.learn(1, pulse(skin_ohm, width_us=width_us), 0) is None
+    assert found.update(1, pulse(skin_ohm, width_us=width_us), 0) is None
     assert found.skin_ohm(1, 0) == pytest.approx(skin_ohm, rel=0.03)
     assert found.capacitance_nf(1, 0) == pytest.approx(0.3, rel=0.05)
     assert found.at_ua(1) == 2_000
@@ -66,60 +66,62 @@ def test_two_samples_tell_resistance_and_capacitance(skin_ohm: int, width_us: fl
 @pytest.mark.parametrize("series_ohm", [1_000, 3_000])
 def test_what_is_assumed_of_the_series_part_costs_little(series_ohm: int) -> None:
     found = impedances()
-    found.learn(1, pulse(50_000, series_ohm=series_ohm), 0)
+    found.update(1, pulse(50_000, series_ohm=series_ohm), 0)
     assert found.skin_ohm(1, 0) == pytest.approx(50_000, rel=0.01)
     assert found.capacitance_nf(1, 0) == pytest.approx(0.3, rel=0.1)
 
 
-@pytest.mark.parametrize("near_ohm", [LEAST_OHM, MOST_OHM])
-@given(told_ua=st.integers(301, 8_000), apart=st.floats(-2e-3, 2e-3) | st.just(0.0))
+@pytest.mark.parametrize("near_ohm", [MIN_SKIN_OHM, MAX_SKIN_OHM])
+@given(commanded_ua=st.integers(301, 8_000), apart=st.floats(-2e-3, 2e-3) | st.just(0.0))
 def test_what_is_told_of_skin_is_what_a_calibration_may_say(
-    near_ohm: float, told_ua: int, apart: float
+    near_ohm: float, commanded_ua: int, apart: float
 ) -> None:
     """Also at the very bounds: `etd calibrate` writes what was told."""
     skin_ohm = near_ohm * (1.0 + apart)
-    end_v = told_ua / 1e6 / (1 / skin_ohm + 1 / LEAK_OHM)
+    end_v = commanded_ua / 1e6 / (1 / skin_ohm + 1 / LEAK_OHM)
     found = ImpedanceMap(4, msgspec.structs.replace(board_file().source, compliance_v=600))
-    found.learn(1, Samples(told_ua, 100.0, 0.0, end_v, end_v), 0)
-    told_ohm, _ = found.told(1, 0)
-    one = ElectrodeLimits(threshold_ua=1, comfortable_ua=1, cap_ua=1, resistance_ohm=told_ohm)
-    assert resisted_as_skin(one)
-    assert (told_ohm is None) == (not LEAST_OHM <= skin_ohm <= MOST_OHM) or abs(apart) < 1e-9
+    found.update(1, Samples(commanded_ua, 100.0, 0.0, end_v, end_v), 0)
+    told_ohm, _ = found.reported_ohm_nf(1, 0)
+    limits = ElectrodeLimits(threshold_ua=1, comfortable_ua=1, cap_ua=1, resistance_ohm=told_ohm)
+    assert resisted_as_skin(limits)
+    assert (told_ohm is None) == (not MIN_SKIN_OHM <= skin_ohm <= MAX_SKIN_OHM) or abs(apart) < 1e-9
 
 
 def test_a_pulse_without_an_end_sample_goes_by_the_time_constant_of_wider_ones() -> None:
     found = impedances()
-    found.learn(1, pulse(30_000, 1.0), 0)
-    found.learn(1, pulse(30_000, 1.0, width_us=25.0), 0)
+    found.update(1, pulse(30_000, 1.0), 0)
+    found.update(1, pulse(30_000, 1.0, width_us=25.0), 0)
     assert found.skin_ohm(1, 0) == pytest.approx(30_000, rel=0.05)
 
 
 def test_without_a_wider_pulse_it_is_an_estimate_with_an_assumed_time_constant() -> None:
     found = impedances()
-    found.learn(1, pulse(50_000, width_us=25.0), 0)
+    found.update(1, pulse(50_000, width_us=25.0), 0)
     assert found.skin_ohm(1, 0) == pytest.approx(50_000, rel=0.1)
     assert found.capacitance_nf(1, 0) is None
 
 
 def test_a_node_that_is_not_at_rest_before_the_pulse_is_not_believed() -> None:
     found = impedances()
-    found.learn(1, pulse(50_000), 0)
+    found.update(1, pulse(50_000), 0)
     stuck = Samples(2_000, 100.0, 57.0, 57.0, 57.0)
-    assert found.learn(1, stuck, 0) == "adc"
+    assert found.update(1, stuck, 0) == "adc"
     assert found.skin_ohm(1, 0) is None
-    assert found.learn(1, stuck, 0) is None, "it is told once"
-    found.learn(1, pulse(50_000), 0)
+    assert found.update(1, stuck, 0) is None, "it is told once"
+    found.update(1, pulse(50_000), 0)
     assert found.skin_ohm(1, 0) == pytest.approx(50_000, rel=0.03)
 
 
-@given(volts=st.floats(0.1, 60.0), told_ua=st.integers(301, 8_000), width_us=st.integers(20, 200))
+@given(
+    volts=st.floats(0.1, 60.0), commanded_ua=st.integers(301, 8_000), width_us=st.integers(20, 200)
+)
 def test_a_value_that_stands_still_is_never_believed_whatever_it_is(
-    volts: float, told_ua: int, width_us: int
+    volts: float, commanded_ua: int, width_us: int
 ) -> None:
     found = impedances()
-    found.learn(1, pulse(50_000), 0)
+    found.update(1, pulse(50_000), 0)
     end_v = volts if width_us >= 33 else None
-    assert found.learn(1, Samples(told_ua, width_us, volts, volts, end_v), 0) == "adc"
+    assert found.update(1, Samples(commanded_ua, width_us, volts, volts, end_v), 0) == "adc"
     assert (found.skin_ohm(1, 0), found.last_ohm(1)) == (None, None)
 
 
@@ -128,50 +130,51 @@ def test_a_weak_pulse_may_have_an_offset_before_it_and_no_more(
     resting_v: float, is_believed: bool
 ) -> None:
     found = impedances()
-    doubt = found.learn(1, Samples(350, 100.0, resting_v, 0.8, 0.9), 0)
-    assert doubt == (None if is_believed else "adc")
+    quality = found.update(1, Samples(350, 100.0, resting_v, 0.8, 0.9), 0)
+    assert quality == (None if is_believed else "adc")
 
 
 def test_what_charge_is_left_in_the_skin_is_no_doubt_and_what_no_skin_keeps_is() -> None:
     found = impedances()
-    assert found.learn(1, Samples(500, 100.0, 2.6, 9.0, 10.5), 0) is None
-    assert found.learn(1, Samples(500, 100.0, 3.6, 9.0, 10.5), 0) == "adc"
-    assert found.learn(2, Samples(2_000, 100.0, 5.1, 50.0, 60.0), 0) == "adc"
+    assert found.update(1, Samples(500, 100.0, 2.6, 9.0, 10.5), 0) is None
+    assert found.update(1, Samples(500, 100.0, 3.6, 9.0, 10.5), 0) == "adc"
+    assert found.update(2, Samples(2_000, 100.0, 5.1, 50.0, 60.0), 0) == "adc"
 
 
 def test_what_a_probe_left_in_the_skin_is_no_doubt_and_more_than_it_made_is() -> None:
     found = impedances()
-    assert found.learn(1, Samples(400, 100.0, 5.4, 9.0, 13.0, probed_v=11.0), 0) is None
-    assert found.learn(1, Samples(400, 100.0, 11.2, 12.0, 13.0, probed_v=11.0), 0) == "adc"
-    assert found.learn(2, Samples(400, 100.0, 9.0, 9.0, 9.0, probed_v=11.0), 0) == "adc"
+    assert found.update(1, Samples(400, 100.0, 5.4, 9.0, 13.0, probed_v=11.0), 0) is None
+    assert found.update(1, Samples(400, 100.0, 11.2, 12.0, 13.0, probed_v=11.0), 0) == "adc"
+    assert found.update(2, Samples(400, 100.0, 9.0, 9.0, 9.0, probed_v=11.0), 0) == "adc"
 
 
 @pytest.mark.parametrize(
-    ("end_v", "doubt"), [(0.0, "implausible"), (1.0, "implausible"), (131.9, "implausible")]
+    ("end_v", "quality"), [(0.0, "implausible"), (1.0, "implausible"), (131.9, "implausible")]
 )
-def test_a_resistance_that_no_skin_has_is_not_believed(end_v: float, doubt: str) -> None:
+def test_a_resistance_that_no_skin_has_is_not_believed(end_v: float, quality: str) -> None:
     found = impedances()
-    assert found.learn(1, Samples(2_000, 100.0, 0.0, end_v, end_v), 0) == doubt
+    assert found.update(1, Samples(2_000, 100.0, 0.0, end_v, end_v), 0) == quality
     assert found.skin_ohm(1, 0) is None
 
 
 def test_a_source_at_its_end_tells_nothing() -> None:
     found = impedances()
-    assert found.learn(1, Samples(8_000, 100.0, 0.0, 280.0, 290.0), 0) == "compliance"
+    assert found.update(1, Samples(8_000, 100.0, 0.0, 280.0, 290.0), 0) == "compliance"
     assert found.skin_ohm(1, 0) is None
 
 
 def test_readings_that_flicker_are_noise_and_those_that_drift_or_step_are_not() -> None:
     flickering, drifting, stepping = impedances(), impedances(), impedances()
     doubts = [
-        flickering.learn(1, pulse(50_000, noise=1.0 if step % 2 else 0.75), 0) for step in range(20)
+        flickering.update(1, pulse(50_000, noise=1.0 if step % 2 else 0.75), 0)
+        for step in range(20)
     ]
     assert doubts.count("flicker") == 1
     assert doubts.index("flicker") <= 4
     assert flickering.skin_ohm(1, 0) is None
     for step in range(20):
-        assert drifting.learn(1, pulse(50_000 * 0.97**step), 0) is None
-        assert stepping.learn(1, pulse(50_000 if step < 10 else 25_000), 0) is None
+        assert drifting.update(1, pulse(50_000 * 0.97**step), 0) is None
+        assert stepping.update(1, pulse(50_000 if step < 10 else 25_000), 0) is None
     assert stepping.skin_ohm(1, 0) == pytest.approx(25_000, rel=0.03)
 
 
@@ -182,7 +185,7 @@ def test_an_edge_that_comes_off_once_and_lies_down_again_is_believed_all_the_whi
     found, now_ns = impedances(), 0
     for kohm in (*(37,) * 10, 120, 50, 48, 45, 43, 42, 41, 40, *(37,) * 10, 100, 90, 36, 37):
         now_ns += period_ms * 1_000_000
-        assert found.learn(1, pulse(kohm * 1_000), now_ns) is None
+        assert found.update(1, pulse(kohm * 1_000), now_ns) is None
         assert found.skin_ohm(1, now_ns) == pytest.approx(kohm * 1_000, rel=0.25)
 
 
@@ -196,7 +199,7 @@ def test_noise_is_told_once_however_it_comes_and_goes_and_again_after_a_calm(
     for is_noisy in (True,) * 60 + (False,) * 200 + (True,) * 60:
         now_ns += period_ms * 1_000_000
         noise = chance.choice([0.3, 0.7, 1.0, 1.0, 1.3, 2.4]) if is_noisy else 1.0
-        told.append(found.learn(1, pulse(50_000, noise=noise), now_ns))
+        told.append(found.update(1, pulse(50_000, noise=noise), now_ns))
         if len(told) == 255:
             assert found.skin_ohm(1, now_ns) is not None
     for half in (told[:260], told[260:]):
@@ -207,16 +210,16 @@ def test_noise_is_told_once_however_it_comes_and_goes_and_again_after_a_calm(
 def test_small_noise_is_averaged_and_a_step_is_taken_at_once() -> None:
     found = impedances()
     for step in range(20):
-        found.learn(1, pulse(50_000, noise=1.01 if step % 2 else 0.99), 0)
+        found.update(1, pulse(50_000, noise=1.01 if step % 2 else 0.99), 0)
     assert found.skin_ohm(1, 0) == pytest.approx(50_000, rel=0.015)
-    found.learn(1, pulse(80_000), 0)
+    found.update(1, pulse(80_000), 0)
     assert found.skin_ohm(1, 0) == pytest.approx(80_000, rel=0.03)
 
 
 def test_forgetting_leaves_everything_unknown() -> None:
     found = impedances()
-    found.learn(1, pulse(50_000), 0)
-    found.forget()
+    found.update(1, pulse(50_000), 0)
+    found.reset()
     assert found.skin_ohm(1, 0) is None
 
 
@@ -225,40 +228,40 @@ def test_forgetting_leaves_everything_unknown() -> None:
 
 def test_what_no_pulse_has_told_for_a_second_is_not_known() -> None:
     found = impedances()
-    found.learn(1, pulse(50_000), 0)
-    assert found.skin_ohm(1, BELIEVED_NS - 1) is not None
-    assert not found.is_too_old(1, BELIEVED_NS - 1)
-    assert found.skin_ohm(1, BELIEVED_NS) is None
-    assert found.capacitance_nf(1, BELIEVED_NS) is None
-    assert found.is_too_old(1, BELIEVED_NS)
+    found.update(1, pulse(50_000), 0)
+    assert found.skin_ohm(1, MAX_AGE_NS - 1) is not None
+    assert not found.is_expired(1, MAX_AGE_NS - 1)
+    assert found.skin_ohm(1, MAX_AGE_NS) is None
+    assert found.capacitance_nf(1, MAX_AGE_NS) is None
+    assert found.is_expired(1, MAX_AGE_NS)
     assert found.last_ohm(1) == pytest.approx(50_000, rel=0.03), "for a probe to compare with"
-    assert not found.is_too_old(2, BELIEVED_NS), "nobody ever knew anything of it"
+    assert not found.is_expired(2, MAX_AGE_NS), "nobody ever knew anything of it"
 
 
 def test_after_a_pause_the_next_pulse_counts_alone() -> None:
     found = impedances()
     for step in range(20):
-        found.learn(1, pulse(50_000), step)
-    found.learn(1, pulse(45_000), BELIEVED_NS + 20)
-    assert found.skin_ohm(1, BELIEVED_NS + 20) == pytest.approx(45_000, rel=0.01)
+        found.update(1, pulse(50_000), step)
+    found.update(1, pulse(45_000), MAX_AGE_NS + 20)
+    assert found.skin_ohm(1, MAX_AGE_NS + 20) == pytest.approx(45_000, rel=0.01)
 
 
 def test_after_a_pause_a_time_constant_of_another_contact_is_not_used() -> None:
     found = impedances()
-    found.learn(1, pulse(30_000, 1.0), 0)
-    found.learn(1, pulse(50_000, width_us=25.0), BELIEVED_NS)
-    assert found.skin_ohm(1, BELIEVED_NS) == pytest.approx(50_000, rel=0.1)
+    found.update(1, pulse(30_000, 1.0), 0)
+    found.update(1, pulse(50_000, width_us=25.0), MAX_AGE_NS)
+    assert found.skin_ohm(1, MAX_AGE_NS) == pytest.approx(50_000, rel=0.1)
 
 
 def test_what_flickers_is_no_more_believed_after_a_pause_than_before() -> None:
     found = impedances()
     for step in range(20):
-        found.learn(1, pulse(50_000, noise=1.0 if step % 2 else 0.75), step)
-    found.learn(1, pulse(50_000), BELIEVED_NS + 20)
-    assert found.skin_ohm(1, BELIEVED_NS + 20) is None
+        found.update(1, pulse(50_000, noise=1.0 if step % 2 else 0.75), step)
+    found.update(1, pulse(50_000), MAX_AGE_NS + 20)
+    assert found.skin_ohm(1, MAX_AGE_NS + 20) is None
     for step in range(20):
-        found.learn(1, pulse(50_000), BELIEVED_NS + 21 + step)
-    assert found.skin_ohm(1, BELIEVED_NS + 41) is not None
+        found.update(1, pulse(50_000), MAX_AGE_NS + 21 + step)
+    assert found.skin_ohm(1, MAX_AGE_NS + 41) is not None
 
 
 def test_noise_that_lasts_longer_than_what_is_believed_ends_with_the_noise() -> None:
@@ -266,7 +269,7 @@ def test_noise_that_lasts_longer_than_what_is_believed_ends_with_the_noise() -> 
     for step in range(60):
         now_ns = step * 100_000_000
         is_noisy = step < 40
-        found.learn(1, pulse(50_000, noise=0.75 if is_noisy and step % 2 else 1.0), now_ns)
+        found.update(1, pulse(50_000, noise=0.75 if is_noisy and step % 2 else 1.0), now_ns)
     assert found.skin_ohm(1, now_ns) is not None
 
 
@@ -275,8 +278,8 @@ def test_the_mean_follows_the_skin_as_fast_where_pulses_are_rare(
     period_ms: int, pulses: int
 ) -> None:
     found = impedances()
-    found.learn(1, pulse(50_000), 0)
+    found.update(1, pulse(50_000), 0)
     for number in range(1, pulses + 1):
-        found.learn(1, pulse(60_000), number * period_ms * 1_000_000)
+        found.update(1, pulse(60_000), number * period_ms * 1_000_000)
     at_ns = pulses * period_ms * 1_000_000
     assert found.skin_ohm(1, at_ns) == pytest.approx(60_000, rel=0.01)

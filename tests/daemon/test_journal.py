@@ -8,7 +8,7 @@ from collections import Counter
 
 from etd.gateway.journal import SUM_UP_NS, Journal
 from etd.gateway.lease import StandingLease
-from etd.protocol import Halt, StateReport
+from etd.protocol.messages import Halt, StateReport
 
 
 def report(state: str, **fields: object) -> StateReport:
@@ -23,7 +23,7 @@ def lines_of(journal: Journal, stream: io.StringIO) -> list[str]:
 def test_each_change_of_state_is_one_line_with_its_cause() -> None:
     stream = io.StringIO()
     journal = Journal("main", stream)
-    halt = Halt(cause="stop", who="operator", detail="asked to stop", t_ns=1)
+    halt = Halt(cause="stop", source="operator", detail="asked to stop", t_ns=1)
     for said in (
         report("SAFE"),
         report("SAFE"),
@@ -44,8 +44,8 @@ def test_what_is_not_believed_is_told_once_while_a_board_is_live() -> None:
     stream = io.StringIO()
     journal = Journal("main", stream)
     for state, count in (("ARMED", 0), ("ARMED", 1), ("ARMED", 2), ("SAFE", 2), ("ARMED", 2)):
-        journal.state(report(state, counters={"not_believed_flicker": count}))
-    journal.state(report("ARMED", counters={"not_believed_flicker": 3}))
+        journal.state(report(state, counters={"rejected_flicker": count}))
+    journal.state(report("ARMED", counters={"rejected_flicker": 3}))
     told = [line for line in lines_of(journal, stream) if "not stabilized" in line]
     why = "resistances flicker (a noisy ADC, a shaking hand)"
     assert told == [f"etd main: not stabilized for a while: {why}"] * 2
@@ -55,7 +55,7 @@ def test_next_to_nothing_for_long_is_told_once_and_not_as_if_it_were_given_up() 
     stream = io.StringIO()
     journal = Journal("main", stream)
     for count in (0, 1, 2):
-        journal.state(report("ARMED", counters={"not_believed_narrow": count}))
+        journal.state(report("ARMED", counters={"rejected_narrow": count}))
     (told,) = [line for line in lines_of(journal, stream) if "next to nothing" in line]
     assert "not stabilized" not in told
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from etd.engine.lease import Lease, check_holder, check_seq
-from etd.engine.limits import PersonLimits
 from etd.engine.timeouts import Timeouts
-from etd.errors import Refused
+from etd.protocol.errors import Refused
+from etd.safety.lease import Lease, check_holder, check_seq
+from etd.safety.limits import PersonLimits
 
 NOW_NS = 7_000_000_000
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine_parts import maxima_with
-from etd.ledger import WINDOW_NS, Booking, Bounds, Entry, Ledger
+from etd.safety.ledger import WINDOW_NS, Booking, Bounds, Entry, Ledger
 
 NOW_NS = 9_000_000_000
 AMPLE = Bounds(
@@ -39,16 +39,16 @@ def entry(
     return Entry(electrode, charge_pc, on_us, returns, share)
 
 
-def book(ledger: Ledger, one: Entry, now_ns: int) -> Booking:
+def book(ledger: Ledger, entry: Entry, now_ns: int) -> Booking:
     """At what it is planned to be."""
-    return ledger.book(one, now_ns, one.charge_pc)
+    return ledger.book(entry, now_ns, entry.charge_pc)
 
 
 def test_a_window_is_one_second_and_what_is_older_does_not_count() -> None:
     ledger = Ledger(2, bounds(pulses=1))
     book(ledger, entry(), NOW_NS)
-    assert ledger.why_not(entry(), NOW_NS + WINDOW_NS - 1) == "pulses"
-    assert ledger.why_not(entry(), NOW_NS + WINDOW_NS) is None
+    assert ledger.first_violation(entry(), NOW_NS + WINDOW_NS - 1) == "pulses"
+    assert ledger.first_violation(entry(), NOW_NS + WINDOW_NS) is None
     assert WINDOW_NS == 1_000_000_000
 
 
@@ -59,10 +59,10 @@ def test_a_lone_return_has_each_pulse_as_well() -> None:
     book(ledger, entry(1, returns=(2, 3)), NOW_NS)
     assert (ledger.pulses(0, NOW_NS), ledger.pulses(1, NOW_NS)) == (1, 2)
     assert (ledger.pulses(2, NOW_NS), ledger.pulses(3, NOW_NS)) == (0, 0)
-    assert ledger.why_not(entry(1, returns=(0,)), NOW_NS) == "pulses"
-    assert ledger.why_not(entry(0, returns=(1,)), NOW_NS) == "pulses"
-    assert ledger.why_not(entry(0, returns=(1, 2)), NOW_NS) is None
-    assert ledger.why_not(entry(0, returns=(1,)), NOW_NS + WINDOW_NS) is None
+    assert ledger.first_violation(entry(1, returns=(0,)), NOW_NS) == "pulses"
+    assert ledger.first_violation(entry(0, returns=(1,)), NOW_NS) == "pulses"
+    assert ledger.first_violation(entry(0, returns=(1, 2)), NOW_NS) is None
+    assert ledger.first_violation(entry(0, returns=(1,)), NOW_NS + WINDOW_NS) is None
 
 
 def test_a_lone_returns_pulse_that_was_not_sent_is_taken_back() -> None:
@@ -86,9 +86,9 @@ def test_the_bound_that_one_more_pulse_would_pass_is_named(
     limits: Bounds, first: Entry, reason: str
 ) -> None:
     ledger = Ledger(3, limits)
-    assert ledger.why_not(first, NOW_NS) is None
+    assert ledger.first_violation(first, NOW_NS) is None
     book(ledger, first, NOW_NS)
-    assert ledger.why_not(entry(0), NOW_NS + 1) == reason
+    assert ledger.first_violation(entry(0), NOW_NS + 1) == reason
 
 
 def test_what_nobody_may_get_is_what_the_second_is_held_to() -> None:
@@ -113,28 +113,28 @@ def test_what_nobody_may_get_is_what_the_second_is_held_to() -> None:
 def test_a_pulse_that_just_fits_is_let_through() -> None:
     ledger = Ledger(2, bounds(mean_current_ua=1, on_us=200, pulses=2, array_on_us=200))
     book(ledger, entry(charge_pc=900_000), NOW_NS)
-    assert ledger.why_not(entry(charge_pc=100_000), NOW_NS + 1) is None
-    assert ledger.why_not(entry(charge_pc=100_001), NOW_NS + 1) == "charge"
+    assert ledger.first_violation(entry(charge_pc=100_000), NOW_NS + 1) is None
+    assert ledger.first_violation(entry(charge_pc=100_001), NOW_NS + 1) == "charge"
 
 
 def test_each_explicit_return_is_booked_as_if_it_alone_carried_the_current() -> None:
     ledger = Ledger(4, AMPLE)
     book(ledger, entry(0, returns=(1, 2)), NOW_NS)
-    assert [ledger.charge_pc(one, NOW_NS) for one in range(4)] == [PC, PC, PC, 0]
+    assert [ledger.charge_pc(electrode, NOW_NS) for electrode in range(4)] == [PC, PC, PC, 0]
 
 
 def test_a_return_that_has_had_its_charge_stops_the_pulse() -> None:
     ledger = Ledger(4, bounds(mean_current_ua=1))
     book(ledger, entry(2, charge_pc=950_000, returns=(3,)), NOW_NS)
-    assert ledger.why_not(entry(0, returns=(1,)), NOW_NS + 1) is None
-    assert ledger.why_not(entry(0, returns=(1, 2)), NOW_NS + 1) == "return charge"
-    assert ledger.why_not(entry(0, returns=(3,)), NOW_NS + 1) == "return charge"
+    assert ledger.first_violation(entry(0, returns=(1,)), NOW_NS + 1) is None
+    assert ledger.first_violation(entry(0, returns=(1, 2)), NOW_NS + 1) == "return charge"
+    assert ledger.first_violation(entry(0, returns=(3,)), NOW_NS + 1) == "return charge"
 
 
 def test_through_all_others_each_is_booked_its_share_and_the_source_only_its_own() -> None:
     ledger = Ledger(4, AMPLE)
     book(ledger, entry(0, charge_pc=90, share=1 / 3), NOW_NS)
-    assert [ledger.charge_pc(one, NOW_NS) for one in range(4)] == [90, 30, 30, 30]
+    assert [ledger.charge_pc(electrode, NOW_NS) for electrode in range(4)] == [90, 30, 30, 30]
 
 
 def test_a_share_is_rounded_up() -> None:
@@ -146,7 +146,7 @@ def test_a_share_is_rounded_up() -> None:
 def test_what_all_others_carried_stops_them_too() -> None:
     ledger = Ledger(3, bounds(mean_current_ua=1))
     book(ledger, entry(0, charge_pc=900_000, share=1.0), NOW_NS)
-    assert ledger.why_not(entry(1, charge_pc=200_000, share=0.0), NOW_NS + 1) == "charge"
+    assert ledger.first_violation(entry(1, charge_pc=200_000, share=0.0), NOW_NS + 1) == "charge"
 
 
 @pytest.mark.parametrize("is_corrected", [False, True])
@@ -155,21 +155,27 @@ def test_a_pulse_through_all_others_is_stopped_by_one_that_was_a_named_return_of
 ) -> None:
     """Who carried 900 nC for two others, and nothing as the stimulated one."""
     ledger = Ledger(4, bounds(mean_current_ua=1))
-    for one in (0, 1):
-        booking = book(ledger, entry(one, charge_pc=450_000, returns=(3,)), NOW_NS)
+    for electrode in (0, 1):
+        booking = book(ledger, entry(electrode, charge_pc=450_000, returns=(3,)), NOW_NS)
         if is_corrected:
             ledger.correct(booking, 450_000, NOW_NS)
-    assert ledger.why_not(entry(2, charge_pc=200_000, share=0.5), NOW_NS + 1) is None
-    assert ledger.why_not(entry(2, charge_pc=202_000, share=0.5), NOW_NS + 1) == "return charge"
+    assert ledger.first_violation(entry(2, charge_pc=200_000, share=0.5), NOW_NS + 1) is None
+    assert (
+        ledger.first_violation(entry(2, charge_pc=202_000, share=0.5), NOW_NS + 1)
+        == "return charge"
+    )
 
 
 def test_a_pulse_through_all_others_is_stopped_by_the_one_that_has_had_most() -> None:
     ledger = Ledger(3, bounds(mean_current_ua=1))
     book(ledger, entry(2, charge_pc=900_000, share=0.0), NOW_NS)
-    assert ledger.why_not(entry(0, charge_pc=200_000, share=0.4), NOW_NS + 1) is None
-    assert ledger.why_not(entry(0, charge_pc=200_000, share=0.6), NOW_NS + 1) == "return charge"
+    assert ledger.first_violation(entry(0, charge_pc=200_000, share=0.4), NOW_NS + 1) is None
+    assert (
+        ledger.first_violation(entry(0, charge_pc=200_000, share=0.6), NOW_NS + 1)
+        == "return charge"
+    )
     later_ns = NOW_NS + WINDOW_NS
-    assert ledger.why_not(entry(0, charge_pc=200_000, share=0.6), later_ns) is None
+    assert ledger.first_violation(entry(0, charge_pc=200_000, share=0.6), later_ns) is None
 
 
 # --- booked at its worst, and corrected -----------------------------------------------------------
@@ -178,22 +184,22 @@ def test_a_pulse_through_all_others_is_stopped_by_the_one_that_has_had_most() ->
 def test_the_worst_is_booked_to_all_in_the_path_and_the_array_until_it_is_corrected() -> None:
     ledger = Ledger(3, bounds(array_mean_current_ua=1))
     booking = ledger.book(entry(0, returns=(1,)), NOW_NS, 950_000)
-    assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [950_000, 950_000, 0]
-    assert ledger.why_not(entry(2), NOW_NS + 1) == "array charge"
+    assert [ledger.charge_pc(electrode, NOW_NS) for electrode in range(3)] == [950_000, 950_000, 0]
+    assert ledger.first_violation(entry(2), NOW_NS + 1) == "array charge"
     ledger.correct(booking, 120_000, NOW_NS)
-    assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [120_000, 120_000, 0]
-    assert ledger.why_not(entry(2), NOW_NS + 1) is None
+    assert [ledger.charge_pc(electrode, NOW_NS) for electrode in range(3)] == [120_000, 120_000, 0]
+    assert ledger.first_violation(entry(2), NOW_NS + 1) is None
     ledger.correct(booking, 900_001, NOW_NS)
-    assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [900_001, 900_001, 0]
-    assert ledger.why_not(entry(2), NOW_NS + 1) == "array charge"
+    assert [ledger.charge_pc(electrode, NOW_NS) for electrode in range(3)] == [900_001, 900_001, 0]
+    assert ledger.first_violation(entry(2), NOW_NS + 1) == "array charge"
 
 
 def test_what_goes_through_all_others_is_shared_as_it_is_corrected() -> None:
     ledger = Ledger(3, AMPLE)
     booking = ledger.book(entry(0, share=0.5), NOW_NS, 4_000)
-    assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [4_000, 2_000, 2_000]
+    assert [ledger.charge_pc(electrode, NOW_NS) for electrode in range(3)] == [4_000, 2_000, 2_000]
     ledger.correct(booking, 1_001, NOW_NS)
-    assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [1_001, 501, 501]
+    assert [ledger.charge_pc(electrode, NOW_NS) for electrode in range(3)] == [1_001, 501, 501]
 
 
 def test_a_correction_is_no_pulse_and_moves_the_time_from_which_the_next_may_come() -> None:
@@ -222,10 +228,10 @@ def test_what_was_taken_back_was_never_there() -> None:
     book(ledger, entry(0), NOW_NS)
     for returns in (None, (1,)):
         ledger.take_back(ledger.book(entry(0, returns=returns), NOW_NS + 2_000_000, 900_000))
-        assert [ledger.charge_pc(one, NOW_NS) for one in range(3)] == [PC, PC, PC]
+        assert [ledger.charge_pc(electrode, NOW_NS) for electrode in range(3)] == [PC, PC, PC]
         assert ledger.pulses(0, NOW_NS) == 1
         assert ledger.rested_ns(0) == NOW_NS + 2_000_000
-        assert ledger.why_not(entry(1, charge_pc=900_000), NOW_NS + 2_000_000) is None
+        assert ledger.first_violation(entry(1, charge_pc=900_000), NOW_NS + 2_000_000) is None
 
 
 ELECTRODES = 4
@@ -241,7 +247,7 @@ visits = st.builds(
         electrode,
         charge_pc,
         100,
-        tuple(sorted({(electrode + one) % ELECTRODES for one in offsets})),
+        tuple(sorted({(electrode + offset) % ELECTRODES for offset in offsets})),
         1.0,
     ),
     st.integers(0, ELECTRODES - 1),
@@ -250,21 +256,21 @@ visits = st.builds(
 )
 
 
-def carried_pc(booked: list[tuple[int, Entry]], one: int, now_ns: int) -> int:
+def carried_pc(booked: list[tuple[int, Entry]], electrode: int, now_ns: int) -> int:
     """By hand, from the list of all pulses: what electrode `one` carried in the last second."""
     total = 0
     for at_ns, each in booked:
         if at_ns <= now_ns - WINDOW_NS:
             continue
-        if each.electrode == one or one in (each.returns or ()):
+        if each.electrode == electrode or electrode in (each.returns or ()):
             total += each.charge_pc
         elif each.returns is None:
             total += -int(-each.charge_pc * each.share // 1)
     return total
 
 
-def in_path(one: int, entry_: Entry) -> bool:
-    return entry_.returns is None or one == entry_.electrode or one in entry_.returns
+def in_path(electrode: int, entry_: Entry) -> bool:
+    return entry_.returns is None or electrode == entry_.electrode or electrode in entry_.returns
 
 
 #: What becomes of a booking: what it came to, None where it is not corrected; -1: taken back.
@@ -278,34 +284,40 @@ fates = st.one_of(st.none(), st.just(-1), st.integers(0, 500_000))
     )
 )
 def test_no_electrode_and_no_return_is_let_through_more_than_the_bound(
-    wishes: list[tuple[Entry, int, int, int | None]],
+    requests: list[tuple[Entry, int, int, int | None]],
 ) -> None:
     ledger, now_ns = Ledger(ELECTRODES, bounds(mean_current_ua=1)), NOW_NS
     booked: list[tuple[int, Entry]] = []
 
     def charges_pc() -> list[int]:
-        return [ledger.charge_pc(one, now_ns) for one in range(ELECTRODES)]
+        return [ledger.charge_pc(electrode, now_ns) for electrode in range(ELECTRODES)]
 
     def by_hand_pc(*more: Entry) -> list[int]:
         lines = [*booked, *((now_ns, each) for each in more)]
-        return [carried_pc(lines, one, now_ns) for one in range(ELECTRODES)]
+        return [carried_pc(lines, electrode, now_ns) for electrode in range(ELECTRODES)]
 
-    for wish, gap_ns, excess_pc, fate in wishes:
+    for pulse_request, gap_ns, excess_pc, fate in requests:
         now_ns += gap_ns
         assert charges_pc() == by_hand_pc()
-        after = [pc <= 1_000_000 for one, pc in enumerate(by_hand_pc(wish)) if in_path(one, wish)]
-        assert (ledger.why_not(wish, now_ns) is None) == all(after)
+        after = [
+            pc <= 1_000_000
+            for electrode, pc in enumerate(by_hand_pc(pulse_request))
+            if in_path(electrode, pulse_request)
+        ]
+        assert (ledger.first_violation(pulse_request, now_ns) is None) == all(after)
         if not all(after):
             continue
-        worst = msgspec.structs.replace(wish, charge_pc=wish.charge_pc + excess_pc)
-        booking = ledger.book(wish, now_ns, worst.charge_pc)
+        worst = msgspec.structs.replace(
+            pulse_request, charge_pc=pulse_request.charge_pc + excess_pc
+        )
+        booking = ledger.book(pulse_request, now_ns, worst.charge_pc)
         assert charges_pc() == by_hand_pc(worst)
         if fate == -1:
             ledger.take_back(booking)
             continue
         if fate is not None:
             ledger.correct(booking, fate, now_ns)
-            worst = msgspec.structs.replace(wish, charge_pc=fate)
+            worst = msgspec.structs.replace(pulse_request, charge_pc=fate)
         booked.append((now_ns, worst))
 
 
@@ -316,11 +328,11 @@ def test_a_pulse_too_soon_after_the_one_before_does_not_fit() -> None:
     ledger = Ledger(4, bounds(interval_us=2_000))
     book(ledger, entry(1), NOW_NS)
     assert ledger.rested_ns(1) == NOW_NS + 2_000_000
-    assert ledger.why_not(entry(1), NOW_NS + 1_999_999) == "interval"
-    assert ledger.why_not(entry(1), NOW_NS + 2_000_000) is None
+    assert ledger.first_violation(entry(1), NOW_NS + 1_999_999) == "interval"
+    assert ledger.first_violation(entry(1), NOW_NS + 2_000_000) is None
 
 
 def test_the_interval_is_each_electrodes_own() -> None:
     ledger = Ledger(4, bounds(interval_us=2_000))
     book(ledger, entry(1), NOW_NS)
-    assert ledger.why_not(entry(2), NOW_NS + 1) is None
+    assert ledger.first_violation(entry(2), NOW_NS + 1) is None

@@ -14,12 +14,18 @@ from engine_parts import (
     calibration,
     maxima_with,
 )
-from etd.calibration import ElectrodeLimits
-from etd.engine.limits import Path, last_word, limits_of_calibration, limits_of_numbers, path_of
-from etd.errors import Refused
-from etd.maxima import maxima_of
-from etd.protocol import Limits
-from etd.stabilize.pipeline import Wish
+from etd.protocol.calibration import ElectrodeLimits
+from etd.protocol.errors import Refused
+from etd.protocol.messages import Limits
+from etd.safety.limits import (
+    Path,
+    clamp_to_limits,
+    limits_of_calibration,
+    limits_of_numbers,
+    path_of,
+)
+from etd.safety.maxima import maxima_of
+from etd.stabilize.pipeline import PulseRequest
 
 HIGH = 10_000
 
@@ -58,7 +64,7 @@ def test_a_calibration_wider_than_the_site_allows_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("one", "code"),
+    ("entry", "code"),
     [
         ((2_000, 1_000, 3_000), "bad_calibration"),
         ((1_000, 3_001, 3_000), "bad_calibration"),
@@ -66,9 +72,9 @@ def test_a_calibration_wider_than_the_site_allows_is_refused() -> None:
     ],
 )
 def test_an_electrode_out_of_order_or_above_the_maximum_is_refused_by_number(
-    one: tuple[int, int, int], code: str
+    entry: tuple[int, int, int], code: str
 ) -> None:
-    threshold_ua, comfortable_ua, cap_ua = one
+    threshold_ua, comfortable_ua, cap_ua = entry
     electrodes = list(calibration().electrode)
     electrodes[5] = ElectrodeLimits(
         threshold_ua=threshold_ua, comfortable_ua=comfortable_ua, cap_ua=cap_ua
@@ -84,7 +90,8 @@ def test_an_electrode_out_of_order_or_above_the_maximum_is_refused_by_number(
 
 def test_a_calibration_gives_each_electrode_its_own_cap() -> None:
     electrodes = [
-        ElectrodeLimits(threshold_ua=1, comfortable_ua=2, cap_ua=100 + one) for one in range(16)
+        ElectrodeLimits(threshold_ua=1, comfortable_ua=2, cap_ua=100 + electrode)
+        for electrode in range(16)
     ]
     person = limits_of_calibration(
         calibration(electrode=tuple(electrodes)),
@@ -130,49 +137,54 @@ def test_a_path_is_as_weak_as_its_weakest_return() -> None:
 
 
 def test_what_is_within_all_bounds_passes_as_it_is() -> None:
-    assert last_word(path(), Wish(2_000, 100), maxima_with(), 8_000, None, False) == (2_000, None)
+    assert clamp_to_limits(path(), PulseRequest(2_000, 100), maxima_with(), 8_000, None, False) == (
+        2_000,
+        None,
+    )
 
 
 def test_exactly_the_bound_is_no_clamp() -> None:
-    assert last_word(path(cap_ua=900), Wish(900, 100), maxima_with(), HIGH, None, False) == (
+    assert clamp_to_limits(
+        path(cap_ua=900), PulseRequest(900, 100), maxima_with(), HIGH, None, False
+    ) == (
         900,
         None,
     )
 
 
 @pytest.mark.parametrize(
-    ("changes", "got_ua", "reason", "limited_by"),
+    ("changes", "allowed_ua", "reason", "limited_by"),
     [
         ({"path": path(cap_ua=900)}, 900, "cap", 3),
         ({"path": path(return_cap_ua=800)}, 800, "return_cap", 9),
         ({"path": path(return_cap_ua=800, share=0.5)}, 1_600, "return_cap", 9),
-        ({"wish": Wish(4_000, 200)}, 2_500, "charge", 3),
-        ({"opening_ua": 700}, 700, "opening", 3),
+        ({"request": PulseRequest(4_000, 200)}, 2_500, "charge", 3),
+        ({"soft_start_ua": 700}, 700, "soft_start", 3),
         ({"recontact_ua": 600}, 600, "recontact", 3),
         ({"is_open": True}, 300, "contact_open", 3),
     ],
 )
 def test_the_smallest_bound_wins_and_says_whose_it_is(
-    changes: dict[str, object], got_ua: int, reason: str, limited_by: int
+    changes: dict[str, object], allowed_ua: int, reason: str, limited_by: int
 ) -> None:
     asked: dict[str, object] = {
         "path": path(),
-        "wish": Wish(4_000, 100),
+        "request": PulseRequest(4_000, 100),
         "maxima": maxima_with(),
-        "opening_ua": HIGH,
+        "soft_start_ua": HIGH,
         "recontact_ua": None,
         "is_open": False,
         **changes,
     }
-    got, clamp = last_word(**asked)  # type: ignore[arg-type]
-    assert got == got_ua
+    got, clamp = clamp_to_limits(**asked)  # type: ignore[arg-type]
+    assert got == allowed_ua
     assert clamp is not None
-    assert msgspec.structs.astuple(clamp) == (3, 4_000, got_ua, reason, limited_by)
+    assert msgspec.structs.astuple(clamp) == (3, 4_000, allowed_ua, reason, limited_by)
 
 
 def test_of_several_bounds_the_smallest_is_named() -> None:
-    got, clamp = last_word(
-        path(cap_ua=900, return_cap_ua=500), Wish(4_000, 200), maxima_with(), 450, 440, True
+    got, clamp = clamp_to_limits(
+        path(cap_ua=900, return_cap_ua=500), PulseRequest(4_000, 200), maxima_with(), 450, 440, True
     )
     assert got == 300
     assert clamp is not None
@@ -181,9 +193,9 @@ def test_of_several_bounds_the_smallest_is_named() -> None:
 
 def test_a_share_never_lets_a_return_carry_more_than_its_cap() -> None:
     for others in range(1, 256):
-        got, _ = last_word(
+        got, _ = clamp_to_limits(
             path(return_cap_ua=97, share=1.0 / others),
-            Wish(HIGH, 20),
+            PulseRequest(HIGH, 20),
             maxima_with(),
             HIGH,
             None,

@@ -9,9 +9,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from etd.errors import AlreadyRunning, Undecodable
-from etd.frame import Frame
-from etd.link import (
+from etd.protocol.errors import AlreadyRunning, Undecodable
+from etd.protocol.frame import Frame
+from etd.protocol.link import (
     ALIVE_NS,
     MAX_DATAGRAM_BYTES,
     SILENCE_NS,
@@ -57,7 +57,7 @@ def test_the_gateway_speaks_several_times_before_it_counts_as_silent() -> None:
 def test_messages_arrive_whole_and_in_order(pair: Pair) -> None:
     engine, gateway = pair
     sent = [Alive(), KeepLease(ref=3, lease="a"), Alive(ref=9)]
-    assert all(gateway.send(one) for one in sent)
+    assert all(gateway.send(command) for command in sent)
     assert [engine.receive() for _ in sent] == sent
     assert engine.receive() is None
 
@@ -73,7 +73,9 @@ def test_the_largest_frame_fits() -> None:
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     frames: Channel[NewFrame] = Channel(ends[0], NewFrame)
     gateway: Channel[ToGateway] = Channel(ends[1], ToGateway)
-    others = tuple(tuple(one for one in range(256) if one != each) for each in range(256))
+    others = tuple(
+        tuple(electrode for electrode in range(256) if electrode != each) for each in range(256)
+    )
     frame = Frame(
         lease="x" * 64,
         seq=2**63 - 1,

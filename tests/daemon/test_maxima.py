@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from engine_parts import board_file, board_with, body_site, site_with
-from etd import bodysite
-from etd.engine.telling import maxima_facts
-from etd.maxima import Maxima, MaximaInForce, maxima_of
+from etd.engine.capabilities import maxima_facts
+from etd.files import body_site as bodysite
+from etd.safety.maxima import Maxima, MaximaInForce, maxima_of
 
 
 def test_the_hard_ceilings_are_these_and_no_file_can_move_them() -> None:
@@ -84,8 +84,8 @@ def test_what_a_machine_can_time_changes_widths_and_nothing_else() -> None:
     assert not held.follow(16, 200)
     assert (held.now, held.limitations) == (declared, ())
     assert held.follow(22, 45)
-    assert (held.now.narrowest_us, held.now.width_us, held.now.probe_width_us) == (22, 45, 45)
-    widths = {"narrowest_us", "width_us", "probe_width_us"}
+    assert (held.now.min_width_us, held.now.width_us, held.now.probe_width_us) == (22, 45, 45)
+    widths = {"min_width_us", "width_us", "probe_width_us"}
     for name in Maxima.__slots__:
         assert name in widths or getattr(held.now, name) == getattr(declared, name)
     assert len(held.limitations) == 2

@@ -12,8 +12,8 @@ import zmq
 from board_rig import board_rig
 from engine_rig import EngineRig
 from engine_scenes import fully_open, only
-from etd.link import Report
-from etd.protocol import TELEMETRY_OF_TOPIC, Modelled
+from etd.protocol.link import Report
+from etd.protocol.messages import TELEMETRY_OF_TOPIC, Modelled
 from etd_body.sensation import Felt
 from etd_hal.backend import Backend
 from etd_hal.boardfile import BoardFile
@@ -26,8 +26,8 @@ MakeRig = Callable[..., EngineRig]
 PLACES = [(0.0, 0.0), (2.5, 0.0), (0.0, 2.5), (2.5, 2.5)]
 
 
-def opened(board: BoardFile, places_mm: list[tuple[float, float]] | None) -> Backend:
-    return open_fake(board, electrodes=range(4), places_mm=places_mm, stepped=True)
+def opened(board: BoardFile, positions_mm: list[tuple[float, float]] | None) -> Backend:
+    return open_fake(board, electrodes=range(4), positions_mm=positions_mm, stepped=True)
 
 
 def test_a_fake_that_knows_where_its_electrodes_are_has_a_body_that_feels() -> None:
@@ -45,7 +45,7 @@ def test_a_fake_without_places_has_a_body_that_only_conducts() -> None:
 
 def test_a_backend_models_nothing_unless_somebody_says_so() -> None:
     """Real hardware is opened without."""
-    field = next(one for one in dataclasses.fields(Backend) if one.name == "modelled")
+    field = next(field for field in dataclasses.fields(Backend) if field.name == "modelled")
     assert field.default is None
 
 
@@ -64,7 +64,7 @@ class Finger:
 
 
 def told(rig: EngineRig) -> list[Modelled]:
-    return [one.modelled for one in rig.reports if one.modelled is not None]
+    return [report.modelled for report in rig.reports if report.modelled is not None]
 
 
 def test_the_engine_tells_what_the_body_behind_its_backend_feels(make_rig: MakeRig) -> None:
@@ -74,7 +74,7 @@ def test_the_engine_tells_what_the_body_behind_its_backend_feels(make_rig: MakeR
         wrap=lambda backend: dataclasses.replace(backend, modelled=finger.take),
     )
     rig.run_ms(500)
-    assert [(one.felt, one.pain) for one in told(rig)] == [FELT, NOTHING]
+    assert [(modelled.felt, modelled.pain) for modelled in told(rig)] == [FELT, NOTHING]
 
 
 def test_an_engine_without_such_a_backend_never_tells_anything_modelled(make_rig: MakeRig) -> None:
@@ -103,15 +103,17 @@ def test_the_gateway_passes_on_what_is_modelled_under_that_name() -> None:
 def test_a_pulse_on_the_wires_is_felt_by_the_body_under_them(is_anodic: bool) -> None:
     """Through driver, DAC, switch and source: told, made, delivered, felt."""
     file = shipped_board("kajimoto-hv507")
-    body = living_fingertip(file, [(2.5 * (one % 8), 2.5 * (one // 8)) for one in range(64)])
+    body = living_fingertip(
+        file, [(2.5 * (electrode % 8), 2.5 * (electrode // 8)) for electrode in range(64)]
+    )
     rig = board_rig(board=file, body=body)
     rig.begin()
     body.take_felt()
-    told_ua = body.told_threshold_ua(20, 100, "anodic" if is_anodic else "cathodic")
-    rig.visit(20, is_anodic, current_ua=int(0.93 * told_ua), whole=True)
+    commanded_ua = body.commanded_threshold_ua(20, 100, "anodic" if is_anodic else "cathodic")
+    rig.visit(20, is_anodic, current_ua=int(0.93 * commanded_ua), whole=True)
     below = body.take_felt().felt
-    rig.visit(20, is_anodic, current_ua=int(1.07 * told_ua), whole=True)
+    rig.visit(20, is_anodic, current_ua=int(1.07 * commanded_ua), whole=True)
     above = body.take_felt().felt
     assert max(below) == 0.0
-    assert [one for one in range(64) if above[one] > 0.0] == [20]
+    assert [electrode for electrode in range(64) if above[electrode] > 0.0] == [20]
     assert rig.board.safe_off() == ()

@@ -10,7 +10,7 @@ import msgspec
 
 from etd.apps.monitor import CONTACT_SIGNS, Monitor, Panel
 from etd.gateway.replies import hello
-from etd.protocol import (
+from etd.protocol.messages import (
     Clamp,
     Contact,
     Endpoints,
@@ -22,8 +22,8 @@ from etd.protocol import (
     Shown,
     StateReport,
 )
-from etd.stabilize.belief import BELIEVED_NS
-from scripted_engine import greeting
+from etd.stabilize.max_age import MAX_AGE_NS
+from scripted_engine import engine_hello
 
 COMMANDS = (Path(__file__).parents[2] / "docs" / "commands.md").read_text(encoding="utf-8")
 
@@ -36,7 +36,7 @@ def facts() -> HelloReply:
     return hello(
         Hello(),
         0,
-        greeting(),
+        engine_hello(),
         name="main",
         endpoints=Endpoints(frames="", telemetry=""),
         calibrations=(),
@@ -64,14 +64,14 @@ def scan(is_ended: bool = False, **changes: Any) -> Scan:
         scans=1,
         fired=msgspec.structs.replace(fired, **changes),
         clamped=(),
-        thinned=(),
+        not_fired=(),
         ceiling_ua=3_000,
         dropped_reports=0,
     )
 
 
 def panel(made: Monitor, title: str) -> Panel:
-    (found,) = [one for one in made.panels() if one.title == title]
+    (found,) = [panel for panel in made.panels() if panel.title == title]
     return found
 
 
@@ -95,9 +95,9 @@ def test_after_a_frame_has_ended_nothing_is_delivered_and_contact_stays() -> Non
 def test_what_nobody_has_told_for_a_second_is_drawn_as_unknown() -> None:
     made = monitor()
     made.hear(scan())
-    made.hear(state(BELIEVED_NS - 1))
+    made.hear(state(MAX_AGE_NS - 1))
     assert panel(made, "contact").signs == ["#", "?", "!", "?"]
-    made.hear(state(BELIEVED_NS))
+    made.hear(state(MAX_AGE_NS))
     assert panel(made, "contact").signs == ["?"] * 4
     assert panel(made, "resistance").bright == [None] * 4
     assert "0 of 4 touch the skin" in made.line()
@@ -129,7 +129,12 @@ def test_the_contact_measurement_of_arming_is_drawn_too() -> None:
 def test_what_a_body_felt_is_shown_only_where_there_is_a_model_and_named_so() -> None:
     made = monitor()
     assert "felt" not in made.line()
-    assert [one.title for one in made.panels()] == ["wanted", "delivered", "resistance", "contact"]
+    assert [panel.title for panel in made.panels()] == [
+        "wanted",
+        "delivered",
+        "resistance",
+        "contact",
+    ]
     made.hear(Modelled(now_ns=0, felt=(1.2, 0.0, 0.4, 5.0), pain=(0.1, 0.0, 0.0, 1.0)))
     felt = panel(made, "felt (modelled)")
     assert felt.bright[3] == 1.0
@@ -144,7 +149,7 @@ def test_the_docs_show_the_line_that_is_printed() -> None:
     made.hear(scan())
     made.hear(Modelled(now_ns=0, felt=(1.2, 0.0, 0.4, 5.0), pain=(0.0,) * 4))
     forms = {silent, form_of(made.line()), form_of(made.line(60.0))}
-    clamp = Clamp(electrode=0, wanted_ua=2_000, got_ua=500, reason="opening", limited_by=0)
+    clamp = Clamp(electrode=0, wanted_ua=2_000, allowed_ua=500, reason="soft_start", limited_by=0)
     made.hear(msgspec.structs.replace(scan(), clamped=(clamp,)))
     forms.add(form_of(made.line(60.0)))
     shown = [line for line in COMMANDS.splitlines() if ", ceiling " in line]
@@ -162,17 +167,17 @@ def test_every_kind_of_contact_has_a_sign_of_its_own() -> None:
 def test_pressure_is_a_panel_where_there_are_sensors_and_unknown_when_nobody_tells() -> None:
     heard = monitor()
     heard.hear(scan())
-    assert "pressure" not in {one.title for one in heard.panels()}
+    assert "pressure" not in {panel.title for panel in heard.panels()}
     pressed = msgspec.structs.replace(scan(), pressure_kpa=(40.0, 150.0, None, 0.0))
     heard.hear(pressed)
-    panel = next(one for one in heard.panels() if one.title == "pressure")
+    panel = next(panel for panel in heard.panels() if panel.title == "pressure")
     assert panel.bright == [0.4, 1.0, None, 0.0]
     silent = {"pressure[1] (0x49, channel 2)": "it reads 0.00 V"}
     heard.hear(
         StateReport(
-            state="ARMED", now_ns=BELIEVED_NS, engine="there", counters={}, sensor_problems=silent
+            state="ARMED", now_ns=MAX_AGE_NS, engine="there", counters={}, sensor_problems=silent
         )
     )
-    panel = next(one for one in heard.panels() if one.title == "pressure")
+    panel = next(panel for panel in heard.panels() if panel.title == "pressure")
     assert panel.bright == [None] * 4
     assert "pressure[1] (0x49, channel 2) says nothing" in heard.line()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from etd.notify import Notifier
+from etd.engine.notify import Notifier
 
 
 @pytest.fixture

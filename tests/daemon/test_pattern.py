@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etd.array import Array
-from etd.errors import FileError, PatternError
-from etd.etactilekit import read_layout
-from etd.jsonfile import MAX_BYTES
-from etd.pattern import Pattern, PatternFrame, load_pattern, pattern_to_json
+from etd.files.array import Array
+from etd.files.etactilekit import read_layout
+from etd.files.json_file import MAX_BYTES
+from etd.files.pattern import Pattern, PatternFrame, load_pattern, pattern_to_json
+from etd.protocol.errors import FileError, PatternError
 from files_by_hand import ETACTILEKIT_DATA, LAYOUT, PATTERN, kit_frame, kit_pattern, spoiled, write
 
 real_files = pytest.mark.skipif(

@@ -17,11 +17,11 @@ from engine_parts import (
     planner,
     site_with,
 )
-from etd.array import Array, Electrode
-from etd.calibration import ElectrodeLimits
-from etd.engine.plan import Plan
-from etd.errors import Refused
-from etd.frame import Ring
+from etd.files.array import Array, Electrode
+from etd.planning.plan import Plan
+from etd.protocol.calibration import ElectrodeLimits
+from etd.protocol.errors import Refused
+from etd.protocol.frame import Ring
 
 N = 16
 LEVELS = (0.5,) * N
@@ -57,7 +57,7 @@ def test_levels_run_from_threshold_to_comfortable_and_zero_is_silent() -> None:
     made = planner(calibrated=calibration())
     levels = (0.0, 1e-9, 0.5, 1.0, *(0.0,) * 12)
     plan = made.plan(frame(level=levels))
-    assert [(one.electrode, one.current_ua) for one in plan.visits] == [
+    assert [(scheduled.electrode, scheduled.current_ua) for scheduled in plan.schedule] == [
         (1, 1_000),
         (2, 1_500),
         (3, 2_000),
@@ -69,13 +69,17 @@ def test_a_level_on_an_electrode_that_was_not_felt_is_refused_and_silence_there_
     felt = calibration().electrode[0]
     unfelt = ElectrodeLimits(threshold_ua=2_500, comfortable_ua=2_500, cap_ua=2_500, felt=False)
     made = planner(calibrated=calibration(electrode=(felt,) * 5 + (unfelt,) + (felt,) * 10))
-    refusal = refusal_of(made, level=tuple(0.01 if one == 5 else 0.0 for one in range(N)))
+    refusal = refusal_of(
+        made, level=tuple(0.01 if electrode == 5 else 0.0 for electrode in range(N))
+    )
     assert (refusal.code, refusal.electrode) == ("level_needs_calibration", 5)
     assert "calibrate it again" in refusal.reason
-    plan = made.plan(frame(level=tuple(0.0 if one == 5 else 0.5 for one in range(N))))
-    assert 5 not in {one.electrode for one in plan.visits}
+    plan = made.plan(frame(level=tuple(0.0 if electrode == 5 else 0.5 for electrode in range(N))))
+    assert 5 not in {scheduled.electrode for scheduled in plan.schedule}
     named = made.plan(frame(current_ua=currents(e5=200)))
-    assert [one.current_ua for one in named.visits] == [200], "a study says what it wants in uA"
+    assert [scheduled.current_ua for scheduled in named.schedule] == [200], (
+        "a study says what it wants in uA"
+    )
 
 
 @pytest.mark.parametrize(
@@ -88,7 +92,7 @@ def test_a_level_on_an_electrode_that_was_not_felt_is_refused_and_silence_there_
         ("rate_hz", 59.0),
         ("rate_hz", (60.0,) * 15 + (30.0,)),
         ("returns", Ring(ring_mm=2.0)),
-        ("returns", tuple(((one + 1) % N,) for one in range(N))),
+        ("returns", tuple(((electrode + 1) % N,) for electrode in range(N))),
     ],
 )
 def test_a_level_frame_that_departs_from_its_calibration_is_refused(key: str, other: Any) -> None:
@@ -116,25 +120,25 @@ def test_a_current_frame_need_not_follow_the_calibration() -> None:
     plan = planner(calibrated=calibration()).plan(
         frame(current_ua=currents(e0=500), width_us=50, polarity="cathodic", rate_hz=20.0)
     )
-    assert (plan.visits[0].width_us, plan.visits[0].phases) == (50, (False,))
+    assert (plan.schedule[0].width_us, plan.schedule[0].phases) == (50, (False,))
 
 
 # --- defaults -------------------------------------------------------------------------------------
 
 
 def test_what_a_frame_does_not_say_comes_from_the_body_site() -> None:
-    visit = plan_of(current_ua=currents(e0=500)).visits[0]
-    assert (visit.width_us, visit.rate_hz, visit.phases) == (100, 60.0, (True,))
-    assert visit.returns is None
+    scheduled = plan_of(current_ua=currents(e0=500)).schedule[0]
+    assert (scheduled.width_us, scheduled.rate_hz, scheduled.phases) == (100, 60.0, (True,))
+    assert scheduled.returns is None
 
 
 def test_what_a_frame_does_not_say_comes_from_the_calibration_if_there_is_one() -> None:
     made_with = calibration(
         width_us=70, rate_hz=33.0, polarity="biphasic", returns=Ring(ring_mm=2.0)
     )
-    visit = planner(calibrated=made_with).plan(frame(current_ua=currents(e5=500))).visits[0]
-    assert (visit.width_us, visit.rate_hz, visit.phases) == (70, 33.0, (True, False))
-    assert visit.returns == array().ring(5, 2.0)
+    scheduled = planner(calibrated=made_with).plan(frame(current_ua=currents(e5=500))).schedule[0]
+    assert (scheduled.width_us, scheduled.rate_hz, scheduled.phases) == (70, 33.0, (True, False))
+    assert scheduled.returns == array().ring(5, 2.0)
 
 
 @pytest.mark.parametrize(
@@ -147,17 +151,19 @@ def test_what_a_frame_does_not_say_comes_from_the_calibration_if_there_is_one() 
     ],
 )
 def test_each_polarity_has_its_phases(polarity: str, phases: tuple[bool, ...]) -> None:
-    assert plan_of(current_ua=currents(e0=500), polarity=polarity).visits[0].phases == phases
+    assert plan_of(current_ua=currents(e0=500), polarity=polarity).schedule[0].phases == phases
 
 
 def test_values_may_be_given_for_each_electrode() -> None:
     plan = plan_of(
         current_ua=(500,) * N,
         width_us=tuple(range(50, 50 + N)),
-        rate_hz=tuple(float(5 + one) for one in range(N)),
+        rate_hz=tuple(float(5 + electrode) for electrode in range(N)),
     )
-    assert [visit.width_us for visit in plan.visits] == list(range(50, 66))
-    assert [visit.rate_hz for visit in plan.visits] == [float(5 + one) for one in range(N)]
+    assert [scheduled.width_us for scheduled in plan.schedule] == list(range(50, 66))
+    assert [scheduled.rate_hz for scheduled in plan.schedule] == [
+        float(5 + electrode) for electrode in range(N)
+    ]
 
 
 # --- maxima ---------------------------------------------------------------------------------------
@@ -210,7 +216,7 @@ def test_a_width_above_the_site_s_is_refused() -> None:
 def test_only_electrodes_that_are_felt_are_held_to_the_maxima() -> None:
     widths = (200,) + (100,) * 15
     made = planner(site=site_with(width_us=120))
-    assert made.plan(frame(current_ua=currents(e3=500), width_us=widths)).visits
+    assert made.plan(frame(current_ua=currents(e3=500), width_us=widths)).schedule
 
 
 def test_the_array_s_mean_current_is_refused_as_a_whole() -> None:
@@ -233,8 +239,8 @@ def shuffled() -> Array:
     """The electrodes hang on the outputs in reverse."""
     straight = array()
     electrodes = tuple(
-        Electrode(x_mm=one.x_mm, y_mm=one.y_mm, output=15 - index)
-        for index, one in enumerate(straight.electrode)
+        Electrode(x_mm=electrode.x_mm, y_mm=electrode.y_mm, output=15 - index)
+        for index, electrode in enumerate(straight.electrode)
     )
     return Array(
         name=straight.name,
@@ -248,20 +254,20 @@ def shuffled() -> Array:
 
 def test_visits_are_in_the_order_of_the_chain_not_of_the_electrodes() -> None:
     plan = planner(layout=shuffled()).plan(frame(current_ua=currents(e1=500, e4=500, e9=500)))
-    assert [visit.electrode for visit in plan.visits] == [9, 4, 1]
-    assert [visit.selection.output for visit in plan.visits] == [6, 11, 14]
+    assert [scheduled.electrode for scheduled in plan.schedule] == [9, 4, 1]
+    assert [scheduled.selection.output for scheduled in plan.schedule] == [6, 11, 14]
 
 
 def test_explicit_returns_are_turned_into_outputs() -> None:
-    sets = tuple(((one + 1) % N,) for one in range(N))
+    sets = tuple(((electrode + 1) % N,) for electrode in range(N))
     plan = planner(layout=shuffled()).plan(frame(current_ua=currents(e4=500), returns=sets))
-    assert plan.visits[0].returns == (5,)
-    assert plan.visits[0].selection.returns == 1 << 10
+    assert plan.schedule[0].returns == (5,)
+    assert plan.schedule[0].selection.returns == 1 << 10
 
 
 def test_a_ring_takes_the_electrodes_at_that_radius() -> None:
     plan = plan_of(current_ua=currents(e5=500), returns=Ring(ring_mm=2.0))
-    assert plan.visits[0].returns == array().ring(5, 2.0)
+    assert plan.schedule[0].returns == array().ring(5, 2.0)
 
 
 @pytest.mark.parametrize("returns", [Ring(ring_mm=90.0), ((1,), (), *((0,),) * 14)])
@@ -272,7 +278,7 @@ def test_an_electrode_without_a_return_is_refused(returns: Any) -> None:
 
 
 def test_a_silent_electrode_needs_no_return() -> None:
-    assert plan_of(current_ua=currents(e0=500), returns=((1,), *((),) * 15)).visits
+    assert plan_of(current_ua=currents(e0=500), returns=((1,), *((),) * 15)).schedule
 
 
 def test_what_the_board_cannot_select_is_refused() -> None:
@@ -288,41 +294,41 @@ def test_what_the_board_cannot_select_is_refused() -> None:
 def caps(**only: int) -> list[int]:
     """3000 uA everywhere but at the named ones."""
     changed = {int(name[1:]): value for name, value in only.items()}
-    return [changed.get(one, 3_000) for one in range(N)]
+    return [changed.get(electrode, 3_000) for electrode in range(N)]
 
 
 def test_the_reply_tells_what_the_own_cap_takes_away() -> None:
     plan = planner(caps_ua=caps(e2=700)).plan(frame(current_ua=currents(e2=900)))
     (clamp,) = plan.clamped
-    assert (clamp.electrode, clamp.wanted_ua, clamp.got_ua) == (2, 900, 700)
+    assert (clamp.electrode, clamp.wanted_ua, clamp.allowed_ua) == (2, 900, 700)
     assert (clamp.reason, clamp.limited_by) == ("cap", 2)
-    assert plan.visits[0].current_ua == 900, "the wish stays: limits have the last word later"
+    assert plan.schedule[0].current_ua == 900, "the wish stays: limits have the last word later"
 
 
 @pytest.mark.parametrize(
-    "returns", [Ring(ring_mm=2.0), tuple(((one + 1) % N,) for one in range(N))]
+    "returns", [Ring(ring_mm=2.0), tuple(((electrode + 1) % N,) for electrode in range(N))]
 )
 def test_in_a_ring_or_a_set_each_return_counts_as_if_it_alone_carried_the_current(
     returns: Any,
 ) -> None:
     plan = planner(caps_ua=caps(e3=700)).plan(frame(current_ua=currents(e2=900), returns=returns))
     (clamp,) = plan.clamped
-    assert (clamp.electrode, clamp.got_ua) == (2, 700)
+    assert (clamp.electrode, clamp.allowed_ua) == (2, 700)
     assert (clamp.reason, clamp.limited_by) == ("return_cap", 3)
 
 
 def test_through_all_others_a_return_carries_its_share() -> None:
     made = planner(caps_ua=caps(e3=300))
     (clamp,) = made.plan(frame(current_ua=currents(e2=900)), share_of_all=0.5).clamped
-    assert (clamp.got_ua, clamp.reason, clamp.limited_by) == (600, "return_cap", 3)
+    assert (clamp.allowed_ua, clamp.reason, clamp.limited_by) == (600, "return_cap", 3)
     assert not made.plan(frame(current_ua=currents(e2=900)), share_of_all=0.3).clamped
 
 
 def test_the_weakest_of_all_is_not_its_own_return() -> None:
     made = planner(caps_ua=caps(e3=500, e4=600))
     (clamp,) = made.plan(frame(current_ua=currents(e3=2_900)), share_of_all=1.0).clamped
-    assert (clamp.got_ua, clamp.limited_by) == (500, 3)
-    path = made.plan(frame(current_ua=currents(e3=100))).visits[0].path
+    assert (clamp.allowed_ua, clamp.limited_by) == (500, 3)
+    path = made.plan(frame(current_ua=currents(e3=100))).schedule[0].path
     assert (path.cap_ua, path.return_cap_ua, path.return_electrode) == (500, 600, 4)
 
 
@@ -339,7 +345,9 @@ def test_strict_refuses_what_would_be_clamped() -> None:
 
 
 def test_the_scan_has_the_rate_of_its_fastest_electrode() -> None:
-    plan = plan_of(current_ua=(500,) * N, rate_hz=tuple(float(10 + one) for one in range(N)))
+    plan = plan_of(
+        current_ua=(500,) * N, rate_hz=tuple(float(10 + electrode) for electrode in range(N))
+    )
     assert plan.rate_hz == 25.0
     assert plan.period_ns == 40_000_000
 
@@ -357,18 +365,18 @@ def test_what_does_not_fit_is_refused_and_the_rate_that_does_is_told() -> None:
 
 def test_thin_slows_down_says_so_and_what_it_gives_can_be_asked_for() -> None:
     made = planner(layout=array("grid-8x8"))
-    plan = made.plan(frame(current_ua=(300,) * 64, rate_hz=120.0, thin=True))
-    (thinned,) = plan.thinned
-    assert thinned.reason == "rate"
-    assert thinned.rate_hz == plan.rate_hz
+    plan = made.plan(frame(current_ua=(300,) * 64, rate_hz=120.0, allow_slower=True))
+    (shortfalls,) = plan.slowed
+    assert shortfalls.reason == "rate"
+    assert shortfalls.rate_hz == plan.rate_hz
     assert plan.period_ns == int(1e9 / plan.rate_hz)
     again = made.plan(frame(current_ua=(300,) * 64, rate_hz=plan.rate_hz))
-    assert not again.thinned
+    assert not again.slowed
 
 
 def test_thin_changes_nothing_where_the_rate_fits() -> None:
-    plan = plan_of(current_ua=(300,) * N, rate_hz=60.0, thin=True)
-    assert (plan.rate_hz, plan.thinned) == (60.0, ())
+    plan = plan_of(current_ua=(300,) * N, rate_hz=60.0, allow_slower=True)
+    assert (plan.rate_hz, plan.slowed) == (60.0, ())
 
 
 def test_a_frame_is_not_slower_the_less_it_asks_for() -> None:
@@ -385,7 +393,7 @@ def test_a_frame_is_not_slower_the_less_it_asks_for() -> None:
 
 def test_a_silent_frame_is_a_plan_without_visits() -> None:
     plan = plan_of(current_ua=(0,) * N)
-    assert (plan.visits, plan.clamped, plan.thinned) == ((), (), ())
+    assert (plan.schedule, plan.clamped, plan.slowed) == ((), (), ())
     assert plan.period_ns > 0
 
 
@@ -398,27 +406,27 @@ def test_a_silent_frame_is_a_plan_without_visits() -> None:
 def test_whatever_is_accepted_is_within_every_maximum(
     wanted_ua: list[int], width_us: int, rate_hz: float, polarity: str
 ) -> None:
-    fields = {"width_us": width_us, "rate_hz": rate_hz, "polarity": polarity, "thin": True}
+    fields = {"width_us": width_us, "rate_hz": rate_hz, "polarity": polarity, "allow_slower": True}
     plan = plan_or_code(current_ua=tuple(wanted_ua), **fields)
     if not isinstance(plan, Plan):
         assert plan == "over_maximum"
         return
     assert plan.rate_hz <= max(rate_hz, 60.0)
-    for visit in plan.visits:
-        assert visit.current_ua == wanted_ua[visit.electrode] <= 8_000
-        assert visit.current_ua * visit.width_us <= 500_000
-        charge_pc = visit.current_ua * visit.width_us * len(visit.phases)
-        assert charge_pc * visit.rate_hz <= 30e6 * (1 + 1e-9)
-    assert len(plan.visits) == sum(1 for one in wanted_ua if one)
+    for scheduled in plan.schedule:
+        assert scheduled.current_ua == wanted_ua[scheduled.electrode] <= 8_000
+        assert scheduled.current_ua * scheduled.width_us <= 500_000
+        charge_pc = scheduled.current_ua * scheduled.width_us * len(scheduled.phases)
+        assert charge_pc * scheduled.rate_hz <= 30e6 * (1 + 1e-9)
+    assert len(plan.schedule) == sum(1 for electrode in wanted_ua if electrode)
 
 
 def test_a_calibration_s_weak_electrode_caps_its_neighbor_s_ring() -> None:
-    one = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=2_000, cap_ua=3_000)
+    limits = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=2_000, cap_ua=3_000)
     weak = ElectrodeLimits(threshold_ua=100, comfortable_ua=200, cap_ua=300)
-    made = planner(calibrated=calibration(electrode=(one, weak, *(one,) * 14)))
+    made = planner(calibrated=calibration(electrode=(limits, weak, *(limits,) * 14)))
     plan = made.plan(frame(current_ua=currents(e0=900), returns=Ring(ring_mm=2.0)))
     (clamp,) = plan.clamped
-    assert (clamp.got_ua, clamp.reason, clamp.limited_by) == (300, "return_cap", 1)
+    assert (clamp.allowed_ua, clamp.reason, clamp.limited_by) == (300, "return_cap", 1)
 
 
 def test_less_than_one_step_of_the_source_is_refused_and_not_dropped() -> None:

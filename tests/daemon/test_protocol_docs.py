@@ -12,9 +12,9 @@ from typing import get_args
 
 import pytest
 
-from etd.errors import ErrorCode
-from etd.frame import Frame
-from etd.protocol import REPLY_OF_OP, TOPICS
+from etd.protocol.errors import ErrorCode
+from etd.protocol.frame import Frame
+from etd.protocol.messages import REPLY_OF_OP, TOPICS
 from gateway_rig import ServedRig
 from protocol_schema import make_schema, schema_text
 

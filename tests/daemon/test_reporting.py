@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from engine_parts import frame
 from etd.engine.reporting import FiredPulse, Reporter
-from etd.link import Report
-from etd.protocol import Clamp, Halt, Scan
+from etd.protocol.link import Report
+from etd.protocol.messages import Clamp, Halt, Scan
 
 MS = 1_000_000
 START_NS = 2_000 * MS
@@ -30,7 +30,7 @@ class Listener:
 
     @property
     def scans(self) -> list[Scan]:
-        return [one.scan for one in self.reports if one.scan is not None]
+        return [report.scan for report in self.reports if report.scan is not None]
 
 
 def reporter() -> tuple[Reporter, Listener]:
@@ -38,13 +38,13 @@ def reporter() -> tuple[Reporter, Listener]:
     return Reporter(4, listener.send), listener
 
 
-def fired(begun_ns: int, told_ua: int, voltage_v: float, resistance_ohm: int) -> FiredPulse:
+def fired(begun_ns: int, commanded_ua: int, voltage_v: float, resistance_ohm: int) -> FiredPulse:
     return FiredPulse(
         electrode=2,
         begun_ns=begun_ns,
         wanted_ua=1_200,
-        current_ua=told_ua,
-        delivered_ua=told_ua - 400,
+        current_ua=commanded_ua,
+        delivered_ua=commanded_ua - 400,
         width_us=99.7,
         voltage_v=voltage_v,
         resistance_ohm=resistance_ohm,
@@ -114,45 +114,52 @@ def test_a_new_frame_forgets_what_the_one_before_fired() -> None:
     made.frame_begun(frame(seq=2), START_NS + 1)
     made.scan_report(START_NS + 2, 0)
     assert listener.scans[0].fired.current_ua == (0, 0, 0, 0)
-    assert [one.seq for one in listener.scans[0].shown] == [1, 2]
+    assert [shown.seq for shown in listener.scans[0].shown] == [1, 2]
 
 
 def test_clamps_and_skipped_pulses_are_told_once_by_electrode_and_reason() -> None:
     made, listener = reporter()
-    for got_ua in (800, 700):
+    for allowed_ua in (800, 700):
         made.clamped(
-            Clamp(electrode=1, wanted_ua=900, got_ua=got_ua, reason="opening", limited_by=1)
+            Clamp(
+                electrode=1, wanted_ua=900, allowed_ua=allowed_ua, reason="soft_start", limited_by=1
+            )
         )
-    made.clamped(Clamp(electrode=1, wanted_ua=900, got_ua=500, reason="cap", limited_by=1))
-    made.skipped(3, "ledger")
-    made.skipped(3, "ledger")
-    made.skipped(None, "overrun")
+    made.clamped(Clamp(electrode=1, wanted_ua=900, allowed_ua=500, reason="cap", limited_by=1))
+    made.not_fired(3, "ledger")
+    made.not_fired(3, "ledger")
+    made.not_fired(None, "overrun")
     made.scan_begun()
     made.scan_report(START_NS, 0)
     made.scan_begun()
     made.scan_report(START_NS + 100 * MS, 0)
     first, second = listener.scans
-    assert [(one.reason, one.got_ua) for one in first.clamped] == [("opening", 700), ("cap", 500)]
-    assert [(one.electrode, one.reason, one.pulses) for one in first.thinned] == [
+    assert [(clamp.reason, clamp.allowed_ua) for clamp in first.clamped] == [
+        ("soft_start", 700),
+        ("cap", 500),
+    ]
+    assert [
+        (shortfall.electrode, shortfall.reason, shortfall.pulses) for shortfall in first.not_fired
+    ] == [
         (3, "ledger", 2),
         (None, "overrun", 1),
     ]
-    assert (second.clamped, second.thinned) == ((), ())
+    assert (second.clamped, second.not_fired) == ((), ())
     assert made.counters["clamped"] == 3
-    assert made.counters["thinned_ledger"] == 2
+    assert made.counters["not_fired_ledger"] == 2
 
 
 def test_what_was_dropped_comes_with_the_next_report_and_is_counted() -> None:
     made, listener = reporter()
     listener.is_listening = False
     made.frame_begun(frame(seq=1), START_NS)
-    made.clamped(Clamp(electrode=1, wanted_ua=9, got_ua=5, reason="cap", limited_by=1))
+    made.clamped(Clamp(electrode=1, wanted_ua=9, allowed_ua=5, reason="cap", limited_by=1))
     made.scan_report(START_NS, 0)
     made.frame_begun(frame(seq=2), START_NS + 1)
     listener.is_listening = True
     made.scan_report(START_NS + 100 * MS, 0)
     (scan,) = listener.scans
-    assert [(one.seq, one.ended) for one in scan.shown] == [(1, True), (2, False)]
+    assert [(shown.seq, shown.ended) for shown in scan.shown] == [(1, True), (2, False)]
     assert len(scan.clamped) == 1
     assert scan.dropped_reports == 1
 
@@ -160,7 +167,7 @@ def test_what_was_dropped_comes_with_the_next_report_and_is_counted() -> None:
 def test_other_reports_that_are_dropped_are_counted_too() -> None:
     made, listener = reporter()
     listener.is_listening = False
-    made.halt(Halt(cause="stop", who="me", detail="", t_ns=START_NS))
+    made.halt(Halt(cause="stop", source="me", detail="", t_ns=START_NS))
     assert made.counters["reports_dropped"] == 1
 
 
@@ -197,7 +204,7 @@ def test_every_frame_begun_is_told_exactly_once_as_ended(
     listener.is_listening = True
     made.frame_ended()
     made.scan_report(now_ns + 100 * MS, 0)
-    ended = [one.seq for scan in listener.scans for one in scan.shown if one.ended]
+    ended = [shown.seq for scan in listener.scans for shown in scan.shown if shown.ended]
     assert ended == list(range(begun))
 
 
@@ -215,7 +222,7 @@ class Body:
 
 
 def modelled_in(listener: Listener) -> list[tuple[float, ...]]:
-    return [one.modelled.felt for one in listener.reports if one.modelled is not None]
+    return [report.modelled.felt for report in listener.reports if report.modelled is not None]
 
 
 def test_what_a_body_is_modelled_to_feel_is_told_ten_times_a_second() -> None:

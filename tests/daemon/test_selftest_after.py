@@ -39,7 +39,7 @@ def test_what_comes_over_the_machine_while_pulses_are_fired_is_named(
     report = rig.run()
     assert bad(report) == ([] if said is None else [("source", "machine_after")])
     assert said is None or [
-        one.measured for one in report.checks if one.name == "machine_after"
+        check.measured for check in report.checks if check.name == "machine_after"
     ] == [said]
 
 

@@ -97,7 +97,7 @@ def test_a_finger_that_comes_while_every_electrode_is_touched_gets_probes_only(
     board: str, asked: int
 ) -> None:
     rig = selftest_rig(board)
-    rig.hand = _Clumsy(rig, asked)
+    rig.operator = _Clumsy(rig, asked)
     report = rig.run()
     assert bad(report)[0][0] == "switches"
     assert 0 < rig.most_charge_nc <= report.bound.charge_nc
@@ -107,7 +107,7 @@ class _Clumsy:
     """Does what is asked; at one of the touches, the finger of somebody else comes down, too."""
 
     def __init__(self, rig: SelftestRig, asked: int) -> None:
-        self._rig, self._hand, self._asked = rig, rig.hand, asked
+        self._rig, self._hand, self._asked = rig, rig.operator, asked
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._hand, name)
@@ -169,7 +169,7 @@ def test_one_that_is_stronger_or_jumps_within_the_ramp_gives_one_pulse_above_it(
     assert is_above(rig)
     assert was_above
     assert not any(was_above)
-    assert any("that pulse exceeds the bound" in one for one in report.not_seen)
+    assert any("that pulse exceeds the bound" in text for text in report.not_seen)
 
 
 def is_above(rig: SelftestRig) -> bool:

@@ -20,8 +20,8 @@ def test_a_fault_is_named_at_its_stage_and_nothing_comes_after_it(case: Case) ->
     assert not report.passed
     assert {stage for stage, _ in failed} == {case.stage}
     assert (case.stage, case.name) in failed
-    later = [one for one in report.checks if one.name == "all"]
-    assert all(one.result == "skip" for one in later)
+    later = [check for check in report.checks if check.name == "all"]
+    assert all(check.result == "skip" for check in later)
 
 
 def test_at_least_twenty_five_kinds_of_trouble_are_tried() -> None:
@@ -48,4 +48,4 @@ def judged() -> set[str]:
         if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "judge"
     ]
     first = [call.args[0] for call in calls]
-    return {str(one.value) for one in first if isinstance(one, ast.Constant)}
+    return {str(expr.value) for expr in first if isinstance(expr, ast.Constant)}

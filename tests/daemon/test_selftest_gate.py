@@ -9,12 +9,12 @@ import msgspec
 import pytest
 
 from engine_rig import make
-from etd.config import fake_config
-from etd.link import ArmBoard
-from etd.places import selftest_file
-from etd.selftest_gate import SelftestGate
-from etd.selftest_report import save
-from etd.selftest_subject import Subject, subject_of
+from etd.files.configuration import fake_config
+from etd.files.paths import selftest_file
+from etd.protocol.link import ArmBoard
+from etd.selftest.arming_gate import SelftestGate
+from etd.selftest.report import save
+from etd.selftest.subject import Subject, subject_of
 from selftest_rig import selftest_rig
 
 BOARD = "reference-hv507"
@@ -80,7 +80,7 @@ def test_a_report_that_is_the_same_is_not_read_again_and_one_that_goes_is_missed
         read.append(path)
         return None if path.exists() else "none"
 
-    monkeypatch.setattr("etd.selftest_gate.why_not_armed", why)
+    monkeypatch.setattr("etd.selftest.arming_gate.arming_refusal", why)
     path = tmp_path / "r.json"
     path.write_text("{}")
     gate = SelftestGate(path, subject_of(fake_config(BOARD), "linux", ""))
@@ -120,10 +120,10 @@ def test_the_report_of_an_installed_board_lies_where_its_engine_may_read_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     installed, home = tmp_path_factory.mktemp("var"), tmp_path_factory.mktemp("home")
-    monkeypatch.setattr("etd.places.SYSTEM_STATE", installed)
+    monkeypatch.setattr("etd.files.paths.SYSTEM_STATE", installed)
     monkeypatch.setenv("XDG_STATE_HOME", str(home))
     user = home / "etd" / "main"
     assert selftest_file("main", "linux", "b-1") == installed / "main.selftest.json"
     assert selftest_file("main", "fake", "b-1") == user / "selftest-fake-b-1.json"
-    monkeypatch.setattr("etd.places.SYSTEM_STATE", installed / "nowhere")
+    monkeypatch.setattr("etd.files.paths.SYSTEM_STATE", installed / "nowhere")
     assert selftest_file("main", "linux", "b-1") == user / "selftest-linux.json"

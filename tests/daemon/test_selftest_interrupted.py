@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from etd.selftest.bed import Bed
+from etd.selftest.fixture import Fixture
 from etd.selftest.prober import Prober
 from etd.selftest.run import run
 from etd_body.minimal import MinimalBody
@@ -52,13 +52,13 @@ class Interruption:
         self.calls, self.at_call = 0, at_call
 
 
-def probe_once(rig: SelftestRig) -> Bed:
+def probe_once(rig: SelftestRig) -> Fixture:
     """The supply on, the ramp at one electrode."""
-    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
-    bed.board.calibrate()
-    bed.supply_on()
-    Prober(bed).ramp(5)
-    return bed
+    fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
+    fixture.board.calibrate()
+    fixture.supply_on()
+    Prober(fixture).ramp(5)
+    return fixture
 
 
 def is_at_rest(rig: SelftestRig) -> bool:
@@ -80,7 +80,7 @@ def test_broken_off_in_any_call_of_a_pulse_the_board_is_made_safe(
         interruption.begin(at_call)
         with pytest.raises(KeyboardInterrupt):
             probe_once(rig)
-        board_of_rig = Bed(rig.loaded, rig.bench, rig.hand, rig.asked).board
+        board_of_rig = Fixture(rig.loaded, rig.bench, rig.operator, rig.options).board
         assert board_of_rig.safe_off() == (), at_call
         assert is_at_rest(rig), at_call
 
@@ -100,10 +100,10 @@ def test_broken_off_anywhere_in_a_test_it_says_that_the_board_is_safe(
     last = interruption.calls
     for at_call in [*range(1, last, last // 3), last - 3]:
         rig = selftest_rig(board)
-        bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+        fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
         interruption.begin(at_call)
         with pytest.raises(KeyboardInterrupt):
-            run(bed, DATE)
+            run(fixture, DATE)
         told = capsys.readouterr().err
         assert told == "etd selftest: broken off; the board is in its safe state\n", at_call
         assert is_at_rest(rig)
@@ -124,9 +124,9 @@ def test_broken_off_while_the_lines_are_taken_back_they_are_taken_back_again(
 
     rig = selftest_rig()
     rig.let_another_be_killed(BrokenOffOnce)
-    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+    fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
     with pytest.raises(KeyboardInterrupt):
-        run(bed, DATE)
+        run(fixture, DATE)
     assert len(tries) == 2
     assert not rig.is_understudy_alive
     assert "the board is in its safe state" in capsys.readouterr().err

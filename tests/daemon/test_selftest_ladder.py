@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from etd.config import fake_config
+from etd.files.configuration import fake_config
 from etd.selftest.ladder import largest_ohm
-from etd.selftest_subject import strongest_ua
+from etd.selftest.subject import strongest_ua
 from etd_hal.chips import ad5452
 from etd_hal.fake.faults import Fault, GainAbove, Saturation
 from selftest_rig import ARRAY, bad, selftest_rig
@@ -40,7 +40,7 @@ def test_a_source_that_is_wrong_never_comes_to_its_strongest(
     report = rig.run()
     assert bad(report) == [("source", name)]
     assert rig.watch.most_code == code_of(step * STEP_UA)
-    said = next(one.measured for one in report.checks if one.result == "fail")
+    said = next(check.measured for check in report.checks if check.result == "fail")
     assert f"at step {step} of 16: nothing stronger was fired" in said
 
 

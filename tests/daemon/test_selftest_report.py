@@ -9,10 +9,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from etd.config import fake_config
-from etd.errors import FileError
-from etd.selftest_report import Check, Report, load, save, to_json, why_not_armed
-from etd.selftest_subject import Subject, subject_of
+from etd.files.configuration import fake_config
+from etd.protocol.errors import FileError
+from etd.selftest.report import Check, Report, arming_refusal, load, save, to_json
+from etd.selftest.subject import Subject, subject_of
 from selftest_rig import ARRAY, selftest_rig
 
 BOARD = "reference-hv507"
@@ -46,7 +46,7 @@ def test_a_report_is_read_as_it_was_written(passed: Report, tmp_path: Path) -> N
     save(passed, path)
     assert load(path) == passed
     assert path.read_bytes() == to_json(passed)
-    assert [one.name for one in path.parent.iterdir()] == [path.name]
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
 def test_the_engines_user_can_read_what_the_operator_wrote(passed: Report, tmp_path: Path) -> None:
@@ -62,12 +62,12 @@ def test_a_report_that_cannot_be_kept_says_what_to_do(passed: Report, tmp_path: 
 
 def test_a_pass_lets_a_real_board_be_armed(passed: Report, tmp_path: Path) -> None:
     save(of_hardware(passed), tmp_path / "r.json")
-    assert why_not_armed(tmp_path / "r.json", now()) is None
+    assert arming_refusal(tmp_path / "r.json", now()) is None
 
 
 def test_an_absent_guard_is_no_failure(passed: Report, tmp_path: Path) -> None:
     save(spoiled(passed, result="absent"), tmp_path / "r.json")
-    assert why_not_armed(tmp_path / "r.json", now("fake")) is None
+    assert arming_refusal(tmp_path / "r.json", now("fake")) is None
 
 
 @pytest.mark.parametrize("result", ["fail", "skip"])
@@ -77,7 +77,7 @@ def test_a_failure_or_a_skip_forbids_arming_by_name(
 ) -> None:
     report = spoiled(passed, result=result, name="heartbeat", measured="still 300 V")
     save(msgspec.structs.replace(report, subject=now(backend)), tmp_path / "r.json")
-    reason = why_not_armed(tmp_path / "r.json", now(backend))
+    reason = arming_refusal(tmp_path / "r.json", now(backend))
     assert reason is not None
     assert f"end: heartbeat ({result}) still 300 V" in reason
     assert "etd selftest" in reason
@@ -93,24 +93,24 @@ def test_a_failure_is_named_before_a_skip(passed: Report) -> None:
 
 
 def test_a_real_board_without_a_report_is_not_armed_and_a_fake_is(tmp_path: Path) -> None:
-    reason = why_not_armed(tmp_path / "r.json", now())
+    reason = arming_refusal(tmp_path / "r.json", now())
     assert reason is not None
     assert "run etd selftest" in reason
-    assert why_not_armed(tmp_path / "r.json", now("fake")) is None
+    assert arming_refusal(tmp_path / "r.json", now("fake")) is None
 
 
 def test_a_report_that_says_passed_without_a_check_that_says_so_does_not_count(
     passed: Report, tmp_path: Path
 ) -> None:
     save(of_hardware(passed, passed=False), tmp_path / "r.json")
-    reason = why_not_armed(tmp_path / "r.json", now())
+    reason = arming_refusal(tmp_path / "r.json", now())
     assert reason is not None
     assert "cut short" in reason
 
 
 def test_a_report_without_any_check_lets_nothing_be_armed(passed: Report, tmp_path: Path) -> None:
     save(of_hardware(passed, checks=(), passed=True), tmp_path / "r.json")
-    reason = why_not_armed(tmp_path / "r.json", now())
+    reason = arming_refusal(tmp_path / "r.json", now())
     assert reason is not None
     assert "cut short" in reason
 
@@ -125,30 +125,30 @@ OTHERS: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(("what", "changes"), OTHERS, ids=lambda one: str(one))
+@pytest.mark.parametrize(("what", "changes"), OTHERS, ids=lambda entry: str(entry))
 def test_a_pass_of_something_else_is_no_pass_of_a_board(
     passed: Report, tmp_path: Path, what: str, changes: dict[str, Any]
 ) -> None:
     save(of_hardware(passed), tmp_path / "r.json")
-    reason = why_not_armed(tmp_path / "r.json", now(**changes))
+    reason = arming_refusal(tmp_path / "r.json", now(**changes))
     assert reason is not None
     assert f"was of another {what} " in reason
     assert "run etd selftest, with the daemon stopped" in reason
 
 
-@pytest.mark.parametrize(("what", "changes"), OTHERS, ids=lambda one: str(one))
+@pytest.mark.parametrize(("what", "changes"), OTHERS, ids=lambda entry: str(entry))
 def test_a_failure_of_something_else_keeps_no_fake_from_being_armed(
     passed: Report, tmp_path: Path, what: str, changes: dict[str, Any]
 ) -> None:
     save(spoiled(passed, result="fail"), tmp_path / "r.json")
-    assert why_not_armed(tmp_path / "r.json", now("fake")) is not None, what
-    assert why_not_armed(tmp_path / "r.json", now("fake", **changes)) is None, what
+    assert arming_refusal(tmp_path / "r.json", now("fake")) is not None, what
+    assert arming_refusal(tmp_path / "r.json", now("fake", **changes)) is None, what
 
 
 def test_fewer_electrodes_and_a_weaker_site_are_covered(passed: Report, tmp_path: Path) -> None:
     save(of_hardware(passed), tmp_path / "r.json")
     fewer = now(array="pad-8", outputs=tuple(range(8)), body_site="tongue", strongest_ua=2_000)
-    assert why_not_armed(tmp_path / "r.json", fewer) is None
+    assert arming_refusal(tmp_path / "r.json", fewer) is None
 
 
 def test_what_a_board_file_says_makes_the_board_and_not_its_name() -> None:
@@ -163,7 +163,7 @@ def test_what_a_board_file_says_makes_the_board_and_not_its_name() -> None:
 
 def test_a_fake_that_did_not_pass_says_how_it_passes(passed: Report, tmp_path: Path) -> None:
     save(spoiled(passed, result="fail"), tmp_path / "r.json")
-    reason = why_not_armed(tmp_path / "r.json", now("fake"))
+    reason = arming_refusal(tmp_path / "r.json", now("fake"))
     assert reason is not None
     assert f"--board fake:{BOARD} --array {now().array} --dummy-load 47000 --second-load" in reason
     assert f"removing {tmp_path / 'r.json'}" in reason
@@ -171,12 +171,12 @@ def test_a_fake_that_did_not_pass_says_how_it_passes(passed: Report, tmp_path: P
 
 def test_the_fakes_pass_is_no_pass_of_a_board(passed: Report, tmp_path: Path) -> None:
     save(passed, tmp_path / "r.json")
-    assert why_not_armed(tmp_path / "r.json", now()) is not None
+    assert arming_refusal(tmp_path / "r.json", now()) is not None
 
 
 @pytest.mark.parametrize("backend", ["linux", "fake"])
 def test_a_report_that_cannot_be_read_forbids_arming(tmp_path: Path, backend: Any) -> None:
     (tmp_path / "r.json").write_text('{"passed": true}')
-    reason = why_not_armed(tmp_path / "r.json", now(backend))
+    reason = arming_refusal(tmp_path / "r.json", now(backend))
     assert reason is not None
     assert "not a report" in reason

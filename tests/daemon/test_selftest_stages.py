@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from etd.selftest.bed import Bed
+from etd.selftest.fixture import Fixture
+from etd.selftest.report import Check, Report
 from etd.selftest.run import STAGES, run
-from etd.selftest_report import Check, Report
 from etd_hal.boardfile import GUARDS
 from etd_hal.fake.faults import (
     Bridge,
@@ -139,13 +139,15 @@ def test_the_board_is_safe_before_an_error_or_the_skips_after_a_failure_are_told
     """A pipe that nobody reads holds the program up at whatever it prints."""
     for faults, name in (([SpiError(at_message=160)], "bus"), ([LineCut("HV")], "all")):
         rig = selftest_rig(faults=faults)
-        bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+        fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
         is_on: dict[str, bool] = {}
 
-        def on_check(check: Check, bed: Bed = bed, is_on: dict[str, bool] = is_on) -> None:
-            is_on[check.name] = bed.board.is_supply_on
+        def on_check(
+            check: Check, fixture: Fixture = fixture, is_on: dict[str, bool] = is_on
+        ) -> None:
+            is_on[check.name] = fixture.board.is_supply_on
 
-        run(bed, DATE, on_check=on_check)
+        run(fixture, DATE, on_check=on_check)
         assert is_on["safe_state"] is is_on[name] is False
         assert is_on["rise" if name == "all" else "idle_node_live"]
 
@@ -184,27 +186,27 @@ def test_slower_words_within_the_machine_files_bounds_are_measured_and_planned_w
 def test_relays_that_do_not_open_are_found_by_the_probe_that_must_reach_nobody() -> None:
     """From then on no word is copied: those of the load's end stay closed."""
     rig = selftest_rig("feetthrough-relay", second_ohm=None)
-    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+    fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
 
     def on_check(check: Check) -> None:
         if check.name == "ua_per_code":
             rig.fake.world.put_in(LatchIgnored(every=1))
 
-    report = run(bed, DATE, on_check=on_check)
+    report = run(fixture, DATE, on_check=on_check)
     assert bad(report)[0] == ("probe", "blanked")
 
 
 def test_an_error_ends_in_the_safe_state_all_the_same() -> None:
     rig = selftest_rig()
-    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+    fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
 
     def interrupt(name: str, _what: str) -> None:
         if name == "probe":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(bed, DATE, on_stage=interrupt)
-    assert not bed.board.is_supply_on
+        run(fixture, DATE, on_stage=interrupt)
+    assert not fixture.board.is_supply_on
     assert rig.rail_v_after_a_while() < 30
 
 
@@ -212,7 +214,7 @@ def test_an_interrupted_test_says_why_the_board_is_not_safe(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     rig = selftest_rig()
-    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+    fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
 
     def interrupt(name: str, _what: str) -> None:
         if name == "probe":
@@ -221,7 +223,7 @@ def test_an_interrupted_test_says_why_the_board_is_not_safe(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(bed, DATE, on_stage=interrupt)
+        run(fixture, DATE, on_stage=interrupt)
     told = capsys.readouterr().err
     assert "NOT SAFE" in told
     assert "cut the supply by hand" in told

@@ -8,10 +8,10 @@ import msgspec
 import pytest
 
 from board_rig import changed
-from etd.config import fake_config
-from etd.selftest.bed import Bed
+from etd.files.configuration import fake_config
+from etd.selftest.fixture import Fixture
+from etd.selftest.report import Check, Report
 from etd.selftest.run import run
-from etd.selftest_report import Check, Report
 from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile, Heartbeat
 from etd_hal.fake.faults import (
@@ -25,7 +25,7 @@ from etd_hal.fake.faults import (
     SpiStall,
     StopCutsNothing,
 )
-from etd_hal.fake.hand import FakeHand
+from etd_hal.fake.operator import FakeOperator
 from selftest_rig import DATE, LOAD_OHM, SelftestRig, bad, selftest_rig
 from stepped_board import shipped_board
 
@@ -41,7 +41,7 @@ def run_stalled(rig: SelftestRig, after: str, stall_ms: int) -> Report:
         if check.name == after:
             rig.clock.spend(stall_ms * MS)
 
-    return run(Bed(rig.loaded, rig.bench, rig.hand, rig.asked), DATE, on_check=on_check)
+    return run(Fixture(rig.loaded, rig.bench, rig.operator, rig.options), DATE, on_check=on_check)
 
 
 def measured(report: Report, name: str) -> str:
@@ -98,7 +98,7 @@ def test_an_enable_that_switches_nothing_is_not_covered_by_a_heartbeat_that_ends
     assert bad(report) == [("rail", "hv_enable")]
 
 
-class SlowHand(FakeHand):
+class SlowHand(FakeOperator):
     """The request to hold a stop takes long to be printed."""
 
     spends_ns = 0
@@ -113,10 +113,10 @@ class SlowHand(FakeHand):
 def slow_handed(rig: SelftestRig, stall_ms: int) -> SelftestRig:
     hand = SlowHand(rig.fake.world, rig.clock)
     hand.clock, hand.spends_ns = rig.clock, stall_ms * MS
-    assert isinstance(rig.hand, FakeHand)
-    rig.hand.clip(47_000, 1, 2)
+    assert isinstance(rig.operator, FakeOperator)
+    rig.operator.clip(47_000, 1, 2)
     hand.clip(47_000, 1, 2)
-    rig.hand = hand
+    rig.operator = hand
     return rig
 
 
@@ -146,14 +146,14 @@ def test_a_supply_that_was_gone_before_the_stop_opened_proves_nothing(board: str
     )
     rig = selftest_rig(board, file=msgspec.structs.replace(file, guards=guards))
 
-    class Late(FakeHand):
+    class Late(FakeOperator):
         def hold(self, stop: StopName) -> None:
             rig.fake.world.put_in(RailOff(0.0))
             rig.clock.spend(4_000 * MS)
             super().hold(stop)
 
-    rig.hand = Late(rig.fake.world, rig.clock)
-    rig.hand.clip(LOAD_OHM, 1, 2)
+    rig.operator = Late(rig.fake.world, rig.clock)
+    rig.operator.clip(LOAD_OHM, 1, 2)
     report = rig.run()
     assert bad(report)[:1] == [("rail", "emergency_stop_gate")]
     assert measured(report, "emergency_stop_gate").startswith("gone before it was seen to open")

@@ -7,15 +7,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from etd.config import fake_config
-from etd.selftest_report import Report
+from etd.files.configuration import fake_config
+from etd.selftest.report import Report
 from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile
 from etd_hal.fake.faults import (
     DacGain,
     StopCutsNothing,
 )
-from etd_hal.fake.hand import FakeHand
+from etd_hal.fake.operator import FakeOperator
 from selftest_rig import LOAD_OHM, SelftestRig, bad, selftest_rig
 
 BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513")
@@ -38,11 +38,11 @@ def with_stops(board: str, cuts: bool) -> BoardFile:
     return msgspec.structs.replace(file, guards=guards)
 
 
-def with_hand(kind: type[FakeHand]) -> SelftestRig:
+def with_hand(kind: type[FakeOperator]) -> SelftestRig:
     """A board whose operator is of this kind."""
     rig = selftest_rig()
-    rig.hand = kind(rig.fake.world, rig.clock)
-    rig.hand.clip(LOAD_OHM, 1, 2)
+    rig.operator = kind(rig.fake.world, rig.clock)
+    rig.operator.clip(LOAD_OHM, 1, 2)
     return rig
 
 
@@ -86,7 +86,7 @@ def test_where_the_file_says_that_stops_cut_nothing_the_program_is_seen_to_do_it
 
 
 def test_a_stop_that_is_let_go_of_too_early_is_told() -> None:
-    class Impatient(FakeHand):
+    class Impatient(FakeOperator):
         def hold(self, stop: StopName) -> None:
             self.press(stop)
 
@@ -97,7 +97,7 @@ def test_a_stop_that_is_let_go_of_too_early_is_told() -> None:
 
 
 def test_a_stop_that_stays_open_after_it_was_held_is_named() -> None:
-    class Stuck(FakeHand):
+    class Stuck(FakeOperator):
         def let_go(self, stop: StopName) -> None:
             pass
 
@@ -119,12 +119,12 @@ def test_a_stop_that_is_pressed_in_a_wait_ends_the_supply_at_once() -> None:
     rig = selftest_rig(file=with_stops("reference-hv507", cuts=False), faults=[cuts_nothing])
     pressed_ns: list[int] = []
 
-    class Pressing(FakeHand):
+    class Pressing(FakeOperator):
         def stand_back(self) -> None:
             pressed_ns.append(rig.clock.now_ns() + 1_000_000_000)
             rig.fake.world.press("emergency_stop", pressed_ns[0])
 
-    rig.hand = Pressing(rig.fake.world, rig.clock)
-    rig.hand.clip(LOAD_OHM, 1, 2)
+    rig.operator = Pressing(rig.fake.world, rig.clock)
+    rig.operator.clip(LOAD_OHM, 1, 2)
     assert bad(rig.run())[:1] == [("source", "emergency_stop")]
     assert 0 < rig.clock.now_ns() - pressed_ns[0] < 20_000_000

@@ -8,10 +8,10 @@ import msgspec
 import pytest
 
 from board_rig import changed
-from etd.config import fake_config
-from etd.selftest.bed import Bed
+from etd.files.configuration import fake_config
+from etd.selftest.fixture import Fixture
+from etd.selftest.report import Check
 from etd.selftest.run import run
-from etd.selftest_report import Check
 from etd_hal.boardfile import Heartbeat
 from etd_hal.fake.faults import (
     Fault,
@@ -137,14 +137,14 @@ def test_an_error_while_another_process_has_the_board_ends_with_the_lines_taken_
 
 def test_a_rail_that_sags_before_the_heartbeat_ends_proves_no_gate() -> None:
     rig = selftest_rig()
-    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
+    fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
 
     def on_check(check: Check) -> None:
         if check.name == "rise_again":
             rig.fake.world.put_in(RailOff(0.9))
-            bed.wait_ms(3_000)
+            fixture.wait_ms(3_000)
 
-    report = run(bed, DATE, on_check=on_check)
+    report = run(fixture, DATE, on_check=on_check)
     assert bad(report)[:1] == [("rail", "heartbeat")]
     assert by_name(report)["heartbeat"].measured.startswith("from 271 V, below 30.0 V")
 
@@ -156,10 +156,10 @@ def test_a_window_that_nobody_can_measure_is_said_in_the_report(
     beating = Heartbeat(line=27, window_ms=20) if has_heartbeat else "absent"
     file = changed(shipped_board("feetthrough-relay"), "guards", heartbeat=beating)
     report = selftest_rig("feetthrough-relay", file=file, load_ohm=None).run()
-    assert any("window is 20 ms" in one for one in report.not_seen) is is_said
+    assert any("window is 20 ms" in text for text in report.not_seen) is is_said
 
 
 def test_a_window_that_a_monitor_measures_is_not_said_to_be_unseen() -> None:
     report = selftest_rig(load_ohm=None).run()
     assert by_name(report)["heartbeat_window"].result == "pass"
-    assert not any("window" in one for one in report.not_seen)
+    assert not any("window" in text for text in report.not_seen)

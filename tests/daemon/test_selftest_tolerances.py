@@ -6,14 +6,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from etd.config import fake_config
+from etd.files.configuration import fake_config
 from etd.selftest import adcbits
-from etd.selftest.bed import Bed
+from etd.selftest.fixture import Fixture
 from etd.selftest.ladder import climb, largest_here_ohm, largest_ohm
-from etd.selftest.log import Log
+from etd.selftest.log import CheckLog
 from etd.selftest.prober import Prober
-from etd.selftest_report import Check
-from etd.selftest_subject import strongest_ua
+from etd.selftest.report import Check
+from etd.selftest.subject import strongest_ua
 from etd_hal.fake.faults import AdcBitStuck, DacGain, Fault
 from selftest_rig import ARRAY, LOAD_OHM, bad, selftest_rig
 
@@ -76,7 +76,7 @@ def test_a_strong_source_that_cannot_reach_its_top_is_told_a_load_that_will_do()
     board, strong = "etactilekit-hv513", DacGain(1.08)
     report = selftest_rig(board, faults=[strong]).run()
     assert bad(report) == [("source", "steps")]
-    advice = next(one.advice for one in report.checks if one.result == "fail")
+    advice = next(check.advice for check in report.checks if check.result == "fail")
     assert advice.startswith("begin again with at most ")
     most_ohm = int(advice.split()[5])
     assert most_ohm < LOAD_OHM < largest(board)
@@ -86,17 +86,17 @@ def test_a_strong_source_that_cannot_reach_its_top_is_told_a_load_that_will_do()
 def bits_check(board: str, load_ohm: int, leak: float, faults: list[Fault]) -> tuple[Check, int]:
     """The check after the ladder, and how many pulses both took."""
     rig = selftest_rig(board, load_ohm=load_ohm, leak_factor=leak, faults=faults)
-    assert rig.asked.load is not None
-    bed, log = Bed(rig.loaded, rig.bench, rig.hand, rig.asked), Log()
-    prober = Prober(bed)
-    bed.board.calibrate()
-    bed.supply_on()
-    bed.wait_ms(1_000)
-    bed.is_load_confirmed, log.stage = True, "source"
-    beside_ohm = 1 / (1 / load_ohm + 1 / (bed.leak_ohm * leak))
-    rungs = climb(bed, log, prober, rig.asked.load, beside_ohm, prober.strongest_ua)
+    assert rig.options.load is not None
+    fixture, log = Fixture(rig.loaded, rig.bench, rig.operator, rig.options), CheckLog()
+    prober = Prober(fixture)
+    fixture.board.calibrate()
+    fixture.supply_on()
+    fixture.wait_ms(1_000)
+    fixture.is_load_confirmed, log.stage = True, "source"
+    beside_ohm = 1 / (1 / load_ohm + 1 / (fixture.leak_ohm * leak))
+    rungs = climb(fixture, log, prober, rig.options.load, beside_ohm, prober.strongest_ua)
     read_v = [rung.shot.voltage_v for rung in rungs]
-    adcbits.check(bed, log, prober, rig.asked.load, read_v, beside_ohm / 1e6)
+    adcbits.check(fixture, log, prober, rig.options.load, read_v, beside_ohm / 1e6)
     return log.checks[-1], rig.watch.pulses
 
 
@@ -131,10 +131,10 @@ def test_a_low_bit_that_stands_still_is_named_with_its_number(
 
 def test_the_largest_load_of_a_board_as_measured_follows_its_source_and_leak() -> None:
     rig = selftest_rig("etactilekit-hv513")
-    bed = Bed(rig.loaded, rig.bench, rig.hand, rig.asked)
-    named_ohm = largest_here_ohm(bed, 8_000)
+    fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
+    named_ohm = largest_here_ohm(fixture, 8_000)
     assert named_ohm == largest("etactilekit-hv513")
-    bed.gain = 1.08
-    assert largest_here_ohm(bed, 8_000) == 43_013
-    bed.leak_ohm *= 0.9
-    assert largest_here_ohm(bed, 8_000) == 46_371
+    fixture.gain = 1.08
+    assert largest_here_ohm(fixture, 8_000) == 43_013
+    fixture.leak_ohm *= 0.9
+    assert largest_here_ohm(fixture, 8_000) == 46_371

@@ -17,7 +17,7 @@ class Operator:
     """Does what is asked, unless a test says otherwise; what it was asked for and told is kept."""
 
     def __init__(self, rig: SelftestRig) -> None:
-        self.rig, self._hand = rig, rig.hand
+        self.rig, self._hand = rig, rig.operator
         self.clips: list[tuple[int, int, int]] = []
         self.told: list[tuple[int, tuple[int, ...]]] = []
 
@@ -44,7 +44,9 @@ class Operator:
 def measured(rig: SelftestRig, name: str) -> str:
     """Of the check of this name that failed."""
     report = rig.run()
-    found = [one.measured for one in report.checks if (one.name, one.result) == (name, "fail")]
+    found = [
+        check.measured for check in report.checks if (check.name, check.result) == (name, "fail")
+    ]
     assert found, bad(report)
     return found[0]
 
@@ -52,13 +54,13 @@ def measured(rig: SelftestRig, name: str) -> str:
 @pytest.mark.parametrize("board", BOARDS)
 def test_every_electrode_is_asked_for_once_with_each_load(board: str) -> None:
     rig = selftest_rig(board)
-    rig.hand = operator = Operator(rig)
+    rig.operator = operator = Operator(rig)
     assert rig.run().passed
-    others = [one for one in range(16) if one != 1]
+    others = [electrode for electrode in range(16) if electrode != 1]
     assert operator.clips == [
-        *((LOAD_OHM, 1, one) for one in others),
+        *((LOAD_OHM, 1, electrode) for electrode in others),
         (SECOND_OHM, 1, 2),
-        *((SECOND_OHM, 1, one) for one in others),
+        *((SECOND_OHM, 1, electrode) for electrode in others),
         (LOAD_OHM, 1, 2),
     ]
     assert operator.told == []
@@ -78,7 +80,7 @@ class Misled(Operator):
 
 def test_a_touch_in_the_wrong_place_is_told_and_may_be_put_right() -> None:
     rig = selftest_rig()
-    rig.hand = operator = Misled(rig)
+    rig.operator = operator = Misled(rig)
     assert rig.run().passed
     assert operator.told == [(5, (9,))]
 
@@ -93,7 +95,7 @@ class Slow(Operator):
 
 def test_a_hand_that_is_on_its_way_is_told_nothing() -> None:
     rig = selftest_rig()
-    rig.hand = operator = Slow(rig)
+    rig.operator = operator = Slow(rig)
     assert rig.run().passed
     assert operator.told == []
 
@@ -101,7 +103,7 @@ def test_a_hand_that_is_on_its_way_is_told_nothing() -> None:
 @pytest.mark.parametrize("board", BOARDS)
 def test_swapped_wires_are_told_at_once_and_named_both_when_time_is_over(board: str) -> None:
     rig = selftest_rig(board, faults=[OutputsSwapped(5, 9)])
-    rig.hand = operator = Operator(rig)
+    rig.operator = operator = Operator(rig)
     said = measured(rig, "every_switch")
     assert operator.told == [(5, (9,))]
     assert said.startswith("electrode 5 reads ")
@@ -126,14 +128,14 @@ class Bridging(Operator):
 
 def test_two_that_answer_together_are_looked_at_again_until_time_is_over() -> None:
     rig = selftest_rig()
-    rig.hand = Bridging(rig)
+    rig.operator = Bridging(rig)
     assert rig.run().passed
 
 
 def test_two_that_go_on_answering_together_are_named() -> None:
     rig = selftest_rig()
-    rig.hand = Bridging(rig)
-    rig.hand.seconds = 31.0
+    rig.operator = Bridging(rig)
+    rig.operator.seconds = 31.0
     assert measured(rig, "one_at_a_time") == "with electrode 6: 7"
 
 
@@ -166,7 +168,7 @@ def test_who_switches_along_in_one_polarity_is_found_in_one_of_the_walks(
     polarity: Literal["anodic", "cathodic"], others: tuple[int, int], loads: list[int]
 ) -> None:
     rig = selftest_rig(faults=[AlsoSwitches(*others, polarity)])
-    rig.hand = operator = Operator(rig)
+    rig.operator = operator = Operator(rig)
     assert measured(rig, "one_at_a_time") == f"with electrode 6: {others[0]}"
     assert list(dict.fromkeys(load_ohm for load_ohm, _, _ in operator.clips)) == loads
 
@@ -189,14 +191,14 @@ class Hasty(Operator):
 
 def test_a_touch_that_ends_before_the_round_over_the_others_does_not_count() -> None:
     rig = selftest_rig(faults=[AlsoSwitches(7, 6)])
-    rig.hand = Hasty(rig)
+    rig.operator = Hasty(rig)
     assert measured(rig, "one_at_a_time") == "with electrode 6: 7"
 
 
 def test_a_touch_that_is_over_too_soon_is_asked_for_until_time_is_over() -> None:
     rig = selftest_rig()
-    rig.hand = Hasty(rig)
-    rig.hand.for_s = 31.0
+    rig.operator = Hasty(rig)
+    rig.operator.for_s = 31.0
     said = measured(rig, "every_switch")
     assert said.startswith("electrode 6 reads ")
     assert "in its place" not in said
@@ -216,15 +218,15 @@ class Flickering(Hasty):
 
 def test_a_tip_that_slides_off_again_and_again_is_said_to_be_let_go_of() -> None:
     rig = selftest_rig()
-    rig.hand = Flickering(rig)
+    rig.operator = Flickering(rig)
     assert "let go of before all others" in measured(rig, "every_switch")
 
 
 def test_without_a_second_load_the_second_walk_is_a_skip_that_says_what_to_add() -> None:
     report = selftest_rig(second_ohm=None).run()
-    skipped = [one for one in report.checks if one.result == "skip"]
-    assert [one.name for one in skipped] == ["second_load", "every_switch_again"]
-    assert {one.advice for one in skipped} == {"--second-load OHM"}
+    skipped = [check for check in report.checks if check.result == "skip"]
+    assert [check.name for check in skipped] == ["second_load", "every_switch_again"]
+    assert {check.advice for check in skipped} == {"--second-load OHM"}
     assert (bad(report), report.passed, report.second_load_ohm) == ([], False, None)
 
 
@@ -242,7 +244,7 @@ class Lazy(Operator):
 
 def test_a_first_load_that_stays_is_no_second_one() -> None:
     rig = selftest_rig()
-    rig.hand = Lazy(rig)
+    rig.operator = Lazy(rig)
     assert measured(rig, "second_load") == "2.68 V and 2.68 V"
 
 

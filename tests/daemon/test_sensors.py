@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from etd.array import Array, Electrode, PressureSensor
-from etd.engine.sensors import STALE_NS, TOLD_NS, PressureSensors, RailSensor, Turns
+from etd.files.array import Array, Electrode, PressureSensor
+from etd.sensing.sensors import STALE_NS, TOLD_NS, PressureSensors, RailSensor, SensorCycle
 from etd_hal.chips import ads1115
 from etd_hal.fake.faults import I2cFailure, RailOff
 from etd_hal.ports import I2c
@@ -61,7 +61,9 @@ def test_the_rail_is_set_once_before_it_is_read() -> None:
     sensor = sensor_of(made)
     for _ in range(3):
         read(made, sensor)
-    sent = [one["tx"] for one in made.events("i2c") if one["addr"] == SETPOINT and one["tx"]]
+    sent = [
+        entry["tx"] for entry in made.events("i2c") if entry["addr"] == SETPOINT and entry["tx"]
+    ]
     assert sent == [f"{3_500:04x}"]
 
 
@@ -173,13 +175,13 @@ def read_all(made: SteppedBoard, sensors: PressureSensors) -> list[float | None]
         sensors.begin(sensor)
         made.clock.spend(3 * MS)
         sensors.end(sensor)
-    return [sensors.kpa(one, made.clock.now_ns()) for one in range(2)]
+    return [sensors.kpa(electrode, made.clock.now_ns()) for electrode in range(2)]
 
 
 def test_each_electrode_goes_by_the_sensor_nearest_to_it() -> None:
     made = stepped_board("reference-hv507")
     sensors = pressure_of(made)
-    assert [sensors.kpa(one, made.clock.now_ns()) for one in range(2)] == [None, None]
+    assert [sensors.kpa(electrode, made.clock.now_ns()) for electrode in range(2)] == [None, None]
     made.fake.world.set_sensor_v(MONITOR, NEAR, 1.5)
     made.fake.world.set_sensor_v(MONITOR, FAR, 0.4)
     assert read_all(made, sensors) == [pytest.approx(100.0, rel=0.01), 0.0]
@@ -290,19 +292,19 @@ def test_rail_and_sensors_on_one_chip_never_take_each_others_result(lag_ms: floa
     """However seldom or often somebody looks after them."""
     made = stepped_board("reference-hv507")
     rail, sensors = sensor_of(made), pressure_of(made)
-    turns = Turns(rail, sensors)
+    cycle = SensorCycle(rail, sensors)
     made.fake.world.set_sensor_v(MONITOR, NEAR, 1.5)
     made.fake.world.set_sensor_v(MONITOR, FAR, 1.0)
     read: set[tuple[float | None, ...]] = set()
     for _ in range(200):
         made.clock.spend(int(lag_ms * MS))
-        turns.step()
+        cycle.step()
         now_ns = made.clock.now_ns()
-        told = (rail.rail_v(now_ns), *(sensors.kpa(one, now_ns) for one in range(2)))
-        read.add(tuple(None if one is None else round(one) for one in told))
+        told = (rail.rail_v(now_ns), *(sensors.kpa(electrode, now_ns) for electrode in range(2)))
+        read.add(tuple(None if value is None else round(value) for value in told))
     assert (0, 100, 50) in read
-    for one, right in enumerate((0, 100, 50)):
-        assert {told[one] for told in read} <= {right, None}
+    for other, right in enumerate((0, 100, 50)):
+        assert {told[other] for told in read} <= {right, None}
 
 
 def test_an_array_without_sensors_has_none_to_die() -> None:

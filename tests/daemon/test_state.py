@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import pytest
 
-from etd.engine.state import StateMachine
-from etd.errors import Refused
-from etd.protocol import Halt, State
+from etd.protocol.errors import Refused
+from etd.protocol.messages import Halt, State
+from etd.safety.state import StateMachine
 
-HALT = Halt(cause="stop", who="operator", detail="asked to stop", t_ns=1)
-SECOND = Halt(cause="fault", who="rail", detail="0 V", t_ns=2)
+HALT = Halt(cause="stop", source="operator", detail="asked to stop", t_ns=1)
+SECOND = Halt(cause="fault", source="rail", detail="0 V", t_ns=2)
 
 
 def machine_in(state: State) -> StateMachine:

@@ -9,7 +9,7 @@ import pytest
 
 from engine_parts import machine_file
 from etd.engine.stopper import SILENT_NS, Stopper, StopperLiveness, StopperThread
-from etd.errors import BoardFault, BusError, GuardRefusal
+from etd.protocol.errors import BoardFault, BusError, GuardRefusal
 from etd_hal.board import OVERDUE_NS, Board
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import SpiStall
@@ -84,7 +84,7 @@ class Scene:
 
     def look_all_the_time(self, for_ms: int) -> None:
         for step in range(2 * for_ms):
-            self.made.clock.at(self.looked_from_ns + step * MS // 2, self.stopper.look)
+            self.made.clock.at(self.looked_from_ns + step * MS // 2, self.stopper.check)
 
     def fire(self, is_anodic: bool = True) -> None:
         self.board.fire(self.board.pulse(2_000, 100), self.selection, is_anodic, 2_000, 100)
@@ -95,9 +95,9 @@ class Scene:
 
     def blankings_ns(self) -> list[int]:
         return [
-            one["t_ns"]
-            for one in self.made.events("gpio")
-            if one["line"] == BL and not one["value"] and one["t_ns"] > self.looked_from_ns
+            entry["t_ns"]
+            for entry in self.made.events("gpio")
+            if entry["line"] == BL and not entry["value"] and entry["t_ns"] > self.looked_from_ns
         ]
 
 
@@ -144,7 +144,7 @@ def test_nothing_is_overdue_while_no_message_is_under_way() -> None:
     scene = Scene()
     scene.fire()
     scene.made.clock.spend(500 * MS)
-    scene.stopper.look()
+    scene.stopper.check()
     assert not scene.stopper.has_acted
 
 
@@ -154,7 +154,7 @@ def test_a_message_that_was_refused_is_not_waited_for() -> None:
     with pytest.raises(GuardRefusal):
         scene.fire()
     scene.made.clock.spend(500 * MS)
-    scene.stopper.look()
+    scene.stopper.check()
     assert not scene.stopper.has_acted
 
 
@@ -259,7 +259,7 @@ def test_a_message_that_ended_while_the_stopper_looked_is_not_overdue() -> None:
     stopper = Stopper(board, CallingClock(made.clock, end_the_message))
     firing.start()
     assert spi.has_begun.wait(PATIENCE_S)
-    stopper.look()
+    stopper.check()
     assert not firing.is_alive()
     assert not stopper.has_acted
     assert not board.cut.is_cut
@@ -337,7 +337,7 @@ def test_a_cut_that_hangs_is_marked_and_leaves_no_time() -> None:
         marks.append((stopper.has_acted, scene.board.cut.is_cut, stopper.looked_ns))
 
     scene.gpio.before = hanging
-    scene.made.clock.at(scene.looked_from_ns + 3 * MS, stopper.look)
+    scene.made.clock.at(scene.looked_from_ns + 3 * MS, stopper.check)
     scene.fire()
     assert marks == [(True, True, 0)]
     assert stopper.looked_ns == scene.looked_from_ns + 3 * MS
@@ -348,7 +348,7 @@ def test_a_stopper_is_silent_from_its_last_look_on_and_alive_with_the_next() -> 
     liveness = StopperLiveness(scene.stopper)
     begun_ns = scene.made.clock.now_ns()
     liveness.begin(begun_ns)
-    scene.stopper.look()
+    scene.stopper.check()
     assert liveness.has_looked
     for step in range(SILENT_NS // MS + 1):
         liveness.judge(begun_ns + step * MS)
@@ -356,7 +356,7 @@ def test_a_stopper_is_silent_from_its_last_look_on_and_alive_with_the_next() -> 
     liveness.judge(begun_ns + SILENT_NS + MS)
     assert liveness.problem is not None
     scene.made.clock.spend(SILENT_NS + 2 * MS)
-    scene.stopper.look()
+    scene.stopper.check()
     liveness.judge(scene.made.clock.now_ns())
     assert liveness.problem is None
 

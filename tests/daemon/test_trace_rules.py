@@ -71,8 +71,10 @@ def test_a_trace_of_the_engine_breaks_no_rule(board: str, polarity: str) -> None
 
 @pytest.mark.parametrize("board", BOARDS)
 def test_the_two_phases_of_a_biphasic_pulse_are_one_visit(board: str) -> None:
-    pulses = [one for one in visits(decode(a_trace(board, "biphasic"))) if one[0].seq is not None]
-    assert {len(one) for one in pulses} == {2}
+    pulses = [
+        visit for visit in visits(decode(a_trace(board, "biphasic"))) if visit[0].seq is not None
+    ]
+    assert {len(visit) for visit in pulses} == {2}
     assert {(first.is_anodic, second.is_anodic) for first, second in pulses} == {(True, False)}
 
 
@@ -214,7 +216,7 @@ def test_all_outputs_high_with_the_supply_on_breaks_a_rule() -> None:
     place = index_of(trace, line=line_of(trace, "BL"), value=0)
     trace.insert(place + 1, {**trace[place], "line": line_of(trace, "POL")})
     found = violations(trace, REST_US)
-    assert any("BL 0 with POL 0" in one for one in found)
+    assert any("BL 0 with POL 0" in text for text in found)
 
 
 def test_all_outputs_high_with_the_supply_off_breaks_none() -> None:
@@ -226,9 +228,9 @@ def test_all_outputs_high_with_the_supply_off_breaks_none() -> None:
 def test_current_into_a_chain_that_nobody_filled_breaks_a_rule() -> None:
     trace = a_trace()
     clk = line_of(trace, "CLK")
-    kept = [one for one in trace[1:] if one.get("line") != clk]
+    kept = [entry for entry in trace[1:] if entry.get("line") != clk]
     found = violations([trace[0], *kept], REST_US)
-    assert any("nobody knows the state" in one for one in found)
+    assert any("nobody knows the state" in text for text in found)
 
 
 def test_a_stop_may_come_while_current_flows() -> None:
@@ -252,7 +254,9 @@ def test_a_stop_with_the_supply_is_excused_whichever_way_current_flows() -> None
 
 def relay_copies(trace: list[Record]) -> list[int]:
     le = line_of(trace, "LE")
-    return [i for i, one in enumerate(trace) if one.get("line") == le and one.get("value") == 1]
+    return [
+        i for i, entry in enumerate(trace) if entry.get("line") == le and entry.get("value") == 1
+    ]
 
 
 def test_both_relays_of_one_electrode_break_a_rule() -> None:
@@ -270,12 +274,14 @@ def test_relays_that_make_too_soon_after_breaking_break_a_rule() -> None:
     place = relay_copies(trace)[-3]
     for record in trace[place:]:
         record["t_ns"] -= 700_000
-    assert any("us after others were told to open" in one for one in violations(trace, REST_US))
+    assert any(
+        "us after others were told to open" in violation for violation in violations(trace, REST_US)
+    )
 
 
 def test_relays_that_make_and_break_at_once_break_a_rule() -> None:
     trace = a_trace("feetthrough-relay")
-    first_frame = next(i for i, one in enumerate(trace) if one.get("event") == "frame")
+    first_frame = next(i for i, entry in enumerate(trace) if entry.get("event") == "frame")
     opening = [i for i in relay_copies(trace) if i > first_frame][2]
     trace[opening]["value"] = 0
     assert any("make and break at once" in found for found in violations(trace, REST_US))
@@ -287,7 +293,9 @@ def test_current_before_the_relays_have_closed_breaks_a_rule() -> None:
     begun = max(i for i in range(place) if trace[i].get("event") == "message")
     for record in trace[begun:]:
         record["t_ns"] -= 500_000
-    assert any("before the relays have closed" in one for one in violations(trace, REST_US))
+    assert any(
+        "before the relays have closed" in violation for violation in violations(trace, REST_US)
+    )
 
 
 def test_relays_left_closed_break_a_rule() -> None:

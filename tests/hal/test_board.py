@@ -10,7 +10,7 @@ import pytest
 from board_rig import BoardRig
 from etd_hal.errors import BoardFault, BusError, GuardRefusal
 from etd_hal.fake.faults import DacGain, MisoStuck, SpiError, SpiShort, SpiStall
-from etd_hal.watch import Approval
+from etd_hal.switch_shadow import Approval
 
 Boards = Callable[..., BoardRig]
 
@@ -21,13 +21,14 @@ ONE_CODE_V = 0.0893
 
 class TestPulse:
     @pytest.mark.parametrize(
-        ("current_ua", "code", "told_ua"), [(0, 0, 0), (1_000, 409, 998), (10_000, 4095, 10_000)]
+        ("current_ua", "code", "commanded_ua"),
+        [(0, 0, 0), (1_000, 409, 998), (10_000, 4095, 10_000)],
     )
     def test_its_code_is_the_largest_not_above_the_current(
-        self, boards: Boards, current_ua: int, code: int, told_ua: int
+        self, boards: Boards, current_ua: int, code: int, commanded_ua: int
     ) -> None:
         pulse = boards().board.pulse(current_ua, 100)
-        assert (pulse.code, pulse.told_ua) == (code, told_ua)
+        assert (pulse.code, pulse.commanded_ua) == (code, commanded_ua)
 
     def test_the_same_pulse_is_prepared_once(self, boards: Boards) -> None:
         board = boards().board
@@ -36,7 +37,7 @@ class TestPulse:
     def test_pulses_stay_right_beyond_what_is_remembered(self, boards: Boards) -> None:
         board = boards().board
         for current_ua in range(2_100):
-            assert board.pulse(current_ua, 50).told_ua <= current_ua
+            assert board.pulse(current_ua, 50).commanded_ua <= current_ua
         assert board.pulse(1_000, 50).code == 409
         assert board.pulse(1_000, 100).shape.width_us > 99
 
@@ -54,10 +55,10 @@ class TestPulse:
 class TestShot:
     def test_its_times_are_those_of_the_call(self, boards: Boards) -> None:
         rig = boards()
-        shot = rig.visit(5)
+        result = rig.visit(5)
         body = rig.body()[-1]
-        assert shot.begun_ns < body["from_ns"] < body["to_ns"] < shot.ended_ns
-        assert abs(shot.excess_ns) <= 2
+        assert result.begun_ns < body["from_ns"] < body["to_ns"] < result.ended_ns
+        assert abs(result.excess_ns) <= 2
 
     def test_a_pulse_that_the_driver_has_forgotten_meanwhile_is_not_over_its_plan(
         self, boards: Boards
@@ -95,9 +96,9 @@ class TestShot:
     ) -> None:
         rig = boards()
         rig.fake.world.lift(5)
-        shot = rig.visit(5, width_us=width_us)
-        assert shot.baseline_v == 0.0
-        assert shot.voltage_v == pytest.approx(OPEN_V, abs=ONE_CODE_V)
+        result = rig.visit(5, width_us=width_us)
+        assert result.baseline_v == 0.0
+        assert result.voltage_v == pytest.approx(OPEN_V, abs=ONE_CODE_V)
 
     def test_with_an_end_sample_the_voltage_is_that_near_the_end(self, boards: Boards) -> None:
         """The skin charges through the pulse, so the end lies above the value after 10 us."""
@@ -115,8 +116,8 @@ class TestShot:
         pulse = rig.board.pulse(1_000, 100)
         with pytest.raises(BusError):
             rig.board.fire(pulse, selection, True, 1_000, 100)
-        shot = rig.board.fire(pulse, selection, True, 1_000, 100)
-        assert shot.baseline_v == pytest.approx(OPEN_V, abs=ONE_CODE_V)
+        result = rig.board.fire(pulse, selection, True, 1_000, 100)
+        assert result.baseline_v == pytest.approx(OPEN_V, abs=ONE_CODE_V)
 
     def test_a_source_that_makes_more_than_told_shows_in_the_voltage(self, boards: Boards) -> None:
         rig = boards(faults=[DacGain(1.5)])
@@ -140,7 +141,7 @@ class TestShot:
         before = len(rig.records())
         with pytest.raises(BusError):
             rig.visit(5)
-        assert len([one for one in rig.since(before) if one.get("event") == "message"]) == 1
+        assert len([entry for entry in rig.since(before) if entry.get("event") == "message"]) == 1
 
 
 class TestOverdue:
@@ -151,8 +152,8 @@ class TestOverdue:
         rig.clock.at(
             rig.clock.now_ns() + 2_000_000, lambda: seen.append(rig.board.cut.message_due_ns)
         )
-        shot = rig.visit(5)
-        assert seen == [shot.ended_ns - shot.excess_ns]
+        result = rig.visit(5)
+        assert seen == [result.ended_ns - result.excess_ns]
         assert rig.board.cut.message_due_ns == 0
 
     def test_after_a_failed_message_none_is_under_way(self, boards: Boards) -> None:

@@ -49,7 +49,7 @@ class TestShipped:
 
 class TestLines:
     @pytest.mark.parametrize(
-        ("old", "new", "line", "one", "other"),
+        ("old", "new", "line", "text", "other"),
         [
             ("CLK = 24", "CLK = 23", 23, "BL", "CLK"),
             ("POL = 4", "POL = 5", 5, "POL", "DATA"),
@@ -65,9 +65,9 @@ class TestLines:
         ],
     )
     def test_a_line_for_two_functions_is_refused_with_both(
-        self, tmp_path: Path, old: str, new: str, line: int, one: str, other: str
+        self, tmp_path: Path, old: str, new: str, line: int, text: str, other: str
     ) -> None:
-        said = f"it is used for {one} and for {other}"
+        said = f"it is used for {text} and for {other}"
         refused(load_board, tmp_path, spoiled(REFERENCE, old, new), f"line {line}", said)
 
     def test_without_i2c_its_lines_are_free(self, tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ PLACES = [(2.5 * (i % 4), 2.5 * (i // 4)) for i in range(16)]
 @settings(max_examples=25)
 @given(st.lists(st.floats(0.0, 700.0), min_size=2, max_size=6), st.integers(0, 5))
 def test_the_course_depends_on_seed_and_time_alone(times_s: list[float], seed: int) -> None:
-    one, other = (Course(BUSY, PLACES, seed=seed) for _ in range(2))
-    forwards = [one.at(t_s) for t_s in times_s]
+    course, other = (Course(BUSY, PLACES, seed=seed) for _ in range(2))
+    forwards = [course.at(t_s) for t_s in times_s]
     backwards = [other.at(t_s) for t_s in reversed(times_s)][::-1]
     for first, second in zip(forwards, backwards, strict=True):
         assert (first.area == second.area).all()
@@ -53,7 +53,7 @@ def test_peeling_takes_an_edge_off_and_lays_it_on_again_with_a_small_contact() -
 def test_pressing_moves_area_and_pressure_together() -> None:
     course = Course(Script(pressing=0.5), PLACES, seed=2)
     times_s = np.linspace(0.0, 300.0, 600)
-    pressure = np.array([course.pressure_kpa(float(one)) for one in times_s])
-    area = np.array([course.at(float(one)).area.mean() for one in times_s])
+    pressure = np.array([course.pressure_kpa(float(time_s)) for time_s in times_s])
+    area = np.array([course.at(float(time_s)).area.mean() for time_s in times_s])
     assert pressure.max() > 2.0 * pressure.min()
     assert np.corrcoef(np.log(pressure), np.log(area))[0, 1] > 0.9

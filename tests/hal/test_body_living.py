@@ -74,19 +74,19 @@ def test_the_living_body_is_a_body() -> None:
 def test_the_told_threshold_is_where_feeling_begins(direction: Side, width_us: int) -> None:
     body = living()
     polarity = "anodic" if direction is Side.SOURCE else "cathodic"
-    told_ua = body.told_threshold_ua(MIDDLE, width_us, polarity)  # type: ignore[arg-type]
-    pulse(body, 1 * MS, told_ua * 0.99, width_us, direction=direction)
+    commanded_ua = body.commanded_threshold_ua(MIDDLE, width_us, polarity)  # type: ignore[arg-type]
+    pulse(body, 1 * MS, commanded_ua * 0.99, width_us, direction=direction)
     assert body.take_felt().felt[MIDDLE] == 0.0
-    pulse(body, 50 * MS, told_ua * 1.01, width_us, direction=direction)
+    pulse(body, 50 * MS, commanded_ua * 1.01, width_us, direction=direction)
     assert body.take_felt().felt[MIDDLE] == pytest.approx(1.0, abs=0.03)
 
 
 def test_the_told_pain_threshold_is_where_it_begins_to_hurt() -> None:
     body = living()
-    told_ua = body.told_pain_threshold_ua(MIDDLE, 100)
-    pulse(body, 1 * MS, told_ua * 0.99, 100)
+    commanded_ua = body.commanded_pain_threshold_ua(MIDDLE, 100)
+    pulse(body, 1 * MS, commanded_ua * 0.99, 100)
     assert body.take_felt().pain[MIDDLE] < 1.0
-    pulse(body, 50 * MS, told_ua * 1.01, 100)
+    pulse(body, 50 * MS, commanded_ua * 1.01, 100)
     assert body.take_felt().pain[MIDDLE] >= 1.0
 
 
@@ -94,10 +94,10 @@ def test_the_told_pain_threshold_is_where_it_begins_to_hurt() -> None:
 @pytest.mark.parametrize("times", [1.2, 2.0])
 def test_so_many_times_the_threshold_is_felt_alike_everywhere(electrode: int, times: float) -> None:
     body = living()
-    told_ua = body.told_threshold_ua(electrode, 100, times=times)
-    assert body.times_threshold(electrode, told_ua, 100) == pytest.approx(times, rel=0.001)
+    commanded_ua = body.commanded_threshold_ua(electrode, 100, times=times)
+    assert body.times_threshold(electrode, commanded_ua, 100) == pytest.approx(times, rel=0.001)
 
-    pulse(body, 1 * MS, told_ua, 100, electrode)
+    pulse(body, 1 * MS, commanded_ua, 100, electrode)
     assert body.take_felt().felt[electrode] == pytest.approx(times**1.2, rel=0.01)
 
 
@@ -118,8 +118,9 @@ def test_cathodic_pulses_need_about_a_third_more_current() -> None:
     """Kaczmarek et al. 2000: 1.3 to 1.5 times."""
     body = living()
     ratios = [
-        body.told_threshold_ua(one, 100, "cathodic") / body.told_threshold_ua(one, 100)
-        for one in range(COUNT)
+        body.commanded_threshold_ua(electrode, 100, "cathodic")
+        / body.commanded_threshold_ua(electrode, 100)
+        for electrode in range(COUNT)
     ]
     assert 1.15 < np.median(ratios) < 1.6
 
@@ -129,8 +130,8 @@ def test_threshold_and_pain_move_apart_as_pulses_grow_narrower() -> None:
     nerves = living().sensation
 
     def gap(width_us: int) -> float:
-        touch_ua = [nerves.true_threshold_ua(one, width_us) for one in range(COUNT)]
-        pain_ua = [nerves.pain_threshold_ua(one, width_us) for one in range(COUNT)]
+        touch_ua = [nerves.true_threshold_ua(electrode, width_us) for electrode in range(COUNT)]
+        pain_ua = [nerves.pain_threshold_ua(electrode, width_us) for electrode in range(COUNT)]
         return float(np.median(np.array(pain_ua) / touch_ua))
 
     gaps = [gap(width_us) for width_us in (200, 100, 50, 20)]
@@ -141,42 +142,46 @@ def test_thresholds_lie_where_the_paper_has_them() -> None:
     """1 to 10 mA at 50 to 200 us under electrodes of 1 mm (section 2.2.2)."""
     body = living()
     for width_us in (50, 100):
-        middling_ua = np.median([body.told_threshold_ua(one, width_us) for one in range(COUNT)])
+        middling_ua = np.median(
+            [body.commanded_threshold_ua(electrode, width_us) for electrode in range(COUNT)]
+        )
         assert 1_000 < middling_ua < 3_000
 
 
 def test_electrodes_differ_and_seeds_do_too() -> None:
     bodies = (living(seed=1), living(seed=2))
-    thresholds = [body.told_threshold_ua(one, 100) for body in bodies for one in (0, 9)]
+    thresholds = [
+        body.commanded_threshold_ua(electrode, 100) for body in bodies for electrode in (0, 9)
+    ]
     assert len(set(thresholds)) == 4
-    assert living(seed=1).told_threshold_ua(0, 100) == thresholds[0]
+    assert living(seed=1).commanded_threshold_ua(0, 100) == thresholds[0]
 
 
 def test_a_burst_of_six_is_felt_about_twice_as_strong_as_one_pulse() -> None:
     """Kaczmarek, Webster, Radwin 1992: at 350 Hz."""
     body = living()
-    told_ua = 2.0 * body.told_threshold_ua(MIDDLE, 100)
-    pulse(body, 1_000 * MS, told_ua, 100)
+    commanded_ua = 2.0 * body.commanded_threshold_ua(MIDDLE, 100)
+    pulse(body, 1_000 * MS, commanded_ua, 100)
     single = body.take_felt().felt[MIDDLE]
     for number in range(6):
-        pulse(body, 3_000 * MS + number * 2_857 * US, told_ua, 100)
+        pulse(body, 3_000 * MS + number * 2_857 * US, commanded_ua, 100)
     burst = body.take_felt().felt[MIDDLE]
     assert (burst - 1.0) / (single - 1.0) == pytest.approx(2.0, rel=0.1)
 
 
 def test_no_rate_makes_a_pulse_below_threshold_felt() -> None:
     body = living()
-    told_ua = 0.97 * body.told_threshold_ua(MIDDLE, 100)
+    commanded_ua = 0.97 * body.commanded_threshold_ua(MIDDLE, 100)
     for number in range(100):
-        pulse(body, (10 + 5 * number) * MS, told_ua, 100)
+        pulse(body, (10 + 5 * number) * MS, commanded_ua, 100)
     assert body.take_felt().felt[MIDDLE] == 0.0
 
 
 def test_sensation_stays_under_the_electrode() -> None:
     body = living()
-    pulse(body, 1 * MS, 1.5 * body.told_threshold_ua(MIDDLE, 100), 100)
+    pulse(body, 1 * MS, 1.5 * body.commanded_threshold_ua(MIDDLE, 100), 100)
     felt = body.take_felt().felt
-    assert [one for one in range(COUNT) if felt[one] > 0.0] == [MIDDLE]
+    assert [electrode for electrode in range(COUNT) if felt[electrode] > 0.0] == [MIDDLE]
 
 
 def test_a_still_skin_conducts_as_the_minimal_body_with_its_resistances_does() -> None:
@@ -194,8 +199,8 @@ def test_a_still_skin_conducts_as_the_minimal_body_with_its_resistances_does() -
         return found.series_ohm, found.parallel_ohm * ease(ua), found.capacitance_nf
 
     contacts = [
-        skin(*contact_at(one, passing_ua if one == MIDDLE else 1_000.0 / (COUNT - 1)))
-        for one in range(COUNT)
+        skin(*contact_at(electrode, passing_ua if electrode == MIDDLE else 1_000.0 / (COUNT - 1)))
+        for electrode in range(COUNT)
     ]
     plain = MinimalBody(contacts, leak_ohm=LEAK_OHM, compliance_v=300.0)
     plain.drive(0, current_ua, alone(MIDDLE))
@@ -207,7 +212,7 @@ def test_charge_into_the_skin_comes_out_of_it() -> None:
     body = living(Script(sweat=0.3, pressing=0.4, peels_per_min=20))
     for number in range(200):
         pulse(body, (1 + 17 * number) * MS, 2_000, 100, electrode=number % COUNT)
-    charges = [body.charge_pc(one) for one in range(COUNT)]
+    charges = [body.charge_pc(electrode) for electrode in range(COUNT)]
     assert sum(charges) == pytest.approx(0.0, abs=1e-6 * sum(map(abs, charges)))
     assert body.absolute_charge_pc(3) > abs(body.charge_pc(3))
 
@@ -220,10 +225,10 @@ def test_a_higher_current_meets_less_resistance() -> None:
 def test_sweat_lowers_resistance_within_minutes_and_feeling_with_it() -> None:
     body = living(Script(sweat=0.35))
     body.look_at(1)
-    dry_ohm, dry_ua = body.contact(MIDDLE).resistance_ohm, body.told_threshold_ua(MIDDLE, 100)
+    dry_ohm, dry_ua = body.contact(MIDDLE).resistance_ohm, body.commanded_threshold_ua(MIDDLE, 100)
     body.look_at(180_000 * MS)
     assert 0.5 < body.contact(MIDDLE).resistance_ohm / dry_ohm < 0.85
-    assert body.told_threshold_ua(MIDDLE, 100) > 1.1 * dry_ua
+    assert body.commanded_threshold_ua(MIDDLE, 100) > 1.1 * dry_ua
 
 
 def test_what_is_lifted_gets_nothing_and_feels_nothing() -> None:
@@ -234,22 +239,24 @@ def test_what_is_lifted_gets_nothing_and_feels_nothing() -> None:
     body.drive(2 * MS + 50 * US, 0, GROUNDED)
     assert body.charge_pc(MIDDLE) == 0.0
     assert max(body.take_felt().felt) == 0.0
-    assert body.told_threshold_ua(MIDDLE, 100) == float("inf")
+    assert body.commanded_threshold_ua(MIDDLE, 100) == float("inf")
 
 
 def test_a_shrinking_contact_hurts_before_it_is_felt_less() -> None:
     body = living()
-    ratio = body.told_pain_threshold_ua(MIDDLE, 100) / body.told_threshold_ua(MIDDLE, 100)
+    ratio = body.commanded_pain_threshold_ua(MIDDLE, 100) / body.commanded_threshold_ua(MIDDLE, 100)
     small = skin(2_000 / 0.12, 48_000 / 0.12, 0.3 * 0.12)
     body.touch(1 * MS, MIDDLE, small)
-    shrunk = body.told_pain_threshold_ua(MIDDLE, 100) / body.told_threshold_ua(MIDDLE, 100)
+    shrunk = body.commanded_pain_threshold_ua(MIDDLE, 100) / body.commanded_threshold_ua(
+        MIDDLE, 100
+    )
     assert shrunk < 0.85 * ratio
 
 
 def test_paste_between_neighbors_takes_the_current_past_the_skin() -> None:
     """Kajimoto, Electro-tactile Display, section 3.3."""
-    dry = living().told_threshold_ua(MIDDLE, 100)
-    pasted = living(figures=SkinFigures(paste_bridge_ohm=5_000)).told_threshold_ua(MIDDLE, 100)
+    dry = living().commanded_threshold_ua(MIDDLE, 100)
+    pasted = living(figures=SkinFigures(paste_bridge_ohm=5_000)).commanded_threshold_ua(MIDDLE, 100)
     assert pasted > 5 * dry
 
 
@@ -260,7 +267,8 @@ def test_paste_reaches_ground_through_an_electrode_that_floats() -> None:
 
     def volts(floating: set[int]) -> float:
         sides = tuple(
-            Side.OPEN if one in floating else side for one, side in enumerate(alone(MIDDLE))
+            Side.OPEN if electrode in floating else side
+            for electrode, side in enumerate(alone(MIDDLE))
         )
         body.drive(volts.at_ns, 1_000, sides)  # type: ignore[attr-defined]
         found = body.node_voltage_v(volts.at_ns + 50 * US)  # type: ignore[attr-defined]
@@ -276,9 +284,9 @@ def test_paste_reaches_ground_through_an_electrode_that_floats() -> None:
 
 
 def test_a_gel_as_conductive_as_skin_costs_current_and_still_lets_feel() -> None:
-    bare = living().told_threshold_ua(MIDDLE, 100)
+    bare = living().commanded_threshold_ua(MIDDLE, 100)
     gel = SkinFigures(gel=Gel(thickness_mm=0.5, resistivity_ohm_m=50.0))
-    through_gel = living(figures=gel).told_threshold_ua(MIDDLE, 100)
+    through_gel = living(figures=gel).commanded_threshold_ua(MIDDLE, 100)
     assert 1.05 * bare < through_gel < 5 * bare
 
 

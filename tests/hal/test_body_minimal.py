@@ -238,5 +238,5 @@ def test_the_skin_never_gets_more_than_the_source_was_told(
     body = body_of(*dry_fingertip(16, seed=4), compliance_v=compliance_v)
     body.drive(0, source_ua, one_against(16))
     body.node_voltage_v(width_ns)
-    told_pc = source_ua * width_ns / 1_000
-    assert -1e-6 <= body.charge_pc(0) <= told_pc * (1 + 1e-9) + 1e-6
+    commanded_pc = source_ua * width_ns / 1_000
+    assert -1e-6 <= body.charge_pc(0) <= commanded_pc * (1 + 1e-9) + 1e-6

@@ -95,13 +95,15 @@ def test_another_electrode_acts_on_a_fibre_as_a_point_does() -> None:
     volts = kind.membrane().step_response(beside_mv @ kind.drive_per_mv(), 100.0) / THRESHOLD_MV
     grown = -np.expm1(-100.0 / TAU_US)
     found = grown @ nerves.everywhere[MIDDLE + 1, :, :SITES, MIDDLE]
-    for one in found:
-        assert np.abs(volts - one).min() < 0.02 * np.abs(volts).max()
+    for entry in found:
+        assert np.abs(volts - entry).min() < 0.02 * np.abs(volts).max()
 
 
 def test_what_lies_deeper_is_driven_less() -> None:
     deep = NerveSpread(depth_sigma=0.0, threshold_sigma=0.0, extra_depth_mm=0.5)
-    shallow, deeper = (Nerves(PLACES, seed=1, spread=one).own for one in (NO_SPREAD, deep))
+    shallow, deeper = (
+        Nerves(PLACES, seed=1, spread=nerve_spread).own for nerve_spread in (NO_SPREAD, deep)
+    )
     grown = -np.expm1(-100.0 / TAU_US)
     by_kind = [np.einsum("t,etk->ek", grown, one[:, 5]).max(axis=1) for one in (shallow, deeper)]
     assert (by_kind[1] < 0.7 * by_kind[0]).all()

@@ -55,7 +55,7 @@ def test_the_quick_way_is_what_the_whole_network_comes_to(sides: Sides) -> None:
     fast = quick.of(sides)
     lone = sides.index(S) if sides.count(S) == 1 else sides.index(G)
     all_s = skin.conductance_at(0.0)
-    others = [one for one in range(4) if one != lone]
+    others = [electrode for electrode in range(4) if electrode != lone]
     assert fast.lone == lone
     assert fast.direction == (1 if sides[lone] is S else -1)
     assert fast.weights[lone] == 1.0
@@ -86,8 +86,8 @@ def test_two_against_two_is_a_resistance() -> None:
 
 def test_nobody_stands_alone_where_all_others_are_off_the_skin() -> None:
     skin, found = ways()
-    for one in (1, 2, 3):
-        skin.put(one, OPEN_CONTACT)
+    for electrode in (1, 2, 3):
+        skin.put(electrode, OPEN_CONTACT)
     skin.refresh(0.0)
     found.use_skin()
     way = found.of((S, G, G, G))

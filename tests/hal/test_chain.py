@@ -147,7 +147,7 @@ def test_forgotten_content_is_written_whole() -> None:
     register = Register(8)
     chain = chain_on(register)
     chain.write(1)
-    chain.forget()
+    chain.reset()
     register.held = 0b1010_1010
     chain.write(1 << 1)
     assert register.held == 1 << 1

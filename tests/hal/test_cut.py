@@ -137,27 +137,27 @@ class Scene:
         new = self.made.traced.getvalue()[self._read :]
         self._read += len(new)
         self._records += map(json.loads, new.splitlines())
-        return [one for one in self._records if one.get("bus") == bus]
+        return [entry for entry in self._records if entry.get("bus") == bus]
 
     def fired(self) -> list[dict[str, Any]]:
         """Each phase since the cut that reached the skin, by the body's own account."""
         assert self.cut_ns is not None, "nothing was cut"
-        events = [one for one in self.events("body") if one["from_ns"] > self.cut_ns]
-        return [one for one in events if one["current_ua"]]
+        events = [entry for entry in self.events("body") if entry["from_ns"] > self.cut_ns]
+        return [entry for entry in events if entry["current_ua"]]
 
     def live_lines(self) -> list[dict[str, Any]]:
         """Each change since the cut that switches something on."""
         assert self.cut_ns is not None, "nothing was cut"
         lines = self.made.board.used_lines()
         live = {(lines.get("BL"), 1), (lines.get("POL"), 0), (lines.get("HV"), 1)}
-        events = [one for one in self.events("gpio") if one["t_ns"] > self.cut_ns]
-        return [one for one in events if (one["line"], one["value"]) in live]
+        events = [entry for entry in self.events("gpio") if entry["t_ns"] > self.cut_ns]
+        return [entry for entry in events if (entry["line"], entry["value"]) in live]
 
     def level(self, name: str) -> int:
         """Where a line was left."""
         line = self.made.board.used_lines()[name]
         events = self.events("gpio")
-        return int(next(one["value"] for one in reversed(events) if one["line"] == line))
+        return int(next(event["value"] for event in reversed(events) if event["line"] == line))
 
     def assert_dark(self) -> None:
         """Nothing is connected to the source, or the source has no supply; and it is at zero."""
@@ -230,8 +230,8 @@ def assert_nothing_came_on(scene: Scene, at: int) -> None:
     live, ports, name = scene.live_lines(), scene.ports, scene.made.board.name
     assert scene.cut_ns is not None
     if ports.when == "before":
-        assert all(one["t_ns"] - scene.cut_ns < CALL_NS for one in live), f"call {at}"
-        assert all("BL 0 with POL 0" in one for one in scene.made.fake.violations)
+        assert all(entry["t_ns"] - scene.cut_ns < CALL_NS for entry in live), f"call {at}"
+        assert all("BL 0 with POL 0" in violation for violation in scene.made.fake.violations)
     else:
         assert live == [], f"call {at}"
         assert scene.made.fake.violations == []

@@ -7,7 +7,7 @@ import pickle
 
 import pytest
 
-from etd.errors import PatternError, Refused
+from etd.protocol.errors import PatternError, Refused
 from etd_hal.errors import BusError, EtdError, FileError, HardwareMissing
 
 ERRORS = [
@@ -19,7 +19,7 @@ ERRORS = [
 ]
 
 
-@pytest.mark.parametrize("error", ERRORS, ids=lambda one: type(one).__name__)
+@pytest.mark.parametrize("error", ERRORS, ids=lambda entry: type(entry).__name__)
 def test_an_error_arrives_in_another_process_with_its_fields(error: EtdError) -> None:
     for arrived in (pickle.loads(pickle.dumps(error)), copy.copy(error)):
         assert type(arrived) is type(error)

@@ -75,7 +75,7 @@ def connected(rig: SteppedBoard, board: Board, output: int) -> set[int]:
     board.connect(selection, is_anodic=True)
     rig.clock.spend(10_000_000)
     rig.backend.gpio.edges()
-    return {one for one, side in enumerate(rig.fake.sides) if side == Side.SOURCE}
+    return {electrode for electrode, side in enumerate(rig.fake.sides) if side == Side.SOURCE}
 
 
 def test_relays_that_close_together_put_the_source_on_ground() -> None:
@@ -100,7 +100,11 @@ def test_half_a_switch_is_in_series_with_what_is_put_on_its_electrode_next() -> 
     rig = stepped_board(electrodes=(4, 5, 6), body=body, faults=[OutputSeries(5, 15_000)])
     for electrode in range(3):
         rig.fake.world.touch(electrode, load(10_000))
-    assert [rig.body.contact(one).resistance_ohm for one in range(3)] == [10_000, 25_000, 10_000]
+    assert [rig.body.contact(electrode).resistance_ohm for electrode in range(3)] == [
+        10_000,
+        25_000,
+        10_000,
+    ]
     rig.fake.world.lift(1)
     assert body.contact(1).kind == "open"
 

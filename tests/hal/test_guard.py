@@ -9,7 +9,7 @@ import pytest
 
 from board_rig import BoardRig, changed, pulse_words
 from etd_hal.ports import Transfer
-from etd_hal.watch import Approval
+from etd_hal.switch_shadow import Approval
 from guard_bench import ALL, ON, approval, assert_refused, connected, send, silent
 from stepped_board import shipped_board
 
@@ -126,7 +126,7 @@ class TestApproval:
     def test_not_when_the_picture_of_the_switch_was_lost(self, boards: Boards) -> None:
         rig = connected(boards())
         rig.board.guard.approve(approval())
-        rig.board.guard.forget(())
+        rig.board.guard.reset(())
         assert_refused(rig, "approval", pulse_words(409))
 
     def test_not_after_the_safe_state(self, boards: Boards) -> None:

@@ -39,8 +39,8 @@ def fire(rig: BoardRig, what: tuple[int, int], output: int = 3, is_anodic: bool 
 
 def visit(rig: BoardRig, *parts: tuple[int, int]) -> None:
     connect(rig)
-    for one in parts:
-        fire(rig, one)
+    for entry in parts:
+        fire(rig, entry)
     rig.board.discharge()
 
 
@@ -157,9 +157,9 @@ def test_whatever_is_tried_no_flood_goes_uncounted(
             continue
     fired = decode(rig.stepped.trace_lines())
     assert fired[-1].to_ns - fired[0].from_ns < 1_000_000_000
-    strong = [one for one in fired if one.current_ua > 900]
-    weak = [one for one in fired if one.current_ua < 900]
+    strong = [phase for phase in fired if phase.current_ua > 900]
+    weak = [phase for phase in fired if phase.current_ua < 900]
     assert len(strong) <= 2 * RATE_HZ
     assert len(weak) + len(strong) <= 3 * RATE_HZ
-    led = sum(is_led(one, other) for one, other in pairwise(fired))
+    led = sum(is_led(phase, other) for phase, other in pairwise(fired))
     assert led <= RATE_HZ

@@ -64,7 +64,7 @@ def test_in_scan_order_a_pulse_takes_so_many_bus_calls(
     for output in range(1, 32):
         before, records = rig.gpio.calls, len(rig.records())
         rig.visit(output, *phases)
-        messages = [one for one in rig.since(records) if one.get("event") == "message"]
+        messages = [entry for entry in rig.since(records) if entry.get("event") == "message"]
         assert rig.gpio.calls - before + len(messages) == calls
 
 
@@ -78,8 +78,10 @@ def test_each_output_gets_its_own_pulse_in_any_order(
     order = [0, 1, 2, last, 0, 17, 5, 5, 31, last]
     for output in order:
         rig.visit(output, is_anodic, current_ua=2_000)
-    assert [one["electrode"] for one in rig.body()] == order
-    assert all(one["asked_ua"] * sign > 0 and one["current_ua"] * sign > 0 for one in rig.body())
+    assert [entry["electrode"] for entry in rig.body()] == order
+    assert all(
+        entry["asked_ua"] * sign > 0 and entry["current_ua"] * sign > 0 for entry in rig.body()
+    )
 
 
 @pytest.mark.parametrize(("phases", "signs"), [((True, False), [1, -1]), ((False, True), [-1, 1])])
@@ -88,7 +90,7 @@ def test_the_body_feels_both_phases_in_the_order_asked(
 ) -> None:
     rig = boards()
     rig.visit(9, *phases)
-    assert [one["asked_ua"] // abs(one["asked_ua"]) for one in rig.body()] == signs
+    assert [entry["asked_ua"] // abs(entry["asked_ua"]) for entry in rig.body()] == signs
 
 
 def test_the_same_output_again_needs_no_clock(boards: Boards) -> None:
@@ -146,7 +148,7 @@ def test_clearing_shifts_every_stage_whatever_is_held(boards: Boards) -> None:
 
 def test_a_chosen_set_of_returns_names_the_output_that_cannot_be_open(boards: Boards) -> None:
     rig = boards()
-    returns = tuple(one for one in range(64) if one not in (5, 41))
+    returns = tuple(electrode for electrode in range(64) if electrode not in (5, 41))
     with pytest.raises(CannotSelect, match="HV507 connects every output") as caught:
         rig.board.selection(5, returns)
     assert (caught.value.output, caught.value.wanted) == (41, "left open")
@@ -154,7 +156,7 @@ def test_a_chosen_set_of_returns_names_the_output_that_cannot_be_open(boards: Bo
 
 def test_returns_that_are_all_others_are_what_the_chip_does(boards: Boards) -> None:
     board = boards().board
-    others = tuple(one for one in range(64) if one != 5)
+    others = tuple(electrode for electrode in range(64) if electrode != 5)
     assert board.selection(5, others) == board.selection(5, None)
 
 

@@ -135,7 +135,11 @@ def test_outputs_are_requested_in_the_order_given_with_their_levels() -> None:
     setup = LineSetup(outputs=((23, 0), (4, 1), (25, 0)))
     settings = linux_gpio.output_settings(setup)
     assert list(settings) == [23, 4, 25]
-    assert [bool(one.output_value) for one in settings.values() if one] == [False, True, False]
+    assert [bool(setting.output_value) for setting in settings.values() if setting] == [
+        False,
+        True,
+        False,
+    ]
 
 
 def test_inputs_get_their_pull_and_edges_in_monotonic_time() -> None:
@@ -143,10 +147,12 @@ def test_inputs_get_their_pull_and_edges_in_monotonic_time() -> None:
     settings = linux_gpio.input_settings(
         (InputLine(17, "down", edges=True), InputLine(18, "up"), InputLine(19))
     )
-    found = [(one.bias, one.edge_detection) for one in settings.values() if one]
+    found = [(setting.bias, setting.edge_detection) for setting in settings.values() if setting]
     assert found == [
         (line.Bias.PULL_DOWN, line.Edge.BOTH),
         (line.Bias.PULL_UP, line.Edge.NONE),
         (line.Bias.DISABLED, line.Edge.NONE),
     ]
-    assert {one.event_clock for one in settings.values() if one} == {line.Clock.MONOTONIC}
+    assert {setting.event_clock for setting in settings.values() if setting} == {
+        line.Clock.MONOTONIC
+    }

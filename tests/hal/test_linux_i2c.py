@@ -31,7 +31,9 @@ class Chip:
         for message in messages:
             if message.flags & READ:
                 ctypes.memmove(message.buf, b"\x85\x83"[: message.len], message.len)
-        self.transactions.append([(one.addr, one.flags, bytes(one)) for one in messages])
+        self.transactions.append(
+            [(message.addr, message.flags, bytes(message)) for message in messages]
+        )
 
     def close(self) -> None:
         self.is_open = False

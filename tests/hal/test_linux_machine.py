@@ -120,10 +120,10 @@ def test_the_real_time_throttle_is_told(tmp_path: Path, runtime: str, says: str)
 
 
 def test_a_machine_is_told_from_another_of_its_model_by_its_number(tmp_path: Path) -> None:
-    one = lay_out(tmp_path / "1", **{f"{TREE}/serial-number": "10000000abcdef01\0"})
+    path = lay_out(tmp_path / "1", **{f"{TREE}/serial-number": "10000000abcdef01\0"})
     other = lay_out(tmp_path / "2", **{f"{TREE}/serial-number": "10000000abcdef02\0"})
-    assert machine.identity(one) != machine.identity(other)
-    assert "abcdef01" not in machine.identity(one)
+    assert machine.identity(path) != machine.identity(other)
+    assert "abcdef01" not in machine.identity(path)
 
 
 def test_a_machine_without_a_tree_is_told_by_its_systems_number(tmp_path: Path) -> None:

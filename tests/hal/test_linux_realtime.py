@@ -48,9 +48,9 @@ def test_each_thing_that_is_not_granted_is_told_with_what_would_grant_it() -> No
     answer = asked(unprivileged=True, core=4095)
     told = answer["told"]
     assert isinstance(told, list)
-    assert any("SCHED_FIFO 40" in one and "systemd" in one for one in told)
-    assert any("core 4095" in one for one in told)
-    assert any("LimitMEMLOCK" in one for one in told)
+    assert any("SCHED_FIFO 40" in entry and "systemd" in entry for entry in told)
+    assert any("core 4095" in entry for entry in told)
+    assert any("LimitMEMLOCK" in entry for entry in told)
     assert answer["policy"] == 0
 
 
@@ -65,7 +65,7 @@ def test_no_core_asked_for_leaves_all_of_them() -> None:
     answer = asked(unprivileged=True, core=None)
     told = answer["told"]
     assert isinstance(told, list)
-    assert not any("core" in one for one in told)
+    assert not any("core" in entry for entry in told)
 
 
 def test_a_core_that_is_there_is_the_only_one_afterwards() -> None:

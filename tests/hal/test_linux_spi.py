@@ -52,7 +52,7 @@ def test_what_is_read_comes_back_one_entry_for_each_transfer_with_data(
 ) -> None:
     message = Message((*before, Transfer(last)))
     answer = opened(Spidev()).transfer(message)
-    sent = [one.tx for one in message.transfers if one.tx]
+    sent = [transfer.tx for transfer in message.transfers if transfer.tx]
     assert answer == tuple(bytes(byte ^ 0xFF for byte in tx) for tx in sent)
 
 
@@ -127,8 +127,8 @@ def test_what_was_sent_before_can_become_lasting() -> None:
 
 def test_equal_messages_are_told_apart_and_each_is_answered() -> None:
     spi = opened(Spidev())
-    one, same = Message((Transfer(b"\x01\x02"),)), Message((Transfer(b"\x01\x02"),))
-    assert spi.transfer(one) == spi.transfer(same) == (b"\xfe\xfd",)
+    message, same = Message((Transfer(b"\x01\x02"),)), Message((Transfer(b"\x01\x02"),))
+    assert spi.transfer(message) == spi.transfer(same) == (b"\xfe\xfd",)
 
 
 def data_transfers(count: int, length: int = 2) -> Message:

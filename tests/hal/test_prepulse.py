@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from board_rig import BoardRig, board_rig, changed
 from etd_hal.errors import BoardFault, GuardRefusal
 from etd_hal.ports import Message, Transfer
+from etd_hal.switch_shadow import Prepulse
 from etd_hal.timing import Timing
-from etd_hal.watch import Prepulse
 from guard_bench import ZERO, approval, assert_refused, connected, send
 from stepped_board import shipped_board
 from trace_decoder import Phase, decode, pulses, visits
@@ -25,7 +25,7 @@ HALF, WHOLE = 204, 409
 
 def words(*parts: int | None) -> Message:
     """A DAC code for each number, 10 us of delay for each None, then zero."""
-    return Message((*(_part(one) for one in parts), ZERO))
+    return Message((*(_part(ohm) for ohm in parts), ZERO))
 
 
 def _part(code: int | None) -> Transfer:
@@ -42,9 +42,9 @@ class TestWire:
         rig = boards()
         rig.visit(5, is_anodic, prepulse=Prepulse(500, 60))
         (pulse,) = pulses(decode(rig.stepped.trace_lines()))
-        assert [one.electrode for one in pulse] == [5, 5]
-        assert [one.is_anodic for one in pulse] == [is_anodic] * 2
-        assert [one.code for one in pulse] == [HALF, WHOLE]
+        assert [phase.electrode for phase in pulse] == [5, 5]
+        assert [phase.is_anodic for phase in pulse] == [is_anodic] * 2
+        assert [phase.code for phase in pulse] == [HALF, WHOLE]
         assert pulse[0].to_ns == pulse[1].from_ns
         assert 59 < pulse[0].width_us <= 60
         assert 99 < pulse[1].width_us <= 100
@@ -53,20 +53,20 @@ class TestWire:
         rig = boards()
         before = len(rig.records())
         rig.visit(5, prepulse=Prepulse(500, 60))
-        assert [one.get("event") for one in rig.since(before)].count("message") == 1
+        assert [entry.get("event") for entry in rig.since(before)].count("message") == 1
 
     def test_the_body_has_a_record_of_each_step(self, boards: Boards) -> None:
         rig = boards()
         rig.visit(5, False, prepulse=Prepulse(500, 60))
         first, second = rig.body()
-        assert [one["asked_ua"] for one in (first, second)] == [-498, -999]
+        assert [entry["asked_ua"] for entry in (first, second)] == [-498, -999]
         assert first["to_ns"] == second["from_ns"]
 
     def test_both_phases_of_a_biphasic_pulse_have_one(self, boards: Boards) -> None:
         rig = boards()
         rig.visit(5, True, False, prepulse=Prepulse(500, 60))
         (visit,) = visits(decode(rig.stepped.trace_lines()))
-        assert [(one.code, one.is_anodic) for one in visit] == [
+        assert [(phase.code, phase.is_anodic) for phase in visit] == [
             (HALF, True),
             (WHOLE, True),
             (HALF, False),
@@ -227,7 +227,7 @@ def test_one_level_or_one_step_upward_passes_and_nothing_else(steps: list[tuple[
         levels.pop()
     if len(levels) <= 2 and levels == sorted({*levels} - {0}):
         assert found is not None
-        assert [one.code for one in found] == levels
+        assert [phase.code for phase in found] == levels
     else:
         assert found is None
 

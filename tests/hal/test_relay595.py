@@ -109,7 +109,7 @@ def test_a_ring_leaves_the_rest_open(
     rig.visit(9, is_anodic, returns=(8, 10, 1, 17))
     sides = rig.sides
     assert sides[9] == alone
-    assert {sides[one] for one in (8, 10, 1, 17)} == {others}
+    assert {sides[electrode] for electrode in (8, 10, 1, 17)} == {others}
     assert sides.count(Side.OPEN) == 32 - 5
     rig.board.release()
     assert set(rig.sides) == {Side.OPEN}
@@ -127,7 +127,7 @@ def test_a_biphasic_pulse_goes_through_all_open(boards: Boards) -> None:
     rig.visit(2, True, False, returns=(3, 4))
     there, back = 0b10_10_01 << 4, 0b01_01_10 << 4
     assert [word for _, word in copied_words(rig, before)] == [there, 0, back]
-    assert [one["asked_ua"] > 0 for one in rig.body()] == [True, False]
+    assert [entry["asked_ua"] > 0 for entry in rig.body()] == [True, False]
 
 
 def test_the_same_selection_again_moves_no_relay(boards: Boards) -> None:

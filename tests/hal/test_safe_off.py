@@ -152,7 +152,7 @@ class TestFromAnywhere:
         rig.board.safe_off()
         rig.board.guard.permit(10_000)
         before = len(rig.records())
-        rig.board.switch.forget()
+        rig.board.switch.reset()
         rig.visit(5)
         assert rig.story(before).count("CLK=1") == 64
 
@@ -275,9 +275,9 @@ class TestBlankNow:
             seen.append((rig.fake.dac_code, set(rig.fake.sides)))
 
         rig.clock.at(at_ns, stop)
-        shot = rig.board.fire(rig.board.pulse(1_000, 100), selection, True, 1_000, 100)
+        result = rig.board.fire(rig.board.pulse(1_000, 100), selection, True, 1_000, 100)
         assert seen == [(409, {Side.GROUND})]
-        assert shot.ended_ns > at_ns + 3_000_000
+        assert result.ended_ns > at_ns + 3_000_000
         assert rig.times("BL", 0)[-1] - at_ns < 5_000
         assert rig.fake.dac_code == 0
 

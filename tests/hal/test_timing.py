@@ -126,10 +126,10 @@ class TestMessage:
 
     def test_an_end_sample_is_the_same_word_again_just_before_the_end(self) -> None:
         shape = Shape((10,), has_end_sample=True, width_us=42.0, duration_us=56.0)
-        assert [one.tx.hex() for one in pulse_message(1228, shape).transfers] == [
+        assert [transfer.tx.hex() for transfer in pulse_message(1228, shape).transfers] == [
             "1330", "", "1330", "0000",
         ]  # fmt: skip
-        assert [one.cs_change for one in pulse_message(1228, shape).transfers] == [
+        assert [transfer.cs_change for transfer in pulse_message(1228, shape).transfers] == [
             True, False, True, False,
         ]  # fmt: skip
 
@@ -153,8 +153,8 @@ def duration_by(timing: Timing) -> Callable[[Message], int]:
     """A machine that keeps the model exactly."""
 
     def duration_ns(message: Message) -> int:
-        words = sum(1 for one in message.transfers if one.tx)
-        delays_us = [one.delay_us for one in message.transfers if not one.tx]
+        words = sum(1 for transfer in message.transfers if transfer.tx)
+        delays_us = [transfer.delay_us for transfer in message.transfers if not transfer.tx]
         held_us = sum(delay + timing.delay_extra_us for delay in delays_us)
         return round(1_000 * (timing.message_us + (words - 1) * timing.word_us + held_us))
 
@@ -173,14 +173,14 @@ class TestCalibration:
     def test_it_never_sends_anything_but_code_zero(self, boards: Boards) -> None:
         rig = boards(begun=False)
         rig.board.calibrate()
-        sent = {one["tx"] for one in rig.records() if one.get("event") == "transfer"}
+        sent = {entry["tx"] for entry in rig.records() if entry.get("event") == "transfer"}
         assert sent == {"", "0000"}
         assert rig.body() == []
 
     def test_its_messages_have_up_to_forty_delays_and_eight_words(self, boards: Boards) -> None:
         rig = boards(begun=False)
         rig.board.calibrate()
-        counts = {one["transfers"] for one in rig.records() if one.get("event") == "message"}
+        counts = {entry["transfers"] for entry in rig.records() if entry.get("event") == "message"}
         assert (min(counts), max(counts)) == (2, 42)
         assert set(range(2, 9)) <= counts
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from board_rig import BoardRig, board_rig, changed, machine_file
 from etd_hal.boardfile import HalfBridges, Relays
 from etd_hal.errors import GuardRefusal
+from etd_hal.switch_shadow import Approval, HalfBridgeShadow
 from etd_hal.visitrule import VisitRule, VisitState, longest_flip_ns
-from etd_hal.watch import Approval, HalfBridgeWatch
 from stepped_board import shipped_board
 from trace_decoder import Phase, decode
 
@@ -33,7 +33,7 @@ class Wires:
         switch = shipped_board(HALF_BRIDGES).switch
         assert isinstance(switch, HalfBridges)
         self.lines = switch.lines
-        self.watch = HalfBridgeWatch(switch, None)
+        self.watch = HalfBridgeShadow(switch, None)
         self.rule = VisitRule(RATE_HZ, FLIP_NS, self.watch)
         self.watch.change(self.lines.BL, 1)
         self.now_ns = 7 * SECOND_NS
@@ -172,7 +172,7 @@ def test_what_is_refused_changes_nothing() -> None:
 def test_a_safe_state_ends_a_visit_and_keeps_the_count() -> None:
     wires = Wires()
     wires.send(ONE, OTHERS)
-    wires.rule.forget()
+    wires.rule.reset()
     wires.flip()
     wires.send(OTHERS, ONE)
     assert wires.room(0) == RATE_HZ - 2
@@ -263,14 +263,16 @@ def test_no_output_that_is_alone_begins_more_visits_than_the_rate_in_any_second(
         elif move == "let go":
             wires.let_go()
         elif move == "safe":
-            wires.rule.forget()
+            wires.rule.reset()
             wires.let_go()
         wires.now_ns += waits_ns
         try:
             wires.send(source, ground, is_probe=is_probe, is_blanked=is_blanked)
         except GuardRefusal:
             continue
-        sent.append(Sent(source, ground, is_probe, is_blanked, wires.now_ns, wires.watch.moves))
+        sent.append(
+            Sent(source, ground, is_probe, is_blanked, wires.now_ns, wires.watch.edge_count)
+        )
     for output in (0, 1):
         begun_ns = begins_ns(sent, output)
         for first_ns, one_too_many_ns in zip(begun_ns, begun_ns[RATE_HZ:], strict=False):
@@ -306,26 +308,26 @@ def visits_ns(rig: BoardRig, phases: list[Phase], output: int) -> list[int]:
     names = ("LE",) if is_relays else ("POL", "BL", "LE", "CLK", "DATA")
     watched = [rig.file.used_lines()[name] for name in names]
     times = [
-        one["t_ns"]
-        for one in rig.records()
-        if one["bus"] == "gpio" and one["line"] in watched and (one["value"] or not is_relays)
+        entry["t_ns"]
+        for entry in rig.records()
+        if entry["bus"] == "gpio" and entry["line"] in watched and (entry["value"] or not is_relays)
     ]
     late_ns = 2 * longest_flip_ns(rig.file, rig.board.machine)
     found, may_lead, may_be_reversed = [], False, False
-    for number, one in enumerate(phases):
-        before = phases[number - 1] if number else one
-        moves = sum(before.to_ns <= t_ns <= one.from_ns for t_ns in times)
-        sides = (one.source, one.ground)
+    for number, phase in enumerate(phases):
+        before = phases[number - 1] if number else phase
+        moves = sum(before.to_ns <= t_ns <= phase.from_ns for t_ns in times)
+        sides = (phase.source, phase.ground)
         is_led = may_lead and moves == 0 and sides == (before.source, before.ground)
         is_second = (
             may_be_reversed
             and moves == (2 if is_relays else 1)
             and sides == (before.ground, before.source)
-            and one.from_ns - before.to_ns <= late_ns
+            and phase.from_ns - before.to_ns <= late_ns
         )
-        if not (is_led or is_second) and one.electrode == output:
-            found.append(one.from_ns)
-        may_lead = one.current_ua < 310 and not (is_led or is_second)
+        if not (is_led or is_second) and phase.electrode == output:
+            found.append(phase.from_ns)
+        may_lead = phase.current_ua < 310 and not (is_led or is_second)
         may_be_reversed = not is_second
     return found
 

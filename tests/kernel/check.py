@@ -194,23 +194,23 @@ def _amounts(chosen: argparse.Namespace) -> Amounts:
 
 def _account(done: list[Done]) -> int:
     """Print how it went, and return the exit status."""
-    for one in done:
-        print(f"\n{one.guest}\n{one.figures}", end="")
-        if one.failure:
-            print(f"the kernel rig failed: {one.failure}", file=sys.stderr)
+    for guest_run in done:
+        print(f"\n{guest_run.guest}\n{guest_run.figures}", end="")
+        if guest_run.failure:
+            print(f"the kernel rig failed: {guest_run.failure}", file=sys.stderr)
     print()
     lines, all_ran = "", True
-    if any(one.guest == "uml" for one in done):
+    if any(guest_run.guest == "uml" for guest_run in done):
         lines, all_ran = measured.table([BUILD / "uml" / "out"])
     print(lines)
-    for one in done:
-        print(one.line())
-    counts = sum((one.counts for one in done), Counter())
+    for guest_run in done:
+        print(guest_run.line())
+    counts = sum((guest_run.counts for guest_run in done), Counter())
     counts["failed"] += counts.pop("error", 0) + counts.pop("skipped", 0)
     print(f"kernel rig: {counts['passed']} passed, {counts['failed']} failed")
-    if any(one.failure for one in done):
+    if any(guest_run.failure for guest_run in done):
         return 3
-    return 0 if all_ran and all(one.passed for one in done) else 1
+    return 0 if all_ran and all(guest_run.passed for guest_run in done) else 1
 
 
 def main() -> int:

@@ -19,8 +19,8 @@ from pathlib import Path
 import pytest
 
 from etd.client import Display, clock
-from etd.errors import EtdError, Refused
-from etd.protocol import StateReport
+from etd.protocol.errors import EtdError, Refused
+from etd.protocol.messages import StateReport
 from etd_hal.fake import wire
 from etd_hal.linux.clock import LinuxClock
 from guest_board import LAST_PROCESSOR, TREE, WITHIN_S, Chips

@@ -15,10 +15,10 @@ import os
 import sys
 from pathlib import Path
 
-from etd.config import LoadedConfig, load_config
 from etd.engine.process import run_engine
-from etd.selftest_report import Check, ProbeBound, Report, save
-from etd.selftest_subject import subject_of
+from etd.files.configuration import LoadedConfig, load_config
+from etd.selftest.report import Check, ProbeBound, Report, save
+from etd.selftest.subject import subject_of
 from etd_hal.compose import open_linux
 from etd_hal.linux.machine import identity
 

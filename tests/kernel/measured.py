@@ -47,7 +47,7 @@ class Lines:
     def __str__(self) -> str:
         ran = self.count - self.excused - len(self.missed)
         told = [f"  {self.name:14} {ran:4} of {self.count} ran, {self.excused} cannot"]
-        return "\n".join([*told, *(f"    NOT RUN {one}" for one in self.missed)])
+        return "\n".join([*told, *(f"    NOT RUN {text}" for text in self.missed)])
 
 
 def table(outs: list[Path]) -> tuple[str, bool]:
@@ -60,20 +60,20 @@ def table(outs: list[Path]) -> tuple[str, bool]:
         found = [_lines(measured, path, excuses) for path in sorted(_MEASURED.glob("*.py"))]
     except CoverageException as error:
         return f"which lines of {_MEASURED.name} ran: {error}", False
-    ran = sum(one.count - one.excused - len(one.missed) for one in found)
-    cannot = sum(one.excused for one in found)
+    ran = sum(lines.count - lines.excused - len(lines.missed) for lines in found)
+    cannot = sum(lines.excused for lines in found)
     head = (
-        f"statements of hal/etd_hal/linux: {ran} of {sum(one.count for one in found)} ran in a"
+        f"statements of hal/etd_hal/linux: {ran} of {sum(lines.count for lines in found)} ran in a"
         f" guest, {cannot} cannot (tests/kernel/unreached.toml)"
     )
-    return "\n".join([head, *map(str, found)]), not any(one.missed for one in found)
+    return "\n".join([head, *map(str, found)]), not any(lines.missed for lines in found)
 
 
 def _lines(measured: Coverage, path: Path, excuses: dict[str, list[dict[str, str]]]) -> Lines:
     text = path.read_text("utf-8").splitlines()
     _, statements, _, missing, _ = measured.analysis2(str(path))
     lines = Lines(path.name, len(statements))
-    excused = {one["line"] for one in excuses.get(path.name, [])}
+    excused = {entry["line"] for entry in excuses.get(path.name, [])}
     used: set[str] = set()
     for number in missing:
         found = {text[number - 1].strip()} & excused
@@ -82,5 +82,5 @@ def _lines(measured: Coverage, path: Path, excuses: dict[str, list[dict[str, str
             used.update(found)
         else:
             lines.missed.append(f"{number}: {text[number - 1].strip()}")
-    lines.missed += [f"excused, but it ran or is gone: {one}" for one in sorted(excused - used)]
+    lines.missed += [f"excused, but it ran or is gone: {text}" for text in sorted(excused - used)]
     return lines

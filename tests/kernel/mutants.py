@@ -112,12 +112,12 @@ def make_copies() -> list[str]:
 def command(names: list[str]) -> list[str]:
     """One boot for all: the checks on one copy after another, each up to its first failure."""
     checks = shlex.join(str(TREE / "tests/kernel/in_guest" / name) for name in _CHECKS)
-    one = (
+    text = (
         f"PYTHONPATH={shlex.quote(str(_COPIES))}/$name:$PYTHONPATH ETD_PULSES=200 python -m pytest"
         " -q --color=no --tb=no -x -p no:cacheprovider -p no:randomly"
         f" -o python_files='check_*.py' --junitxml=/run/rig/mutant-$name.xml {checks}"
     )
-    return ["sh", "-c", f"for name in {shlex.join(names)}; do {one}; done; exit 0"]
+    return ["sh", "-c", f"for name in {shlex.join(names)}; do {text}; done; exit 0"]
 
 
 def found_by(name: str) -> str | None:

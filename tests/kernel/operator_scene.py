@@ -11,7 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from etd.selftest_report import Report, load
+from etd.selftest.report import Report, load
 from etd_body.electrode import OPEN_CONTACT, Contact
 from etd_body.electrode import load as resistor
 from etd_hal.fake import wire

@@ -21,10 +21,10 @@ from typing import TypeVar
 
 from engine_nursery import passed_selftest
 from etd.client import Display
-from etd.config import load_config
-from etd.errors import EtdError
-from etd.protocol import StateReport
-from etd.selftest_report import save
+from etd.files.configuration import load_config
+from etd.protocol.errors import EtdError
+from etd.protocol.messages import StateReport
+from etd.selftest.report import save
 from etd_hal.boardfile import load_board
 from etd_hal.linux.clock import LinuxClock
 from guest_board import IS_VIRTUAL_TIME, TREE, WITHIN_S
@@ -174,7 +174,7 @@ def journal(since: str, unit: str = ENGINE) -> list[Entry]:
 
 def safe_pids(of: list[Entry]) -> list[int]:
     """Of each `etd safe` that said that it was."""
-    return [one.pid for one in of if one.text.startswith("safe (linux): ")]
+    return [entry.pid for entry in of if entry.text.startswith("safe (linux): ")]
 
 
 def wait(ask: Callable[[], T | None], what: str, within_s: float = WITHIN_S) -> T:
@@ -211,7 +211,7 @@ def play(pattern: Path, levels: dict[int, float]) -> subprocess.CompletedProcess
     frames = [{"duration_ms": 1_000, "level": level, "rate_hz": 20}]
     pattern.write_text(json.dumps({"etd_pattern": 1, "electrodes": 64, "frames": frames}))
     command = ("etd", "play", str(pattern), "--current-ua", "1000", "--width-us", "100", "--arm")
-    return run(*command, "--thin", user=PERSON)
+    return run(*command, "--allow-slower", user=PERSON)
 
 
 @contextmanager
@@ -219,7 +219,7 @@ def showing(currents_ua: list[int]) -> Iterator[Display]:
     """For a second at most; for the first two tenths the opening lets nothing through."""
     with Display(address=ADDRESS, max_current_ua=1_000, width_us=100) as display:
         display.arm()
-        display.show_current(currents_ua, ttl_ms=1_000, rate_hz=5, thin=True)
+        display.show_current(currents_ua, ttl_ms=1_000, rate_hz=5, allow_slower=True)
         yield display
 
 
@@ -242,7 +242,7 @@ def groups_of(pid: int) -> set[str]:
     """The names of the groups that a process is in, its first one included."""
     facts = process_facts(pid)
     ids = {*facts["Groups"].split(), facts["Gid"].split()[0]}
-    return {grp.getgrgid(int(one)).gr_name for one in ids}
+    return {grp.getgrgid(int(text)).gr_name for text in ids}
 
 
 def user_of(pid: int) -> str:

@@ -39,7 +39,7 @@ class Names:
                 for key, value in told.items()
             }
         if isinstance(told, list):
-            return [self._renamed(one, keys) for one in told]
+            return [self._renamed(entry, keys) for entry in told]
         return self._values.get(told, told) if isinstance(told, str) else told
 
     def without_sentences(self, told: Any, key: str = "") -> Any:
@@ -47,7 +47,7 @@ class Names:
         if isinstance(told, dict):
             return {name: self.without_sentences(value, name) for name, value in told.items()}
         if isinstance(told, list):
-            return [self.without_sentences(one, key) for one in told]
+            return [self.without_sentences(entry, key) for entry in told]
         return bool(told) if key in self._sentences and isinstance(told, str) else told
 
 

@@ -14,10 +14,10 @@ import msgspec
 
 from bench.steady_laws import LAWS
 from engine_scenes import calibration
-from etd.calibration import Calibration
-from etd.config import LoadedConfig, fake_config
-from etd.frame import Polarity, Ring
-from etd.stabilize.settings import NOTHING, Settings
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.calibration import Calibration
+from etd.protocol.frame import Polarity, Ring
+from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_body.course import BUSY
 from etd_body.living import LivingBody
 from etd_hal.fake.faults import (
@@ -116,7 +116,7 @@ def plots() -> Iterator[tuple[str, Callable[[], Stage], Plot]]:
     yield "wide-array", partial(Stage, fake_config(board="etactilekit-hv513-x8")), _wide
 
 
-def _loaded(board: str, settings: Settings = NOTHING) -> LoadedConfig:
+def _loaded(board: str, settings: Settings = NO_STABILIZERS) -> LoadedConfig:
     loaded = fake_config(board=board, electrodes=COUNT)
     site = msgspec.structs.replace(loaded.body_site, stabilize=settings)
     return dataclasses.replace(loaded, body_site=site)
@@ -138,23 +138,25 @@ def _finger(board: str, settings: Settings) -> Stage:
 
 def _calibration(stage: Stage, cap_ua: int = _CAP_UA) -> Calibration:
     shape = stage.rig.engine.components.loaded.body_site.stabilize.shape
-    made = calibration(stage.rig, [cap_ua + 10 * one for one in range(stage.count)], shape=shape)
+    made = calibration(
+        stage.rig, [cap_ua + 10 * electrode for electrode in range(stage.count)], shape=shape
+    )
     electrode = tuple(
-        msgspec.structs.replace(one, resistance_ohm=20_000 + 500 * index)
-        for index, one in enumerate(made.electrode)
+        msgspec.structs.replace(limits, resistance_ohm=20_000 + 500 * index)
+        for index, limits in enumerate(made.electrode)
     )
     return msgspec.structs.replace(made, electrode=electrode, rate_hz=20.0)
 
 
 def _every(count: int, current_ua: int, step: int = 1) -> tuple[int, ...]:
-    return tuple(current_ua if one % step == 0 else 0 for one in range(count))
+    return tuple(current_ua if electrode % step == 0 else 0 for electrode in range(count))
 
 
 def _polarity(stage: Stage, polarity: Polarity) -> None:
     stage.ready()
     half = _every(stage.count, 900, step=2)
     stage.hold(300, current_ua=half, width_us=100, polarity=polarity, rate_hz=10.0)
-    mixed = tuple(POLARITIES[one % 4] for one in range(stage.count))
+    mixed = tuple(POLARITIES[electrode % 4] for electrode in range(stage.count))
     stage.hold(150, current_ua=half, width_us=60, polarity=mixed, rate_hz=10.0)
     stage.run(300)
 
@@ -162,7 +164,7 @@ def _polarity(stage: Stage, polarity: Polarity) -> None:
 def _frames(stage: Stage) -> None:
     """One after another, under way, expiring, of few pulses, with marks."""
     stage.ready(calibration=_calibration(stage))
-    levels = tuple(one / stage.count for one in range(stage.count))
+    levels = tuple(electrode / stage.count for electrode in range(stage.count))
     stage.hold(400, level=levels)
     stage.show(level=levels, pulses=3, tag=4, sync=True)
     stage.mark(9)
@@ -183,13 +185,13 @@ def _frames(stage: Stage) -> None:
 
 def _rates(stage: Stage) -> None:
     stage.ready()
-    each_hz = tuple(2.0 + one for one in range(stage.count))
-    currents_ua = tuple(100 + 60 * one for one in range(stage.count))
+    each_hz = tuple(2.0 + electrode for electrode in range(stage.count))
+    currents_ua = tuple(100 + 60 * electrode for electrode in range(stage.count))
     stage.hold(600, current_ua=currents_ua, rate_hz=each_hz)
-    few = tuple(500 if one < 2 else 0 for one in range(stage.count))
+    few = tuple(500 if electrode < 2 else 0 for electrode in range(stage.count))
     stage.hold(300, current_ua=few, rate_hz=110.0)
     stage.show(current_ua=currents_ua, rate_hz=120.0)
-    stage.show(current_ua=currents_ua, rate_hz=100.0, thin=True)
+    stage.show(current_ua=currents_ua, rate_hz=100.0, allow_slower=True)
     stage.run(250)
 
 
@@ -242,7 +244,7 @@ def _contacts(stage: Stage) -> None:
     small = msgspec.structs.replace(small, threshold_ua=30)
     electrode = (*calibrated.electrode[:3], small, *calibrated.electrode[4:])
     stage.ready(calibration=msgspec.structs.replace(calibrated, electrode=electrode))
-    active = tuple(600 if one in (1, 5, 6) else 0 for one in range(stage.count))
+    active = tuple(600 if electrode in (1, 5, 6) else 0 for electrode in range(stage.count))
     stage.hold(300, current_ua=active, rate_hz=30.0)
     stage.lift(5)
     stage.hold(120, current_ua=active, rate_hz=30.0)
@@ -268,10 +270,10 @@ def _fault(stage: Stage, fault: Fault) -> None:
 
 def _levels(stage: Stage) -> None:
     stage.ready(calibration=_calibration(stage, cap_ua=2_500))
-    levels = tuple((one + 1) / (2 * stage.count) for one in range(stage.count))
+    levels = tuple((electrode + 1) / (2 * stage.count) for electrode in range(stage.count))
     stage.hold(900, level=levels, rate_hz=20.0)
     stage.stall(60)
-    louder = tuple(min(1.0, 1.5 * one) for one in levels)
+    louder = tuple(min(1.0, 1.5 * level) for level in levels)
     stage.hold(300, level=louder, rate_hz=20.0)
     stage.hold(200, current_ua=_every(stage.count, 500), rate_hz=10.0, width_us=100)
 
@@ -291,7 +293,10 @@ def _returns(stage: Stage) -> None:
     stage.ready(calibration=_calibration(stage))
     active = _every(stage.count, 700, step=5)
     stage.hold(300, current_ua=active, rate_hz=4.0, ttl_ms=600)
-    lists = tuple(((one + 1) % stage.count, (one + 2) % stage.count) for one in range(stage.count))
+    lists = tuple(
+        ((electrode + 1) % stage.count, (electrode + 2) % stage.count)
+        for electrode in range(stage.count)
+    )
     stage.hold(400, current_ua=active, rate_hz=4.0, returns=lists, ttl_ms=600)
     stage.hold(400, current_ua=active, rate_hz=4.0, returns=Ring(ring_mm=2.5), ttl_ms=600)
 
@@ -322,7 +327,7 @@ def _draw_frame(stage: Stage, draw: random.Random) -> None:
         "polarity": draw.choice(POLARITIES),
         "pulses": draw.choice((None, None, 2)),
         "ttl_ms": draw.choice((60, 200, 700)),
-        "thin": True,
+        "allow_slower": True,
     }
     for _ in range(draw.randint(1, 5)):
         stage.show(**fields)
@@ -332,7 +337,7 @@ def _draw_frame(stage: Stage, draw: random.Random) -> None:
 def _draw_levels(stage: Stage, draw: random.Random) -> None:
     levels = tuple(draw.choice((0.0, 0.3, 0.9)) for _ in range(stage.count))
     for _ in range(draw.randint(1, 5)):
-        stage.show(level=levels, thin=True)
+        stage.show(level=levels, allow_slower=True)
         stage.run(draw.randint(5, 120))
 
 

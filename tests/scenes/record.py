@@ -45,7 +45,7 @@ def record(job: tuple[str, Path]) -> None:
     finally:
         left = played.end()
     (folder / f"{name}.trace.jsonl").write_bytes(left.trace)
-    lines = "".join(json.dumps(one) + "\n" for one in left.told)
+    lines = "".join(json.dumps(entry) + "\n" for entry in left.told)
     (folder / f"{name}.told.jsonl").write_text(lines, encoding="utf-8")
 
 

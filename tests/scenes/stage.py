@@ -19,9 +19,9 @@ import msgspec
 
 import engine_rig
 from engine_rig import LEASE
-from etd.calibration import Calibration
-from etd.config import LoadedConfig
-from etd.link import (
+from etd.files.configuration import LoadedConfig
+from etd.protocol.calibration import Calibration
+from etd.protocol.link import (
     Answer,
     ArmBoard,
     ClearHalt,
@@ -33,7 +33,7 @@ from etd.link import (
     SetMark,
     StopNow,
 )
-from etd.protocol import Limits
+from etd.protocol.messages import Limits
 from etd_body.electrode import skin
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.world import StopLine, Touchable
@@ -104,7 +104,7 @@ class Stage:
         self._ask(KeepLease, lease=LEASE)
 
     def stop(self) -> None:
-        self._ask(StopNow, who="operator")
+        self._ask(StopNow, client="operator")
 
     def clear(self) -> None:
         self._ask(ClearHalt)
@@ -171,7 +171,7 @@ class Stage:
         """The engine's end, and what is left of the scene."""
         self.run(40)
         problems = self.rig.close()
-        told = [_plain(one) for one in (*self.rig.others, *self.rig.reports)]
+        told = [_plain(message) for message in (*self.rig.others, *self.rig.reports)]
         told += self._told
         told.append({"type": "End", "problems": list(problems)})
         return Record(self.rig.sink.getvalue(), tuple(told))
@@ -184,7 +184,7 @@ class Stage:
     def _wait_for(self, ref: int) -> None:
         until_ns = self.rig.clock.now_ns() + _PATIENCE_MS * _MS
         while ref not in self.rig.answers and self.rig.clock.now_ns() < until_ns:
-            self.rig.turn()
+            self.rig.step()
         answer = self.rig.answers.pop(ref, None)
         self._told.append({"type": "NoAnswer", "ref": ref} if answer is None else _plain(answer))
 

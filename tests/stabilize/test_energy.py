@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import pytest
 
-from etd.stabilize.energy import Energy, EnergyLaw
-from etd.stabilize.pipeline import Known, Wish
+from etd.stabilize.energy import Energy, EnergySettings
+from etd.stabilize.pipeline import ElectrodeEstimate, PulseRequest
 
 LEAK_OHM = 66_000.0
 MS = 1_000_000
-FRAME = Wish(2_000, 100)
+FRAME = PulseRequest(2_000, 100)
 
 
 def energy(**law: float) -> Energy:
-    return Energy(EnergyLaw(**{"most_wider": 2.0, **law}), LEAK_OHM)  # type: ignore[arg-type]
+    return Energy(EnergySettings(**{"max_widening": 2.0, **law}), LEAK_OHM)  # type: ignore[arg-type]
 
 
-def known(skin_ohm: float | None, now_ms: int = 0, reference_ohm: int | None = 50_000) -> Known:
-    return Known(
+def known(
+    skin_ohm: float | None, now_ms: int = 0, reference_ohm: int | None = 50_000
+) -> ElectrodeEstimate:
+    return ElectrodeEstimate(
         electrode=3,
         is_touched=True,
         resistance_ohm=None,
@@ -30,16 +32,16 @@ def known(skin_ohm: float | None, now_ms: int = 0, reference_ohm: int | None = 5
     )
 
 
-def joule(wish: Wish, skin_ohm: float) -> float:
+def joule(pulse_request: PulseRequest, skin_ohm: float) -> float:
     """Into the skin, beside the leak."""
-    through_a = wish.current_ua / 1e6 * LEAK_OHM / (LEAK_OHM + skin_ohm)
-    return through_a**2 * skin_ohm * wish.width_us / 1e6
+    through_a = pulse_request.current_ua / 1e6 * LEAK_OHM / (LEAK_OHM + skin_ohm)
+    return through_a**2 * skin_ohm * pulse_request.width_us / 1e6
 
 
-def settled(law: Energy, skin_ohm: float, wish: Wish = FRAME) -> Wish:
+def settled(law: Energy, skin_ohm: float, pulse_request: PulseRequest = FRAME) -> PulseRequest:
     """After time enough for any rise."""
     for step in range(30):
-        asked = law.ask(wish, known(skin_ohm, 100 * step))
+        asked = law.adapt(pulse_request, known(skin_ohm, 100 * step))
     return asked
 
 
@@ -63,19 +65,19 @@ def test_a_resistance_that_takes_more_shortens_the_pulse_at_once() -> None:
     law = energy()
     # Far below the leak most power is taken at most resistance.
     settled(law, 10_000)
-    assert law.ask(FRAME, known(60_000, 3_000)).width_us <= 100
+    assert law.adapt(FRAME, known(60_000, 3_000)).width_us <= 100
 
 
 def test_a_longer_pulse_comes_slowly() -> None:
     law = energy(rise_per_s=1.0)
-    assert law.ask(FRAME, known(12_000, 0)) == FRAME
-    after = law.ask(FRAME, known(12_000, 100))
+    assert law.adapt(FRAME, known(12_000, 0)) == FRAME
+    after = law.adapt(FRAME, known(12_000, 100))
     assert 100 < after.width_us <= 110
 
 
 def test_a_pulse_is_not_shorter_than_the_narrowest_but_weaker() -> None:
-    wish = Wish(2_000, 40)
-    asked = settled(Energy(EnergyLaw(), 1e9), 200_000, wish)
+    pulse_request = PulseRequest(2_000, 40)
+    asked = settled(Energy(EnergySettings(), 1e9), 200_000, pulse_request)
     assert asked.width_us == 35
     assert asked.current_ua == pytest.approx(2_000 * (40 * 50 / 200 / 35) ** 0.5, abs=1)
 
@@ -89,9 +91,11 @@ def test_without_a_calibration_the_first_resistance_at_the_wanted_current_is_the
 ):
     law = energy()
     weak = known(80_000, 0, None)
-    assert law.ask(Wish(4_000, 100), weak) == Wish(4_000, 100), "a ramp's pulse is none"
-    assert law.ask(FRAME, known(40_000, 0, None)) == FRAME
-    assert law.ask(FRAME, known(80_000, 10, None)).width_us <= 100
-    assert joule(law.ask(FRAME, known(80_000, 20, None)), 80_000) == pytest.approx(
+    assert law.adapt(PulseRequest(4_000, 100), weak) == PulseRequest(4_000, 100), (
+        "a ramp's pulse is none"
+    )
+    assert law.adapt(FRAME, known(40_000, 0, None)) == FRAME
+    assert law.adapt(FRAME, known(80_000, 10, None)).width_us <= 100
+    assert joule(law.adapt(FRAME, known(80_000, 20, None)), 80_000) == pytest.approx(
         joule(FRAME, 40_000), rel=0.01
     )

@@ -19,8 +19,8 @@ import engine_rig
 from bench import steady_skin
 from bench.steady_laws import AHEAD, LAWS, NONE
 from engine_rig import LEASE
-from etd.config import fake_config
-from etd.link import OpenLease
+from etd.files.configuration import fake_config
+from etd.protocol.link import OpenLease
 from etd_body.course import Course, SkinNow
 
 SEED, ELECTRODES, PEELED, STILL_S, PEELING_S = 3, 16, 5, 300.0, 0.08
@@ -61,7 +61,7 @@ def shown(law: str, left: float) -> Iterator[Callable[[float], float]]:
     made = msgspec.structs.replace(made, shape=LAWS[law].shape)
     assert rig.ask(OpenLease, lease=LEASE, client="test", calibration=made).error is None
     rig.arm()
-    levels = tuple(0.6 if one in LIT else 0.0 for one in range(ELECTRODES))
+    levels = tuple(0.6 if electrode in LIT else 0.0 for electrode in range(ELECTRODES))
     rig.hold(4_000, level=levels, ttl_ms=1_000)
     peels.from_s = rig.clock.now_ns() / 1e9
 
@@ -87,7 +87,7 @@ def test_without_a_law_it_does() -> None:
         assert most_pain(500) > 1.0
 
 
-@pytest.mark.parametrize("law", ["energy", "lines"])
+@pytest.mark.parametrize("law", ["energy", "linear_law"])
 def test_no_law_by_resistance_makes_it_worse(law: str) -> None:
     """From the second pulse on: the first one goes by the resistance before it peeled."""
     with shown(NONE, 0.1) as most_pain:

@@ -9,12 +9,12 @@ import msgspec
 import pytest
 
 from engine_parts import board_file
-from etd.bodysite import load_body_site
-from etd.config import load_config
-from etd.errors import FileError
-from etd.shipped import find
+from etd.files.body_site import load_body_site
+from etd.files.configuration import load_config
+from etd.files.resources import find
+from etd.protocol.errors import FileError
 from etd.stabilize.contact import Contact
-from etd.stabilize.lines import Lines
+from etd.stabilize.linear_law import LinearLaw
 from etd.stabilize.pressure import Pressure
 from etd.stabilize.settings import Settings, check_settings, pipeline
 
@@ -24,8 +24,8 @@ def settings(**tables: Any) -> Settings:
 
 
 def test_the_laws_ask_in_the_order_of_the_file() -> None:
-    made = pipeline(settings(pressure={}, lines={}, contact={}), board_file().source)
-    assert [type(one) for one in made] == [Pressure, Lines, Contact]
+    made = pipeline(settings(pressure={}, linear_law={}, contact={}), board_file().source)
+    assert [type(stabilizer) for stabilizer in made] == [Pressure, LinearLaw, Contact]
 
 
 @pytest.mark.parametrize("name", ["fingertip", "forearm"])
@@ -36,8 +36,8 @@ def test_by_default_nothing_stabilizes(name: str) -> None:
 @pytest.mark.parametrize(
     ("tables", "sentence"),
     [
-        ({"energy": {}, "lines": {}}, "stabilize.order: it names energy and lines"),
-        ({"fitted": {"k": 1.0}, "energy": {}}, "it names fitted and energy"),
+        ({"energy": {}, "linear_law": {}}, "stabilize.order: it names energy and linear_law"),
+        ({"power_law": {"k": 1.0}, "energy": {}}, "it names power_law and energy"),
         ({"pressure": {"none_kpa": 50.0, "full_kpa": 50.0}}, "none_kpa 50.0 is not below"),
     ],
 )
@@ -46,7 +46,7 @@ def test_what_does_not_go_together_is_refused(tables: dict[str, Any], sentence: 
         check_settings(settings(**tables), "a.toml")
 
 
-@pytest.mark.parametrize("name", ["contact", "pressure", "energy", "lines"])
+@pytest.mark.parametrize("name", ["contact", "pressure", "energy", "linear_law"])
 def test_a_table_that_no_order_names_is_refused(name: str) -> None:
     with pytest.raises(FileError, match=f"stabilize.{name}"):
         check_settings(msgspec.convert({name: {}}, Settings), "a.toml")
@@ -54,7 +54,7 @@ def test_a_table_that_no_order_names_is_refused(name: str) -> None:
 
 def test_k_has_no_default() -> None:
     with pytest.raises(msgspec.ValidationError, match="missing required field `k`"):
-        settings(fitted={})
+        settings(power_law={})
 
 
 SITE = find("bodysites", "fingertip").read_text()

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from etd.protocol import ContactState
-from etd.stabilize.pipeline import Known
+from etd.protocol.messages import ContactState
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.settling import LEAST_PART, NEW_NS, NEW_PART, Settling
 
 MS = 1_000_000
 FIRM_OHM = 30_000
-FIRM = Known(
+FIRM = ElectrodeEstimate(
     3,
     True,
     FIRM_OHM,
@@ -34,19 +34,23 @@ def settling() -> Settling:
     return Settling(goes_by_resistance=True)
 
 
-def after_a_return(known: Known, seconds: float, law: Settling | None = None) -> list[float]:
+def after_a_return(
+    estimate: ElectrodeEstimate, seconds: float, law: Settling | None = None
+) -> list[float]:
     """A firm contact comes off, and is `known` from then on: the part at each tenth of a second."""
-    one = law or settling()
-    assert one.part(FIRM) == 1.0
-    one.part(replace(OPEN, now_ns=STEP_NS))
+    law_under_test = law or settling()
+    assert law_under_test.part(FIRM) == 1.0
+    law_under_test.part(replace(OPEN, now_ns=STEP_NS))
     steps = range(2, 2 + round(seconds * 10))
-    return [one.part(replace(known, now_ns=step * STEP_NS)) for step in steps]
+    return [law_under_test.part(replace(estimate, now_ns=step * STEP_NS)) for step in steps]
 
 
 def test_a_contact_that_nothing_happened_to_gets_all() -> None:
-    one = settling()
+    law_under_test = settling()
     lighter = replace(FIRM, skin_ohm=3.0 * FIRM_OHM)
-    assert all(one.part(replace(lighter, now_ns=step * STEP_NS)) == 1.0 for step in range(100))
+    assert all(
+        law_under_test.part(replace(lighter, now_ns=step * STEP_NS)) == 1.0 for step in range(100)
+    )
 
 
 def test_a_return_as_firm_as_before_gets_a_part_for_three_seconds_and_then_rises_slowly() -> None:
@@ -85,10 +89,10 @@ def test_a_weaker_pulse_of_the_same_skin_does_not_look_like_a_smaller_contact() 
 
 
 def test_a_finger_just_laid_on_is_compared_with_the_calibration() -> None:
-    one = settling()
-    one.part(OPEN)
+    law_under_test = settling()
+    law_under_test.part(OPEN)
     dry = replace(FIRM, skin_ohm=2.0 * FIRM_OHM, now_ns=STEP_NS)
-    assert one.part(dry) == pytest.approx(NEW_PART * 0.5**0.6)
+    assert law_under_test.part(dry) == pytest.approx(NEW_PART * 0.5**0.6)
 
 
 def test_behind_it_a_law_by_resistance_answers_the_area_itself() -> None:
@@ -101,9 +105,9 @@ def test_behind_it_a_law_by_resistance_answers_the_area_itself() -> None:
 
 def test_without_a_calibration_all_is_given() -> None:
     unknown = replace(FIRM, reference_ohm=None, reference_at_ua=None)
-    one = settling()
-    one.part(replace(unknown, state="open"))
-    assert one.part(replace(unknown, now_ns=STEP_NS)) == 1.0
+    law_under_test = settling()
+    law_under_test.part(replace(unknown, state="open"))
+    assert law_under_test.part(replace(unknown, now_ns=STEP_NS)) == 1.0
 
 
 def test_a_resistance_that_is_not_believed_takes_nothing_more_and_holds_nothing_up() -> None:
@@ -137,7 +141,7 @@ def test_the_part_is_always_one(
 ) -> None:
     law = settling()
     for step, (state, firmness, skin_ohm, at_ua) in enumerate(seen):
-        known = replace(
+        estimate = replace(
             FIRM,
             state=state,
             firmness=firmness,
@@ -145,7 +149,7 @@ def test_the_part_is_always_one(
             skin_at_ua=at_ua,
             now_ns=step * STEP_NS,
         )
-        assert LEAST_PART <= law.part(known) <= 1.0
+        assert LEAST_PART <= law.part(estimate) <= 1.0
 
 
 def test_short_pulses_are_compared_with_a_calibration_made_with_short_ones() -> None:
@@ -182,18 +186,18 @@ def test_a_lowest_resistance_is_forgotten_as_fast_at_two_pulses_a_second() -> No
 
 
 def test_one_reading_that_is_too_low_makes_no_contact_of_the_past_firmer_than_it_was() -> None:
-    one, lied_to = settling(), settling()
+    law_under_test, lied_to = settling(), settling()
     before = [replace(FIRM, now_ns=step * STEP_NS) for step in range(-10, 0)]
     wrong = replace(before[5], skin_ohm=0.3 * FIRM_OHM)
-    for known in before:
-        one.part(known)
-        lied_to.part(wrong if known is before[5] else known)
-    assert after_a_return(FIRM, 8.0, lied_to) == after_a_return(FIRM, 8.0, one)
+    for estimate in before:
+        law_under_test.part(estimate)
+        lied_to.part(wrong if estimate is before[5] else estimate)
+    assert after_a_return(FIRM, 8.0, lied_to) == after_a_return(FIRM, 8.0, law_under_test)
 
 
 def test_two_of_them_do() -> None:
     """As a finger that was pressed for a moment does: what is lighter then is a part of it."""
-    one = settling()
+    law_under_test = settling()
     for step in range(-10, -8):
-        one.part(replace(FIRM, skin_ohm=0.3 * FIRM_OHM, now_ns=step * STEP_NS))
-    assert after_a_return(FIRM, 3.0, one)[0] < 0.7 * NEW_PART
+        law_under_test.part(replace(FIRM, skin_ohm=0.3 * FIRM_OHM, now_ns=step * STEP_NS))
+    assert after_a_return(FIRM, 3.0, law_under_test)[0] < 0.7 * NEW_PART

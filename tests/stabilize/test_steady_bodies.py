@@ -12,8 +12,8 @@ from bench.steady_figures import MOST_STEP, SteadyFigures, figures
 from bench.steady_laws import AHEAD, CALIBRATED, CONTACT, CONTACT_AHEAD, LAWS, NONE
 from bench.steady_run import ELECTRODES, run
 from bench.steady_skin import CALIBRATED_S, MOST_UA, WIDTH_US, body_of, calibrated
-from etd.config import fake_config
-from etd.engine.opening import Opening
+from etd.files.configuration import fake_config
+from etd.safety.soft_start import SoftStart
 
 SEED, LEVEL, MINUTES, PIECES = 5, 0.6, 2.0, 1
 
@@ -27,19 +27,23 @@ def test_the_finger_has_sweated_when_it_is_calibrated() -> None:
     found = calibrated(SEED, loaded.board, loaded.array).electrode
     body = body_of(SEED, loaded.board, loaded.array)
     body.look_at(0)
-    dry_ua = [body.told_threshold_ua(one, WIDTH_US) for one in range(0, ELECTRODES, 7)]
+    dry_ua = [
+        body.commanded_threshold_ua(electrode, WIDTH_US) for electrode in range(0, ELECTRODES, 7)
+    ]
     body.look_at(int((CALIBRATED_S + 1_000.0) * 1e9))
-    wet_ua = [body.told_threshold_ua(one, WIDTH_US) for one in range(0, ELECTRODES, 7)]
-    asked_ua = [found[one].threshold_ua for one in range(0, ELECTRODES, 7)]
+    wet_ua = [
+        body.commanded_threshold_ua(electrode, WIDTH_US) for electrode in range(0, ELECTRODES, 7)
+    ]
+    asked_ua = [found[electrode].threshold_ua for electrode in range(0, ELECTRODES, 7)]
     assert np.median(asked_ua) > 1.3 * np.median(dry_ua)
     assert np.median(asked_ua) == pytest.approx(np.median(wet_ua), rel=0.25)
-    assert max(one.comfortable_ua for one in found) <= MOST_UA
+    assert max(limits.comfortable_ua for limits in found) <= MOST_UA
 
 
 def test_a_return_is_a_step_where_neither_the_engine_nor_a_law_softens_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(Opening, "touched_again", lambda self, electrode: None)
+    monkeypatch.setattr(SoftStart, "touched_again", lambda self, electrode: None)
     plain, soft = found_with(NONE).recontact_step, found_with(CONTACT).recontact_step
     assert plain is not None
     assert plain > MOST_STEP
@@ -66,21 +70,25 @@ HELD = {
         replace(HELD[AHEAD], over_time=0.21),
         replace(HELD[AHEAD], scans_above_pain=1),
         replace(GOOD, scans_above_pain=0),
-        *(replace(one, recontact_step=1.21) for one in HELD.values()),
-        *(replace(one, recontact_step=None) for one in HELD.values()),
+        *(replace(steady_figures, recontact_step=1.21) for steady_figures in HELD.values()),
+        *(replace(steady_figures, recontact_step=None) for steady_figures in HELD.values()),
     ],
 )
 def test_each_bound_can_fail(worse: SteadyFigures) -> None:
     found = {NONE: GOOD, **HELD}
-    assert all(one.is_met for one in bounds(found))
-    failed = [one for one in bounds(found | {worse.name: worse}) if not one.is_met]
+    assert all(bound.is_met for bound in bounds(found))
+    failed = [bound for bound in bounds(found | {worse.name: worse}) if not bound.is_met]
     assert len(failed) == 1
     assert worse.name in failed[0].what
 
 
 @pytest.mark.parametrize("left_out", [NONE, *HELD])
 def test_what_was_not_run_is_not_judged_and_not_met(left_out: str) -> None:
-    found = {name: one for name, one in {NONE: GOOD, **HELD}.items() if name != left_out}
-    failed = [one.what for one in bounds(found) if not one.is_met]
+    found = {
+        name: steady_figures
+        for name, steady_figures in {NONE: GOOD, **HELD}.items()
+        if name != left_out
+    }
+    failed = [bound.what for bound in bounds(found) if not bound.is_met]
     assert failed
-    assert all("not judged" in one for one in failed)
+    assert all("not judged" in text for text in failed)

@@ -129,4 +129,4 @@ def test_the_whole_is_one_piece_from_the_first_peeling_on() -> None:
     assert whole.starts_s == pieces_of(course, 60.0, 3).starts_s[:1]
     at_s = [whole.at(elapsed_s)[0] for elapsed_s in (0.0, SETTLING_S, whole.engine_s - 1e-6)]
     assert at_s == pytest.approx([whole.starts_s[0], whole.starts_s[0], whole.starts_s[0] + 60.0])
-    assert [whole.at(SETTLING_S + one)[1] for one in (1.0, 40.0)] == pytest.approx([1.0, 40.0])
+    assert [whole.at(SETTLING_S + value)[1] for value in (1.0, 40.0)] == pytest.approx([1.0, 40.0])

@@ -9,23 +9,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from etd.protocol import ContactState
-from etd.stabilize.energy import Energy, EnergyLaw
-from etd.stabilize.fitted import Fitted, FittedLaw
-from etd.stabilize.lines import Lines, LinesLaw
-from etd.stabilize.pipeline import Known, Stabilizer, Wish
+from etd.protocol.messages import ContactState
+from etd.stabilize.energy import Energy, EnergySettings
+from etd.stabilize.linear_law import LinearLaw, LinearLawSettings
+from etd.stabilize.pipeline import ElectrodeEstimate, PulseRequest, Stabilizer
+from etd.stabilize.power_law import PowerLaw, PowerLawSettings
 from etd.stabilize.reference import BEND_UA
 
 LEAK_OHM = 66_000.0
 MS = 1_000_000
-FRAME = Wish(2_000, 100)
+FRAME = PulseRequest(2_000, 100)
 LAWS: dict[str, Callable[[], Stabilizer]] = {
-    "energy": lambda: Energy(EnergyLaw(most_wider=2.0), LEAK_OHM),
-    "fitted": lambda: Fitted(FittedLaw(k=1.0, most_wider=2.0)),
-    "fitted the other way": lambda: Fitted(FittedLaw(k=-0.5)),
-    "lines": lambda: Lines(LinesLaw(most_wider=2.0), LEAK_OHM),
-    "steep lines": lambda: Lines(
-        LinesLaw(charge_slope=-0.8, energy_slope=0.4, most_wider=2.0), LEAK_OHM
+    "energy": lambda: Energy(EnergySettings(max_widening=2.0), LEAK_OHM),
+    "power_law": lambda: PowerLaw(PowerLawSettings(k=1.0, max_widening=2.0)),
+    "fitted the other way": lambda: PowerLaw(PowerLawSettings(k=-0.5)),
+    "linear_law": lambda: LinearLaw(LinearLawSettings(max_widening=2.0), LEAK_OHM),
+    "steep lines": lambda: LinearLaw(
+        LinearLawSettings(charge_slope=-0.8, energy_slope=0.4, max_widening=2.0), LEAK_OHM
     ),
 }
 every_law = pytest.mark.parametrize("make", LAWS.values(), ids=LAWS.keys())
@@ -36,8 +36,8 @@ def known(
     now_ms: int = 0,
     state: ContactState = "closed",
     reference_at_ua: int | None = None,
-) -> Known:
-    return Known(
+) -> ElectrodeEstimate:
+    return ElectrodeEstimate(
         electrode=3,
         is_touched=True,
         resistance_ohm=None,
@@ -51,15 +51,19 @@ def known(
     )
 
 
-def settled(law: Stabilizer, skin_ohm: float | None, wish: Wish = FRAME) -> Wish:
+def settled(
+    law: Stabilizer, skin_ohm: float | None, pulse_request: PulseRequest = FRAME
+) -> PulseRequest:
     """After time enough for any rise."""
     for step in range(30):
-        asked = law.ask(wish, known(skin_ohm, 100 * step))
+        asked = law.adapt(pulse_request, known(skin_ohm, 100 * step))
     return asked
 
 
-def delivered_nc(wish: Wish, skin_ohm: float) -> float:
-    return wish.current_ua * wish.width_us / 1_000 * LEAK_OHM / (LEAK_OHM + skin_ohm)
+def delivered_nc(pulse_request: PulseRequest, skin_ohm: float) -> float:
+    return (
+        pulse_request.current_ua * pulse_request.width_us / 1_000 * LEAK_OHM / (LEAK_OHM + skin_ohm)
+    )
 
 
 @every_law
@@ -81,7 +85,7 @@ def test_a_soft_contact_gets_no_more_than_what_was_wanted(
 ) -> None:
     law = make()
     for step in range(30):
-        asked = law.ask(FRAME, known(skin_ohm, 100 * step, "soft"))
+        asked = law.adapt(FRAME, known(skin_ohm, 100 * step, "soft"))
     assert asked.current_ua * asked.width_us <= FRAME.current_ua * FRAME.width_us
 
 
@@ -101,11 +105,11 @@ def test_whatever_is_measured_it_stays_within_its_reach(
 ) -> None:
     law = make()
     for step, (skin_ohm, (current_ua, width_us)) in enumerate(zip(skin, pulses, strict=False)):
-        asked = law.ask(Wish(current_ua, width_us), known(skin_ohm, pause_ms * step))
+        asked = law.adapt(PulseRequest(current_ua, width_us), known(skin_ohm, pause_ms * step))
         assert asked.is_possible
-        assert asked.current_ua <= current_ua * law.reach.current
-        assert asked.width_us <= width_us * law.reach.width
-        most = current_ua * width_us * law.reach.charge
+        assert asked.current_ua <= current_ua * law.max_gain.current
+        assert asked.width_us <= width_us * law.max_gain.width
+        most = current_ua * width_us * law.max_gain.charge
         assert asked.current_ua * asked.width_us <= most * (1 + 1e-9)
 
 
@@ -114,7 +118,7 @@ def test_a_fall_is_never_delayed_and_a_rise_takes_time(make: Callable[[], Stabil
     for less_ohm, more_ohm in ((12_000.0, 90_000.0), (90_000.0, 12_000.0)):
         law = make()
         before = settled(law, less_ohm)
-        at_once = law.ask(FRAME, known(more_ohm, 2_910))
+        at_once = law.adapt(FRAME, known(more_ohm, 2_910))
         after = settled(make(), more_ohm)
         if after.current_ua * after.width_us <= before.current_ua * before.width_us:
             assert at_once == after
@@ -131,39 +135,41 @@ def test_a_mean_over_pulses_delays_no_fall(
 ) -> None:
     """What is asked for is no more than the last pulse alone asks for, nor than the mean does."""
 
-    def asked_by(mean_ohm: float, latest_ohm: float) -> Wish:
+    def asked_by(mean_ohm: float, latest_ohm: float) -> PulseRequest:
         seen = replace(known(mean_ohm), latest_ohm=latest_ohm, is_reference_early=is_early)
         seen = replace(seen, early_ohm=mean_ohm, latest_early_ohm=latest_ohm)
-        return make().ask(FRAME, seen)
+        return make().adapt(FRAME, seen)
 
     latest_ohm = mean_ohm * ratio
     asked = asked_by(mean_ohm, latest_ohm)
     by_one = [asked_by(ohm, ohm) for ohm in (mean_ohm, latest_ohm)]
     rounded_pc = 2 * asked.width_us
-    assert asked.charge_pc <= min(one.charge_pc for one in by_one) + rounded_pc
-    assert asked.current_ua <= max(one.current_ua for one in by_one)
+    assert asked.charge_pc <= min(request.charge_pc for request in by_one) + rounded_pc
+    assert asked.current_ua <= max(request.current_ua for request in by_one)
 
 
 @pytest.mark.parametrize(("skin_ohm", "factor"), [(100_000, 0.5), (40_000, 1.25), (10_000, 2.0)])
 def test_a_fitted_width_is_a_power_of_the_resistance(skin_ohm: int, factor: float) -> None:
-    asked = settled(Fitted(FittedLaw(k=1.0, most_wider=2.0)), skin_ohm)
+    asked = settled(PowerLaw(PowerLawSettings(k=1.0, max_widening=2.0)), skin_ohm)
     assert asked.current_ua * asked.width_us == pytest.approx(2_000 * 100 * factor, rel=0.01)
 
 
 @pytest.mark.parametrize("skin_ohm", [10_000.0, 25_000.0, 50_000.0])
 def test_lines_with_their_default_slopes_hold_the_delivered_charge(skin_ohm: float) -> None:
-    asked = settled(Lines(LinesLaw(most_wider=2.0), LEAK_OHM), skin_ohm)
+    asked = settled(LinearLaw(LinearLawSettings(max_widening=2.0), LEAK_OHM), skin_ohm)
     assert delivered_nc(asked, skin_ohm) == pytest.approx(delivered_nc(FRAME, 50_000), rel=0.01)
 
 
 @pytest.mark.parametrize("skin_ohm", [51_000.0, 150_000.0, 1_000_000.0])
 def test_what_the_leak_takes_where_resistance_rises_is_not_made_up_for(skin_ohm: float) -> None:
-    asked = settled(Lines(LinesLaw(most_wider=2.0), LEAK_OHM), skin_ohm)
+    asked = settled(LinearLaw(LinearLawSettings(max_widening=2.0), LEAK_OHM), skin_ohm)
     assert asked.current_ua * asked.width_us <= FRAME.current_ua * FRAME.width_us
 
 
 def test_lines_solve_for_both_current_and_width() -> None:
-    asked = settled(Lines(LinesLaw(charge_slope=-0.2, energy_slope=0.5), 1e12), 60_000.0)
+    asked = settled(
+        LinearLaw(LinearLawSettings(charge_slope=-0.2, energy_slope=0.5), 1e12), 60_000.0
+    )
     charge, energy, resistance = 1 - 0.2 * 0.2, 1 + 0.5 * 0.2, 1.2
     assert asked.current_ua == pytest.approx(2_000 * energy / (charge * resistance), rel=0.05)
     assert asked.current_ua * asked.width_us == pytest.approx(2e5 * charge, rel=0.01)
@@ -173,14 +179,14 @@ def test_lines_solve_for_both_current_and_width() -> None:
 @pytest.mark.parametrize("skin_ohm", [96_000.0, 120_000.0, 1_000_000.0])
 def test_no_line_is_followed_below_a_tenth_and_none_turns_there(skin_ohm: float) -> None:
     """At twice the reference it would be at zero, and below it beyond."""
-    asked = settled(Lines(LinesLaw(charge_slope=-1.0), LEAK_OHM), skin_ohm)
+    asked = settled(LinearLaw(LinearLawSettings(charge_slope=-1.0), LEAK_OHM), skin_ohm)
     part = asked.current_ua * asked.width_us / (FRAME.current_ua * FRAME.width_us)
     assert part == pytest.approx(0.1, rel=0.01)
 
 
 def test_a_reference_is_carried_over_to_the_current_of_the_pulse() -> None:
-    law = Fitted(FittedLaw(k=1.0, most_wider=2.0))
+    law = PowerLaw(PowerLawSettings(k=1.0, max_widening=2.0))
     eased_ohm = 50_000.0 * (4_000 + BEND_UA) / (2_000 + BEND_UA)
     for step in range(30):
-        asked = law.ask(FRAME, known(eased_ohm, 100 * step, reference_at_ua=4_000))
+        asked = law.adapt(FRAME, known(eased_ohm, 100 * step, reference_at_ua=4_000))
     assert asked == FRAME

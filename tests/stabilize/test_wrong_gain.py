@@ -13,16 +13,16 @@ import pytest
 
 from bench.steady_laws import LAWS
 from bench.steady_skin import body_of, calibrated, seen_ohm
-from etd.config import fake_config
+from etd.files.configuration import fake_config
+from etd.stabilize.plausibility import Plausibility
 from etd.stabilize.reference import BEND_UA
-from etd.stabilize.tell import unheard
-from etd.stabilize.trust import Trust
+from etd.stabilize.rejection import ignore_rejection
 from etd_body.living import LivingBody
 from etd_body.tissue import Floats
 
-FITTED = LAWS["fitted"].fitted
+FITTED = LAWS["power_law"].power_law
 assert FITTED is not None
-K, MOST, NEAR = FITTED.k, FITTED.most_wider, FITTED.most_wider**0.8
+K, MOST, NEAR = FITTED.k, FITTED.max_widening, FITTED.max_widening**0.8
 ELECTRODES, FROM_S, TO_S, STEP_S = range(0, 64, 8), 240.0, 360.0, 0.5
 AT_UA = 2_000
 SEEDS = (1, 2)
@@ -34,15 +34,17 @@ def resisted(seed: int) -> tuple[Floats, Floats]:
     loaded = fake_config(electrodes=64)
     then = calibrated(seed, loaded.board, loaded.array).electrode
     reference_ohm = [
-        (then[one].resistance_ohm or 0) * (then[one].comfortable_ua + BEND_UA) / (AT_UA + BEND_UA)
-        for one in ELECTRODES
+        (then[electrode].resistance_ohm or 0)
+        * (then[electrode].comfortable_ua + BEND_UA)
+        / (AT_UA + BEND_UA)
+        for electrode in ELECTRODES
     ]
     body = body_of(seed, loaded.board, loaded.array)
     body.look_at(0)
     now_ohm = []
     for at_s in np.arange(FROM_S, TO_S, STEP_S):
         body.look_at(round(at_s * 1e9))
-        now_ohm.append([ohm_of(body, one) for one in ELECTRODES])
+        now_ohm.append([ohm_of(body, electrode) for electrode in ELECTRODES])
     return np.array(now_ohm), np.array(reference_ohm)
 
 
@@ -64,12 +66,12 @@ def wants(seed: int, gain: float) -> Floats:
 
 def believed(wanted: Floats) -> Floats:
     """[pulse]: what is left of it, within the law's own bound."""
-    trust = Trust(MOST, unheard)
+    trust = Plausibility(MOST, ignore_rejection)
     left = [
-        min(MOST, trust.believed(electrode, float(one), round(number * STEP_S * 1e9)))
+        min(MOST, trust.plausible(electrode, float(entry), round(number * STEP_S * 1e9)))
         for number, scan in enumerate(wanted)
-        for electrode, one in enumerate(scan)
-        if math.isfinite(one)
+        for electrode, entry in enumerate(scan)
+        if math.isfinite(entry)
     ]
     return np.array(left)
 
@@ -96,11 +98,11 @@ def test_without_that_a_gain_of_seven_tenths_would_for_most_of_the_time(seed: in
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_right_gain_loses_little_by_it(seed: int) -> None:
-    trust, wanted = Trust(MOST, unheard), wants(seed, 1.0)
+    trust, wanted = Plausibility(MOST, ignore_rejection), wants(seed, 1.0)
     lost = [
-        1.0 - trust.believed(electrode, float(one), round(number * STEP_S * 1e9)) / float(one)
+        1.0 - trust.plausible(electrode, float(entry), round(number * STEP_S * 1e9)) / float(entry)
         for number, scan in enumerate(wanted)
-        for electrode, one in enumerate(scan)
-        if math.isfinite(one) and one < MOST
+        for electrode, entry in enumerate(scan)
+        if math.isfinite(entry) and entry < MOST
     ]
     assert float(np.mean(lost)) < 0.08

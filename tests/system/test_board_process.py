@@ -19,7 +19,7 @@ from etd_hal.compose import open_fake
 from etd_hal.errors import BusError
 from etd_hal.fake import wire
 from etd_hal.fake.faults import SpiStall
-from etd_hal.fake.pressed import LYING_KPA
+from etd_hal.fake.pressure_sensors import LYING_KPA
 from etd_hal.linesetup import line_setup
 from etd_hal.ports import Message, Transfer
 from stepped_board import BOARDS, shipped_board

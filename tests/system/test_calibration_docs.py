@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from command_rig import WITHIN_S, CommandRig, command_rig
-from etd.calibration import load_calibration
-from etd.shipped import find
+from etd.files.calibration import load_calibration
+from etd.files.resources import find
 
 DOC = Path(__file__).parents[2] / "docs" / "calibration.md"
 

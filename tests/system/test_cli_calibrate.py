@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import pytest
 
 from command_rig import WITHIN_S, Command, CommandRig, command_rig
-from etd.calibration import load_calibration
+from etd.files.calibration import load_calibration
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
     assert done.answer["presentations"] >= 17
     assert done.answer["too_strong"] == [0]
     made = load_calibration(out)
-    assert [one.felt for one in made.electrode] == [True] + [False] * 7
+    assert [limits.felt for limits in made.electrode] == [True] + [False] * 7
     assert 140 <= made.electrode[0].threshold_ua <= 200
     assert made.electrode[0].cap_ua > made.electrode[0].comfortable_ua
     assert not kept[0].exists()

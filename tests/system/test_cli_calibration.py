@@ -10,8 +10,8 @@ import pytest
 
 from command_rig import CommandRig, command_rig
 from engine_parts import calibration
-from etd.calibration import load_calibration, to_toml
-from etd.shipped import find
+from etd.files.calibration import load_calibration, to_toml
+from etd.files.resources import find
 
 
 @pytest.fixture

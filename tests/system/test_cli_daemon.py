@@ -12,7 +12,7 @@ import pytest
 
 from command_rig import Command, CommandRig, command_rig, wait_for_end
 from etd.client import Display
-from etd.places import address_of
+from etd.files.paths import address_of
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def test_stop_halts_until_it_is_cleared(rig: CommandRig) -> None:
     with rig.daemon():
         stopped = rig.run("stop", "--json")
         assert stopped.status == 0
-        assert [one["name"] for one in stopped.answer["daemons"]] == ["main"]
+        assert [entry["name"] for entry in stopped.answer["daemons"]] == ["main"]
         status = rig.run("status")
         assert "HALTED by stop (etd stop" in status.out
         refused = rig.run("measure", "--json")

@@ -65,7 +65,7 @@ def test_each_frame_is_felt_on_its_electrodes(rig: CommandRig) -> None:
 
 def test_each_frame_is_up_for_its_time(rig: CommandRig) -> None:
     trace = rig.folder / "trace.jsonl"
-    frames = [{"duration_ms": 300, "active": [one]} for one in range(3)]
+    frames = [{"duration_ms": 300, "active": [electrode]} for electrode in range(3)]
     rig.run("play", pattern(rig, frames), "--board", "fake", "--trace", str(trace))
     begins: dict[int, int] = {}
     for event in events(trace):
@@ -79,7 +79,7 @@ def test_a_long_frame_stands_without_a_gap(rig: CommandRig) -> None:
     frames = [{"duration_ms": 1, "active": [0]}, {"duration_ms": 2500, "active": [5]}]
     told = rig.run("play", pattern(rig, frames), "--board", "fake", "--trace", str(trace), "--json")
     assert told.status == 0, told.err
-    felt = [one["from_ns"] for one in events(trace) if one.get("electrode") == 5]
+    felt = [entry["from_ns"] for entry in events(trace) if entry.get("electrode") == 5]
     felt = [at_ns for at_ns in felt if at_ns > felt[0] + 100e6]  # contact is measured before
     gaps = [after - before for before, after in pairwise(felt)]
     assert max(gaps) < 100e6
@@ -113,9 +113,11 @@ def test_a_frame_that_is_stronger_than_all_before_is_up_for_its_time_as_asked(
     )
     assert told.status == 0, told.err
     assert told.answer["clamped"] == []
-    assert told.answer["opening_s"] > 0.3
-    found = [one for one in events(trace) if one.get("bus") == "body" and one["electrode"] == 1]
-    strong = [one["from_ns"] for one in found if one["asked_ua"] >= 2_490]
+    assert told.answer["soft_start_s"] > 0.3
+    found = [
+        entry for entry in events(trace) if entry.get("bus") == "body" and entry["electrode"] == 1
+    ]
+    strong = [entry["from_ns"] for entry in found if entry["asked_ua"] >= 2_490]
     assert strong[-1] - strong[0] > 250e6
 
 
@@ -138,12 +140,12 @@ def test_what_does_not_fit_is_refused_with_what_would_help(rig: CommandRig) -> N
     assert refused.status == 1
     assert "frame 0" in refused.err
     assert "--max-rate 4" in refused.err
-    assert "--thin" in refused.err
+    assert "--allow-slower" in refused.err
     lowered = rig.run("play", path, "--board", "fake", *by_current, "--max-rate", "40", "--json")
     assert lowered.status == 0
     assert "played at 40 Hz" in lowered.answer["told"][0]
-    thinned = rig.run("play", path, "--board", "fake", *by_current, "--thin", "--json")
-    assert 30 < thinned.answer["slowed_to_hz"] < 60
+    shortfalls = rig.run("play", path, "--board", "fake", *by_current, "--allow-slower", "--json")
+    assert 30 < shortfalls.answer["slowed_to_hz"] < 60
 
 
 def test_a_level_of_another_polarity_is_refused(rig: CommandRig) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from board_process import RunningBoard, running_board
 from command_rig import CommandRig, command_rig
-from etd.shipped import find
+from etd.files.resources import find
 from etd_hal.boardfile import load_board
 
 BOARD = "kajimoto-hv507"

@@ -42,22 +42,22 @@ class Flood:
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], kind: int, address: str) -> None:
         self._sockets = [context.socket(kind) for _ in range(CONNECTIONS)]
-        for one in self._sockets:
-            one.setsockopt(zmq.LINGER, 0)
-            one.setsockopt(zmq.SNDHWM, 8)
-            one.connect(address)
+        for socket in self._sockets:
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.setsockopt(zmq.SNDHWM, 8)
+            socket.connect(address)
         self.taken = 0
 
     def close(self) -> None:
-        for one in self._sockets:
-            one.close()
+        for socket in self._sockets:
+            socket.close()
 
     def pour(self) -> None:
         """Send until no connection takes any more."""
-        for one in self._sockets:
+        for socket in self._sockets:
             try:
                 while True:
-                    one.send(JUNK, zmq.NOBLOCK)
+                    socket.send(JUNK, zmq.NOBLOCK)
                     self.taken += 1
             except zmq.Again:
                 continue

@@ -23,8 +23,8 @@ import trace_decoder
 import trace_rules
 from board_process import RunningBoard, running_board
 from etd.client import Display, clock
-from etd.errors import EtdError
-from etd.protocol import StateReport
+from etd.protocol.errors import EtdError
+from etd.protocol.messages import StateReport
 from etd_hal.boardfile import load_board
 
 BOARD = "kajimoto-hv507"

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from etd.array import load_array
-from etd.pattern import Pattern, PatternFrame, load_pattern, pattern_to_json
+from etd.files.array import load_array
+from etd.files.pattern import Pattern, PatternFrame, load_pattern, pattern_to_json
 from trace_agreement import WIDTH_TOLERANCE_US, check_body, check_what_passes, one_code_ua
 from trace_decoder import Facts, Phase, Record, decode, read, visits
 from trace_rules import violations
@@ -28,7 +28,7 @@ ENDS_WITHIN_S = 90
 def stripes(electrodes: int, frames: int, duration_ms: int) -> Pattern:
     """Stripes that walk, with a silent frame among them."""
     levels = [
-        tuple(float((one + frame) % 4 == 0 and frame != 3) for one in range(electrodes))
+        tuple(float((electrode + frame) % 4 == 0 and frame != 3) for electrode in range(electrodes))
         for frame in range(frames)
     ]
     return Pattern(
@@ -68,19 +68,21 @@ def check_play(trace: list[Record], pattern: Pattern, phases: tuple[bool, ...] =
     assert violations(trace, REST_US) == []
     check_body(trace)
     check_what_passes(trace)
-    tags = {one["tag"] for one in trace[1:] if one.get("event") == "frame"}
+    tags = {entry["tag"] for entry in trace[1:] if entry.get("event") == "frame"}
     assert tags == set(range(len(pattern.frames)))
     by_tag = _by_tag(decode(trace))
     code_ua = one_code_ua(Facts.of(trace[0]))
     opened = next(index for index, frame in enumerate(pattern.frames) if frame.active)
     for index, frame in enumerate(pattern.frames):
         found = by_tag.get(index, [])
-        assert {one.electrode for one in found} == set(frame.active), f"frame {index}"
-        assert {tuple(one.is_anodic for one in pulse) for pulse in visits(found)} <= {phases}
-        assert all(WIDTH_US - WIDTH_TOLERANCE_US < one.width_us <= WIDTH_US for one in found)
-        assert all(one.current_ua <= CURRENT_UA for one in found)
+        assert {phase.electrode for phase in found} == set(frame.active), f"frame {index}"
+        assert {tuple(phase.is_anodic for phase in pulse) for pulse in visits(found)} <= {phases}
+        assert all(WIDTH_US - WIDTH_TOLERANCE_US < phase.width_us <= WIDTH_US for phase in found)
+        assert all(phase.current_ua <= CURRENT_UA for phase in found)
         let_through = found[-len(frame.active) :] if index == opened else found
-        assert all(one.current_ua > CURRENT_UA - code_ua for one in let_through), f"frame {index}"
+        assert all(phase.current_ua > CURRENT_UA - code_ua for phase in let_through), (
+            f"frame {index}"
+        )
 
 
 def _by_tag(phases: list[Phase]) -> dict[int, list[Phase]]:
@@ -108,7 +110,7 @@ def test_all_76_frames_of_the_kits_sine_wave_come_out_as_the_file_says(tmp_path:
         (64, ("--polarity", "cathodic"), (False,)),
         (64, ("--polarity", "biphasic"), (True, False)),
         (64, ("--polarity", "biphasic_cathodic_first"), (False, True)),
-        (256, ("--thin",), (True,)),
+        (256, ("--allow-slower",), (True,)),
     ],
 )
 def test_our_pattern_comes_out_as_the_file_says(
@@ -126,11 +128,11 @@ def test_a_ring_of_returns_comes_out_as_asked_for_on_the_relay_board(tmp_path: P
     pattern = stripes(array.count, 6, 200)
     file = tmp_path / "stripes.json"
     file.write_text(pattern_to_json(pattern))
-    options = ("--board", "fake:feetthrough-relay", "--array", array.name, "--thin")
+    options = ("--board", "fake:feetthrough-relay", "--array", array.name, "--allow-slower")
     trace = played(file, tmp_path, *options, "--returns", f"ring:{ring_mm}")
     check_play(trace, pattern)
     outputs = array.outputs()
     for phase in decode(trace):
         if phase.tag is not None and phase.electrode is not None:
             ring = array.ring(phase.electrode, ring_mm)
-            assert phase.ground == {outputs[one] for one in ring}
+            assert phase.ground == {outputs[electrode] for electrode in ring}

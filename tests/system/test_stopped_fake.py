@@ -13,9 +13,9 @@ import trace_decoder
 import trace_rules
 from command_rig import WITHIN_S, CommandRig, command_rig
 from etd.client import Display, clock
-from etd.errors import Refused
-from etd.places import address_of
-from etd.protocol import StateReport
+from etd.files.paths import address_of
+from etd.protocol.errors import Refused
+from etd.protocol.messages import StateReport
 from etd_hal.boardfile import load_board
 from stepped_board import BOARDS
 

@@ -31,9 +31,13 @@ def run(command: list[str], cwd: Path) -> str:
 def needed(name: str, extra: str) -> set[str]:
     """The distributions that `name` asks for with this extra, and those that they ask for."""
     asked = map(Requirement, distribution(name).requires or ())
-    direct = {one for one in asked if one.marker is None or one.marker.evaluate({"extra": extra})}
-    return {one.name for one in direct} | {
-        name for one in direct for name in needed(one.name, extra="")
+    direct = {
+        requirement
+        for requirement in asked
+        if requirement.marker is None or requirement.marker.evaluate({"extra": extra})
+    }
+    return {requirement.name for requirement in direct} | {
+        name for requirement in direct for name in needed(requirement.name, extra="")
     }
 
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import log
 
-from etd.protocol import (
+from etd.protocol.messages import (
     Clamp,
     Contact,
     ContactState,
@@ -22,7 +22,7 @@ from etd.protocol import (
     Scan,
     StateReport,
 )
-from etd.stabilize.belief import is_old
+from etd.stabilize.max_age import is_stale
 
 #: One sign for each kind of contact, in the order of the legend.
 CONTACT_SIGNS: dict[ContactState, str] = {
@@ -130,9 +130,11 @@ class Monitor:
 
     def _let_go(self, now_ns: int) -> None:
         """Of what the engine does not believe any more: it is drawn as unknown."""
-        if is_old(self._pressed_ns, now_ns):
+        if is_stale(self._pressed_ns, now_ns):
             self.pressure_kpa = (None,) * len(self.pressure_kpa)
-        old = [one for one, told_ns in self._told_ns.items() if is_old(told_ns, now_ns)]
+        old = [
+            electrode for electrode, told_ns in self._told_ns.items() if is_stale(told_ns, now_ns)
+        ]
         for electrode in old:
             del self._told_ns[electrode]
             self._contact[electrode] = "unknown"
@@ -152,7 +154,10 @@ class Monitor:
         found = [
             Panel("wanted", self._of_full("wanted_ua")),
             Panel("delivered", self.brightness()),
-            Panel("resistance", [_bright_of_ohm(self._known_ohm.get(one)) for one in electrodes]),
+            Panel(
+                "resistance",
+                [_bright_of_ohm(self._known_ohm.get(electrode)) for electrode in electrodes],
+            ),
             self._contact_panel(),
         ]
         if self.pressure_kpa:
@@ -161,19 +166,21 @@ class Monitor:
             ]
             found.append(Panel("pressure", pressed))
         if self.modelled is not None:
-            hurt = {one for one, pain in enumerate(self.modelled.pain) if pain >= 1.0}
-            felt = [min(1.0, one / _BRIGHT_FELT) for one in self.modelled.felt]
+            hurt = {electrode for electrode, pain in enumerate(self.modelled.pain) if pain >= 1.0}
+            felt = [min(1.0, value / _BRIGHT_FELT) for value in self.modelled.felt]
             found.append(Panel("felt (modelled)", felt, alarming=frozenset(hurt)))
         return found
 
     def _contact_panel(self) -> Panel:
         electrodes = range(self.facts.array.electrodes)
-        states = [self._contact.get(one, "unknown") for one in electrodes]
-        bad = {one for one in electrodes if states[one] in ("saturated", "shorted")}
+        states = [self._contact.get(electrode, "unknown") for electrode in electrodes]
+        bad = {
+            electrode for electrode in electrodes if states[electrode] in ("saturated", "shorted")
+        }
         return Panel(
             "contact",
-            [0.6 if one in ("closed", "soft") else 0.0 for one in states],
-            [CONTACT_SIGNS[one] for one in states],
+            [0.6 if state in ("closed", "soft") else 0.0 for state in states],
+            [CONTACT_SIGNS[state] for state in states],
             frozenset(bad),
         )
 
@@ -195,7 +202,7 @@ class Monitor:
             parts.append(f"{rate_hz:.0f} Hz")
         parts.append(f"{self.pulses} pulses")
         if self._contact:
-            touching = sum(one in ("closed", "soft") for one in self._contact.values())
+            touching = sum(state in ("closed", "soft") for state in self._contact.values())
             parts.append(f"{touching} of {self.facts.array.electrodes} touch the skin")
         if self.silent_sensors:
             parts.append(f"{' and '.join(self.silent_sensors)} says nothing")
@@ -223,7 +230,7 @@ def _bright_of_ohm(resistance_ohm: int | None) -> float | None:
 
 
 def _felt(modelled: Modelled) -> str:
-    felt = sum(one >= 1.0 for one in modelled.felt)
-    hurt = sum(one >= 1.0 for one in modelled.pain)
+    felt = sum(value >= 1.0 for value in modelled.felt)
+    hurt = sum(value >= 1.0 for value in modelled.pain)
     told = f"modelled: felt at {felt}, strength up to {max(modelled.felt):.1f}"
     return f"{told}, PAIN at {hurt}" if hurt else told

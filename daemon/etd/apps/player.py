@@ -13,10 +13,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from etd.apps.standing import Standing
-from etd.apps.steps import Step, Tell, silent
+from etd.apps.steps import Report, Step, silent
 from etd.client import Display, FrameOptions, Telemetry, clock
-from etd.errors import DaemonGone, Refused
-from etd.protocol import Clamp, FrameReply, Halt, Scan
+from etd.protocol.errors import DaemonGone, Refused
+from etd.protocol.messages import Clamp, FrameReply, Halt, Scan
 
 _MS = 1_000_000
 #: A frame lives so much longer than it is shown: the next one is to find it standing.
@@ -33,15 +33,15 @@ _BEGUN_WITHIN_NS = 3_000 * _MS
 class Summary:
     """What became of it: frames shown, the last clamp of each electrode and reason (those of the
     opening are no loss: the frame is held meanwhile), what was thinned by reason, and the lowest
-    rate that a frame was slowed down to. `opening_s`: how long frames were held, in all.
+    rate that a frame was slowed down to. `soft_start_s`: how long frames were held, in all.
     """
 
     frames: int = 0
     clamped: dict[tuple[int, str], Clamp] = field(default_factory=dict)
     clamped_frames: set[int] = field(default_factory=set)
-    thinned: Counter[str] = field(default_factory=Counter)
+    not_fired: Counter[str] = field(default_factory=Counter)
     slowed_to_hz: float | None = None
-    opening_s: float = 0.0
+    soft_start_s: float = 0.0
     played_s: float = 0.0
 
 
@@ -61,7 +61,7 @@ class Player:
         self._kept_ns = 0
         self.summary = Summary()
 
-    def wait_until_armed(self, tell: Tell) -> None:
+    def wait_until_armed(self, tell: Report) -> None:
         """Hold the lease until the operator has armed it. A silent frame is the question."""
         question = silent(self._steps[0], 0)
         is_told = False
@@ -87,7 +87,7 @@ class Player:
             for _ in range(repeat):
                 for step in self._steps:
                     self._finish(reports, self._stand(step))
-            self.summary.played_s = (clock.now_ns() - begun_ns) / 1e9 - self.summary.opening_s
+            self.summary.played_s = (clock.now_ns() - begun_ns) / 1e9 - self.summary.soft_start_s
             self._send(silent(self._steps[-1], 0), SLACK_MS)
         return self.summary
 
@@ -99,7 +99,7 @@ class Player:
             if due_ns is None and clock.now_ns() - standing.sent_ns > _BEGUN_WITHIN_NS:
                 self._say_why_not_shown(standing.step)
             self._wait(reports, standing)
-        self.summary.opening_s += standing.held_ms / 1e3
+        self.summary.soft_start_s += standing.held_ms / 1e3
         if standing.step.ends_frame:
             self.summary.frames += 1
             self._on_frame(self.summary.frames)
@@ -139,7 +139,7 @@ class Player:
 
     def _hear(self, report: object, standing: Standing) -> None:
         if isinstance(report, Halt):
-            raise Refused("halted", f"halted by {report.cause} ({report.who}: {report.detail})")
+            raise Refused("halted", f"halted by {report.cause} ({report.source}: {report.detail})")
         if isinstance(report, Scan):
             self._lag_ns = max(0, clock.now_ns() - report.now_ns)
             standing.hear(report, clock.now_ns())
@@ -147,11 +147,11 @@ class Player:
 
     def _count(self, scan: Scan, standing: Standing) -> None:
         for clamp in scan.clamped:
-            if clamp.reason != "opening" or not standing.is_held:
+            if clamp.reason != "soft_start" or not standing.is_held:
                 self.summary.clamped[clamp.electrode, clamp.reason] = clamp
                 self.summary.clamped_frames.add(-1 if scan.tag is None else scan.tag)
-        for thinned in scan.thinned:
-            self.summary.thinned[thinned.reason] += thinned.pulses
+        for shortfalls in scan.not_fired:
+            self.summary.not_fired[shortfalls.reason] += shortfalls.pulses
 
     def _say_why_not_shown(self, step: Step) -> None:
         report = self._display.status()
@@ -181,10 +181,10 @@ class Player:
         except Refused as refusal:
             raise _named(refusal, step) from refusal
         self._kept_ns = clock.now_ns()
-        for thinned in reply.thinned:
-            if thinned.rate_hz is not None:
-                lowest_hz = self.summary.slowed_to_hz or thinned.rate_hz
-                self.summary.slowed_to_hz = min(lowest_hz, thinned.rate_hz)
+        for shortfalls in reply.slowed:
+            if shortfalls.rate_hz is not None:
+                lowest_hz = self.summary.slowed_to_hz or shortfalls.rate_hz
+                self.summary.slowed_to_hz = min(lowest_hz, shortfalls.rate_hz)
         return reply
 
     def _show(self, step: Step, ttl_ms: int) -> FrameReply:
@@ -200,6 +200,6 @@ def _named(refusal: Refused, step: Step) -> Refused:
     if refusal.code == "too_fast":
         lower = "" if refusal.achievable_hz is None else f" {int(refusal.achievable_hz)}"
         by_rate = f"--max-rate{lower} or " if step.kind == "current_ua" else ""
-        advice = f"; play it with {by_rate}--thin"
+        advice = f"; play it with {by_rate}--allow-slower"
     reason = f"frame {step.options.get('tag')}: {refusal.reason}{advice}"
     return Refused(refusal.code, reason, refusal.electrode, refusal.achievable_hz)

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from etd.apps.steps import Step
-from etd.errors import Refused
-from etd.protocol import Scan, Shown
+from etd.protocol.errors import Refused
+from etd.protocol.messages import Scan, Shown
 
 _MS = 1_000_000
 #: The opening rises with every pulse, and one a second there is at least in what is played.
@@ -59,7 +59,7 @@ class Standing:
         mine = [shown for shown in scan.shown if shown.seq in self.seqs]
         if not mine:
             return
-        is_clamped = any(clamp.reason == "opening" for clamp in scan.clamped)
+        is_clamped = any(clamp.reason == "soft_start" for clamp in scan.clamped)
         begun_ns = mine[0].begun_ns if self.begun_ns is None else self.begun_ns
         if is_clamped and not self._was_held and scan.now_ns - begun_ns < _FIRST_SCAN_NS:
             self.is_held = self._was_held = True

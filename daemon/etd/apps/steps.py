@@ -13,13 +13,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from etd.calibration import Calibration, currents_of_levels
 from etd.client import FrameOptions
-from etd.errors import Refused
-from etd.frame import Polarity
-from etd.pattern import Pattern, PatternFrame
+from etd.files.pattern import Pattern, PatternFrame
+from etd.protocol.calibration import Calibration, currents_of_levels
+from etd.protocol.errors import Refused
+from etd.protocol.frame import Polarity
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Currents:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Manner:
+class PlayOptions:
     """How a pattern is played; `polarity` None leaves it to the file."""
 
     level: float = 1.0
@@ -40,7 +40,7 @@ class Manner:
     polarity: Polarity | None = None
     returns: Literal["all"] | Mapping[str, float] | None = None
     max_rate_hz: float | None = None
-    is_thinned: bool = False
+    allows_slower: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,25 +59,29 @@ class Step:
 
 
 def steps_of(
-    pattern: Pattern, manner: Manner, electrodes: int, calibration: Calibration | None, tell: Tell
+    pattern: Pattern,
+    play_options: PlayOptions,
+    electrodes: int,
+    calibration: Calibration | None,
+    tell: Report,
 ) -> list[Step]:
-    """All steps of a pattern on an array of `electrodes`. `tell` hears what is played otherwise
-    than the file asks. Raises: Refused, for what cannot be played.
+    """All steps of a pattern on an array of `electrodes`. `on_rejected` hears what is played
+    otherwise than the file asks. Raises: Refused, for what cannot be played.
     """
     if pattern.electrodes != electrodes:
         raise Refused(
             "bad_frame",
             f"the pattern is for {pattern.electrodes} electrodes, this array has {electrodes}",
         )
-    if manner.currents is not None:
-        _tell_lower_rates(pattern, manner, tell)
+    if play_options.currents is not None:
+        _report_lower_rates(pattern, play_options, tell)
     elif calibration is not None:
-        _check_polarity(pattern, manner, calibration)
-        _check_rate(pattern, manner, calibration, tell)
+        _check_polarity(pattern, play_options, calibration)
+        _check_rate(pattern, play_options, calibration, tell)
     return [
         step
         for tag, frame in enumerate(pattern.frames)
-        for step in _frame_steps(tag, frame, manner, calibration)
+        for step in _frame_steps(tag, frame, play_options, calibration)
     ]
 
 
@@ -93,24 +97,24 @@ def silent(step: Step, duration_ms: int) -> Step:
 
 
 def _frame_steps(
-    tag: int, frame: PatternFrame, manner: Manner, calibration: Calibration | None
+    tag: int, frame: PatternFrame, play_options: PlayOptions, calibration: Calibration | None
 ) -> list[Step]:
     options: FrameOptions = {"tag": tag}
-    if manner.returns is not None:
-        options["returns"] = manner.returns
-    if manner.is_thinned:
-        options["thin"] = True
-    if manner.currents is None:
-        step = _level_step(frame, manner.level, options, calibration)
+    if play_options.returns is not None:
+        options["returns"] = play_options.returns
+    if play_options.allows_slower:
+        options["allow_slower"] = True
+    if play_options.currents is None:
+        step = _level_step(frame, play_options.level, options, calibration)
     else:
-        step = _current_step(frame, manner, manner.currents, options)
+        step = _current_step(frame, play_options, play_options.currents, options)
     return [step] if step.ends_frame else [step, silent(step, frame.off_ms)]
 
 
 def _level_step(
     frame: PatternFrame, level: float, options: FrameOptions, calibration: Calibration | None
 ) -> Step:
-    numbers = tuple(one * level for one in frame.level)
+    numbers = tuple(value * level for value in frame.level)
     largest_ua = 0
     if calibration is not None:
         largest_ua = max(currents_of_levels(calibration, numbers))
@@ -125,12 +129,12 @@ def _level_step(
 
 
 def _current_step(
-    frame: PatternFrame, manner: Manner, currents: Currents, options: FrameOptions
+    frame: PatternFrame, play_options: PlayOptions, currents: Currents, options: FrameOptions
 ) -> Step:
     rate_hz = frame.rate_hz or currents.default_rate_hz
-    options["rate_hz"] = min(rate_hz, manner.max_rate_hz or rate_hz)
+    options["rate_hz"] = min(rate_hz, play_options.max_rate_hz or rate_hz)
     options["width_us"] = currents.width_us
-    polarity = manner.polarity or frame.polarity
+    polarity = play_options.polarity or frame.polarity
     if polarity is not None:
         options["polarity"] = polarity
     numbers = tuple(round(level * currents.current_ua) for level in frame.level)
@@ -144,8 +148,8 @@ def _current_step(
     )
 
 
-def _tell_lower_rates(pattern: Pattern, manner: Manner, tell: Tell) -> None:
-    most_hz = manner.max_rate_hz
+def _report_lower_rates(pattern: Pattern, play_options: PlayOptions, tell: Report) -> None:
+    most_hz = play_options.max_rate_hz
     if most_hz is None:
         return
     faster = sum(1 for frame in pattern.frames if (frame.rate_hz or 0.0) > most_hz)
@@ -153,9 +157,11 @@ def _tell_lower_rates(pattern: Pattern, manner: Manner, tell: Tell) -> None:
         tell(f"{faster} frames ask for more than {most_hz:g} Hz and are played at {most_hz:g} Hz")
 
 
-def _check_polarity(pattern: Pattern, manner: Manner, calibration: Calibration) -> None:
-    asked = {manner.polarity or frame.polarity for frame in pattern.frames}
-    others = sorted(one for one in asked if one is not None and one != calibration.polarity)
+def _check_polarity(pattern: Pattern, play_options: PlayOptions, calibration: Calibration) -> None:
+    asked = {play_options.polarity or frame.polarity for frame in pattern.frames}
+    others = sorted(
+        polarity for polarity in asked if polarity is not None and polarity != calibration.polarity
+    )
     if others:
         raise Refused(
             "bad_frame",
@@ -165,18 +171,21 @@ def _check_polarity(pattern: Pattern, manner: Manner, calibration: Calibration) 
         )
 
 
-def _check_rate(pattern: Pattern, manner: Manner, calibration: Calibration, tell: Tell) -> None:
+def _check_rate(
+    pattern: Pattern, play_options: PlayOptions, calibration: Calibration, tell: Report
+) -> None:
     rate_hz = calibration.rate_hz
-    if manner.max_rate_hz is not None and rate_hz > manner.max_rate_hz:
+    if play_options.max_rate_hz is not None and rate_hz > play_options.max_rate_hz:
         raise Refused(
             "bad_frame",
             f"levels are played at the {rate_hz:g} Hz that they were calibrated at, which is more"
-            f" than --max-rate {manner.max_rate_hz:g}: play with --current-ua and --width-us",
+            f" than --max-rate {play_options.max_rate_hz:g}: play with --current-ua and --width-us",
         )
     asked = {frame.rate_hz for frame in pattern.frames}
-    others = sorted(one for one in asked if one is not None and one != rate_hz)
+    others = sorted(value for value in asked if value is not None and value != rate_hz)
     if others:
         tell(
-            f"the file asks for {', '.join(f'{one:g}' for one in others)} Hz; levels are played at"
+            f"the file asks for {', '.join(f'{value:g}' for value in others)} Hz; levels are"
+            " played at"
             f" the {rate_hz:g} Hz that they were calibrated at (with --current-ua: at the file's)"
         )

@@ -15,7 +15,7 @@ from etd.calibrate.progress import Progress
 from etd.calibrate.reach import Reach, a_step_below
 from etd.calibrate.stimulator import Delivered
 from etd.calibrate.trial import Stopped
-from etd.errors import Refused
+from etd.protocol.errors import Refused
 
 #: Before each presentation, in turn: nobody shall answer to a rhythm.
 _PAUSES_S = (0.4, 0.6, 0.3, 0.5)
@@ -23,7 +23,7 @@ _PAUSES_S = (0.4, 0.6, 0.3, 0.5)
 _BETWEEN_S = 0.4
 
 
-class Presents(Protocol):
+class Presenter(Protocol):
     """What is needed of a `Stimulator`."""
 
     def present(self, electrode: int, current_ua: int) -> Delivered: ...
@@ -43,13 +43,13 @@ class Asking:
     def __init__(
         self,
         progress: Progress,
-        presents: Presents,
+        presenter: Presenter,
         answerer: Answerer,
         on_progress: Callable[[Progress], None],
         on_presented: Callable[[int], None],
     ) -> None:
         self._progress = progress
-        self._presents = presents
+        self._presenter = presenter
         self._answerer = answerer
         self._on_progress = on_progress
         self._on_presented = on_presented
@@ -73,8 +73,8 @@ class Asking:
         Raises: Stopped, NotDelivered, Refused (`bad_calibration`).
         """
         self._pause()
-        self._presents.present(reference, reference_ua)
-        self._presents.pause(_BETWEEN_S)
+        self._presenter.present(reference, reference_ua)
+        self._presenter.pause(_BETWEEN_S)
         self._present(electrode, current_ua)
         answer = self._answered(Question("compare", electrode, reference))
         if answer == "too_strong":
@@ -106,10 +106,10 @@ class Asking:
     # --- one presentation --------------------------------------------------------------------
 
     def _pause(self) -> None:
-        self._presents.pause(_PAUSES_S[self._progress.presentations % len(_PAUSES_S)])
+        self._presenter.pause(_PAUSES_S[self._progress.presentations % len(_PAUSES_S)])
 
     def _present(self, electrode: int, current_ua: int) -> None:
-        delivered = self._presents.present(electrode, current_ua)
+        delivered = self._presenter.present(electrode, current_ua)
         self._progress.presentations += 1
         if delivered.resistance_ohm is not None:
             self.resistances[current_ua] = delivered.resistance_ohm
@@ -117,9 +117,9 @@ class Asking:
 
     def _answered(self, question: Question) -> Answer:
         """Raises: Stopped."""
-        answer = self._answerer.answer(question, self._presents.keep)
+        answer = self._answerer.answer(question, self._presenter.keep)
         if answer == "stop":
-            self._presents.stop()
+            self._presenter.stop()
         if answer in ("stop", "pause"):
             raise Stopped(answer)
         return answer

@@ -38,15 +38,15 @@ def comfortable(
 
     Where it is too strong before it is comfortable, the strongest that was accepted is both.
     """
-    wish_ua: float = threshold_ua
+    requested_ua: float = threshold_ua
     chosen_ua: int | None = None
     accepted_ua = 0
     while True:
-        heard = yield wish_ua
+        heard = yield requested_ua
         if heard.answer == "too_strong":
             if accepted_ua or heard.current_ua <= LEAST_UA:
                 break
-            wish_ua = heard.current_ua / FINE
+            requested_ua = heard.current_ua / FINE
             continue
         accepted_ua = max(accepted_ua, heard.current_ua)
         if heard.answer == "comfortable" and chosen_ua is None:
@@ -54,7 +54,7 @@ def comfortable(
         enough_ua = None if chosen_ua is None else round(chosen_ua * headroom)
         if heard.is_at_cap or (enough_ua is not None and accepted_ua >= enough_ua):
             break
-        wish_ua = min(heard.current_ua * RISE, max(known_ua, heard.current_ua * FINE))
+        requested_ua = min(heard.current_ua * RISE, max(known_ua, heard.current_ua * FINE))
         if enough_ua is not None:
-            wish_ua = min(wish_ua, enough_ua)
+            requested_ua = min(requested_ua, enough_ua)
     return Comfortable(chosen_ua or accepted_ua, accepted_ua)

@@ -13,10 +13,11 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.calibration import Calibration, Method, to_toml
-from etd.errors import FileError, Refused
-from etd.frame import Polarity, Returns
-from etd.stabilize.pipeline import Wish
+from etd.files.calibration import to_toml
+from etd.protocol.calibration import Calibration, Method
+from etd.protocol.errors import FileError, Refused
+from etd.protocol.frame import Polarity, Returns
+from etd.stabilize.pipeline import PulseRequest
 from etd.stabilize.shape import PLAIN, Shape
 
 #: A presentation ends well before its frame would expire.
@@ -24,7 +25,7 @@ MOST_S = 0.7
 
 
 #: Laws by resistance or pressure. They compare with a calibration.
-_ANSWER_THE_SKIN = ("pressure", "energy", "fitted", "lines")
+_ANSWER_THE_SKIN = ("pressure", "energy", "power_law", "linear_law")
 _SAME_AS_BASELINE = (
     "participant", "body_site", "array", "polarity", "width_us", "rate_hz", "returns", "shape",
 )  # fmt: skip
@@ -57,7 +58,7 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         """
         if self.method == "equalize":
             return self.cap_ua
-        plain = Wish(self.cap_ua, self.width_us)
+        plain = PulseRequest(self.cap_ua, self.width_us)
         return self.shape.of(plain).current_of(plain.charge_pc)
 
     @property
@@ -87,7 +88,7 @@ def check_laws(
     which are presented again; with a calibration in use, as a baseline is, it goes by the skin too.
     """
     answers = (*_ANSWER_THE_SKIN, "contact") if has_baseline else _ANSWER_THE_SKIN
-    answering = [one for one in stabilizers if one in answers]
+    answering = [stabilizer for stabilizer in stabilizers if stabilizer in answers]
     if answering:
         raise FileError(
             "the body site",
@@ -96,11 +97,11 @@ def check_laws(
             "calibrate with a body-site file without it; put it back afterwards, the calibration"
             " holds with it",
         )
-    narrow = conditions.shape.narrow
+    narrow = conditions.shape.strength_duration
     if narrow is not None:
         raise FileError(
             "the body site",
-            "stabilize.narrow",
+            "stabilize.strength_duration",
             f"it makes {narrow.width_us} us of {conditions.width_us} us, at another current",
             f"calibrate at --width-us {narrow.width_us}, or without it",
         )

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from etd.calibrate.answers import Answer, Answerer
-from etd.calibrate.asking import Asking, Presents, too_strong_reference
+from etd.calibrate.asking import Asking, Presenter, too_strong_reference
 from etd.calibrate.comfortable import comfortable
 from etd.calibrate.conditions import check_baseline
 from etd.calibrate.equalize import equalize, lead_up
@@ -24,8 +24,8 @@ from etd.calibrate.reach import Reach
 from etd.calibrate.staircase import staircase
 from etd.calibrate.stimulator import NotDelivered
 from etd.calibrate.trial import BelowThreshold, Procedure, R, Unsettled, run
-from etd.calibration import Calibration, ElectrodeLimits
-from etd.errors import Refused
+from etd.protocol.calibration import Calibration, ElectrodeLimits
+from etd.protocol.errors import Refused
 
 #: The first electrode of a person of whom nothing is known begins here.
 START_UA = 200
@@ -57,7 +57,7 @@ class Course:
     def __init__(
         self,
         progress: Progress,
-        presents: Presents,
+        presenter: Presenter,
         answerer: Answerer,
         today: Callable[[], datetime.date],
         *,
@@ -68,7 +68,7 @@ class Course:
         on_found: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._progress = progress
-        self._asking = Asking(progress, presents, answerer, on_progress, on_presented)
+        self._asking = Asking(progress, presenter, answerer, on_progress, on_presented)
         self._today = today
         self._baseline = baseline
         self._reference = progress.conditions.reference
@@ -169,15 +169,15 @@ class Course:
         """
         if self._is_led_up:
             return
-        one = baseline.electrode[reference]
-        procedure = lead_up(one.threshold_ua, one.comfortable_ua)
+        limits = baseline.electrode[reference]
+        procedure = lead_up(limits.threshold_ua, limits.comfortable_ua)
         if not self._run(procedure, reference, self._reach_of_reference(reference, baseline)):
             raise too_strong_reference(reference)
         self._is_led_up = True
 
     def _reach_of_reference(self, reference: int, baseline: Calibration) -> Reach:
-        one = baseline.electrode[reference]
-        return self._reach(reference, one.comfortable_ua, one.threshold_ua)
+        limits = baseline.electrode[reference]
+        return self._reach(reference, limits.comfortable_ua, limits.threshold_ua)
 
     def _reach(self, electrode: int, cap_ua: int, start_ua: int) -> Reach:
         """Below what was too strong there before, today or when this was begun."""
@@ -210,7 +210,7 @@ class Course:
         before = self._earlier(electrode)
         if before is not None and before.felt:
             return max(1, int(before.threshold_ua * _OF_EARLIER))
-        felt_ua = [one.threshold_ua for one in self._progress.found.values() if one.felt]
+        felt_ua = [limits.threshold_ua for limits in self._progress.found.values() if limits.felt]
         return max(1, int(min(felt_ua) * _OF_LEAST)) if felt_ua else START_UA
 
     def _earlier(self, electrode: int) -> ElectrodeLimits | None:

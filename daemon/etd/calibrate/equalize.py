@@ -23,14 +23,14 @@ _WEAKER_AT_CAP = 2
 
 def lead_up(from_ua: float, to_ua: float) -> Procedure[bool]:
     """By tenths up to a current that an earlier day accepted; False if it is too strong today."""
-    wish_ua = from_ua
+    requested_ua = from_ua
     while True:
-        heard = yield min(wish_ua, to_ua)
+        heard = yield min(requested_ua, to_ua)
         if heard.answer == "too_strong":
             return False
         if heard.current_ua >= round(to_ua):
             return True
-        wish_ua = heard.current_ua * RISE
+        requested_ua = heard.current_ua * RISE
 
 
 def equalize(start_ua: float) -> Procedure[int]:
@@ -39,9 +39,9 @@ def equalize(start_ua: float) -> Procedure[int]:
     """
     places: list[int] = []
     same = turns = weaker_at_cap = 0
-    wish_ua, was_up, step = start_ua, True, RISE
+    requested_ua, was_up, step = start_ua, True, RISE
     while turns < _TURNS and same < _SAME:
-        heard = yield wish_ua
+        heard = yield requested_ua
         is_up = heard.answer == "weaker"
         weaker_at_cap += is_up and heard.is_at_cap
         if weaker_at_cap == (_WEAKER_AT_CAP if places else 1):
@@ -50,11 +50,11 @@ def equalize(start_ua: float) -> Procedure[int]:
             same += 1
             places.append(heard.current_ua)
             # Once from above, once from below: the edges of `same` lie on both sides.
-            wish_ua = heard.current_ua * (FINE if same % 2 else 1.0 / FINE)
+            requested_ua = heard.current_ua * (FINE if same % 2 else 1.0 / FINE)
             continue
         if is_up is not was_up:
             turns, step = turns + 1, FINE
             places.append(heard.current_ua)
         was_up = is_up
-        wish_ua = heard.current_ua * (step if is_up else 1.0 / FINE)
+        requested_ua = heard.current_ua * (step if is_up else 1.0 / FINE)
     return round(exp(sum(map(log, places)) / len(places)))

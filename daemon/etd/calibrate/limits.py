@@ -53,10 +53,10 @@ def limits(start_ua: float) -> Procedure[Threshold]:
     found: list[float] = []
     while len(found) < ASCENTS or (_are_apart(found) and len(found) < _MOST_ASCENTS):
         around_ua = median(found) if found else first.current_ua
-        one = yield from _ascend(around_ua * _BACK, FINE)
-        if not one.is_felt:
-            return one
-        found.append(one.current_ua)
+        threshold = yield from _ascend(around_ua * _BACK, FINE)
+        if not threshold.is_felt:
+            return threshold
+        found.append(threshold.current_ua)
     return Threshold(median(found) if _are_apart(found) else geometric_mean(found))
 
 
@@ -65,18 +65,18 @@ def _are_apart(found: list[float]) -> bool:
 
 
 def _ascend(start_ua: float, step: float) -> Procedure[Threshold]:
-    wish_ua = start_ua
+    requested_ua = start_ua
     unfelt_ua: int | None = None
     while True:
-        heard = yield wish_ua
+        heard = yield requested_ua
         if not heard.is_felt:
             if heard.is_at_cap:
                 return Threshold(heard.current_ua, is_felt=heard.is_cap_felt)
             unfelt_ua = heard.current_ua
-            wish_ua = max(heard.current_ua * step, heard.current_ua + 1)
+            requested_ua = max(heard.current_ua * step, heard.current_ua + 1)
         elif unfelt_ua is not None:
             return Threshold(sqrt(unfelt_ua * heard.current_ua))
         elif heard.current_ua <= LEAST_UA:
             return Threshold(heard.current_ua)
         else:
-            wish_ua = heard.current_ua * _DOWN
+            requested_ua = heard.current_ua * _DOWN

@@ -6,10 +6,10 @@ Real boards tell nothing of the kind: then there is nothing to sense, and nobody
 
 from __future__ import annotations
 
-from etd.calibrate.asking import Presents
+from etd.calibrate.asking import Presenter
 from etd.calibrate.person import Felt
 from etd.calibrate.stimulator import Delivered
-from etd.protocol import MODELLED_HZ, Modelled
+from etd.protocol.messages import MODELLED_HZ, Modelled
 
 #: The report that tells of the last pulse is there after so long.
 _TOLD_WITHIN_S = 2.5 / MODELLED_HZ
@@ -47,21 +47,21 @@ class ModelledBody:
         return self._felt[electrode]
 
 
-class FeltPresents:
+class FeltPresenter:
     """Presents by another, and waits until the body has told."""
 
-    def __init__(self, presents: Presents, body: ModelledBody) -> None:
-        self._presents = presents
+    def __init__(self, presenter: Presenter, body: ModelledBody) -> None:
+        self._presenter = presenter
         self._body = body
-        self.pause = presents.pause
-        self.keep = presents.keep
-        self.stop = presents.stop
+        self.pause = presenter.pause
+        self.keep = presenter.keep
+        self.stop = presenter.stop
 
     def present(self, electrode: int, current_ua: int) -> Delivered:
         self._body.begin(electrode)
         try:
-            delivered = self._presents.present(electrode, current_ua)
-            self._presents.pause(_TOLD_WITHIN_S)
+            delivered = self._presenter.present(electrode, current_ua)
+            self._presenter.pause(_TOLD_WITHIN_S)
         finally:
             self._body.end()
         return delivered

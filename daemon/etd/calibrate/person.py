@@ -28,7 +28,7 @@ class Felt:
 
 
 @dataclass(frozen=True, slots=True)
-class Manner:
+class ResponseModel:
     """How somebody answers."""
 
     #: Of the noise: the standard deviation of the logarithm of what is perceived.
@@ -47,36 +47,36 @@ class SimulatedPerson:
     """Keeps `Answerer`. The same seed answers the same."""
 
     def __init__(
-        self, sense: Callable[[int], Felt], seed: int, manner: Manner | None = None
+        self, sense: Callable[[int], Felt], seed: int, model: ResponseModel | None = None
     ) -> None:
         self._sense = sense
-        self._manner = manner or Manner()
+        self._model = model or ResponseModel()
         self._random = random.Random(seed)
 
     def answer(self, question: Question, _: Callable[[], None]) -> Answer:
         felt = self._sense(question.electrode)
         if question.ask == "which":
             return "second"  # what it called too strong was the second
-        noise = exp(self._random.gauss(0.0, self._manner.noise))
-        if felt.pain * noise >= self._manner.discomfort:
+        noise = exp(self._random.gauss(0.0, self._model.noise))
+        if felt.pain * noise >= self._model.discomfort:
             return "too_strong"
         if question.reference is not None:
             return self._compared(felt.strength * noise, question.reference)
-        if self._random.random() < self._manner.lapses:
+        if self._random.random() < self._model.lapses:
             return self._random.choice(("not_felt", "felt"))
         if felt.strength * noise < 1.0:
             return "not_felt"
-        return "comfortable" if felt.strength * noise >= self._manner.comfortable else "felt"
+        return "comfortable" if felt.strength * noise >= self._model.comfortable else "felt"
 
     def wants_stop(self) -> bool:
         return False
 
     def _compared(self, perceived: float, reference: int) -> Answer:
-        noise = exp(self._random.gauss(0.0, self._manner.noise))
+        noise = exp(self._random.gauss(0.0, self._model.noise))
         first = self._sense(reference).strength * noise
         if perceived <= 0.0 or first <= 0.0:
             return "same" if perceived == first else "weaker" if first > 0.0 else "stronger"
         apart = log(perceived / first)
-        if abs(apart) < self._manner.alike:
+        if abs(apart) < self._model.alike:
             return "same"
         return "stronger" if apart > 0.0 else "weaker"

@@ -15,9 +15,9 @@ import msgspec
 from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
-from etd.calibration import Calibration, ElectrodeLimits, Ua, resisted_as_skin
-from etd.errors import FileError
-from etd.wholefile import write_whole
+from etd.files.atomic_file import write_atomically
+from etd.protocol.calibration import Calibration, ElectrodeLimits, Ua, resisted_as_skin
+from etd.protocol.errors import FileError
 
 
 class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -34,12 +34,16 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def missing(self) -> tuple[int, ...]:
-        return tuple(one for one in range(self.conditions.electrodes) if one not in self.found)
+        return tuple(
+            electrode
+            for electrode in range(self.conditions.electrodes)
+            if electrode not in self.found
+        )
 
     @property
     def troubled(self) -> tuple[int, ...]:
         """Those of them on which something was too strong."""
-        return tuple(one for one in self.missing if one in self.lowered_ua)
+        return tuple(electrode for electrode in self.missing if electrode in self.lowered_ua)
 
     def lower(self, electrode: int, left_ua: int) -> None:
         """Something was too strong: `left_ua` is the most that may come there. What was found with
@@ -55,7 +59,7 @@ def save_progress(path: Path, progress: Progress) -> None:
     """Raises: OSError."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     data = msgspec.json.format(msgspec.json.encode(progress), indent=1)
-    write_whole(path, data + b"\n", mode=0o600)
+    write_atomically(path, data + b"\n", mode=0o600)
 
 
 def load_progress(path: Path, conditions: Conditions) -> Progress:
@@ -79,8 +83,8 @@ def load_progress(path: Path, conditions: Conditions) -> Progress:
                 f"what was begun is for {was}, this is {now}",
                 "go on under the same conditions, or give --restart to begin anew",
             )
-    for electrode, one in progress.found.items():
-        _check_found(str(path), progress, electrode, one)
+    for electrode, limits in progress.found.items():
+        _check_found(str(path), progress, electrode, limits)
     for electrode in progress.lowered_ua:
         _check_electrode(str(path), "lowered_ua", conditions, electrode)
     return progress
@@ -96,23 +100,24 @@ def _check_electrode(path: str, key: str, conditions: Conditions, electrode: int
         )
 
 
-def _check_found(path: str, progress: Progress, electrode: int, one: ElectrodeLimits) -> None:
+def _check_found(path: str, progress: Progress, electrode: int, limits: ElectrodeLimits) -> None:
     """A cap was presented and accepted: one above all that is presented comes from elsewhere."""
     _check_electrode(path, "found", progress.conditions, electrode)
     most_ua = progress.conditions.presented_ua
     lowered_ua = progress.lowered_ua.get(electrode, most_ua)
     why = ""
-    if not one.threshold_ua <= one.comfortable_ua <= one.cap_ua:
+    if not limits.threshold_ua <= limits.comfortable_ua <= limits.cap_ua:
         why = (
-            f"threshold {one.threshold_ua}, comfortable {one.comfortable_ua}, cap {one.cap_ua} uA"
+            f"threshold {limits.threshold_ua}, comfortable {limits.comfortable_ua}, cap "
+            f"{limits.cap_ua} uA"
             " do not rise"
         )
-    elif one.cap_ua > most_ua:
-        why = f"its cap of {one.cap_ua} uA is above the {most_ua} uA that are presented at most"
-    elif not resisted_as_skin(one):
-        why = f"{one.resistance_ohm} ohm is no resistance of skin"
-    elif one.cap_ua > lowered_ua:
-        why = f"its cap of {one.cap_ua} uA is above the {lowered_ua} uA that too strong has left"
+    elif limits.cap_ua > most_ua:
+        why = f"its cap of {limits.cap_ua} uA is above the {most_ua} uA that are presented at most"
+    elif not resisted_as_skin(limits):
+        why = f"{limits.resistance_ohm} ohm is no resistance of skin"
+    elif limits.cap_ua > lowered_ua:
+        why = f"its cap of {limits.cap_ua} uA is above the {lowered_ua} uA that too strong has left"
     if why:
         raise FileError(path, f"found.{electrode}", why, "--restart begins anew")
 
@@ -127,14 +132,14 @@ def finished(
     Raises: FileError, if nothing was found at all.
     """
     conditions = progress.conditions
-    felt_ua = [one.threshold_ua for one in progress.found.values() if one.felt]
+    felt_ua = [limits.threshold_ua for limits in progress.found.values() if limits.felt]
     if not felt_ua:
         raise FileError(
             "the calibration", "", "nothing was felt anywhere", "look at contact and cap first"
         )
     each = (
-        progress.found.get(one) or _unknown(min(felt_ua), progress.lowered_ua.get(one))
-        for one in range(conditions.electrodes)
+        progress.found.get(electrode) or _unknown(min(felt_ua), progress.lowered_ua.get(electrode))
+        for electrode in range(conditions.electrodes)
     )
     return Calibration(
         participant=conditions.participant,
@@ -146,7 +151,7 @@ def finished(
         returns=conditions.returns,
         date=date,
         program=program,
-        electrode=tuple(_dated(one, date) for one in each),
+        electrode=tuple(_dated(limits, date) for limits in each),
         method=conditions.method,
         pulses=conditions.pulses,
         shape=conditions.shape,
@@ -161,10 +166,10 @@ def _unknown(least_ua: int, lowered_ua: int | None) -> ElectrodeLimits:
     )
 
 
-def _dated(one: ElectrodeLimits, date: datetime.date) -> ElectrodeLimits:
+def _dated(limits: ElectrodeLimits, date: datetime.date) -> ElectrodeLimits:
     """Its days are written where they are not the file's."""
     return msgspec.structs.replace(
-        one,
-        date=None if one.date == date else one.date,
-        threshold_date=None if one.threshold_date == date else one.threshold_date,
+        limits,
+        date=None if limits.date == date else limits.date,
+        threshold_date=None if limits.threshold_date == date else limits.threshold_date,
     )

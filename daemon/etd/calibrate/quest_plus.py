@@ -16,7 +16,7 @@ from typing import Any
 
 from etd.calibrate.limits import Threshold, coarse
 from etd.calibrate.trial import Procedure
-from etd.errors import HardwareMissing
+from etd.protocol.errors import HardwareMissing
 
 #: Currents, and thresholds to choose from, relative to what the coarse ascent found.
 _STEP = 1.025
@@ -102,7 +102,7 @@ def _grid() -> tuple[float, ...]:
 
 
 def _nearest(place: float) -> float:
-    return min(_grid(), key=lambda one: abs(one - place))
+    return min(_grid(), key=lambda value: abs(value - place))
 
 
 def _is_at_edge(ratio: float) -> bool:

@@ -40,11 +40,11 @@ class Reach:
         step_ua = max(1, int(self.tolerated_ua * (RISE - 1.0)))
         return min(self.cap_ua, self.tolerated_ua + step_ua)
 
-    def bounded(self, wish_ua: float) -> int:
+    def bounded(self, requested_ua: float) -> int:
         """The wish, or what is allowed of it."""
-        return min(max(LEAST_UA, round(wish_ua)), self.most_ua)
+        return min(max(LEAST_UA, round(requested_ua)), self.most_ua)
 
-    def learn(self, current_ua: int, answer: Answer) -> None:
+    def update(self, current_ua: int, answer: Answer) -> None:
         """What the person said of it."""
         if answer == "too_strong":
             self.cap_ua = self.left_below(current_ua)

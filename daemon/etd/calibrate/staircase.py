@@ -25,11 +25,11 @@ def staircase(start_ua: float, felt_in_a_row: int = 1) -> Procedure[Threshold]:
     first = yield from coarse(start_ua)
     if not first.is_felt:
         return first
-    wish_ua, row, misses, was_up = first.current_ua, 0, 0, None
+    requested_ua, row, misses, was_up = first.current_ua, 0, 0, None
     turns: list[float] = []
     while len(turns) < TURNS:
-        heard = yield wish_ua
-        wish_ua = heard.current_ua
+        heard = yield requested_ua
+        requested_ua = heard.current_ua
         row = row + 1 if heard.is_felt else 0
         if heard.is_felt and row < felt_in_a_row:
             continue
@@ -40,6 +40,6 @@ def staircase(start_ua: float, felt_in_a_row: int = 1) -> Procedure[Threshold]:
         if was_up is not None and is_up is not was_up:
             turns.append(heard.current_ua)
         was_up = is_up
-        wish_ua *= FINE if is_up else 1.0 / FINE
+        requested_ua *= FINE if is_up else 1.0 / FINE
     kept = turns[_IGNORED:]
     return Threshold(exp(sum(map(log, kept)) / len(kept)))

@@ -19,9 +19,9 @@ from typing import Protocol, Unpack
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.trial import Stopped
 from etd.client.options import FrameOptions
-from etd.errors import EtdError, Refused
-from etd.frame import Ring
-from etd.protocol import FrameReply, Halt, Scan
+from etd.protocol.errors import EtdError, Refused
+from etd.protocol.frame import Ring
+from etd.protocol.messages import FrameReply, Halt, Scan
 from etd_hal.ports import Clock
 
 _MS = 1_000_000
@@ -169,11 +169,13 @@ class Stimulator:
         while self._clock.now_ns() < until_ns:
             self._keep_if_due()
             scan = self._hear(_LOOK_S)
-            if scan is None or all(one.seq != seq for one in scan.shown):
+            if scan is None or all(shown.seq != seq for shown in scan.shown):
                 continue
             trouble |= {clamp.reason for clamp in scan.clamped if clamp.electrode == electrode}
-            trouble |= {one.reason for one in scan.thinned if one.electrode == electrode}
-            if any(one.seq == seq and one.ended for one in scan.shown):
+            trouble |= {
+                shortfall.reason for shortfall in scan.not_fired if shortfall.electrode == electrode
+            }
+            if any(shown.seq == seq and shown.ended for shown in scan.shown):
                 fired_ua = scan.fired.current_ua[electrode]
                 return *self._settled(scan, electrode, current_ua, trouble), fired_ua
         return None, "nothing was fired", 0
@@ -233,7 +235,7 @@ class Stimulator:
         report = item[1]
         self._on_report(report)
         if isinstance(report, Halt):
-            raise Refused("halted", f"halted by {report.cause} ({report.who}: {report.detail})")
+            raise Refused("halted", f"halted by {report.cause} ({report.source}: {report.detail})")
         if isinstance(report, Scan):
             self._ceiling_ua = report.ceiling_ua
         return report

@@ -13,7 +13,7 @@ from typing import TypeAlias, TypeVar
 
 from etd.calibrate.answers import Answer
 from etd.calibrate.reach import Reach
-from etd.errors import EtdError
+from etd.protocol.errors import EtdError
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,15 +72,15 @@ def run(procedure: Procedure[R], reach: Reach, present: Callable[[int], Answer])
     Raises: Stopped, Unsettled.
     """
     try:
-        wish_ua = next(procedure)
+        requested_ua = next(procedure)
         for _ in range(MOST_PRESENTATIONS):
-            current_ua = reach.bounded(wish_ua)
+            current_ua = reach.bounded(requested_ua)
             answer = present(current_ua)
             if answer in ("stop", "pause"):
                 raise Stopped(answer)
-            reach.learn(current_ua, answer)
+            reach.update(current_ua, answer)
             is_at_cap = current_ua >= reach.cap_ua
-            wish_ua = procedure.send(Heard(current_ua, answer, is_at_cap, reach.is_cap_felt))
+            requested_ua = procedure.send(Heard(current_ua, answer, is_at_cap, reach.is_cap_felt))
     except StopIteration as end:
         result: R = end.value
         return result

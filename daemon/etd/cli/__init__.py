@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import NoReturn
 
-from etd.errors import BusError, DaemonGone, EtdError, HardwareMissing, PartEnded, Refused
+from etd.protocol.errors import BusError, DaemonGone, EtdError, HardwareMissing, PartEnded, Refused
 from etd.version import __version__
 
 VERBS = (
@@ -220,4 +220,6 @@ def code_of(error: EtdError | OSError) -> str:
     if isinstance(error, Refused):
         return error.code
     kind = "OsError" if isinstance(error, OSError) else type(error).__name__
-    return "".join(f"_{one.lower()}" if one.isupper() else one for one in kind).removeprefix("_")
+    return "".join(f"_{text.lower()}" if text.isupper() else text for text in kind).removeprefix(
+        "_"
+    )

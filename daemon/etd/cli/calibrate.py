@@ -16,7 +16,6 @@ from typing import get_args
 
 from etd.calibrate.quest_plus import ready_questplus
 from etd.calibrate.trial import Stopped
-from etd.calibration import Method
 from etd.cli import options
 from etd.cli.calibrate_conditions import COMMAND_LINE
 from etd.cli.calibrate_session import CalibrateSession
@@ -24,11 +23,12 @@ from etd.cli.keys import legend
 from etd.cli.new_file import check_new_file
 from etd.cli.private_daemon import private_daemon, termination_as_ctrl_c
 from etd.client import Display
-from etd.config import fake_config
-from etd.errors import FileError
-from etd.frame import Polarity
-from etd.places import check_name
-from etd.protocol import HelloReply
+from etd.files.configuration import fake_config
+from etd.files.paths import check_name
+from etd.protocol.calibration import Method
+from etd.protocol.errors import FileError
+from etd.protocol.frame import Polarity
+from etd.protocol.messages import HelloReply
 
 NAME = "calibrate"
 HELP = "find a person's thresholds, comfortable levels and caps, one key per answer"
@@ -163,7 +163,7 @@ def run(args: argparse.Namespace) -> int:
             raise
         except Stopped as stopped:
             code = "paused" if stopped.answer == "pause" else "stopped"
-            options.tell_no(args, code, _sentence(stopped, calibrating))
+            options.answer_no(args, code, _sentence(stopped, calibrating))
             return 1
         return calibrating.settle()
 
@@ -249,6 +249,6 @@ def _check_limit(max_current_ua: int, facts: HelloReply) -> None:
 def _electrodes(text: str) -> tuple[int, ...]:
     """`3,7`. Raises: ArgumentTypeError."""
     try:
-        return tuple(int(one) for one in text.split(","))
+        return tuple(int(word) for word in text.split(","))
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a list like 3,7") from None

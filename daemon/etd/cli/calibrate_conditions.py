@@ -12,9 +12,9 @@ import argparse
 import msgspec
 
 from etd.calibrate.conditions import Conditions, identity
-from etd.calibration import Calibration
-from etd.errors import FileError
-from etd.protocol import ArrayFacts, HelloReply
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import FileError
+from etd.protocol.messages import ArrayFacts, HelloReply
 from etd_hal.tomlfile import convert
 
 COMMAND_LINE = "the command line"
@@ -28,7 +28,7 @@ _OPTIONS = {
 }
 
 
-def conditions_asked(
+def requested_conditions(
     args: argparse.Namespace, facts: HelloReply, base: Calibration | None
 ) -> Conditions:
     """`args`: of `etd calibrate`. Raises: FileError, naming the option."""
@@ -37,7 +37,7 @@ def conditions_asked(
     _check_returns(args, facts)
     most_ua = args.max_current_ua
     if most_ua is None and base is not None:
-        most_ua = max(one.cap_ua for one in base.electrode)
+        most_ua = max(limits.cap_ua for limits in base.electrode)
     width_us = args.width_us
     if width_us is None:
         width_us = base.width_us if base else facts.default_width_us
@@ -68,12 +68,12 @@ def _check_electrodes(args: argparse.Namespace, array: ArrayFacts) -> None:
     """Raises: FileError, for one that the array does not have."""
     named = {"--leave-out": args.leave_out, "--reference": (args.reference,)}
     for option, electrodes in named.items():
-        for one in electrodes:
-            if one is not None and not 0 <= one < array.electrodes:
+        for electrode in electrodes:
+            if electrode is not None and not 0 <= electrode < array.electrodes:
                 raise FileError(
                     COMMAND_LINE,
                     option,
-                    f"there is no electrode {one}",
+                    f"there is no electrode {electrode}",
                     f"0 to {array.electrodes - 1}",
                 )
 
@@ -94,10 +94,12 @@ def _reference(args: argparse.Namespace, array: ArrayFacts, base: Calibration | 
     if args.reference is not None:
         return int(args.reference)
     each = () if base is None else base.electrode[: array.electrodes]
-    felt = [index for index, one in enumerate(each) if one.felt]
+    felt = [index for index, limits in enumerate(each) if limits.felt]
     middle_x = sum(array.x_mm) / array.electrodes
     middle_y = sum(array.y_mm) / array.electrodes
     return min(
         felt or range(array.electrodes),
-        key=lambda one: (array.x_mm[one] - middle_x) ** 2 + (array.y_mm[one] - middle_y) ** 2,
+        key=lambda electrode: (
+            (array.x_mm[electrode] - middle_x) ** 2 + (array.y_mm[electrode] - middle_y) ** 2
+        ),
     )

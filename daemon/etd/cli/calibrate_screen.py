@@ -15,7 +15,7 @@ from etd.calibrate.answers import Answer, Ask, Question
 from etd.calibrate.progress import Progress
 from etd.cli.keys import legend
 from etd.cli.terminal import is_terminal
-from etd.protocol import ArrayFacts
+from etd.protocol.messages import ArrayFacts
 
 _CLEAR = "\x1b[H\x1b[2J"
 _ASKED = {
@@ -76,7 +76,7 @@ class Screen:
         come.
         """
         return self._picture.rows(
-            [self._sign(one) for one in range(self._progress.conditions.electrodes)]
+            [self._sign(electrode) for electrode in range(self._progress.conditions.electrodes)]
         )
 
     def line(self) -> str:

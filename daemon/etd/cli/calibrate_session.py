@@ -14,25 +14,26 @@ from contextlib import ExitStack
 import msgspec
 
 from etd.calibrate.answers import Answerer
-from etd.calibrate.asking import Presents
+from etd.calibrate.asking import Presenter
 from etd.calibrate.conditions import Conditions, check_baseline, check_conditions, check_laws
 from etd.calibrate.course import Course
-from etd.calibrate.modelled import FeltPresents, ModelledBody
+from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.stimulator import Stimulator
 from etd.calibrate.trial import Stopped
-from etd.calibration import Calibration, to_toml
 from etd.cli import options
-from etd.cli.calibrate_conditions import conditions_asked
+from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_watch import Watch
 from etd.cli.keys import Keyboard, keyboard
 from etd.client import Display, clock
-from etd.errors import Refused
-from etd.places import calibrating_file
+from etd.files.atomic_file import write_atomically
+from etd.files.calibration import to_toml
+from etd.files.paths import calibrating_file
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import Refused
 from etd.version import __version__
-from etd.wholefile import write_whole
 from etd_hal.compose import wall_time
 
 ARM_WITHIN_S = 20.0
@@ -50,7 +51,7 @@ class CalibrateSession:
         self._which = which
         self._file = calibrating_file(args.name if args.board is None else "fake", which)
         self._baseline = display.calibration(args.baseline) if args.baseline else None
-        conditions = check_conditions(conditions_asked(args, display.facts, self._baseline))
+        conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
         has_baseline = self._baseline is not None
         check_laws(conditions, display.facts.stabilizers, has_baseline=has_baseline)
         if self._baseline is not None:
@@ -88,17 +89,17 @@ class CalibrateSession:
                 answerer.wants_stop,
                 body.hear,
             )
-            presents: Presents = stimulator
+            presenter: Presenter = stimulator
             if self._is_simulated:
-                presents = FeltPresents(stimulator, body)
+                presenter = FeltPresenter(stimulator, body)
             if self._watch is not None:
                 stack.enter_context(self._watch)
-            self._go_through(stimulator, presents, answerer)
+            self._go_through(stimulator, presenter, answerer)
 
-    def _go_through(self, stimulator: Stimulator, presents: Presents, answerer: Answerer) -> None:
+    def _go_through(self, stimulator: Stimulator, presenter: Presenter, answerer: Answerer) -> None:
         course = Course(
             self._progress,
-            presents,
+            presenter,
             answerer,
             _today,
             baseline=self._baseline,
@@ -113,11 +114,15 @@ class CalibrateSession:
 
     def settle(self) -> int:
         """Have the daemon keep what is complete; say what is missing otherwise."""
-        missing = [one for one in self._progress.missing if one not in self._args.leave_out]
+        missing = [
+            electrode
+            for electrode in self._progress.missing
+            if electrode not in self._args.leave_out
+        ]
         if missing:
             for electrode in missing:
                 print(f"electrode {electrode}: {self._left.get(electrode)}", file=sys.stderr)
-            options.tell_no(
+            options.answer_no(
                 self._args,
                 "unsettled",
                 f"{len(missing)} electrodes are not settled, and nothing is stored:"
@@ -130,7 +135,7 @@ class CalibrateSession:
         self._wait_for_safe()
         self._display.set_calibration(self._which, made)
         if self._args.out is not None:
-            write_whole(self._args.out, to_toml(made).encode(), mode=0o640)
+            write_atomically(self._args.out, to_toml(made).encode(), mode=0o640)
         self._file.unlink(missing_ok=True)
         self._answer(made)
         return 0
@@ -164,7 +169,11 @@ class CalibrateSession:
         return progress
 
     def _wanted(self) -> list[int]:
-        return [one for one in self._progress.missing if one not in self._args.leave_out]
+        return [
+            electrode
+            for electrode in self._progress.missing
+            if electrode not in self._args.leave_out
+        ]
 
     # --- the daemon --------------------------------------------------------------------------
 
@@ -231,10 +240,11 @@ class CalibrateSession:
             }
             print(msgspec.json.encode(answer).decode())
             return
-        felt = [one for one in made.electrode if one.felt]
+        felt = [limits for limits in made.electrode if limits.felt]
         print(
             f"{self._which}: {len(felt)} of {len(made.electrode)} electrodes are felt, thresholds"
-            f" {min(one.threshold_ua for one in felt)} to {max(one.threshold_ua for one in felt)}"
+            f" {min(limits.threshold_ua for limits in felt)} to "
+            f"{max(limits.threshold_ua for limits in felt)}"
             f" uA, {count} presentations; {self._where()}"
         )
 

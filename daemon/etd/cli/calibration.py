@@ -13,15 +13,16 @@ from pathlib import Path
 import msgspec
 
 from etd.apps.picture import Picture
-from etd.calibration import Calibration, load_calibration, to_toml
-from etd.check import check_file
 from etd.cli import options
 from etd.cli.new_file import check_new_file
 from etd.client import Display
-from etd.errors import FileError
-from etd.frame import Returns, Ring
-from etd.places import check_name
-from etd.wholefile import write_whole
+from etd.files.atomic_file import write_atomically
+from etd.files.calibration import load_calibration, to_toml
+from etd.files.check import check_file
+from etd.files.paths import check_name
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import FileError
+from etd.protocol.frame import Returns, Ring
 
 NAME = "calibration"
 HELP = "list, show, export, import and delete the calibrations that the daemon keeps"
@@ -91,13 +92,17 @@ def _list(args: argparse.Namespace) -> int:
     with _display(args) as display:
         found = {name: display.calibration(name) for name in display.calibrations()}
     if args.json:
-        about = {name: _conditions(one) for name, one in found.items()}
+        about = {name: _conditions(calibration) for name, calibration in found.items()}
         _print_json({"ok": True, "calibrations": about})
     elif not found:
         print("there are none: `etd calibrate` makes one")
     else:
         wide = max(map(len, found))
-        print("\n".join(f"{name:<{wide}}  {_sentence(one)}" for name, one in found.items()))
+        print(
+            "\n".join(
+                f"{name:<{wide}}  {_sentence(calibration)}" for name, calibration in found.items()
+            )
+        )
     return 0
 
 
@@ -111,7 +116,7 @@ def _show(args: argparse.Namespace) -> int:
     for key, value in _conditions(calibration).items():
         print(f"{key:<14} {_printable(value)}")
     if calibration.array == array.name and len(calibration.electrode) == array.electrodes:
-        signs = _signs([one.threshold_ua for one in calibration.electrode])
+        signs = _signs([limits.threshold_ua for limits in calibration.electrode])
         print("thresholds, low to high from 0 to 9:")
         print("\n".join(Picture(array.x_mm, array.y_mm).rows(signs)))
     print("\n".join(_table(calibration)))
@@ -135,7 +140,7 @@ def _conditions(calibration: Calibration) -> dict[str, object]:
         "date": calibration.date.isoformat(),
         "program": calibration.program,
         "electrodes": len(calibration.electrode),
-        "largest_cap_ua": max((one.cap_ua for one in calibration.electrode), default=0),
+        "largest_cap_ua": max((limits.cap_ua for limits in calibration.electrode), default=0),
     }
 
 
@@ -152,7 +157,7 @@ def _returns(returns: Returns) -> str:
 
 
 def _sentence(calibration: Calibration) -> str:
-    caps_ua = [one.cap_ua for one in calibration.electrode]
+    caps_ua = [limits.cap_ua for limits in calibration.electrode]
     return (
         f"{calibration.participant}, {calibration.body_site}, {calibration.array},"
         f" {calibration.polarity}, {calibration.width_us} us, {calibration.rate_hz:g} Hz, caps up"
@@ -169,14 +174,15 @@ def _signs(values: list[int]) -> list[str]:
 
 def _table(calibration: Calibration) -> list[str]:
     lines = ["electrode  threshold  comfortable  cap (uA)  resistance then"]
-    for electrode, one in enumerate(calibration.electrode):
-        ohm = "not known" if one.resistance_ohm is None else f"{one.resistance_ohm} ohm"
-        told = "" if one.felt else "  not felt"
-        day = "" if one.date is None else f"  of {one.date.isoformat()}"
-        if one.threshold_date is not None:
-            day += f"  threshold and cap of {one.threshold_date.isoformat()}"
+    for electrode, limits in enumerate(calibration.electrode):
+        ohm = "not known" if limits.resistance_ohm is None else f"{limits.resistance_ohm} ohm"
+        told = "" if limits.felt else "  not felt"
+        day = "" if limits.date is None else f"  of {limits.date.isoformat()}"
+        if limits.threshold_date is not None:
+            day += f"  threshold and cap of {limits.threshold_date.isoformat()}"
         lines.append(
-            f"{electrode:>9}  {one.threshold_ua:>9}  {one.comfortable_ua:>11}  {one.cap_ua:>8}"
+            f"{electrode:>9}  {limits.threshold_ua:>9}  {limits.comfortable_ua:>11}  "
+            f"{limits.cap_ua:>8}"
             f"  {ohm:>15}{told}{day}"
         )
     return lines
@@ -194,7 +200,7 @@ def _export(args: argparse.Namespace) -> int:
         sys.stdout.write(text)
         return 0
     try:
-        write_whole(args.file, text.encode(), mode=0o640)
+        write_atomically(args.file, text.encode(), mode=0o640)
     except OSError as error:
         raise FileError(
             str(args.file), "", f"it cannot be written ({error.strerror})", "name another place"

@@ -1,6 +1,6 @@
 """`etd check FILE...`: is this file what it should be?
 
-Owns: the printed answer. Must not know: the rules (etd.check asks those who have them).
+Owns: the printed answer. Must not know: the rules (etd.files.check asks those who have them).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from etd.check import Checked, check_file
+from etd.files.check import Checked, check_file
 
 NAME = "check"
 HELP = "tell what files are, and whether they hold together"

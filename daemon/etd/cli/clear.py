@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     with Display(args.name, client="etd clear") as display:
         halt = display.status().halt
         display.clear()
-    cause = "" if halt is None else f"{halt.cause} ({halt.who})"
+    cause = "" if halt is None else f"{halt.cause} ({halt.source})"
     if args.json:
         print(json.dumps({"ok": True, "was_halted_by": cause}))
     else:

@@ -17,9 +17,9 @@ from etd.cli.live import Drawn, Plain, picture_of
 from etd.cli.private_daemon import private_daemon
 from etd.client import Display, clock
 from etd.client.telemetry import Telemetry
-from etd.config import fake_config
-from etd.errors import Refused
-from etd.protocol import FrameReply
+from etd.files.configuration import fake_config
+from etd.protocol.errors import Refused
+from etd.protocol.messages import FrameReply
 
 NAME = "demo"
 HELP = "show a moving pattern on a fake board: no hardware, and nobody's skin"
@@ -128,9 +128,9 @@ class Demo:
 
     def _shown(self, levels: list[float]) -> FrameReply:
         if self._has_calibration:
-            return self._display.show(levels, thin=True)
+            return self._display.show(levels, allow_slower=True)
         currents_ua = [int(level * _CURRENT_UA) for level in levels]
-        return self._display.show_current(currents_ua, width_us=_WIDTH_US, thin=True)
+        return self._display.show_current(currents_ua, width_us=_WIDTH_US, allow_slower=True)
 
     def _listen(self, reports: Telemetry, picture: Plain | Drawn, until_ns: int) -> None:
         while (left_ns := until_ns - clock.now_ns()) > 0:

@@ -14,7 +14,7 @@ import zmq
 from etd.cli import options
 from etd.client import wire
 from etd.client.session import Ask, Session
-from etd.errors import DaemonGone, Refused
+from etd.protocol.errors import DaemonGone, Refused
 
 NAME = "disarm"
 HELP = "switch the supply off; the lease stays with its holder"

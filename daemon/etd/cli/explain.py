@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     if args.plot is not None:
         args.plot.write_text(svg_of(figure), encoding="utf-8")
     if args.json:
-        print(json.dumps({"ok": True, **figure.told()}))
+        print(json.dumps({"ok": True, **figure.as_dict()}))
     else:
         print("\n".join(_lines(figure)))
     return 0

@@ -40,7 +40,7 @@ _KEEP_S = 0.25
 def legend(ask: Ask) -> str:
     """`n not felt   f felt ...   SPACE STOP   q pause`"""
     by_answer = {answer: key for key, answer in KEYS.items()}
-    parts = [f"{by_answer[one]} {one.replace('_', ' ')}" for one in ANSWERS[ask]]
+    parts = [f"{by_answer[answer]} {answer.replace('_', ' ')}" for answer in ANSWERS[ask]]
     return "   ".join([*parts, "SPACE STOP", "q pause"])
 
 

@@ -65,7 +65,7 @@ class Drawn:
         from rich.console import Group
         from rich.text import Text
 
-        panels = Columns([self._panel(one) for one in self._monitor.panels()], padding=(0, 3))
+        panels = Columns([self._panel(panel) for panel in self._monitor.panels()], padding=(0, 3))
         contact = "   ".join(f"{sign} {kind}" for kind, sign in CONTACT_SIGNS.items())
         return Group(
             Text(f"{self._title}\n"),

@@ -12,7 +12,7 @@ import msgspec
 from etd.apps.picture import Picture
 from etd.cli import options
 from etd.client import Display
-from etd.protocol import MeasureReply
+from etd.protocol.messages import MeasureReply
 
 NAME = "measure"
 HELP = "measure the contact of every electrode with probe pulses that are not felt"
@@ -45,14 +45,14 @@ def run(args: argparse.Namespace) -> int:
         print(msgspec.json.encode(found).decode())
     else:
         picture = Picture(array.x_mm, array.y_mm)
-        print("\n".join(picture.rows([_SIGNS[one] for one in found.contact])))
+        print("\n".join(picture.rows([_SIGNS[touches] for touches in found.contact])))
         print("\n".join(lines_of(found)))
     return 0 if any(found.contact) else 1
 
 
 def lines_of(found: MeasureReply) -> list[str]:
     """What touches, and a line for each electrode."""
-    touching = sum(one is True for one in found.contact)
+    touching = sum(touches is True for touches in found.contact)
     lines = [f"# touches, . does not, ? not known: {touching} of {len(found.contact)} touch"]
     for electrode, contact in enumerate(found.contact):
         ohm, volt = found.resistance_ohm[electrode], found.voltage_v[electrode]

@@ -17,8 +17,8 @@ from etd.cli import options
 from etd.cli.live import picture_of
 from etd.client import Display, clock
 from etd.client.telemetry import Item, Telemetry
-from etd.errors import DaemonGone
-from etd.protocol import HelloReply
+from etd.protocol.errors import DaemonGone
+from etd.protocol.messages import HelloReply
 
 NAME = "monitor"
 HELP = "show live what is fired, and why not more"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from etd.errors import FileError
+from etd.protocol.errors import FileError
 
 
 def check_new_file(path: Path | None) -> None:

@@ -11,7 +11,7 @@ import json
 import sys
 from typing import NamedTuple
 
-from etd.places import DEFAULT_NAME
+from etd.files.paths import DEFAULT_NAME
 
 #: A frame on the fake is felt for at most 100 s after its client has died.
 MAX_TIMEOUT_FACTOR = 100
@@ -27,7 +27,7 @@ def add_json(parser: argparse.ArgumentParser, what: str = "one JSON object") -> 
     parser.add_argument("--json", action="store_true", help=f"answer with {what}, errors too")
 
 
-def tell_no(args: argparse.Namespace, code: str, reason: str) -> None:
+def answer_no(args: argparse.Namespace, code: str, reason: str) -> None:
     """As errors are told: a sentence, and under `--json` the object instead."""
     if args.json:
         print(json.dumps({"ok": False, "error": code, "reason": reason}))

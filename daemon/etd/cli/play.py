@@ -17,16 +17,16 @@ from typing import get_args
 import msgspec
 
 from etd.apps.player import Player, Summary
-from etd.apps.steps import Currents, Manner, steps_of
-from etd.calibration import Calibration
+from etd.apps.steps import Currents, PlayOptions, steps_of
 from etd.cli import options
 from etd.cli.private_daemon import private_daemon
 from etd.cli.terminal import progress_of
 from etd.client import Display
-from etd.config import fake_config
-from etd.errors import Refused
-from etd.frame import Polarity
-from etd.pattern import Pattern, load_pattern
+from etd.files.configuration import fake_config
+from etd.files.pattern import Pattern, load_pattern
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import Refused
+from etd.protocol.frame import Polarity
 
 NAME = "play"
 HELP = "play a pattern file of ours or of eTactileKit"
@@ -52,9 +52,9 @@ class Played(msgspec.Struct, frozen=True, kw_only=True):
     frames: int
     clamped_frames: int
     clamped: list[object]
-    thinned: dict[str, int]
+    not_fired: dict[str, int]
     slowed_to_hz: float | None
-    opening_s: float
+    soft_start_s: float
     played_s: float
     told: list[str]
 
@@ -77,7 +77,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--polarity", choices=get_args(Polarity), help="in place of the file's")
     options.add_returns(parser)
     parser.add_argument("--max-rate", type=options.positive, metavar="HZ", help="no faster than HZ")
-    parser.add_argument("--thin", action="store_true", help="slow down frames that do not fit")
+    parser.add_argument(
+        "--allow-slower", action="store_true", help="slow down frames that do not fit"
+    )
     parser.add_argument("--repeat", type=_times, default=1, metavar="N", help="so many times")
     parser.add_argument("--arm", action="store_true", help="arm it, as an operator may")
     options.add_json(parser)
@@ -91,7 +93,11 @@ def run(args: argparse.Namespace) -> int:
     with _address(args, pattern) as address, _display(args, address) as display:
         backend = display.facts.board.backend
         steps = steps_of(
-            pattern, _manner(args, display), display.electrodes, _calibration(args, display), teller
+            pattern,
+            _play_options(args, display),
+            display.electrodes,
+            _calibration(args, display),
+            teller,
         )
         with progress_of(len(pattern.frames) * args.repeat, is_quiet=args.json) as on_frame:
             player = Player(display, steps, on_frame)
@@ -151,17 +157,17 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
     )
 
 
-def _manner(args: argparse.Namespace, display: Display) -> Manner:
+def _play_options(args: argparse.Namespace, display: Display) -> PlayOptions:
     currents = None
     if args.current_ua is not None:
         currents = Currents(args.current_ua, args.width_us, display.facts.default_rate_hz)
-    return Manner(
+    return PlayOptions(
         level=1.0 if args.level is None else args.level,
         currents=currents,
         polarity=args.polarity,
         returns=args.returns,
         max_rate_hz=args.max_rate,
-        is_thinned=args.thin,
+        allows_slower=args.allow_slower,
     )
 
 
@@ -202,9 +208,9 @@ def _answer(args: argparse.Namespace, backend: str, summary: Summary, teller: _T
             frames=summary.frames,
             clamped_frames=len(summary.clamped_frames),
             clamped=list(summary.clamped.values()),
-            thinned=dict(summary.thinned),
+            not_fired=dict(summary.not_fired),
             slowed_to_hz=summary.slowed_to_hz,
-            opening_s=round(summary.opening_s, 3),
+            soft_start_s=round(summary.soft_start_s, 3),
             played_s=round(summary.played_s, 3),
             told=teller.told,
         )
@@ -213,13 +219,13 @@ def _answer(args: argparse.Namespace, backend: str, summary: Summary, teller: _T
     for clamp in summary.clamped.values():
         print(
             f"clamped: electrode {clamp.electrode} asked for {clamp.wanted_ua} uA and got"
-            f" {clamp.got_ua} uA ({clamp.reason} of electrode {clamp.limited_by})"
+            f" {clamp.allowed_ua} uA ({clamp.reason} of electrode {clamp.limited_by})"
         )
     print(_last_line(args, backend, summary))
 
 
 #: What a count of the summary counts.
-_THINNED = {
+_NOT_FIRED = {
     "ledger": "pulses that the ledger did not allow",
     "overrun": "scans that began late",
     "processor": "pauses for the processor",
@@ -229,13 +235,14 @@ _THINNED = {
 
 def _last_line(args: argparse.Namespace, backend: str, summary: Summary) -> str:
     slowed = "" if summary.slowed_to_hz is None else f", slowed to {summary.slowed_to_hz:.1f} Hz"
-    thinned = ", ".join(
-        f"{count} {_THINNED.get(reason, reason)}" for reason, count in summary.thinned.items()
+    shortfalls = ", ".join(
+        f"{count} {_NOT_FIRED.get(reason, reason)}" for reason, count in summary.not_fired.items()
     )
     return (
         f"{args.file.name}: {summary.frames} frames in {summary.played_s:.1f} s on {backend},"
-        f" after {summary.opening_s:.1f} s of opening; {len(summary.clamped_frames)} frames clamped"
-        f"{slowed}; thinned: {thinned or 'nothing'}"
+        f" after {summary.soft_start_s:.1f} s of opening; {len(summary.clamped_frames)} frames"
+        " clamped"
+        f"{slowed}; thinned: {shortfalls or 'nothing'}"
     )
 
 

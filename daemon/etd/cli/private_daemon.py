@@ -14,10 +14,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-from etd.cli.two_processes import TwoProcesses
-from etd.config import LoadedConfig
-from etd.errors import DaemonGone, PartEnded, Refused
-from etd.places import prepare_runtime
+from etd.cli.process_pair import ProcessPair
+from etd.files.configuration import LoadedConfig
+from etd.files.paths import prepare_runtime
+from etd.protocol.errors import DaemonGone, PartEnded, Refused
 
 _ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 #: Its skin is nobody's, and what is shown on it is to go on where the machine is busy.
@@ -38,7 +38,7 @@ def private_daemon(name: str, loaded: LoadedConfig, trace: Path | None = None) -
         arguments = _arguments(name, loaded, folder, trace)
         with open(folder / "log", "w+", encoding="utf-8") as log:
             try:
-                with TwoProcesses(arguments, folder, log) as both:
+                with ProcessPair(arguments, folder, log) as both:
                     both.wait_until_ready()
                     with _death_explains(both):
                         yield both.address
@@ -64,7 +64,7 @@ def termination_as_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def _death_explains(both: TwoProcesses) -> Iterator[None]:
+def _death_explains(both: ProcessPair) -> Iterator[None]:
     """A client that is refused or not answered because a part died: that is the reason to tell."""
     try:
         yield

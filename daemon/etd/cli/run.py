@@ -19,9 +19,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from etd.cli import options
-from etd.config import LoadedConfig, fake_config, load_config
-from etd.errors import AlreadyRunning, FileError, PartEnded
-from etd.places import (
+from etd.files.configuration import LoadedConfig, fake_config, load_config
+from etd.files.paths import (
     CONTROL,
     prepare_runtime,
     runtime_folder,
@@ -29,11 +28,12 @@ from etd.places import (
     state_folder,
     why_unreachable,
 )
-from etd.selftest_subject import subject_of
-from etd.shipped import config_dir
+from etd.files.resources import config_dir
+from etd.protocol.errors import AlreadyRunning, FileError, PartEnded
+from etd.selftest.subject import subject_of
 from etd_hal.backend import Backend
 from etd_hal.compose import open_fake, open_linux, system_clock
-from etd_hal.patience import open_patiently
+from etd_hal.wait_for_devices import open_when_there
 
 NAME = "run"
 HELP = "run the daemon: engine and gateway, until Ctrl-C"
@@ -154,13 +154,13 @@ def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
 
 def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
     # Here and below: no part loads what only another one needs. The engine holds no ZeroMQ.
-    from etd.cli.two_processes import TwoProcesses
+    from etd.cli.process_pair import ProcessPair
 
     if why_unreachable(folder / CONTROL) is None:
         raise AlreadyRunning(args.name, f"it answers at {folder / CONTROL}")
     for sentence in loaded.mended:
         print(f"mended: {sentence}", file=sys.stderr)
-    both = TwoProcesses(_arguments(args, loaded, folder), folder)
+    both = ProcessPair(_arguments(args, loaded, folder), folder)
     # A second Ctrl-C, too, finds the handlers of `_endings`: nothing breaks off the way to safety.
     with _endings() as wakeup:
         try:
@@ -219,7 +219,9 @@ def _make_safe_after(
     with it; any other board outlives it.
     """
     outlives = loaded.config.backend == "linux" or args.board_socket is not None
-    killed = [one for one in endings if one.part == "engine" and one.how.startswith("killed")]
+    killed = [
+        ending for ending in endings if ending.part == "engine" and ending.how.startswith("killed")
+    ]
     if not (killed and outlives):
         return
     print(f"the engine ended ({killed[0].how}): `etd safe` makes the board safe", file=sys.stderr)
@@ -266,7 +268,7 @@ def kept_selftest(name: str, loaded: LoadedConfig) -> Path:
 def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
     """Raises: HardwareMissing, BusError."""
     if loaded.config.backend == "linux":
-        return open_patiently(
+        return open_when_there(
             lambda: open_linux(loaded.board, loaded.machine),
             system_clock(),
             int(args.wait * 1e9),
@@ -275,7 +277,7 @@ def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
     return open_fake(
         loaded.board,
         electrodes=loaded.array.outputs(),
-        places_mm=list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True)),
+        positions_mm=list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True)),
         trace=args.trace,
         board_socket=args.board_socket,
         sensors=loaded.array.pressure,
@@ -284,9 +286,9 @@ def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
 
 
 def _run_gateway(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
+    from etd.engine.notify import Notifier
     from etd.gateway.config import GatewayConfig
     from etd.gateway.process import run_gateway
-    from etd.notify import Notifier
 
     config = GatewayConfig(
         name=args.name,

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from etd.errors import BusError, FileError
-from etd.shipped import Kind, find
+from etd.files.resources import Kind, find
+from etd.protocol.errors import BusError, FileError
 from etd_hal.backend import Backend
 from etd_hal.board import Board
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine

@@ -16,16 +16,16 @@ from etd.cli.new_file import check_new_file
 from etd.cli.run import kept_selftest, loaded_config
 from etd.cli.selftest_ending import broken_off_once
 from etd.cli.selftest_table import Quiet, Table, table_of
-from etd.config import LoadedConfig
-from etd.errors import FileError
-from etd.selftest.bed import Asked, Bed, DummyLoad
+from etd.files.configuration import LoadedConfig
+from etd.protocol.errors import FileError
+from etd.selftest.fixture import DummyLoad, Fixture, SelftestOptions
 from etd.selftest.ladder import largest_ohm
+from etd.selftest.report import Check, Report, save
 from etd.selftest.run import cut_short
 from etd.selftest.run import run as run_stages
-from etd.selftest_report import Check, Report, save
-from etd.selftest_subject import strongest_ua
+from etd.selftest.subject import strongest_ua
 from etd_hal.backend import Bench
-from etd_hal.bench import Hand, StopName
+from etd_hal.bench import Operator, StopName
 from etd_hal.compose import open_fake_bench, open_linux_bench, wall_time
 
 NAME = "selftest"
@@ -120,7 +120,7 @@ def _run(args: argparse.Namespace) -> int:
             bench.backend.close()
     for path in (kept, *_copies(args)):
         save(report, path)
-    _tell(args, report, kept)
+    _print_report(args, report, kept)
     return 0 if report.passed else 1
 
 
@@ -149,7 +149,7 @@ def _pair(text: str) -> tuple[int, int]:
     return first, second
 
 
-def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> Asked:
+def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> SelftestOptions:
     ohm, pair, second_ohm = args.dummy_load, args.load_electrodes, args.second_load
     if args.one_shot_us is not None and loaded.board.guards.one_shot == "absent":
         args.misused(f"--one-shot-us: {loaded.board.name} has no one_shot")
@@ -158,7 +158,7 @@ def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> Asked:
     if ohm is None:
         if second_ohm is not None:
             args.misused("--second-load goes with --dummy-load and --load-electrodes")
-        return Asked(None, args.one_shot_us)
+        return SelftestOptions(None, args.one_shot_us)
     _check_reach(args, loaded, ohm)
     if second_ohm is not None and max(ohm, second_ohm) < LEAST_RATIO * min(ohm, second_ohm):
         args.misused(
@@ -171,7 +171,7 @@ def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> Asked:
     if count < 3:
         args.misused("a load needs an array with a third electrode, that stays open")
     second = None if second_ohm is None else DummyLoad(second_ohm, *pair)
-    return Asked(DummyLoad(ohm, *pair), args.one_shot_us, second)
+    return SelftestOptions(DummyLoad(ohm, *pair), args.one_shot_us, second)
 
 
 def _check_reach(args: argparse.Namespace, loaded: LoadedConfig, ohm: int) -> None:
@@ -185,28 +185,28 @@ def _check_reach(args: argparse.Namespace, loaded: LoadedConfig, ohm: int) -> No
         )
 
 
-def _open(loaded: LoadedConfig, asked: Asked) -> Bench:
+def _open(loaded: LoadedConfig, asked: SelftestOptions) -> Bench:
     """Raises: HardwareMissing, BusError."""
     if loaded.config.backend == "linux":
         return open_linux_bench(loaded.board, loaded.machine)
     load = asked.load
     bench = open_fake_bench(loaded.board, electrodes=loaded.array.outputs())
-    if load is not None and bench.hand is not None:
-        bench.hand.clip(load.resistance_ohm, load.first, load.second)
+    if load is not None and bench.operator is not None:
+        bench.operator.clip(load.resistance_ohm, load.first, load.second)
     return bench
 
 
 def _tested(
-    args: argparse.Namespace, loaded: LoadedConfig, bench: Bench, asked: Asked, kept: Path
+    args: argparse.Namespace, loaded: LoadedConfig, bench: Bench, asked: SelftestOptions, kept: Path
 ) -> Report:
     """Raises: FileError before anything is done, if a report could not be kept."""
     table = table_of(is_quiet=args.json)
-    operator = None if args.no_operator else _Operator(table, bench.hand)
-    bed = Bed(loaded, bench, operator, asked)
+    operator = None if args.no_operator else _Operator(table, bench.operator)
+    fixture = Fixture(loaded, bench, operator, asked)
     # What was passed before is given up last.
     for path in (*_copies(args), kept):
-        save(cut_short(bed, wall_time()), path)
-    return run_stages(bed, wall_time(), table.check, table.stage)
+        save(cut_short(fixture, wall_time()), path)
+    return run_stages(fixture, wall_time(), table.check, table.stage)
 
 
 def _copies(args: argparse.Namespace) -> tuple[Path, ...]:
@@ -216,45 +216,45 @@ def _copies(args: argparse.Namespace) -> tuple[Path, ...]:
 class _Operator:
     """A person, told what to do; or the fake's hand, which does it."""
 
-    def __init__(self, table: Table | Quiet, hand: Hand | None) -> None:
+    def __init__(self, table: Table | Quiet, operator: Operator | None) -> None:
         self._table = table
-        self._hand = hand
+        self._fake = operator
 
     def press(self, stop: StopName) -> None:
         self._table.ask(f"press the {stop.replace('_', ' ')}, and release it")
-        if self._hand is not None:
-            self._hand.press(stop)
+        if self._fake is not None:
+            self._fake.press(stop)
 
     def hold(self, stop: StopName) -> None:
         self._table.ask(f"press the {stop.replace('_', ' ')}, and HOLD it until you are told")
-        if self._hand is not None:
-            self._hand.hold(stop)
+        if self._fake is not None:
+            self._fake.hold(stop)
 
     def let_go(self, stop: StopName) -> None:
         self._table.ask(f"release the {stop.replace('_', ' ')}")
-        if self._hand is not None:
-            self._hand.let_go(stop)
+        if self._fake is not None:
+            self._fake.let_go(stop)
 
     def clip(self, load_ohm: int, first: int, second: int) -> None:
         self._table.ask(f"{load_ohm} ohm between electrode {first} and electrode {second}")
-        if self._hand is not None:
-            self._hand.clip(load_ohm, first, second)
+        if self._fake is not None:
+            self._fake.clip(load_ohm, first, second)
 
     def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
         who = "electrode " + ", ".join(map(str, found[:8]))
         self._table.ask(
             f"{who} answers where {asked} was asked for: the wrong place, or wires swapped"
         )
-        if self._hand is not None:
-            self._hand.misplaced(asked, found)
+        if self._fake is not None:
+            self._fake.misplaced(asked, found)
 
     def stand_back(self) -> None:
         self._table.ask("HANDS OFF the board: strong pulses go into the load now")
-        if self._hand is not None:
-            self._hand.stand_back()
+        if self._fake is not None:
+            self._fake.stand_back()
 
 
-def _tell(args: argparse.Namespace, report: Report, kept: Path) -> None:
+def _print_report(args: argparse.Namespace, report: Report, kept: Path) -> None:
     if args.json:
         answer = {"ok": report.passed, "kept": str(kept), "report": report}
         print(msgspec.json.encode(answer).decode())

@@ -55,7 +55,7 @@ class _Ending:
 def broken_off_once() -> Iterator[None]:
     """While a board is tested. In the main thread."""
     ending = _Ending()
-    before = {one: signal.signal(one, ending.ask) for one in _ENDINGS}
+    before = {signals: signal.signal(signals, ending.ask) for signals in _ENDINGS}
     before[signal.SIGALRM] = signal.signal(signal.SIGALRM, ending.overdue)
     try:
         yield

@@ -9,8 +9,8 @@ import importlib.util
 import sys
 
 from etd.cli.terminal import is_terminal
+from etd.selftest.report import Check
 from etd.selftest.run import STAGES
-from etd.selftest_report import Check
 
 _COLORS = {"pass": "green", "fail": "bold red", "skip": "yellow", "absent": "dim"}
 

@@ -11,8 +11,8 @@ import msgspec
 
 from etd.cli import options
 from etd.client import Display
-from etd.errors import Refused
-from etd.protocol import HelloReply, StateReport
+from etd.protocol.errors import Refused
+from etd.protocol.messages import HelloReply, StateReport
 
 NAME = "status"
 HELP = "tell what the daemon is doing, and what it lacks"
@@ -76,7 +76,7 @@ def _state(report: StateReport) -> str:
         return "the engine is gone, so nothing is driven (systemctl status etd-engine@NAME)"
     if report.halt is not None:
         halt = report.halt
-        return f"HALTED by {halt.cause} ({halt.who}: {halt.detail}); look, then `etd clear`"
+        return f"HALTED by {halt.cause} ({halt.source}: {halt.detail}); look, then `etd clear`"
     return report.state
 
 

@@ -14,8 +14,7 @@ import msgspec
 
 from etd.cli import options
 from etd.client import Display
-from etd.errors import DaemonGone, EtdError, Refused
-from etd.places import (
+from etd.files.paths import (
     CONTROL,
     SYSTEM_RUNTIME,
     RunningDaemon,
@@ -24,6 +23,7 @@ from etd.places import (
     find_daemons,
     why_unreachable,
 )
+from etd.protocol.errors import DaemonGone, EtdError, Refused
 
 NAME = "stop"
 HELP = "make the skin silent at once, and latch it until `etd clear`"
@@ -58,14 +58,14 @@ def run(args: argparse.Namespace) -> int:
     daemons = _all_daemons() if args.name is None else _named(args.name)
     with ThreadPoolExecutor(max_workers=len(daemons)) as pool:
         answers = list(pool.map(_stop, daemons))
-    all_good = all(one.error is None for one in answers)
+    all_good = all(stopped.error is None for stopped in answers)
     if args.json:
         print(msgspec.json.encode({"ok": all_good, "daemons": answers}).decode())
     else:
         print("\n".join(lines_of(answers)))
     if all_good:
         return 0
-    return 1 if all(one.is_there for one in answers) else 3
+    return 1 if all(stopped.is_there for stopped in answers) else 3
 
 
 def _named(name: str) -> list[RunningDaemon]:
@@ -107,20 +107,23 @@ def _is_engine_gone(error: EtdError) -> bool:
 
 def lines_of(answers: list[Stopped]) -> list[str]:
     """By name; by address too, where two users have daemons of one name."""
-    names = Counter(one.name for one in answers)
+    names = Counter(stopped.name for stopped in answers)
     return [
-        _line(one, one.name if names[one.name] == 1 else f"{one.name} ({one.address})")
-        for one in answers
+        _line(
+            stopped,
+            stopped.name if names[stopped.name] == 1 else f"{stopped.name} ({stopped.address})",
+        )
+        for stopped in answers
     ]
 
 
-def _line(one: Stopped, called: str) -> str:
-    if one.error is None:
+def _line(stopped: Stopped, called: str) -> str:
+    if stopped.error is None:
         return f"{called}: silent, HALTED until `etd clear`"
     return (
-        f"{called}: NOT STOPPED: {one.error}\n"
+        f"{called}: NOT STOPPED: {stopped.error}\n"
         "  What the skin is then: without a gateway the engine is silent after 250 ms; without an\n"
         "  engine nothing is fired any more. If anything is still felt: the hardware stop, the\n"
-        f"  supply's plug; then `systemctl stop etd-engine@{one.name}` and"
-        f" `etd safe --name {one.name}`."
+        f"  supply's plug; then `systemctl stop etd-engine@{stopped.name}` and"
+        f" `etd safe --name {stopped.name}`."
     )

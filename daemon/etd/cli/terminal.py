@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from etd.errors import HardwareMissing
+from etd.protocol.errors import HardwareMissing
 
 
 def is_terminal() -> bool:

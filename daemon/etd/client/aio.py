@@ -17,15 +17,15 @@ from typing import Any, Self, Unpack
 import zmq
 import zmq.asyncio
 
-from etd.calibration import Calibration
 from etd.client import clock, wire
 from etd.client.options import FrameOptions, Kind, frame_fields, held_ns, renewal_s, silent_fields
 from etd.client.session import KEEP_S, Ask, Flow, R, Session
 from etd.client.telemetry import AsyncTelemetry
 from etd.client.values import Numbers
-from etd.errors import DaemonGone, EtdError, Refused
-from etd.places import DEFAULT_NAME, FRAMES, TELEMETRY, sibling_address
-from etd.protocol import (
+from etd.files.paths import DEFAULT_NAME, FRAMES, TELEMETRY, sibling_address
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import DaemonGone, EtdError, Refused
+from etd.protocol.messages import (
     FrameReply,
     HelloReply,
     MarkReply,

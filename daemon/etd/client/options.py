@@ -12,8 +12,8 @@ from numbers import Real
 from typing import Literal, TypedDict
 
 from etd.client import clock, values
-from etd.errors import Refused
-from etd.frame import DEFAULT_TTL_MS, Polarity
+from etd.protocol.errors import Refused
+from etd.protocol.frame import DEFAULT_TTL_MS, Polarity
 
 Kind = Literal["level", "current_ua"]
 
@@ -34,7 +34,7 @@ class FrameOptions(TypedDict, total=False):
     ttl_ms: int
     pulses: int
     strict: bool
-    thin: bool
+    allow_slower: bool
     tag: int
     sync: bool
 

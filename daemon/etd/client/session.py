@@ -16,9 +16,9 @@ from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 
-from etd.calibration import Calibration
-from etd.errors import ErrorCode, Refused
-from etd.protocol import (
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import ErrorCode, Refused
+from etd.protocol.messages import (
     MAX_MESSAGE_BYTES,
     REPLY_OF_OP,
     CalibrationReply,

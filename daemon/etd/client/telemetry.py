@@ -18,9 +18,9 @@ import zmq
 import zmq.asyncio
 
 from etd.client import clock
-from etd.errors import DaemonGone
-from etd.protocol import TELEMETRY_OF_TOPIC, TOPICS, Topic
-from etd.protocol import Telemetry as Report
+from etd.protocol.errors import DaemonGone
+from etd.protocol.messages import TELEMETRY_OF_TOPIC, TOPICS, Topic
+from etd.protocol.messages import Telemetry as Report
 
 Item: TypeAlias = tuple[Topic, Report]
 

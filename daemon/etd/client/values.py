@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from typing import Protocol, TypeAlias, runtime_checkable
 
-from etd.errors import Refused
+from etd.protocol.errors import Refused
 
 
 @runtime_checkable

@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 
 import zmq
 
-from etd.errors import DaemonGone, Refused
-from etd.places import control_address, why_unreachable
-from etd.protocol import MAX_MESSAGE_BYTES
+from etd.files.paths import control_address, why_unreachable
+from etd.protocol.errors import DaemonGone, Refused
+from etd.protocol.messages import MAX_MESSAGE_BYTES
 
 S = TypeVar("S", bound="zmq.Socket[Any]")
 

@@ -6,10 +6,10 @@ silenced. Must not know: how a pulse is fired, the board, sockets.
 
 from __future__ import annotations
 
-from etd.engine.plan import Plan
 from etd.engine.reporting import Reporter
-from etd.engine.schedule import Schedule
-from etd.maxima import Maxima
+from etd.planning.plan import Plan
+from etd.planning.schedule import Schedule
+from etd.safety.maxima import Maxima
 from etd_hal.ports import Clock
 
 

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import msgspec
 
-from etd.engine.contact import ContactMap
-from etd.engine.limits import last_word
-from etd.engine.opening import Opening
 from etd.engine.reporting import Reporter
-from etd.engine.schedule import DuePulse
-from etd.engine.sharing import Sharing
-from etd.engine.visit import Visit
 from etd.firing import ReadyPulse, prepulse_of
-from etd.ledger import Entry, Ledger
-from etd.maxima import MaximaInForce
-from etd.protocol import Clamp
-from etd.stabilize.pipeline import Wish
+from etd.planning.schedule import DuePulse
+from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.protocol.messages import Clamp
+from etd.safety.ledger import Entry, Ledger
+from etd.safety.limits import clamp_to_limits
+from etd.safety.maxima import MaximaInForce
+from etd.safety.return_share import ReturnShare
+from etd.safety.soft_start import SoftStart
+from etd.sensing.contact import ContactMap
+from etd.stabilize.pipeline import PulseRequest
 from etd_hal.board import Board
 
 
@@ -29,7 +29,7 @@ class Cleared(ReadyPulse, frozen=True, kw_only=True):
     with it, if any. `leads`: it is the probe before a pulse, and leaves the electrode connected.
     """
 
-    request: Wish
+    request: PulseRequest
     clamp: Clamp | None = None
     leads: bool = False
 
@@ -42,20 +42,22 @@ class Clearance:
         board: Board,
         maxima: MaximaInForce,
         ledger: Ledger,
-        opening: Opening,
+        soft_start: SoftStart,
         contact: ContactMap,
-        sharing: Sharing,
+        return_share: ReturnShare,
         reporter: Reporter,
     ) -> None:
         self._board = board
         self._maxima = maxima
         self._ledger = ledger
-        self._opening = opening
+        self._soft_start = soft_start
         self._contact = contact
-        self._sharing = sharing
+        self._return_share = return_share
         self._reporter = reporter
 
-    def clear(self, due: DuePulse, request: Wish, ceiling_ua: int, now_ns: int) -> Cleared | None:
+    def clear(
+        self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int
+    ) -> Cleared | None:
         """What may be fired of it; None, and reported why, where that is nothing."""
         scheduled, is_reported = due.scheduled, due.purpose != "contact_poll"
         share = self._share(scheduled, now_ns)
@@ -70,10 +72,12 @@ class Clearance:
         if not self._fits(scheduled, entry, now_ns, is_reported=is_reported):
             return None
         if is_reported and clamp is not None and clamp.reason == "return_cap":
-            self._sharing.want(now_ns)
+            self._return_share.want(now_ns)
         return Cleared(entry, scheduled.selection, pulse, given, request=request, clamp=clamp)
 
-    def led_by(self, due: DuePulse, cleared: Cleared, probe: Wish, now_ns: int) -> Cleared | None:
+    def led_by(
+        self, due: DuePulse, cleared: Cleared, probe: PulseRequest, now_ns: int
+    ) -> Cleared | None:
         """The probe before a cleared pulse, where the ledger has room for both."""
         scheduled, entry = due.scheduled, cleared.entry
         both = msgspec.structs.replace(
@@ -90,44 +94,57 @@ class Clearance:
         selection = scheduled.selection
         return Cleared(alone, selection, pulse, probe, request=cleared.request, leads=True)
 
-    def _share(self, scheduled: Visit, now_ns: int) -> float:
+    def _share(self, scheduled: ScheduledPulse, now_ns: int) -> float:
         """What one return may carry: explicit ones each count as if alone."""
         if scheduled.returns is not None:
             return 1.0
-        return self._sharing.largest(scheduled.electrode, now_ns)
+        return self._return_share.largest(scheduled.electrode, now_ns)
 
     def _clamped(
-        self, scheduled: Visit, request: Wish, share: float, ceiling_ua: int, now_ns: int
+        self,
+        scheduled: ScheduledPulse,
+        request: PulseRequest,
+        share: float,
+        ceiling_ua: int,
+        now_ns: int,
     ) -> tuple[int, Clamp | None]:
         electrode = scheduled.electrode
-        return last_word(
+        return clamp_to_limits(
             scheduled.path.with_share(share),
             request,
             self._maxima.now,
             ceiling_ua,
-            self._opening.recontact_ua(electrode, now_ns),
+            self._soft_start.recontact_ua(electrode, now_ns),
             self._contact.is_touched[electrode] is False,
-            scheduled.most,
+            scheduled.bounds,
             scheduled.probe_pc,
         )
 
-    def _report_nothing(self, scheduled: Visit, request: Wish, clamp: Clamp | None) -> None:
+    def _report_nothing(
+        self, scheduled: ScheduledPulse, request: PulseRequest, clamp: Clamp | None
+    ) -> None:
         if clamp is not None:
             self._reporter.clamped(clamp)
         elif request.current_ua > 0:
-            self._reporter.skipped(scheduled.electrode, "resolution")
+            self._reporter.not_fired(scheduled.electrode, "resolution")
 
-    def _fits(self, scheduled: Visit, entry: Entry, now_ns: int, *, is_reported: bool) -> bool:
-        if self._ledger.why_not(entry, now_ns) is None:
+    def _fits(
+        self, scheduled: ScheduledPulse, entry: Entry, now_ns: int, *, is_reported: bool
+    ) -> bool:
+        if self._ledger.first_violation(entry, now_ns) is None:
             return True
         if is_reported:
-            self._sharing.want(now_ns)
-            self._reporter.skipped(scheduled.electrode, "ledger")
+            self._return_share.want(now_ns)
+            self._reporter.not_fired(scheduled.electrode, "ledger")
         return False
 
 
-def _entry_of(visit: Visit, given: Wish, share: float, pulses: int = 1) -> Entry:
+def _entry_of(
+    scheduled: ScheduledPulse, given: PulseRequest, share: float, pulses: int = 1
+) -> Entry:
     """All phases of it. `pulses` 0: the visit is booked already."""
-    phases = len(visit.phases)
+    phases = len(scheduled.phases)
     on_us = given.whole_us * phases
-    return Entry(visit.electrode, given.charge_pc * phases, on_us, visit.returns, share, pulses)
+    return Entry(
+        scheduled.electrode, given.charge_pc * phases, on_us, scheduled.returns, share, pulses
+    )

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Generator
 
-from etd.engine.lease import Lease, check_holder, check_seq
-from etd.engine.limits import limits_of_calibration, limits_of_numbers
 from etd.engine.supervisor import Supervisor
-from etd.errors import BoardFault, BusError, GuardRefusal, Refused
-from etd.frame import check_shape
-from etd.link import (
+from etd.protocol.errors import BoardFault, BusError, GuardRefusal, Refused
+from etd.protocol.frame import check_shape
+from etd.protocol.link import (
     Alive,
     Answer,
     ArmBoard,
@@ -28,17 +26,19 @@ from etd.link import (
     StopNow,
     ToEngine,
 )
+from etd.safety.lease import Lease, check_holder, check_seq
+from etd.safety.limits import limits_of_calibration, limits_of_numbers
 
 #: A client on this machine reads the same clock; more than this ahead is not that clock.
 _AHEAD_NS = 100_000_000
 
 
-def obey(core: Supervisor, command: ToEngine, host_ns: int) -> None:
+def execute(core: Supervisor, command: ToEngine, host_ns: int) -> None:
     """Carry out one command and answer it, unless its answer comes later (arm, measure).
     `host_ns`: on the machine's clock, which the lease counts on.
     """
     try:
-        answer = _done(core, command, host_ns)
+        answer = _answer_to(core, command, host_ns)
     except Refused as refusal:
         answer = Answer.refusing(command.ref, refusal)
     except (BusError, BoardFault, GuardRefusal) as fault:
@@ -48,12 +48,12 @@ def obey(core: Supervisor, command: ToEngine, host_ns: int) -> None:
         core.answer(answer)
 
 
-def _done(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | None:
+def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | None:
     """Raises: Refused."""
     match command:
         case Alive():
             return None
-        case StopNow(who=who):
+        case StopNow(client=who):
             core.halt("stop", who, "asked to stop")
         case OpenLease():
             _open(core, command, host_ns)
@@ -66,11 +66,11 @@ def _done(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | None:
             check_holder(core.lease, token)
             core.make_safe("disarmed")
         case ArmBoard():
-            core.energize("arm", command.ref)
+            core.begin_power_up("arm", command.ref)
             return None
         case MeasureContact(lease=token):
             check_holder(core.lease, token)
-            core.energize("measure", command.ref)
+            core.begin_power_up("measure", command.ref)
             return None
         case ClearHalt():
             core.clear()
@@ -133,19 +133,17 @@ def take_frame(
                 f"{how} {(host_ns - begun_host_ns) // 1_000_000} ms ago, its ttl is"
                 f" {ttl_ns // 1_000_000} ms",
             )
-        plan = yield from core.planner.steps(frame, core.sharing.when_looked())
+        plan = yield from core.planner.steps(frame, core.return_share.when_probed())
         _check_still_held(core, lease)
     except Refused as refusal:
-        _tell_refusal(core, message, refusal)
+        _report_refusal(core, message, refusal)
         return
     lease.last_seq = frame.seq
     lease.renew(host_ns)
     core.active.show(plan, begun_host_ns + ttl_ns)
     if message.ref:
         core.answer(
-            Answer(
-                ref=message.ref, rate_hz=plan.rate_hz, clamped=plan.clamped, thinned=plan.thinned
-            )
+            Answer(ref=message.ref, rate_hz=plan.rate_hz, clamped=plan.clamped, slowed=plan.slowed)
         )
 
 
@@ -169,7 +167,7 @@ def _age_from(sent_ns: int | None, host_ns: int, came_host_ns: int) -> int:
     return min(sent_ns, host_ns)
 
 
-def _tell_refusal(core: Supervisor, message: NewFrame, refusal: Refused) -> None:
+def _report_refusal(core: Supervisor, message: NewFrame, refusal: Refused) -> None:
     if message.ref:
         core.reporter.counters["frames_refused"] += 1
         core.answer(Answer.refusing(message.ref, refusal))

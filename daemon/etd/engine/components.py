@@ -9,26 +9,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from etd.config import LoadedConfig
 from etd.engine.active_schedule import ActiveSchedule
-from etd.engine.asking import Asker
 from etd.engine.clearance import Clearance
-from etd.engine.contact import ContactMap
-from etd.engine.dialogue import Dialogue
-from etd.engine.duty import BusyClock
+from etd.engine.cpu_budget import CpuBudget
 from etd.engine.findings import Findings
-from etd.engine.impedance import ImpedanceMap
-from etd.engine.looking_ahead import LookingAhead
-from etd.engine.opening import Opening
+from etd.engine.gateway_link import GatewayLink
 from etd.engine.reporting import Reporter
 from etd.engine.requests import Requests
-from etd.engine.sensors import PressureSensors, RailSensor
-from etd.engine.sharing import Sharing
+from etd.engine.stimulus_adapter import StimulusAdapter
 from etd.engine.stopper import Stopper, StopperLiveness
 from etd.engine.timeouts import Timeouts
+from etd.files.configuration import LoadedConfig
 from etd.firing import Firing
-from etd.ledger import Bounds, Ledger
-from etd.maxima import MaximaInForce, maxima_of
+from etd.safety.ledger import Bounds, Ledger
+from etd.safety.maxima import MaximaInForce, maxima_of
+from etd.safety.return_share import ReturnShare
+from etd.safety.soft_start import SoftStart
+from etd.sensing.contact import ContactMap
+from etd.sensing.impedance import ImpedanceMap
+from etd.sensing.pre_probe import PreProbe
+from etd.sensing.sensors import PressureSensors, RailSensor
 from etd.stabilize.pipeline import Stabilizer
 from etd.stabilize.settings import pipeline
 from etd_hal.backend import Backend
@@ -43,14 +43,14 @@ class Components:
     loaded: LoadedConfig
     backend: Backend
     #: The board's, with which all is timed that happens on it.
-    clock: BusyClock
+    clock: CpuBudget
     #: The machine's, on which ttl, lease and the gateway's silence count.
     host_clock: Clock
     timeouts: Timeouts
     board: Board
     stopper: Stopper
     stopper_liveness: StopperLiveness
-    dialogue: Dialogue
+    gateway_link: GatewayLink
     reporter: Reporter
     active: ActiveSchedule
     # What is measured beside pulses.
@@ -59,14 +59,14 @@ class Components:
     # What bounds a pulse.
     maxima: MaximaInForce
     ledger: Ledger
-    opening: Opening
-    sharing: Sharing
+    soft_start: SoftStart
+    return_share: ReturnShare
     clearance: Clearance
     # What is known of the electrodes, and what is requested by it.
     contact: ContactMap
     impedance: ImpedanceMap
-    ahead: LookingAhead
-    asker: Asker
+    pre_probe: PreProbe
+    adapter: StimulusAdapter
     requests: Requests
     # What becomes of a pulse.
     firing: Firing
@@ -78,23 +78,23 @@ def components_of(
 ) -> Components:
     """`stabilizers` None: those of the body-site file."""
     source, electrodes = loaded.board.source, loaded.array.count
-    clock = BusyClock(backend.clock)
+    clock = CpuBudget(backend.clock)
     board = Board(loaded.board, loaded.machine, backend.spi, backend.gpio, clock)
     stopper = Stopper(board, backend.clock)
     timeouts = Timeouts(backend.timeout_factor)
-    dialogue = Dialogue(timeouts.silence_ns)
+    dialogue = GatewayLink(timeouts.silence_ns)
     pressure = PressureSensors(loaded.array, backend.i2c, backend.clock)
-    reporter = Reporter(electrodes, dialogue.send, pressure.told)
+    reporter = Reporter(electrodes, dialogue.send, pressure.kpa_of_all)
     declared = maxima_of(loaded.board, loaded.body_site)
     maxima = MaximaInForce(declared)
     ledger = Ledger(electrodes, Bounds.of(declared))
-    opening, sharing = Opening(declared.current_ua), Sharing(electrodes)
+    soft_start, return_share = SoftStart(declared.current_ua), ReturnShare(electrodes)
     contact = ContactMap(electrodes, source, loaded.body_site.contact)
     impedance = ImpedanceMap(electrodes, source)
-    ahead = LookingAhead(electrodes, contact, impedance)
+    ahead = PreProbe(electrodes, contact, impedance)
     if stabilizers is None:
-        stabilizers = pipeline(loaded.body_site.stabilize, source, reporter.not_believed)
-    asker = Asker(stabilizers, contact, impedance, pressure, reporter)
+        stabilizers = pipeline(loaded.body_site.stabilize, source, reporter.rejected)
+    adapter = StimulusAdapter(stabilizers, contact, impedance, pressure, reporter)
     is_quick = not board.switch.can_choose_returns
     return Components(
         loaded=loaded,
@@ -105,21 +105,21 @@ def components_of(
         board=board,
         stopper=stopper,
         stopper_liveness=StopperLiveness(stopper),
-        dialogue=dialogue,
+        gateway_link=dialogue,
         reporter=reporter,
         active=ActiveSchedule(clock, reporter),
         rail=RailSensor(loaded.board, backend.i2c, backend.clock),
         pressure=pressure,
         maxima=maxima,
         ledger=ledger,
-        opening=opening,
-        sharing=sharing,
-        clearance=Clearance(board, maxima, ledger, opening, contact, sharing, reporter),
+        soft_start=soft_start,
+        return_share=return_share,
+        clearance=Clearance(board, maxima, ledger, soft_start, contact, return_share, reporter),
         contact=contact,
         impedance=impedance,
-        ahead=ahead,
-        asker=asker,
-        requests=Requests(asker, ahead, contact, sharing, reporter, is_quick=is_quick),
+        pre_probe=ahead,
+        adapter=adapter,
+        requests=Requests(adapter, ahead, contact, return_share, reporter, is_quick=is_quick),
         firing=Firing(board, ledger, clock),
-        findings=Findings(maxima, opening, contact, sharing, asker, ahead, reporter),
+        findings=Findings(maxima, soft_start, contact, return_share, adapter, ahead, reporter),
     )

@@ -11,7 +11,7 @@ from collections import deque
 
 import msgspec
 
-from etd.link import NewFrame
+from etd.protocol.link import NewFrame
 
 #: The gateway has half as many requests under way at most: no more are read while so many wait.
 _MOST_WAITING = 64
@@ -45,7 +45,9 @@ class FrameQueue:
                 self._superseded += 1
                 if message.frame.seq <= before.message.frame.seq:
                     return
-                self._waiting = deque(one for one in self._waiting if one is not before)
+                self._waiting = deque(
+                    came_frame for came_frame in self._waiting if came_frame is not before
+                )
             self._newest_streamed = came
         self._waiting.append(came)
 

@@ -14,15 +14,15 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
-from etd.config import LoadedConfig
 from etd.engine.clearance import Cleared
 from etd.engine.components import components_of
 from etd.engine.poller import Poller
-from etd.engine.schedule import AfterProbe, DuePulse
 from etd.engine.sequencer import TICK_NS, Sequencer
 from etd.engine.supervisor import Supervisor
-from etd.errors import BoardFault, BusError, GuardRefusal
-from etd.link import Channel, NewFrame, ToEngine
+from etd.files.configuration import LoadedConfig
+from etd.planning.schedule import AfterProbe, DuePulse
+from etd.protocol.errors import BoardFault, BusError, GuardRefusal
+from etd.protocol.link import Channel, NewFrame, ToEngine
 from etd.stabilize.pipeline import Stabilizer
 from etd_hal.backend import Backend
 
@@ -56,13 +56,13 @@ class Engine:
     def attach(self, commands: Channel[ToEngine], frames: Channel[NewFrame]) -> None:
         """A gateway has connected."""
         parts = self.components
-        parts.dialogue.attach(commands, frames, parts.host_clock.now_ns())
+        parts.gateway_link.attach(commands, frames, parts.host_clock.now_ns())
         self.supervisor.greet()
-        self.supervisor.tell_state(parts.clock.now_ns())
+        self.supervisor.report_state(parts.clock.now_ns())
 
     @property
     def has_gateway(self) -> bool:
-        return self.components.dialogue.is_attached
+        return self.components.gateway_link.is_attached
 
     @property
     def is_between_scans(self) -> bool:
@@ -108,7 +108,7 @@ class Engine:
         first, last = parts.firing.fire(cleared, phases)
         if cleared.leads:
             parts.findings.of_probe(due, cleared, first)
-            after = AfterProbe(cleared.request, cleared.pulse.told_ua, asked_ns, ceiling_ua)
+            after = AfterProbe(cleared.request, cleared.pulse.commanded_ua, asked_ns, ceiling_ua)
             # The pulse itself is due at once, with nothing in between.
             self._follow_up = msgspec.structs.replace(due, after=after)
             return
@@ -124,11 +124,11 @@ class Engine:
         self._poller.poll(now_ns)
         if self.is_between_scans:
             return now_ns
-        parts.reporter.scan_report(now_ns, parts.opening.ceiling_ua)
+        parts.reporter.scan_report(now_ns, parts.soft_start.ceiling_ua)
         if self.supervisor.states.state == "PROBE":
             self._ceiling_ua = self.supervisor.maxima.probe_current_ua
         elif parts.active.schedule is not None:
-            self._ceiling_ua = parts.opening.due(now_ns)
+            self._ceiling_ua = parts.soft_start.due(now_ns)
         return now_ns
 
     def _cleared(self, due: DuePulse, ceiling_ua: int, now_ns: int) -> Cleared | None:
@@ -150,7 +150,7 @@ class Engine:
         parts, supervisor = self.components, self.supervisor
         if due.purpose == "measurement":
             self._poll()
-            power_up = supervisor.energizer
+            power_up = supervisor.power_up
             return supervisor.states.state == "PROBE" and power_up is not None and power_up.has(due)
         if parts.board.switch.can_choose_returns:
             self._poll()

@@ -15,8 +15,8 @@ from etd.engine import commands
 from etd.engine.components import Components
 from etd.engine.reporting import STATE_PERIOD_NS
 from etd.engine.supervisor import Supervisor
-from etd.errors import Undecodable
-from etd.link import StopNow
+from etd.protocol.errors import Undecodable
+from etd.protocol.link import StopNow
 
 #: Without a poll for longer than this the engine was stalled: no pulse takes as long.
 _STALL_NS = 50_000_000
@@ -53,12 +53,12 @@ class Poller:
         self._rail = components.rail
         self._reporter = components.reporter
         self._active = components.active
-        self._dialogue = components.dialogue
+        self._gateway_link = components.gateway_link
         self._supervisor = supervisor
         self._feed_watchdog = feed_watchdog
         self._beaten_ns = 0
         self._wearer_stop_was_open = False
-        self._looked_host_ns = self._host_clock.now_ns()
+        self._polled_host_ns = self._host_clock.now_ns()
         #: After a stall: since when the queue of frames has not been looked at.
         self._unseen_since_host_ns: int | None = None
         self._may_plan_ns = 0
@@ -67,9 +67,9 @@ class Poller:
         """Look at everything once. `now_ns`: on the board's clock."""
         # What another process said holds for a time of the clock that it reads too.
         host_ns = self._host_clock.now_ns()
-        if host_ns - self._looked_host_ns > _STALL_NS:
-            self._unseen_since_host_ns = self._looked_host_ns
-        self._looked_host_ns = host_ns
+        if host_ns - self._polled_host_ns > _STALL_NS:
+            self._unseen_since_host_ns = self._polled_host_ns
+        self._polled_host_ns = host_ns
         # First of all: whatever else makes the board safe now, a cut is a halt.
         if self._liveness.judge(now_ns) or self._stopper.has_acted:
             self._heed_stopper()
@@ -80,10 +80,10 @@ class Poller:
         self._watch_gateway(host_ns)
         self._watch_stops()
         self._watch_rail(now_ns)
-        self._obey(host_ns)
+        self._execute_commands(host_ns)
         self.beat(now_ns)
-        if now_ns - self._supervisor.told_ns >= STATE_PERIOD_NS:
-            self._supervisor.tell_state(now_ns)
+        if now_ns - self._supervisor.reported_ns >= STATE_PERIOD_NS:
+            self._supervisor.report_state(now_ns)
         if self._backend.modelled is not None:
             self._reporter.modelled(self._backend.modelled, now_ns)
         self._feed_watchdog(host_ns)
@@ -100,28 +100,28 @@ class Poller:
             supervisor.halt("fault", "stopper", problem)
 
     def _watch_gateway(self, host_ns: int) -> None:
-        if self._dialogue.undecodable is not None:
-            self._hang_up(self._dialogue.undecodable, host_ns)
-        elif self._dialogue.is_gone:
-            self._dialogue.hang_up()
+        if self._gateway_link.undecodable is not None:
+            self._hang_up(self._gateway_link.undecodable, host_ns)
+        elif self._gateway_link.is_gone:
+            self._gateway_link.hang_up()
             self._supervisor.end_lease("the gateway is gone")
-        elif self._dialogue.is_silent(host_ns) and self._supervisor.lease is not None:
+        elif self._gateway_link.is_silent(host_ns) and self._supervisor.lease is not None:
             # What it said just before a stall of ours still lies in the queue.
-            self._obey(host_ns)
-            if self._dialogue.is_silent(host_ns):
+            self._execute_commands(host_ns)
+            if self._gateway_link.is_silent(host_ns):
                 self._supervisor.end_lease("the gateway is silent")
 
     def _hang_up(self, undecodable: Undecodable, host_ns: int) -> None:
         """On a gateway that says what no gateway says. A stop may lie there that was sent before or
         beside it; nothing else is taken from it.
         """
-        for command in islice(self._dialogue.commands(host_ns), _COMMANDS_A_POLL):
+        for command in islice(self._gateway_link.commands(host_ns), _COMMANDS_A_POLL):
             if isinstance(command, StopNow):
-                commands.obey(self._supervisor, command, host_ns)
+                commands.execute(self._supervisor, command, host_ns)
         why = f"the gateway sent {undecodable}"
         self._reporter.undecodable(why, self._clock.now_ns())
         self._supervisor.end_lease(why, counted="undecodable")
-        self._dialogue.hang_up()
+        self._gateway_link.hang_up()
 
     def _watch_stops(self) -> None:
         is_live = self._supervisor.states.state in ("PROBE", "ARMED")
@@ -154,16 +154,16 @@ class Poller:
                 "fault", "rail", f"{rail_v:.0f} V, not {monitor.low_v} to {monitor.high_v} V"
             )
 
-    def _obey(self, host_ns: int) -> None:
-        for command in islice(self._dialogue.commands(host_ns), _COMMANDS_A_POLL):
-            commands.obey(self._supervisor, command, host_ns)
+    def _execute_commands(self, host_ns: int) -> None:
+        for command in islice(self._gateway_link.commands(host_ns), _COMMANDS_A_POLL):
+            commands.execute(self._supervisor, command, host_ns)
 
     def take_frames(self) -> None:
         """What lies there now. Planning takes time that the pulses cannot spare: of those that were
         streamed the newest wins, and they are planned for so long at a time, one at least.
         """
         self._read_frames()
-        queue = self._dialogue.queue
+        queue = self._gateway_link.queue
         self._reporter.superseded(queue.take_superseded())
         begun_ns = now_ns = self._clock.now_ns()
         while now_ns - begun_ns < _PLANNING_NS and (came := queue.next()) is not None:
@@ -175,7 +175,7 @@ class Poller:
 
     def _poll_meanwhile(self) -> None:
         """While something is worked at that takes longer than everything may go unwatched."""
-        if self._host_clock.now_ns() - self._looked_host_ns >= _MEANWHILE_NS:
+        if self._host_clock.now_ns() - self._polled_host_ns >= _MEANWHILE_NS:
             self.poll(self._clock.now_ns())
 
     def _read_frames(self) -> None:
@@ -183,12 +183,12 @@ class Poller:
         for _ in range(_READS_A_POLL):
             host_ns = self._host_clock.now_ns()
             came_host_ns = self._unseen_since_host_ns or host_ns
-            if self._dialogue.read_frames(came_host_ns):
+            if self._gateway_link.read_frames(came_host_ns):
                 self._unseen_since_host_ns = None
                 return
             # What is left may have lain there for as long as what was read.
             self._unseen_since_host_ns = came_host_ns
-            if self._dialogue.queue.is_full:
+            if self._gateway_link.queue.is_full:
                 return
             self.poll(self._clock.now_ns())
 

@@ -14,14 +14,14 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-from etd.config import LoadedConfig
 from etd.engine.loop import Engine
-from etd.engine.sensors import SensorThread
+from etd.engine.notify import Notifier
 from etd.engine.stopper import StopperThread
-from etd.link import Listener
-from etd.notify import Notifier
-from etd.selftest_gate import SelftestGate
-from etd.selftest_subject import subject_of
+from etd.files.configuration import LoadedConfig
+from etd.protocol.link import Listener
+from etd.selftest.arming_gate import SelftestGate
+from etd.selftest.subject import subject_of
+from etd.sensing.sensors import SensorThread
 from etd_hal.backend import Backend
 
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -60,7 +60,7 @@ def run_engine(
         listener.close()
         notifier.close()
     for problem in problems:
-        _tell(f"not safe: {problem}")
+        _print(f"not safe: {problem}")
     return 1 if problems else 0
 
 
@@ -82,11 +82,11 @@ def _drive(
         stopper.start()
         # Timing is calibrated as it will be used: by a thread that is real-time already.
         engine.supervisor.not_granted = _realtime(engine)
-        engine.supervisor.begin(_tell)
+        engine.supervisor.begin(_print)
         notifier.ready(f"SAFE, {loaded.board.name} on {engine.components.backend.name}")
         on_ready()
         while not asked_to_end:
-            _greet(engine, listener)
+            _accept_gateway(engine, listener)
             engine.step()
     finally:
         # First of all, and again by the caller: it costs nothing.
@@ -99,11 +99,11 @@ def _drive(
     return problems
 
 
-def _tell(sentence: str) -> None:
+def _print(sentence: str) -> None:
     print(f"etd engine: {sentence}", file=sys.stderr)  # noqa: T201
 
 
-def _greet(engine: Engine, listener: Listener) -> None:
+def _accept_gateway(engine: Engine, listener: Listener) -> None:
     """One gateway at a time; the next one waits until this one is gone."""
     if engine.has_gateway:
         return

@@ -14,11 +14,10 @@ from typing import Protocol
 
 import msgspec
 
-from etd.engine.contact import ContactMap
-from etd.errors import Refused
-from etd.frame import Frame
-from etd.link import Report
-from etd.protocol import (
+from etd.protocol.errors import Refused
+from etd.protocol.frame import Frame
+from etd.protocol.link import Report
+from etd.protocol.messages import (
     MAX_TELEMETRY_HZ,
     MODELLED_HZ,
     Clamp,
@@ -29,10 +28,11 @@ from etd.protocol import (
     Modelled,
     RefusedReport,
     Scan,
+    Shortfall,
     Shown,
     StateReport,
-    Thinned,
 )
+from etd.sensing.contact import ContactMap
 
 _SCAN_PERIOD_NS = 1_000_000_000 // MAX_TELEMETRY_HZ
 _MODELLED_PERIOD_NS = 1_000_000_000 // MODELLED_HZ
@@ -40,7 +40,7 @@ STATE_PERIOD_NS = 1_000_000_000
 
 
 @dataclass(slots=True)
-class _Showing:
+class _ActiveFrame:
     """A frame under way."""
 
     frame: Frame
@@ -49,7 +49,7 @@ class _Showing:
     last_ns: int | None = None
     is_ended: bool = False
 
-    def told(self) -> Shown:
+    def shown(self) -> Shown:
         return Shown(
             seq=self.frame.seq,
             tag=self.frame.tag,
@@ -66,7 +66,7 @@ class _Pending:
 
     ended: list[Shown] = field(default_factory=list)
     clamped: dict[tuple[int, str], Clamp] = field(default_factory=dict)
-    skipped: Counter[tuple[int | None, str]] = field(default_factory=Counter)
+    not_fired: Counter[tuple[int | None, str]] = field(default_factory=Counter)
     scans: int = 0
 
 
@@ -121,7 +121,7 @@ class Reporter:
         self._send = send
         self._pressure = pressure
         self._electrodes = electrodes
-        self._showing: _Showing | None = None
+        self._active: _ActiveFrame | None = None
         self._pending = _Pending()
         self._sent_ns = 0
         self._has_news = False
@@ -136,17 +136,17 @@ class Reporter:
     def frame_begun(self, frame: Frame, now_ns: int) -> None:
         """At the start of its first scan."""
         self.frame_ended()
-        self._showing = _Showing(frame, now_ns)
+        self._active = _ActiveFrame(frame, now_ns)
         self._rows = [_NOTHING] * self._electrodes
         self._has_news = True
         self.counters["frames_shown"] += 1
 
     def frame_ended(self) -> None:
         """Replaced, expired, done with its pulses, or silenced."""
-        showing, self._showing = self._showing, None
+        showing, self._active = self._active, None
         if showing is not None:
             showing.is_ended = True
-            self._pending.ended.append(showing.told())
+            self._pending.ended.append(showing.shown())
             self._has_news = True
 
     def scan_begun(self) -> None:
@@ -156,7 +156,7 @@ class Reporter:
 
     def fired(self, pulse: FiredPulse) -> None:
         """One visit."""
-        showing, electrode = self._showing, pulse.electrode
+        showing, electrode = self._active, pulse.electrode
         if showing is not None:
             if showing.first_ns is None:
                 showing.first_ns = pulse.begun_ns
@@ -164,7 +164,7 @@ class Reporter:
         self._rows[electrode] = pulse
         self.counters["pulses"] += 1
 
-    def nothing_asked(self, electrode: int, wanted_ua: int) -> None:
+    def nothing_requested(self, electrode: int, wanted_ua: int) -> None:
         """A visit of the frame's of which a stabilizer makes nothing."""
         self._rows[electrode] = msgspec.structs.replace(_NOTHING, wanted_ua=wanted_ua)
 
@@ -173,21 +173,21 @@ class Reporter:
         self._pending.clamped[clamp.electrode, clamp.reason] = clamp
         self.counters["clamped"] += 1
 
-    def skipped(self, electrode: int | None, reason: str) -> None:
+    def not_fired(self, electrode: int | None, reason: str) -> None:
         """A pulse that was not fired, or a scan that came late."""
-        self._pending.skipped[electrode, reason] += 1
-        self.counters[f"thinned_{reason}"] += 1
+        self._pending.not_fired[electrode, reason] += 1
+        self.counters[f"not_fired_{reason}"] += 1
 
-    def not_believed(self, what: str) -> None:
+    def rejected(self, what: str) -> None:
         """Counted once, when it begins."""
-        self.counters[f"not_believed_{what}"] += 1
+        self.counters[f"rejected_{what}"] += 1
 
     def scan_report(self, now_ns: int, ceiling_ua: int, is_due: bool = False) -> None:
         """Send what has gathered, if it is time (or `is_due`)."""
         if not self._has_news or (now_ns - self._sent_ns < _SCAN_PERIOD_NS and not is_due):
             return
-        pending, showing = self._pending, self._showing
-        current = () if showing is None else (showing.told(),)
+        pending, showing = self._pending, self._active
+        current = () if showing is None else (showing.shown(),)
         shown = (*pending.ended, *current)
         report = Scan(
             now_ns=now_ns,
@@ -197,15 +197,15 @@ class Reporter:
             scans=pending.scans,
             fired=_columns(self._rows),
             clamped=tuple(pending.clamped.values()),
-            thinned=tuple(
-                Thinned(electrode=electrode, reason=reason, pulses=count)  # type: ignore[arg-type]
-                for (electrode, reason), count in pending.skipped.items()
+            not_fired=tuple(
+                Shortfall(electrode=electrode, reason=reason, pulses=count)  # type: ignore[arg-type]
+                for (electrode, reason), count in pending.not_fired.items()
             ),
             ceiling_ua=ceiling_ua,
             dropped_reports=self.counters["reports_dropped"],
             pressure_kpa=self._pressure(now_ns),
         )
-        if self._tell(Report(scan=report)):
+        if self._send_report(Report(scan=report)):
             # What could not be sent stays and goes with the next one: no frame is lost.
             self._pending = _Pending()
             self._has_news = False
@@ -214,7 +214,7 @@ class Reporter:
     # --- the rest ----------------------------------------------------------------------------
 
     def state(self, report: StateReport) -> None:
-        self._tell(Report(state=report))
+        self._send_report(Report(state=report))
 
     def modelled(self, body: Callable[[], BodyFelt], now_ns: int) -> None:
         """What a fake board's body is modelled to feel, and once that it feels nothing."""
@@ -224,13 +224,13 @@ class Reporter:
         said = body()
         is_felt = any(said.pain) or any(said.felt)
         if is_felt or self._was_felt:
-            felt = tuple(round(one, 3) for one in said.felt)
-            pain = tuple(round(one, 3) for one in said.pain)
-            self._tell(Report(modelled=Modelled(now_ns=now_ns, felt=felt, pain=pain)))
+            felt = tuple(round(value, 3) for value in said.felt)
+            pain = tuple(round(value, 3) for value in said.pain)
+            self._send_report(Report(modelled=Modelled(now_ns=now_ns, felt=felt, pain=pain)))
         self._was_felt = is_felt
 
     def halt(self, halt: Halt) -> None:
-        self._tell(Report(halt=halt))
+        self._send_report(Report(halt=halt))
 
     def refused(self, frame: Frame, refusal: Refused, now_ns: int) -> None:
         """A frame that is not shown, where nobody waits for an answer."""
@@ -244,12 +244,12 @@ class Reporter:
             electrode=refusal.electrode,
             achievable_hz=refusal.achievable_hz,
         )
-        self._tell(Report(refused=report))
+        self._send_report(Report(refused=report))
 
     def undecodable(self, why: str, now_ns: int) -> None:
         """The last that its gateway is told before it is hung up on."""
         self.counters["gateway_undecodable"] += 1
-        self._tell(
+        self._send_report(
             Report(refused=RefusedReport(now_ns=now_ns, error="bad_message", reason=why, count=1))
         )
 
@@ -272,10 +272,10 @@ class Reporter:
             t_ns=now_ns,
             pressure_kpa=self._pressure(now_ns),
         )
-        self._tell(Report(contact=report))
+        self._send_report(Report(contact=report))
         return report
 
-    def _tell(self, report: Report) -> bool:
+    def _send_report(self, report: Report) -> bool:
         if self._send(report):
             return True
         self.counters["reports_dropped"] += 1

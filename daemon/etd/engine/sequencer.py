@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from etd.engine.components import Components
 from etd.engine.poller import Poller
-from etd.engine.schedule import DuePulse, Schedule
 from etd.engine.supervisor import Supervisor
+from etd.planning.schedule import DuePulse, Schedule
 
 #: Between two polls when nothing is due; the heartbeat's monostable wants edges as well.
 TICK_NS = 1_000_000
@@ -28,7 +28,7 @@ class Sequencer:
         self._marker = components.backend.marker
         self._reporter = components.reporter
         self._active = components.active
-        self._opening = components.opening
+        self._soft_start = components.soft_start
         self._firing = components.firing
         self._requests = components.requests
         self._supervisor = supervisor
@@ -40,7 +40,7 @@ class Sequencer:
     @property
     def is_between_scans(self) -> bool:
         """Neither a scan nor a measurement of contact is under way."""
-        power_up = self._supervisor.energizer
+        power_up = self._supervisor.power_up
         return not self._active.is_scanning and (power_up is None or not power_up.is_measuring)
 
     def leave(self) -> None:
@@ -54,7 +54,7 @@ class Sequencer:
             self._board.release()
             self._active.leave_scan()
             return None
-        schedule, power_up = self._active.schedule, self._supervisor.energizer
+        schedule, power_up = self._active.schedule, self._supervisor.power_up
         if schedule is not None and self._active.is_scanning:
             return self._next_of_scan(schedule, now_ns)
         if power_up is not None and power_up.is_measuring:
@@ -75,7 +75,7 @@ class Sequencer:
         pause_ns = self._clock.pause_until_ns(now_ns)
         if pause_ns is not None:
             if not self._is_pausing:
-                self._reporter.skipped(None, "processor")
+                self._reporter.not_fired(None, "processor")
             self._is_pausing = True
             self._clock.sleep_until_ns(min(pause_ns, now_ns + _POLL_NS))
             schedule.was_paused(self._clock.now_ns() - now_ns)
@@ -94,8 +94,8 @@ class Sequencer:
         return True
 
     def _between_scans(self, now_ns: int) -> None:
-        power_up = self._supervisor.energizer
-        if power_up is not None and self._supervisor.climb(power_up, now_ns):
+        power_up = self._supervisor.power_up
+        if power_up is not None and self._supervisor.step_power_up(power_up, now_ns):
             return
         schedule = self._active.schedule
         if schedule is None or self._supervisor.states.state != "ARMED":
@@ -115,16 +115,16 @@ class Sequencer:
         if next_ns > tick_ns + TICK_NS // 2:
             self._doze_until(tick_ns)
             return
-        self._reporter.scan_report(self._clock.now_ns(), self._opening.ceiling_ua)
+        self._reporter.scan_report(self._clock.now_ns(), self._soft_start.ceiling_ua)
         self._clock.sleep_until_ns(next_ns)
 
     def _doze_until(self, deadline_ns: int) -> None:
-        self._reporter.scan_report(self._clock.now_ns(), self._opening.ceiling_ua)
+        self._reporter.scan_report(self._clock.now_ns(), self._soft_start.ceiling_ua)
         self._clock.doze_until_ns(deadline_ns)
 
     def _calibrate_again(self) -> None:
         self._board.calibrate(lambda: self._poller.beat(self._clock.now_ns()))
-        self._firing.forget_drift()
+        self._firing.reset_drift()
         self._reporter.counters["recalibrated"] += 1
         self._supervisor.plan_anew()
 
@@ -176,15 +176,19 @@ class Sequencer:
         """
         now_ns = self._clock.now_ns()
         if schedule.wants_polls:
-            active = {one.electrode for one in schedule.plan.visits}
-            silent = [one for one in self._supervisor.probes if one.electrode not in active]
+            active = {scheduled.electrode for scheduled in schedule.plan.schedule}
+            silent = [
+                scheduled
+                for scheduled in self._supervisor.probes
+                if scheduled.electrode not in active
+            ]
             schedule.add_polls(*self._requests.polls(silent, now_ns))
         if not schedule.is_over(now_ns, _CONTACT_POLL_NS):
             return
-        if schedule.plan.visits:
-            self._board.prepare(schedule.plan.visits[0].selection, whole=True)
+        if schedule.plan.schedule:
+            self._board.prepare(schedule.plan.schedule[0].selection, whole=True)
             self._is_rewritten = True
             self._board.release()
         if schedule.end_scan(self._clock.now_ns()):
-            self._reporter.skipped(None, "overrun")
+            self._reporter.not_fired(None, "overrun")
         self._active.leave_scan()

@@ -13,7 +13,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from etd.errors import EtdError
+from etd.protocol.errors import EtdError
 from etd_hal.board import OVERDUE_NS, Board
 from etd_hal.ports import Clock
 
@@ -38,7 +38,7 @@ class Stopper:
         #: When its last look began; set when that look is over, so that one that hangs leaves none.
         self.looked_ns = 0
 
-    def look(self) -> None:
+    def check(self) -> None:
         """Act if a message is overdue. Any thread may call it."""
         # The time is read first: a message that ends between the two readings is not overdue.
         now_ns = self._clock.now_ns()
@@ -119,7 +119,7 @@ class StopperThread(threading.Thread):
         self._prepare()
         while not self._is_ending:
             self._awake.wait()
-            self._stopper.look()
+            self._stopper.check()
             self._pause.wait(_PERIOD_S)
 
     def end(self) -> None:

@@ -8,24 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from etd.calibration import Calibration
-from etd.engine.calibrating import calibrate_at_start
+from etd.engine.capabilities import engine_hello
 from etd.engine.components import Components
-from etd.engine.energize import Energizer, Goal, Readiness, check_ready, lasting_refusal
-from etd.engine.lease import Lease
-from etd.engine.limits import PersonLimits
-from etd.engine.plan import Planner
-from etd.engine.probes import probes_of
-from etd.engine.room import Rules
-from etd.engine.schedule import DuePulse
-from etd.engine.state import StateMachine
-from etd.engine.telling import greeting
-from etd.engine.visit import Visit
-from etd.errors import BoardFault, Refused
-from etd.link import Answer, LeaseEnded
-from etd.maxima import Maxima
-from etd.protocol import Halt, StateReport
-from etd.stabilize.pipeline import Wish
+from etd.engine.power_up import Goal, PowerUp, Readiness, check_ready, lasting_refusal
+from etd.engine.timing_calibration import calibrate_at_start
+from etd.planning.headroom import PlanRules
+from etd.planning.plan import Planner
+from etd.planning.probes import probes_of
+from etd.planning.schedule import DuePulse
+from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import BoardFault, Refused
+from etd.protocol.link import Answer, LeaseEnded
+from etd.protocol.messages import Halt, StateReport
+from etd.safety.lease import Lease
+from etd.safety.limits import PersonLimits
+from etd.safety.maxima import Maxima
+from etd.safety.state import StateMachine
+from etd.stabilize.pipeline import PulseRequest
 from etd_hal.cost import CostModel
 
 
@@ -45,14 +45,14 @@ class Supervisor:
         self.timeouts = components.timeouts
         self.reporter = components.reporter
         self.active = components.active
-        self.opening = components.opening
+        self.soft_start = components.soft_start
         self.contact = components.contact
-        self.asker = components.asker
+        self.adapter = components.adapter
         self.rail = components.rail
         self.stopper = components.stopper
-        self.dialogue = components.dialogue
+        self.gateway_link = components.gateway_link
         self.marker = components.backend.marker
-        self.sharing = components.sharing
+        self.return_share = components.return_share
         self.not_granted: tuple[str, ...] = ()
         self._failed_calibrations: tuple[str, ...] = ()
         self.last_silence: str | None = None
@@ -61,15 +61,16 @@ class Supervisor:
         self.supply_changed: Callable[[bool], None] = lambda _: None
         self._planner: Planner | None = None
         #: Of the lease, in the order of the chain.
-        self.probes: tuple[Visit, ...] = ()
-        self.energizer: Energizer | None = None
-        self.told_ns = 0
+        self.probes: tuple[ScheduledPulse, ...] = ()
+        self.power_up: PowerUp | None = None
+        self.reported_ns = 0
         self.is_wearer_stop_tried = loaded.board.guards.wearer_stop == "absent"
 
     # --- life ------------------------------------------------------------------------------
 
     def begin(self, tell: Callable[[str], object] = lambda _: None) -> None:
-        """Make the board safe, calibrate its timing; `tell` hears of each attempt that failed.
+        """Make the board safe, calibrate its timing; `on_rejected` hears of each attempt that
+        failed.
 
         Raises: BoardFault, BusError.
         """
@@ -87,7 +88,7 @@ class Supervisor:
         True if that is other than before.
         """
         board, prepulse_us = self.board, self.loaded.body_site.stabilize.prepulse_us
-        return self._components.maxima.follow(board.narrowest_us, board.widest_us(prepulse_us))
+        return self._components.maxima.follow(board.min_width_us, board.widest_us(prepulse_us))
 
     @property
     def maxima(self) -> Maxima:
@@ -113,18 +114,20 @@ class Supervisor:
         opening came went when the last lease was silenced.
         """
         self.lease = lease
-        self._serve(lease.person.calibration)
-        self._components.ahead.forget()
+        self._set_calibration(lease.person.calibration)
+        self._components.pre_probe.reset()
         self.planner_of_lease()
-        self.tell_state(self.clock.now_ns())
+        self.report_state(self.clock.now_ns())
 
-    def _serve(self, calibration: Calibration | None) -> None:
+    def _set_calibration(self, calibration: Calibration | None) -> None:
         if calibration is None:
-            self.asker.serve(None)
+            self.adapter.set_calibration(None)
             return
-        fired = calibration.shape.of(Wish(self.maxima.probe_current_ua, calibration.width_us))
+        fired = calibration.shape.of(
+            PulseRequest(self.maxima.probe_current_ua, calibration.width_us)
+        )
         pulse = self.board.pulse(fired.current_ua, fired.width_us)
-        self.asker.serve(calibration, is_early=not pulse.shape.has_end_sample)
+        self.adapter.set_calibration(calibration, is_early=not pulse.shape.has_end_sample)
 
     def planner_of_lease(self) -> None:
         """Plans follow the person's limits and the calibrated timing."""
@@ -147,13 +150,13 @@ class Supervisor:
 
     def _plan_for(self, person: PersonLimits, has_new_probes: bool) -> None:
         source = self.loaded.board.source
-        rules = Rules(
+        rules = PlanRules(
             self.loaded.array,
             self.loaded.body_site,
             self.maxima,
             person,
             source.full_scale_ua / (source.codes - 1),
-            self.asker.reach,
+            self.adapter.max_gain,
         )
         cost = CostModel(self.loaded.board, self.loaded.machine, self.board.timing)
         self._planner = Planner(self.board, rules, cost)
@@ -167,26 +170,26 @@ class Supervisor:
             raise Refused("no_lease", "no lease stands")
         return self._planner
 
-    def energize(self, goal: Goal, ref: int) -> None:
+    def begin_power_up(self, goal: Goal, ref: int) -> None:
         """Begin the way up. Raises: Refused; the answer to `ref` comes when it ends."""
         self.states.need("SAFE")
         if self.lease is None:
             raise Refused("no_lease", "no lease stands: an application opens one, then arm")
-        if self.energizer is not None:
-            raise Refused("wrong_state", f"{self.energizer.goal} is under way")
+        if self.power_up is not None:
+            raise Refused("wrong_state", f"{self.power_up.goal} is under way")
         check_ready(self._readiness())
         probes = self.probes
         liveness = self._components.stopper_liveness
-        energizer = Energizer(goal, ref, self.board, self.rail, liveness, probes, self.clock)
+        power_up = PowerUp(goal, ref, self.board, self.rail, liveness, probes, self.clock)
         self.states.probe()
         self.board.guard.permit(self.maxima.probe_current_ua)
         self.supply_changed(True)
-        self.energizer = energizer
-        self.tell_state(self.clock.now_ns())
+        self.power_up = power_up
+        self.report_state(self.clock.now_ns())
         try:
-            energizer.begin()
+            power_up.begin()
         except Refused:
-            self.energizer = None
+            self.power_up = None
             self.make_safe("the rail is not known")
             raise
 
@@ -205,40 +208,40 @@ class Supervisor:
             return None
         return lasting_refusal(self.loaded.unaccepted_guards, self._untested())
 
-    def climb(self, energizer: Energizer, now_ns: int) -> bool:
+    def step_power_up(self, power_up: PowerUp, now_ns: int) -> bool:
         """True once the rail is there and contact is measured."""
         try:
-            return energizer.is_rail_there(now_ns)
+            return power_up.is_rail_there(now_ns)
         except Refused as refusal:
-            self.energizer = None
+            self.power_up = None
             self.make_safe(refusal.reason)
-            self.answer(Answer.refusing(energizer.ref, refusal))
+            self.answer(Answer.refusing(power_up.ref, refusal))
             return False
 
     def pass_on_measuring(self, due: DuePulse) -> None:
         """To the next electrode; after the last one the board is armed, or safe again."""
-        energizer = self.energizer
-        if energizer is None or not energizer.has(due):
+        power_up = self.power_up
+        if power_up is None or not power_up.has(due):
             return
-        energizer.advance()
-        if energizer.is_measuring:
+        power_up.advance()
+        if power_up.is_measuring:
             return
         self.board.release()
-        self.energizer = None
+        self.power_up = None
         contact = self.reporter.contact(self.contact, self.clock.now_ns())
-        if energizer.goal == "measure":
+        if power_up.goal == "measure":
             self.make_safe("measured")
         else:
             self.states.arm()
-            self.opening.restart()
+            self.soft_start.restart()
             self.board.guard.permit(self.maxima.current_ua)
-            self.tell_state(self.clock.now_ns())
-        self.answer(Answer(ref=energizer.ref, contact=contact))
+            self.report_state(self.clock.now_ns())
+        self.answer(Answer(ref=power_up.ref, contact=contact))
 
     @property
     def is_powered(self) -> bool:
         """ARMED, or on the way there behind the supply's switch."""
-        return self.states.state == "ARMED" or (self.energizer is not None and self.energizer.is_on)
+        return self.states.state == "ARMED" or (self.power_up is not None and self.power_up.is_on)
 
     # --- the way down ------------------------------------------------------------------------
 
@@ -251,7 +254,7 @@ class Supervisor:
                 self._latch("fault", "safe_off", "; ".join(problems))
                 self.end_lease("halted")
                 return
-            self.tell_state(self.clock.now_ns())
+            self.report_state(self.clock.now_ns())
 
     def _silence(self, why: str) -> tuple[str, ...]:
         """Returns what did not work, as sentences."""
@@ -259,19 +262,19 @@ class Supervisor:
         self.last_silence = why
         self.supply_changed(False)
         self.active.silence()
-        self.opening.restart()
-        self.contact.forget()
-        self._components.sharing.forget()
-        self.asker.forget()
-        self._components.ahead.forget()
-        self._drop_energizer(why)
+        self.soft_start.restart()
+        self.contact.reset()
+        self._components.return_share.reset()
+        self.adapter.reset()
+        self._components.pre_probe.reset()
+        self._drop_power_up(why)
         self.reporter.scan_report(self.clock.now_ns(), 0, is_due=True)
         return problems
 
-    def _drop_energizer(self, why: str) -> None:
-        energizer, self.energizer = self.energizer, None
-        if energizer is not None:
-            self.answer(Answer(ref=energizer.ref, error="arm_failed", reason=f"cut short: {why}"))
+    def _drop_power_up(self, why: str) -> None:
+        power_up, self.power_up = self.power_up, None
+        if power_up is not None:
+            self.answer(Answer(ref=power_up.ref, error="arm_failed", reason=f"cut short: {why}"))
 
     def end_lease(self, why: str, counted: str = "") -> None:
         """Lapsed, closed, or lost with its gateway: silence, SAFE, no holder. `counted` is its word
@@ -282,8 +285,8 @@ class Supervisor:
         self.planner_of_lease()
         if lease is not None:
             self.reporter.counters[f"leases_ended_{counted or why.split()[-1]}"] += 1
-            self._tell_gateway(LeaseEnded(lease=lease.token, why=why))
-            self.tell_state(self.clock.now_ns())
+            self._send(LeaseEnded(lease=lease.token, reason=why))
+            self.report_state(self.clock.now_ns())
 
     def halt(self, cause: str, who: str, detail: str) -> None:
         """Silence at once, and HALTED until `clear`. The first cause stands."""
@@ -295,10 +298,10 @@ class Supervisor:
         self.end_lease("halted")
 
     def _latch(self, cause: str, who: str, detail: str) -> None:
-        halt = Halt(cause=cause, who=who, detail=detail, t_ns=self.clock.now_ns())
+        halt = Halt(cause=cause, source=who, detail=detail, t_ns=self.clock.now_ns())
         if self.states.stop(halt):
             self.reporter.halt(halt)
-            self.tell_state(halt.t_ns)
+            self.report_state(halt.t_ns)
 
     def clear(self) -> None:
         """Leave HALTED. Raises: Refused, while a stop line is open or the board is not safe."""
@@ -311,25 +314,25 @@ class Supervisor:
                 raise Refused("halted", f"the board is not safe: {'; '.join(problems)}")
         self.states.clear()
         self.stopper.has_acted = False
-        self.tell_state(self.clock.now_ns())
+        self.report_state(self.clock.now_ns())
 
     # --- telling -----------------------------------------------------------------------------
 
     def greet(self) -> None:
         """Tell the gateway what there is to drive, and what nobody gets more of."""
         states, backend = self.board.switch.states, self._components.backend
-        self.dialogue.send(greeting(self.loaded, self.maxima, states, backend.name))
+        self.gateway_link.send(engine_hello(self.loaded, self.maxima, states, backend.name))
 
     def answer(self, answer: Answer) -> None:
         """To the gateway, if it is there."""
-        self._tell_gateway(answer)
+        self._send(answer)
 
-    def _tell_gateway(self, message: Answer | LeaseEnded) -> None:
-        if not self.dialogue.send(message):
+    def _send(self, message: Answer | LeaseEnded) -> None:
+        if not self.gateway_link.send(message):
             self.reporter.counters["answers_dropped"] += 1
 
-    def tell_state(self, now_ns: int) -> None:
-        self.told_ns = now_ns
+    def report_state(self, now_ns: int) -> None:
+        self.reported_ns = now_ns
         self.reporter.state(self.state_report(now_ns))
 
     def _lag_ns(self) -> int:
@@ -346,7 +349,7 @@ class Supervisor:
             engine="there",
             halt=self.states.halt,
             holder=None if self.lease is None else self.lease.client,
-            ceiling_ua=self.opening.ceiling_ua,
+            ceiling_ua=self.soft_start.ceiling_ua,
             rail_v=self.rail.rail_v(now_ns),
             supply_on=self.board.is_supply_on,
             absent_guards=self.loaded.board.absent_guards,

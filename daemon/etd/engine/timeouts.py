@@ -9,8 +9,8 @@ They are what ends a current whose sender is gone. The factor is 1 with a real b
 
 from __future__ import annotations
 
-from etd.link import SILENCE_NS
-from etd.protocol import LEASE_MS
+from etd.protocol.link import SILENCE_NS
+from etd.protocol.messages import LEASE_MS
 
 _MS = 1_000_000
 

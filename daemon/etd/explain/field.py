@@ -63,7 +63,9 @@ def activating_function_figure() -> Figure:
 def concentric() -> Figure:
     """Figure 4."""
     depths = floats(_SEEN_DEPTHS_MM)
-    alone = Curve("no ring", depths, tuple(under_a_point(0.0, one) for one in depths), dashed=True)
+    alone = Curve(
+        "no ring", depths, tuple(under_a_point(0.0, depth) for depth in depths), dashed=True
+    )
     return Figure(
         "concentric",
         "A wider ring of returns stimulates more, and deeper",
@@ -156,4 +158,6 @@ def _along(depth_mm: float) -> Curve:
 
 def _down(ring: float) -> Curve:
     depths = floats(_SEEN_DEPTHS_MM)
-    return Curve(f"ring of {ring:g} mm", depths, tuple(_under_ring(ring, one) for one in depths))
+    return Curve(
+        f"ring of {ring:g} mm", depths, tuple(_under_ring(ring, depth) for depth in depths)
+    )

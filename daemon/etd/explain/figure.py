@@ -58,19 +58,21 @@ class Figure:
     curves: tuple[Curve, ...]
     checks: tuple[Check, ...]
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "figure": self.name,
             "title": self.title,
             "says": self.says,
-            "checks": [{**asdict(one), "error_percent": one.error_percent} for one in self.checks],
+            "checks": [
+                {**asdict(check), "error_percent": check.error_percent} for check in self.checks
+            ],
             "x": self.x.label,
             "y": self.y.label,
-            "curves": [{"name": one.name, "x": one.x, "y": one.y} for one in self.curves],
+            "curves": [{"name": curve.name, "x": curve.x, "y": curve.y} for curve in self.curves],
         }
 
 
 def floats(values: Iterable[SupportsFloat]) -> tuple[float, ...]:
     """Plain numbers, whatever sort of them came."""
-    return tuple(float(one) for one in values)
+    return tuple(float(supports_float) for supports_float in values)

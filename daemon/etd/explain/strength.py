@@ -44,7 +44,7 @@ def strength_duration() -> Figure:
     """Section 2.2, Figure 7; equations 16 and 17."""
     curves = [_relative_curve(kind, way, name) for kind, way, name in _FIBRES]
     nerve = _threshold_mv(DIAMETER_UM, _FOR_EVER_US)
-    simple = [_threshold_mv(DIAMETER_UM, one) / nerve for one in _WIDTHS_US]
+    simple = [_threshold_mv(DIAMETER_UM, width_us) / nerve for width_us in _WIDTHS_US]
     curves.append(Curve("one node (eq. 16)", floats(_WIDTHS_US), floats(simple), dashed=True))
     return Figure(
         "strength-duration",
@@ -148,7 +148,7 @@ def thickness() -> Figure:
             Curve(
                 f"{width_us:g} us" if width_us < _FOR_EVER_US else "for ever",
                 floats(diameters),
-                tuple(over_thick(float(one), width_us) for one in diameters),
+                tuple(over_thick(float(diameter), width_us) for diameter in diameters),
             )
             for width_us in (20.0, 100.0, 400.0, _FOR_EVER_US)
         ),
@@ -241,13 +241,13 @@ class _Energy:
         """Energy, over the least, at the width that equation 21 has for it: equation 19 times T is
         a straight line, fitted to the threshold's charges at all widths shown.
         """
-        charges = [self._threshold(float(one)) * float(one) for one in _WIDTHS_US]
+        charges = [self._threshold(float(width_us)) * float(width_us) for width_us in _WIDTHS_US]
         c, d = np.polyfit(_WIDTHS_US, charges, 1)
         return self._energy(float(d / c)) / self._energy(self.best_us)
 
     def curve(self, name: str) -> Curve:
         least = self._energy(self.best_us)
-        relative = [self._energy(float(one)) / least for one in _WIDTHS_US]
+        relative = [self._energy(float(width_us)) / least for width_us in _WIDTHS_US]
         return Curve(name, floats(_WIDTHS_US), floats(relative))
 
 
@@ -298,5 +298,7 @@ _FIBRES: tuple[tuple[FibreKind, float, str], ...] = (
 def _relative_curve(kind: FibreKind, way: float, name: str) -> Curve:
     membrane, drive = _under_an_electrode(kind, way)
     most = float(membrane.final(drive).max())
-    relative = [most / float(membrane.step_response(drive, one).max()) for one in _WIDTHS_US]
+    relative = [
+        most / float(membrane.step_response(drive, width_us).max()) for width_us in _WIDTHS_US
+    ]
     return Curve(name, floats(_WIDTHS_US), floats(relative))

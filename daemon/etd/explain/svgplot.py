@@ -69,7 +69,7 @@ def svg_of(figure: Figure) -> str:
 
 
 def _paper_width(curves: tuple[Curve, ...]) -> int:
-    longest = max((len(one.name) for one in curves), default=0)
+    longest = max((len(curve.name) for curve in curves), default=0)
     return max(WIDTH, WIDTH - _RIGHT + _NAME_AT + ceil(_LETTER * longest))
 
 
@@ -93,7 +93,9 @@ def _y(scaled: _Scaled, value: float) -> float:
 
 
 def _scaled(axis: Axis, values: list[float], room: bool) -> _Scaled:
-    shown = [one for one in values if isfinite(one) and (axis.scale == "linear" or one > 0.0)]
+    shown = [
+        value for value in values if isfinite(value) and (axis.scale == "linear" or value > 0.0)
+    ]
     low = min(shown) if axis.least is None else axis.least
     high = max(shown) if axis.most is None else axis.most
     if room and axis.scale == "linear":
@@ -109,7 +111,7 @@ def _scaled(axis: Axis, values: list[float], room: bool) -> _Scaled:
 def _linear_ticks(low: float, high: float) -> list[float]:
     rough = (high - low) / 6.0
     power = 10.0 ** floor(log10(rough))
-    step = next(one * power for one in _STEPS if one * power >= rough * 0.999)
+    step = next(step * power for step in _STEPS if step * power >= rough * 0.999)
     return [number * step for number in range(ceil(low / step), floor(high / step) + 1)]
 
 
@@ -155,17 +157,17 @@ def _curves(curves: tuple[Curve, ...], x: _Scaled, y: _Scaled) -> Iterator[str]:
     for curve in curves:
         color = _FORMULA if curve.dashed else next(colors)
         points = [
-            (_x(x, one), _y(y, other))
-            for one, other in zip(curve.x, curve.y, strict=True)
+            (_x(x, value), _y(y, other))
+            for value, other in zip(curve.x, curve.y, strict=True)
             if isfinite(other) and (y.axis.scale == "linear" or other > 0.0)
         ]
-        path = " ".join(f"{one:.1f},{other:.1f}" for one, other in points)
+        path = " ".join(f"{value:.1f},{other:.1f}" for value, other in points)
         dashes = ' stroke-dasharray="6 4"' if curve.dashed else ""
         yield (
             f'<polyline points="{path}" fill="none" stroke="{color}" stroke-width="2"'
             f' stroke-linejoin="round"{dashes} clip-path="url(#inside)"/>'
         )
-        inside = [one for one in points if _TOP <= one[1] <= HEIGHT - _BOTTOM]
+        inside = [point for point in points if _TOP <= point[1] <= HEIGHT - _BOTTOM]
         ends.append((inside[-1][1] if inside else _TOP, curve.name, color))
     for at, name, color in _apart(ends):
         yield _text(WIDTH - _RIGHT + _NAME_AT, at + 4, name, color=color, weight=600)

@@ -9,7 +9,7 @@ import pwd
 from dataclasses import dataclass
 from pathlib import Path
 
-from etd.errors import FileError
+from etd.protocol.errors import FileError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,17 +11,17 @@ import secrets
 from collections.abc import Callable
 from typing import Any
 
-from etd.errors import Refused
 from etd.gateway import replies
 from etd.gateway.config import GatewayConfig
 from etd.gateway.engine_link import EngineLink
-from etd.gateway.frames import FrameDesk
+from etd.gateway.frames import FrameHandler
+from etd.gateway.inbound import InboundMessage
 from etd.gateway.lease import LeaseView
-from etd.gateway.letters import Letter
+from etd.gateway.pending import MAX_WAIT_NS, PendingRequest, PendingRequests
 from etd.gateway.store import CalibrationStore
 from etd.gateway.telemetry import Publisher
-from etd.gateway.waiting import LONGEST_NS, Waiting, WaitingRoom
-from etd.link import (
+from etd.protocol.errors import Refused
+from etd.protocol.link import (
     Answer,
     ArmBoard,
     ClearHalt,
@@ -34,7 +34,7 @@ from etd.link import (
     SetMark,
     StopNow,
 )
-from etd.protocol import (
+from etd.protocol.messages import (
     Arm,
     CalibrationReply,
     Clear,
@@ -56,7 +56,7 @@ from etd.protocol import (
 )
 
 
-class ControlDesk:
+class ControlHandler:
     """Handles one request at a time. A reply that has to wait for the engine is None for now."""
 
     def __init__(
@@ -66,9 +66,9 @@ class ControlDesk:
         endpoints: Endpoints,
         engine: EngineLink,
         leases: LeaseView,
-        frames: FrameDesk,
+        frames: FrameHandler,
         publisher: Publisher,
-        waiting: WaitingRoom,
+        pending: PendingRequests,
     ) -> None:
         self._config = config
         self._endpoints = endpoints
@@ -76,10 +76,10 @@ class ControlDesk:
         self._leases = leases
         self._frames = frames
         self._publisher = publisher
-        self._waiting = waiting
+        self._pending = pending
         self._operators = operators
         self._store = CalibrationStore(config.state_dir, config.shipped_calibrations)
-        self._handlers: dict[type, Callable[[Any, Letter, int], Success | None]] = {
+        self._handlers: dict[type, Callable[[Any, InboundMessage, int], Success | None]] = {
             Hello: self._hello,
             Status: self._status,
             Stop: self._stop,
@@ -95,38 +95,38 @@ class ControlDesk:
             FrameRequest: self._frame,
         }
 
-    def handle(self, request: Request, letter: Letter, now_ns: int) -> Success | None:
+    def handle(self, request: Request, inbound: InboundMessage, now_ns: int) -> Success | None:
         """The reply, or None if the engine has been asked. Raises: Refused."""
-        return self._handlers[type(request)](request, letter, now_ns)
+        return self._handlers[type(request)](request, inbound, now_ns)
 
-    def _hello(self, request: Hello, _: Letter, now_ns: int) -> Success:
+    def _hello(self, request: Hello, _: InboundMessage, now_ns: int) -> Success:
         return replies.hello(
             request,
             now_ns,
-            self._engine.greeting(),
+            self._engine.engine_hello(),
             name=self._config.name,
             endpoints=self._endpoints,
             calibrations=self._store.names(self._offers_shipped()),
             default_calibration=self._config.default_calibration,
         )
 
-    def _status(self, request: Status, _: Letter, now_ns: int) -> Success:
+    def _status(self, request: Status, _: InboundMessage, now_ns: int) -> Success:
         status = self._publisher.state(now_ns)
         return StatusReply(ok=True, now_ns=now_ns, id=request.id, status=status)
 
-    def _stop(self, request: Stop, letter: Letter, now_ns: int) -> None:
+    def _stop(self, request: Stop, inbound: InboundMessage, now_ns: int) -> None:
         """Sent even if nobody can be told of it any more."""
-        who = request.client or f"user {letter.uid}"
+        who = request.client or f"user {inbound.uid}"
         try:
-            ref = self._waiting.next_ref(is_stop=True)
+            ref = self._pending.next_ref(is_stop=True)
         except Refused:
-            self._engine.stop(StopNow(ref=0, who=who))
+            self._engine.stop(StopNow(ref=0, client=who))
             raise
-        self._engine.stop(StopNow(ref=ref, who=who))
-        self._await(ref, request, letter, now_ns, replies.done(request.id), is_stop=True)
+        self._engine.stop(StopNow(ref=ref, client=who))
+        self._await(ref, request, inbound, now_ns, replies.done(request.id), is_stop=True)
 
-    def _open(self, request: Open, letter: Letter, now_ns: int) -> None:
-        self._engine.greeting()
+    def _open(self, request: Open, inbound: InboundMessage, now_ns: int) -> None:
+        self._engine.engine_hello()
         if (request.calibration is None) == (request.limits is None):
             raise Refused(
                 "limits_missing" if request.limits is None else "bad_message",
@@ -136,7 +136,7 @@ class ControlDesk:
         token = secrets.token_hex(16)
         name = request.calibration
         command = OpenLease(
-            ref=self._waiting.next_ref(),
+            ref=self._pending.next_ref(),
             lease=token,
             client=request.client,
             calibration_name=name,
@@ -145,66 +145,76 @@ class ControlDesk:
         )
 
         def granted(_: Answer) -> Success:
-            self._leases.begin(token, request.client, letter.uid)
+            self._leases.begin(token, request.client, inbound.uid)
             return replies.granted(request.id, token)
 
-        self._ask(command, request, letter, now_ns, granted)
+        self._send_command(command, request, inbound, now_ns, granted)
 
-    def _keep(self, request: Keep, letter: Letter, now_ns: int) -> None:
-        lease = self._held(request.lease, letter)
-        self._ask(KeepLease(ref=self._waiting.next_ref(), lease=lease), request, letter, now_ns)
+    def _keep(self, request: Keep, inbound: InboundMessage, now_ns: int) -> None:
+        lease = self._held(request.lease, inbound)
+        self._send_command(
+            KeepLease(ref=self._pending.next_ref(), lease=lease), request, inbound, now_ns
+        )
 
-    def _close(self, request: Close, letter: Letter, now_ns: int) -> None:
-        lease = self._held(request.lease, letter)
+    def _close(self, request: Close, inbound: InboundMessage, now_ns: int) -> None:
+        lease = self._held(request.lease, inbound)
 
         def closed(_: Answer) -> Success:
             self._leases.end(lease, "closed")
             return Success(ok=True, now_ns=0, id=request.id)
 
-        command = CloseLease(ref=self._waiting.next_ref(), lease=lease)
-        self._ask(command, request, letter, now_ns, closed)
+        command = CloseLease(ref=self._pending.next_ref(), lease=lease)
+        self._send_command(command, request, inbound, now_ns, closed)
 
-    def _disarm(self, request: Disarm, letter: Letter, now_ns: int) -> None:
-        lease = self._held(request.lease, letter)
-        self._ask(DisarmBoard(ref=self._waiting.next_ref(), lease=lease), request, letter, now_ns)
-
-    def _arm(self, request: Arm, letter: Letter, now_ns: int) -> None:
-        self._check_operator(letter)
-        self._ask(ArmBoard(ref=self._waiting.next_ref()), request, letter, now_ns)
-
-    def _clear(self, request: Clear, letter: Letter, now_ns: int) -> None:
-        self._check_operator(letter)
-        self._ask(ClearHalt(ref=self._waiting.next_ref()), request, letter, now_ns)
-
-    def _measure(self, request: Measure, letter: Letter, now_ns: int) -> None:
-        command = MeasureContact(
-            ref=self._waiting.next_ref(), lease=self._held(request.lease, letter)
+    def _disarm(self, request: Disarm, inbound: InboundMessage, now_ns: int) -> None:
+        lease = self._held(request.lease, inbound)
+        self._send_command(
+            DisarmBoard(ref=self._pending.next_ref(), lease=lease), request, inbound, now_ns
         )
-        self._ask(command, request, letter, now_ns, functools.partial(replies.measured, request.id))
 
-    def _mark(self, request: Mark, letter: Letter, now_ns: int) -> None:
+    def _arm(self, request: Arm, inbound: InboundMessage, now_ns: int) -> None:
+        self._check_operator(inbound)
+        self._send_command(ArmBoard(ref=self._pending.next_ref()), request, inbound, now_ns)
+
+    def _clear(self, request: Clear, inbound: InboundMessage, now_ns: int) -> None:
+        self._check_operator(inbound)
+        self._send_command(ClearHalt(ref=self._pending.next_ref()), request, inbound, now_ns)
+
+    def _measure(self, request: Measure, inbound: InboundMessage, now_ns: int) -> None:
+        command = MeasureContact(
+            ref=self._pending.next_ref(), lease=self._held(request.lease, inbound)
+        )
+        self._send_command(
+            command, request, inbound, now_ns, functools.partial(replies.measured, request.id)
+        )
+
+    def _mark(self, request: Mark, inbound: InboundMessage, now_ns: int) -> None:
         command = SetMark(
-            ref=self._waiting.next_ref(),
-            lease=self._held(request.lease, letter),
+            ref=self._pending.next_ref(),
+            lease=self._held(request.lease, inbound),
             tag=request.tag,
         )
-        self._ask(command, request, letter, now_ns, functools.partial(replies.marked, request.id))
+        self._send_command(
+            command, request, inbound, now_ns, functools.partial(replies.marked, request.id)
+        )
 
-    def _frame(self, request: FrameRequest, letter: Letter, now_ns: int) -> None:
-        lease = self._frames.check(request, letter.uid)
-        ref = self._waiting.next_ref()
+    def _frame(self, request: FrameRequest, inbound: InboundMessage, now_ns: int) -> None:
+        lease = self._frames.check(request, inbound.uid)
+        ref = self._pending.next_ref()
         self._frames.pass_on(request, lease, ref)
         done = functools.partial(replies.framed, request.id, request.seq)
-        self._await(ref, request, letter, now_ns, done)
+        self._await(ref, request, inbound, now_ns, done)
 
-    def _calibration(self, request: GetCalibration, letter: Letter, now_ns: int) -> Success:
+    def _calibration(
+        self, request: GetCalibration, inbound: InboundMessage, now_ns: int
+    ) -> Success:
         calibration = None
         if request.do == "get":
             calibration = self._store.get(_name_of(request), self._offers_shipped())
         elif request.do == "set":
-            self._set_calibration(request, letter)
+            self._set_calibration(request, inbound)
         elif request.do == "delete":
-            self._check_operator(letter)
+            self._check_operator(inbound)
             self._store.delete(_name_of(request))
         return CalibrationReply(
             ok=True,
@@ -214,9 +224,9 @@ class ControlDesk:
             calibration=calibration,
         )
 
-    def _set_calibration(self, request: GetCalibration, letter: Letter) -> None:
-        self._check_operator(letter)
-        greeting = self._engine.greeting()
+    def _set_calibration(self, request: GetCalibration, inbound: InboundMessage) -> None:
+        self._check_operator(inbound)
+        engine_hello = self._engine.engine_hello()
         if request.calibration is None:
             raise Refused("bad_message", "calibration set needs the key calibration")
         state = self._engine.state
@@ -226,47 +236,49 @@ class ControlDesk:
                 f"a calibration is set in SAFE only, and this is {state.state if state else '?'}:"
                 " disarm first",
             )
-        replies.check_fits(request.calibration, greeting)
+        replies.check_fits(request.calibration, engine_hello)
         self._store.put(_name_of(request), request.calibration)
 
-    def _ask(
+    def _send_command(
         self,
         command: Command,
         request: Request,
-        letter: Letter,
+        inbound: InboundMessage,
         now_ns: int,
         done: Callable[[Answer], Success] | None = None,
     ) -> None:
         self._engine.command(command)
-        self._await(command.ref, request, letter, now_ns, done or replies.done(request.id))
+        self._await(command.ref, request, inbound, now_ns, done or replies.done(request.id))
 
     def _await(
         self,
         ref: int,
         request: Request,
-        letter: Letter,
+        inbound: InboundMessage,
         now_ns: int,
         done: Callable[[Answer], Success],
         is_stop: bool = False,
     ) -> None:
-        self._waiting.add(ref, Waiting(letter, request.id, done, now_ns + LONGEST_NS, is_stop))
+        self._pending.add(
+            ref, PendingRequest(inbound, request.id, done, now_ns + MAX_WAIT_NS, is_stop)
+        )
 
-    def _held(self, token: str, letter: Letter) -> str:
+    def _held(self, token: str, inbound: InboundMessage) -> str:
         """The lease named, if it stands. Raises: Refused (`engine_gone` and the lease's)."""
-        self._engine.greeting()
-        return self._leases.check(token, letter.uid).token
+        self._engine.engine_hello()
+        return self._leases.check(token, inbound.uid).token
 
-    def _check_operator(self, letter: Letter) -> None:
+    def _check_operator(self, inbound: InboundMessage) -> None:
         """Raises: Refused (`not_permitted`)."""
-        if self._operators is not None and letter.uid not in self._operators:
+        if self._operators is not None and inbound.uid not in self._operators:
             raise Refused(
                 "not_permitted",
-                f"user {letter.uid} may not operate: the configuration's operators may",
+                f"user {inbound.uid} may not operate: the configuration's operators may",
             )
 
     def _offers_shipped(self) -> bool:
         """The shipped calibrations belong to the fake's own body: they are no person's limits."""
-        return self._engine.is_there and self._engine.greeting().board.backend == "fake"
+        return self._engine.is_there and self._engine.engine_hello().board.backend == "fake"
 
 
 def _name_of(request: GetCalibration) -> str:

@@ -10,18 +10,10 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from etd import link
-from etd.errors import Refused, Undecodable
-from etd.link import (
-    Alive,
-    Channel,
-    Command,
-    Greeting,
-    NewFrame,
-    Report,
-    StopNow,
-)
-from etd.protocol import StateReport
+from etd.protocol import link
+from etd.protocol.errors import Refused, Undecodable
+from etd.protocol.link import Alive, Channel, Command, EngineHello, NewFrame, Report, StopNow
+from etd.protocol.messages import StateReport
 
 #: Of the engine's messages, at most this many are read in one turn.
 MESSAGES_A_TURN = 256
@@ -43,7 +35,7 @@ class EngineLink:
         self._folder = folder
         self._counters = counters
         self._channels: tuple[Channel[link.ToGateway], Channel[link.ToGateway]] | None = None
-        self._greeting: Greeting | None = None
+        self._engine_hello: EngineHello | None = None
         self.state: StateReport | None = None
 
     @property
@@ -52,22 +44,22 @@ class EngineLink:
 
     @property
     def is_there(self) -> bool:
-        return self._greeting is not None
+        return self._engine_hello is not None
 
     @property
     def has_ended(self) -> bool:
         """The other end has hung up, and `hang_up` is due here."""
-        return self._channels is not None and not all(one.is_open for one in self._channels)
+        return self._channels is not None and not all(channel.is_open for channel in self._channels)
 
-    def greeting(self) -> Greeting:
+    def engine_hello(self) -> EngineHello:
         """The facts of the board. Raises: Refused (`engine_gone`)."""
-        if self._greeting is None:
+        if self._engine_hello is None:
             raise Refused("engine_gone", _GONE)
-        return self._greeting
+        return self._engine_hello
 
     def filenos(self) -> tuple[int, ...]:
         """For the poll."""
-        return tuple(one.fileno() for one in self._channels or () if one.is_open)
+        return tuple(channel.fileno() for channel in self._channels or () if channel.is_open)
 
     def try_connect(self) -> None:
         """Connect if an engine listens."""
@@ -79,7 +71,7 @@ class EngineLink:
         for channel in self._channels or ():
             channel.close()
         self._channels = None
-        self._greeting = None
+        self._engine_hello = None
         self.state = None
 
     def stay_alive(self) -> None:
@@ -96,7 +88,7 @@ class EngineLink:
         self._send(1, frame, "frames")
 
     def _send(self, which: int, message: Command | NewFrame, kind: str) -> None:
-        self.greeting()
+        self.engine_hello()
         channel = self._open_channel(which)
         if not channel.send(message):
             self._open_channel(which)  # it may have found out just now that the engine is gone
@@ -125,8 +117,8 @@ class EngineLink:
             message = self._next()
             if message is None:
                 return
-            if isinstance(message, Greeting):
-                self._greeting = message
+            if isinstance(message, EngineHello):
+                self._engine_hello = message
             if isinstance(message, Report) and message.state is not None:
                 self.state = message.state
             yield message

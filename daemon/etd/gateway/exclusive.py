@@ -10,7 +10,7 @@ import fcntl
 import os
 from pathlib import Path
 
-from etd.errors import AlreadyRunning
+from etd.protocol.errors import AlreadyRunning
 
 
 class NameLock:

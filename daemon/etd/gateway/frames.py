@@ -6,16 +6,16 @@ Must not know: limits, currents, whether the engine will accept it.
 
 from __future__ import annotations
 
-from etd.frame import Frame, check_shape
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.lease import LeaseView, StandingLease
-from etd.link import NewFrame
-from etd.protocol import FrameRequest
+from etd.protocol.frame import Frame, check_shape
+from etd.protocol.link import NewFrame
+from etd.protocol.messages import FrameRequest
 
 _FIELDS = Frame.__struct_fields__
 
 
-class FrameDesk:
+class FrameHandler:
     """Used by both sockets that frames come in through."""
 
     def __init__(self, engine: EngineLink, leases: LeaseView) -> None:
@@ -24,7 +24,7 @@ class FrameDesk:
 
     def check(self, request: FrameRequest, uid: int | None) -> StandingLease:
         """Raises: Refused (`engine_gone`, `no_lease`, `other_lease`, `old_seq`, `bad_frame`)."""
-        electrodes = self._engine.greeting().array.electrodes
+        electrodes = self._engine.engine_hello().array.electrodes
         lease = self._leases.check(request.lease, uid)
         self._leases.check_seq(lease, request.seq)
         check_shape(request, electrodes)

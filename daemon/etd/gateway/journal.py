@@ -16,29 +16,29 @@ from collections import Counter
 from typing import TextIO
 
 from etd.gateway.lease import StandingLease
-from etd.link import Greeting
-from etd.protocol import StateReport
+from etd.protocol.link import EngineHello
+from etd.protocol.messages import StateReport
 
-_ROOM = 1_000
+_QUEUE_LENGTH = 1_000
 #: Counters of the engine's that are each worth a line, once they begin: what is no longer believed,
 #: so that stabilizers leave the pulse as the frame has it.
-_NOT_STABILIZED = {
-    "not_believed_adc": "the ADC stood still, or the source's node was not at rest before a pulse",
-    "not_believed_compliance": "the source was at its end, so no resistance is known",
-    "not_believed_implausible": "a resistance that no skin has was read",
-    "not_believed_flicker": "resistances flicker (a noisy ADC, a shaking hand)",
-    "not_believed_bound": "a law wanted its widest pulse for 10 s on one electrode, which skin"
+_REJECTED = {
+    "rejected_adc": "the ADC stood still, or the source's node was not at rest before a pulse",
+    "rejected_compliance": "the source was at its end, so no resistance is known",
+    "rejected_implausible": "a resistance that no skin has was read",
+    "rejected_flicker": "resistances flicker (a noisy ADC, a shaking hand)",
+    "rejected_bound": "a law wanted its widest pulse for 10 s on one electrode, which skin"
     " seldom asks for so long, and a reading that is off does: etd selftest measures the gain",
-    "not_believed_common": "a law by resistance has wanted wider pulses on all electrodes alike for"
+    "rejected_common": "a law by resistance has wanted wider pulses on all electrodes alike for"
     " many seconds: a gain of the ADC does that (etd selftest measures it), or skin that is another"
     " one everywhere than when it was calibrated; what they have in common widens no pulse",
-    "not_believed_old": "nothing was told of an electrode for a second: a silence, or a slow rate",
-    "not_believed_probe": "the ADC stood still in the probe before a pulse, or the node was not at"
+    "rejected_old": "nothing was told of an electrode for a second: a silence, or a slow rate",
+    "rejected_probe": "the ADC stood still in the probe before a pulse, or the node was not at"
     " rest",
 }
 _WITHHELD = "probes_alone"
 #: Doubted, and followed all the same.
-_NARROW = "not_believed_narrow"
+_NARROW = "rejected_narrow"
 #: A sensor that has been well for so long begins a new episode when it is not.
 _EPISODE_NS = 10_000_000_000
 #: Refusals are summed up at most this often.
@@ -69,7 +69,7 @@ class Journal:
     """One line an event, to `stream`; under systemd that is the journal."""
 
     def __init__(self, name: str, stream: TextIO = sys.stderr) -> None:
-        room: queue.Queue[logging.LogRecord] = queue.Queue(_ROOM)
+        room: queue.Queue[logging.LogRecord] = queue.Queue(_QUEUE_LENGTH)
         writing = logging.StreamHandler(stream)
         writing.setFormatter(logging.Formatter(f"etd {name}: %(message)s"))
         self._queue = _Queue(room)
@@ -77,7 +77,7 @@ class Journal:
         self._log = logging.Logger("etd.journal", logging.INFO)
         self._log.addHandler(self._queue)
         self._state = ""
-        self._doubts: set[str] = set()
+        self._rejections: set[str] = set()
         self._counted: dict[str, int] = {}
         #: When each sensor that was told of was last not well.
         self._silent_ns: dict[str, int] = {}
@@ -98,14 +98,14 @@ class Journal:
             self._is_closed = True
             self._writer.stop()
 
-    def engine_found(self, greeting: Greeting) -> None:
-        board = greeting.board
+    def engine_found(self, engine_hello: EngineHello) -> None:
+        board = engine_hello.board
         absent = ", ".join(board.absent_guards) or "none"
         self._log.info(
             "engine there: %s (%s), %d electrodes; absent guards: %s",
             board.name,
             board.backend,
-            greeting.array.electrodes,
+            engine_hello.array.electrodes,
             absent,
         )
 
@@ -119,17 +119,17 @@ class Journal:
         sensor that says nothing, when that begins and when it is over.
         """
         if report.engine == "there":
-            self._tell_sensors(report)
+            self._log_sensors(report)
         if report.state == "SAFE":
-            self._doubts.clear()
+            self._rejections.clear()
         else:
-            self._tell_doubts(report.counters)
+            self._log_rejections(report.counters)
         if report.state == self._state:
             return
         self._state = report.state
         if report.halt is not None:
             halt = report.halt
-            self._log.error("HALTED by %s (%s): %s", halt.cause, halt.who, halt.detail)
+            self._log.error("HALTED by %s (%s): %s", halt.cause, halt.source, halt.detail)
         elif report.state == "SAFE" and report.last_disarm:
             self._log.info("SAFE: %s", report.last_disarm)
         else:
@@ -137,8 +137,8 @@ class Journal:
         for sentence in report.not_granted if report.state == "SAFE" else ():
             self._log.warning("%s", sentence)
 
-    def _tell_doubts(self, counters: dict[str, int]) -> None:
-        for key, why in _NOT_STABILIZED.items():
+    def _log_rejections(self, counters: dict[str, int]) -> None:
+        for key, why in _REJECTED.items():
             if self._has_begun(key, counters):
                 self._log.warning("not stabilized for a while: %s", why)
         if self._has_begun(_NARROW, counters):
@@ -151,10 +151,10 @@ class Journal:
             self._log.info(
                 "a pulse was withheld: the probe before it found nobody, or came too late"
             )
-        known = (*_NOT_STABILIZED, _NARROW, _WITHHELD)
+        known = (*_REJECTED, _NARROW, _WITHHELD)
         self._counted = {key: counters.get(key, 0) for key in known}
 
-    def _tell_sensors(self, report: StateReport) -> None:
+    def _log_sensors(self, report: StateReport) -> None:
         for name, why in report.sensor_problems.items():
             if name not in self._silent_ns:
                 self._log.warning("%s of the array says nothing: %s", name, why)
@@ -166,9 +166,9 @@ class Journal:
 
     def _has_begun(self, key: str, counters: dict[str, int]) -> bool:
         """For the first time while this board is live."""
-        if key in self._doubts or counters.get(key, 0) <= self._counted.get(key, 0):
+        if key in self._rejections or counters.get(key, 0) <= self._counted.get(key, 0):
             return False
-        self._doubts.add(key)
+        self._rejections.add(key)
         return True
 
     def lease(self, standing: StandingLease | None) -> None:

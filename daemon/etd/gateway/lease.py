@@ -9,7 +9,7 @@ from __future__ import annotations
 import hmac
 from dataclasses import dataclass
 
-from etd.errors import Refused
+from etd.protocol.errors import Refused
 
 
 @dataclass(slots=True)
@@ -37,7 +37,7 @@ class LeaseView:
             self.standing = None
             self._why_none = f"the last one ended: {why}"
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """The engine is gone, and every lease with it."""
         if self.standing is not None:
             self.end(self.standing.token, "the engine is gone")

@@ -35,7 +35,7 @@ def run_gateway(
         if on_ready is not None:
             on_ready()
         while not asked_to_end:
-            gateway.turn()
+            gateway.step()
     finally:
         gateway.close()
         for ending, handler in before.items():

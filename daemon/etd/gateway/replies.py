@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from etd.calibration import Calibration
-from etd.errors import Refused
-from etd.link import Answer, Greeting
-from etd.protocol import (
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import Refused
+from etd.protocol.link import Answer, EngineHello
+from etd.protocol.messages import (
     LEASE_MS,
     MAX_MESSAGE_BYTES,
     VERSION,
@@ -31,7 +31,7 @@ from etd.version import __version__
 def hello(
     request: Hello,
     now_ns: int,
-    greeting: Greeting,
+    engine_hello: EngineHello,
     *,
     name: str,
     endpoints: Endpoints,
@@ -46,15 +46,15 @@ def hello(
         protocol=VERSION,
         version=__version__,
         name=name,
-        board=greeting.board,
-        array=greeting.array,
-        body_site=greeting.body_site,
-        maxima=greeting.maxima,
-        default_width_us=greeting.default_width_us,
-        default_rate_hz=greeting.default_rate_hz,
-        default_polarity=greeting.default_polarity,
-        shape=greeting.shape,
-        stabilizers=greeting.stabilizers,
+        board=engine_hello.board,
+        array=engine_hello.array,
+        body_site=engine_hello.body_site,
+        maxima=engine_hello.maxima,
+        default_width_us=engine_hello.default_width_us,
+        default_rate_hz=engine_hello.default_rate_hz,
+        default_polarity=engine_hello.default_polarity,
+        shape=engine_hello.shape,
+        stabilizers=engine_hello.stabilizers,
         default_calibration=default_calibration,
         calibrations=calibrations,
         endpoints=endpoints,
@@ -82,7 +82,7 @@ def framed(id: Id | None, seq: int, answer: Answer) -> FrameReply:  # noqa: A002
         seq=seq,
         rate_hz=answer.rate_hz,
         clamped=answer.clamped,
-        thinned=answer.thinned,
+        slowed=answer.slowed,
     )
 
 
@@ -108,14 +108,14 @@ def marked(id: Id | None, answer: Answer) -> MarkReply:  # noqa: A002
     return MarkReply(ok=True, now_ns=0, id=id, marked_ns=answer.marked_ns, sync=answer.sync)
 
 
-def check_fits(calibration: Calibration, greeting: Greeting) -> None:
+def check_fits(calibration: Calibration, engine_hello: EngineHello) -> None:
     """A calibration that could never be opened here is not kept here. The maxima are the engine's
     to check, when it is opened. Raises: Refused (`bad_calibration`).
     """
-    electrodes = greeting.array.electrodes
+    electrodes = engine_hello.array.electrodes
     for what, given, here in (
-        ("array", calibration.array, greeting.array.name),
-        ("body_site", calibration.body_site, greeting.body_site),
+        ("array", calibration.array, engine_hello.array.name),
+        ("body_site", calibration.body_site, engine_hello.body_site),
         ("number of electrodes", len(calibration.electrode), electrodes),
     ):
         if given != here:

@@ -12,22 +12,22 @@ from typing import Any
 import msgspec
 import zmq
 
-from etd.errors import Refused
+from etd.files.paths import check_name, prepare_runtime
 from etd.gateway.config import GatewayConfig, operator_uids
-from etd.gateway.control import ControlDesk
+from etd.gateway.control import ControlHandler
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.exclusive import NameLock
-from etd.gateway.frames import FrameDesk
+from etd.gateway.frames import FrameHandler
+from etd.gateway.inbound import InboundMessage, Unreadable, inbound_of, read_request, without_frames
 from etd.gateway.journal import Journal
 from etd.gateway.lease import LeaseView
-from etd.gateway.letters import Letter, Unreadable, letter_of, read_request, without_frames
+from etd.gateway.pending import PendingRequest, PendingRequests
 from etd.gateway.sockets import Sockets
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
-from etd.gateway.waiting import Waiting, WaitingRoom
-from etd.link import ALIVE_NS, Answer, Greeting, LeaseEnded, Report
-from etd.places import check_name, prepare_runtime
-from etd.protocol import Failure, Id, Request, Stop, Success
+from etd.protocol.errors import Refused
+from etd.protocol.link import ALIVE_NS, Answer, EngineHello, LeaseEnded, Report
+from etd.protocol.messages import Failure, Id, Request, Stop, Success
 from etd_hal.ports import Clock
 
 #: Of the requests, at most this many are read in one turn.
@@ -38,9 +38,9 @@ CONNECT_NS = 200_000_000
 _encoder = msgspec.json.Encoder()
 
 
-def _read(letter: Letter) -> Request | Unreadable:
+def _read(inbound: InboundMessage) -> Request | Unreadable:
     try:
-        return read_request(letter)
+        return read_request(inbound)
     except Unreadable as refusal:
         return without_frames(refusal)
 
@@ -65,11 +65,11 @@ class Gateway:
         self.counters: Counter[str] = Counter()
         self._engine = EngineLink(config.runtime_folder, self.counters)
         self._leases = LeaseView()
-        self._waiting = WaitingRoom()
+        self._pending = PendingRequests()
         self._publisher = Publisher(self._sockets.telemetry, self._engine, self.counters)
-        frames = FrameDesk(self._engine, self._leases)
+        frames = FrameHandler(self._engine, self._leases)
         self._streams = Streams(self._sockets.frames, frames, self.counters)
-        self._control = ControlDesk(
+        self._control = ControlHandler(
             config,
             operators,
             self._sockets.endpoints,
@@ -77,13 +77,13 @@ class Gateway:
             self._leases,
             frames,
             self._publisher,
-            self._waiting,
+            self._pending,
         )
         self._journal = Journal(config.name)
         self._alive_due_ns = 0
         self._connect_due_ns = 0
 
-    def turn(self, timeout_ms: int = 50) -> None:
+    def step(self, timeout_ms: int = 50) -> None:
         """Wait for something to arrive, at most `timeout_ms`, and deal with all of it."""
         self._wait(timeout_ms)
         self._stay_in_touch()
@@ -91,7 +91,7 @@ class Gateway:
         self._hear_engine()
         self._pass_on_frames()
         now_ns = self._clock.now_ns()
-        self._give_up_on(self._waiting.take_late(now_ns), "the engine did not answer within 15 s")
+        self._give_up_on(self._pending.take_late(now_ns), "the engine did not answer within 15 s")
         self.counters.update(self._sockets.disconnects())
         self._publisher.repeat_state(now_ns)
         self._journal.lease(self._leases.standing)
@@ -134,43 +134,43 @@ class Gateway:
         """Every stop of this turn goes out before anything else is even refused."""
         requests = self._read_requests()
         for is_stop in (True, False):
-            for request, letter in requests:
+            for request, inbound in requests:
                 if isinstance(request, Stop) is is_stop:
-                    self._answer(request, letter)
+                    self._answer(request, inbound)
                     self._stay_in_touch()
 
-    def _read_requests(self) -> list[tuple[Request | Unreadable, Letter]]:
-        requests: list[tuple[Request | Unreadable, Letter]] = []
+    def _read_requests(self) -> list[tuple[Request | Unreadable, InboundMessage]]:
+        requests: list[tuple[Request | Unreadable, InboundMessage]] = []
         for _ in range(REQUESTS_A_TURN):
             try:
                 parts = self._sockets.control.recv_multipart(zmq.NOBLOCK, copy=False)
             except zmq.Again:
                 break
-            letter = letter_of(parts)
-            requests.append((_read(letter), letter))
+            inbound = inbound_of(parts)
+            requests.append((_read(inbound), inbound))
         return requests
 
-    def _answer(self, request: Request | Unreadable, letter: Letter) -> None:
+    def _answer(self, request: Request | Unreadable, inbound: InboundMessage) -> None:
         if isinstance(request, Unreadable):
             self.counters["malformed"] += 1
-            self._refuse(letter, request.id, request)
+            self._refuse(inbound, request.id, request)
             return
         try:
-            reply = self._control.handle(request, letter, self._clock.now_ns())
+            reply = self._control.handle(request, inbound, self._clock.now_ns())
         except Refused as refusal:
             self.counters[f"refused_{refusal.code}"] += 1
-            self._refuse(letter, request.id, refusal)
+            self._refuse(inbound, request.id, refusal)
         else:
             if reply is not None:
-                self._reply(letter, reply)
+                self._reply(inbound, reply)
 
     def _hear_engine(self) -> None:
         for message in self._engine.receive():
             if isinstance(message, Answer):
                 self._settle(message)
             elif isinstance(message, LeaseEnded):
-                self._leases.end(message.lease, message.why)
-            elif isinstance(message, Greeting):
+                self._leases.end(message.lease, message.reason)
+            elif isinstance(message, EngineHello):
                 self._journal.engine_found(message)
             else:
                 self._pass_on(message)
@@ -183,22 +183,22 @@ class Gateway:
         self._publisher.pass_on(report, self._clock.now_ns())
 
     def _settle(self, answer: Answer) -> None:
-        waiting = self._waiting.take(answer.ref)
-        if waiting is None:
+        pending = self._pending.take(answer.ref)
+        if pending is None:
             self.counters["answers_too_late"] += 1
         elif answer.error is not None:
             refusal = Refused(answer.error, answer.reason, answer.electrode, answer.achievable_hz)
-            self._refuse(waiting.letter, waiting.id, refusal)
+            self._refuse(pending.inbound, pending.id, refusal)
         else:
-            self._finish(waiting, answer)
+            self._finish(pending, answer)
 
-    def _finish(self, waiting: Waiting, answer: Answer) -> None:
+    def _finish(self, pending: PendingRequest, answer: Answer) -> None:
         try:
-            reply = waiting.done(answer)
+            reply = pending.done(answer)
         except Refused as refusal:
-            self._refuse(waiting.letter, waiting.id, refusal)
+            self._refuse(pending.inbound, pending.id, refusal)
         else:
-            self._reply(waiting.letter, reply)
+            self._reply(pending.inbound, reply)
 
     def _pass_on_frames(self) -> None:
         refusals = self._streams.drain()
@@ -209,17 +209,17 @@ class Gateway:
         if self._engine.is_there:
             self._journal.engine_lost()
         self._engine.hang_up()
-        self._leases.forget()
-        self._publisher.forget_engine()
-        self._give_up_on(self._waiting.take_all(), "the engine ended before it answered")
+        self._leases.reset()
+        self._publisher.drop_engine()
+        self._give_up_on(self._pending.take_all(), "the engine ended before it answered")
         self._publisher.publish_state(now_ns)
 
-    def _give_up_on(self, waiting: list[Waiting], why: str) -> None:
-        for one in waiting:
+    def _give_up_on(self, pending: list[PendingRequest], why: str) -> None:
+        for request in pending:
             self.counters["refused_engine_gone"] += 1
-            self._refuse(one.letter, one.id, Refused("engine_gone", why))
+            self._refuse(request.inbound, request.id, Refused("engine_gone", why))
 
-    def _refuse(self, letter: Letter, id: Id | None, refusal: Refused) -> None:  # noqa: A002
+    def _refuse(self, inbound: InboundMessage, id: Id | None, refusal: Refused) -> None:  # noqa: A002
         failure = Failure(
             ok=False,
             error=refusal.code,
@@ -229,16 +229,16 @@ class Gateway:
             electrode=refusal.electrode,
             achievable_hz=refusal.achievable_hz,
         )
-        self._send(letter, failure)
+        self._send(inbound, failure)
 
-    def _reply(self, letter: Letter, reply: Success) -> None:
-        self._send(letter, msgspec.structs.replace(reply, now_ns=self._clock.now_ns()))
+    def _reply(self, inbound: InboundMessage, reply: Success) -> None:
+        self._send(inbound, msgspec.structs.replace(reply, now_ns=self._clock.now_ns()))
 
-    def _send(self, letter: Letter, reply: Success | Failure) -> None:
+    def _send(self, inbound: InboundMessage, reply: Success | Failure) -> None:
         """To whoever is still there; a client that left or does not read is counted."""
         try:
             self._sockets.control.send_multipart(
-                [*letter.route, _encoder.encode(reply)], zmq.NOBLOCK
+                [*inbound.route, _encoder.encode(reply)], zmq.NOBLOCK
             )
         except zmq.ZMQError as error:
             if error.errno not in (zmq.EAGAIN, zmq.EHOSTUNREACH):

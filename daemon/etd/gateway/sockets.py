@@ -14,9 +14,9 @@ from typing import TypeAlias
 
 import zmq
 
-from etd.errors import HardwareMissing
-from etd.places import CONTROL, FRAMES, TELEMETRY
-from etd.protocol import MAX_MESSAGE_BYTES, Endpoints
+from etd.files.paths import CONTROL, FRAMES, TELEMETRY
+from etd.protocol.errors import HardwareMissing
+from etd.protocol.messages import MAX_MESSAGE_BYTES, Endpoints
 
 Socket: TypeAlias = zmq.Socket[bytes]
 
@@ -32,7 +32,7 @@ def check_version(version: tuple[int, int, int] | None = None) -> None:
     """Raises: HardwareMissing for a libzmq with known flaws."""
     found = version or zmq.zmq_version_info()
     if found < OLDEST_LIBZMQ:
-        names = [".".join(map(str, one)) for one in (found, OLDEST_LIBZMQ)]
+        names = [".".join(map(str, entry)) for entry in (found, OLDEST_LIBZMQ)]
         raise HardwareMissing(
             (f"libzmq {names[0]} has known flaws, {names[1]} is needed: pip install -U pyzmq",)
         )

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from etd.calibration import Calibration, check_order, load_calibration, to_toml
-from etd.errors import FileError, Refused
-from etd.wholefile import write_whole
+from etd.files.atomic_file import write_atomically
+from etd.files.calibration import load_calibration, to_toml
+from etd.protocol.calibration import Calibration, check_order
+from etd.protocol.errors import FileError, Refused
 
 
 class CalibrationStore:
@@ -47,7 +48,7 @@ class CalibrationStore:
             raise Refused("bad_calibration", str(error)) from error
         try:
             self._own.mkdir(mode=0o750, parents=True, exist_ok=True)
-            write_whole(self._own / f"{name}.toml", to_toml(calibration).encode(), mode=0o640)
+            write_atomically(self._own / f"{name}.toml", to_toml(calibration).encode(), mode=0o640)
         except OSError as error:
             raise Refused(
                 "bad_calibration", f"{name!r} could not be kept in {self._own}: {error.strerror}"

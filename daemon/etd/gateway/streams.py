@@ -12,12 +12,12 @@ from collections import Counter
 
 import zmq
 
-from etd.errors import Refused
-from etd.gateway.frames import FrameDesk
+from etd.gateway.frames import FrameHandler
+from etd.gateway.inbound import inbound_of, read_frame, without_frames
 from etd.gateway.lease import StandingLease
-from etd.gateway.letters import letter_of, read_frame, without_frames
 from etd.gateway.sockets import Socket
-from etd.protocol import FrameRequest
+from etd.protocol.errors import Refused
+from etd.protocol.messages import FrameRequest
 
 #: At most this many are read in one turn; ZeroMQ and the kernel keep the rest, bounded.
 FRAMES_A_TURN = 64
@@ -28,9 +28,9 @@ Refusals = list[tuple[int | None, Refused]]
 class Streams:
     """One PULL socket."""
 
-    def __init__(self, socket: Socket, desk: FrameDesk, counters: Counter[str]) -> None:
+    def __init__(self, socket: Socket, desk: FrameHandler, counters: Counter[str]) -> None:
         self._socket = socket
-        self._desk = desk
+        self._handler = desk
         self._counters = counters
 
     def drain(self) -> Refusals:
@@ -39,21 +39,21 @@ class Streams:
         newest: tuple[FrameRequest, StandingLease] | None = None
         for _ in range(FRAMES_A_TURN):
             try:
-                letter = letter_of(self._socket.recv_multipart(zmq.NOBLOCK, copy=False))
+                inbound = inbound_of(self._socket.recv_multipart(zmq.NOBLOCK, copy=False))
             except zmq.Again:
                 break
             seq = None
             try:
-                frame = read_frame(letter)
+                frame = read_frame(inbound)
                 seq = frame.seq
-                lease = self._desk.check(frame, letter.uid)
+                lease = self._handler.check(frame, inbound.uid)
             except Refused as refusal:
                 refusals.append((seq, without_frames(refusal)))
                 continue
             newest = self._newer(newest, (frame, lease))
         if newest is not None:
             try:
-                self._desk.pass_on(*newest, ref=0)
+                self._handler.pass_on(*newest, ref=0)
             except Refused as refusal:
                 refusals.append((newest[0].seq, refusal))
         return self._counted(refusals)

@@ -11,11 +11,11 @@ from collections import Counter
 import msgspec
 import zmq
 
-from etd.errors import Refused
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.sockets import Socket
-from etd.link import Report
-from etd.protocol import RefusedReport, StateReport, Topic
+from etd.protocol.errors import Refused
+from etd.protocol.link import Report
+from etd.protocol.messages import RefusedReport, StateReport, Topic
 
 #: `state` is repeated this often, for those who came late.
 STATE_NS = 1_000_000_000
@@ -87,7 +87,7 @@ class Publisher:
             )
             self._publish("refused", report)
 
-    def forget_engine(self) -> None:
+    def drop_engine(self) -> None:
         """A new engine counts anew; what the old one refused stays refused."""
         self._refused_here += self._refused_by_engine
         self._refused_by_engine = 0

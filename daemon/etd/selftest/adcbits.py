@@ -14,9 +14,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from etd.maxima import maxima_of
-from etd.selftest.bed import Bed, DummyLoad
-from etd.selftest.log import Log
+from etd.safety.maxima import maxima_of
+from etd.selftest.fixture import DummyLoad, Fixture
+from etd.selftest.log import CheckLog
 from etd.selftest.prober import Prober
 
 _BITS = 6
@@ -50,8 +50,8 @@ class _Seen:
 
 
 def check(
-    bed: Bed,
-    log: Log,
+    fixture: Fixture,
+    log: CheckLog,
     prober: Prober,
     load: DummyLoad,
     read_v: Iterable[float],
@@ -61,14 +61,14 @@ def check(
 
     Raises: BusError, BoardFault, GuardRefusal.
     """
-    seen = _Seen(bed.file.source.node_uv_per_code / 1e6)
+    seen = _Seen(fixture.file.source.node_uv_per_code / 1e6)
     for volts in read_v:
         seen.add(volts)
-    pause_ms = _SECOND_MS * _MARGIN / maxima_of(bed.file, bed.loaded.body_site).rate_hz
-    for electrode, current_ua in _looked_for(bed, load, volts_per_ua):
+    pause_ms = _SECOND_MS * _MARGIN / maxima_of(fixture.file, fixture.loaded.body_site).rate_hz
+    for electrode, current_ua in _looked_for(fixture, load, volts_per_ua):
         if not seen.still:
             break
-        bed.wait_ms(pause_ms)
+        fixture.wait_ms(pause_ms)
         seen.add(prober.into_load(electrode, current_ua)[1].voltage_v)
     still = seen.still
     log.judge(
@@ -83,15 +83,17 @@ def check(
     )
 
 
-def _looked_for(bed: Bed, load: DummyLoad, volts_per_ua: float) -> Iterator[tuple[int, int]]:
+def _looked_for(
+    fixture: Fixture, load: DummyLoad, volts_per_ua: float
+) -> Iterator[tuple[int, int]]:
     """(electrode, uA)."""
-    source = bed.file.source
+    source = fixture.file.source
     ua_per_code = source.node_uv_per_code / 1e6 / volts_per_ua
     for bit in reversed(range(_BY_PERIOD, _BITS)):
         for part in range(_READINGS):
             yield load.first, _FROM_UA + int((part << bit + 1) / _READINGS * ua_per_code)
-    told_ua = source.full_scale_ua / (source.codes - 1)
-    for electrode in (load.first, bed.free[0]):
+    commanded_ua = source.full_scale_ua / (source.codes - 1)
+    for electrode in (load.first, fixture.free[0]):
         for step in range(_NEIGHBORS):
             # Half a step more, so that no rounding makes two of them one.
-            yield electrode, _FROM_UA + int((step + 0.5) * told_ua)
+            yield electrode, _FROM_UA + int((step + 0.5) * commanded_ua)

@@ -5,9 +5,9 @@ Owns: that everything answers and nothing is on. Must not know: pulses.
 
 from __future__ import annotations
 
-from etd.selftest.bed import Bed
-from etd.selftest.log import Log
-from etd_hal.bench import Hand, StopName
+from etd.selftest.fixture import Fixture
+from etd.selftest.log import CheckLog
+from etd_hal.bench import Operator, StopName
 from etd_hal.boardfile import HalfBridgeLines
 from etd_hal.chips import ad7276, ads1115, mcp4725
 from etd_hal.errors import BoardFault, BusError
@@ -20,11 +20,11 @@ _OPERATOR_WITHIN_MS = 20_000
 _RELEASED_WITHIN_MS = 5_000
 
 
-def check(bed: Bed, log: Log) -> None:
+def check(fixture: Fixture, log: CheckLog) -> None:
     """Raises: BusError, BoardFault, GuardRefusal."""
-    problems = bed.board.safe_off()
-    if _check_echo(bed, log):
-        check_idle(bed, log, "idle_node")
+    problems = fixture.board.safe_off()
+    if _check_echo(fixture, log):
+        check_idle(fixture, log, "idle_node")
     log.judge(
         "safe_state",
         not problems,
@@ -34,31 +34,31 @@ def check(bed: Bed, log: Log) -> None:
     )
     if log.stage_failed:
         return
-    _check_lines(bed, log)
-    _check_monitor(bed, log)
-    _check_setpoint(bed, log)
-    _check_stop(bed, log, "emergency_stop")
-    _check_stop(bed, log, "wearer_stop")
+    _check_lines(fixture, log)
+    _check_monitor(fixture, log)
+    _check_setpoint(fixture, log)
+    _check_stop(fixture, log, "emergency_stop")
+    _check_stop(fixture, log, "wearer_stop")
 
 
-def _check_echo(bed: Bed, log: Log) -> bool:
+def _check_echo(fixture: Fixture, log: CheckLog) -> bool:
     """The ADC answers each word with two zeros, twelve bits, two zeros."""
     advice = "MISO, chip select and SPI mode: 0xffff is a MISO that floats high or is cut"
     try:
-        codes = _echoes(bed)
+        codes = _echoes(fixture)
     except BoardFault as fault:
         return log.judge("spi_echo", False, fault.measured, fault.expected, advice)
     return log.judge("spi_echo", True, f"{len(codes)} frames, codes up to {max(codes)}")
 
 
-def _echoes(bed: Bed) -> list[int]:
+def _echoes(fixture: Fixture) -> list[int]:
     message = zero_message()
-    return [ad7276.code_of(bed.board.guard.spi.transfer(message)[0]) for _ in range(_ECHOES)]
+    return [ad7276.code_of(fixture.board.guard.spi.transfer(message)[0]) for _ in range(_ECHOES)]
 
 
-def check_idle(bed: Bed, log: Log, name: str) -> None:
+def check_idle(fixture: Fixture, log: CheckLog, name: str) -> None:
     """With the DAC at zero the node is drained by the leak. Raises: BusError, BoardFault."""
-    idle_v = max(_echoes(bed)) * bed.file.source.node_uv_per_code / 1e6
+    idle_v = max(_echoes(fixture)) * fixture.file.source.node_uv_per_code / 1e6
     log.judge(
         name,
         idle_v <= IDLE_V,
@@ -68,9 +68,9 @@ def check_idle(bed: Bed, log: Log, name: str) -> None:
     )
 
 
-def _check_lines(bed: Bed, log: Log) -> None:
+def _check_lines(fixture: Fixture, log: CheckLog) -> None:
     """Each output of the header is moved, and read back at the pin."""
-    wrong = [name for name, level in _moves(bed) if not level]
+    wrong = [name for name, level in _moves(fixture) if not level]
     log.judge(
         "lines",
         not wrong,
@@ -80,13 +80,13 @@ def _check_lines(bed: Bed, log: Log) -> None:
     )
 
 
-def _moves(bed: Bed) -> list[tuple[str, bool]]:
+def _moves(fixture: Fixture) -> list[tuple[str, bool]]:
     """(line, whether it followed); the DAC stands at zero throughout."""
-    board, used = bed.board, bed.file.used_lines()
+    board, used = fixture.board, fixture.file.used_lines()
     found: list[tuple[str, bool]] = []
 
     def look(name: str, level: int) -> None:
-        found.append((name, bed.gpio.get(used[name]) == level))
+        found.append((name, fixture.gpio.get(used[name]) == level))
 
     board.switch.clear()
     for name in ("DATA", "CLK", "LE", "HEARTBEAT", "SYNC"):
@@ -94,9 +94,9 @@ def _moves(bed: Bed) -> list[tuple[str, bool]]:
             for level in (1, 0):
                 board.guard.gpio.set(((used[name], level),))
                 look(name, level)
-    if isinstance(bed.file.switch.lines, HalfBridgeLines):
+    if isinstance(fixture.file.switch.lines, HalfBridgeLines):
         selection = board.selection(0, None)
-        board.switch.forget()
+        board.switch.reset()
         board.prepare(selection, whole=True)
         for is_anodic in (True, False):
             board.connect(selection, is_anodic)
@@ -109,15 +109,15 @@ def _moves(bed: Bed) -> list[tuple[str, bool]]:
     return found
 
 
-def _check_monitor(bed: Bed, log: Log) -> None:
-    monitor = bed.file.guards.rail_monitor
+def _check_monitor(fixture: Fixture, log: CheckLog) -> None:
+    monitor = fixture.file.guards.rail_monitor
     if monitor == "absent":
         log.absent("rail_monitor")
         return
     expected = f"an ADS1115 at 0x{monitor.address:02x}"
     try:
         volts = ads1115.convert_v(
-            bed.i2c, monitor.address, monitor.channel, lambda ns: bed.wait_ms(ns / 1e6)
+            fixture.i2c, monitor.address, monitor.channel, lambda ns: fixture.wait_ms(ns / 1e6)
         )
     except BusError as error:
         log.judge("rail_monitor", False, str(error), expected, _I2C_ADVICE)
@@ -125,14 +125,14 @@ def _check_monitor(bed: Bed, log: Log) -> None:
     log.judge("rail_monitor", True, f"{volts:.3f} V at its input", expected)
 
 
-def _check_setpoint(bed: Bed, log: Log) -> None:
-    setpoint = bed.file.rail_setpoint
+def _check_setpoint(fixture: Fixture, log: CheckLog) -> None:
+    setpoint = fixture.file.rail_setpoint
     if setpoint == "absent":
         return
     expected = "an MCP4725 that starts at 0 and holds what it is given"
     try:
-        stored = mcp4725.read_power_up(bed.i2c, setpoint.address)
-        mcp4725.write(bed.i2c, setpoint.address, setpoint.code)
+        stored = mcp4725.read_power_up(fixture.i2c, setpoint.address)
+        mcp4725.write(fixture.i2c, setpoint.address, setpoint.code)
     except (BusError, BoardFault) as error:
         log.judge("rail_setpoint", False, str(error), expected, _I2C_ADVICE)
         return
@@ -148,9 +148,9 @@ def _check_setpoint(bed: Bed, log: Log) -> None:
 _I2C_ADVICE = "SDA, SCL, their pulls and the chip's supply; i2cdetect shows who answers"
 
 
-def _check_stop(bed: Bed, log: Log, name: StopName) -> None:
+def _check_stop(fixture: Fixture, log: CheckLog, name: StopName) -> None:
     """Closed, then seen to open, then closed again."""
-    stops = bed.board.stops()
+    stops = fixture.board.stops()
     if name not in stops:
         log.absent(name)
         return
@@ -159,10 +159,10 @@ def _check_stop(bed: Bed, log: Log, name: StopName) -> None:
             name, False, "open", "closed", "release it, or plug it in: an open loop is a stop"
         )
         return
-    if bed.operator is None:
+    if fixture.operator is None:
         log.skip(name, "closed; nobody is there to press it", "run it without --no-operator")
         return
-    is_seen, is_closed = _pressed_and_released(bed, bed.operator, name)
+    is_seen, is_closed = _pressed_and_released(fixture, fixture.operator, name)
     measured = "pressed and released" if is_closed else "pressed, and it stays open"
     log.judge(
         name,
@@ -173,14 +173,16 @@ def _check_stop(bed: Bed, log: Log, name: StopName) -> None:
     )
 
 
-def _pressed_and_released(bed: Bed, operator: Hand, name: StopName) -> tuple[bool, bool]:
+def _pressed_and_released(
+    fixture: Fixture, operator: Operator, name: StopName
+) -> tuple[bool, bool]:
     """Whether it was seen to open, and to close again; a board without enable is energized."""
-    bed.held_stop = name
+    fixture.held_stop = name
     try:
         operator.press(name)
-        is_seen = bed.wait_until(lambda: bed.board.stops()[name], _OPERATOR_WITHIN_MS)
-        return is_seen, is_seen and bed.wait_until(
-            lambda: not bed.board.stops()[name], _RELEASED_WITHIN_MS
+        is_seen = fixture.wait_until(lambda: fixture.board.stops()[name], _OPERATOR_WITHIN_MS)
+        return is_seen, is_seen and fixture.wait_until(
+            lambda: not fixture.board.stops()[name], _RELEASED_WITHIN_MS
         )
     finally:
-        bed.held_stop = None
+        fixture.held_stop = None

@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log as ln
 
-from etd.selftest.bed import MS, Bed
-from etd.selftest.log import Log
+from etd.selftest.fixture import MS, Fixture
+from etd.selftest.log import CheckLog
 from etd_hal.boardfile import RailMonitor
 
 #: A reading: after how many ms, how many volts.
@@ -76,7 +76,7 @@ def reckon_cut(readings: Sequence[Reading], from_v: float) -> float | None:
 
 
 def watch_fall(
-    bed: Bed,
+    fixture: Fixture,
     monitor: RailMonitor,
     from_v: float,
     within_ms: float,
@@ -85,15 +85,15 @@ def watch_fall(
     """From `from_v` until it is off, or time is over. Raises: BusError."""
     readings: list[Reading] = []
     while True:
-        rail_v = bed.rail_v(is_beating=False)
-        now_ms = (bed.clock.now_ns() - since_ns) / MS
+        rail_v = fixture.rail_v(is_beating=False)
+        now_ms = (fixture.clock.now_ns() - since_ns) / MS
         readings.append((now_ms, rail_v))
         if rail_v < monitor.off_v:
             return Fall(reckon_cut(readings, from_v), now_ms)
         if now_ms > within_ms:
             return Fall(reckon_cut(readings, from_v), None)
         if rail_v < _DEEP * from_v:
-            bed.wait_ms(_LATER_MS, is_beating=False)
+            fixture.wait_ms(_LATER_MS, is_beating=False)
 
 
 _BEAT_ADVICE = (
@@ -103,7 +103,7 @@ _BEAT_ADVICE = (
 
 
 def judge_fall(
-    log: Log,
+    log: CheckLog,
     missed_ms: float | None,
     name: str,
     is_good: bool,

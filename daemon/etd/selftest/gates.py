@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from etd.selftest.bed import Bed
+from etd.selftest.fixture import Fixture
 
 #: Where the heartbeat stops: a gate that one of them holds on must not pass.
 _LEVELS = (0, 1)
@@ -25,7 +25,7 @@ LATCH_ADVICE = (
 
 
 def check_heartbeat(
-    bed: Bed,
+    fixture: Fixture,
     goes: Callable[[int], bool],
     stays_away: Callable[[], bool],
     rises: Callable[[str], bool],
@@ -36,19 +36,19 @@ def check_heartbeat(
     back with new beats. `rises`: it is switched on, and judged under this name.
     """
     for level in _LEVELS:
-        if level != _LEVELS[0] and not _rises_anew(bed, rises, "rise_between_heartbeats"):
+        if level != _LEVELS[0] and not _rises_anew(fixture, rises, "rise_between_heartbeats"):
             return
         if not goes(level):
             return
-    bed.beats.begin()
+    fixture.beats.begin()
     if stays_away():
-        _rises_anew(bed, rises, "rise_after_heartbeat")
+        _rises_anew(fixture, rises, "rise_after_heartbeat")
 
 
-def _rises_anew(bed: Bed, rises: Callable[[str], bool], name: str) -> bool:
+def _rises_anew(fixture: Fixture, rises: Callable[[str], bool], name: str) -> bool:
     """By way of the enable line, which clears the gate's latch."""
-    bed.board.supply_off()
-    bed.wait_ms(1)
+    fixture.board.supply_off()
+    fixture.wait_ms(1)
     return rises(name)
 
 

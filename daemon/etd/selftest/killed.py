@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from etd.selftest.bed import Bed
 from etd.selftest.fall import reckoned_within_ms, watch_fall
-from etd.selftest.log import Log
+from etd.selftest.fixture import Fixture
+from etd.selftest.log import CheckLog
 from etd_hal.boardfile import HalfBridgeLines, RailMonitor
 
 #: The time that a fault may last; see docs/hardware.md, Guards.
@@ -22,22 +22,22 @@ _SAFE_WITHIN_MS = 20.0
 _UP_EVERY_MS = 20
 
 
-def check(bed: Bed, log: Log, rises: Callable[[str], bool]) -> None:
+def check(fixture: Fixture, log: CheckLog, rises: Callable[[str], bool]) -> None:
     """Begins and ends with the supply on. Raises: BusError, BoardFault, GuardRefusal."""
-    guards = bed.file.guards
+    guards = fixture.file.guards
     monitor = guards.rail_monitor
-    bed.is_lent = True
+    fixture.is_lent = True
     try:
-        bed.understudy.take_over()
+        fixture.kill_test_process.take_over()
         if monitor == "absent":
-            bed.wait_ms(_UP_EVERY_MS, is_beating=False)
-            _check_lines(bed, log, bed.understudy.kill())
+            fixture.wait_ms(_UP_EVERY_MS, is_beating=False)
+            _check_lines(fixture, log, fixture.kill_test_process.kill())
         else:
-            _check_watched(bed, log, monitor)
+            _check_watched(fixture, log, monitor)
     finally:
-        bed.understudy.step_back()
-        bed.is_lent = False
-        problems = bed.board.safe_off()
+        fixture.kill_test_process.step_back()
+        fixture.is_lent = False
+        problems = fixture.board.safe_off()
     if problems:
         log.judge("killed_safe_state", False, "; ".join(problems), "reached", _NOT_SAFE_ADVICE)
     if guards.hv_enable != "absent" and not log.stage_failed:
@@ -51,22 +51,22 @@ _ADVICE = (
 )
 
 
-def _check_watched(bed: Bed, log: Log, monitor: RailMonitor) -> None:
+def _check_watched(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> None:
     """The rail is up and beaten for by the other process, which is then killed."""
-    if not _comes_up(bed, log, monitor):
+    if not _comes_up(fixture, log, monitor):
         return
-    from_v = bed.rail_v(is_beating=False)
-    killed_ns = bed.clock.now_ns()
-    took_ms = bed.understudy.kill()
-    guards = bed.file.guards
+    from_v = fixture.rail_v(is_beating=False)
+    killed_ns = fixture.clock.now_ns()
+    took_ms = fixture.kill_test_process.kill()
+    guards = fixture.file.guards
     if guards.hv_enable == "absent" and guards.heartbeat == "absent":
-        _check_lines(bed, log, took_ms)
+        _check_lines(fixture, log, took_ms)
         return
     guard_ms = max(
         _SAFE_WITHIN_MS, 0.0 if guards.heartbeat == "absent" else float(guards.heartbeat.window_ms)
     )
-    fall = watch_fall(bed, monitor, from_v, guard_ms + monitor.fall_ms, killed_ns)
-    _check_lines(bed, log, took_ms)
+    fall = watch_fall(fixture, monitor, from_v, guard_ms + monitor.fall_ms, killed_ns)
+    _check_lines(fixture, log, took_ms)
     within_ms = reckoned_within_ms(monitor, guard_ms)
     gone = "stays" if fall.gone_ms is None else f"gone after {fall.gone_ms:.0f} ms"
     log.judge(
@@ -79,17 +79,17 @@ def _check_watched(bed: Bed, log: Log, monitor: RailMonitor) -> None:
     )
 
 
-def _comes_up(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
+def _comes_up(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> bool:
     rail_v = 0.0
 
     def is_up() -> bool:
         nonlocal rail_v
-        rail_v = bed.rail_v(is_beating=False)
+        rail_v = fixture.rail_v(is_beating=False)
         return rail_v >= monitor.low_v
 
-    is_there = bed.wait_until(is_up, monitor.rise_ms, is_beating=False)
-    bed.wait_ms(monitor.rise_ms, is_beating=False)
-    rail_v = bed.rail_v(is_beating=False)
+    is_there = fixture.wait_until(is_up, monitor.rise_ms, is_beating=False)
+    fixture.wait_ms(monitor.rise_ms, is_beating=False)
+    rail_v = fixture.rail_v(is_beating=False)
     if is_there and rail_v >= monitor.low_v:
         return True
     return log.judge(
@@ -101,13 +101,13 @@ def _comes_up(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
     )
 
 
-def _check_lines(bed: Bed, log: Log, took_ms: float) -> None:
+def _check_lines(fixture: Fixture, log: CheckLog, took_ms: float) -> None:
     """By their own levels, with nobody driving them."""
-    levels = bed.understudy.levels()
-    wanted = _safe_levels(bed)
+    levels = fixture.kill_test_process.levels()
+    wanted = _safe_levels(fixture)
     wrong = [f"{name} {levels[line]}" for name, line, level in wanted if levels[line] != level]
     listed = ", ".join(f"{name} {level}" for name, _, level in wanted)
-    is_in_time = took_ms <= _SAFE_WITHIN_MS or bed.file.guards.heartbeat != "absent"
+    is_in_time = took_ms <= _SAFE_WITHIN_MS or fixture.file.guards.heartbeat != "absent"
     log.judge(
         "killed_lines",
         not wrong and is_in_time,
@@ -117,14 +117,14 @@ def _check_lines(bed: Bed, log: Log, took_ms: float) -> None:
     )
 
 
-def _safe_levels(bed: Bed) -> list[tuple[str, int, int]]:
+def _safe_levels(fixture: Fixture) -> list[tuple[str, int, int]]:
     """(function, line, level) wherever one level is wanted while nobody drives the line."""
     found: list[tuple[str, int, int]] = []
-    lines = bed.file.switch.lines
+    lines = fixture.file.switch.lines
     if isinstance(lines, HalfBridgeLines):
         found += [("POL", lines.POL, 1), ("BL", lines.BL, 0)]
     found += [("LE", lines.LE, 0), ("CLK", lines.CLK, 0)]
-    enable = bed.file.guards.hv_enable
+    enable = fixture.file.guards.hv_enable
     if enable != "absent":
         found.append(("HV ENABLE", enable.line, 1 - enable.on))
     return found

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from etd.selftest.bed import Bed, DummyLoad
 from etd.selftest.buses import IDLE_V
-from etd.selftest.log import Log
+from etd.selftest.fixture import DummyLoad, Fixture
+from etd.selftest.log import CheckLog
 from etd.selftest.prober import Prober
 from etd.selftest.readings import TOLERANCE
-from etd_hal.board import Shot
+from etd_hal.board import PulseResult
 from etd_hal.boardfile import Source
 
 _STEPS = 16
@@ -32,9 +32,9 @@ _HEADROOM_NAMED, _HEADROOM = 0.9, 0.95
 class Rung:
     """What the source was told, and what it made of it by the node's voltage."""
 
-    told_ua: int
+    commanded_ua: int
     made_ua: float
-    shot: Shot
+    shot: PulseResult
 
 
 def largest_ohm(source: Source, strongest_ua: int) -> int | None:
@@ -42,9 +42,9 @@ def largest_ohm(source: Source, strongest_ua: int) -> int | None:
     return _largest_ohm(source, strongest_ua, source.leak_ohm)
 
 
-def largest_here_ohm(bed: Bed, strongest_ua: int) -> int | None:
+def largest_here_ohm(fixture: Fixture, strongest_ua: int) -> int | None:
     """The same for this board, as it was measured."""
-    return _largest_ohm(bed.file.source, strongest_ua * bed.gain, bed.leak_ohm)
+    return _largest_ohm(fixture.file.source, strongest_ua * fixture.gain, fixture.leak_ohm)
 
 
 def _largest_ohm(source: Source, most_ua: float, leak_ohm: float) -> int | None:
@@ -54,13 +54,18 @@ def _largest_ohm(source: Source, most_ua: float, leak_ohm: float) -> int | None:
     return int(1 / (1 / beside_ohm - 1 / leak_ohm))
 
 
-def reachable_ua(bed: Bed, beside_ohm: float) -> int:
+def reachable_ua(fixture: Fixture, beside_ohm: float) -> int:
     """What the source may be told, and surely makes into a load and its leak."""
-    return int(bed.file.source.compliance_v * _HEADROOM / (beside_ohm * bed.gain) * 1e6)
+    return int(fixture.file.source.compliance_v * _HEADROOM / (beside_ohm * fixture.gain) * 1e6)
 
 
 def climb(
-    bed: Bed, log: Log, prober: Prober, load: DummyLoad, beside_ohm: float, most_ua: int
+    fixture: Fixture,
+    log: CheckLog,
+    prober: Prober,
+    load: DummyLoad,
+    beside_ohm: float,
+    most_ua: int,
 ) -> list[Rung]:
     """All steps up to `most_ua`, or those until one was off: that is judged a failure.
 
@@ -68,31 +73,31 @@ def climb(
     """
     rungs: list[Rung] = []
     for step in range(1, _STEPS + 1):
-        told_ua, shot = prober.into_load(load.first, most_ua * step // _STEPS)
-        rung = Rung(told_ua, shot.voltage_v / beside_ohm * 1e6, shot)
+        commanded_ua, result = prober.into_load(load.first, most_ua * step // _STEPS)
+        rung = Rung(commanded_ua, result.voltage_v / beside_ohm * 1e6, result)
         rungs.append(rung)
-        slack_ua = _slack_ua(bed, rung, beside_ohm)
-        if abs(rung.made_ua - told_ua) > slack_ua:
+        slack_ua = _slack_ua(fixture, rung, beside_ohm)
+        if abs(rung.made_ua - commanded_ua) > slack_ua:
             _judge_off(log, rung, step, slack_ua)
             break
     return rungs
 
 
-def _slack_ua(bed: Bed, rung: Rung, beside_ohm: float) -> float:
+def _slack_ua(fixture: Fixture, rung: Rung, beside_ohm: float) -> float:
     """Gain and line, what a node at rest may show already, and a step of the ADC."""
-    reading_v = IDLE_V + bed.file.source.node_uv_per_code / 1e6
-    return (TOLERANCE + LINEARITY) * rung.told_ua + reading_v / beside_ohm * 1e6
+    reading_v = IDLE_V + fixture.file.source.node_uv_per_code / 1e6
+    return (TOLERANCE + LINEARITY) * rung.commanded_ua + reading_v / beside_ohm * 1e6
 
 
-def _judge_off(log: Log, rung: Rung, step: int, slack_ua: float) -> None:
+def _judge_off(log: CheckLog, rung: Rung, step: int, slack_ua: float) -> None:
     """Too little after steps that agreed is a source that saturates; all else is its gain."""
-    is_saturated = step > 1 and rung.made_ua < rung.told_ua
+    is_saturated = step > 1 and rung.made_ua < rung.commanded_ua
     log.judge(
         "linearity" if is_saturated else "steps",
         False,
-        f"{rung.made_ua:.0f} uA where {rung.told_ua} uA were told, at step {step} of {_STEPS}:"
+        f"{rung.made_ua:.0f} uA where {rung.commanded_ua} uA were told, at step {step} of {_STEPS}:"
         " nothing stronger was fired",
-        f"{rung.told_ua} +-{slack_ua:.0f} uA",
+        f"{rung.commanded_ua} +-{slack_ua:.0f} uA",
         SATURATES
         if is_saturated
         else "the source makes something else than it is told: look at the DAC's reference, and at"

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from etd.selftest_report import Check, Result
+from etd.selftest.report import Check, Result
 
 OnCheck = Callable[[Check], None]
 
 
-class Log:
+class CheckLog:
     """All checks so far; `stage` is the one that writes."""
 
     def __init__(self, on_check: OnCheck = lambda _: None) -> None:
@@ -22,11 +22,11 @@ class Log:
 
     @property
     def stage_failed(self) -> bool:
-        return any(one.stage == self.stage and one.result == "fail" for one in self.checks)
+        return any(check.stage == self.stage and check.result == "fail" for check in self.checks)
 
     def names(self, result: Result) -> list[tuple[str, str]]:
         """(stage, name) of all checks with this result."""
-        return [(one.stage, one.name) for one in self.checks if one.result == result]
+        return [(check.stage, check.name) for check in self.checks if check.result == result]
 
     def judge(
         self, name: str, is_good: bool, measured: str, expected: str = "", advice: str = ""

@@ -7,8 +7,8 @@ Owns: what is expected of a machine. Must not know: the board.
 from __future__ import annotations
 
 from etd.selftest import realtime
-from etd.selftest.bed import Bed
-from etd.selftest.log import Log
+from etd.selftest.fixture import Fixture
+from etd.selftest.log import CheckLog
 
 #: The firmware slows a Raspberry Pi down at 80 C (a Pi 3 B+ at 60 C, softly).
 _HOTTEST_C = 80.0
@@ -18,27 +18,27 @@ _LEAST_FREE_MIB = 128
 _COARSEST_NS = 1_000
 
 
-def check(bed: Bed, log: Log) -> None:
+def check(fixture: Fixture, log: CheckLog) -> None:
     """Raises: nothing."""
-    _check_software(bed, log)
-    realtime.check(bed, log)
-    _check_memory(bed, log)
-    _check_clocks(bed, log)
+    _check_software(fixture, log)
+    realtime.check(fixture, log)
+    _check_memory(fixture, log)
+    _check_clocks(fixture, log)
     log.judge(
         "pins_after_exit",
-        not bed.host.keeps_pins(),
-        "they stay driven" if bed.host.keeps_pins() else "they become inputs",
+        not fixture.host.keeps_pins(),
+        "they stay driven" if fixture.host.keeps_pins() else "they become inputs",
         "they become inputs, so that the pulls decide",
         "put dtparam=strict_gpiod into /boot/firmware/config.txt, and boot again",
     )
-    _check_health(bed, log)
+    _check_health(fixture, log)
 
 
-def check_after(bed: Bed, log: Log) -> None:
+def check_after(fixture: Fixture, log: CheckLog) -> None:
     """After the last pulse: supply and heat as they are then, and what the firmware has noted since
     the test began. What it had noted before says nothing of the test. Raises: nothing.
     """
-    before, now = bed.health_before, bed.host.health()
+    before, now = fixture.health_before, fixture.host.health()
     temperature_c = now.temperature_c
     wrong = [
         told
@@ -67,8 +67,8 @@ def check_after(bed: Bed, log: Log) -> None:
     )
 
 
-def _check_software(bed: Bed, log: Log) -> None:
-    packages = bed.host.packages()
+def _check_software(fixture: Fixture, log: CheckLog) -> None:
+    packages = fixture.host.packages()
     missing = [name for name, version in packages.items() if version is None]
     found = ", ".join(f"{name} {version}" for name, version in packages.items() if version)
     log.judge(
@@ -78,12 +78,12 @@ def _check_software(bed: Bed, log: Log) -> None:
         "all that the backend needs",
         "pip install 'etd[pi]'",
     )
-    problem = bed.host.problem()
-    log.judge("model", problem is None, problem or bed.loaded.machine.name, "", problem or "")
+    problem = fixture.host.problem()
+    log.judge("model", problem is None, problem or fixture.loaded.machine.name, "", problem or "")
 
 
-def _check_memory(bed: Bed, log: Log) -> None:
-    free_kb = bed.host.free_memory_kb()
+def _check_memory(fixture: Fixture, log: CheckLog) -> None:
+    free_kb = fixture.host.free_memory_kb()
     if free_kb is None:
         log.skip("free_memory", "this kernel does not tell it", "look at it by hand: free -m")
         return
@@ -97,8 +97,8 @@ def _check_memory(bed: Bed, log: Log) -> None:
     )
 
 
-def _check_clocks(bed: Bed, log: Log) -> None:
-    found = bed.host.timekeeping()
+def _check_clocks(fixture: Fixture, log: CheckLog) -> None:
+    found = fixture.host.timekeeping()
     log.judge(
         "clock",
         found.least_step_ns >= 0 and found.resolution_ns <= _COARSEST_NS,
@@ -119,8 +119,8 @@ def _check_clocks(bed: Bed, log: Log) -> None:
     )
 
 
-def _check_health(bed: Bed, log: Log) -> None:
-    bed.health_before = health = bed.host.health()
+def _check_health(fixture: Fixture, log: CheckLog) -> None:
+    fixture.health_before = health = fixture.host.health()
     if health.temperature_c is None:
         log.skip("temperature", "this kernel does not tell it", "measure it by hand")
     else:
@@ -147,7 +147,7 @@ def _check_health(bed: Bed, log: Log) -> None:
     )
 
 
-def _check_flag(log: Log, name: str, is_wrong: bool | None, wrong: str, advice: str) -> None:
+def _check_flag(log: CheckLog, name: str, is_wrong: bool | None, wrong: str, advice: str) -> None:
     if is_wrong is None:
         log.skip(name, "this kernel does not tell it", "only a Raspberry Pi's firmware knows")
         return

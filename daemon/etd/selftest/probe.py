@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import statistics
 
-from etd.selftest.bed import LOAD_OPTIONS, Bed, DummyLoad
 from etd.selftest.buses import IDLE_V
-from etd.selftest.log import Log
+from etd.selftest.fixture import LOAD_OPTIONS, DummyLoad, Fixture
+from etd.selftest.log import CheckLog
 from etd.selftest.prober import Prober
 from etd.selftest.readings import (
     TOLERANCE,
@@ -34,12 +34,12 @@ from etd_hal.boardfile import Relays
 _LEAST_OF_LOAD = 0.5
 
 
-def check(bed: Bed, log: Log, prober: Prober) -> None:
+def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     """Raises: BusError, BoardFault, GuardRefusal."""
-    load, free = bed.asked.load, bed.free
-    if not check_ramp(bed, log, prober, "ramp"):
+    load, free = fixture.options.load, fixture.free
+    if not check_ramp(fixture, log, prober, "ramp"):
         return
-    found = read_map(bed, prober)
+    found = read_map(fixture, prober)
     log.judge(
         "baseline",
         found.baseline_v <= IDLE_V,
@@ -47,18 +47,20 @@ def check(bed: Bed, log: Log, prober: Prober) -> None:
         f"at most {IDLE_V} V",
         "the source has an offset, or the rest after a pulse is too short",
     )
-    _check_open(bed, log, prober, found, free)
-    is_alone = check_alone(bed, log, found, free, "nothing_else")
+    _check_open(fixture, log, prober, found, free)
+    is_alone = check_alone(fixture, log, found, free, "nothing_else")
     if load is None:
         for name in ("load_agrees", "leak", "ua_per_code", "blanked", "latch_holds"):
             log.skip(name, "no load was named", LOAD_OPTIONS)
     elif is_alone:
-        _check_load(bed, log, prober, load, free[0])
+        _check_load(fixture, log, prober, load, free[0])
 
 
-def check_ramp(bed: Bed, log: Log, prober: Prober, name: str, is_supplied: bool = True) -> bool:
+def check_ramp(
+    fixture: Fixture, log: CheckLog, prober: Prober, name: str, is_supplied: bool = True
+) -> bool:
     """Before the first probe with a supply that may be there. Raises: as `check`."""
-    ramp = prober.ramp(bed.free[0], is_supplied)
+    ramp = prober.ramp(fixture.free[0], is_supplied)
     return log.judge(name, ramp.is_good, ramp.measured, ramp.expected, _OPEN_ADVICE)
 
 
@@ -68,24 +70,30 @@ _OPEN_ADVICE = (
 )
 
 
-def _check_open(bed: Bed, log: Log, prober: Prober, found: Map, free: list[int]) -> None:
-    expected_v = prober.open_v(found.told_ua)
-    node_v = statistics.median(found.voltage_v[one] for one in free)
+def _check_open(
+    fixture: Fixture, log: CheckLog, prober: Prober, found: Map, free: list[int]
+) -> None:
+    expected_v = prober.open_v(found.commanded_ua)
+    node_v = statistics.median(found.voltage_v[electrode] for electrode in free)
     log.judge(
         "open_signature",
-        is_near_v(node_v, expected_v, bed.file.source),
-        f"{node_v:.2f} V at {found.told_ua} uA",
+        is_near_v(node_v, expected_v, fixture.file.source),
+        f"{node_v:.2f} V at {found.commanded_ua} uA",
         f"{expected_v:.2f} V +-{TOLERANCE:.0%}: current x leak with nothing connected",
         _OPEN_ADVICE,
     )
 
 
-def check_alone(bed: Bed, log: Log, found: Map, free: list[int], name: str) -> bool:
+def check_alone(fixture: Fixture, log: CheckLog, found: Map, free: list[int], name: str) -> bool:
     """All electrodes but the load's are open, as open as the most of them."""
-    node_v = statistics.median(found.voltage_v[one] for one in free)
-    source = bed.file.source
-    others = [one for one in free if not is_near_v(found.voltage_v[one], node_v, source)]
-    listed = ", ".join(f"{one} ({found.voltage_v[one]:.2f} V)" for one in others[:8])
+    node_v = statistics.median(found.voltage_v[electrode] for electrode in free)
+    source = fixture.file.source
+    others = [
+        electrode for electrode in free if not is_near_v(found.voltage_v[electrode], node_v, source)
+    ]
+    listed = ", ".join(
+        f"{electrode} ({found.voltage_v[electrode]:.2f} V)" for electrode in others[:8]
+    )
     return log.judge(
         name,
         not others,
@@ -96,16 +104,18 @@ def check_alone(bed: Bed, log: Log, found: Map, free: list[int], name: str) -> b
     )
 
 
-def _check_load(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) -> None:
+def _check_load(
+    fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad, free: int
+) -> None:
     """Still with the weak probe, since the load is only said to be there: open, then from either
     end of it.
     """
-    told_ua, open_v = mean_v(prober, free)
-    ends_v = [mean_v(prober, one)[1] for one in (load.first, load.second)]
+    commanded_ua, open_v = mean_v(prober, free)
+    ends_v = [mean_v(prober, electrode)[1] for electrode in (load.first, load.second)]
     ohm = load.resistance_ohm
-    left = left_v(bed.file.source)
+    left = left_v(fixture.file.source)
     parts = [Part.of(volts, open_v, left) for volts in ends_v]
-    leak_ohm = bed.file.source.leak_ohm
+    leak_ohm = fixture.file.source.leak_ohm
     agrees = log.judge(
         "load_agrees",
         all(part is not None and part.times(leak_ohm).is_near(ohm) for part in parts),
@@ -118,26 +128,26 @@ def _check_load(bed: Bed, log: Log, prober: Prober, load: DummyLoad, free: int) 
     )
     volts = statistics.mean(ends_v)
     part = Part.of(volts, open_v, left)
-    load_v = told_ua / 1e6 / (1 / ohm + 1 / leak_ohm)
+    load_v = commanded_ua / 1e6 / (1 / ohm + 1 / leak_ohm)
     if part is None or volts < load_v * _LEAST_OF_LOAD:
         return
-    _check_constants(bed, log, told_ua, open_v, part, ohm)
+    _check_constants(fixture, log, commanded_ua, open_v, part, ohm)
     if agrees:
-        _check_blanked(bed, log, prober, load, open_v / told_ua)
-        _check_latch(bed, log, prober, load, free, (volts, open_v))
-    bed.is_load_confirmed = agrees and not log.stage_failed
+        _check_blanked(fixture, log, prober, load, open_v / commanded_ua)
+        _check_latch(fixture, log, prober, load, free, (volts, open_v))
+    fixture.is_load_confirmed = agrees and not log.stage_failed
 
 
 def _check_blanked(
-    bed: Bed, log: Log, prober: Prober, load: DummyLoad, open_v_per_ua: float
+    fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad, open_v_per_ua: float
 ) -> None:
     """With either end of the load in the chain, and nothing connected."""
-    fired = [prober.blanked(one) for one in (load.first, load.second)]
-    ends_v = [shot.voltage_v for _, shot in fired]
+    fired = [prober.blanked(electrode) for electrode in (load.first, load.second)]
+    ends_v = [result.voltage_v for _, result in fired]
     open_v = open_v_per_ua * fired[0][0]
     log.judge(
         "blanked",
-        all(is_near_v(volts, open_v, bed.file.source) for volts in ends_v),
+        all(is_near_v(volts, open_v, fixture.file.source) for volts in ends_v),
         " and ".join(f"{volts:.2f} V" for volts in ends_v),
         f"{open_v:.2f} V with the load's electrodes selected and the outputs blanked: open",
         "nothing switches the electrodes off: BL stands at its level beyond the pin (a level"
@@ -146,8 +156,8 @@ def _check_blanked(
 
 
 def _check_latch(
-    bed: Bed,
-    log: Log,
+    fixture: Fixture,
+    log: CheckLog,
     prober: Prober,
     load: DummyLoad,
     free: int,
@@ -158,12 +168,12 @@ def _check_latch(
 
     `means_v`: of the load, and open, of somewhat weaker probes.
     """
-    if isinstance(bed.file.switch, Relays):
+    if isinstance(fixture.file.switch, Relays):
         log.absent("latch_holds", "relays copy at an edge of LE: it has no open state")
         return
     ends = (load.first, load.second)
-    held_v = [prober.latched(one, behind=free)[1].voltage_v for one in ends]
-    expected = NearerOf(*means_v, bed.file.source.node_uv_per_code / 1e6)
+    held_v = [prober.latched(end, behind=free)[1].voltage_v for end in ends]
+    expected = NearerOf(*means_v, fixture.file.source.node_uv_per_code / 1e6)
     log.judge(
         "latch_holds",
         all(expected.is_load(volts) for volts in held_v),
@@ -175,9 +185,9 @@ def _check_latch(
 
 
 def _check_constants(
-    bed: Bed, log: Log, told_ua: float, open_v: float, part: Part, ohm: int
+    fixture: Fixture, log: CheckLog, commanded_ua: float, open_v: float, part: Part, ohm: int
 ) -> None:
-    source = bed.file.source
+    source = fixture.file.source
     leak_ohm = Measured(ohm / part.value, ohm / part.high, ohm / part.low)
     made_ua = part.times(open_v / ohm * 1e6)
     log.judge(
@@ -189,12 +199,12 @@ def _check_constants(
     )
     log.judge(
         "ua_per_code",
-        made_ua.is_near(told_ua),
-        f"{made_ua.value:.0f} uA, where {told_ua:.0f} uA were told",
+        made_ua.is_near(commanded_ua),
+        f"{made_ua.value:.0f} uA, where {commanded_ua:.0f} uA were told",
         f"+-{TOLERANCE:.0%}",
         f"if the divider (node_uv_per_code) is right, full_scale_ua of this board is about"
-        f" {source.full_scale_ua * made_ua.value / told_ua:.0f}: put that into a board file of"
+        f" {source.full_scale_ua * made_ua.value / commanded_ua:.0f}: put that into a board file of"
         " yours",
     )
-    bed.leak_ohm = leak_ohm.value
-    bed.gain = made_ua.value / told_ua
+    fixture.leak_ohm = leak_ohm.value
+    fixture.gain = made_ua.value / commanded_ua

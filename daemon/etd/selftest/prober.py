@@ -15,7 +15,7 @@ two pulses, gives one pulse above the bound: no program knows of it before. That
 
 The node is sampled twice in a pulse, 10 us after it began and near its end. Nothing passive is
 higher at first than in the end, so that a source that begins too strong is seen in the first pulse
-that shows it. What it makes before, between and after the two samples is not (`NOT_SEEN`).
+that shows it. What it makes before, between and after the two samples is not (`UNPROVED`).
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from etd.firing import Firing, ReadyPulse
-from etd.ledger import Bounds, Entry, Ledger
-from etd.maxima import PC_PER_NC, maxima_of
-from etd.selftest.bed import Bed
-from etd.selftest_report import ProbeBound
-from etd.stabilize.pipeline import Wish
-from etd_hal.board import Shot
+from etd.safety.ledger import Bounds, Entry, Ledger
+from etd.safety.maxima import PC_PER_NC, maxima_of
+from etd.selftest.fixture import Fixture
+from etd.selftest.report import ProbeBound
+from etd.stabilize.pipeline import PulseRequest
+from etd_hal.board import PulseResult
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.errors import BoardFault, CannotSelect, GuardRefusal
 
@@ -56,14 +56,14 @@ class Ramp:
 class Prober:
     """See the module. One a self-test: the ledger remembers."""
 
-    def __init__(self, bed: Bed) -> None:
-        self._bed = bed
-        self._maxima = maxima_of(bed.file, bed.loaded.body_site)
+    def __init__(self, fixture: Fixture) -> None:
+        self._fixture = fixture
+        self._maxima = maxima_of(fixture.file, fixture.loaded.body_site)
         #: Of this test: each return as if it alone carried the current.
-        self.ledger = Ledger(bed.loaded.array.count, Bounds.of(self._maxima))
-        self._firing = Firing(bed.board, self.ledger, bed.clock)
-        self._outputs = bed.loaded.array.outputs()
-        self._step_v = bed.file.source.node_uv_per_code / 1e6
+        self.ledger = Ledger(fixture.loaded.array.count, Bounds.of(self._maxima))
+        self._firing = Firing(fixture.board, self.ledger, fixture.clock)
+        self._outputs = fixture.loaded.array.outputs()
+        self._step_v = fixture.file.source.node_uv_per_code / 1e6
         self._is_chain_known = False
         #: By how many us the longest message was over its plan: of probes, of pulses into a load.
         self.over_us = {"probes": 0.0, "into the load": 0.0}
@@ -89,12 +89,12 @@ class Prober:
     @property
     def strongest_ua(self) -> int:
         """Into a confirmed load, at `width_us`: what anybody may get here."""
-        return self._bed.subject.strongest_ua
+        return self._fixture.subject.strongest_ua
 
-    def open_v(self, told_ua: float, leak_ohm: float | None = None) -> float:
+    def open_v(self, commanded_ua: float, leak_ohm: float | None = None) -> float:
         """The node's voltage with nothing connected."""
-        source = self._bed.file.source
-        return min(told_ua * (leak_ohm or source.leak_ohm) / 1e6, float(source.compliance_v))
+        source = self._fixture.file.source
+        return min(commanded_ua * (leak_ohm or source.leak_ohm) / 1e6, float(source.compliance_v))
 
     def ramp(self, electrode: int, is_supplied: bool = True) -> Ramp:
         """Up to the probe at an open electrode, as far as the node reads what it should.
@@ -103,20 +103,20 @@ class Prober:
         Raises: BusError, BoardFault, GuardRefusal.
         """
         for divisor in _RAMP:
-            told_ua, shot = self._fire(electrode, self.probe_ua // divisor, True)
-            open_v = self.open_v(told_ua)
+            commanded_ua, result = self._fire(electrode, self.probe_ua // divisor, True)
+            open_v = self.open_v(commanded_ua)
             least_v = open_v * _LEAST - _LEAST_CODES * self._step_v if is_supplied else 0.0
-            most_v = self._most_open_v(told_ua)
-            is_good = least_v <= shot.voltage_v <= most_v
-            measured = f"{shot.voltage_v:.2f} V at {told_ua} uA"
+            most_v = self._most_open_v(commanded_ua)
+            is_good = least_v <= result.voltage_v <= most_v
+            measured = f"{result.voltage_v:.2f} V at {commanded_ua} uA"
             if not is_good:
                 break
         return Ramp(is_good, measured, f"{max(0.0, least_v):.2f} to {most_v:.2f} V")
 
     def probe(
         self, electrode: int, is_anodic: bool = True, current_ua: int | None = None
-    ) -> tuple[int, Shot]:
-        """(told_ua, shot) of the weak probe, or of one that is weaker.
+    ) -> tuple[int, PulseResult]:
+        """(commanded_ua, shot) of the weak probe, or of one that is weaker.
 
         Raises: BusError, GuardRefusal; BoardFault, among others for a node above what the current
         makes with nothing connected: a source that became too strong since the ramp.
@@ -124,39 +124,39 @@ class Prober:
         weaker_ua = self.probe_ua if current_ua is None else min(current_ua, self.probe_ua)
         return self._checked(*self._fire(electrode, weaker_ua, is_anodic))
 
-    def blanked(self, electrode: int) -> tuple[int, Shot]:
+    def blanked(self, electrode: int) -> tuple[int, PulseResult]:
         """The same with this electrode in the chain, but nothing connected. Raises: as `probe`."""
         return self._checked(*self._fire(electrode, self.probe_ua, True, is_blanked=True))
 
-    def latched(self, electrode: int, behind: int) -> tuple[int, Shot]:
+    def latched(self, electrode: int, behind: int) -> tuple[int, PulseResult]:
         """The same with this electrode in the latch, and another one in the chain behind it; of
         half-bridges. Raises: as `probe`.
         """
-        self.forget_chain()
+        self.reset_chain()
         return self._checked(*self._fire(electrode, self.probe_ua, True, behind=behind))
 
-    def _checked(self, told_ua: int, shot: Shot) -> tuple[int, Shot]:
-        most_v = self._most_open_v(told_ua)
-        if shot.voltage_v > most_v:
+    def _checked(self, commanded_ua: int, result: PulseResult) -> tuple[int, PulseResult]:
+        most_v = self._most_open_v(commanded_ua)
+        if result.voltage_v > most_v:
             raise BoardFault(
                 "strength of a probe",
-                f"{shot.voltage_v:.2f} V at {told_ua} uA",
+                f"{result.voltage_v:.2f} V at {commanded_ua} uA",
                 f"at most {most_v:.2f} V",
             )
-        return told_ua, shot
+        return commanded_ua, result
 
-    def into_load(self, electrode: int, current_ua: int) -> tuple[int, Shot]:
-        """(told_ua, shot), into a confirmed load only. Raises: as `probe`."""
-        if not self._bed.is_load_confirmed:
+    def into_load(self, electrode: int, current_ua: int) -> tuple[int, PulseResult]:
+        """(commanded_ua, shot), into a confirmed load only. Raises: as `probe`."""
+        if not self._fixture.is_load_confirmed:
             raise GuardRefusal(
                 "self-test", f"{current_ua} uA", f"{self.probe_ua} uA: no load was found"
             )
         return self._fire(electrode, min(current_ua, self.strongest_ua), True)
 
-    def _most_open_v(self, told_ua: int) -> float:
-        return self.open_v(told_ua) * _MOST + _MOST_CODES * self._step_v
+    def _most_open_v(self, commanded_ua: int) -> float:
+        return self.open_v(commanded_ua) * _MOST + _MOST_CODES * self._step_v
 
-    def forget_chain(self) -> None:
+    def reset_chain(self) -> None:
         """After the chain was used for something else: the next pulse writes it whole."""
         self._is_chain_known = False
 
@@ -168,58 +168,60 @@ class Prober:
         *,
         is_blanked: bool = False,
         behind: int | None = None,
-    ) -> tuple[int, Shot]:
-        bed = self._bed
-        bed.watch_stops()
-        bed.beats.beat_if_due()
+    ) -> tuple[int, PulseResult]:
+        fixture = self._fixture
+        fixture.watch_stops()
+        fixture.beats.beat_if_due()
         entry = self._entry_that_fits(electrode, current_ua)
-        selection = bed.board.selection(self._outputs[electrode], None)
-        pulse = bed.board.pulse(current_ua, self.width_us)
-        bed.board.guard.permit(current_ua)
-        bed.board.prepare(selection, whole=not self._is_chain_known)
+        selection = fixture.board.selection(self._outputs[electrode], None)
+        pulse = fixture.board.pulse(current_ua, self.width_us)
+        fixture.board.guard.permit(current_ua)
+        fixture.board.prepare(selection, whole=not self._is_chain_known)
         self._is_chain_known = True
         if behind is not None:
             self._shift_behind(behind)
         if is_blanked:
-            bed.board.release()
+            fixture.board.release()
         else:
-            bed.board.connect(selection, is_anodic)
-        ready = ReadyPulse(entry, selection, pulse, Wish(current_ua, self.width_us), is_blanked)
-        shot, _ = self._firing.fire(ready, (is_anodic,))
-        bed.board.discharge()
-        bed.board.guard.permit(0)
-        self._note_excess(shot, current_ua)
-        self._check_course(shot, pulse.told_ua)
-        return pulse.told_ua, shot
+            fixture.board.connect(selection, is_anodic)
+        ready = ReadyPulse(
+            entry, selection, pulse, PulseRequest(current_ua, self.width_us), is_blanked
+        )
+        result, _ = self._firing.fire(ready, (is_anodic,))
+        fixture.board.discharge()
+        fixture.board.guard.permit(0)
+        self._note_excess(result, current_ua)
+        self._check_course(result, pulse.commanded_ua)
+        return pulse.commanded_ua, result
 
     def _shift_behind(self, electrode: int) -> None:
-        switch = self._bed.board.switch
+        switch = self._fixture.board.switch
         if not isinstance(switch, HalfBridgeSwitch):
             raise CannotSelect(electrode, "behind the latch", "of half-bridges alone")
-        switch.shift_behind(self._bed.board.selection(self._outputs[electrode], None))
+        switch.shift_behind(self._fixture.board.selection(self._outputs[electrode], None))
 
     def _entry_that_fits(self, electrode: int, current_ua: int) -> Entry:
         """With every return as if it alone carried the current. Raises: GuardRefusal."""
-        self._bed.clock.sleep_until_ns(self.ledger.rested_ns(electrode))
+        self._fixture.clock.sleep_until_ns(self.ledger.rested_ns(electrode))
         entry = Entry(electrode, current_ua * self.width_us, self.width_us, None, 1.0)
-        reason = self.ledger.why_not(entry, self._bed.clock.now_ns())
+        reason = self.ledger.first_violation(entry, self._fixture.clock.now_ns())
         if reason is not None:
             raise GuardRefusal("ledger", f"a pulse above the second's {reason}", "a slower test")
         return entry
 
-    def _check_course(self, shot: Shot, told_ua: int) -> None:
-        if shot.excess_ns > self._bed.loaded.machine.spread_us * 1_000:
+    def _check_course(self, result: PulseResult, commanded_ua: int) -> None:
+        if result.excess_ns > self._fixture.loaded.machine.spread_us * 1_000:
             return  # A stall between the two samples: a one-shot may have ended the pulse by then.
-        slack_v = _EARLY_CODES * self._bed.file.source.node_uv_per_code / 1e6
-        most_v = shot.voltage_v * _MOST_EARLY + slack_v
-        if shot.early_v > most_v:
+        slack_v = _EARLY_CODES * self._fixture.file.source.node_uv_per_code / 1e6
+        most_v = result.voltage_v * _MOST_EARLY + slack_v
+        if result.early_v > most_v:
             raise BoardFault(
                 "course of a pulse",
-                f"{shot.early_v:.2f} V after 10 us and {shot.voltage_v:.2f} V at the end, at"
-                f" {told_ua} uA",
+                f"{result.early_v:.2f} V after 10 us and {result.voltage_v:.2f} V at the end, at"
+                f" {commanded_ua} uA",
                 f"at most {most_v:.2f} V after 10 us: the source begins too strong",
             )
 
-    def _note_excess(self, shot: Shot, current_ua: int) -> None:
+    def _note_excess(self, result: PulseResult, current_ua: int) -> None:
         what = "probes" if current_ua <= self.probe_ua else "into the load"
-        self.over_us[what] = max(self.over_us[what], shot.excess_ns / 1_000)
+        self.over_us[what] = max(self.over_us[what], result.excess_ns / 1_000)

@@ -10,33 +10,33 @@ it, the node tells: a probe lifts it only while the supply is there.
 from __future__ import annotations
 
 from etd.selftest import killed, rail_by_monitor, rail_by_node, stopgate
-from etd.selftest.bed import Bed
 from etd.selftest.buses import check_idle
-from etd.selftest.log import Log
+from etd.selftest.fixture import Fixture
+from etd.selftest.log import CheckLog
 from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
 
 
-def check(bed: Bed, log: Log, prober: Prober) -> None:
+def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     """Ends with the supply on. Raises: BusError, BoardFault, GuardRefusal."""
-    guards = bed.file.guards
+    guards = fixture.file.guards
     if guards.hv_enable == "absent":
         log.absent("hv_enable")
     if guards.rail_monitor == "absent":
-        supply = rail_by_node.watch(bed, log, prober)
+        supply = rail_by_node.watch(fixture, log, prober)
         if guards.hv_enable != "absent":
-            rail_by_node.check(bed, log, prober)
-        elif bed.board.stops():
-            check_ramp(bed, log, prober, "ramp_before_stops")
+            rail_by_node.check(fixture, log, prober)
+        elif fixture.board.stops():
+            check_ramp(fixture, log, prober, "ramp_before_stops")
     else:
-        supply = rail_by_monitor.watch(bed, log, guards.rail_monitor)
-        rail_by_monitor.check(bed, log, guards.rail_monitor)
+        supply = rail_by_monitor.watch(fixture, log, guards.rail_monitor)
+        rail_by_monitor.check(fixture, log, guards.rail_monitor)
     if guards.heartbeat == "absent":
         log.absent("heartbeat")
     if not log.stage_failed:
-        stopgate.check(bed, log, supply)
+        stopgate.check(fixture, log, supply)
     if not log.stage_failed:
-        check_idle(bed, log, "idle_node_live")
+        check_idle(fixture, log, "idle_node_live")
     if not log.stage_failed:
-        killed.check(bed, log, supply.rises)
-        prober.forget_chain()
+        killed.check(fixture, log, supply.rises)
+        prober.reset_chain()

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from etd.selftest.bed import MS, Bed
 from etd.selftest.fall import Reading, judge_fall, reckoned_within_ms, watch_fall
+from etd.selftest.fixture import MS, Fixture
 from etd.selftest.gates import ENABLE_ADVICE, GATE_ADVICE, LATCH_ADVICE, check_heartbeat, standing
-from etd.selftest.log import Log
+from etd.selftest.log import CheckLog
 from etd.selftest.stopgate import SupplyWatch
 from etd_hal.boardfile import Heartbeat, RailMonitor
 
@@ -22,13 +22,13 @@ _WINDOW_ADVICE = (
 _RAIL_ADVICE = "look at the supply, its set-point and the monitor's divider"
 
 
-def watch(bed: Bed, log: Log, monitor: RailMonitor) -> SupplyWatch:
+def watch(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> SupplyWatch:
     """By what the monitor reads, each reading kept."""
     readings: list[Reading] = []
 
     def read_v() -> float:
-        rail_v = bed.rail_v()
-        readings.append((bed.clock.now_ns() / MS, rail_v))
+        rail_v = fixture.rail_v()
+        readings.append((fixture.clock.now_ns() / MS, rail_v))
         return rail_v
 
     def is_gone() -> bool:
@@ -38,7 +38,7 @@ def watch(bed: Bed, log: Log, monitor: RailMonitor) -> SupplyWatch:
         return read_v() >= monitor.low_v * _NEARLY
 
     def rises(name: str) -> bool:
-        return _check_rise(bed, log, monitor, name)
+        return _check_rise(fixture, log, monitor, name)
 
     def told() -> str:
         return f"{readings[-1][1]:.0f} V"
@@ -46,14 +46,14 @@ def watch(bed: Bed, log: Log, monitor: RailMonitor) -> SupplyWatch:
     return SupplyWatch(is_there, is_gone, told, monitor.fall_ms, rises, readings)
 
 
-def check(bed: Bed, log: Log, monitor: RailMonitor) -> None:
+def check(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> None:
     """Raises: BusError, BoardFault."""
-    if bed.file.guards.hv_enable == "absent":
-        rail_v = bed.rail_v()
+    if fixture.file.guards.hv_enable == "absent":
+        rail_v = fixture.rail_v()
         is_right = monitor.low_v <= rail_v <= monitor.high_v
         log.judge("rail", is_right, f"{rail_v:.0f} V", _range(monitor), _RAIL_ADVICE)
         return
-    rail_v = _settled_off(bed, monitor)
+    rail_v = _settled_off(fixture, monitor)
     is_off = log.judge(
         "off",
         rail_v < monitor.off_v,
@@ -61,37 +61,39 @@ def check(bed: Bed, log: Log, monitor: RailMonitor) -> None:
         f"below {monitor.off_v} V with the supply off",
         "the supply is on although its enable is off, or the monitor's divider is another one",
     )
-    if is_off and _check_rise(bed, log, monitor) and _check_enable(bed, log, monitor):
-        _check_gate(bed, log, monitor)
+    if is_off and _check_rise(fixture, log, monitor) and _check_enable(fixture, log, monitor):
+        _check_gate(fixture, log, monitor)
 
 
 def _range(monitor: RailMonitor) -> str:
     return f"{monitor.low_v} to {monitor.high_v} V"
 
 
-def _settled_off(bed: Bed, monitor: RailMonitor) -> float:
+def _settled_off(fixture: Fixture, monitor: RailMonitor) -> float:
     """What is left of a rail that may have been on before the test."""
-    _wait_for(bed, lambda rail_v: rail_v < monitor.off_v, monitor.fall_ms)
-    return bed.rail_v()
+    _wait_for(fixture, lambda rail_v: rail_v < monitor.off_v, monitor.fall_ms)
+    return fixture.rail_v()
 
 
-def _wait_for(bed: Bed, is_there: Callable[[float], bool], within_ms: float) -> float | None:
+def _wait_for(
+    fixture: Fixture, is_there: Callable[[float], bool], within_ms: float
+) -> float | None:
     """After how many ms the rail was where it should be; None if it was not in time."""
-    begun_ns = bed.clock.now_ns()
-    while not is_there(bed.rail_v()):
-        if bed.clock.now_ns() - begun_ns > within_ms * MS:
+    begun_ns = fixture.clock.now_ns()
+    while not is_there(fixture.rail_v()):
+        if fixture.clock.now_ns() - begun_ns > within_ms * MS:
             return None
-        bed.watch_stops()
-    return (bed.clock.now_ns() - begun_ns) / MS
+        fixture.watch_stops()
+    return (fixture.clock.now_ns() - begun_ns) / MS
 
 
-def _check_rise(bed: Bed, log: Log, monitor: RailMonitor, name: str = "rise") -> bool:
-    bed.supply_on()
-    took_ms = _wait_for(bed, lambda rail_v: rail_v >= monitor.low_v, monitor.rise_ms)
-    bed.wait_ms(monitor.rise_ms)
-    rail_v = bed.rail_v()
+def _check_rise(fixture: Fixture, log: CheckLog, monitor: RailMonitor, name: str = "rise") -> bool:
+    fixture.supply_on()
+    took_ms = _wait_for(fixture, lambda rail_v: rail_v >= monitor.low_v, monitor.rise_ms)
+    fixture.wait_ms(monitor.rise_ms)
+    rail_v = fixture.rail_v()
     # An open stop takes the supply away: that is then the reason.
-    bed.watch_stops()
+    fixture.watch_stops()
     is_right = took_ms is not None and monitor.low_v <= rail_v <= monitor.high_v
     took = "not in time" if took_ms is None else f"after {took_ms:.0f} ms"
     return log.judge(
@@ -103,55 +105,55 @@ def _check_rise(bed: Bed, log: Log, monitor: RailMonitor, name: str = "rise") ->
     )
 
 
-def _check_enable(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
+def _check_enable(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> bool:
     """Off by its line alone: the heartbeat goes on."""
-    bed.board.supply_off()
-    took_ms = _wait_falling(bed, monitor, monitor.fall_ms)
+    fixture.board.supply_off()
+    took_ms = _wait_falling(fixture, monitor, monitor.fall_ms)
     is_good = judge_fall(
         log,
-        bed.beats.missed_ms(),
+        fixture.beats.missed_ms(),
         "hv_enable",
         took_ms is not None,
-        _fell(bed, monitor, took_ms),
+        _fell(fixture, monitor, took_ms),
         f"below {monitor.off_v} V within {monitor.fall_ms} ms of the enable line's end",
         ENABLE_ADVICE,
     )
-    return is_good and _check_rise(bed, log, monitor, "rise_again")
+    return is_good and _check_rise(fixture, log, monitor, "rise_again")
 
 
-def _wait_falling(bed: Bed, monitor: RailMonitor, within_ms: float) -> float | None:
-    begun_ns = bed.clock.now_ns()
-    while bed.rail_v(is_beating=False) >= monitor.off_v:
-        if bed.clock.now_ns() - begun_ns > within_ms * MS:
+def _wait_falling(fixture: Fixture, monitor: RailMonitor, within_ms: float) -> float | None:
+    begun_ns = fixture.clock.now_ns()
+    while fixture.rail_v(is_beating=False) >= monitor.off_v:
+        if fixture.clock.now_ns() - begun_ns > within_ms * MS:
             return None
-        bed.beats.beat()
-    return (bed.clock.now_ns() - begun_ns) / MS
+        fixture.beats.beat()
+    return (fixture.clock.now_ns() - begun_ns) / MS
 
 
-def _fell(bed: Bed, monitor: RailMonitor, took_ms: float | None) -> str:
+def _fell(fixture: Fixture, monitor: RailMonitor, took_ms: float | None) -> str:
     if took_ms is None:
-        return f"still {bed.rail_v(is_beating=False):.0f} V"
+        return f"still {fixture.rail_v(is_beating=False):.0f} V"
     return f"below {monitor.off_v} V after {took_ms:.0f} ms"
 
 
-def _check_gate(bed: Bed, log: Log, monitor: RailMonitor) -> None:
-    heartbeat = bed.file.guards.heartbeat
+def _check_gate(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> None:
+    heartbeat = fixture.file.guards.heartbeat
     if heartbeat == "absent":
         return
     check_heartbeat(
-        bed,
-        lambda level: _goes(bed, log, monitor, heartbeat, level),
-        lambda: _stays_away(bed, log, monitor),
-        lambda name: _check_rise(bed, log, monitor, name),
+        fixture,
+        lambda level: _goes(fixture, log, monitor, heartbeat, level),
+        lambda: _stays_away(fixture, log, monitor),
+        lambda name: _check_rise(fixture, log, monitor, name),
     )
 
 
-def _stays_away(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
-    bed.wait_ms(monitor.rise_ms)
-    rail_v = bed.rail_v()
+def _stays_away(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> bool:
+    fixture.wait_ms(monitor.rise_ms)
+    rail_v = fixture.rail_v()
     return judge_fall(
         log,
-        bed.beats.missed_ms(),
+        fixture.beats.missed_ms(),
         "heartbeat_latch",
         rail_v < monitor.off_v,
         f"{rail_v:.0f} V after beating again for {monitor.rise_ms} ms",
@@ -160,19 +162,21 @@ def _stays_away(bed: Bed, log: Log, monitor: RailMonitor) -> bool:
     )
 
 
-def _goes(bed: Bed, log: Log, monitor: RailMonitor, heartbeat: Heartbeat, level: int) -> bool:
+def _goes(
+    fixture: Fixture, log: CheckLog, monitor: RailMonitor, heartbeat: Heartbeat, level: int
+) -> bool:
     """The supply, and within the heartbeat's window."""
     within_ms = heartbeat.window_ms + monitor.fall_ms
-    from_v = bed.rail_v()
-    bed.end_beats(level)
-    missed_ms = bed.beats.missed_ms()
-    fall = watch_fall(bed, monitor, from_v, within_ms, bed.beats.last_ns)
+    from_v = fixture.rail_v()
+    fixture.end_beats(level)
+    missed_ms = fixture.beats.missed_ms()
+    fall = watch_fall(fixture, monitor, from_v, within_ms, fixture.beats.last_ns)
     is_good = judge_fall(
         log,
         missed_ms,
         "heartbeat",
         from_v >= monitor.low_v and fall.gone_ms is not None,
-        f"from {from_v:.0f} V, {_fell(bed, monitor, fall.gone_ms)}, {standing(level)}",
+        f"from {from_v:.0f} V, {_fell(fixture, monitor, fall.gone_ms)}, {standing(level)}",
         f"from at least {monitor.low_v} V, below {monitor.off_v} V within {within_ms} ms of the"
         " last beat, the enable being on",
         GATE_ADVICE,

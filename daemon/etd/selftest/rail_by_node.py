@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from etd.selftest.bed import Bed
 from etd.selftest.buses import check_idle
 from etd.selftest.fall import judge_fall
+from etd.selftest.fixture import Fixture
 from etd.selftest.gates import ENABLE_ADVICE, GATE_ADVICE, LATCH_ADVICE, check_heartbeat, standing
-from etd.selftest.log import Log
+from etd.selftest.log import CheckLog
 from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
 from etd.selftest.stopgate import SupplyWatch
@@ -26,25 +26,25 @@ _NODE_GONE = 0.1
 _NODE_THERE = 0.5
 
 
-def watch(bed: Bed, log: Log, prober: Prober) -> SupplyWatch:
+def watch(fixture: Fixture, log: CheckLog, prober: Prober) -> SupplyWatch:
     """By what a probe of an open electrode lifts the node to."""
     read_v = 0.0
 
     def is_gone() -> bool:
         nonlocal read_v
-        read_v = prober.probe(bed.free[0])[1].voltage_v
-        bed.wait_ms(_LOOK_EVERY_MS)
+        read_v = prober.probe(fixture.free[0])[1].voltage_v
+        fixture.wait_ms(_LOOK_EVERY_MS)
         return read_v < _gone_v(prober)
 
     def is_there() -> bool:
-        voltage_v = prober.probe(bed.free[0])[1].voltage_v
+        voltage_v = prober.probe(fixture.free[0])[1].voltage_v
         return voltage_v >= prober.open_v(prober.probe_ua) * _NODE_THERE
 
     def told() -> str:
         return f"{read_v:.2f} V at {prober.probe_ua} uA"
 
     def rises(name: str) -> bool:
-        return _check_rise(bed, log, prober, name)
+        return _check_rise(fixture, log, prober, name)
 
     return SupplyWatch(is_there, is_gone, told, _GONE_WITHIN_MS, rises, None)
 
@@ -53,50 +53,50 @@ def _gone_v(prober: Prober) -> float:
     return prober.open_v(prober.probe_ua) * _NODE_GONE
 
 
-def check(bed: Bed, log: Log, prober: Prober) -> None:
+def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     """Raises: BusError, BoardFault, GuardRefusal."""
-    if not check_ramp(bed, log, prober, "off_ramp", is_supplied=False):
+    if not check_ramp(fixture, log, prober, "off_ramp", is_supplied=False):
         return
-    is_off = _judge_gone(bed, log, prober, "off", "the supply is on though its enable is off")
+    is_off = _judge_gone(fixture, log, prober, "off", "the supply is on though its enable is off")
     is_good = (
         is_off
-        and _check_rise(bed, log, prober, "rise")
-        and _check_enable(bed, log, prober)
-        and _check_rise(bed, log, prober, "rise_again")
+        and _check_rise(fixture, log, prober, "rise")
+        and _check_enable(fixture, log, prober)
+        and _check_rise(fixture, log, prober, "rise_again")
     )
     if is_good:
-        _check_gate(bed, log, prober)
+        _check_gate(fixture, log, prober)
 
 
-def _check_enable(bed: Bed, log: Log, prober: Prober) -> bool:
-    bed.board.supply_off()
-    bed.beats.go_on_when_off = True
+def _check_enable(fixture: Fixture, log: CheckLog, prober: Prober) -> bool:
+    fixture.board.supply_off()
+    fixture.beats.go_on_when_off = True
     try:
         return _judge_gone(
-            bed, log, prober, "hv_enable", ENABLE_ADVICE, missed_ms=bed.beats.missed_ms
+            fixture, log, prober, "hv_enable", ENABLE_ADVICE, missed_ms=fixture.beats.missed_ms
         )
     finally:
-        bed.beats.go_on_when_off = False
+        fixture.beats.go_on_when_off = False
 
 
-def _check_gate(bed: Bed, log: Log, prober: Prober) -> None:
-    if bed.file.guards.heartbeat == "absent":
+def _check_gate(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
+    if fixture.file.guards.heartbeat == "absent":
         return
     check_heartbeat(
-        bed,
-        lambda level: _goes(bed, log, prober, level),
-        lambda: _stays_away(bed, log, prober),
-        lambda name: _check_rise(bed, log, prober, name),
+        fixture,
+        lambda level: _goes(fixture, log, prober, level),
+        lambda: _stays_away(fixture, log, prober),
+        lambda name: _check_rise(fixture, log, prober, name),
     )
 
 
-def _goes(bed: Bed, log: Log, prober: Prober, level: int) -> bool:
+def _goes(fixture: Fixture, log: CheckLog, prober: Prober, level: int) -> bool:
     """Silent until any store has run down; each look afterwards beats again, in vain."""
-    bed.end_beats(level)
-    missed_ms = bed.beats.missed_ms()
-    bed.wait_ms(_GONE_WITHIN_MS, is_beating=False)
+    fixture.end_beats(level)
+    missed_ms = fixture.beats.missed_ms()
+    fixture.wait_ms(_GONE_WITHIN_MS, is_beating=False)
     return _judge_gone(
-        bed,
+        fixture,
         log,
         prober,
         "heartbeat",
@@ -106,31 +106,31 @@ def _goes(bed: Bed, log: Log, prober: Prober, level: int) -> bool:
     )
 
 
-def _stays_away(bed: Bed, log: Log, prober: Prober) -> bool:
-    bed.wait_ms(_RISE_MS)
+def _stays_away(fixture: Fixture, log: CheckLog, prober: Prober) -> bool:
+    fixture.wait_ms(_RISE_MS)
     return _judge_gone(
-        bed,
+        fixture,
         log,
         prober,
         "heartbeat_latch",
         LATCH_ADVICE,
-        missed_ms=bed.beats.missed_ms,
+        missed_ms=fixture.beats.missed_ms,
         within_ms=0,
     )
 
 
-def _check_rise(bed: Bed, log: Log, prober: Prober, name: str) -> bool:
+def _check_rise(fixture: Fixture, log: CheckLog, prober: Prober, name: str) -> bool:
     """Nothing is connected before the node was seen idle with the supply behind it."""
-    bed.board.release()
-    bed.supply_on()
-    bed.wait_ms(_RISE_MS)
-    check_idle(bed, log, f"{name}_idle")
-    return not log.stage_failed and check_ramp(bed, log, prober, name)
+    fixture.board.release()
+    fixture.supply_on()
+    fixture.wait_ms(_RISE_MS)
+    check_idle(fixture, log, f"{name}_idle")
+    return not log.stage_failed and check_ramp(fixture, log, prober, name)
 
 
 def _judge_gone(
-    bed: Bed,
-    log: Log,
+    fixture: Fixture,
+    log: CheckLog,
     prober: Prober,
     name: str,
     advice: str,
@@ -148,11 +148,11 @@ def _judge_gone(
 
     def look() -> bool:
         nonlocal read_v
-        read_v = prober.probe(bed.free[0])[1].voltage_v
-        bed.wait_ms(_LOOK_EVERY_MS)
+        read_v = prober.probe(fixture.free[0])[1].voltage_v
+        fixture.wait_ms(_LOOK_EVERY_MS)
         return read_v < bound_v
 
-    is_good = bed.wait_until(look, within_ms)
+    is_good = fixture.wait_until(look, within_ms)
     return judge_fall(
         log,
         missed_ms(),

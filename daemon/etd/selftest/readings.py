@@ -8,7 +8,7 @@ from __future__ import annotations
 import statistics
 from dataclasses import dataclass
 
-from etd.selftest.bed import Bed
+from etd.selftest.fixture import Fixture
 from etd.selftest.prober import Prober
 from etd_hal.boardfile import Source
 
@@ -30,22 +30,22 @@ _LEAST_THROUGH = 0.05
 class Map:
     """The node's voltage for each electrode alone against all others; all with one current."""
 
-    told_ua: int
+    commanded_ua: int
     voltage_v: tuple[float, ...]
     baseline_v: float
 
 
-def read_map(bed: Bed, prober: Prober) -> Map:
+def read_map(fixture: Fixture, prober: Prober) -> Map:
     """The mean of a probe a round at each electrode. Raises: BusError, BoardFault, GuardRefusal."""
-    electrodes = range(bed.loaded.array.count)
-    rounds = [[prober.probe(one) for one in electrodes] for _ in range(_ROUNDS)]
-    shots = [[shot for _, shot in one_round] for one_round in rounds]
+    electrodes = range(fixture.loaded.array.count)
+    rounds = [[prober.probe(electrode) for electrode in electrodes] for _ in range(_ROUNDS)]
+    results = [[result for _, result in one_round] for one_round in rounds]
     return Map(
         rounds[0][0][0],
         tuple(
-            statistics.mean(shot.voltage_v for shot in both) for both in zip(*shots, strict=True)
+            statistics.mean(shot.voltage_v for shot in both) for both in zip(*results, strict=True)
         ),
-        max(shot.baseline_v for one_round in shots for shot in one_round),
+        max(result.baseline_v for one_round in results for result in one_round),
     )
 
 
@@ -113,14 +113,16 @@ class NearerOf:
 
 
 def mean_v(prober: Prober, electrode: int) -> tuple[float, float]:
-    """(told_ua, V) of probes up to the weak one. Raises: BusError, BoardFault, GuardRefusal."""
-    shots = [
+    """(commanded_ua, V) of probes up to the weak one. Raises: BusError, BoardFault,
+    GuardRefusal.
+    """
+    results = [
         prober.probe(electrode, current_ua=prober.probe_ua * (_WEAKER_BY - weaker) // _WEAKER_BY)
         for weaker in range(_PARTS)
         for _ in range(_TIMES)
     ]
-    told_ua = statistics.mean(told_ua for told_ua, _ in shots)
-    return told_ua, statistics.mean(shot.voltage_v for _, shot in shots)
+    commanded_ua = statistics.mean(commanded_ua for commanded_ua, _ in results)
+    return commanded_ua, statistics.mean(result.voltage_v for _, result in results)
 
 
 def is_near_v(volts: float, expected_v: float, source: Source) -> bool:

@@ -5,8 +5,8 @@ Owns: what counts as obtained. Must not know: how a kernel grants it.
 
 from __future__ import annotations
 
-from etd.selftest.bed import Bed
-from etd.selftest.log import Log
+from etd.selftest.fixture import Fixture
+from etd.selftest.log import CheckLog
 from etd_hal.bench import Obtained
 
 #: Sleeps may end later by this much: what an ordinary thread has.
@@ -16,10 +16,10 @@ _SLACK_NS = 50_000
 _UNLOCKED_KB = 1_024
 
 
-def check(bed: Bed, log: Log) -> None:
+def check(fixture: Fixture, log: CheckLog) -> None:
     """Granted is what nobody refused; obtained is what the kernel says afterwards."""
-    wanted = bed.loaded.config.engine
-    if wanted.priority == "none" and bed.backend_name == "linux":
+    wanted = fixture.loaded.config.engine
+    if wanted.priority == "none" and fixture.backend_name == "linux":
         log.skip(
             "realtime",
             "engine.priority is none in the configuration",
@@ -28,8 +28,8 @@ def check(bed: Bed, log: Log) -> None:
         return
     priority = 1 if wanted.priority == "none" else wanted.priority
     core = None if wanted.core == "any" else wanted.core
-    refused = bed.host.set_up_realtime(priority, core)
-    found = bed.host.obtained()
+    refused = fixture.host.set_up_realtime(priority, core)
+    found = fixture.host.obtained()
     absent = list(refused) or missing(found, priority, core)
     log.judge(
         "realtime",

@@ -7,27 +7,27 @@ from __future__ import annotations
 
 import hashlib
 
-from etd.selftest.bed import Bed
-from etd.selftest.log import Log
+from etd.selftest.fixture import Fixture
+from etd.selftest.log import CheckLog
 from etd_hal.boardfile import Relays
 
 #: 512 bits without a pattern, so that no shift of them looks like themselves: the longest chain.
 _WORD = int.from_bytes(hashlib.sha512(b"a word for the chain").digest(), "big")
 
 
-def check(bed: Bed, log: Log) -> None:
+def check(fixture: Fixture, log: CheckLog) -> None:
     """Raises: BusError, BoardFault, GuardRefusal."""
-    if bed.file.guards.readback == "absent":
+    if fixture.file.guards.readback == "absent":
         log.absent("readback")
         return
-    switch = bed.file.switch
+    switch = fixture.file.switch
     stages = switch.outputs * (2 if isinstance(switch, Relays) else 1)
     full = (1 << stages) - 1
     word = _WORD & full
     wrong = 0
     for sent in (word, ~word & full):
-        wrong += (bed.board.switch.loop_back(sent) ^ sent).bit_count()
-    bed.board.switch.clear()
+        wrong += (fixture.board.switch.loop_back(sent) ^ sent).bit_count()
+    fixture.board.switch.clear()
     log.judge(
         "readback",
         wrong == 0,

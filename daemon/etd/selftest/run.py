@@ -12,10 +12,10 @@ from collections.abc import Callable
 import msgspec
 
 from etd.selftest import buses, machine, probe, rail, register, source, switches, timing
-from etd.selftest.bed import Bed
-from etd.selftest.log import Log, OnCheck
+from etd.selftest.fixture import Fixture
+from etd.selftest.log import CheckLog, OnCheck
 from etd.selftest.prober import Prober
-from etd.selftest_report import Report, not_seen_of
+from etd.selftest.report import Report, unproved_of
 from etd.version import __version__
 from etd_hal.errors import BoardFault, BusError, CannotSelect, GuardRefusal
 
@@ -36,27 +36,27 @@ _SAFE = "the board is in its safe state"
 
 
 def run(
-    bed: Bed,
+    fixture: Fixture,
     date: datetime.datetime,
     on_check: OnCheck = lambda _: None,
     on_stage: Callable[[str, str], None] = lambda _name, _what: None,
 ) -> Report:
     """All stages, or as many as may be; the board is safe afterwards whatever happens."""
-    log = Log(on_check)
-    prober = Prober(bed)
-    stages = _stages(bed, log, prober)
+    log = CheckLog(on_check)
+    prober = Prober(fixture)
+    stages = _stages(fixture, log, prober)
     failed_at = len(STAGES)
     try:
         for index, (name, what) in enumerate(STAGES):
             log.stage = name
             on_stage(name, what)
-            _run_stage(bed, log, stages[name])
+            _run_stage(fixture, log, stages[name])
             if log.stage_failed:
                 failed_at = index
                 break
-        problems = bed.board.safe_off()
+        problems = fixture.board.safe_off()
     except BaseException:
-        _break_off(bed)
+        _break_off(fixture)
         raise
     _skip_rest(log, failed_at)
     log.stage = "end"
@@ -67,55 +67,55 @@ def run(
         "outputs off, supply off, DAC at zero",
         _BY_HAND,
     )
-    return _report(bed, prober, log, date)
+    return _report(fixture, prober, log, date)
 
 
-def _break_off(bed: Bed) -> None:
+def _break_off(fixture: Fixture) -> None:
     """The way to the safe state, from anywhere; told either way."""
-    problems = (*_lines_back(bed), *bed.board.safe_off())
+    problems = (*_lines_back(fixture), *fixture.board.safe_off())
     for problem in problems:
         print(f"etd selftest: NOT SAFE: {problem}: {_BY_HAND}", file=sys.stderr)  # noqa: T201
     if not problems:
         print(f"etd selftest: broken off; {_SAFE}", file=sys.stderr)  # noqa: T201
 
 
-def _lines_back(bed: Bed) -> tuple[str, ...]:
+def _lines_back(fixture: Fixture) -> tuple[str, ...]:
     """From another process, whose end was broken off as well; why not, if it cannot be."""
-    if not bed.is_lent:
+    if not fixture.is_lent:
         return ()
     try:
-        bed.understudy.step_back()
+        fixture.kill_test_process.step_back()
     except (BusError, OSError) as error:
         return (str(error),)
     return ()
 
 
-def cut_short(bed: Bed, date: datetime.datetime) -> Report:
+def cut_short(fixture: Fixture, date: datetime.datetime) -> Report:
     """What is kept until the test has come to its end: a pass from before must not outlive it."""
-    report = _report(bed, Prober(bed), Log(lambda _: None), date)
+    report = _report(fixture, Prober(fixture), CheckLog(lambda _: None), date)
     return msgspec.structs.replace(report, passed=False)
 
 
-def _stages(bed: Bed, log: Log, prober: Prober) -> dict[str, Callable[[], None]]:
+def _stages(fixture: Fixture, log: CheckLog, prober: Prober) -> dict[str, Callable[[], None]]:
     return {
-        "machine": lambda: machine.check(bed, log),
-        "buses": lambda: buses.check(bed, log),
-        "register": lambda: register.check(bed, log),
-        "timing": lambda: timing.check(bed, log),
-        "rail": lambda: rail.check(bed, log, prober),
-        "probe": lambda: probe.check(bed, log, prober),
-        "switches": lambda: switches.check(bed, log, prober),
-        "source": lambda: _strong(bed, log, prober),
+        "machine": lambda: machine.check(fixture, log),
+        "buses": lambda: buses.check(fixture, log),
+        "register": lambda: register.check(fixture, log),
+        "timing": lambda: timing.check(fixture, log),
+        "rail": lambda: rail.check(fixture, log, prober),
+        "probe": lambda: probe.check(fixture, log, prober),
+        "switches": lambda: switches.check(fixture, log, prober),
+        "source": lambda: _strong(fixture, log, prober),
     }
 
 
-def _strong(bed: Bed, log: Log, prober: Prober) -> None:
-    source.check(bed, log, prober)
-    timing.check_longest(bed, log, prober)
-    machine.check_after(bed, log)
+def _strong(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
+    source.check(fixture, log, prober)
+    timing.check_longest(fixture, log, prober)
+    machine.check_after(fixture, log)
 
 
-def _run_stage(bed: Bed, log: Log, stage: Callable[[], None]) -> None:
+def _run_stage(fixture: Fixture, log: CheckLog, stage: Callable[[], None]) -> None:
     """An error that a stage does not expect ends it, under the name of what raised it.
 
     The board is safe before it is told: whoever reads the progress may be slow. What goes wrong
@@ -124,7 +124,7 @@ def _run_stage(bed: Bed, log: Log, stage: Callable[[], None]) -> None:
     try:
         stage()
     except (BusError, BoardFault, GuardRefusal, CannotSelect) as error:
-        bed.board.safe_off()
+        fixture.board.safe_off()
         log.judge(_name_of(error), False, str(error), "", "see what it says; then begin again")
 
 
@@ -134,27 +134,27 @@ def _name_of(error: BusError | BoardFault | GuardRefusal | CannotSelect) -> str:
     return {BusError: "bus", GuardRefusal: "guard"}.get(type(error), "selection")
 
 
-def _skip_rest(log: Log, failed_at: int) -> None:
+def _skip_rest(log: CheckLog, failed_at: int) -> None:
     for name, _ in STAGES[failed_at + 1 :]:
         log.stage = name
         log.skip("all", f"{STAGES[failed_at][0]} failed", "put that right first")
 
 
-def _report(bed: Bed, prober: Prober, log: Log, date: datetime.datetime) -> Report:
-    load, second = bed.asked.load, bed.asked.second_load
+def _report(fixture: Fixture, prober: Prober, log: CheckLog, date: datetime.datetime) -> Report:
+    load, second = fixture.options.load, fixture.options.second_load
     versions = {"etd": __version__, "python": sys.version.split()[0]}
-    versions |= {name: version or "missing" for name, version in bed.host.packages().items()}
+    versions |= {name: version or "missing" for name, version in fixture.host.packages().items()}
     return Report(
         passed=all(check.is_good for check in log.checks),
         date=date,
-        subject=bed.subject,
+        subject=fixture.subject,
         versions=versions,
-        machine_facts=bed.host.facts(),
-        absent_guards=bed.file.absent_guards,
+        machine_facts=fixture.host.facts(),
+        absent_guards=fixture.file.absent_guards,
         bound=prober.bound,
         dummy_load_ohm=None if load is None else load.resistance_ohm,
         second_load_ohm=None if second is None else second.resistance_ohm,
         load_electrodes=None if load is None else (load.first, load.second),
-        not_seen=not_seen_of(bed.file),
+        not_seen=unproved_of(fixture.file),
         checks=tuple(log.checks),
     )

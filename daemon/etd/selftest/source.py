@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import statistics
 
-from etd.selftest import adcbits, everytime
-from etd.selftest.bed import LOAD_OPTIONS, Bed, DummyLoad
+from etd.selftest import adcbits, repeatability
+from etd.selftest.fixture import LOAD_OPTIONS, DummyLoad, Fixture
 from etd.selftest.ladder import LINEARITY, SATURATES, climb, largest_here_ohm, reachable_ua
-from etd.selftest.log import Log
+from etd.selftest.log import CheckLog
 from etd.selftest.probe import check_alone
 from etd.selftest.prober import Prober
 from etd.selftest.readings import TOLERANCE, is_near_v, mean_v, read_map
@@ -25,65 +25,65 @@ _STAND_BACK_MS = 5_000
 _ONE_SHOT_TOLERANCE = 0.2
 
 
-def check(bed: Bed, log: Log, prober: Prober) -> None:
+def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     """Raises: BusError, BoardFault, GuardRefusal."""
-    load = bed.asked.load
-    if load is None or not bed.is_load_confirmed:
+    load = fixture.options.load
+    if load is None or not fixture.is_load_confirmed:
         for name in ("every_time", "steps", "linearity", "zero", "adc_bits", "compliance"):
             log.skip(name, "no load was found", LOAD_OPTIONS)
     else:
-        _clear_the_board(bed)
-        if _is_still_there(bed, log, prober, load):
-            everytime.check(bed, log, prober, load)
-        bed.is_load_confirmed = not log.stage_failed
-        if bed.is_load_confirmed:
-            _check_steps(bed, log, prober, load)
+        _clear_the_board(fixture)
+        if _is_still_there(fixture, log, prober, load):
+            repeatability.check(fixture, log, prober, load)
+        fixture.is_load_confirmed = not log.stage_failed
+        if fixture.is_load_confirmed:
+            _check_steps(fixture, log, prober, load)
         if not log.stage_failed:
-            _check_compliance(bed, log, prober)
-    _check_one_shot(bed, log)
+            _check_compliance(fixture, log, prober)
+    _check_one_shot(fixture, log)
 
 
-def _clear_the_board(bed: Bed) -> None:
+def _clear_the_board(fixture: Fixture) -> None:
     """With nobody to be told, whoever is near has the same time."""
-    if bed.operator is not None:
-        bed.operator.stand_back()
-    bed.wait_ms(_STAND_BACK_MS)
+    if fixture.operator is not None:
+        fixture.operator.stand_back()
+    fixture.wait_ms(_STAND_BACK_MS)
 
 
-def _is_still_there(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> bool:
+def _is_still_there(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad) -> bool:
     """Hands were at the board meanwhile: once more with the weak probe, before anything strong."""
-    found = read_map(bed, prober)
-    is_alone = check_alone(bed, log, found, bed.free, "still_alone")
-    ends = [mean_v(prober, one) for one in (load.first, load.second)]
+    found = read_map(fixture, prober)
+    is_alone = check_alone(fixture, log, found, fixture.free, "still_alone")
+    ends = [mean_v(prober, electrode) for electrode in (load.first, load.second)]
     ends_v = [volts for _, volts in ends]
-    expected_v = ends[0][0] * bed.gain / 1e6 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
+    expected_v = ends[0][0] * fixture.gain / 1e6 / (1 / load.resistance_ohm + 1 / fixture.leak_ohm)
     is_there = log.judge(
         "load_still_there",
-        all(is_near_v(volts, expected_v, bed.file.source) for volts in ends_v),
+        all(is_near_v(volts, expected_v, fixture.file.source) for volts in ends_v),
         " and ".join(f"{volts:.2f} V" for volts in ends_v),
         f"{expected_v:.2f} V at electrodes {load.first} and {load.second}",
         "something else is there than was found before: hands off, and begin again",
     )
-    bed.is_load_confirmed = is_alone and is_there
-    return bed.is_load_confirmed
+    fixture.is_load_confirmed = is_alone and is_there
+    return fixture.is_load_confirmed
 
 
-def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
+def _check_steps(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad) -> None:
     """A straight line through equal steps, as told against as measured."""
-    beside_ohm = 1 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
-    source = bed.file.source
-    most_ua = min(prober.strongest_ua, reachable_ua(bed, beside_ohm))
+    beside_ohm = 1 / (1 / load.resistance_ohm + 1 / fixture.leak_ohm)
+    source = fixture.file.source
+    most_ua = min(prober.strongest_ua, reachable_ua(fixture, beside_ohm))
     if most_ua < prober.strongest_ua:
-        _judge_too_large(bed, log, most_ua, prober.strongest_ua)
+        _judge_too_large(fixture, log, most_ua, prober.strongest_ua)
         return
-    rungs = climb(bed, log, prober, load, beside_ohm, most_ua)
+    rungs = climb(fixture, log, prober, load, beside_ohm, most_ua)
     if log.stage_failed:
         return
-    told_ua = [float(rung.told_ua) for rung in rungs]
+    commanded_ua = [float(rung.commanded_ua) for rung in rungs]
     made_ua = [rung.made_ua for rung in rungs]
-    gain, zero_ua = statistics.linear_regression(told_ua, made_ua)
+    gain, zero_ua = statistics.linear_regression(commanded_ua, made_ua)
     off_ua = max(
-        abs(made - gain * told - zero_ua) for told, made in zip(told_ua, made_ua, strict=True)
+        abs(made - gain * told - zero_ua) for told, made in zip(commanded_ua, made_ua, strict=True)
     )
     step_ua = source.node_uv_per_code / beside_ohm
     log.judge(
@@ -111,27 +111,27 @@ def _check_steps(bed: Bed, log: Log, prober: Prober, load: DummyLoad) -> None:
     if log.stage_failed:
         return
     read_v = [rung.shot.voltage_v for rung in rungs]
-    adcbits.check(bed, log, prober, load, read_v, gain * beside_ohm / 1e6)
+    adcbits.check(fixture, log, prober, load, read_v, gain * beside_ohm / 1e6)
 
 
-def _judge_too_large(bed: Bed, log: Log, most_ua: int, strongest_ua: int) -> None:
+def _judge_too_large(fixture: Fixture, log: CheckLog, most_ua: int, strongest_ua: int) -> None:
     log.judge(
         "steps",
         False,
         f"the source reaches {most_ua} uA into this load: nothing was fired",
         f"{strongest_ua} uA, the strongest that anybody may get here",
-        f"begin again with at most {largest_here_ohm(bed, strongest_ua)} ohm as the first one",
+        f"begin again with at most {largest_here_ohm(fixture, strongest_ua)} ohm as the first one",
     )
 
 
-def _check_compliance(bed: Bed, log: Log, prober: Prober) -> None:
+def _check_compliance(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     """Into an open electrode: the node stops at the compliance. Where the body site does not allow
     what leads well into it, it must come as far as the strongest that is allowed takes it.
     """
-    source = bed.file.source
-    wanted_ua = int(source.compliance_v * _INTO_COMPLIANCE / bed.leak_ohm * 1e6)
+    source = fixture.file.source
+    wanted_ua = int(source.compliance_v * _INTO_COMPLIANCE / fixture.leak_ohm * 1e6)
     wanted_ua = min(wanted_ua, prober.strongest_ua)
-    expected_v = min(source.compliance_v, wanted_ua * bed.gain * bed.leak_ohm / 1e6)
+    expected_v = min(source.compliance_v, wanted_ua * fixture.gain * fixture.leak_ohm / 1e6)
     if expected_v < source.compliance_v * (1 - TOLERANCE):
         log.skip(
             "compliance",
@@ -139,25 +139,25 @@ def _check_compliance(bed: Bed, log: Log, prober: Prober) -> None:
             "measure the rail by hand",
         )
         return
-    _, shot = prober.into_load(bed.free[0], wanted_ua)
+    _, result = prober.into_load(fixture.free[0], wanted_ua)
     full_scale_v = (_ADC_CODES - 1) * source.node_uv_per_code / 1e6
     log.judge(
         "compliance",
-        abs(shot.voltage_v - expected_v) <= TOLERANCE * source.compliance_v
-        and shot.voltage_v < full_scale_v,
-        f"{shot.voltage_v:.0f} V at {wanted_ua} uA with nothing connected",
+        abs(result.voltage_v - expected_v) <= TOLERANCE * source.compliance_v
+        and result.voltage_v < full_scale_v,
+        f"{result.voltage_v:.0f} V at {wanted_ua} uA with nothing connected",
         f"{expected_v:.0f} V +-{TOLERANCE:.0%} of {source.compliance_v} V",
         "the rail is not what the board file says; put the measured figure into compliance_v",
     )
 
 
-def _check_one_shot(bed: Bed, log: Log) -> None:
+def _check_one_shot(fixture: Fixture, log: CheckLog) -> None:
     """No message that the guard lets through lasts as long as a one-shot: a person has to look."""
-    one_shot = bed.file.guards.one_shot
+    one_shot = fixture.file.guards.one_shot
     if one_shot == "absent":
         log.absent("one_shot")
         return
-    seen_us = bed.asked.one_shot_us
+    seen_us = fixture.options.one_shot_us
     if seen_us is None:
         log.skip(
             "one_shot",

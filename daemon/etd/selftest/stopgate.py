@@ -14,10 +14,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from etd.selftest.bed import MS, Bed
 from etd.selftest.fall import Reading, judge_fall, reckon_cut
-from etd.selftest.log import Log
-from etd_hal.bench import Hand, StopName
+from etd.selftest.fixture import MS, Fixture
+from etd.selftest.log import CheckLog
+from etd_hal.bench import Operator, StopName
 
 _STOPS: tuple[StopName, ...] = ("emergency_stop", "wearer_stop")
 _OPERATOR_WITHIN_MS = 20_000
@@ -42,43 +42,45 @@ class SupplyWatch:
     readings: list[Reading] | None
 
 
-def check(bed: Bed, log: Log, supply: SupplyWatch) -> None:
+def check(fixture: Fixture, log: CheckLog, supply: SupplyWatch) -> None:
     """Begins and ends with the supply on. Raises: BusError, BoardFault, GuardRefusal."""
     for name in _STOPS:
-        if name not in bed.board.stops():
+        if name not in fixture.board.stops():
             continue
-        if bed.operator is None:
+        if fixture.operator is None:
             log.skip(
-                _title(bed, name), "nobody is there to hold it", "run it without --no-operator"
+                _title(fixture, name), "nobody is there to hold it", "run it without --no-operator"
             )
             continue
         try:
-            _check_one(bed, log, bed.operator, name, supply)
+            _check_one(fixture, log, fixture.operator, name, supply)
         finally:
-            bed.held_stop = None
+            fixture.held_stop = None
         if log.stage_failed:
             return
 
 
-def _title(bed: Bed, name: StopName) -> str:
-    return f"{name}_gate" if bed.file.guards.stop_cuts_supply else f"{name}_off"
+def _title(fixture: Fixture, name: StopName) -> str:
+    return f"{name}_gate" if fixture.file.guards.stop_cuts_supply else f"{name}_off"
 
 
-def _check_one(bed: Bed, log: Log, operator: Hand, name: StopName, supply: SupplyWatch) -> None:
-    cuts = bed.file.guards.stop_cuts_supply
+def _check_one(
+    fixture: Fixture, log: CheckLog, operator: Operator, name: StopName, supply: SupplyWatch
+) -> None:
+    cuts = fixture.file.guards.stop_cuts_supply
     if not cuts:
         log.absent(f"{name}_gate")
-    bed.held_stop = name
+    fixture.held_stop = name
     if supply.readings is not None:
         supply.readings.clear()
     was_there = supply.is_there()
     operator.hold(name)
-    is_open, was_there = _opens(bed, name, supply, was_there)
-    opened_ns = bed.clock.now_ns()
-    missed_ms = bed.beats.missed_ms()
+    is_open, was_there = _opens(fixture, name, supply, was_there)
+    opened_ns = fixture.clock.now_ns()
+    missed_ms = fixture.beats.missed_ms()
     if is_open and not cuts:
-        bed.board.supply_off()
-    is_gone, measured = _fall(bed, name, supply) if is_open else (False, "not seen to open")
+        fixture.board.supply_off()
+    is_gone, measured = _fall(fixture, name, supply) if is_open else (False, "not seen to open")
     if is_open and not was_there:
         is_gone, measured = False, f"gone before it was seen to open; {measured}"
     late_ms = _cut_ms(supply, opened_ns) if is_gone and cuts else None
@@ -87,8 +89,8 @@ def _check_one(bed: Bed, log: Log, operator: Hand, name: StopName, supply: Suppl
         measured = f"cut {late_ms:.0f} ms after the line, {measured}"
     is_gone = judge_fall(
         log,
-        bed.beats.missed_ms() if cuts else missed_ms,
-        _title(bed, name),
+        fixture.beats.missed_ms() if cuts else missed_ms,
+        _title(fixture, name),
         is_gone,
         measured,
         ("" if not cuts or supply.readings is None else f"cut within {_CUT_WITHIN_MS} ms and ")
@@ -96,10 +98,10 @@ def _check_one(bed: Bed, log: Log, operator: Hand, name: StopName, supply: Suppl
         + ("enable and heartbeat going on" if cuts else "switched off by the program"),
         _GATE_ADVICE if cuts else _OFF_ADVICE,
     )
-    bed.board.supply_off()
+    fixture.board.supply_off()
     operator.let_go(name)
-    if is_gone and _is_closed_again(bed, log, name):
-        bed.held_stop = None
+    if is_gone and _is_closed_again(fixture, log, name):
+        fixture.held_stop = None
         supply.rises(f"rise_after_{name}")
 
 
@@ -111,7 +113,9 @@ _GATE_ADVICE = (
 _OFF_ADVICE = "hold it until you are told to let go; if you did, cut the supply by hand"
 
 
-def _opens(bed: Bed, name: StopName, supply: SupplyWatch, was_there: bool) -> tuple[bool, bool]:
+def _opens(
+    fixture: Fixture, name: StopName, supply: SupplyWatch, was_there: bool
+) -> tuple[bool, bool]:
     """Whether the stop was seen to open, and whether the supply was there until then.
 
     Of each look at the supply the stop is asked afterwards: one that was closed then is no reason.
@@ -122,22 +126,22 @@ def _opens(bed: Bed, name: StopName, supply: SupplyWatch, was_there: bool) -> tu
         nonlocal was_there, is_there
         was_there = was_there and is_there
         is_there = supply.is_there()
-        return bed.board.stops()[name]
+        return fixture.board.stops()[name]
 
-    return bed.wait_until(look, _OPERATOR_WITHIN_MS), was_there
+    return fixture.wait_until(look, _OPERATOR_WITHIN_MS), was_there
 
 
-def _fall(bed: Bed, name: StopName, supply: SupplyWatch) -> tuple[bool, str]:
+def _fall(fixture: Fixture, name: StopName, supply: SupplyWatch) -> tuple[bool, str]:
     """Whether the supply went while the stop was held, and what is to be said of it."""
-    begun_ns = bed.clock.now_ns()
+    begun_ns = fixture.clock.now_ns()
     while not supply.is_gone():
-        took_ms = (bed.clock.now_ns() - begun_ns) / MS
-        if not bed.board.stops()[name]:
+        took_ms = (fixture.clock.now_ns() - begun_ns) / MS
+        if not fixture.board.stops()[name]:
             return False, f"closed again after {took_ms:.0f} ms, {supply.told()}"
         if took_ms > supply.within_ms:
             return False, f"still {supply.told()} after {took_ms:.0f} ms"
-        bed.wait_ms(_LOOK_EVERY_MS)
-    return True, f"{supply.told()} after {(bed.clock.now_ns() - begun_ns) / MS:.0f} ms"
+        fixture.wait_ms(_LOOK_EVERY_MS)
+    return True, f"{supply.told()} after {(fixture.clock.now_ns() - begun_ns) / MS:.0f} ms"
 
 
 def _cut_ms(supply: SupplyWatch, opened_ns: int) -> float | None:
@@ -148,9 +152,9 @@ def _cut_ms(supply: SupplyWatch, opened_ns: int) -> float | None:
     return None if cut_ms is None else cut_ms - opened_ns / MS
 
 
-def _is_closed_again(bed: Bed, log: Log, name: StopName) -> bool:
+def _is_closed_again(fixture: Fixture, log: CheckLog, name: StopName) -> bool:
     """Nothing more is said where it is: a stop that stays open is one."""
-    is_closed = bed.wait_until(lambda: not bed.board.stops()[name], _OPERATOR_WITHIN_MS)
+    is_closed = fixture.wait_until(lambda: not fixture.board.stops()[name], _OPERATOR_WITHIN_MS)
     if not is_closed:
         log.judge(name, False, "it stays open", "closed again", "release it")
     return is_closed

@@ -13,13 +13,13 @@ from __future__ import annotations
 import statistics
 from dataclasses import replace
 
-from etd.selftest.bed import LOAD_OPTIONS, MS, SECOND_LOAD_OPTION, Bed, DummyLoad
-from etd.selftest.log import Log
+from etd.selftest.fixture import LOAD_OPTIONS, MS, SECOND_LOAD_OPTION, DummyLoad, Fixture
+from etd.selftest.log import CheckLog
 from etd.selftest.probe import check_alone
 from etd.selftest.prober import Prober
 from etd.selftest.readings import is_near_v, read_map
 from etd.selftest.touch import Look, Touch
-from etd_hal.bench import Hand
+from etd_hal.bench import Operator
 
 _FIRST, _ALONE, _CHANGE, _SECOND = _ALL = (
     "every_switch",
@@ -41,46 +41,48 @@ _ON_ITS_WAY_MS = 3_000
 _OTHERS_EVERY_MS = 1_000
 
 
-def check(bed: Bed, log: Log, prober: Prober) -> None:
+def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     """Raises: BusError, BoardFault, GuardRefusal."""
-    load, second = bed.asked.load, bed.asked.second_load
-    if load is None or not bed.is_load_confirmed:
+    load, second = fixture.options.load, fixture.options.second_load
+    if load is None or not fixture.is_load_confirmed:
         _skip(log, _ALL, "no load was found", LOAD_OPTIONS)
         return
-    if bed.operator is None:
+    if fixture.operator is None:
         _skip(log, _ALL, "nobody is there to move the load", "run it without --no-operator")
         return
-    bed.is_load_confirmed = False
-    touch = Touch(bed, prober, load)
-    _Walk(bed, log, bed.operator, touch, load).over_all(_FIRST)
+    fixture.is_load_confirmed = False
+    touch = Touch(fixture, prober, load)
+    _Walk(fixture, log, fixture.operator, touch, load).over_all(_FIRST)
     if second is None:
         _skip(log, (_CHANGE, _SECOND), "no second load was named", SECOND_LOAD_OPTION)
     elif not log.stage_failed:
-        bed.operator.clip(second.resistance_ohm, second.first, second.second)
-        expected_v = touch.load_v * _beside_ohm(bed, second) / _beside_ohm(bed, load)
-        if _is_changed(bed, log, prober, second, expected_v):
+        fixture.operator.clip(second.resistance_ohm, second.first, second.second)
+        expected_v = touch.load_v * _beside_ohm(fixture, second) / _beside_ohm(fixture, load)
+        if _is_changed(fixture, log, prober, second, expected_v):
             # Who is taken along in one polarity alone shows in one of the two walks.
-            on_ground = Touch(bed, prober, second, others_anodic=False)
-            _Walk(bed, log, bed.operator, on_ground, second).over_all(_SECOND)
+            on_ground = Touch(fixture, prober, second, others_anodic=False)
+            _Walk(fixture, log, fixture.operator, on_ground, second).over_all(_SECOND)
     if not log.stage_failed:
-        bed.operator.clip(load.resistance_ohm, load.first, load.second)
-        _check_back(bed, log, prober, touch, load)
+        fixture.operator.clip(load.resistance_ohm, load.first, load.second)
+        _check_back(fixture, log, prober, touch, load)
 
 
-def _skip(log: Log, names: tuple[str, ...], why: str, advice: str) -> None:
+def _skip(log: CheckLog, names: tuple[str, ...], why: str, advice: str) -> None:
     for name in names:
         log.skip(name, why, advice)
 
 
-def _beside_ohm(bed: Bed, load: DummyLoad) -> float:
-    return 1 / (1 / load.resistance_ohm + 1 / bed.leak_ohm)
+def _beside_ohm(fixture: Fixture, load: DummyLoad) -> float:
+    return 1 / (1 / load.resistance_ohm + 1 / fixture.leak_ohm)
 
 
 class _Walk:
     """With one load, over every electrode but its fixed end's."""
 
-    def __init__(self, bed: Bed, log: Log, operator: Hand, touch: Touch, load: DummyLoad) -> None:
-        self._bed = bed
+    def __init__(
+        self, fixture: Fixture, log: CheckLog, operator: Operator, touch: Touch, load: DummyLoad
+    ) -> None:
+        self._fixture = fixture
         self._log = log
         self._operator = operator
         self._touch = touch
@@ -88,7 +90,7 @@ class _Walk:
 
     def over_all(self, name: str) -> None:
         """Ends at the first electrode that does not answer as it should."""
-        count = self._bed.loaded.array.count
+        count = self._fixture.loaded.array.count
         for asked in range(count):
             if asked == self._load.first:
                 continue
@@ -111,15 +113,15 @@ class _Walk:
 
     def _wait_for(self, asked: int) -> Look:
         """The look that is good, or the last one when time is over."""
-        begun_ns = self._bed.clock.now_ns()
+        begun_ns = self._fixture.clock.now_ns()
         told: tuple[int, ...] = ()
         others_after_ms = float(_ON_ITS_WAY_MS)
         # However fast the hand, no electrode is probed oftener than its rate.
         again_ms = _LOOK_EVERY_MS
         while True:
-            self._bed.wait_ms(again_ms)
+            self._fixture.wait_ms(again_ms)
             look = self._touch.look(asked)
-            took_ms = (self._bed.clock.now_ns() - begun_ns) / MS
+            took_ms = (self._fixture.clock.now_ns() - begun_ns) / MS
             is_over = took_ms >= _WITHIN_MS
             if not look.answers and (is_over or took_ms >= others_after_ms):
                 others_after_ms = took_ms + _OTHERS_EVERY_MS
@@ -167,18 +169,20 @@ _ALONE_ADVICE = (
 )
 
 
-def _is_changed(bed: Bed, log: Log, prober: Prober, second: DummyLoad, expected_v: float) -> bool:
+def _is_changed(
+    fixture: Fixture, log: CheckLog, prober: Prober, second: DummyLoad, expected_v: float
+) -> bool:
     """The second load is in the first one's place, and is what it is said to be."""
     ends_v: list[float] = []
 
     def look() -> bool:
-        ends_v[:] = [_steady_v(prober, one) for one in (second.first, second.second)]
-        bed.wait_ms(_LOOK_EVERY_MS)
-        return all(is_near_v(volts, expected_v, bed.file.source) for volts in ends_v)
+        ends_v[:] = [_steady_v(prober, electrode) for electrode in (second.first, second.second)]
+        fixture.wait_ms(_LOOK_EVERY_MS)
+        return all(is_near_v(volts, expected_v, fixture.file.source) for volts in ends_v)
 
     return log.judge(
         _CHANGE,
-        bed.wait_until(look, _CHANGE_WITHIN_MS),
+        fixture.wait_until(look, _CHANGE_WITHIN_MS),
         " and ".join(f"{volts:.2f} V" for volts in ends_v),
         f"{expected_v:.2f} V, {second.resistance_ohm} ohm, at electrodes {second.first} and"
         f" {second.second} within {_CHANGE_WITHIN_MS // 1_000} s",
@@ -190,14 +194,16 @@ def _steady_v(prober: Prober, electrode: int) -> float:
     return statistics.mean(prober.probe(electrode)[1].voltage_v for _ in range(_READINGS))
 
 
-def _check_back(bed: Bed, log: Log, prober: Prober, touch: Touch, load: DummyLoad) -> None:
+def _check_back(
+    fixture: Fixture, log: CheckLog, prober: Prober, touch: Touch, load: DummyLoad
+) -> None:
     """The load between its two electrodes and nothing else: what comes next is strong."""
 
     def look() -> bool:
-        bed.wait_ms(_LOOK_EVERY_MS)
+        fixture.wait_ms(_LOOK_EVERY_MS)
         return touch.reads_load(load.second)
 
-    is_there = bed.wait_until(look, _CHANGE_WITHIN_MS)
+    is_there = fixture.wait_until(look, _CHANGE_WITHIN_MS)
     is_back = log.judge(
         "load_back",
         is_there,
@@ -205,5 +211,5 @@ def _check_back(bed: Bed, log: Log, prober: Prober, touch: Touch, load: DummyLoa
         f"{load.resistance_ohm} ohm between electrodes {load.first} and {load.second} again",
         "put it back, and begin again",
     )
-    is_alone = check_alone(bed, log, read_map(bed, prober), bed.free, "nothing_else")
-    bed.is_load_confirmed = is_back and is_alone
+    is_alone = check_alone(fixture, log, read_map(fixture, prober), fixture.free, "nothing_else")
+    fixture.is_load_confirmed = is_back and is_alone

@@ -5,9 +5,9 @@ Owns: the names of the constants. Must not know: how they are found (`etd_hal.ti
 
 from __future__ import annotations
 
-from etd.maxima import PC_PER_NC, maxima_of
-from etd.selftest.bed import Bed
-from etd.selftest.log import Log
+from etd.safety.maxima import PC_PER_NC, maxima_of
+from etd.selftest.fixture import Fixture
+from etd.selftest.log import CheckLog
 from etd.selftest.prober import Prober
 from etd_hal.errors import BoardFault
 
@@ -18,11 +18,11 @@ _ADVICE = (
 )
 
 
-def check(bed: Bed, log: Log) -> None:
+def check(fixture: Fixture, log: CheckLog) -> None:
     """Raises: BusError, GuardRefusal."""
-    machine = bed.loaded.machine
+    machine = fixture.loaded.machine
     try:
-        found = bed.board.calibrate()
+        found = fixture.board.calibrate()
     except BoardFault as fault:
         name = fault.what.removeprefix(_PREFIX).replace(" ", "_")
         log.judge(name, False, fault.measured, fault.expected, _ADVICE)
@@ -46,13 +46,13 @@ def check(bed: Bed, log: Log) -> None:
         log.judge(name, True, f"{found_us:.2f} us", f"{low_us} to {high_us} us")
 
 
-def check_longest(bed: Bed, log: Log, prober: Prober) -> None:
+def check_longest(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     """After all pulses: how much longer than planned the kernel made the longest of each kind.
 
     One above `halt_excess_us` has ended the test before.
     """
     told = ", ".join(f"{what} {over_us:.0f} us" for what, over_us in prober.over_us.items())
-    most_us, why = _most_over_us(bed)
+    most_us, why = _most_over_us(fixture)
     log.judge(
         "longest_message",
         max(prober.over_us.values()) <= most_us,
@@ -63,18 +63,18 @@ def check_longest(bed: Bed, log: Log, prober: Prober) -> None:
     )
 
 
-def _most_over_us(bed: Bed) -> tuple[float, str]:
+def _most_over_us(fixture: Fixture) -> tuple[float, str]:
     """What a message under way may last longer, and for what reason.
 
     The strongest that a person may get goes on as long. With the largest charge of the body site
     that must not be more than the board file's, which nothing may exceed; a one-shot sees to it by
     itself. What the calibration lets a message spread is no stall.
     """
-    machine, one_shot = bed.loaded.machine, bed.file.guards.one_shot
+    machine, one_shot = fixture.loaded.machine, fixture.file.guards.one_shot
     if one_shot != "absent":
         return machine.halt_excess_us, f"the one-shot ends a pulse after {one_shot.on_us} us"
-    maxima = maxima_of(bed.file, bed.loaded.body_site)
-    most_nc = bed.file.maxima.charge_nc
+    maxima = maxima_of(fixture.file, fixture.loaded.body_site)
+    most_nc = fixture.file.maxima.charge_nc
     spare_us = (most_nc * PC_PER_NC - maxima.charge_pc) / maxima.current_ua
     most_us = min(machine.halt_excess_us, max(machine.spread_us, spare_us))
     why = f"more at {maxima.current_ua} uA on top of {maxima.charge_pc // PC_PER_NC} nC"

@@ -13,7 +13,7 @@ from __future__ import annotations
 import statistics
 from dataclasses import dataclass
 
-from etd.selftest.bed import Bed, DummyLoad
+from etd.selftest.fixture import DummyLoad, Fixture
 from etd.selftest.prober import Prober
 from etd.selftest.readings import NearerOf, is_near_v
 
@@ -44,7 +44,7 @@ class Touch:
     """See the module. Made while the load is between its two electrodes, and alone."""
 
     def __init__(
-        self, bed: Bed, prober: Prober, load: DummyLoad, *, others_anodic: bool = True
+        self, fixture: Fixture, prober: Prober, load: DummyLoad, *, others_anodic: bool = True
     ) -> None:
         """`others_anodic`: the others are looked at alone on the source, or else alone on ground.
 
@@ -53,12 +53,12 @@ class Touch:
         self._prober = prober
         self.others_anodic = others_anodic
         self._fixed = load.first
-        self._electrodes = range(bed.loaded.array.count)
-        self._source = bed.file.source
+        self._electrodes = range(fixture.loaded.array.count)
+        self._source = fixture.file.source
         readings = [self._once_v(load.second) for _ in range(_READINGS_BEFORE)]
         #: What the load makes of a probe.
         self.load_v = statistics.mean(volts for both in readings for volts in both)
-        self._open_v = statistics.median(self._in_round_v(one) for one in bed.free)
+        self._open_v = statistics.median(self._in_round_v(electrode) for electrode in fixture.free)
 
     def look(self, asked: int) -> Look:
         """One probe from either side; some more, and a round over all others, if it answers."""
@@ -78,9 +78,9 @@ class Touch:
     def answering(self, but: int) -> tuple[int, ...]:
         """All that are not open, but this one and the fixed end."""
         return tuple(
-            one
-            for one in self._electrodes
-            if one not in (but, self._fixed) and not self.is_open(self._in_round_v(one))
+            electrode
+            for electrode in self._electrodes
+            if electrode not in (but, self._fixed) and not self.is_open(self._in_round_v(electrode))
         )
 
     def reads_load(self, electrode: int) -> bool:

@@ -1,6 +1,6 @@
 """Contact: what a lost, new or overstrained contact gets.
 
-Owns: the law below. Must not know: how contact is told from none (`engine/contact.py`), limits.
+Owns: the law below. Must not know: how contact is told from none (`sensing/contact.py`), limits.
 
 An electrode that peels gives the whole current to the skin that is left, which is felt as a shock
 or an itch (Kajimoto, Electro-tactile Display, section 4); a new contact begins small and gets the
@@ -8,7 +8,7 @@ whole programmed current at once. Nobody describes a rule for it in print; this 
 
     open        a probe: `start` of the threshold, so that the next contact is noticed
     soft        I = start + (wanted - start) x firmness, firmness 0..1 over the site's `soften_ms`,
-                with start = `start_part` of the threshold, or of the wanted current where no
+                with start = `start_fraction` of the threshold, or of the wanted current where no
                 calibration says it
     saturated   `back_off` of what could not be delivered, and from there up again slowly, to
                 what the known resistance lets through at 0.9 of the compliance, and no further
@@ -29,19 +29,19 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.pipeline import Known, Reach, Wish
+from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
 from etd.stabilize.settling import Settling
-from etd.stabilize.slew import Slew
+from etd.stabilize.slew import SlewLimiter
 
 #: Of the compliance: what a pulse may need by the resistance known.
 _LIFTED = 0.9
 
 
-class ContactLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What a body-site file says of it."""
 
     #: Of the threshold: where a new contact begins.
-    start_part: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
+    start_fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
     #: Of a current that could not be delivered: what is asked for next.
     back_off: Annotated[float, Meta(ge=0.1, le=0.95)] = 0.8
     #: How fast the current comes back after that, in parts of what is wanted.
@@ -51,44 +51,46 @@ class ContactLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 class Contact:
     """See the module."""
 
-    reach = Reach()
+    max_gain = MaxGain()
 
     def __init__(
-        self, law: ContactLaw, leak_ohm: float, compliance_v: float, *, is_alone: bool
+        self, law: ContactSettings, leak_ohm: float, compliance_v: float, *, is_alone: bool
     ) -> None:
         """`is_alone`: no law by resistance follows."""
         self._law = law
         self._leak_s = 1.0 / leak_ohm
         self._liftable_ua = _LIFTED * compliance_v * 1e6
-        self._deliverable = Slew(1.0, law.rise_per_s)
+        self._deliverable = SlewLimiter(1.0, law.rise_per_s)
         self._settling = Settling(goes_by_resistance=is_alone)
 
-    def forget(self) -> None:
-        self._deliverable.forget()
-        self._settling.forget()
+    def reset(self) -> None:
+        self._deliverable.reset()
+        self._settling.reset()
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
-        if wish.current_ua <= 0:
-            return wish
-        settled_ua = int(wish.current_ua * self._settling.part(known))
-        current_ua = self._softened(settled_ua, known)
-        current_ua = min(current_ua, self._deliverable_ua(wish.current_ua, known))
-        if current_ua == wish.current_ua:
-            return wish
-        return replace(wish, current_ua=current_ua)
+    def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        if request.current_ua <= 0:
+            return request
+        settled_ua = int(request.current_ua * self._settling.part(estimate))
+        current_ua = self._softened(settled_ua, estimate)
+        current_ua = min(current_ua, self._deliverable_ua(request.current_ua, estimate))
+        if current_ua == request.current_ua:
+            return request
+        return replace(request, current_ua=current_ua)
 
-    def _softened(self, wanted_ua: int, known: Known) -> int:
-        if known.state in ("closed", "saturated"):
+    def _softened(self, wanted_ua: int, estimate: ElectrodeEstimate) -> int:
+        if estimate.state in ("closed", "saturated"):
             return wanted_ua
-        firmness = known.firmness if known.state == "soft" else 0.0
-        felt_ua = wanted_ua if known.threshold_ua is None else known.threshold_ua
-        start_ua = min(wanted_ua, int(self._law.start_part * felt_ua))
+        firmness = estimate.firmness if estimate.state == "soft" else 0.0
+        felt_ua = wanted_ua if estimate.threshold_ua is None else estimate.threshold_ua
+        start_ua = min(wanted_ua, int(self._law.start_fraction * felt_ua))
         return start_ua + int((wanted_ua - start_ua) * firmness)
 
-    def _deliverable_ua(self, wanted_ua: int, known: Known) -> int:
+    def _deliverable_ua(self, wanted_ua: int, estimate: ElectrodeEstimate) -> int:
         wanted = 1.0
-        if known.undelivered_ua is not None:
-            wanted = min(1.0, self._law.back_off * known.undelivered_ua / wanted_ua)
-        elif (ohm := known.higher_ohm) is not None:
+        if estimate.undelivered_ua is not None:
+            wanted = min(1.0, self._law.back_off * estimate.undelivered_ua / wanted_ua)
+        elif (ohm := estimate.higher_ohm) is not None:
             wanted = min(1.0, self._liftable_ua * (1.0 / ohm + self._leak_s) / wanted_ua)
-        return int(wanted_ua * self._deliverable.toward(known.electrode, wanted, known.now_ns))
+        return int(
+            wanted_ua * self._deliverable.toward(estimate.electrode, wanted, estimate.now_ns)
+        )

@@ -9,12 +9,13 @@ takes P = I^2 R (L / (L + R))^2 watt; with R0 the reference, and w0 and I0 what 
 
     w = w0 x P(R0) / P(R)      and, where the width is at its bound,   I = I0 x sqrt(w / w_bound)
 
-so a skin that takes more power gets a shorter pulse, and below `narrowest_us` a weaker one. A skin
+so a skin that takes more power gets a shorter pulse, and below `min_width_us` a weaker one. A skin
 of more than L takes less again, since the leak takes more; it counts as one of L: a reading that is
 too high, and an edge of skin that carries all, must not be answered by more. Width
-grows by at most `most_wider`; current never. Beyond that the energy falls short, and nothing winds
-up. The factor rises by at most `rise_per_s`, and falls at once. Without a believed resistance the
-pulse is what was wanted; not all widening is believed (`trust.py`), and soft contacts get none.
+grows by at most `max_widening`; current never. Beyond that the energy falls short, and nothing
+winds up. The factor rises by at most `rise_per_s`, and falls at once. Without a believed resistance
+the pulse is what was wanted; not all widening is believed (`plausibility.py`), and soft contacts
+get none.
 """
 
 from __future__ import annotations
@@ -26,40 +27,42 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.following import Following
-from etd.stabilize.pipeline import Known, Wish
+from etd.stabilize.pipeline import ElectrodeEstimate, PulseRequest
+from etd.stabilize.ratio_tracker import RatioTracker
+from etd.stabilize.rejection import OnRejected, ignore_rejection
 from etd.stabilize.rounding import held_us
-from etd.stabilize.tell import Tell, unheard
 
 
-class EnergyLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What a body-site file says of it."""
 
-    most_wider: Annotated[float, Meta(ge=1.0, le=4.0)] = 1.5
-    narrowest_us: Annotated[int, Meta(ge=20, le=200)] = 35
+    max_widening: Annotated[float, Meta(ge=1.0, le=4.0)] = 1.5
+    min_width_us: Annotated[int, Meta(ge=20, le=200)] = 35
     rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
 
 
 class Energy:
     """See the module."""
 
-    def __init__(self, law: EnergyLaw, leak_ohm: float, tell: Tell = unheard) -> None:
+    def __init__(
+        self, law: EnergySettings, leak_ohm: float, on_rejected: OnRejected = ignore_rejection
+    ) -> None:
         self._law = law
         self._leak_ohm = leak_ohm
-        self._following = Following(law.most_wider, law.rise_per_s, tell)
-        self.reach = self._following.reach
+        self._tracker = RatioTracker(law.max_widening, law.rise_per_s, on_rejected)
+        self.max_gain = self._tracker.max_gain
 
-    def forget(self) -> None:
-        self._following.forget()
+    def reset(self) -> None:
+        self._tracker.reset()
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
+    def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
         wanted = 1.0
-        compared = self._following.compared(known, wish.current_ua)
+        compared = self._tracker.compared(estimate, request.current_ua)
         if compared is not None:
             *seen_ohm, reference_ohm = compared
             wanted = self._power(reference_ohm) / max(map(self._power, seen_ohm))
-            wanted = self._following.believed(known, wanted)
-        return self._pulse(wish, self._following.factor(known, wanted))
+            wanted = self._tracker.plausible(estimate, wanted)
+        return self._pulse(request, self._tracker.factor(estimate, wanted))
 
     def _power(self, resistance_ohm: float) -> float:
         """In watt for an ampere squared; above the leak's resistance, as there."""
@@ -67,11 +70,11 @@ class Energy:
         taken = self._leak_ohm / (self._leak_ohm + counted_ohm)
         return counted_ohm * taken * taken
 
-    def _pulse(self, wish: Wish, factor: float) -> Wish:
+    def _pulse(self, request: PulseRequest, factor: float) -> PulseRequest:
         """The width is a step, at least the narrowest; the current makes up for the rounding."""
         if factor == 1.0:
-            return wish
-        exact_us = wish.width_us * factor
-        width_us = held_us(wish, exact_us, self._law.narrowest_us, self._law.most_wider)
-        current_ua = int(wish.current_ua * min(1.0, math.sqrt(exact_us / width_us)))
-        return replace(wish, current_ua=current_ua, width_us=width_us)
+            return request
+        exact_us = request.width_us * factor
+        width_us = held_us(request, exact_us, self._law.min_width_us, self._law.max_widening)
+        current_ua = int(request.current_ua * min(1.0, math.sqrt(exact_us / width_us)))
+        return replace(request, current_ua=current_ua, width_us=width_us)

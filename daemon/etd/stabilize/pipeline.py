@@ -2,7 +2,7 @@
 
 Owns: what a stabilizer gets and gives, how far it may reach, and the order in which they ask.
 Must not know: limits, hardware, clocks. Whatever comes out of here is a wish: the frame's own most
-(`Most`) and `engine/limits.py` have the last words.
+(`PulseBounds`) and `safety/limits.py` have the last words.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ ContactState = Literal["unknown", "open", "soft", "closed", "saturated", "shorte
 #: No pulse is shorter, whoever asks.
 SHORTEST_US = 20
 #: Widths are asked for in steps of this: prepared pulses stay few, and one width is compared with
-#: the same width before (`engine/sharing.py`).
+#: the same width before (`safety/return_share.py`).
 WIDTH_STEP_US = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class PulseRequest:
     """One pulse as somebody would like it, and the weaker one that leads into it, if any.
 
     Whoever changes a part keeps the others: `dataclasses.replace`.
@@ -62,29 +62,29 @@ class Wish:
             return charge_pc // self.width_us
         return charge_pc * self.current_ua // self.charge_pc
 
-    def not_above(self, other: Wish) -> Wish:
+    def not_above(self, other: PulseRequest) -> PulseRequest:
         """No part of it more than of another one."""
-        return Wish(
+        return PulseRequest(
             min(self.current_ua, other.current_ua),
             min(self.width_us, other.width_us),
             min(self.prepulse_ua, other.prepulse_ua),
             min(self.prepulse_us, other.prepulse_us),
         )
 
-    def at(self, current_ua: int) -> Wish:
+    def at(self, current_ua: int) -> PulseRequest:
         """The same at a lower current: what leads into a pulse falls with it."""
         if current_ua == self.current_ua:
             return self
         prepulse_ua = self.prepulse_ua * current_ua // max(1, self.current_ua)
-        return Wish(current_ua, self.width_us, prepulse_ua, self.prepulse_us)
+        return PulseRequest(current_ua, self.width_us, prepulse_ua, self.prepulse_us)
 
 
-class Known(msgspec.Struct, frozen=True, gc=False):
+class ElectrodeEstimate(msgspec.Struct, frozen=True, gc=False):
     """What the pulses so far, a calibration and sensors tell of one electrode; None where unknown.
 
     `resistance_ohm` and `voltage_v` are the last pulse's, as measured. `skin_ohm` is what the skin
     resists a long pulse, from stimulus pulses alone, filtered, and None whenever it is not to be
-    believed (see `engine/impedance.py`). `latest_ohm` is that of the last pulse alone, unfiltered:
+    believed (see `sensing/impedance.py`). `latest_ohm` is that of the last pulse alone, unfiltered:
     a law that gives less by it gives less. `skin_at_ua` is the current of the pulse it was last
     measured with.
     """
@@ -132,31 +132,31 @@ def higher(mean_ohm: float | None, latest_ohm: float | None) -> float | None:
     return mean_ohm if mean_ohm is None or latest_ohm is None else max(mean_ohm, latest_ohm)
 
 
-class Reach(msgspec.Struct, frozen=True):
+class MaxGain(msgspec.Struct, frozen=True):
     """The most that a stabilizer can make of a frame's pulse, as factors; 1 is no more at all."""
 
     current: float = 1.0
     width: float = 1.0
     charge: float = 1.0
 
-    def then(self, other: Reach) -> Reach:
+    def then(self, other: MaxGain) -> MaxGain:
         """Of two that ask one after another."""
-        return Reach(
+        return MaxGain(
             self.current * other.current, self.width * other.width, self.charge * other.charge
         )
 
 
-NO_FURTHER = Reach()
+NO_GAIN = MaxGain()
 
 
-class Most(msgspec.Struct, frozen=True):
+class PulseBounds(msgspec.Struct, frozen=True):
     """The frame's own most for one electrode: no stabilizer gets more, whatever it asks.
 
     `cap_us` is the width that a cap's current is taken for: the frame's, or that of the pulses that
     the cap was accepted with, if it is less. `width_us` is how wide its slot in the scan is,
     beside the `prepulse_us` that the body site leaves for a prepulse. `cap_led_part`: of a cap's
     current, what led into the pulses that it was accepted with; 0: they were plain ones.
-    Current and charge are cut, and told, together with the limits (`engine/limits.py`).
+    Current and charge are cut, and told, together with the limits (`safety/limits.py`).
     """
 
     current_ua: int
@@ -170,7 +170,7 @@ class Most(msgspec.Struct, frozen=True):
         """The charge that a cap stands for, with what led into its pulses."""
         return int(cap_ua * self.cap_us) + int(cap_ua * self.cap_led_part) * self.prepulse_us
 
-    def not_above(self, other: Most) -> Most:
+    def not_above(self, other: PulseBounds) -> PulseBounds:
         """For a pulse of this one's width, in the slot of another one."""
         return msgspec.structs.replace(
             self,
@@ -179,15 +179,15 @@ class Most(msgspec.Struct, frozen=True):
             charge_pc=min(self.charge_pc, other.charge_pc),
         )
 
-    def in_slot(self, wish: Wish) -> Wish:
+    def in_slot(self, request: PulseRequest) -> PulseRequest:
         """No step of it wider than there is room."""
-        if wish.width_us <= self.width_us and wish.prepulse_us <= self.prepulse_us:
-            return wish
-        return Wish(
-            wish.current_ua,
-            min(wish.width_us, self.width_us),
-            wish.prepulse_ua,
-            min(wish.prepulse_us, self.prepulse_us),
+        if request.width_us <= self.width_us and request.prepulse_us <= self.prepulse_us:
+            return request
+        return PulseRequest(
+            request.current_ua,
+            min(request.width_us, self.width_us),
+            request.prepulse_ua,
+            min(request.prepulse_us, self.prepulse_us),
         )
 
 
@@ -195,34 +195,36 @@ class Stabilizer(Protocol):
     """One law. It remembers what it must between pulses, electrode by electrode."""
 
     @property
-    def reach(self) -> Reach:
+    def max_gain(self) -> MaxGain:
         """The most it can ever ask for: the plan makes room for it, and nobody gets more."""
         ...
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
+    def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
         """The pulse this stabilizer would like, given the one before it would.
 
-        When what it needs is not known, that is `wish` itself; a rise to it may take time.
+        When what it needs is not known, that is `request` itself; a rise to it may take time.
         """
         ...
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """The supply was off: whoever touched may have gone."""
         ...
 
 
-def ask_all(stabilizers: Sequence[Stabilizer], wish: Wish, known: Known) -> Wish:
+def adapt_all(
+    stabilizers: Sequence[Stabilizer], request: PulseRequest, estimate: ElectrodeEstimate
+) -> PulseRequest:
     """Each in turn, in the order of the body-site file."""
     for stabilizer in stabilizers:
-        wish = stabilizer.ask(wish, known)
-    return wish
+        request = stabilizer.adapt(request, estimate)
+    return request
 
 
-def reach_of(stabilizers: Sequence[Stabilizer]) -> Reach:
+def max_gain_of(stabilizers: Sequence[Stabilizer]) -> MaxGain:
     """All of them together."""
-    found = Reach()
+    found = MaxGain()
     for stabilizer in stabilizers:
-        found = found.then(stabilizer.reach)
+        found = found.then(stabilizer.max_gain)
     return found
 
 

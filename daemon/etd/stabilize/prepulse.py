@@ -23,7 +23,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.pipeline import NO_FURTHER, SHORTEST_US, Known, Reach, Wish
+from etd.stabilize.pipeline import NO_GAIN, SHORTEST_US, ElectrodeEstimate, MaxGain, PulseRequest
 
 
 class Prepulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -38,17 +38,17 @@ class Prepulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return float(10.0 ** (-self.below_db / 20.0))
 
     @property
-    def reach(self) -> Reach:
+    def max_gain(self) -> MaxGain:
         """The pulse itself stays what it is; what comes before it has its own room."""
-        return NO_FURTHER
+        return NO_GAIN
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """It remembers nothing."""
 
-    def ask(self, wish: Wish, known: Known) -> Wish:  # noqa: ARG002 - others look at it
-        return self.of(wish)
+    def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:  # noqa: ARG002 - others look at it
+        return self.of(request)
 
-    def of(self, wish: Wish) -> Wish:
+    def of(self, request: PulseRequest) -> PulseRequest:
         """The same, led into."""
-        prepulse_ua = int(wish.current_ua * self.part)
-        return replace(wish, prepulse_ua=prepulse_ua, prepulse_us=self.width_us)
+        prepulse_ua = int(request.current_ua * self.part)
+        return replace(request, prepulse_ua=prepulse_ua, prepulse_us=self.width_us)

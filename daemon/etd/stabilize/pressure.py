@@ -20,11 +20,11 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from etd.stabilize.pipeline import Known, Reach, Wish
-from etd.stabilize.slew import Slew
+from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
+from etd.stabilize.slew import SlewLimiter
 
 
-class PressureLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class PressureSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What a body-site file says of it."""
 
     #: p0: below, there is no contact.
@@ -38,27 +38,27 @@ class PressureLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 class Pressure:
     """See the module."""
 
-    reach = Reach()
+    max_gain = MaxGain()
 
-    def __init__(self, law: PressureLaw) -> None:
+    def __init__(self, law: PressureSettings) -> None:
         self._law = law
-        self._pressed = Slew(0.0, law.rise_per_s)
+        self._pressed = SlewLimiter(0.0, law.rise_per_s)
 
-    def forget(self) -> None:
-        self._pressed.forget()
+    def reset(self) -> None:
+        self._pressed.reset()
 
-    def ask(self, wish: Wish, known: Known) -> Wish:
-        pressed = self._pressed.toward(known.electrode, self._part(known), known.now_ns)
-        if known.pressure_kpa is not None and known.pressure_kpa < self._law.none_kpa:
-            return replace(wish, current_ua=0)
+    def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        pressed = self._pressed.toward(estimate.electrode, self._part(estimate), estimate.now_ns)
+        if estimate.pressure_kpa is not None and estimate.pressure_kpa < self._law.none_kpa:
+            return replace(request, current_ua=0)
         if pressed >= 1.0:
-            return wish
-        least_ua = min(known.threshold_ua or 0, wish.current_ua)
-        current_ua = least_ua + int((wish.current_ua - least_ua) * pressed)
-        return replace(wish, current_ua=current_ua)
+            return request
+        least_ua = min(estimate.threshold_ua or 0, request.current_ua)
+        current_ua = least_ua + int((request.current_ua - least_ua) * pressed)
+        return replace(request, current_ua=current_ua)
 
-    def _part(self, known: Known) -> float:
-        law, kpa = self._law, known.pressure_kpa
+    def _part(self, estimate: ElectrodeEstimate) -> float:
+        law, kpa = self._law, estimate.pressure_kpa
         if kpa is None:
             return 1.0
         return min(1.0, max(0.0, (kpa - law.none_kpa) / (law.full_kpa - law.none_kpa)))

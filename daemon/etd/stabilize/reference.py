@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from etd.stabilize.pipeline import Known
+from etd.stabilize.pipeline import ElectrodeEstimate
 
 #: The opening's ramp is not the wanted current.
 _NEARLY = 0.9
@@ -44,40 +44,44 @@ class References:
     def __init__(self) -> None:
         self._first: dict[int, _Reference] = {}
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         self._first.clear()
 
-    def compared(self, known: Known, wanted_ua: int) -> tuple[float, float, float] | None:
+    def compared(
+        self, estimate: ElectrodeEstimate, wanted_ua: int
+    ) -> tuple[float, float, float] | None:
         """(resistance now, that of the last pulse alone, reference), or None where any is not
         known. Whoever compares takes the one by which there is less: a mean delays a fall.
         """
-        if known.skin_ohm is None or known.state not in ("closed", "soft"):
+        if estimate.skin_ohm is None or estimate.state not in ("closed", "soft"):
             return None
-        reference = self._reference(known, wanted_ua)
+        reference = self._reference(estimate, wanted_ua)
         if reference is None:
             return None
         now_ohm, latest_ohm = (
-            (known.early_ohm, known.latest_early_ohm)
+            (estimate.early_ohm, estimate.latest_early_ohm)
             if reference.is_early
-            else (_measured(known), known.latest_ohm)
+            else (_measured(estimate), estimate.latest_ohm)
         )
         if now_ohm is None:
             return None
-        eased = (reference.at_ua + BEND_UA) / (known.skin_at_ua + BEND_UA)
+        eased = (reference.at_ua + BEND_UA) / (estimate.skin_at_ua + BEND_UA)
         return now_ohm, latest_ohm or now_ohm, reference.ohm * eased
 
-    def _reference(self, known: Known, wanted_ua: int) -> _Reference | None:
-        at_ua = known.skin_at_ua
-        if known.reference_ohm:
-            at_ua = known.reference_at_ua or at_ua
-            return _Reference(float(known.reference_ohm), at_ua, known.is_reference_early)
-        first = self._first.get(known.electrode)
-        if first is None and known.state == "closed" and at_ua >= _NEARLY * wanted_ua:
-            ohm = known.early_ohm if known.is_estimated else known.skin_ohm
+    def _reference(self, estimate: ElectrodeEstimate, wanted_ua: int) -> _Reference | None:
+        at_ua = estimate.skin_at_ua
+        if estimate.reference_ohm:
+            at_ua = estimate.reference_at_ua or at_ua
+            return _Reference(float(estimate.reference_ohm), at_ua, estimate.is_reference_early)
+        first = self._first.get(estimate.electrode)
+        if first is None and estimate.state == "closed" and at_ua >= _NEARLY * wanted_ua:
+            ohm = estimate.early_ohm if estimate.is_estimated else estimate.skin_ohm
             if ohm is not None:
-                first = self._first[known.electrode] = _Reference(ohm, at_ua, known.is_estimated)
+                first = self._first[estimate.electrode] = _Reference(
+                    ohm, at_ua, estimate.is_estimated
+                )
         return first
 
 
-def _measured(known: Known) -> float | None:
-    return None if known.is_estimated else known.skin_ohm
+def _measured(estimate: ElectrodeEstimate) -> float | None:
+    return None if estimate.is_estimated else estimate.skin_ohm

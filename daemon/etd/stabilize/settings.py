@@ -14,34 +14,36 @@ from typing import Literal, get_args
 import msgspec
 
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.contact import Contact, ContactLaw
-from etd.stabilize.energy import Energy, EnergyLaw
-from etd.stabilize.fitted import Fitted, FittedLaw
-from etd.stabilize.lines import Lines, LinesLaw
-from etd.stabilize.narrow import Narrow
+from etd.stabilize.contact import Contact, ContactSettings
+from etd.stabilize.energy import Energy, EnergySettings
+from etd.stabilize.linear_law import LinearLaw, LinearLawSettings
 from etd.stabilize.pipeline import Stabilizer
+from etd.stabilize.power_law import PowerLaw, PowerLawSettings
 from etd.stabilize.prepulse import Prepulse
-from etd.stabilize.pressure import Pressure, PressureLaw
+from etd.stabilize.pressure import Pressure, PressureSettings
+from etd.stabilize.rejection import OnRejected, ignore_rejection
 from etd.stabilize.shape import Shape
-from etd.stabilize.tell import Tell, unheard
+from etd.stabilize.strength_duration import StrengthDuration
 from etd_hal.boardfile import Source
 from etd_hal.errors import FileError
 
-Name = Literal["contact", "pressure", "energy", "fitted", "lines", "narrow", "prepulse"]
+Name = Literal[
+    "contact", "pressure", "energy", "power_law", "linear_law", "strength_duration", "prepulse"
+]
 #: They all make of the same resistance how strong a pulse shall be: one of them at a time.
-BY_RESISTANCE = ("energy", "fitted", "lines")
+BY_RESISTANCE = ("energy", "power_law", "linear_law")
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`[stabilize]`, key by key."""
 
     order: tuple[Name, ...] = ()
-    contact: ContactLaw | None = None
-    pressure: PressureLaw | None = None
-    energy: EnergyLaw | None = None
-    fitted: FittedLaw | None = None
-    lines: LinesLaw | None = None
-    narrow: Narrow | None = None
+    contact: ContactSettings | None = None
+    pressure: PressureSettings | None = None
+    energy: EnergySettings | None = None
+    power_law: PowerLawSettings | None = None
+    linear_law: LinearLawSettings | None = None
+    strength_duration: StrengthDuration | None = None
     prepulse: Prepulse | None = None
     #: Not a stabilizer: when pulses come, not what they are.
     bursts: Bursts | None = None
@@ -68,38 +70,42 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def shape(self) -> Shape:
         """What all this makes of every pulse, whatever the skin does."""
         return Shape(
-            narrow=self.narrow,
+            strength_duration=self.strength_duration,
             prepulse=self.prepulse,
             bursts=self.bursts,
             probe_first=self.probe_first,
         )
 
 
-NOTHING = Settings()
+NO_STABILIZERS = Settings()
 
 
-def pipeline(settings: Settings, source: Source, tell: Tell = unheard) -> tuple[Stabilizer, ...]:
-    """The stabilizers in their order, for one board's source, knowing nothing yet. `tell` hears
-    what one does not believe any more, when that begins.
+def pipeline(
+    settings: Settings, source: Source, on_rejected: OnRejected = ignore_rejection
+) -> tuple[Stabilizer, ...]:
+    """The stabilizers in their order, for one board's source, knowing nothing yet. `on_rejected`
+    hears what one does not believe any more, when that begins.
     """
-    made = (_made(settings, name, source, tell) for name in settings.order)
-    return tuple(one for one in made if one is not None)
+    made = (_made(settings, name, source, on_rejected) for name in settings.order)
+    return tuple(stabilizer for stabilizer in made if stabilizer is not None)
 
 
-def _made(settings: Settings, name: Name, source: Source, tell: Tell) -> Stabilizer | None:
+def _made(
+    settings: Settings, name: Name, source: Source, on_rejected: OnRejected
+) -> Stabilizer | None:
     law = getattr(settings, name)
-    if isinstance(law, ContactLaw):
+    if isinstance(law, ContactSettings):
         is_alone = not set(settings.order) & set(BY_RESISTANCE)
         return Contact(law, source.leak_ohm, source.compliance_v, is_alone=is_alone)
-    if isinstance(law, PressureLaw):
+    if isinstance(law, PressureSettings):
         return Pressure(law)
-    if isinstance(law, EnergyLaw):
-        return Energy(law, source.leak_ohm, tell)
-    if isinstance(law, FittedLaw):
-        return Fitted(law, tell)
-    if isinstance(law, LinesLaw):
-        return Lines(law, source.leak_ohm, tell)
-    if isinstance(law, Narrow | Prepulse):
+    if isinstance(law, EnergySettings):
+        return Energy(law, source.leak_ohm, on_rejected)
+    if isinstance(law, PowerLawSettings):
+        return PowerLaw(law, on_rejected)
+    if isinstance(law, LinearLawSettings):
+        return LinearLaw(law, source.leak_ohm, on_rejected)
+    if isinstance(law, StrengthDuration | Prepulse):
         return law
     return None
 

@@ -25,10 +25,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from etd.stabilize.belief import BELIEVED_NS
-from etd.stabilize.pipeline import Known
+from etd.stabilize.max_age import MAX_AGE_NS
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.reference import BEND_UA
-from etd.stabilize.slew import Slew
+from etd.stabilize.slew import SlewLimiter
 
 #: For how long a touch is new, and when it has risen to all.
 NEW_NS, SETTLED_NS = 3_000_000_000, 7_000_000_000
@@ -39,7 +39,7 @@ _RISE_PER_S = 0.5
 
 
 @dataclass(slots=True)
-class _Contact:
+class _SettlingContact:
     """Logarithms of resistance, as it would be at no current."""
 
     firm_log_ohm: float
@@ -54,7 +54,7 @@ class _Contact:
         """
         told_twice = max(log_ohm, self.last_log_ohm)
         self.last_log_ohm = log_ohm
-        elapsed_ns = min(max(0, now_ns - self.then_ns), BELIEVED_NS)
+        elapsed_ns = min(max(0, now_ns - self.then_ns), MAX_AGE_NS)
         self.then_ns = now_ns
         if told_twice <= self.firm_log_ohm:
             self.firm_log_ohm = told_twice
@@ -68,30 +68,30 @@ class Settling:
 
     def __init__(self, *, goes_by_resistance: bool) -> None:
         self._goes_by_resistance = goes_by_resistance
-        self._contacts: dict[int, _Contact] = {}
-        self._part = Slew(1.0, _RISE_PER_S)
+        self._contacts: dict[int, _SettlingContact] = {}
+        self._part = SlewLimiter(1.0, _RISE_PER_S)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         self._contacts.clear()
-        self._part.forget()
+        self._part.reset()
 
-    def part(self, known: Known) -> float:
+    def part(self, estimate: ElectrodeEstimate) -> float:
         """Of what is wanted; 1 where the contact has settled, or without a calibration."""
-        if not known.reference_ohm or known.reference_at_ua is None:
+        if not estimate.reference_ohm or estimate.reference_at_ua is None:
             return 1.0
-        contact = self._contacts.get(known.electrode)
+        contact = self._contacts.get(estimate.electrode)
         if contact is None:
-            firm_log_ohm = _at_no_current(known.reference_ohm, known.reference_at_ua)
-            contact = self._contacts[known.electrode] = _Contact(firm_log_ohm)
-        if known.state in ("open", "unknown") or known.firmness == 0.0:
-            contact.touched_ns = known.now_ns
-        log_ohm = _log_ohm(known)
-        wanted = self._wanted(contact, log_ohm, known.now_ns)
-        if known.state == "closed" and log_ohm is not None:
-            contact.remember(log_ohm, known.now_ns)
-        return self._part.toward(known.electrode, wanted, known.now_ns)
+            firm_log_ohm = _at_no_current(estimate.reference_ohm, estimate.reference_at_ua)
+            contact = self._contacts[estimate.electrode] = _SettlingContact(firm_log_ohm)
+        if estimate.state in ("open", "unknown") or estimate.firmness == 0.0:
+            contact.touched_ns = estimate.now_ns
+        log_ohm = _log_ohm(estimate)
+        wanted = self._wanted(contact, log_ohm, estimate.now_ns)
+        if estimate.state == "closed" and log_ohm is not None:
+            contact.remember(log_ohm, estimate.now_ns)
+        return self._part.toward(estimate.electrode, wanted, estimate.now_ns)
 
-    def _wanted(self, contact: _Contact, log_ohm: float | None, now_ns: int) -> float:
+    def _wanted(self, contact: _SettlingContact, log_ohm: float | None, now_ns: int) -> float:
         if contact.touched_ns is None:
             return 1.0
         above = 0.0
@@ -110,12 +110,12 @@ def _new_part(since_ns: int) -> float:
     return NEW_PART + (1.0 - NEW_PART) * min(max(0.0, risen), 1.0)
 
 
-def _log_ohm(known: Known) -> float | None:
+def _log_ohm(estimate: ElectrodeEstimate) -> float | None:
     """Like the reference: by the beginning of pulses, where that is all that the reference has."""
-    ohm = known.higher_early_ohm if known.is_reference_early else known.higher_ohm
-    if ohm is None or known.state not in ("soft", "closed"):
+    ohm = estimate.higher_early_ohm if estimate.is_reference_early else estimate.higher_ohm
+    if ohm is None or estimate.state not in ("soft", "closed"):
         return None
-    return _at_no_current(ohm, known.skin_at_ua)
+    return _at_no_current(ohm, estimate.skin_at_ua)
 
 
 def _at_no_current(ohm: float, at_ua: int) -> float:

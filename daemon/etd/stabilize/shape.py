@@ -13,9 +13,9 @@ from __future__ import annotations
 import msgspec
 
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.narrow import Narrow
-from etd.stabilize.pipeline import Wish
+from etd.stabilize.pipeline import PulseRequest
 from etd.stabilize.prepulse import Prepulse
+from etd.stabilize.strength_duration import StrengthDuration
 
 
 class Shape(
@@ -23,7 +23,7 @@ class Shape(
 ):
     """None: not there. Nothing of it: a plain pulse."""
 
-    narrow: Narrow | None = None
+    strength_duration: StrengthDuration | None = None
     prepulse: Prepulse | None = None
     bursts: Bursts | None = None
     #: The board's probe goes before each: too weak to be felt, near enough to add to what comes.
@@ -31,15 +31,15 @@ class Shape(
 
     def at(self, width_us: int) -> Shape:
         """What is left of it for pulses of one width: narrow ones are not made narrower."""
-        if self.narrow is None or width_us > self.narrow.width_us:
+        if self.strength_duration is None or width_us > self.strength_duration.width_us:
             return self
-        return msgspec.structs.replace(self, narrow=None)
+        return msgspec.structs.replace(self, strength_duration=None)
 
-    def of(self, wish: Wish) -> Wish:
+    def of(self, request: PulseRequest) -> PulseRequest:
         """What it makes of one pulse, in the order in which a body site must name them."""
-        for one in (self.narrow, self.prepulse):
-            wish = wish if one is None else one.of(wish)
-        return wish
+        for narrow in (self.strength_duration, self.prepulse):
+            request = request if narrow is None else narrow.of(request)
+        return request
 
     @property
     def prepulse_us(self) -> int:
@@ -48,11 +48,14 @@ class Shape(
 
     def __str__(self) -> str:
         words = []
-        if self.narrow is not None:
-            words.append(f"narrowed to {self.narrow.width_us} us (tau {self.narrow.tau_us:g} us)")
+        if self.strength_duration is not None:
+            words.append(
+                f"narrowed to {self.strength_duration.width_us} us (tau "
+                f"{self.strength_duration.tau_us:g} us)"
+            )
         if self.prepulse is not None:
-            one = self.prepulse
-            words.append(f"a prepulse of {one.width_us} us, {one.below_db:g} dB below")
+            prepulse = self.prepulse
+            words.append(f"a prepulse of {prepulse.width_us} us, {prepulse.below_db:g} dB below")
         if self.bursts is not None:
             words.append(f"bursts of {self.bursts.pulses} at {self.bursts.rate_hz:g} Hz")
         if self.probe_first:

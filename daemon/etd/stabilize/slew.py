@@ -7,13 +7,13 @@ A factor is knowledge too: when nobody has asked for longer than it is believed,
 
 from __future__ import annotations
 
-from etd.stabilize.belief import is_old
+from etd.stabilize.max_age import is_stale
 
 #: Between two pulses no more than this counts: a pause must not show as a step.
 LONGEST_STEP_NS = 100_000_000
 
 
-class Slew:
+class SlewLimiter:
     """A factor an electrode."""
 
     def __init__(self, start: float, rise_per_s: float) -> None:
@@ -21,13 +21,13 @@ class Slew:
         self._rise_per_ns = rise_per_s / 1e9
         self._reached: dict[int, tuple[float, int]] = {}
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         self._reached.clear()
 
     def toward(self, electrode: int, wanted: float, now_ns: int) -> float:
         """As much of `wanted` as there is by now; all of it where it is less than before."""
         before, then_ns = self._reached.get(electrode, (self._start, now_ns))
-        if is_old(then_ns, now_ns):
+        if is_stale(then_ns, now_ns):
             before, then_ns = self._start, now_ns
         if wanted > before:
             elapsed_ns = min(max(0, now_ns - then_ns), LONGEST_STEP_NS)

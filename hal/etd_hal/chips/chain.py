@@ -33,7 +33,7 @@ class Chain:
         self._clocks: dict[tuple[int, int], int] = {}
         self.held: int | None = None
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """After any error: the content is not known, the next write is a whole one."""
         self.held = None
 
@@ -78,9 +78,9 @@ class Chain:
         """
         if self._readback is None:
             raise BoardFault("switch register readback", "absent", "a line for it")
-        self.forget()
+        self.reset()
         self.write(sent)
-        self.forget()
+        self.reset()
         received = 0
         for _ in range(self._stages):
             received = received << 1 | self._gpio.get(self._readback)

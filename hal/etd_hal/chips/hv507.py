@@ -46,9 +46,9 @@ class HalfBridgeSwitch:
         self._blank = blanked(lines)
         self._is_latch_open = False
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """After an error, and after safe_off: nothing is known of chain and latch."""
-        self._chain.forget()
+        self._chain.reset()
         self._is_latch_open = True
 
     def prepare(self, selection: Selection, whole: bool) -> None:
@@ -88,7 +88,7 @@ class HalfBridgeSwitch:
         """With the outputs blanked: zeros through the whole chain, latched."""
         if self._is_latch_open:
             self._gpio.set(self._close)
-        self._chain.forget()
+        self._chain.reset()
         self._chain.write(0, self._fall_and_open)
         self._gpio.set(self._close)
         self._is_latch_open = False
@@ -102,7 +102,7 @@ class HalfBridgeSwitch:
             self._is_latch_open = False
         self._chain.write(selection.alone)
         # The latch holds something else: the next word is a whole one.
-        self._chain.forget()
+        self._chain.reset()
 
     def loop_back(self, sent: int) -> int:
         """With the outputs blanked and the latch closed: through the chain and back."""

@@ -47,9 +47,9 @@ class RelaySwitch:
             word |= (on_ground >> output & 1) << (stage + self._switch.return_bit)
         return word
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """After an error, and after safe_off."""
-        self._chain.forget()
+        self._chain.reset()
         self._latched = None
 
     def prepare(self, selection: Selection, whole: bool) -> None:  # noqa: ARG002
@@ -78,7 +78,7 @@ class RelaySwitch:
 
     def clear(self) -> None:
         """All relays open, from a register of which nothing is known."""
-        self.forget()
+        self.reset()
         self._open_all()
 
     def loop_back(self, sent: int) -> int:

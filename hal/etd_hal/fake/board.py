@@ -18,7 +18,7 @@ from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.clock import BoardClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.layouts import Layouts
-from etd_hal.fake.pressed import Pressing, SensorUnderArray, lying
+from etd_hal.fake.pressure_sensors import PressureModel, SensorUnderArray, lying
 from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable, World
@@ -46,7 +46,7 @@ class FakeBoard:
         faults: Iterable[Fault] = (),
         seed: int = 1,
         sensors: Sequence[SensorUnderArray] = (),
-        pressing: Pressing = lying,
+        pressing: PressureModel = lying,
     ) -> None:
         if len(electrodes) != body.electrode_count:
             raise ValueError(f"{len(electrodes)} electrodes on a body of {body.electrode_count}")

@@ -18,7 +18,12 @@ from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.header import Header
 from etd_hal.fake.i2cbus import I2cBus
-from etd_hal.fake.pressed import Pressed, Pressing, SensorUnderArray, lying
+from etd_hal.fake.pressure_sensors import (
+    FakePressureSensors,
+    PressureModel,
+    SensorUnderArray,
+    lying,
+)
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.relays import RelayChain
 from etd_hal.fake.spibus import Played, SpiBus
@@ -47,7 +52,7 @@ class Circuit:
         start_ns: int,
         seed: int,
         sensors: Sequence[SensorUnderArray] = (),
-        pressing: Pressing = lying,
+        pressing: PressureModel = lying,
     ) -> None:
         self.board = board
         self._trace = trace
@@ -65,7 +70,7 @@ class Circuit:
             board, self._switch, self._path, self._rail, faulty, self._timeline, trace
         )
         self._spi = SpiBus(board.source.spi, self._path, faulty, self._timeline, trace)
-        pressed = Pressed(sensors, pressing)
+        pressed = FakePressureSensors(sensors, pressing)
         self.world = World(
             body, electrodes, self._rail, faulty, pressed, self._header.move_stop, self.now_ns
         )

@@ -39,15 +39,15 @@ def untouched(board: BoardFile, electrode_count: int) -> MinimalBody:
     )
 
 
-def living_fingertip(board: BoardFile, places_mm: Sequence[tuple[float, float]]) -> LivingBody:
+def living_fingertip(board: BoardFile, positions_mm: Sequence[tuple[float, float]]) -> LivingBody:
     """The same finger every time, from the moment that it is laid on: it sweats, moves and feels.
 
-    `places_mm`: where each electrode is, as in the array's file.
+    `positions_mm`: where each electrode is, as in the array's file.
     """
     from etd_body.living import LivingBody
 
     return LivingBody(
-        places_mm,
+        positions_mm,
         leak_ohm=board.source.leak_ohm,
         compliance_v=board.source.compliance_v,
         seed=_SEED,

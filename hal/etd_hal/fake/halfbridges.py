@@ -111,7 +111,10 @@ class HalfBridgeChain:
         return found
 
     def _new_sides(self, high: int) -> Sides:
-        stays = {one.output: Side[one.side.upper()] for one in self._faults.of(SwitchOutput)}
+        stays = {
+            switch_output.output: Side[switch_output.side.upper()]
+            for switch_output in self._faults.of(SwitchOutput)
+        }
         return tuple(
             stays.get(output, Side.SOURCE if high >> output & 1 else Side.GROUND)
             for output in outputs_behind(self._electrodes, self._faults)

@@ -181,7 +181,11 @@ class Header:
 
     def _behind(self, name: str, level: int) -> int:
         """What the board sees of a line."""
-        stuck = [one.level for one in self._faults.of(StuckBehind) if one.name == name]
+        stuck = [
+            stuck_behind.level
+            for stuck_behind in self._faults.of(StuckBehind)
+            if stuck_behind.name == name
+        ]
         return stuck[0] if stuck else level
 
     def _is_safe_off(self, changes: Changes) -> bool:

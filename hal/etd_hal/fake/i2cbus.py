@@ -14,7 +14,7 @@ from etd_hal.fake import pi4
 from etd_hal.fake.faults import MonitorStuck, SetpointAtPowerUp
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.i2cchips import Ads1115, I2cChip, Mcp4725
-from etd_hal.fake.pressed import Pressed
+from etd_hal.fake.pressure_sensors import FakePressureSensors
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
@@ -29,7 +29,7 @@ class I2cBus:
         board: BoardFile,
         rail: Rail,
         faults: Faults,
-        pressed: Pressed,
+        pressed: FakePressureSensors,
         timeline: Timeline,
         trace: Trace,
     ) -> None:
@@ -81,7 +81,7 @@ class _Inputs:
         address: int,
         monitor: RailMonitor | Literal["absent"],
         rail: Rail,
-        pressed: Pressed,
+        pressed: FakePressureSensors,
         faults: Faults,
     ) -> None:
         self._address = address

@@ -31,7 +31,7 @@ from etd_hal.fake import wire
 from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.clock import START_NS
 from etd_hal.fake.fingertip import fingertip_body
-from etd_hal.fake.pressed import Sensor
+from etd_hal.fake.pressure_sensors import Sensor
 from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
 from etd_hal.ports import InputLine, LineSetup, Message, Pull, SpiSetup, Transfer

@@ -88,7 +88,11 @@ class Rail:
         """The contacts of a stop open or close."""
         self.volts(t_ns)
         if is_open:
-            late_ms = sum(one.late_ms for one in self._faults.of(StopCutsLate) if one.stop == name)
+            late_ms = sum(
+                stop_cuts_late.late_ms
+                for stop_cuts_late in self._faults.of(StopCutsLate)
+                if stop_cuts_late.stop == name
+            )
             self._open_stops[name] = t_ns + late_ms * 1_000_000
         else:
             self._open_stops.pop(name, None)

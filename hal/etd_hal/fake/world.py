@@ -15,7 +15,7 @@ from etd_hal.bench import StopName
 from etd_hal.fake.faults import Fault, OutputSeries
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.host import FakeHost
-from etd_hal.fake.pressed import Pressed
+from etd_hal.fake.pressure_sensors import FakePressureSensors
 from etd_hal.fake.rail import Rail
 
 StopLine = StopName
@@ -38,7 +38,7 @@ class World:
         electrodes: Sequence[int],
         rail: Rail,
         faults: Faults,
-        pressed: Pressed,
+        pressed: FakePressureSensors,
         move_line: Callable[[StopLine, int, int | None], None],
         now_ns: Callable[[], int],
     ) -> None:

@@ -74,7 +74,7 @@ def open_to_make_safe(
     if gpio is None:
         raise _missing(problems)
     spi = _opened(problems, lambda: _open_spi(board), _SWITCH_ON)
-    return gpio, spi, tuple(one.sentence for one in problems)
+    return gpio, spi, tuple(problem.sentence for problem in problems)
 
 
 def open_lines(board: BoardFile, lines: LineSetup) -> LinuxGpio:
@@ -106,7 +106,8 @@ class _Problem(NamedTuple):
 
 def _missing(problems: list[_Problem]) -> HardwareMissing:
     return HardwareMissing(
-        tuple(one.sentence for one in problems), all(one.may_come for one in problems)
+        tuple(problem.sentence for problem in problems),
+        all(problem.may_come for problem in problems),
     )
 
 
@@ -151,7 +152,7 @@ def _open_i2c(board: BoardFile) -> LinuxI2c:
 
 
 def _all_lines(lines: LineSetup) -> tuple[int, ...]:
-    return tuple(line for line, _ in lines.outputs) + tuple(one.line for one in lines.inputs)
+    return tuple(line for line, _ in lines.outputs) + tuple(line.line for line in lines.inputs)
 
 
 def who_holds(held: dict[int, str], board: BoardFile) -> str:

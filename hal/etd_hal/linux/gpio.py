@@ -255,11 +255,11 @@ _BIAS: dict[Pull, gpiod_line.Bias] = {
 def input_settings(inputs: Sequence[InputLine]) -> Settings:
     """Pull and edge detection of each input; edges are stamped with CLOCK_MONOTONIC."""
     return {
-        one.line: gpiod.LineSettings(
+        line.line: gpiod.LineSettings(
             direction=gpiod_line.Direction.INPUT,
-            bias=_BIAS[one.pull],
-            edge_detection=gpiod_line.Edge.BOTH if one.edges else gpiod_line.Edge.NONE,
+            bias=_BIAS[line.pull],
+            edge_detection=gpiod_line.Edge.BOTH if line.edges else gpiod_line.Edge.NONE,
             event_clock=gpiod_line.Clock.MONOTONIC,
         )
-        for one in inputs
+        for line in inputs
     }

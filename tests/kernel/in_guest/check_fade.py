@@ -29,10 +29,10 @@ def test_a_soft_start_and_a_fade_are_never_calibrated_again(lone_daemon: Daemon)
     with Display(address=lone_daemon.address, max_current_ua=MOST_UA, width_us=WIDTH_US) as display:
         display.arm()
         at_start = display.status().timing
-        display.hold_current([MOST_UA] * count, seconds=0.6, rate_hz=RATE_HZ, thin=True)
+        display.hold_current([MOST_UA] * count, seconds=0.6, rate_hz=RATE_HZ, allow_slower=True)
         for frame in range(FRAMES):
-            currents_ua = [500 + 40 * frame + one % 40 for one in range(count)]
-            display.show_current(currents_ua, ttl_ms=1_000, rate_hz=RATE_HZ, thin=True)
+            currents_ua = [500 + 40 * frame + electrode % 40 for electrode in range(count)]
+            display.show_current(currents_ua, ttl_ms=1_000, rate_hz=RATE_HZ, allow_slower=True)
             CLOCK.sleep_until_ns(clock.now_ns() + A_FRAME_NS)
         status = display.status()
     report(

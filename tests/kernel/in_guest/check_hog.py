@@ -90,7 +90,7 @@ def test_no_message_is_a_millisecond_above_its_plan_beside_a_hog(
         display.arm()
         at_start = Timing(**display.status().timing)
         kernel_trace.begin(traced)
-        display.hold_current(currents_ua, seconds=HOG_S, rate_hz=5, thin=True)
+        display.hold_current(currents_ua, seconds=HOG_S, rate_hz=5, allow_slower=True)
         # The engine itself halts at a message that is so late.
         status = display.status()
         assert status.state == "ARMED"
@@ -98,8 +98,8 @@ def test_no_message_is_a_millisecond_above_its_plan_beside_a_hog(
     taken = list(kernel_trace.durations_us(kernel_trace.events()))
     plans = [plan(one, asked, at_start) for one in taken]
     pairs = list(zip(taken, plans, strict=True))
-    excess_us = sorted(one.duration_us - planned.calibrated_us for one, planned in pairs)
-    above_least_us = max(one.duration_us - planned.least_us for one, planned in pairs)
+    excess_us = sorted(taken.duration_us - planned.calibrated_us for taken, planned in pairs)
+    above_least_us = max(taken.duration_us - planned.least_us for taken, planned in pairs)
     nearly_all_us = excess_us[int(0.999 * (len(excess_us) - 1))]
     report(
         f"{HOG_S} s beside a hog: {len(taken)} messages; at most {excess_us[-1]:.0f} us above plan,"

@@ -45,7 +45,7 @@ def scan_until_killed(daemon: Daemon, after_ns: int) -> int:
     currents_ua = [1_000] * BOARD.switch.outputs
     with Display(address=daemon.address, max_current_ua=1_000, width_us=100) as display:
         display.arm()
-        display.show_current(currents_ua, ttl_ms=1_000, rate_hz=RATE_HZ, thin=True)
+        display.show_current(currents_ua, ttl_ms=1_000, rate_hz=RATE_HZ, allow_slower=True)
         with above_the_engine():
             CLOCK.sleep_until_ns(CLOCK.now_ns() + after_ns)
             return daemon.end_engine(signal.SIGKILL)

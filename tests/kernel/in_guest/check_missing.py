@@ -70,7 +70,7 @@ class TestOpening:
         with without_rights():
             found = missing()
         assert len(found.problems) == 3
-        assert all("join the groups gpio, spi and i2c" in one for one in found.problems)
+        assert all("join the groups gpio, spi and i2c" in problem for problem in found.problems)
         assert found.may_come
 
     def test_the_machine_file_of_another_machine_is_refused(self, chips: Chips) -> None:
@@ -118,7 +118,7 @@ class TestChips:
                 somebody.append(requested(chip, taken))
 
         chip = gpio.find_chip(BOARD.gpio_chip_labels)
-        monkeypatch.setattr(gpio, "open_gpio", lambda *one: Watched(requested(*one)))
+        monkeypatch.setattr(gpio, "open_gpio", lambda *none: Watched(requested(*none)))
         with pytest.raises(BusError, match="looking at released lines") as raised:
             gpio.keeps_driving(chip, LINES)
         somebody[0].close()

@@ -84,12 +84,12 @@ def test_a_board_that_passed_makes_felt_what_a_frame_says_until_a_stop(
         daemon.wait_until(engine="there", state="SAFE")
         with Display(address=daemon.address, max_current_ua=1_000, width_us=100) as display:
             arm(display, chips)
-            display.hold_current(currents_ua, seconds=0.6, rate_hz=5, thin=True)
+            display.hold_current(currents_ua, seconds=0.6, rate_hz=5, allow_slower=True)
             display.stop()
             assert display.status().state == "HALTED"
         daemon.end_engine(signal.SIGTERM)
     shown = [phase for phase in felt() if phase.current_ua > 310]
     assert {phase.electrode for phase in shown} == set(_SHOWN)
     for electrode, most_ua in _SHOWN.items():
-        assert max(one.current_ua for one in shown if one.electrode == electrode) <= most_ua
+        assert max(phase.current_ua for phase in shown if phase.electrode == electrode) <= most_ua
     assert all(phase.is_anodic for phase in shown)

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from daemon_scene import write_config
-from etd.selftest_report import Report
+from etd.selftest.report import Report
 from etd_hal.fake import wire
 from etd_hal.fake.faults import DacGain, Fault, LineCut, OutputsSwapped, RailOff, SwitchOutput
 from guest_board import (

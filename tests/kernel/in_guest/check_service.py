@@ -38,7 +38,7 @@ FELT_UA = 310
 def pulses(events: list[Event]) -> list[trace_decoder.Phase]:
     """What is strong enough to be felt, by a decoding that knows nothing of our encoders."""
     phases = trace_decoder.decode(kernel_trace.records(events, FACTS))
-    return [one for one in phases if one.current_ua > FELT_UA]
+    return [phase for phase in phases if phase.current_ua > FELT_UA]
 
 
 def assert_made_safe_by(pid: int, events: list[Event]) -> int:
@@ -108,16 +108,16 @@ def test_what_a_person_plays_is_fired_where_and_as_strong_as_it_says(
     assert played.returncode == 0, played.stdout + played.stderr
     fired = pulses(kernel_trace.events())
     for electrode, current_ua in ((3, 400), (40, 700)):
-        strongest = max(one.current_ua for one in fired if one.electrode == electrode)
+        strongest = max(phase.current_ua for phase in fired if phase.electrode == electrode)
         assert current_ua * 0.98 <= strongest <= current_ua
-    assert {one.electrode for one in fired} == {3, 40}
+    assert {phase.electrode for phase in fired} == {3, 40}
 
 
 def test_stopping_ends_both_in_peace_and_leaves_a_safe_board(services: None) -> None:
     before = {unit: scene.cursor(unit) for unit in (ENGINE, GATEWAY)}
     scene.stop()
     for unit, since in before.items():
-        said = [one.text for one in scene.journal(since, unit)]
+        said = [entry.text for entry in scene.journal(since, unit)]
         assert f"{unit}: Deactivated successfully." in said
     (pid,) = scene.safe_pids(scene.journal(before[ENGINE]))
     assert_made_safe_by(pid, kernel_trace.events())
@@ -199,7 +199,7 @@ def assert_made_safe(before: str, ended_ns: int, events: list[Event]) -> str:
     (pid,) = scene.safe_pids(journal)
     late_ms = (assert_made_safe_by(pid, events) - ended_ns) / 1e6
     report(f"from the signal to the first line of `etd safe`: {late_ms:.0f} ms")
-    return "\n".join(one.text for one in journal)
+    return "\n".join(entry.text for entry in journal)
 
 
 def test_an_engine_that_starts_before_udev_is_done_with_its_devices_comes_up_with_them(
@@ -235,9 +235,9 @@ def test_an_engine_whose_lines_are_permitted_two_seconds_late_comes_up_then(
         pause_s(2)
         assert scene.shown(ENGINE, "ActiveState") == {"ActiveState": "activating"}
     scene.wait_for_state("SAFE")
-    said = [one.text for one in scene.journal(before)]
-    assert any(f"waiting 10.0 s at most for: opening on {GPIO}" in one for one in said)
-    assert any("all devices are there after 2." in one for one in said)
+    said = [entry.text for entry in scene.journal(before)]
+    assert any(f"waiting 10.0 s at most for: opening on {GPIO}" in text for text in said)
+    assert any("all devices are there after 2." in text for text in said)
 
 
 def test_an_engine_whose_lines_are_never_permitted_says_what_to_do_and_stays_down(
@@ -251,7 +251,7 @@ def test_an_engine_whose_lines_are_never_permitted_says_what_to_do_and_stays_dow
         passed_s = (CLOCK.now_ns() - begun_ns) / 1e9
     assert 10 <= passed_s < 12
     assert scene.shown(ENGINE, *ENDED) == {**STAYS_DOWN, "ExecMainStatus": "3"}
-    said = "\n".join(one.text for one in scene.journal(before))
+    said = "\n".join(entry.text for entry in scene.journal(before))
     assert "join the groups gpio, spi and i2c" in said
 
 

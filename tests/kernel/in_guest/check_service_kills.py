@@ -98,7 +98,7 @@ def kill(scanned_ns: int) -> Kill:
     assert pid > 0, "there is no engine"
     with scene.showing([1_000] * 64) as display, above_the_engine():
         CLOCK.sleep_until_ns(CLOCK.now_ns() + OPENING_NS)
-        display.show_current([1_000] * 64, ttl_ms=1_000, rate_hz=RATE_HZ, thin=True)
+        display.show_current([1_000] * 64, ttl_ms=1_000, rate_hz=RATE_HZ, allow_slower=True)
         due_ns = CLOCK.now_ns() + scanned_ns
         CLOCK.sleep_until_ns(due_ns)
         os.kill(pid, signal.SIGKILL)
@@ -110,24 +110,24 @@ def kill(scanned_ns: int) -> Kill:
     return Kill(due_ns / 1_000, events)
 
 
-def assert_quiet_until_safe(one: Kill) -> None:
+def assert_quiet_until_safe(kill: Kill) -> None:
     """A message that had begun went on to its zero; nothing else happened."""
-    for message in kernel_trace.messages(one.left):
+    for message in kernel_trace.messages(kill.left):
         words = [event.tx for event in message if event.tx]
         assert words[-1] == bytes(2), "a message ended with current on"
         assert not [event for event in message if event.name == "spi_set_cs"][-1].is_active
-        assert message[0].t_us <= one.due_us, "a message began after the kill"
-    moved = [event for event in one.left if event.name == "rig_line"]
-    assert moved[-1].t_us <= one.due_us, "a line moved after the kill"
+        assert message[0].t_us <= kill.due_us, "a message began after the kill"
+    moved = [event for event in kill.left if event.name == "rig_line"]
+    assert moved[-1].t_us <= kill.due_us, "a line moved after the kill"
 
 
-def assert_made_safe(one: Kill) -> None:
+def assert_made_safe(kill: Kill) -> None:
     """By one process alone: POL up, BL down, the DAC at zero."""
-    assert {event.pid for event in one.made_safe} == {one.safe_pid}, "somebody else helped"
-    levels = kernel_trace.levels(one.made_safe)
+    assert {event.pid for event in kill.made_safe} == {kill.safe_pid}, "somebody else helped"
+    levels = kernel_trace.levels(kill.made_safe)
     lines = scene.BOARD.used_lines()
     assert (levels[lines["POL"]], levels[lines["BL"]]) == (1, 0)
-    assert [event.tx for event in one.made_safe if event.tx][-1] == bytes(2)
+    assert [event.tx for event in kill.made_safe if event.tx][-1] == bytes(2)
 
 
 @pytest.mark.timeout(100 + 60 * KILLS)
@@ -145,19 +145,19 @@ def test_however_the_service_is_killed_its_stop_makes_the_board_safe_and_nothing
         assert_made_safe(one)
         assert trace_rules.violations(kernel_trace.records(one.events, FACTS), REST_US) == []
         kills.append(one.told)
-    assert scene.safe_pids(scene.journal(since)) == [one.safe_pid for one in kills]
+    assert scene.safe_pids(scene.journal(since)) == [kill.safe_pid for kill in kills]
     tell(kills)
 
 
 def tell(kills: list[Told]) -> None:
-    in_scan = sum(one.is_in_scan for one in kills)
+    in_scan = sum(kill.is_in_scan for kill in kills)
     assert in_scan >= max(1, KILLS // 2), "the engine was not scanning when it was killed"
-    within = sum(one.is_in_message for one in kills)
+    within = sum(kill.is_in_message for kill in kills)
     report(
         f"{KILLS} kills of the service (seed {SEED}), {in_scan} of them in a scan, {within} in a"
         " message; every message ended in zero"
     )
-    first, last = [one.first_line_ms for one in kills], [one.last_word_ms for one in kills]
+    first, last = [kill.first_line_ms for kill in kills], [kill.last_word_ms for kill in kills]
     report(f"from the kill to the first line that ExecStopPost= sets: {spread(first)}")
     report(f"from the kill to the end of what ExecStopPost= does: {spread(last)}")
 

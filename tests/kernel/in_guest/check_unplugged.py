@@ -27,7 +27,7 @@ def test_a_bus_that_is_unplugged_within_a_scan_halts_the_engine_and_leaves_the_s
         daemon.wait_until(engine="there", state="SAFE")
         with Display(address=daemon.address, max_current_ua=1_000, width_us=100) as display:
             arm(display, chips)
-            display.show_current([500] * 64, ttl_ms=1_000, rate_hz=5, thin=True)
+            display.show_current([500] * 64, ttl_ms=1_000, rate_hz=5, allow_slower=True)
             CLOCK.sleep_until_ns(CLOCK.now_ns() + 400_000_000)
             assert with_current(kernel_trace.events()), "the scan has not begun"
             with unplugged(bus):
@@ -36,7 +36,7 @@ def test_a_bus_that_is_unplugged_within_a_scan_halts_the_engine_and_leaves_the_s
                 CLOCK.sleep_until_ns(CLOCK.now_ns() + 300_000_000)
                 events = kernel_trace.events()
         assert halted.halt is not None
-        report(f"{bus} unplugged within a scan: halted by {halted.halt.who}")
+        report(f"{bus} unplugged within a scan: halted by {halted.halt.source}")
         assert [t_us for t_us in with_current(events) if t_us > gone_us] == []
         assert chips.state().dac_code == 0
         if bus == "rig-spi":

@@ -59,10 +59,12 @@ def test_a_pulse_is_as_wide_as_asked_within_a_microsecond(
         ports.clock.sleep_until_ns(ports.clock.now_ns() + REST_NS)
     found = widths_us()
     assert board.safe_off() == ()
-    counted = ", ".join(f"{count} x {one}" for one, count in sorted(Counter(found).items()))
+    counted = ", ".join(
+        f"{count} x {electrode}" for electrode, count in sorted(Counter(found).items())
+    )
     report(f"asked {width_us} us, planned {pulse.shape.width_us:.2f} us, traced {counted}")
     assert len(found) == PULSES
-    assert all(abs(one - width_us) <= 1 for one in found), Counter(found)
+    assert all(abs(electrode - width_us) <= 1 for electrode in found), Counter(found)
     # Both stamps are cut to whole microseconds; their mean is not, and the plan is never above.
     # But the clock of the calibration goes in steps here.
     assert width_us - 1 <= sum(found) / len(found) <= width_us + CLOCK_STEP_US

@@ -121,7 +121,7 @@ class TestLines:
         assert moved == [], "a refused request moved a line"
 
     def test_a_stop_line_that_nothing_holds_up_says_stop(self, ports: Backend) -> None:
-        stops = [one.line for one in line_setup(BOARD).inputs]
+        stops = [line.line for line in line_setup(BOARD).inputs]
         assert stops == [BOARD.guards.emergency_stop, BOARD.guards.wearer_stop]
         assert [ports.gpio.get(line) for line in stops] == [0, 0]
         assert ports.gpio.edges() == ()

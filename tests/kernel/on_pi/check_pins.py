@@ -41,7 +41,8 @@ def checks(tmp_path_factory: pytest.TempPathFactory) -> Checks:
     path.write_text(config)
     told = pi_board.etd("selftest", "--config", str(path), "--no-operator", "--json", status=1)
     return {
-        (one["stage"], one["name"]): one["result"] for one in json.loads(told)["report"]["checks"]
+        (load["stage"], load["name"]): load["result"]
+        for load in json.loads(told)["report"]["checks"]
     }
 
 

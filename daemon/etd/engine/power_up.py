@@ -1,0 +1,166 @@
+"""From SAFE to a live board: the stopper looks, supply on, rail there, contact measured; for `arm`
+and `measure`.
+
+Owns: the checks before, the waiting, and the probe scan. Must not know: sockets, frames, what is
+done with a live board. It is stepped from the engine's loop, so that a stop is heard in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from etd.engine.stopper import StopperLiveness
+from etd.planning.schedule import DuePulse
+from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.protocol.errors import Refused
+from etd.sensing.sensors import RailSensor
+from etd_hal.board import Board
+from etd_hal.ports import Clock
+
+Goal = Literal["arm", "measure"]
+#: Where nothing watches the rail, it gets this long.
+UNWATCHED_SETTLE_NS = 500_000_000
+#: The sensor thread reads every few tens of milliseconds; a stuck bus blocks for a second.
+FIRST_READING_NS = 1_500_000_000
+#: Of the monitor's rise time.
+_RISE_TIMES_ALLOWED = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Readiness:
+    """What stands in the way of a live board; empty strings and tuples where nothing does."""
+
+    unaccepted_guards: tuple[str, ...]
+    open_stops: tuple[str, ...]
+    is_wearer_stop_tried: bool
+    #: Why the last self-test does not allow it.
+    untested: str | None = None
+
+
+def lasting_refusal(unaccepted_guards: tuple[str, ...], untested: str | None) -> str | None:
+    """Why arming is refused until somebody has changed or tested something, with what to do."""
+    if unaccepted_guards:
+        return (
+            f"the board has no {', '.join(unaccepted_guards)}: accept each by name in"
+            " accept_absent_guards of the configuration, or wire it"
+        )
+    return untested
+
+
+def check_ready(ready: Readiness) -> None:
+    """Before the supply goes on. Raises: Refused (`arm_failed`), with what to do."""
+    lasting = lasting_refusal(ready.unaccepted_guards, ready.untested)
+    if lasting is not None:
+        raise Refused("arm_failed", lasting)
+    if ready.open_stops:
+        raise Refused("arm_failed", f"{' and '.join(ready.open_stops)} open: release or plug it in")
+    if not ready.is_wearer_stop_tried:
+        raise Refused(
+            "arm_failed",
+            "the wearer's stop has not been tried: press and release it once, then arm",
+        )
+
+
+class PowerUp:
+    """One way up; made when it begins, dropped when it ends."""
+
+    def __init__(
+        self,
+        goal: Goal,
+        ref: int,
+        board: Board,
+        rail: RailSensor,
+        stopper: StopperLiveness,
+        probes: Sequence[ScheduledPulse],
+        clock: Clock,
+    ) -> None:
+        self.goal: Goal = goal
+        self.ref = ref
+        self._board = board
+        self._is_measuring = False
+        self._at = 0
+        self._rail = rail
+        self._stopper = stopper
+        self._probes = probes
+        self._clock = clock
+        #: The supply, as far as there is a line for it.
+        self.is_on = False
+        self._begun_ns = clock.now_ns()
+
+    def begin(self) -> None:
+        """The stopper has been woken. Supply on, once it looks, and the rail is known where it is
+        watched.
+
+        Raises: Refused, if it cannot be known; BusError.
+        """
+        self._stopper.begin(self._begun_ns)
+        self._await_watch(self._begun_ns)
+
+    def _await_watch(self, now_ns: int) -> None:
+        """Nothing goes on that is not watched: the stopper's first look and the sensor thread's
+        first reading are on the way.
+        """
+        if not self._stopper.has_looked:
+            if self._stopper.problem is not None:
+                raise Refused("arm_failed", self._stopper.problem)
+        elif not self._rail.is_there or self._rail.rail_v(now_ns) is not None:
+            self._board.supply_on()
+            self.is_on = True
+            self._begun_ns = now_ns
+        elif self._rail.problem or now_ns - self._begun_ns > FIRST_READING_NS:
+            why = self._rail.problem or "no reading yet"
+            raise Refused("arm_failed", f"the rail is not known ({why}): check I2C")
+
+    def is_rail_there(self, now_ns: int) -> bool:
+        """From then on contact is measured.
+
+        Raises: Refused (`arm_failed`) when it is too high, or does not come; BusError.
+        """
+        self._is_measuring = self._is_rail_there(now_ns)
+        return self._is_measuring
+
+    def _is_rail_there(self, now_ns: int) -> bool:
+        if not self.is_on:
+            self._await_watch(now_ns)
+            return False
+        monitor = self._board.file.guards.rail_monitor
+        waited_ns = now_ns - self._begun_ns
+        if monitor == "absent":
+            is_switched = self._board.file.guards.hv_enable != "absent"
+            return not is_switched or waited_ns >= UNWATCHED_SETTLE_NS
+        rail_v = self._rail.rail_v(now_ns)
+        if rail_v is not None and rail_v > monitor.high_v:
+            raise Refused("arm_failed", f"the rail is at {rail_v:.0f} V, above {monitor.high_v} V")
+        if rail_v is not None and rail_v >= monitor.low_v:
+            return True
+        if waited_ns > _RISE_TIMES_ALLOWED * monitor.rise_ms * 1_000_000:
+            found = "unknown" if rail_v is None else f"at {rail_v:.0f} V"
+            raise Refused(
+                "arm_failed",
+                f"the rail is {found} after {waited_ns // 1_000_000} ms, it should be"
+                f" {monitor.low_v} to {monitor.high_v} V: check the supply",
+            )
+        return False
+
+    # --- the measurement of contact ----------------------------------------------------------
+
+    @property
+    def is_measuring(self) -> bool:
+        """The rail is there, and not every electrode has had its probe."""
+        return self._is_measuring and self._at < len(self._probes)
+
+    def next_due(self) -> DuePulse | None:
+        """The next probe, until every electrode has had its own."""
+        if not self.is_measuring:
+            return None
+        return DuePulse(self._probes[self._at], "measurement", rewrites_chain=self._at == 0)
+
+    def has(self, due: DuePulse) -> bool:
+        """Whether this is the probe that it waits for: not one of a way up before this one."""
+        return self.is_measuring and due.scheduled is self._probes[self._at]
+
+    def advance(self) -> None:
+        """That probe is over, whether it was fired or not."""
+        self._at += 1

@@ -1,0 +1,202 @@
+"""What is known of an electrode, put together, and what the stabilizers make of a wish with it.
+
+Owns: gathering `ElectrodeEstimate` for one visit, asking, cutting what they ask for to the slot of
+the visit, and telling what was cut or not believed. Must not know: limits, ledgers, hardware.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from msgspec import structs
+
+from etd.engine.reporting import Reporter
+from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.protocol.calibration import Calibration
+from etd.sensing.contact import ContactMap
+from etd.sensing.impedance import ImpedanceMap, Samples
+from etd.stabilize.contact import Contact
+from etd.stabilize.pipeline import (
+    ElectrodeEstimate,
+    PulseRequest,
+    Stabilizer,
+    adapt_all,
+    higher,
+    max_gain_of,
+)
+
+
+class PressureSource(Protocol):
+    """Where the pressure at an electrode comes from."""
+
+    def kpa(self, electrode: int, now_ns: int) -> float | None:
+        """None where unknown: no sensor, an error, or stale."""
+        ...
+
+    def is_dead(self, electrode: int, now_ns: int) -> bool:
+        """There is a sensor, and it says nothing."""
+        ...
+
+
+class StimulusAdapter:
+    """See the module. One a daemon; it forgets when the supply was off."""
+
+    def __init__(
+        self,
+        stabilizers: Sequence[Stabilizer],
+        contact: ContactMap,
+        impedance: ImpedanceMap,
+        pressed: PressureSource,
+        reporter: Reporter,
+    ) -> None:
+        self._stabilizers = tuple(stabilizers)
+        self._contact = contact
+        self._impedance = impedance
+        self._pressure_source = pressed
+        self._reporter = reporter
+        self._calibration: Calibration | None = None
+        self._is_reference_early = False
+        self._dead: set[int] = set()
+        self._stale: set[int] = set()
+        self.max_gain = max_gain_of(self._stabilizers)
+        #: A law that makes more of a contact that stayed than of a new one.
+        self.needs_contact = any(
+            isinstance(stabilizer, Contact) for stabilizer in self._stabilizers
+        )
+
+    def set_calibration(self, calibration: Calibration | None, is_early: bool = False) -> None:
+        """Another person, perhaps: with this calibration, or without one. `is_early`: it was made
+        with pulses that are too short for a sample at their end.
+        """
+        self._calibration, self._is_reference_early = calibration, is_early
+        self._impedance.is_early_wanted = is_early
+        self.reset()
+
+    def reset(self) -> None:
+        """The supply was off: whoever touched may have gone."""
+        self._impedance.reset()
+        self._stale.clear()
+        for stabilizer in self._stabilizers:
+            stabilizer.reset()
+
+    def adapt(self, scheduled: ScheduledPulse, now_ns: int) -> PulseRequest:
+        """What is wanted of this visit, all told: no wider than its slot."""
+        if not self._stabilizers:
+            return scheduled.request
+        estimate = self.estimate(scheduled.electrode, now_ns)
+        if scheduled.probe is not None and estimate.state == "unknown":
+            # A probe goes first and tells of the contact: what it does not find is taken away then.
+            estimate = structs.replace(estimate, state="closed")
+        return self._adapted(scheduled, estimate)
+
+    def readapt(
+        self,
+        scheduled: ScheduledPulse,
+        before: PulseRequest,
+        expected_ohm: float | None,
+        now_ns: int,
+    ) -> PulseRequest:
+        """The same, when a probe has told more of this very moment: with the skin resistance that
+        it makes expected, where that is more than what is known, or what is known is too old.
+        Never more than was wished for before the probe, whatever it says: no current and no width
+        rises by it.
+        """
+        if not self._stabilizers:
+            return before
+        estimate = self.estimate(scheduled.electrode, now_ns)
+        if expected_ohm is not None:
+            estimate = _with_expected_resistance(estimate, expected_ohm)
+        return before.not_above(self._adapted(scheduled, estimate))
+
+    def _adapted(self, scheduled: ScheduledPulse, estimate: ElectrodeEstimate) -> PulseRequest:
+        asked = adapt_all(self._stabilizers, scheduled.request, estimate)
+        counters = self._reporter.counters
+        if not asked.is_possible:
+            counters["impossible_requests"] += 1
+            return scheduled.request
+        cut = scheduled.bounds.in_slot(asked)
+        if cut != asked:
+            counters["width_requests_cut"] += 1
+        return cut
+
+    def _pressure(self, electrode: int, now_ns: int) -> float | None:
+        """A sensor that died is counted once for each electrode over it, until it is back."""
+        kpa = self._pressure_source.kpa(electrode, now_ns)
+        if kpa is not None:
+            self._dead.discard(electrode)
+        elif electrode not in self._dead and self._pressure_source.is_dead(electrode, now_ns):
+            self._dead.add(electrode)
+            self.rejected("pressure")
+        return kpa
+
+    def _skin_ohm(self, electrode: int, now_ns: int) -> float | None:
+        """What was believed and is too old is counted once, until a pulse tells anew."""
+        skin_ohm = self._impedance.skin_ohm(electrode, now_ns)
+        if skin_ohm is not None or not self._impedance.is_expired(electrode, now_ns):
+            self._stale.discard(electrode)
+        elif electrode not in self._stale:
+            self._stale.add(electrode)
+            self.rejected("old")
+        return skin_ohm
+
+    def estimate(self, electrode: int, now_ns: int) -> ElectrodeEstimate:
+        """All that stabilizers get to see."""
+        contact, impedance = self._contact, self._impedance
+        state = contact.state(electrode, now_ns)
+        skin_ohm = self._skin_ohm(electrode, now_ns)
+        person = None if self._calibration is None else self._calibration.electrode[electrode]
+        return ElectrodeEstimate(
+            electrode=electrode,
+            is_touched=contact.is_touched[electrode],
+            resistance_ohm=contact.resistance_ohm[electrode],
+            voltage_v=contact.voltage_v[electrode],
+            now_ns=now_ns,
+            state=state,
+            firmness=contact.firmness(electrode, now_ns),
+            undelivered_ua=contact.undelivered_ua[electrode],
+            skin_ohm=skin_ohm,
+            latest_ohm=None if skin_ohm is None else impedance.last_ohm(electrode),
+            skin_at_ua=impedance.at_ua(electrode),
+            early_ohm=impedance.early_ohm(electrode, now_ns),
+            latest_early_ohm=impedance.last_early_ohm(electrode, now_ns),
+            is_estimated=impedance.is_estimated(electrode),
+            reference_ohm=None if person is None else person.resistance_ohm,
+            reference_at_ua=None if person is None else person.comfortable_ua,
+            is_reference_early=self._is_reference_early,
+            threshold_ua=None if person is None else person.threshold_ua,
+            pressure_kpa=self._pressure(electrode, now_ns),
+        )
+
+    def rejected(self, what: str) -> None:
+        """Counted once, when it begins."""
+        self._reporter.rejected(what)
+
+    def update(self, electrode: int, samples: Samples, now_ns: int) -> None:
+        """What a stimulus pulse said; that it is not believed is counted once, when it begins, and
+        where somebody goes by it.
+        """
+        quality = self._impedance.update(electrode, samples, now_ns)
+        if quality is not None and self._stabilizers:
+            self.rejected(quality)
+
+    def reported_ohm_nf(self, electrode: int, now_ns: int) -> tuple[int | None, float | None]:
+        """For reports: what the skin resists, in ohm, and its capacitance, in nF."""
+        return self._impedance.reported_ohm_nf(electrode, now_ns)
+
+
+def _with_expected_resistance(
+    estimate: ElectrodeEstimate, expected_ohm: float
+) -> ElectrodeEstimate:
+    """With a higher resistance, by as much in what was estimated."""
+    skin_ohm, early_ohm = estimate.skin_ohm, estimate.early_ohm
+    risen_ohm = max(skin_ohm or 0.0, expected_ohm)
+    if skin_ohm is not None and early_ohm is not None:
+        early_ohm *= risen_ohm / skin_ohm
+    return structs.replace(
+        estimate,
+        skin_ohm=risen_ohm,
+        latest_ohm=max(estimate.latest_ohm or 0.0, expected_ohm),
+        early_ohm=early_ohm,
+        latest_early_ohm=higher(early_ohm, estimate.latest_early_ohm),
+    )

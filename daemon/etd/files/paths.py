@@ -1,0 +1,206 @@
+"""Where a daemon of a given name keeps its sockets and its state, and which daemons there are.
+
+Owns: the one rule for folders and addresses, used by gateway, client and command line.
+Must not know: ZeroMQ, what is said at an address.
+
+A daemon run by systemd has /run/etd/NAME and /var/lib/etd/NAME, laid out before it starts. One
+run by a user has $XDG_RUNTIME_DIR/etd/NAME (or a folder of that user's in the temporary folder)
+and $XDG_STATE_HOME/etd/NAME (or ~/.local/state/etd/NAME).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import socket
+import tempfile
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from etd.protocol.errors import FileError
+
+DEFAULT_NAME = "main"
+SYSTEM_RUNTIME = Path("/run/etd")
+SYSTEM_STATE = Path("/var/lib/etd")
+#: The sessions' runtime folders, one a user.
+USER_RUNTIMES = Path("/run/user")
+
+CONTROL = "control.sock"
+FRAMES = "frames.sock"
+TELEMETRY = "telemetry.sock"
+
+#: What the kernel takes for the path of a Unix socket, its final zero not counted.
+MAX_SOCKET_PATH = 107
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
+
+
+class RunningDaemon(NamedTuple):
+    """A daemon that answers. The same name may run once for the system and once for a user."""
+
+    name: str
+    address: str
+
+
+def runtime_folder(name: str) -> Path:
+    """Where a daemon started now, by this user, puts its sockets. Raises: FileError."""
+    system = SYSTEM_RUNTIME / check_name(name)
+    return system if os.access(system, os.W_OK) else _user_runtime() / name
+
+
+def state_folder(name: str) -> Path:
+    """Where a daemon started now, by this user, keeps calibrations. Raises: FileError."""
+    system = SYSTEM_STATE / check_name(name)
+    return system if os.access(system, os.W_OK) else _user_state() / name
+
+
+def selftest_file(name: str, backend: Literal["linux", "fake"], configuration: str) -> Path:
+    """Where the last self-test of this daemon's board is kept. Raises: FileError.
+
+    Beside the gateway's folder, not in it: the operator writes it, and the engine's user reads it.
+    A daemon has one board, but a user's fakes are many: each `configuration` has a file of its own.
+    """
+    if backend == "linux" and SYSTEM_STATE.is_dir():
+        return SYSTEM_STATE / f"{check_name(name)}.selftest.json"
+    which = f"-{configuration}" if backend == "fake" else ""
+    return _user_state() / check_name(name) / f"selftest-{backend}{which}.json"
+
+
+def calibrating_file(name: str, which: str) -> Path:
+    """Where this user's unfinished calibration `which` on this daemon is kept. Raises: FileError.
+
+    With the user who calibrates, not with the daemon: it is no limit of anybody yet.
+    """
+    file = check_name(which, "the calibration's name")
+    return _user_state() / check_name(name) / "calibrating" / f"{file}.json"
+
+
+def control_address(name: str) -> str:
+    """Where a client finds the daemon: the system's if there is one, else this user's.
+
+    A system daemon whose folder this user may not enter counts as there: the client then says
+    that permission is missing. Raises: FileError for a name that cannot be one.
+    """
+    system = SYSTEM_RUNTIME / check_name(name)
+    locked = system.parent.is_dir() and os.path.lexists(system) and not os.access(system, os.X_OK)
+    if locked or os.path.exists(system / CONTROL):
+        return address_of(system)
+    return address_of(_user_runtime() / name)
+
+
+def address_of(folder: Path) -> str:
+    """The control address of the daemon whose runtime folder this is."""
+    return f"ipc://{folder / CONTROL}"
+
+
+def sibling_address(control: str, socket_name: str) -> str:
+    """FRAMES or TELEMETRY beside an ipc control address, for when `hello` cannot be answered."""
+    return f"ipc://{Path(control.removeprefix('ipc://')).with_name(socket_name)}"
+
+
+def find_daemons() -> list[RunningDaemon]:
+    """All daemons that answer on this machine, the system's first; for root, other users' too."""
+    return [
+        RunningDaemon(control.parent.name, address_of(control.parent))
+        for parent in _runtime_parents()
+        for control in sorted(parent.glob(f"*/{CONTROL}"))
+        if why_unreachable(control) is None
+    ]
+
+
+def _runtime_parents() -> list[Path]:
+    """The folders in which daemons have one each."""
+    parents = [SYSTEM_RUNTIME]
+    with contextlib.suppress(FileError):  # what somebody else put in our place hides no daemon
+        parents.append(_user_runtime())
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        parents += sorted(USER_RUNTIMES.glob("*/etd"))
+        parents += sorted(filter(_is_its_users, Path(tempfile.gettempdir()).glob("etd-*")))
+    return list(dict.fromkeys(parents))
+
+
+def _is_its_users(folder: Path) -> bool:
+    """Whether `etd-UID` is that user's."""
+    uid = folder.name.removeprefix("etd-")
+    return uid.isdecimal() and folder.lstat().st_uid == int(uid)
+
+
+def why_unreachable(path: Path) -> str | None:
+    """None if somebody listens at this Unix socket; otherwise what is wrong, as a clause."""
+    if not hasattr(socket, "AF_UNIX"):
+        return "this system has no Unix sockets"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.setblocking(False)
+        try:
+            probe.connect(os.fspath(path))
+        except BlockingIOError:
+            return None  # so many are connecting that this one would have to wait
+        except FileNotFoundError:
+            return "there is no socket"
+        except ConnectionRefusedError:
+            return "nobody listens any more (a socket is left over)"
+        except PermissionError:
+            return "this user may not use the socket (join the group that owns it)"
+        except OSError as error:
+            return error.strerror or str(error)
+    return None
+
+
+def prepare_runtime(folder: Path) -> None:
+    """Make the folder (mode 0750) if it is not there, and check that it can be trusted.
+
+    Raises: FileError if it cannot be made, is writable by everybody, or is too long for a
+    socket's path.
+    """
+    if len(os.fsencode(folder / TELEMETRY)) > MAX_SOCKET_PATH:
+        raise FileError(
+            str(folder),
+            "",
+            "the path is too long for a Unix socket",
+            f"at most {MAX_SOCKET_PATH} bytes with the socket's name: choose a shorter folder",
+        )
+    try:
+        folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(
+            str(folder),
+            "",
+            f"this runtime folder cannot be made ({error.strerror})",
+            "set XDG_RUNTIME_DIR to a folder of yours, or give --folder",
+        ) from error
+    if folder.stat().st_mode & 0o002:
+        raise FileError(
+            str(folder),
+            "",
+            "everybody may write into this runtime folder",
+            f"chmod o-w {folder}, or choose another one",
+        )
+
+
+def check_name(name: str, whose: str = "the daemon's name") -> str:
+    """Raises: FileError for a name that could not be a file's everywhere."""
+    if _NAME.fullmatch(name):
+        return name
+    raise FileError(whose, "", repr(name), "give 1 to 32 letters, digits, hyphens or underscores")
+
+
+def _user_runtime() -> Path:
+    given = os.environ.get("XDG_RUNTIME_DIR")
+    if given:
+        return Path(given) / "etd"
+    if not hasattr(os, "getuid"):
+        return Path(tempfile.gettempdir()) / "etd"
+    folder = Path(tempfile.gettempdir()) / f"etd-{os.getuid()}"
+    if os.path.lexists(folder) and folder.lstat().st_uid != os.getuid():
+        raise FileError(
+            str(folder),
+            "",
+            "this folder belongs to somebody else",
+            "have it removed, or set XDG_RUNTIME_DIR",
+        )
+    return folder
+
+
+def _user_state() -> Path:
+    given = os.environ.get("XDG_STATE_HOME")
+    return (Path(given) if given else Path.home() / ".local" / "state") / "etd"

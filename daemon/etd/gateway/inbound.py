@@ -1,0 +1,150 @@
+"""What arrives at a socket: where the reply goes, who sent it, and what it says.
+
+Owns: strict reading of strangers' bytes, and the sentences for what cannot be read.
+Must not know: leases, the engine, what is done about a request.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import msgspec
+import zmq
+
+from etd.protocol.errors import Refused
+from etd.protocol.messages import REPLY_OF_OP, FrameRequest, Id, Request
+
+#: The order in which a reader may look for an op.
+OPS = tuple(REPLY_OF_OP)
+
+_PER_ELECTRODE = re.compile(r"(?:level|current_ua|width_us|polarity|rate_hz|returns)\[(\d+)\]")
+_NO_NUMBER = re.compile(rb"[:\[,]\s*[-+]?(?:nan|inf)", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class InboundMessage:
+    """One message as it came. `uid`: the kernel's word on who sent it, None if it has none."""
+
+    route: tuple[bytes, ...]
+    uid: int | None
+    data: bytes
+
+
+class Unreadable(Refused):
+    """A message that says nothing that can be done. Fields: those of Refused, and id."""
+
+    def __init__(self, refusal: Refused, id: Id | None) -> None:  # noqa: A002 (the wire's word)
+        self.id = id
+        super().__init__(refusal.code, refusal.reason, refusal.electrode)
+
+
+R = TypeVar("R", bound=Refused)
+
+
+def without_frames(refusal: R) -> R:
+    """The refusal, to be kept for the rest of a turn.
+
+    Its traceback, and that of the error before it, lead to the frame that keeps it. Such a circle
+    holds the bytes of a whole turn until the garbage collector comes by: a flood fills memory so.
+    """
+    refusal.__context__ = None
+    return refusal.with_traceback(None)
+
+
+class _Envelope(msgspec.Struct):
+    id: Id | None = None
+
+
+class _Op(msgspec.Struct):
+    op: str
+
+
+_request_decoder: msgspec.json.Decoder[Request] = msgspec.json.Decoder(Request)
+_frame_decoder = msgspec.json.Decoder(FrameRequest)
+_envelope_decoder = msgspec.json.Decoder(_Envelope)
+_op_decoder = msgspec.json.Decoder(_Op)
+
+
+def inbound_of(parts: list[zmq.Frame]) -> InboundMessage:
+    """The parts of one ZeroMQ message, the sender's credentials still attached."""
+    return InboundMessage(
+        tuple(part.bytes for part in parts[:-1]), _uid_of(parts[-1]), parts[-1].bytes
+    )
+
+
+def read_request(inbound: InboundMessage) -> Request:
+    """A request from the control socket. Raises: Unreadable."""
+    if any(inbound.route[1:]) or len(inbound.route) > 2:
+        raise Unreadable(
+            Refused("bad_message", "a message is one part, or an empty part and one more"), None
+        )
+    request: Request = _read(inbound.data, _request_decoder)
+    return request
+
+
+def read_frame(inbound: InboundMessage) -> FrameRequest:
+    """A frame from the frames socket. Raises: Unreadable."""
+    if inbound.route:
+        raise Unreadable(Refused("bad_message", "a streamed frame is one part"), None)
+    frame: FrameRequest = _read(inbound.data, _frame_decoder)
+    return frame
+
+
+def _read(data: bytes, decoder: msgspec.json.Decoder[Any]) -> Any:
+    try:
+        if not data.startswith(b"{"):
+            raise Refused("bad_message", "a message is one JSON object in UTF-8 and begins with {")
+        return decoder.decode(data)
+    except Refused as refusal:
+        raise Unreadable(refusal, None) from None
+    except msgspec.ValidationError as error:
+        raise Unreadable(_why_invalid(data, str(error)), _id_of(data)) from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise Unreadable(_why_no_json(data, error), _id_of(data)) from None
+
+
+def _why_invalid(data: bytes, told: str) -> Refused:
+    """From "Expected `float`, got `str` - at `$.level[3]`" to a sentence that names the place."""
+    op = _op_of(data)
+    if op is not None and op not in OPS:
+        return Refused("unknown_op", f"there is no op {op!r:.40}; there are {', '.join(OPS)}")
+    what, _, path = told.partition(" - at `$.")
+    place = path.removesuffix("`")
+    found = _PER_ELECTRODE.match(place)
+    reason = f"{place}: {what[:1].lower()}{what[1:]}" if place else what
+    return Refused("bad_message", reason, int(found[1]) if found else None)
+
+
+def _why_no_json(data: bytes, error: Exception) -> Refused:
+    if _NO_NUMBER.search(data):
+        return Refused(
+            "bad_message", f"NaN and infinity are no numbers in JSON, and no levels: {error}"
+        )
+    return Refused("bad_message", f"the message is no JSON object in UTF-8: {error}")
+
+
+def _op_of(data: bytes) -> str | None:
+    try:
+        return _op_decoder.decode(data).op
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+
+
+def _id_of(data: bytes) -> Id | None:
+    """The id, if it can be read at all, so that the reply finds its request."""
+    try:
+        return _envelope_decoder.decode(data).id
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+
+
+def _uid_of(part: zmq.Frame) -> int | None:
+    """From the kernel's credentials of the Unix socket's other end: `localhost:uid:gid:pid`."""
+    try:
+        address = str(part.get("Peer-Address"))
+    except zmq.ZMQError:
+        return None
+    fields = address.split(":")
+    return int(fields[1]) if len(fields) == 4 and fields[1].isdecimal() else None

@@ -1,0 +1,178 @@
+"""The room that one electrode's pulses have: what is refused outright, and how far others may go.
+
+Owns: the maxima as they hold for one pulse with all that belongs to it (prepulse, probe, phases),
+what goes before it, and the most that stabilizers may make of it. Must not know: frames, schedules,
+hardware calls; what was felt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from msgspec.structs import replace
+
+from etd.files.array import Array
+from etd.files.body_site import BodySite
+from etd.protocol.errors import Refused
+from etd.safety.limits import PersonLimits
+from etd.safety.maxima import PC_PER_NC, Maxima
+from etd.stabilize.pipeline import NO_GAIN, MaxGain, PulseBounds, PulseRequest
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRules:
+    """What planning knows besides the frame; made once a lease."""
+
+    array: Array
+    site: BodySite
+    maxima: Maxima
+    person: PersonLimits
+    #: One step of the DAC.
+    resolution_ua: float
+    #: How far stabilizers go beyond a frame: there must be room for it.
+    max_gain: MaxGain = NO_GAIN
+
+
+class Headroom:
+    """See the module."""
+
+    def __init__(self, rules: PlanRules) -> None:
+        self._rules = rules
+        self._max_gain_of_sources = replace(rules.max_gain, current=1.0)
+        stabilize = rules.site.stabilize
+        self._is_probe_first = stabilize.probe_first
+        self._prepulse = stabilize.prepulse
+        self._prepulse_us = stabilize.prepulse_us
+        # A calibration's caps were accepted with the prepulse that there is: the shape is checked
+        # (`etd.protocol.calibration`). A client's number is of nothing but a current.
+        is_led = self._prepulse is not None and rules.person.calibration is not None
+        self._cap_led_part = self._prepulse.part if self._prepulse and is_led else 0.0
+        self._accepted_us = rules.person.accepted_us
+
+    def max_gain(self, *, is_level: bool) -> MaxGain:
+        """How far stabilizers may go: beyond the current of a level, never beyond one that is
+        named, in whatever order they ask.
+        """
+        return self._rules.max_gain if is_level else self._max_gain_of_sources
+
+    def probe(
+        self, electrode: int, request: PulseRequest, max_gain: MaxGain
+    ) -> PulseRequest | None:
+        """What goes before each pulse of it, where the site says so: never longer than the frame's
+        own, or than those that the cap was accepted with; and none where the pulse can never be
+        stronger.
+        """
+        rules, maxima = self._rules, self._rules.maxima
+        probe_ua = min(maxima.probe_current_ua, rules.person.caps_ua[electrode])
+        if not self._is_probe_first or request.current_ua * max_gain.current <= probe_ua:
+            return None
+        return PulseRequest(
+            probe_ua, min(maxima.probe_width_us, request.width_us, self._accepted_us)
+        )
+
+    def bounds(
+        self,
+        request: PulseRequest,
+        visits_hz: float,
+        phases: int,
+        probe: PulseRequest | None,
+        max_gain: MaxGain,
+    ) -> PulseBounds:
+        """The frame's own most: what stabilizers reach, within what no frame may pass. Its charge
+        does not hang on any resistance: a falsely low one must not find an open door.
+        """
+        rules, maxima = self._rules, self._rules.maxima
+        width_us = int(request.width_us * max_gain.width)
+        probe_us = 0 if probe is None else probe.width_us
+        on_us = (maxima.on_us_per_s / visits_hz - probe_us) / phases
+        allowed_us = min(maxima.width_us, rules.person.width_us, on_us)
+        allowed_us -= self._prepulse_us
+        charge_pc = request.current_ua * request.width_us
+        allowed_pc = min(
+            maxima.charge_pc - pc_of(probe),
+            int((maxima.mean_current_ua * 1e6 / visits_hz - pc_of(probe)) / phases),
+        )
+        return PulseBounds(
+            current_ua=max(
+                request.current_ua,
+                min(int(request.current_ua * max_gain.current), maxima.current_ua),
+            ),
+            cap_us=min(request.width_us, self._accepted_us),
+            width_us=max(request.width_us, min(width_us, int(allowed_us))),
+            charge_pc=max(charge_pc, min(int(charge_pc * max_gain.charge), allowed_pc)),
+            prepulse_us=self._prepulse_us,
+            cap_led_part=self._cap_led_part,
+        )
+
+    def check_minimum(self, electrode: int, current_ua: int) -> None:
+        """Raises: Refused (`bad_frame`)."""
+        if current_ua < self._rules.resolution_ua:
+            raise Refused(
+                "bad_frame",
+                f"electrode {electrode}: {current_ua} uA is less than one step of this board's"
+                f" source ({self._rules.resolution_ua:.1f} uA): send 0 for silence",
+                electrode,
+            )
+
+    def check_narrow(self, electrode: int, current_ua: int, width_us: int) -> None:
+        """Of a current that is named. Raises: Refused (`bad_frame`)."""
+        narrow = self._rules.site.stabilize.strength_duration
+        if narrow is not None and width_us > narrow.width_us:
+            raise Refused(
+                "bad_frame",
+                f"electrode {electrode}: this body site makes pulses of {width_us} us narrower and"
+                f" stronger ([stabilize.strength_duration]), so that {current_ua} uA would be no"
+                " upper bound:"
+                f" send width_us of at most {narrow.width_us}, where the number is the current,"
+                " or levels",
+                electrode,
+            )
+
+    def check_maxima(
+        self,
+        electrode: int,
+        current_ua: int,
+        width_us: int,
+        phases: int,
+        visits_hz: float,
+        probe_pc: int,
+    ) -> None:
+        """Raises: Refused (`over_maximum`, `board_cannot`). A probe's charge counts to the pulse
+        that it goes before, and not its width: the current is off between them.
+        """
+        maxima = self._rules.maxima
+        if width_us < maxima.min_width_us:
+            raise Refused(
+                "board_cannot",
+                f"electrode {electrode}: width {width_us} us, and one word takes"
+                f" {maxima.min_width_us} us on this machine: send at least that",
+                electrode,
+            )
+        width_most_us = min(maxima.width_us, self._rules.person.width_us)
+        charge_pc = self.charge_pc(current_ua, width_us)
+        mean_ua = (charge_pc * phases + probe_pc) * visits_hz / 1e6
+        first_nc = (charge_pc + probe_pc) / PC_PER_NC
+        for what, asked, most, unit in (
+            ("current", current_ua, maxima.current_ua, "uA"),
+            ("width", width_us + self._prepulse_us, width_most_us, "us"),
+            ("charge of a pulse", first_nc, maxima.charge_pc / PC_PER_NC, "nC"),
+            ("rate", visits_hz, maxima.rate_hz, "Hz"),
+            ("mean current", mean_ua, maxima.mean_current_ua, "uA"),
+        ):
+            if asked > most:
+                raise Refused(
+                    "over_maximum",
+                    f"electrode {electrode}: {what} {asked:g} {unit}, nobody gets more than"
+                    f" {most:g} {unit} here",
+                    electrode,
+                )
+
+    def charge_pc(self, current_ua: int, width_us: int) -> int:
+        """Of one phase, its prepulse included."""
+        prepulse_ua = 0 if self._prepulse is None else int(current_ua * self._prepulse.part)
+        return current_ua * width_us + prepulse_ua * self._prepulse_us
+
+
+def pc_of(probe: PulseRequest | None) -> int:
+    """The charge of a probe, if there is one."""
+    return 0 if probe is None else probe.current_ua * probe.width_us

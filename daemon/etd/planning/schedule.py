@@ -1,0 +1,286 @@
+"""One plan as a schedule: which pulse is due when, and what a newer frame leaves of a scan.
+
+Owns: the schedule of one plan, electrode by electrode and scan by scan, until its frame expires or
+has had its pulses. Must not know: how a pulse is fired, the board, sockets, clocks: time comes in.
+
+It is plain data that can be run by hand:
+
+    schedule = Schedule(plan, expires_host_ns, now_ns)
+    schedule.begin_scan(now_ns)
+    while (due := schedule.next_due()) is not None:
+        schedule.was_fired(due, now_ns)
+        schedule.advance()
+    schedule.end_scan(now_ns)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal
+
+import msgspec
+
+from etd.planning.plan import Plan
+from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.protocol.errors import Refused
+from etd.safety.maxima import Maxima
+from etd.stabilize.pipeline import PulseRequest
+
+#: Rounding of rates may leave a pulse this little short of due.
+_ALMOST = 1e-9
+#: A scan that begins this late has been held up: more than waking late explains.
+_LATE_NS = 2_000_000
+#: A scan that lasts longer than this is looked into by newer frames; one in bursts at every pulse.
+_LONG_NS = 50_000_000
+
+#: `stimulus`: a pulse of a frame. `contact_poll`: a probe of an electrode that the frame leaves
+#: silent. `measurement`: a probe on the way up, or for `measure`.
+Purpose = Literal["stimulus", "contact_poll", "measurement"]
+
+
+class AfterProbe(msgspec.Struct, frozen=True):
+    """What was requested of a pulse before its own probe, when and under which ceiling; and the
+    current of that probe.
+    """
+
+    request: PulseRequest
+    probe_ua: int
+    asked_ns: int
+    ceiling_ua: int
+
+
+class DuePulse(msgspec.Struct, frozen=True):
+    """One pulse that is due now.
+
+    `key_path` is its place in the plan (-1: no pulse of a frame). `rewrites_chain`: the whole chain
+    is shifted for it. `after`: its own probe has just been fired, and all is still connected.
+    """
+
+    scheduled: ScheduledPulse
+    purpose: Purpose
+    place: int = -1
+    rewrites_chain: bool = False
+    after: AfterProbe | None = None
+
+    @property
+    def electrode(self) -> int:
+        return self.scheduled.electrode
+
+
+class _ScanSlot(msgspec.Struct, frozen=True):
+    """One pulse of the scan under way, by its place; `is_again` after the first of a burst."""
+
+    place: int
+    is_again: bool
+
+
+class Schedule:
+    """See the module."""
+
+    def __init__(
+        self, plan: Plan, expires_host_ns: int, now_ns: int, before: Schedule | None = None
+    ) -> None:
+        """`before`: the one whose place it takes, if there is one. Rates go on across the two.
+        It expires on the machine's clock; all else here counts on the board's.
+        """
+        self.plan = plan
+        self.expires_host_ns = expires_host_ns
+        #: Whether a scan of it has begun.
+        self.is_begun = False
+        #: Whether a scan of it is under way.
+        self.is_scanning = False
+        self._turns: Sequence[_ScanSlot] = ()
+        self._polls: Sequence[ScheduledPulse] | None = None
+        self._polls_owed = 0
+        self._at = 0
+        #: What is left of each pulse for the rest of the scan under way.
+        self._left_of: list[ScheduledPulse | None] = list(plan.schedule)
+        #: When the scan began in which an electrode was last fired, and the last one of all.
+        self._fired_ns: dict[int, int] = {} if before is None else before._fired_ns
+        self._scanned_ns: int | None = None if before is None else before._scanned_ns
+        self.next_ns = now_ns
+        if before is not None and self._scanned_ns is not None:
+            due_ns = min(before.next_ns, self._scanned_ns + plan.period_ns)
+            self.next_ns = max(now_ns, due_ns)
+        # The fastest is due in every scan, a slower one in its share of them; all in the first.
+        fastest_hz = max((scheduled.rate_hz for scheduled in plan.schedule), default=1.0)
+        self._share = [scheduled.rate_hz / fastest_hz for scheduled in plan.schedule]
+        self._phase = [
+            self._rested(scheduled, share) - share
+            for scheduled, share in zip(plan.schedule, self._share, strict=True)
+        ]
+        pulses = plan.frame.pulses
+        self._left = None if pulses is None else [pulses] * len(plan.schedule)
+        #: When the last pulse of each place began.
+        self._begun_ns = [now_ns] * len(plan.schedule)
+
+    def _rested(self, scheduled: ScheduledPulse, share: float) -> float:
+        """How much of its period an electrode has rested when this frame begins; 1 is all of it.
+        Less than half a scan short counts as all; the fastest are due in every scan.
+        """
+        fired_ns = self._fired_ns.get(scheduled.electrode)
+        if fired_ns is None or share > 1.0 - _ALMOST:
+            return 1.0
+        return min(1.0, (self.next_ns - fired_ns) * scheduled.rate_hz / 1e9 + share / 2)
+
+    # --- the frame ---------------------------------------------------------------------------
+
+    def has_expired(self, host_ns: int) -> bool:
+        return host_ns >= self.expires_host_ns
+
+    @property
+    def has_had_its_pulses(self) -> bool:
+        return self.is_begun and self._left is not None and not any(self._left)
+
+    def lower(self, newer: Plan) -> None:
+        """Another plan comes after the scan under way: what falls by it falls now."""
+        wanted = {scheduled.electrode: scheduled for scheduled in newer.schedule}
+        self._left_of = [
+            None if visit is None else visit.lowered_to(wanted.get(visit.electrode))
+            for visit in self._left_of
+        ]
+
+    def fit(self, maxima: Maxima) -> Refused | None:
+        """Between two scans, when other widths are possible than before: stabilizers get no more
+        room than there is now. Or why a pulse of the frame itself cannot be.
+        """
+        for scheduled in self.plan.schedule:
+            steps_us = (
+                scheduled.width_us,
+                scheduled.width_us if scheduled.probe is None else scheduled.probe.width_us,
+            )
+            is_too_wide = scheduled.width_us + scheduled.bounds.prepulse_us > maxima.width_us
+            if is_too_wide or min(steps_us) < maxima.min_width_us:
+                return Refused(
+                    "over_maximum" if is_too_wide else "board_cannot",
+                    f"electrode {scheduled.electrode}: by the last timing calibration pulses here"
+                    " have"
+                    f" {maxima.min_width_us} to {maxima.width_us} us, so this frame ends: send one"
+                    " with another width_us",
+                    scheduled.electrode,
+                )
+        widest_us = maxima.width_us
+        schedule = tuple(scheduled.within(widest_us) for scheduled in self.plan.schedule)
+        self.plan = dataclasses.replace(self.plan, schedule=schedule)
+        self._left_of = [
+            None if visit is None else visit.within(widest_us) for visit in self._left_of
+        ]
+        return None
+
+    # --- one scan ----------------------------------------------------------------------------
+
+    def begin_scan(self, now_ns: int) -> None:
+        """The next one follows a period later; after a stall nothing is made up for."""
+        late_ns = now_ns - self.next_ns
+        self._scanned_ns = now_ns
+        self.next_ns = (now_ns if late_ns > _LATE_NS else self.next_ns) + self.plan.period_ns
+        self._turns, self._at = self._due_turns(), 0
+        self._polls = None
+        self.is_begun = self.is_scanning = True
+
+    def _due_turns(self) -> list[_ScanSlot]:
+        """The pulses of the scan that begins now, burst after burst."""
+        plan, wanted = self.plan, self._wanted()
+        return [
+            _ScanSlot(place, number > 0)
+            for group in plan.groups
+            for number in range(plan.pulses)
+            for place in group
+            if number < wanted[place]
+        ]
+
+    def _wanted(self) -> list[int]:
+        """How many pulses each place gets in the scan that begins now."""
+        found = []
+        for place, share in enumerate(self._share):
+            self._phase[place] += share
+            is_due = self._phase[place] >= 1.0 - _ALMOST
+            self._phase[place] -= is_due
+            left = self.plan.pulses if self._left is None else self._left[place]
+            found.append(min(left, self.plan.pulses) if is_due else 0)
+        return found
+
+    def next_due(self) -> DuePulse | None:
+        """The next pulse of the scan under way, its contact polls after the frame's own; None when
+        none is left.
+        """
+        self._pass_over_lowered()
+        if self._at < len(self._turns):
+            place = self._turns[self._at].place
+            scheduled = self._left_of[place]
+            return None if scheduled is None else DuePulse(scheduled, "stimulus", place)
+        polls, at = self._polls or (), self._at - len(self._turns)
+        if at < len(polls):
+            return DuePulse(polls[at], "contact_poll", rewrites_chain=at == 0)
+        return None
+
+    def _pass_over_lowered(self) -> None:
+        """What a newer frame has taken away of the scan under way."""
+        while self._at < len(self._turns) and self._left_of[self._turns[self._at].place] is None:
+            self._at += 1
+
+    def advance(self) -> None:
+        """The pulse that `next_due` gave is over, whether it was fired or not."""
+        self._at += 1
+
+    @property
+    def upcoming(self) -> ScheduledPulse | None:
+        """What can be shifted in while the pulse before rests; None after the frame's last one."""
+        if self._at >= len(self._turns):
+            return None
+        return self.plan.schedule[self._turns[self._at].place]
+
+    @property
+    def wants_polls(self) -> bool:
+        """All pulses of the frame are over, and it has not been said who is to be polled."""
+        return self._at >= len(self._turns) and self._polls is None
+
+    def add_polls(self, polls: Sequence[ScheduledPulse], owed: int) -> None:
+        """Contact polls after the frame's own pulses; the first `owed` at any time."""
+        self._polls, self._polls_owed = polls, owed
+
+    def is_over(self, now_ns: int, poll_ns: int) -> bool:
+        """Whether nothing more belongs to the scan under way; one poll takes `poll_ns`."""
+        at = self._at - len(self._turns)
+        if self._polls is None or at < 0:
+            return False
+        if at >= len(self._polls):
+            return True
+        return at >= self._polls_owed and now_ns > self.next_ns - poll_ns
+
+    def end_scan(self, now_ns: int) -> bool:
+        """True if it came to its end too late for the next one, which then begins now; but a
+        period from now after a stall, because electrodes may just have been fired.
+        """
+        self.is_scanning = False
+        late_ns = now_ns - self.next_ns
+        if late_ns <= 0:
+            return False
+        self.next_ns = now_ns + (self.plan.period_ns if late_ns > self.plan.period_ns else 0)
+        return True
+
+    def was_paused(self, pause_ns: int) -> None:
+        """What is still to come of this scan is later by so much, and so are the next ones."""
+        self.next_ns += pause_ns
+
+    def is_long(self, now_ns: int) -> bool:
+        """Whether a newer frame is not to wait for the end of the scan under way."""
+        since_ns = now_ns if self._scanned_ns is None else self._scanned_ns
+        return self.plan.pulses > 1 or now_ns - since_ns >= _LONG_NS
+
+    def earliest_ns(self) -> int:
+        """When the next pulse may begin: in a burst an interval after the one before, else 0."""
+        self._pass_over_lowered()
+        if self._at >= len(self._turns):
+            return 0
+        turn = self._turns[self._at]
+        return self._begun_ns[turn.place] + self.plan.interval_ns if turn.is_again else 0
+
+    def was_fired(self, due: DuePulse, begun_ns: int) -> None:
+        """A stimulus began then."""
+        self._begun_ns[due.place] = begun_ns
+        if self._scanned_ns is not None:
+            self._fired_ns[due.electrode] = self._scanned_ns
+        if self._left is not None:
+            self._left[due.place] -= 1

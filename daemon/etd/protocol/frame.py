@@ -1,0 +1,109 @@
+"""What a client asks to be felt: one frame.
+
+Owns: the fields of a frame with the bounds that hold everywhere, and what one value for all or N
+values means. Must not know: boards, states, time, sockets.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from etd.protocol.errors import Refused
+
+Polarity = Literal["anodic", "cathodic", "biphasic", "biphasic_cathodic_first"]
+
+Level = Annotated[float, Meta(ge=0.0, le=1.0)]
+CurrentUa = Annotated[int, Meta(ge=0, le=10_000)]
+WidthUs = Annotated[int, Meta(ge=20, le=200)]
+RateHz = Annotated[float, Meta(ge=0.1, le=200.0)]
+TtlMs = Annotated[int, Meta(ge=1, le=1_000)]
+#: Anything a client may count or name with; larger ones cannot be carried to the engine.
+Int64 = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
+
+#: A frame that names no ttl is felt for this long.
+DEFAULT_TTL_MS = 200
+
+T = TypeVar("T")
+
+
+class Ring(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All electrodes whose distance from the stimulating one is `ring_mm`, within a quarter of it.
+
+    A concentric electrode of another diameter (paper, section 3.2): the rest is open.
+    """
+
+    ring_mm: Annotated[float, Meta(gt=0, le=100)]
+
+
+Returns = Literal["all"] | Ring | tuple[tuple[int, ...], ...]
+
+
+class Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One frame, as in DESIGN section 9: `level` or `current_ua`, N values each.
+
+    Values that may be given once or N times: `width_us`, `polarity`, `rate_hz`; where they are not
+    given, the calibration's or else the body site's hold. Level 0 is silent.
+    """
+
+    lease: str
+    seq: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    level: tuple[Level, ...] | None = None
+    current_ua: tuple[CurrentUa, ...] | None = None
+    width_us: WidthUs | tuple[WidthUs, ...] | None = None
+    polarity: Polarity | tuple[Polarity, ...] | None = None
+    rate_hz: RateHz | tuple[RateHz, ...] | None = None
+    returns: Returns | None = None
+    ttl_ms: TtlMs = DEFAULT_TTL_MS
+    pulses: Annotated[int, Meta(ge=1, le=100_000)] | None = None
+    strict: bool = False
+    allow_slower: bool = False
+    sent_ns: Int64 | None = None
+    tag: Int64 | None = None
+    sync: bool = False
+
+
+def per_electrode(value: T | tuple[T, ...], n: int, key: str) -> tuple[T, ...]:
+    """One value for each of `n` electrodes. Raises: Refused (`bad_frame`) for another length."""
+    if not isinstance(value, tuple):
+        return (value,) * n
+    if len(value) != n:
+        raise Refused("bad_frame", f"{key} has {len(value)} values, the array has {n} electrodes")
+    return value
+
+
+def check_shape(frame: Frame, n: int) -> None:
+    """Lengths and electrode numbers against an array of `n`. Raises: Refused (`bad_frame`)."""
+    if (frame.level is None) == (frame.current_ua is None):
+        raise Refused("bad_frame", "give level or current_ua, one of the two")
+    for key in ("level", "current_ua", "width_us", "polarity", "rate_hz"):
+        value = getattr(frame, key)
+        if isinstance(value, tuple):
+            per_electrode(value, n, key)
+    if isinstance(frame.returns, tuple):
+        _check_return_sets(frame.returns, n)
+
+
+def _check_return_sets(sets: tuple[tuple[int, ...], ...], n: int) -> None:
+    if len(sets) != n:
+        raise Refused("bad_frame", f"returns has {len(sets)} lists, the array has {n} electrodes")
+    there = frozenset(range(n))
+    for electrode, members in enumerate(sets):
+        # By sets: the engine looks at as many as 65 000 members between two pulses.
+        named = frozenset(members)
+        if not named <= there:
+            raise Refused(
+                "bad_frame",
+                f"returns of electrode {electrode} name {min(named - there)}: 0 to {n - 1}",
+                electrode,
+            )
+        if electrode in named:
+            raise Refused(
+                "bad_frame", f"electrode {electrode} is named as its own return", electrode
+            )
+        if len(named) != len(members):
+            raise Refused(
+                "bad_frame", f"returns of electrode {electrode} name one twice", electrode
+            )

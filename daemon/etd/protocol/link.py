@@ -1,0 +1,341 @@
+"""The messages between gateway and engine, and the two Unix sockets they cross.
+
+Owns: what one process may say to the other, and a channel that never blocks: a datagram is taken
+whole or not at all, and one that does not fit is dropped and counted.
+Must not know: ZeroMQ, JSON, strangers (they end in the gateway), devices (they begin in the
+engine).
+
+Commands and frames have a socket each, so that no command waits behind a frame. Both carry
+msgpack of the structs below; each end decodes only the other's union.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import select
+import socket
+from pathlib import Path
+from typing import Annotated, Generic, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, Undecodable
+from etd.protocol.frame import Frame, Int64, Polarity
+from etd.protocol.messages import (
+    ArrayFacts,
+    BoardFacts,
+    Clamp,
+    Contact,
+    Halt,
+    Limits,
+    MaximaFacts,
+    Modelled,
+    RefusedReport,
+    Scan,
+    Shortfall,
+    StateReport,
+)
+from etd.stabilize.shape import PLAIN, Shape
+
+#: The gateway says something at least this often; after SILENCE_NS without, the skin is silent.
+ALIVE_NS = 50_000_000
+SILENCE_NS = 250_000_000
+#: A datagram is never larger: a frame of 256 electrodes with explicit returns fits.
+MAX_DATAGRAM_BYTES = 192 * 1024
+
+#: Who asks, and a lease: as long as the protocol lets them be, so that every report has room.
+Text64 = Annotated[str, Meta(max_length=64)]
+
+
+class _Message(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Tagged by its class name."""
+
+
+class Command(_Message, frozen=True, kw_only=True):
+    """Gateway to engine. `ref` comes back in the `Answer`; 0 wants none."""
+
+    ref: int = 0
+
+
+class Alive(Command, frozen=True, kw_only=True):
+    """The gateway is there."""
+
+
+class OpenLease(Command, frozen=True, kw_only=True):
+    """A new lease with the limits of the person; enters in SAFE only."""
+
+    lease: Text64
+    client: Text64
+    calibration_name: Text64 | None = None
+    calibration: Calibration | None = None
+    limits: Limits | None = None
+
+
+class KeepLease(Command, frozen=True, kw_only=True):
+    lease: Text64
+
+
+class CloseLease(Command, frozen=True, kw_only=True):
+    lease: Text64
+
+
+class DisarmBoard(Command, frozen=True, kw_only=True):
+    lease: Text64
+
+
+class ArmBoard(Command, frozen=True, kw_only=True):
+    """The answer comes when the rail is there, or when it is not."""
+
+
+class ClearHalt(Command, frozen=True, kw_only=True):
+    pass
+
+
+class StopNow(Command, frozen=True, kw_only=True):
+    client: Text64
+
+
+class MeasureContact(Command, frozen=True, kw_only=True):
+    lease: Text64
+
+
+class SetMark(Command, frozen=True, kw_only=True):
+    lease: Text64
+    tag: Int64 | None = None
+
+
+class NewFrame(_Message, frozen=True, kw_only=True):
+    """A frame of the right shape, with the lease that the gateway found standing.
+
+    `ref` 0: streamed, answered by a `RefusedReport` if it is refused and by nothing otherwise.
+    """
+
+    ref: int
+    frame: Frame
+
+
+ToEngine = (
+    Alive
+    | OpenLease
+    | KeepLease
+    | CloseLease
+    | DisarmBoard
+    | ArmBoard
+    | ClearHalt
+    | StopNow
+    | MeasureContact
+    | SetMark
+)
+
+
+class EngineHello(_Message, frozen=True, kw_only=True):
+    """The engine's first word on the command socket: what there is to drive."""
+
+    board: BoardFacts
+    array: ArrayFacts
+    body_site: str
+    maxima: MaximaFacts
+    default_width_us: int
+    default_rate_hz: float
+    default_polarity: Polarity
+    shape: Shape = PLAIN
+    stabilizers: tuple[str, ...] = ()
+
+
+class Answer(_Message, frozen=True, kw_only=True):
+    """To the command or frame with this `ref`. `error` None: done."""
+
+    ref: int
+    error: ErrorCode | None = None
+    reason: str = ""
+    electrode: int | None = None
+    achievable_hz: float | None = None
+    rate_hz: float | None = None
+    clamped: tuple[Clamp, ...] = ()
+    slowed: tuple[Shortfall, ...] = ()
+    contact: Contact | None = None
+    marked_ns: int | None = None
+    sync: bool = False
+
+    @classmethod
+    def refusing(cls, ref: int, refusal: Refused) -> Answer:
+        """To what was not accepted."""
+        return cls(
+            ref=ref,
+            error=refusal.code,
+            reason=refusal.reason,
+            electrode=refusal.electrode,
+            achievable_hz=refusal.achievable_hz,
+        )
+
+
+class LeaseEnded(_Message, frozen=True, kw_only=True):
+    """The lease stands no longer, and why: lapsed, closed, halted."""
+
+    lease: str
+    reason: str
+
+
+class Report(_Message, frozen=True, kw_only=True):
+    """Telemetry for everybody: exactly one of these."""
+
+    state: StateReport | None = None
+    scan: Scan | None = None
+    contact: Contact | None = None
+    refused: RefusedReport | None = None
+    halt: Halt | None = None
+    modelled: Modelled | None = None
+
+
+ToGateway = EngineHello | Answer | LeaseEnded | Report
+
+In = TypeVar("In")
+_encoder = msgspec.msgpack.Encoder()
+
+
+class Channel(Generic[In]):
+    """One end of a SEQPACKET connection. Never blocks; a send that does not fit is dropped."""
+
+    def __init__(self, connection: socket.socket, incoming: type[In] | object) -> None:
+        connection.setblocking(False)
+        for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
+            connection.setsockopt(socket.SOL_SOCKET, option, 2 * MAX_DATAGRAM_BYTES)
+        self._socket = connection
+        #: Asked first: a read that finds nothing costs three times as much.
+        self._poller = select.poll()
+        self._poller.register(connection, select.POLLIN)
+        self._decoder: msgspec.msgpack.Decoder[In] = msgspec.msgpack.Decoder(incoming)
+        self.is_open = True
+        self.dropped = 0
+        self.received_bytes = 0
+
+    def fileno(self) -> int:
+        """For a poller."""
+        return self._socket.fileno()
+
+    def send(self, message: object) -> bool:
+        """True if the other end will get it; otherwise it is dropped and counted."""
+        if not self.is_open:
+            return False
+        try:
+            self._socket.send(_encoder.encode(message))
+        except BlockingIOError:
+            self.dropped += 1
+            return False
+        except OSError as error:
+            if error.errno in (errno.EMSGSIZE, errno.ENOBUFS):
+                self.dropped += 1
+            else:
+                self.close()
+            return False
+        return True
+
+    def receive(self) -> In | None:
+        """The next message, or None if there is none now (or no connection any more).
+
+        Raises: Undecodable for bytes that are none of the other end's messages.
+        """
+        if not self.is_open or not self._poller.poll(0):
+            return None
+        try:
+            data = self._socket.recv(MAX_DATAGRAM_BYTES)
+        except (BlockingIOError, InterruptedError):
+            return None
+        except OSError:
+            self.close()
+            return None
+        if not data:
+            self.close()
+            return None
+        self.received_bytes += len(data)
+        try:
+            return self._decoder.decode(data)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise Undecodable(str(error)) from None
+
+    def close(self) -> None:
+        """Idempotent."""
+        self.is_open = False
+        self._socket.close()
+
+
+def command_path(folder: Path) -> Path:
+    return folder / "engine-commands.sock"
+
+
+def frame_path(folder: Path) -> Path:
+    return folder / "engine-frames.sock"
+
+
+class Listener:
+    """The engine's end: waits for the one gateway on both sockets, never blocking."""
+
+    def __init__(self, folder: Path) -> None:
+        self._listening = [
+            _listen(path, folder.name) for path in (command_path(folder), frame_path(folder))
+        ]
+
+    def accept(self) -> tuple[Channel[ToEngine], Channel[NewFrame]] | None:
+        """Both channels of a gateway that has connected, or None."""
+        try:
+            commands, _ = self._listening[0].accept()
+        except BlockingIOError:
+            return None
+        try:
+            self._listening[1].settimeout(0.05)
+            frames, _ = self._listening[1].accept()
+        except OSError:
+            commands.close()
+            return None
+        finally:
+            self._listening[1].setblocking(False)
+        return Channel(commands, ToEngine), Channel(frames, NewFrame)
+
+    def close(self) -> None:
+        for listening in self._listening:
+            with contextlib.suppress(OSError):
+                Path(listening.getsockname()).unlink()
+            listening.close()
+
+
+def _listen(path: Path, name: str) -> socket.socket:
+    listening = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        if _is_answered(path):
+            raise AlreadyRunning(name, f"its engine answers at {path}")
+        path.unlink(missing_ok=True)
+        listening.bind(str(path))
+        path.chmod(0o660)
+        listening.listen(1)
+        listening.setblocking(False)
+    except BaseException:
+        listening.close()
+        raise
+    return listening
+
+
+def _is_answered(path: Path) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+        try:
+            probe.connect(str(path))
+        except OSError:
+            return False
+    return True
+
+
+def connect(folder: Path) -> tuple[Channel[ToGateway], Channel[ToGateway]] | None:
+    """The gateway's end: both channels, or None while no engine listens there."""
+    opened: list[socket.socket] = []
+    try:
+        for path in (command_path(folder), frame_path(folder)):
+            connection = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            opened.append(connection)
+            connection.connect(str(path))
+    except OSError:
+        for connection in opened:
+            connection.close()
+        return None
+    return Channel(opened[0], ToGateway), Channel(opened[1], ToGateway)

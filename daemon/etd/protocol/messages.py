@@ -1,0 +1,445 @@
+"""Wire protocol, version 1: every message that a client sends or gets, as typed structs.
+
+Owns: the public messages and their bounds; `docs/protocol.schema.json` is made from here. One JSON
+object a message. Within a version keys are only added; clients ignore unknown keys in replies,
+the daemon refuses them in requests.
+Must not know: sockets, the engine, boards.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import ErrorCode
+from etd.protocol.frame import Frame, Int64, Polarity
+from etd.stabilize.pipeline import ContactState as ContactState
+from etd.stabilize.shape import PLAIN, Shape
+
+VERSION = 1
+#: A larger message ends the connection that sent it; the client refuses to send it.
+MAX_MESSAGE_BYTES = 65_536
+#: A lease lives this long after the last accepted frame or `keep`.
+LEASE_MS = 1_000
+#: Streamed `scan` telemetry comes at most this often; nothing is lost by it.
+MAX_TELEMETRY_HZ = 30
+#: What a fake board's body is modelled to feel comes this often while there is anything to tell.
+MODELLED_HZ = 10
+
+Id = Annotated[str, Meta(max_length=64)] | Int64
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
+State = Literal["SAFE", "PROBE", "ARMED", "HALTED"]
+Lease = Annotated[str, Meta(max_length=64)]
+Topic = Literal["state", "scan", "contact", "refused", "halt", "modelled"]
+TOPICS: tuple[Topic, ...] = ("state", "scan", "contact", "refused", "halt", "modelled")
+
+
+class _Request(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="op"
+):
+    id: Id | None = None
+
+
+class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A person's limits without a calibration; both are needed."""
+
+    max_current_ua: Annotated[int, Meta(ge=50, le=10_000)]
+    width_us: Annotated[int, Meta(ge=20, le=200)]
+
+
+class Hello(_Request, frozen=True, tag="hello"):
+    """Who is there: version, board and guards, array, limits, endpoints."""
+
+
+class Status(_Request, frozen=True, tag="status"):
+    """The state now, with what was not granted and what is absent."""
+
+
+class Stop(_Request, frozen=True, tag="stop"):
+    """Silence at once; HALTED until `clear`. Needs nothing but access."""
+
+    client: Annotated[str, Meta(max_length=64)] = ""
+
+
+class Open(_Request, frozen=True, tag="open"):
+    """Ask for the one lease, with the limits of the person who will feel it."""
+
+    client: Annotated[str, Meta(min_length=1, max_length=64)]
+    calibration: Name | None = None
+    limits: Limits | None = None
+
+
+class Keep(_Request, frozen=True, tag="keep"):
+    lease: Lease
+
+
+class Close(_Request, frozen=True, tag="close"):
+    lease: Lease
+
+
+class Disarm(_Request, frozen=True, tag="disarm"):
+    lease: Lease
+
+
+class Arm(_Request, frozen=True, tag="arm"):
+    """Arms the present holder's lease, whoever asks."""
+
+
+class Clear(_Request, frozen=True, tag="clear"):
+    """Leave HALTED for SAFE."""
+
+
+class Measure(_Request, frozen=True, tag="measure"):
+    """Contact of all electrodes, with probe pulses, in PROBE; from SAFE back to SAFE."""
+
+    lease: Lease
+
+
+class Mark(_Request, frozen=True, tag="mark"):
+    """A remark in the records, and an edge on the SYNC line where the board has one."""
+
+    lease: Lease
+    tag: Int64 | None = None
+
+
+class GetCalibration(_Request, frozen=True, tag="calibration"):
+    """`get` one by name, `list` all, `set` one (operate, SAFE), or `delete` one (operate)."""
+
+    do: Literal["get", "list", "set", "delete"]
+    name: Name | None = None
+    calibration: Calibration | None = None
+
+
+class FrameRequest(Frame, frozen=True, kw_only=True, tag_field="op", tag="frame"):
+    """A single frame with an answer (control socket), or streamed without one (frames socket)."""
+
+    id: Id | None = None
+
+
+Request = (
+    Hello
+    | Status
+    | Stop
+    | Open
+    | Keep
+    | Close
+    | Disarm
+    | Arm
+    | Clear
+    | Measure
+    | Mark
+    | GetCalibration
+    | FrameRequest
+)
+
+
+class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The reply to what was not accepted; nothing changed."""
+
+    ok: Literal[False]
+    error: ErrorCode
+    reason: str
+    now_ns: int
+    id: Id | None = None
+    electrode: int | None = None
+    achievable_hz: float | None = None
+
+
+class Success(msgspec.Struct, frozen=True, kw_only=True):
+    """What every accepted request gets, before the keys of its own."""
+
+    ok: Literal[True]
+    now_ns: int
+    id: Id | None = None
+
+
+class BoardFacts(msgspec.Struct, frozen=True, kw_only=True):
+    name: str
+    backend: str
+    machine: str
+    full_scale_ua: int
+    resolution_ua: float
+    leak_ohm: int
+    compliance_v: int
+    rest_us: int
+    states: tuple[str, ...]
+    present_guards: tuple[str, ...]
+    absent_guards: tuple[str, ...]
+
+
+class ArrayFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """Positions in mm, x right, y towards the fingertip, through the finger onto the electrodes."""
+
+    name: str
+    electrodes: int
+    x_mm: tuple[float, ...]
+    y_mm: tuple[float, ...]
+    diameter_mm: float
+
+
+class MaximaFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """What nobody gets more of: the smallest of code, board and body site."""
+
+    current_ua: int
+    uncalibrated_current_ua: int
+    width_us: int
+    charge_nc: float
+    rate_hz: float
+    mean_current_ua: int
+    array_mean_current_ua: int
+    probe_current_ua: int
+
+
+class Endpoints(msgspec.Struct, frozen=True, kw_only=True):
+    frames: str
+    telemetry: str
+
+
+class HelloReply(Success, frozen=True, kw_only=True):
+    protocol: int
+    version: str
+    name: str
+    board: BoardFacts
+    array: ArrayFacts
+    body_site: str
+    maxima: MaximaFacts
+    default_width_us: int
+    default_rate_hz: float
+    default_polarity: Polarity
+    #: What becomes of every pulse there: a calibration that is made holds for it.
+    shape: Shape = PLAIN
+    #: The laws of the body site, in their order.
+    stabilizers: tuple[str, ...] = ()
+    default_calibration: str | None
+    calibrations: tuple[str, ...]
+    endpoints: Endpoints
+    max_message_bytes: int
+    lease_ms: int
+
+
+class LeaseReply(Success, frozen=True, kw_only=True):
+    lease: str
+    lease_ms: int
+
+
+ClampReason = Literal[
+    "cap", "return_cap", "soft_start", "recontact", "contact_open", "charge", "frame"
+]
+
+
+class Clamp(msgspec.Struct, frozen=True, kw_only=True):
+    """What was made smaller: electrode, the wish and what it got, and why.
+
+    `limited_by` is the electrode whose cap was the smallest in the path (a return, perhaps).
+    """
+
+    electrode: int
+    wanted_ua: int
+    allowed_ua: int
+    reason: ClampReason
+    limited_by: int
+
+
+class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
+    """Pulses that were not fired, or a rate that was lowered."""
+
+    electrode: int | None
+    reason: Literal["ledger", "rate", "processor", "overrun", "resolution"]
+    pulses: int = 0
+    rate_hz: float | None = None
+
+
+class FrameReply(Success, frozen=True, kw_only=True):
+    """Accepted: felt from the next start of a scan. `clamped` is what its limits take away."""
+
+    seq: int
+    rate_hz: float
+    clamped: tuple[Clamp, ...] = ()
+    slowed: tuple[Shortfall, ...] = ()
+
+
+class Contact(msgspec.Struct, frozen=True, kw_only=True):
+    """What is known of each electrode. None: unknown. `pressure_kpa` is what the sensor nearest to
+    it says; empty for an array without sensors.
+    """
+
+    contact: tuple[bool | None, ...]
+    resistance_ohm: tuple[int | None, ...]
+    voltage_v: tuple[float | None, ...]
+    t_ns: int
+    pressure_kpa: tuple[float | None, ...] = ()
+
+
+class MeasureReply(Success, frozen=True, kw_only=True):
+    contact: tuple[bool | None, ...]
+    resistance_ohm: tuple[int | None, ...]
+    voltage_v: tuple[float | None, ...]
+    pressure_kpa: tuple[float | None, ...] = ()
+
+
+class MarkReply(Success, frozen=True, kw_only=True):
+    marked_ns: int
+    sync: bool
+
+
+class CalibrationReply(Success, frozen=True, kw_only=True):
+    names: tuple[str, ...] = ()
+    calibration: Calibration | None = None
+
+
+class Halt(msgspec.Struct, frozen=True, kw_only=True):
+    """Why the daemon is halted: `stop` and who, or a fault."""
+
+    cause: str
+    source: str
+    detail: str
+    t_ns: int
+
+
+class StateReport(msgspec.Struct, frozen=True, kw_only=True):
+    """Telemetry `state`, each second and at each change; also the body of a `status` reply."""
+
+    state: State
+    now_ns: int
+    engine: Literal["there", "gone"]
+    halt: Halt | None = None
+    holder: str | None = None
+    ceiling_ua: int = 0
+    rail_v: float | None = None
+    supply_on: bool = False
+    absent_guards: tuple[str, ...] = ()
+    not_granted: tuple[str, ...] = ()
+    counters: dict[str, int] = {}
+    busy_percent: float = 0.0
+    #: How far the board's clock, which all times in reports are of, is behind CLOCK_MONOTONIC.
+    clock_lag_us: int = 0
+    #: A fake's ttl, lease and gateway's silence may last so many times as long; else 1.
+    timeout_factor: int = 1
+    timing: dict[str, float] = {}
+    machine: tuple[str, ...] = ()
+    last_disarm: str | None = None
+    #: Why `arm` will be refused until somebody has tested or changed something, with what to do.
+    arming_refused: str | None = None
+    #: Which sensor under the array says nothing, and why; for two seconds after it does again.
+    sensor_problems: dict[str, str] = {}
+
+
+class StatusReply(Success, frozen=True, kw_only=True):
+    status: StateReport
+
+
+class Shown(msgspec.Struct, frozen=True, kw_only=True):
+    """A frame that was begun, with the times of its first and last pulse (CLOCK_MONOTONIC).
+
+    Both are None while a frame has had no pulse (a silent one has none).
+    """
+
+    seq: int
+    tag: int | None
+    begun_ns: int
+    first_ns: int | None
+    last_ns: int | None
+    ended: bool
+
+
+class Fired(msgspec.Struct, frozen=True, kw_only=True):
+    """The last scan, electrode by electrode; 0 or None where nothing was fired.
+
+    `wanted_ua` is what the frame asked for, also where a stabilizer made nothing of it, and
+    `current_ua` is 0; else `current_ua` is what the source was told, an upper bound of what passes
+    the skin. `delivered_ua` passed it at the end of the pulse, the leak taken out.
+    `contact` is the kind of contact that the pulse found. `prepulse_ua` and `probe_ua` are what
+    the source was told of a step that led into the pulse, and of a probe that went before it in the
+    same visit; 0 where there was none. Their widths follow from the body-site file.
+
+    `resistance_ohm` is of the last sample of the last pulse alone, `skin_ohm` what the skin resists
+    a long pulse, by all pulses above the probe's current, and `capacitance_nf` what lies beside it,
+    where pulses were wide enough to tell; None where they are not believed.
+    """
+
+    wanted_ua: tuple[int, ...]
+    current_ua: tuple[int, ...]
+    delivered_ua: tuple[int, ...]
+    width_us: tuple[float, ...]
+    voltage_v: tuple[float | None, ...]
+    resistance_ohm: tuple[int | None, ...]
+    contact: tuple[ContactState | None, ...]
+    prepulse_ua: tuple[int, ...] = ()
+    probe_ua: tuple[int, ...] = ()
+    skin_ohm: tuple[int | None, ...] = ()
+    capacitance_nf: tuple[float | None, ...] = ()
+
+
+class Scan(msgspec.Struct, frozen=True, kw_only=True):
+    """Telemetry `scan`: every frame begun since the last one, what was fired, and why not more.
+
+    `pressure_kpa` is of this moment, per electrode by the sensor nearest to it: None where that one
+    says nothing; empty for an array without sensors.
+    """
+
+    now_ns: int
+    shown: tuple[Shown, ...]
+    seq: int
+    tag: int | None
+    scans: int
+    fired: Fired
+    clamped: tuple[Clamp, ...]
+    not_fired: tuple[Shortfall, ...]
+    ceiling_ua: int
+    dropped_reports: int
+    pressure_kpa: tuple[float | None, ...] = ()
+
+
+class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):
+    """Telemetry `refused`: a streamed frame that was not accepted. `count` counts all of them."""
+
+    now_ns: int
+    error: ErrorCode
+    reason: str
+    count: int
+    seq: int | None = None
+    electrode: int | None = None
+    achievable_hz: float | None = None
+
+
+class Modelled(msgspec.Struct, frozen=True, kw_only=True):
+    """Telemetry `modelled`, of fake boards only: what the model of a body says it felt.
+
+    Per electrode the strongest since the last one. `felt`: 1.0 is just felt, 0 nothing; `pain`: 1.0
+    and more would hurt.
+    """
+
+    now_ns: int
+    felt: tuple[float, ...]
+    pain: tuple[float, ...]
+
+
+Telemetry = StateReport | Scan | Contact | RefusedReport | Halt | Modelled
+TELEMETRY_OF_TOPIC: dict[Topic, Any] = {
+    "state": StateReport,
+    "scan": Scan,
+    "contact": Contact,
+    "refused": RefusedReport,
+    "halt": Halt,
+    "modelled": Modelled,
+}
+
+#: The reply that each op's success is decoded into.
+REPLY_OF_OP: dict[str, Any] = {
+    "hello": HelloReply,
+    "status": StatusReply,
+    "stop": Success,
+    "open": LeaseReply,
+    "keep": Success,
+    "close": Success,
+    "disarm": Success,
+    "arm": Success,
+    "clear": Success,
+    "measure": MeasureReply,
+    "mark": MarkReply,
+    "calibration": CalibrationReply,
+    "frame": FrameReply,
+}

@@ -1,0 +1,192 @@
+"""What this person may get, and this pulse: pure rules, read in one sitting.
+
+Owns: the caps of a person, and the last word on one pulse. Must not know: time, hardware, sockets,
+how a wish came about, what the maxima are made of (`maxima.py`).
+
+Two tiers. A *maximum* is not passed by any frame: asking for more is refused, as a whole. A
+*limit* belongs to an electrode of a person: what asks for more is clamped, and the clamp is told.
+Nothing after this module may increase anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+
+from etd.protocol.calibration import Calibration, check_order
+from etd.protocol.errors import FileError, Refused
+from etd.protocol.messages import Clamp, ClampReason, Limits
+from etd.safety.maxima import Maxima
+from etd.stabilize.pipeline import PulseBounds, PulseRequest
+
+
+@dataclass(frozen=True, slots=True)
+class PersonLimits:
+    """One person's caps, by electrode, and the conditions they were found under.
+
+    No pulse is wider than `width_us`. `accepted_us` is the width that the caps are of: in a wider
+    pulse nobody has allowed more charge.
+    """
+
+    caps_ua: tuple[int, ...]
+    width_us: int
+    accepted_us: int
+    calibration: Calibration | None
+
+
+def limits_of_calibration(
+    calibration: Calibration, maxima: Maxima, array: str, electrodes: int, site: str
+) -> PersonLimits:
+    """A person's caps from a calibration, checked against array, site and maxima.
+
+    Raises: Refused (`bad_calibration`, `over_maximum`, `board_cannot`).
+    """
+    for what, is_made_for, here in (
+        ("array", calibration.array, array),
+        ("body site", calibration.body_site, site),
+        ("number of electrodes", str(len(calibration.electrode)), str(electrodes)),
+    ):
+        if is_made_for != here:
+            raise Refused(
+                "bad_calibration",
+                f"the calibration of {calibration.participant} was made for {what} {is_made_for},"
+                f" here it is {here}: calibrate anew",
+            )
+    if calibration.width_us > maxima.width_us or calibration.rate_hz > maxima.rate_hz:
+        raise Refused(
+            "over_maximum",
+            f"the calibration's {calibration.width_us} us at {calibration.rate_hz} Hz is more than"
+            f" {maxima.width_us} us at {maxima.rate_hz} Hz allowed here",
+        )
+    fired = calibration.shape.of(PulseRequest(maxima.probe_current_ua, calibration.width_us))
+    _check_narrowest("the calibration's", fired.width_us, maxima)
+    for electrode, limits in enumerate(calibration.electrode):
+        if not limits.threshold_ua <= limits.comfortable_ua <= limits.cap_ua:
+            raise Refused(
+                "bad_calibration",
+                f"electrode {electrode}: threshold, comfortable and cap do not rise",
+                electrode,
+            )
+        if limits.cap_ua > maxima.current_ua:
+            raise Refused(
+                "over_maximum",
+                f"electrode {electrode} has a cap of {limits.cap_ua} uA, nobody gets more than"
+                f" {maxima.current_ua} uA here",
+                electrode,
+            )
+    try:
+        check_order(calibration, f"the calibration of {calibration.participant}")
+    except FileError as error:
+        raise Refused("bad_calibration", str(error)) from error
+    caps_ua = tuple(limits.cap_ua for limits in calibration.electrode)
+    return PersonLimits(caps_ua, maxima.width_us, calibration.width_us, calibration)
+
+
+def limits_of_numbers(limits: Limits, maxima: Maxima, electrodes: int) -> PersonLimits:
+    """The same cap for all, from a client that has no calibration.
+
+    Raises: Refused (`over_maximum`, `board_cannot`).
+    """
+    if limits.max_current_ua > maxima.uncalibrated_current_ua:
+        raise Refused(
+            "over_maximum",
+            f"max_current_ua {limits.max_current_ua} is more than the"
+            f" {maxima.uncalibrated_current_ua} uA allowed without a calibration: calibrate, or"
+            " ask for less",
+        )
+    if limits.width_us > maxima.width_us:
+        raise Refused(
+            "over_maximum", f"width_us {limits.width_us} is more than {maxima.width_us} here"
+        )
+    _check_narrowest("width_us", limits.width_us, maxima)
+    caps_ua = (limits.max_current_ua,) * electrodes
+    return PersonLimits(caps_ua, limits.width_us, limits.width_us, None)
+
+
+def _check_narrowest(what: str, width_us: int, maxima: Maxima) -> None:
+    if width_us < maxima.min_width_us:
+        raise Refused(
+            "board_cannot",
+            f"{what} {width_us} us is less than {maxima.min_width_us} us, which one word takes on"
+            " this machine",
+        )
+
+
+class Path(msgspec.Struct, frozen=True):
+    """The caps in the way of one electrode's current, those of its returns included.
+
+    `share` is the largest part of the current that one return may carry (1 when in doubt).
+    """
+
+    electrode: int
+    cap_ua: int
+    return_cap_ua: int
+    return_electrode: int
+    share: float
+
+    def with_share(self, share: float) -> Path:
+        """The same caps, for a return that may carry another part."""
+        if share == self.share:
+            return self
+        return Path(self.electrode, self.cap_ua, self.return_cap_ua, self.return_electrode, share)
+
+
+def path_of(electrode: int, caps_ua: Sequence[int], returns: Sequence[int], share: float) -> Path:
+    """The electrode's own cap, and the smallest among its returns."""
+    smallest = min(returns, key=lambda electrode: caps_ua[electrode])
+    return Path(electrode, caps_ua[electrode], caps_ua[smallest], smallest, share)
+
+
+def clamp_to_limits(
+    path: Path,
+    request: PulseRequest,
+    maxima: Maxima,
+    soft_start_ua: int,
+    recontact_ua: int | None,
+    is_open: bool,
+    bounds: PulseBounds | None = None,
+    before_pc: int = 0,
+) -> tuple[int, Clamp | None]:
+    """What this electrode gets, in uA, of what is wanted; and the clamp to tell, if any.
+
+    The smallest bound wins and is named. `soft_start_ua` is the array's ceiling now, `recontact_ua`
+    the electrode's own after a re-contact (None: none), `is_open` that nothing touches it.
+    `most` is the frame's own, where stabilizers ask. `before_pc` is the charge of the probe that
+    goes before. What leads into the pulse falls with it, and its charge counts.
+    """
+    bounds_ua: dict[ClampReason, int] = {
+        "cap": _within_cap(path.cap_ua, request, bounds),
+        "return_cap": _within_cap(path.return_cap_ua / path.share, request, bounds),
+        "charge": request.current_of(maxima.charge_pc - before_pc),
+        "soft_start": soft_start_ua,
+    }
+    if bounds is not None:
+        bounds_ua["frame"] = min(bounds.current_ua, bounds.charge_pc // request.width_us)
+    if recontact_ua is not None:
+        bounds_ua["recontact"] = recontact_ua
+    if is_open:
+        bounds_ua["contact_open"] = maxima.probe_current_ua
+    bound_ua = min(bounds_ua.values())
+    if request.current_ua <= bound_ua:
+        return request.current_ua, None
+    reason = min(bounds_ua, key=bounds_ua.__getitem__)
+    clamp = Clamp(
+        electrode=path.electrode,
+        wanted_ua=request.current_ua,
+        allowed_ua=bound_ua,
+        reason=reason,
+        limited_by=path.return_electrode if reason == "return_cap" else path.electrode,
+    )
+    return bound_ua, clamp
+
+
+def _within_cap(cap_ua: float, request: PulseRequest, bounds: PulseBounds | None) -> int:
+    """A cap is a current, and the charge that it has in the frame's own pulses, or in those that it
+    was accepted with: where one is wider, or something leads into it that was not there then,
+    nobody has allowed more.
+    """
+    if bounds is None:
+        return int(cap_ua)
+    return min(int(cap_ua), request.current_of(bounds.capped_pc(cap_ua)))

@@ -1,0 +1,123 @@
+"""How fast current may rise: the array's opening, and each electrode's own after a re-contact.
+
+Owns: one ceiling for the whole array, zero after arming, which rises through the pulses that are
+fired at it; and the same ramp for an electrode that was open and is touched again.
+Must not know: what the limits are, hardware, clocks: time comes in. A fall is never delayed.
+
+What was fired counts, nothing else: neither frames that stand nor time that passes. Two bounds hold
+for every pulse, and the lower one is its ceiling:
+
+    0.5 mA above the highest current that was fired 100 ms ago or longer
+    50 uA for every 10 ms above the highest current that was let through to any pulse before it,
+        counted from the last pulse that was fired at its ceiling, and for 100 ms at most
+
+By the first, no pulse within any 100 ms exceeds by more than 0.5 mA what was fired before them. By
+the second, the ceiling rises in small steps wherever pulses are close enough.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+#: 0.5 mA per 100 ms, in steps that keep prepared pulses few.
+STEP_UA = 50
+STEP_NS = 10_000_000
+RISE_UA = 500
+WINDOW_NS = 100_000_000
+
+
+class Ramp:
+    """A ceiling that rises from zero, through what is fired at it."""
+
+    def __init__(self, top_ua: int) -> None:
+        self._top_ua = top_ua
+        self.restart()
+
+    def restart(self) -> None:
+        """Back to zero."""
+        #: What was let through to a pulse that was fired, at the most; the source has steps, so
+        #: that less was fired.
+        self._reached_ua = 0
+        #: What was fired at the most, and of that the part that was fired before the window.
+        self._fired_ua = 0
+        self._settled_ua = 0
+        #: When something higher than all before was fired within the window, and how much.
+        self._rises: deque[tuple[int, int]] = deque()
+        #: Up to when time is used up; None until a pulse is due.
+        self._counted_ns: int | None = None
+        self._due_ns = 0
+        self.ceiling_ua = 0
+
+    def due(self, now_ns: int) -> int:
+        """A pulse is due: its ceiling in uA. `ceiling_ua` is that of the last one."""
+        if self._counted_ns is None:
+            self._counted_ns = now_ns
+        rises, settled_ns = self._rises, now_ns - WINDOW_NS
+        while rises and rises[0][0] <= settled_ns:
+            self._settled_ua = rises.popleft()[1]
+        steps = min(now_ns - self._counted_ns, WINDOW_NS) // STEP_NS
+        self._due_ns = now_ns
+        self.ceiling_ua = min(
+            self._top_ua, self._reached_ua + steps * STEP_UA, self._settled_ua + RISE_UA
+        )
+        return self.ceiling_ua
+
+    def fired(self, given_ua: int, commanded_ua: int, ended_ns: int) -> None:
+        """The pulse that was due was fired: `given_ua` was let through to it, the source was told
+        `commanded_ua`, and its message ended then.
+        """
+        if commanded_ua > self._fired_ua:
+            self._fired_ua = commanded_ua
+            self._rises.append((ended_ns, commanded_ua))
+        if given_ua > self._reached_ua or given_ua >= self.ceiling_ua:
+            self._reached_ua = max(self._reached_ua, given_ua)
+            self._use_time()
+
+    def _use_time(self) -> None:
+        """Whole steps are gone; what is left of one counts for the next pulse."""
+        passed_ns = self._due_ns - (self._counted_ns or 0)
+        left_ns = passed_ns % STEP_NS if passed_ns < WINDOW_NS else 0
+        self._counted_ns = self._due_ns - left_ns
+
+
+class SoftStart:
+    """The array's ramp and those of single electrodes."""
+
+    def __init__(self, top_ua: int) -> None:
+        self._top_ua = top_ua
+        self._array = Ramp(top_ua)
+        self._recontacts: dict[int, Ramp] = {}
+
+    @property
+    def ceiling_ua(self) -> int:
+        """The array's, for the last pulse that was due; 0 before the first."""
+        return self._array.ceiling_ua
+
+    def restart(self) -> None:
+        """With every silence, which ends a lease too; and once armed: the probes on the way up were
+        fired like a frame's pulses.
+        """
+        self._array.restart()
+        self._recontacts.clear()
+
+    def due(self, now_ns: int) -> int:
+        """A pulse is due: the array's ceiling in uA."""
+        return self._array.due(now_ns)
+
+    def touched_again(self, electrode: int) -> None:
+        """An open electrode is touched: from zero, for it alone, until the opening restarts."""
+        self._recontacts[electrode] = Ramp(self._top_ua)
+
+    def recontact_ua(self, electrode: int, now_ns: int) -> int | None:
+        """A pulse of it is due: the electrode's own ceiling in uA, or None where it has none."""
+        ramp = self._recontacts.get(electrode)
+        return None if ramp is None else ramp.due(now_ns)
+
+    def fired(self, electrode: int, given_ua: int, commanded_ua: int, ended_ns: int) -> None:
+        """A frame's pulse was fired. Probes and looks do not count: they are weak and short, and
+        tell nothing of what a person is used to.
+        """
+        self._array.fired(given_ua, commanded_ua, ended_ns)
+        ramp = self._recontacts.get(electrode)
+        if ramp is not None:
+            ramp.fired(given_ua, commanded_ua, ended_ns)

@@ -1,0 +1,66 @@
+"""SAFE, PROBE, ARMED, HALTED: what may follow what.
+
+Owns: the state, the latched cause of a halt, and the only ways between. Must not know: hardware,
+sockets, clocks.
+
+    SAFE ──probe──> PROBE ──arm──> ARMED
+      ^───────safe────┴──────safe────┘          anything ──halt──> HALTED ──clear──> SAFE
+
+The start is SAFE. A halt is left by `clear` alone: no restart of a client, reconnect or time-out
+does it. The first cause stands; what follows from it is not a cause.
+"""
+
+from __future__ import annotations
+
+from etd.protocol.errors import Refused
+from etd.protocol.messages import Halt, State
+
+
+class StateMachine:
+    """See the module."""
+
+    def __init__(self) -> None:
+        self.state: State = "SAFE"
+        self.halt: Halt | None = None
+
+    def need(self, *allowed: State) -> None:
+        """Raises: Refused, naming the state and what to do."""
+        if self.state in allowed:
+            return
+        if self.halt is not None:
+            raise Refused(
+                "halted", f"halted by {self.halt.cause} ({self.halt.detail}): look, then clear"
+            )
+        if allowed == ("ARMED",):
+            raise Refused("not_armed", f"the state is {self.state}: arm first")
+        raise Refused(
+            "wrong_state", f"the state is {self.state}, it must be {' or '.join(allowed)}"
+        )
+
+    def probe(self) -> None:
+        self.need("SAFE")
+        self.state = "PROBE"
+
+    def arm(self) -> None:
+        self.need("PROBE")
+        self.state = "ARMED"
+
+    def safe(self) -> None:
+        """From PROBE and ARMED; in SAFE it changes nothing, in HALTED neither."""
+        if self.state != "HALTED":
+            self.state = "SAFE"
+
+    def stop(self, halt: Halt) -> bool:
+        """Latch. Returns False if it was halted already."""
+        if self.state == "HALTED":
+            return False
+        self.state = "HALTED"
+        self.halt = halt
+        return True
+
+    def clear(self) -> None:
+        """Raises: Refused (`wrong_state`) when not halted."""
+        if self.state != "HALTED":
+            raise Refused("wrong_state", f"the state is {self.state}: there is nothing to clear")
+        self.state = "SAFE"
+        self.halt = None

@@ -1,0 +1,151 @@
+"""The board under test: what is known of it, its ports, its load, who stands beside it.
+
+Owns: waiting (with the heartbeat beating and, while the supply is on, the stop lines watched), and
+reading the rail. Must not know: what is checked, reports, what is printed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from etd.files.configuration import LoadedConfig
+from etd.selftest.beats import Beats
+from etd.selftest.subject import subject_of
+from etd_hal.backend import Bench
+from etd_hal.bench import Health, Operator, StopName
+from etd_hal.board import Board
+from etd_hal.chips import ads1115
+from etd_hal.errors import BoardFault
+from etd_hal.ports import I2c
+
+MS = 1_000_000
+_TICK_NS = 5 * MS
+
+
+#: What to add to the command where a load was missed.
+SECOND_LOAD_OPTION = "--second-load OHM"
+LOAD_OPTIONS = f"--dummy-load OHM {SECOND_LOAD_OPTION} --load-electrodes A,B"
+
+
+@dataclass(frozen=True, slots=True)
+class DummyLoad:
+    """A resistor between two electrodes; whoever names it says that no person is connected."""
+
+    resistance_ohm: int
+    first: int
+    second: int
+
+
+@dataclass(frozen=True, slots=True)
+class SelftestOptions:
+    """What the operator said when starting the test."""
+
+    load: DummyLoad | None = None
+    #: What an oscilloscope showed of the one-shot; software cannot see it.
+    one_shot_us: int | None = None
+    #: Another resistor, that takes the first one's place when it is asked for.
+    second_load: DummyLoad | None = None
+
+
+class Fixture:
+    """See the module. `operator` None: nobody is there to be asked."""
+
+    def __init__(
+        self, loaded: LoadedConfig, bench: Bench, operator: Operator | None, asked: SelftestOptions
+    ) -> None:
+        self.loaded = loaded
+        self.file = loaded.board
+        self.host = bench.host
+        self.backend_name = bench.backend.name
+        self.subject = subject_of(loaded, bench.backend.name, bench.backend.identity)
+        self.clock = bench.backend.clock
+        self.gpio = bench.backend.gpio
+        self.kill_test_process = bench.kill_test_process
+        self.operator = operator
+        self.options = asked
+        self.board = Board(
+            loaded.board, loaded.machine, bench.backend.spi, bench.backend.gpio, self.clock
+        )
+        self.beats = Beats(self.board, self.clock)
+        #: Set when the load was found where it should be, and nothing else anywhere.
+        self.is_load_confirmed = False
+        #: The stop that somebody is asked to hold open now.
+        self.held_stop: StopName | None = None
+        #: The leak as measured beside the load; the board file's until then.
+        self.leak_ohm = float(loaded.board.source.leak_ohm)
+        #: What the source makes of what it is told, as measured there.
+        self.gain = 1.0
+        #: The machine's, before anything was moved.
+        self.health_before: Health | None = None
+        self._i2c = bench.backend.i2c
+        #: Another process holds the lines: nobody here can read a stop.
+        self.is_lent = False
+
+    @property
+    def free(self) -> list[int]:
+        """The electrodes that nothing should be connected to."""
+        load = self.options.load
+        taken = () if load is None else (load.first, load.second)
+        return [electrode for electrode in range(self.loaded.array.count) if electrode not in taken]
+
+    @property
+    def i2c(self) -> I2c:
+        """Raises: BoardFault on a board without; the board file's rules keep it from happening."""
+        if self._i2c is None:
+            raise BoardFault("I2C", "not open", "a bus for the chips that the board file names")
+        return self._i2c
+
+    def end_beats(self, level: int) -> None:
+        """The last edge leaves the line at `level`; wait without beating from now on."""
+        if self.beats.every_ms is not None and self.board.heartbeat_level == level:
+            self.beats.beat()
+            self.wait_ms(self.beats.every_ms, is_beating=False)
+        self.beats.beat()
+
+    def supply_on(self) -> None:
+        """With the first edge; a gate that cuts it from now on stays so until it was off."""
+        self.board.supply_on()
+        self.beats.begin()
+
+    def watch_stops(self) -> None:
+        """Raises: BoardFault when a stop line is open that nobody was asked to hold."""
+        for name, is_open in self.board.stops().items():
+            if is_open and name != self.held_stop:
+                raise BoardFault(name, "open", "closed during the test")
+
+    def wait_ms(self, duration_ms: float, is_beating: bool = True) -> None:
+        """Sleep, as `wait_until`."""
+        self.wait_until(lambda: False, duration_ms, is_beating)
+
+    def wait_until(
+        self, is_done: Callable[[], bool], within_ms: float, is_beating: bool = True
+    ) -> bool:
+        """Look again and again; False when it has not come true in time.
+
+        Raises: BoardFault as `watch_stops`, within a tick, while the supply is on.
+        """
+        until_ns = self.clock.now_ns() + int(within_ms * MS)
+        while not is_done():
+            now_ns = self.clock.now_ns()
+            if now_ns >= until_ns:
+                return False
+            self.clock.doze_until_ns(min(until_ns, now_ns + _TICK_NS))
+            if self.board.is_supply_on and not self.is_lent:
+                self.watch_stops()
+            if is_beating:
+                self.beats.beat_if_due()
+        return True
+
+    def rail_v(self, is_beating: bool = True) -> float:
+        """A fresh reading of the rail's monitor. Raises: BusError, BoardFault without a monitor."""
+        monitor = self.file.guards.rail_monitor
+        if monitor == "absent":
+            raise BoardFault("rail monitor", "absent", "one, to be asked")
+        volts = ads1115.convert_v(
+            self.i2c,
+            monitor.address,
+            monitor.channel,
+            lambda duration_ns: self.wait_ms(duration_ns / MS, is_beating),
+        )
+        return volts * monitor.divider

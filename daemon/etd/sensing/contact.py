@@ -1,0 +1,207 @@
+"""Which electrodes are touched, and how: as far as pulses have told.
+
+Owns: contact by threshold with hysteresis, the resistance with the leak taken out, the state of
+each contact, and how long that is known. Must not know: what follows from it, clocks (time comes
+in), hardware beyond its constants.
+
+With nothing connected the node rises to I x leak, or to the compliance: the open-circuit
+signature. A touched electrode holds it well below. Both thresholds are fractions of that
+signature, from the body-site file. An electrode that no pulse has visited is unknown, and so is one
+that none has visited for as long as `belief` has it: whoever touched may have gone and come back.
+What was found open stays open until a pulse tells otherwise, since less goes there.
+
+States: `open`; `soft`, for a while after a contact was made anew (after none, or after it was not
+known) or shrank (its resistance rose by half from one pulse to the next: peeling); `saturated`,
+when a strong pulse ended near the compliance, so that less was delivered than asked (whether
+anything touches, the next weak pulse tells); `shorted`, when it resists less than skin can, beside
+a neighbor under paste; `closed`.
+"""
+
+from __future__ import annotations
+
+from etd.files.body_site import SiteContact
+from etd.protocol.messages import ContactState
+from etd.stabilize.max_age import CONTACT_POLL_NS, is_stale
+from etd_hal.boardfile import Source
+
+#: Of the compliance: above, a pulse was not delivered; below the second, one was again.
+_SATURATED, _DELIVERED = 0.95, 0.90
+#: A resistance that rises by so much from one pulse to a like one: the contact shrinks.
+PEELED = 1.5
+#: A like one: at least this part of the current before, since skin resists weak currents more.
+_LIKE = 0.8
+#: A short ends well above where it began.
+_SHORT_ENDS = 1.5
+
+
+class ContactMap:
+    """Contact, resistance and voltage of every electrode; None where unknown. The lists are what
+    pulses told last; what of it is too old goes with the first call that names a time.
+    """
+
+    def __init__(self, electrodes: int, source: Source, site: SiteContact) -> None:
+        self._leak_ohm = source.leak_ohm
+        self._compliance_v = source.compliance_v
+        self._touch_fraction = site.touch_fraction
+        self._open_fraction = site.open_fraction
+        self._shorted_ohm = site.shorted_ohm
+        self._soften_ns = site.soften_ms * 1_000_000
+        self.is_touched: list[bool | None] = [None] * electrodes
+        self.resistance_ohm: list[int | None] = [None] * electrodes
+        self.voltage_v: list[float | None] = [None] * electrodes
+        #: The current of the last pulse that was not delivered, until one is.
+        self.undelivered_ua: list[int | None] = [None] * electrodes
+        self._is_shorted = [False] * electrodes
+        self._soft_since_ns: list[int | None] = [None] * electrodes
+        self._commanded_ua = [0] * electrodes
+        self._was_at_end = [False] * electrodes
+        self._measured_ns: list[int | None] = [None] * electrodes
+
+    def reset(self) -> None:
+        """The supply was off: whoever touched may have gone."""
+        for electrode in range(len(self.is_touched)):
+            self.is_touched[electrode] = None
+            self._reset_one(electrode)
+
+    def _reset_one(self, electrode: int) -> None:
+        """All but that it is open, if it is."""
+        if self.is_touched[electrode]:
+            self.is_touched[electrode] = None
+        self.resistance_ohm[electrode] = None
+        self.voltage_v[electrode] = None
+        self.undelivered_ua[electrode] = None
+        self._is_shorted[electrode] = False
+        self._soft_since_ns[electrode] = None
+        self._measured_ns[electrode] = None
+
+    def _let_go(self, electrode: int, now_ns: int) -> None:
+        """Of what is too old."""
+        told_ns = self._measured_ns[electrode]
+        if told_ns is not None and is_stale(told_ns, now_ns):
+            self._reset_one(electrode)
+
+    def state(self, electrode: int, now_ns: int) -> ContactState:
+        """What kind of contact it is now."""
+        self._let_go(electrode, now_ns)
+        is_touched = self.is_touched[electrode]
+        if self.undelivered_ua[electrode] is not None:
+            return "saturated"
+        if is_touched is None:
+            return "unknown"
+        if not is_touched:
+            return "open"
+        if self._is_shorted[electrode]:
+            return "shorted"
+        return "soft" if self.firmness(electrode, now_ns) < 1.0 else "closed"
+
+    def firmness(self, electrode: int, now_ns: int) -> float:
+        """From 0, when the contact was made anew or shrank, to 1, when it may count as firm."""
+        since_ns = self._soft_since_ns[electrode]
+        if since_ns is None:
+            return 1.0
+        part = (now_ns - since_ns) / self._soften_ns
+        if part < 1.0:
+            return max(0.0, part)
+        self._soft_since_ns[electrode] = None
+        return 1.0
+
+    def delivered_ua(self, electrode: int) -> int:
+        """What passed the skin near the end of its last pulse: the leak took the rest."""
+        leaked_ua = (self.voltage_v[electrode] or 0.0) / self._leak_ohm * 1e6
+        return max(0, round(self._commanded_ua[electrode] - leaked_ua))
+
+    def update(
+        self,
+        electrode: int,
+        commanded_ua: int,
+        voltage_v: float,
+        now_ns: int = 0,
+        *,
+        is_at_end: bool = True,
+    ) -> bool:
+        """What one pulse of `commanded_ua` says, given the node's voltage near its end (or, where
+        it is too short for that, after its beginning: then `is_at_end` is False).
+
+        Returns True when an electrode known to be open is touched again.
+        """
+        if commanded_ua <= 0:
+            return False
+        resistance_ohm = self.seen_ohm(commanded_ua, voltage_v)
+        is_again = self.update_touch(electrode, commanded_ua, voltage_v, now_ns)
+        is_touched = self.is_touched[electrode]
+        if is_touched and self._peels(electrode, commanded_ua, resistance_ohm, is_at_end):
+            self._soft_since_ns[electrode] = now_ns
+        self.voltage_v[electrode] = round(voltage_v, 2)
+        self._update_delivery(electrode, commanded_ua, voltage_v)
+        self._update_short(electrode, resistance_ohm)
+        self.resistance_ohm[electrode] = resistance_ohm
+        self._commanded_ua[electrode], self._was_at_end[electrode] = commanded_ua, is_at_end
+        return is_again
+
+    def update_touch(
+        self, electrode: int, commanded_ua: int, voltage_v: float, now_ns: int
+    ) -> bool:
+        """Of what a pulse says, only whether anything touches: all that a weak one tells surely.
+
+        Returns True when an electrode known to be open is touched again.
+        """
+        self._let_go(electrode, now_ns)
+        signature_v = min(commanded_ua * self._leak_ohm / 1e6, self._compliance_v)
+        fraction, was = voltage_v / signature_v, self.is_touched[electrode]
+        if fraction < self._touch_fraction:
+            now = True
+        elif fraction > self._open_fraction or was is None:
+            now = False
+        else:
+            now = was
+        if now and not was:
+            self._soft_since_ns[electrode] = now_ns
+        self.is_touched[electrode], self._measured_ns[electrode] = now, now_ns
+        return now and was is False
+
+    def is_as_before(self, electrode: int, now_ns: int) -> None:
+        """Somebody saw that a contact which is not known any more is what it was."""
+        self._let_go(electrode, now_ns)
+        if self.is_touched[electrode] is None:
+            self.is_touched[electrode], self._measured_ns[electrode] = True, now_ns
+
+    def is_poll_due(self, electrode: int, now_ns: int) -> bool:
+        """Whether it is time for a look, for it to stay known."""
+        told_ns = self._measured_ns[electrode]
+        return told_ns is None or now_ns - told_ns >= CONTACT_POLL_NS
+
+    def shrank(self, electrode: int, now_ns: int) -> None:
+        """Somebody saw it peel: it is soft from now on."""
+        self._soft_since_ns[electrode] = now_ns
+
+    def _peels(
+        self, electrode: int, commanded_ua: int, resistance_ohm: int | None, is_at_end: bool
+    ) -> bool:
+        before_ohm = self.resistance_ohm[electrode]
+        if before_ohm is None or resistance_ohm is None:
+            return False
+        is_alike = (
+            commanded_ua >= _LIKE * self._commanded_ua[electrode]
+            and is_at_end == self._was_at_end[electrode]
+        )
+        return is_alike and resistance_ohm > PEELED * before_ohm
+
+    def _update_delivery(self, electrode: int, commanded_ua: int, voltage_v: float) -> None:
+        can_saturate = commanded_ua * self._leak_ohm / 1e6 > self._compliance_v
+        if can_saturate and voltage_v >= _SATURATED * self._compliance_v:
+            self.undelivered_ua[electrode] = commanded_ua
+        elif voltage_v < _DELIVERED * self._compliance_v:
+            self.undelivered_ua[electrode] = None
+
+    def _update_short(self, electrode: int, resistance_ohm: int | None) -> None:
+        if resistance_ohm is None:
+            return
+        ends = _SHORT_ENDS if self._is_shorted[electrode] else 1.0
+        self._is_shorted[electrode] = resistance_ohm < ends * self._shorted_ohm
+
+    def seen_ohm(self, commanded_ua: int, voltage_v: float) -> int | None:
+        """V / (I - V / leak); None near the compliance and where the leak takes it all."""
+        through_ua = commanded_ua - voltage_v / self._leak_ohm * 1e6
+        if through_ua < commanded_ua * 0.02 or voltage_v >= 0.95 * self._compliance_v:
+            return None
+        return int(voltage_v / through_ua * 1e6)

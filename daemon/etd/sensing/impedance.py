@@ -1,0 +1,300 @@
+"""What the skin under each electrode resists a long pulse, from stimulus pulses alone.
+
+Owns: the model of a contact (Rs in series with Rp beside Cp, all of it beside the board's leak),
+what the samples of a pulse tell of it, the filter across pulses, and when it is not to be believed.
+Must not know: what follows from it, contact, clocks (time comes in), hardware beyond its constants.
+
+At a constant current I the node rises from V0, which Rs alone makes, to V_end with one time
+constant:  V(t) = V_end - (V_end - V0) exp(-t / tau),  tau = Cp x (Rp beside (Rs + leak)).
+The word stream gives two samples: 10 us after the beginning, and near the end of the pulse. With
+Rs assumed (1 to 3 k on a fingertip) they give V_end and tau, hence Rp and Cp. A pulse below about
+33 us has no sample at its end: then V_end is *estimated* from the early one, with the tau of wider
+pulses before it or an assumed one. By the assumed one the early sample of any pulse tells the same
+*early* estimate, whatever the width, off by some 30 % where the skin's own time constant is
+another: by it, short pulses and wider ones are compared. Skin resists less at higher currents, and
+a weak probe reads far above a stimulus (van Boxtel 1977): only pulses above the probe's current
+count here.
+
+Not believed: a node that is not at rest before the pulse, or that a pulse does not move (the ADC is
+stuck, or not the node's), a source at its end, a resistance no skin has, one that flickers. That is
+one that goes back and forth: an edge that comes off and lies down again is one step up and one
+down, and the contact law's matter; it takes some 80 ms each way, so that three turns in a row are
+the ADC's [design]. What flickers is believed after a second without a turn.
+
+What no pulse has told for as long as `belief` has it is not known any more: the next pulse begins
+anew, but for what flickers, which is the ADC's rather than the skin's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import msgspec
+
+from etd.stabilize.max_age import MAX_SKIN_OHM, MIN_SKIN_OHM, is_stale
+from etd_hal.boardfile import Source
+
+Quality = Literal["adc", "compliance", "implausible", "flicker"]
+
+#: When the samples of a pulse are taken, after its beginning and before its end, in us.
+EARLY_US = 10.0
+BEFORE_END_US = 6.0
+#: A fingertip of 1 mm: 1 to 3 k in series, 0.3 nF beside 50 k and a leak of 66 k.
+SERIES_OHM = 2_000.0
+ASSUMED_TAU_US = 8.5
+_SHORTEST_TAU_US, _LONGEST_TAU_US = 0.5, 60.0
+
+#: With the DAC at zero the node is on ground, but for the ADC's offset and what charge is left in
+#: the skin: at most this much, this part of what the pulse makes, and never above the last; or what
+#: a probe directly before it came to: the sooner the pulse follows, the more of that is left.
+_OFFSET_V, _RESTING_PART, _RESTING_V = 0.3, 1.0 / 3.0, 5.0
+#: A pulse moves the node by more codes of the ADC than this.
+_STILL_CODES = 2
+_NEAR_COMPLIANCE = 0.95
+
+#: The filter: a new value's weight in the mean of logarithms, and the step it is restarted at.
+_WEIGHT = 0.25
+#: The same in time, for pulses that are rarer than 60 in a second.
+_TAU_NS = 58_000_000
+_STEP = math.log(1.3)
+#: Steps back and forth of this much, on the mean of a few pulses, are noise and no skin; one turn
+#: counts as this much at most, so that it takes three in a row.
+_FLICKER, _MOST_OF_A_TURN = 0.1, 0.2
+#: Without a turn for so long, and with a mean of less than this, it has ended.
+_CALM_NS, _CALM = 1_000_000_000, _FLICKER / 3.0
+
+
+@dataclass(slots=True)
+class _Skin:
+    """Of one electrode."""
+
+    log_ohm: float | None = None
+    early_log_ohm: float | None = None
+    last_early_log_ohm: float | None = None
+    #: The last pulse had no sample at its end, and no wider one has told a time constant.
+    is_estimated: bool = False
+    last_log_ohm: float | None = None
+    last_step: float = 0.0
+    flicker: float = 0.0
+    is_flickering: bool = False
+    reversed_ns: int = 0
+    at_ua: int = 0
+    tau_us: float | None = None
+    quality: Quality | None = None
+    measured_ns: int | None = None
+    #: Doubts that have begun and not ended, with when each was last had.
+    rejected_ns: dict[Quality, int] = field(default_factory=dict)
+
+    def begin_anew(self) -> None:
+        """What was told is too old: the next pulse is the first one."""
+        self.log_ohm = self.last_log_ohm = self.tau_us = self.measured_ns = None
+        self.early_log_ohm = self.last_early_log_ohm = None
+        self.last_step = 0.0
+
+    def is_news(self, quality: Quality | None, now_ns: int) -> bool:
+        """Whether a doubt begins with it. One ends with a pulse that is believed, when it has not
+        been had for a while: what is doubted now and then is one episode.
+        """
+        if quality is not None:
+            is_news = quality not in self.rejected_ns
+            self.rejected_ns[quality] = now_ns
+            return is_news
+        if self.rejected_ns:
+            self.rejected_ns = {
+                one: then_ns
+                for one, then_ns in self.rejected_ns.items()
+                if now_ns - then_ns < _CALM_NS
+            }
+        return False
+
+    def note_step(self, step: float, now_ns: int) -> None:
+        """One more step of the logarithm; it turns where the one before went the other way."""
+        before, self.last_step = self.last_step, step
+        turned = min(abs(step), abs(before)) if step * before < 0.0 else 0.0
+        if turned > _FLICKER:
+            self.reversed_ns = now_ns
+        self.flicker += _WEIGHT * (min(turned, _MOST_OF_A_TURN) - self.flicker)
+        is_calm = self.flicker < _CALM and now_ns - self.reversed_ns >= _CALM_NS
+        self.is_flickering = self.flicker > _FLICKER or (self.is_flickering and not is_calm)
+
+
+class Samples(msgspec.Struct, frozen=True):
+    """What one pulse's words brought back; `end_v` is None where it was too short."""
+
+    commanded_ua: int
+    width_us: float
+    resting_v: float
+    early_v: float
+    end_v: float | None
+    #: What a probe in the same visit came to; 0.0: none went before, or it was not believed.
+    probed_v: float = 0.0
+
+
+class ImpedanceMap:
+    """See the module."""
+
+    def __init__(self, electrodes: int, source: Source) -> None:
+        self._leak_ohm = float(source.leak_ohm)
+        self._compliance_v = source.compliance_v
+        self._resting_tolerance_v = (_STILL_CODES + 0.5) * source.node_uv_per_code / 1e6
+        self._electrodes = electrodes
+        #: Somebody compares with a reference that short pulses told.
+        self.is_early_wanted = False
+        self.reset()
+
+    def reset(self) -> None:
+        """The supply was off: whoever touched may have gone."""
+        self._skins = [_Skin() for _ in range(self._electrodes)]
+
+    def skin_ohm(self, electrode: int, now_ns: int) -> float | None:
+        """Rs + Rp, filtered; None where unknown, too old or not believed."""
+        skin = self._skins[electrode]
+        if skin.log_ohm is None or skin.quality is not None or is_stale(skin.measured_ns, now_ns):
+            return None
+        return math.exp(skin.log_ohm)
+
+    def early_ohm(self, electrode: int, now_ns: int) -> float | None:
+        """The same as estimated from early samples alone, with the assumed time constant."""
+        skin = self._skins[electrode]
+        if skin.early_log_ohm is None or self.skin_ohm(electrode, now_ns) is None:
+            return None
+        return math.exp(skin.early_log_ohm)
+
+    def last_early_ohm(self, electrode: int, now_ns: int) -> float | None:
+        """The same of the last pulse alone."""
+        skin = self._skins[electrode]
+        if skin.last_early_log_ohm is None or self.skin_ohm(electrode, now_ns) is None:
+            return None
+        return math.exp(skin.last_early_log_ohm)
+
+    def is_estimated(self, electrode: int) -> bool:
+        """Whether `skin_ohm` is no more than the early estimate."""
+        return self._skins[electrode].is_estimated
+
+    def is_expired(self, electrode: int, now_ns: int) -> bool:
+        """Whether there is a resistance that would be believed if it were newer."""
+        skin = self._skins[electrode]
+        is_there = skin.log_ohm is not None and skin.quality is None
+        return is_there and is_stale(skin.measured_ns, now_ns)
+
+    def last_ohm(self, electrode: int) -> float | None:
+        """Rs + Rp of the last pulse alone, however old; None where unknown or not believed."""
+        skin = self._skins[electrode]
+        if skin.last_log_ohm is None or skin.quality is not None:
+            return None
+        return math.exp(skin.last_log_ohm)
+
+    def at_ua(self, electrode: int) -> int:
+        """The current that it was last measured with."""
+        return self._skins[electrode].at_ua
+
+    def capacitance_nf(self, electrode: int, now_ns: int) -> float | None:
+        """Cp, where a pulse was wide enough to tell."""
+        return self._capacitance_nf(electrode, self.skin_ohm(electrode, now_ns))
+
+    def reported_ohm_nf(self, electrode: int, now_ns: int) -> tuple[int | None, float | None]:
+        """For reports: `skin_ohm` and `capacitance_nf`, rounded."""
+        skin_ohm = self.skin_ohm(electrode, now_ns)
+        if skin_ohm is None:
+            return None, None
+        nf = self._capacitance_nf(electrode, skin_ohm)
+        return round(skin_ohm), None if nf is None else round(nf, 3)
+
+    def _capacitance_nf(self, electrode: int, skin_ohm: float | None) -> float | None:
+        skin = self._skins[electrode]
+        if skin_ohm is None or skin.tau_us is None or skin_ohm <= SERIES_OHM:
+            return None
+        way_ohm = SERIES_OHM + self._leak_ohm
+        parallel_ohm = skin_ohm - SERIES_OHM
+        return skin.tau_us * 1e3 * (1.0 / parallel_ohm + 1.0 / way_ohm)
+
+    def update(self, electrode: int, samples: Samples, now_ns: int) -> Quality | None:
+        """What one stimulus pulse says. Returns why it is not believed, when that begins."""
+        skin = self._skins[electrode]
+        if is_stale(skin.measured_ns, now_ns):
+            skin.begin_anew()
+        skin.quality = self._read(skin, samples, now_ns)
+        return skin.quality if skin.is_news(skin.quality, now_ns) else None
+
+    def is_adc_suspect(
+        self, resting_v: float, early_v: float, last_v: float, probed_v: float = 0.0
+    ) -> bool:
+        """Whether what was sampled before a pulse, early in it and last is of an ADC that stands
+        still (on zero it only tells no skin), or of a node that was not at rest, by more than what
+        a probe came to that went directly before.
+        """
+        moved_v = max(abs(early_v - resting_v), abs(last_v - resting_v))
+        stands_still = resting_v > 0.0 and moved_v < self._resting_tolerance_v
+        most_v = min(max(_OFFSET_V, _RESTING_PART * last_v), _RESTING_V)
+        return stands_still or resting_v > max(most_v, probed_v)
+
+    def _read(self, skin: _Skin, samples: Samples, now_ns: int) -> Quality | None:
+        last_v = samples.early_v if samples.end_v is None else samples.end_v
+        if self.is_adc_suspect(samples.resting_v, samples.early_v, last_v, samples.probed_v):
+            return "adc"
+        if last_v >= _NEAR_COMPLIANCE * self._compliance_v:
+            return "compliance"
+        is_estimated = samples.end_v is None and skin.tau_us is None
+        log_ohm = self._log_ohm(samples.commanded_ua, self._end_v(skin, samples))
+        if log_ohm is None:
+            return "implausible"
+        weight = _weight(skin.measured_ns, now_ns)
+        skin.at_ua, skin.measured_ns, skin.is_estimated = samples.commanded_ua, now_ns, is_estimated
+        last, skin.last_log_ohm = skin.last_log_ohm, log_ohm
+        skin.note_step(0.0 if last is None else log_ohm - last, now_ns)
+        skin.log_ohm = _mean(skin.log_ohm, log_ohm, weight)
+        if is_estimated or self.is_early_wanted or skin.early_log_ohm is not None:
+            early = self._log_ohm(samples.commanded_ua, self._estimated_v(samples, ASSUMED_TAU_US))
+            skin.last_early_log_ohm = early
+            skin.early_log_ohm = None if early is None else _mean(skin.early_log_ohm, early, weight)
+        return "flicker" if skin.is_flickering else None
+
+    def _log_ohm(self, commanded_ua: int, end_v: float) -> float | None:
+        """None for what no skin has."""
+        through_ua = commanded_ua - end_v / self._leak_ohm * 1e6
+        if through_ua <= 0.02 * commanded_ua:
+            return None
+        skin_ohm = end_v / through_ua * 1e6
+        return math.log(skin_ohm) if MIN_SKIN_OHM <= skin_ohm <= MAX_SKIN_OHM else None
+
+    def _series_v(self, samples: Samples) -> float:
+        return samples.commanded_ua / 1e6 / (1.0 / SERIES_OHM + 1.0 / self._leak_ohm)
+
+    def _estimated_v(self, samples: Samples, tau_us: float) -> float:
+        """Where the node would come to rest, by the early sample alone."""
+        left = math.exp(-EARLY_US / tau_us)
+        return (samples.early_v - self._series_v(samples) * left) / (1.0 - left)
+
+    def _end_v(self, skin: _Skin, samples: Samples) -> float:
+        """Where the node would come to rest."""
+        if samples.end_v is None:
+            return self._estimated_v(samples, skin.tau_us or ASSUMED_TAU_US)
+        series_v = self._series_v(samples)
+        late = (samples.width_us - BEFORE_END_US) / EARLY_US
+        end_v = samples.end_v
+        if not series_v < samples.early_v < end_v:
+            # A plain resistor, or one that the series part hides.
+            return end_v
+        left = 0.0
+        for _ in range(4):
+            left = (end_v - samples.early_v) / (end_v - series_v)
+            at_end = left**late
+            end_v = (samples.end_v - series_v * at_end) / (1.0 - at_end)
+        tau_us = -EARLY_US / math.log(left) if left > 0.0 else _SHORTEST_TAU_US
+        skin.tau_us = min(max(tau_us, _SHORTEST_TAU_US), _LONGEST_TAU_US)
+        return end_v
+
+
+def _weight(before_ns: int | None, now_ns: int) -> float:
+    """Of a new value: more where pulses are rare, since it is with time that skin changes."""
+    elapsed_ns = now_ns - (now_ns if before_ns is None else before_ns)
+    return max(_WEIGHT, 1.0 - math.exp(-elapsed_ns / _TAU_NS))
+
+
+def _mean(before: float | None, log_ohm: float, weight: float) -> float:
+    """Of logarithms; a step restarts it."""
+    if before is None or abs(log_ohm - before) > _STEP:
+        return log_ohm
+    return before + weight * (log_ohm - before)

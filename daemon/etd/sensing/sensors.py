@@ -1,0 +1,268 @@
+"""The latest value of each slow sensor, with its time.
+
+Owns: the rail and the pressure under the array, read over I2C in a thread of their own, because a
+stuck bus can block for a second. A stale value is unknown.
+Must not know: states, frames, what follows from a value.
+
+The sensors may share a chip, and a chip has one converter: they take turns, and what is read is the
+conversion that this very sensor began, or an error.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import partial
+
+from etd.files.array import Array, PressureSensor
+from etd.protocol.errors import EtdError
+from etd_hal.boardfile import BoardFile
+from etd_hal.chips import ads1115, mcp4725
+from etd_hal.ports import Clock, I2c
+
+#: A value older than this says nothing.
+STALE_NS = 500_000_000
+#: What was wrong for a moment is told for so long, so that a report each second does not miss it.
+TOLD_NS = 2_000_000_000
+_PERIOD_S = 0.02
+_CONVERSION_S = ads1115.CONVERSION_NS / 1e9
+
+
+class _Conversion:
+    """Of one input of an ADS1115: begun, and asked for until it is there."""
+
+    def __init__(self, i2c: I2c, address: int, channel: int, clock: Clock) -> None:
+        self._i2c = i2c
+        self._address = address
+        self._channel = channel
+        self._clock = clock
+        self._begun_ns: int | None = None
+
+    @property
+    def is_begun(self) -> bool:
+        return self._begun_ns is not None
+
+    def begin(self) -> None:
+        """Raises: BusError."""
+        self._begun_ns = None
+        ads1115.start(self._i2c, self._address, self._channel)
+        self._begun_ns = self._clock.now_ns()
+
+    def end_v(self) -> float | None:
+        """The volts, or None while it lasts. Raises: BusError, also where it does not end."""
+        begun_ns, self._begun_ns = self._begun_ns, None
+        volts = ads1115.read_v(self._i2c, self._address, self._channel)
+        if volts is None and begun_ns is not None:
+            if self._clock.now_ns() - begun_ns > ads1115.GIVE_UP_NS:
+                raise ads1115.unfinished(self._address)
+            self._begun_ns = begun_ns
+        return volts
+
+
+class RailSensor:
+    """Rail volts, where the board has a monitor; sets the rail, where it can be set."""
+
+    def __init__(self, board: BoardFile, i2c: I2c | None, clock: Clock) -> None:
+        self._monitor = board.guards.rail_monitor
+        self._setpoint = board.rail_setpoint
+        self._i2c = i2c
+        self._clock = clock
+        # One tuple, replaced whole: the scan thread never sees half a value.
+        self._latest: tuple[float, int] | None = None
+        self._is_set = self._setpoint == "absent"
+        self._conversion: _Conversion | None = None
+        if i2c is not None and self._monitor != "absent":
+            address, channel = self._monitor.address, self._monitor.channel
+            self._conversion = _Conversion(i2c, address, channel, clock)
+        self.problem = ""
+
+    @property
+    def is_there(self) -> bool:
+        return self._monitor != "absent"
+
+    def rail_v(self, now_ns: int) -> float | None:
+        """Volts, or None where unknown: no monitor, an error, or stale."""
+        latest = self._latest
+        if latest is None or now_ns - latest[1] > STALE_NS:
+            return None
+        return latest[0]
+
+    def begin(self) -> None:
+        """Set the rail (once), start a conversion. Never raises; `problem` tells."""
+        if self._i2c is None:
+            return
+        try:
+            if not self._is_set and self._setpoint != "absent":
+                mcp4725.write(self._i2c, self._setpoint.address, self._setpoint.code)
+                self._is_set = True
+            if self._conversion is not None:
+                self._conversion.begin()
+        except EtdError as error:
+            self._lost(error)
+
+    def end(self) -> bool:
+        """Read the conversion that was begun, if one was; False while it lasts: ask again. Never
+        raises.
+        """
+        conversion, monitor = self._conversion, self._monitor
+        if conversion is None or monitor == "absent" or not conversion.is_begun:
+            return True
+        try:
+            volts = conversion.end_v()
+        except EtdError as error:
+            self._lost(error)
+            return True
+        if volts is None:
+            return False
+        self._latest = (volts * monitor.divider, self._clock.now_ns())
+        self.problem = "" if self._is_set else self.problem
+        return True
+
+    def _lost(self, error: EtdError) -> None:
+        self._latest = None
+        self.problem = str(error)
+
+
+class PressureSensors:
+    """The pressure under each electrode, from the sensor nearest to it."""
+
+    def __init__(self, array: Array, i2c: I2c | None, clock: Clock) -> None:
+        self._sensors = array.pressure
+        self._of_electrode = [array.nearest_pressure(electrode) for electrode in range(array.count)]
+        self._clock = clock
+        self._conversions = [
+            None if i2c is None else _Conversion(i2c, sensor.address, sensor.channel, clock)
+            for sensor in self._sensors
+        ]
+        # Tuples, replaced whole: the scan thread never sees half a value.
+        self._latest: list[tuple[float, int] | None] = [None] * len(self._sensors)
+        self._wrong: list[tuple[str, int] | None] = [None] * len(self._sensors)
+        self._made_ns = clock.now_ns()
+
+    @property
+    def count(self) -> int:
+        return len(self._sensors)
+
+    def kpa(self, electrode: int, now_ns: int) -> float | None:
+        """None where unknown: no sensor, an error, no plausible voltage, or stale."""
+        sensor = self._of_electrode[electrode]
+        latest = None if sensor is None else self._latest[sensor]
+        if latest is None or now_ns - latest[1] > STALE_NS:
+            return None
+        return latest[0]
+
+    def is_dead(self, electrode: int, now_ns: int) -> bool:
+        """There is a sensor, and it says nothing."""
+        return self._of_electrode[electrode] is not None and self.kpa(electrode, now_ns) is None
+
+    def kpa_of_all(self, now_ns: int) -> tuple[float | None, ...]:
+        """For reports: kPa at each electrode, None where unknown; () without any sensor."""
+        if not self._sensors:
+            return ()
+        kpa = [self.kpa(electrode, now_ns) for electrode in range(len(self._of_electrode))]
+        return tuple(None if value is None else round(value, 1) for value in kpa)
+
+    def problems(self, now_ns: int) -> dict[str, str]:
+        """Which sensor says nothing, and why; also what was so within the last TOLD_NS."""
+        why = {sensor: self._why_silent(sensor, now_ns) for sensor in range(len(self._sensors))}
+        return {_name(sensor, self._sensors[sensor]): told for sensor, told in why.items() if told}
+
+    def begin(self, sensor: int) -> None:
+        """Start a conversion. Never raises; `problems` tells."""
+        conversion = self._conversions[sensor]
+        if conversion is None:
+            return
+        try:
+            conversion.begin()
+        except EtdError as error:
+            self._lost(sensor, str(error))
+
+    def end(self, sensor: int) -> bool:
+        """Read the conversion of this sensor, if one was begun; False while it lasts: ask again.
+        Never raises.
+        """
+        conversion, pressure_sensor = self._conversions[sensor], self._sensors[sensor]
+        if conversion is None or not conversion.is_begun:
+            return True
+        try:
+            volts = conversion.end_v()
+        except EtdError as error:
+            self._lost(sensor, str(error))
+            return True
+        if volts is None:
+            return False
+        if pressure_sensor.low_v <= volts <= pressure_sensor.high_v:
+            kpa = max(0.0, (volts - pressure_sensor.zero_v) * pressure_sensor.kpa_per_v)
+            self._latest[sensor] = (kpa, self._clock.now_ns())
+        else:
+            self._lost(
+                sensor,
+                f"it reads {volts:.2f} V, not {pressure_sensor.low_v} to {pressure_sensor.high_v}"
+                " V",
+            )
+        return True
+
+    def _lost(self, sensor: int, why: str) -> None:
+        self._latest[sensor] = None
+        self._wrong[sensor] = (why, self._clock.now_ns())
+
+    def _why_silent(self, sensor: int, now_ns: int) -> str:
+        """Empty for one that is well."""
+        latest, wrong = self._latest[sensor], self._wrong[sensor]
+        if wrong is not None and (latest is None or now_ns - wrong[1] <= TOLD_NS):
+            return wrong[0]
+        since_ns = self._made_ns if latest is None else latest[1]
+        is_stale = now_ns - since_ns > STALE_NS
+        return "it was not read for half a second: is the I2C bus stuck?" if is_stale else ""
+
+
+def _name(index: int, sensor: PressureSensor) -> str:
+    """As it stands in the array's file."""
+    return f"pressure[{index}] (0x{sensor.address:02x}, channel {sensor.channel})"
+
+
+class SensorCycle:
+    """Who converts: the rail's monitor and the sensors after one another, each until it is done."""
+
+    def __init__(self, rail: RailSensor, pressure: PressureSensors) -> None:
+        sensors = range(pressure.count)
+        self._begin: list[Callable[[], None]] = [rail.begin]
+        self._begin += [partial(pressure.begin, sensor) for sensor in sensors]
+        self._end: list[Callable[[], bool]] = [rail.end]
+        self._end += [partial(pressure.end, sensor) for sensor in sensors]
+        self._at = 0
+        self._is_begun = False
+
+    def step(self) -> bool:
+        """Begin a conversion, or ask for the one under way. True when the last of a round is over:
+        then nothing is under way.
+        """
+        if not self._is_begun:
+            self._begin[self._at]()
+            self._is_begun = True
+        elif self._end[self._at]():
+            self._is_begun = False
+            self._at = (self._at + 1) % len(self._begin)
+            if self._at == 0:
+                return True
+            return self.step()
+        return False
+
+
+class SensorThread(threading.Thread):
+    """Reads until told to end. Waiting paces it; whether a conversion is over says the chip."""
+
+    def __init__(self, rail: RailSensor, pressure: PressureSensors) -> None:
+        super().__init__(name="etd-sensors", daemon=True)
+        self._cycle = SensorCycle(rail, pressure)
+        self._ending = threading.Event()
+
+    def run(self) -> None:
+        pause_s = _PERIOD_S
+        while not self._ending.wait(pause_s):
+            pause_s = _PERIOD_S if self._cycle.step() else _CONVERSION_S
+
+    def end(self) -> None:
+        """Idempotent; waits for a blocked bus no longer than two seconds."""
+        self._ending.set()
+        self.join(timeout=2.0)

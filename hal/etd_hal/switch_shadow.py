@@ -1,0 +1,249 @@
+"""The guard's view of the switch: what the levels sent so far have made of it.
+
+Owns: a decoding of register, latch and polarity from single line changes, typed apart from the
+drivers in `chips/`; the rules for GPIO; the comparison of the selection with what was approved.
+Must not know: currents, messages, how a selection was made.
+
+Rules: never BL 0 with POL 0 while the supply may be on; never a shift into live outputs; relays:
+never both of one output, never from one word to another without all being open in between, for
+as long as that takes.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from etd_hal.boardfile import HalfBridges, Relays
+from etd_hal.errors import GuardRefusal
+from etd_hal.ports import Changes, Clock
+
+
+class Prepulse(msgspec.Struct, frozen=True):
+    """A weaker step directly before a pulse, in the same message."""
+
+    current_ua: int
+    width_us: int
+
+
+class Approval(msgspec.Struct, frozen=True):
+    """What the limits let through, for the next pulse of this visit, each step of it.
+
+    `source` and `ground` are bit sets of outputs; for half-bridges all others are on the side
+    opposite to the selected output.
+    """
+
+    source: int
+    ground: int
+    current_ua: int
+    width_us: int
+    prepulse: Prepulse | None = None
+    #: A probe while nothing is connected, which must reach nobody: `source` and `ground` are who
+    #: would get it if the switches failed to let go.
+    is_blanked: bool = False
+
+
+class HalfBridgeShadow:
+    """What the levels sent so far have made of an HV507 or a chain of HV513."""
+
+    def __init__(self, switch: HalfBridges, hv: tuple[int, int] | None) -> None:
+        lines = switch.lines
+        self._data, self._clk = lines.DATA, lines.CLK
+        self._le, self._bl, self._pol = lines.LE, lines.BL, lines.POL
+        self._hv = hv
+        self._outputs = switch.outputs
+        self._full = (1 << switch.outputs) - 1
+        #: How often a line has changed: between two equal readings nothing has moved.
+        self.edge_count = 0
+        #: A flip is a change of POL: of `switched` it makes as many.
+        self.switched_by_flip = 1
+        self._watched = {self._data, self._clk, self._le, self._bl, self._pol}
+        self._level: dict[int, int] = {}
+        if hv is not None:
+            self._watched.add(hv[0])
+            self._level[hv[0]] = 1 - hv[1]
+        self.reset(())
+
+    def reset(self, levels: Changes) -> None:
+        """The start, and after safe_off: register and latch unknown, outputs blanked. The supply is
+        off at the start, and later where the levels say so.
+
+        CLK counts as high, so that only a rise that surely was one shifts the picture.
+        """
+        known = {self._data: 0, self._clk: 1, self._le: 0, self._bl: 0, self._pol: 1}
+        self._level.update(known)
+        self._level.update({line: value for line, value in levels if line in self._watched})
+        self._register = 0
+        self._unknown_stages = self._outputs
+        self._latch = 0
+        self._is_latch_known = False
+
+    @property
+    def switched(self) -> int:
+        """How often what is connected may have changed: each move of a line counts."""
+        return self.edge_count
+
+    def change(self, line: int, value: int) -> None:
+        """One line changes. Raises: GuardRefusal before anything is sent."""
+        was = self._level.get(line)
+        if was is None:
+            return
+        self.edge_count += value != was
+        self._level[line] = value
+        if line == self._clk:
+            if value and not was:
+                self._shift()
+        elif line == self._le:
+            if value and not was:
+                self._open_latch()
+        elif line != self._data:
+            self._check_blanking(line, was)
+
+    def _shift(self) -> None:
+        if self._level[self._bl] and self._level[self._le]:
+            raise GuardRefusal("shift", "clock with latch open and outputs live", "blank first")
+        self._register = (self._register << 1 | self._level[self._data]) & self._full
+        self._unknown_stages = max(0, self._unknown_stages - 1)
+        if self._level[self._le]:
+            self._open_latch()
+
+    def _open_latch(self) -> None:
+        if self._level[self._bl]:
+            raise GuardRefusal("latch", "opened while outputs are live", "blank first")
+        self._latch = self._register
+        self._is_latch_known = self._unknown_stages == 0
+
+    def _check_blanking(self, line: int, was: int) -> None:
+        level = self._level
+        is_supplied = self._hv is None or level[self._hv[0]] == self._hv[1]
+        if is_supplied and not level[self._bl] and not level[self._pol]:
+            level[line] = was
+            raise GuardRefusal("blanking", "BL 0 with POL 0: all outputs high", "POL 1 first")
+
+    def check_selection(self, approval: Approval) -> None:
+        """One output alone, all others opposite, and just those that were approved."""
+        level = self._level
+        if approval.is_blanked:
+            self._check_blanked(approval)
+            return
+        if not level[self._bl] or level[self._le]:
+            raise GuardRefusal("switch", "blanked, or its latch is open", "closed and un-blanked")
+        if not self._is_latch_known:
+            raise GuardRefusal("switch", "register not wholly written", "rewrite the chain")
+        high = self._latch if level[self._pol] else ~self._latch & self._full
+        low = ~high & self._full
+        if self._latch.bit_count() != 1 or not high or not low:
+            raise GuardRefusal(
+                "switch", f"{self._latch.bit_count()} outputs selected", "one against all others"
+            )
+        if high != approval.source or low != approval.ground:
+            raise GuardRefusal(
+                "switch", f"outputs {high:x} on source", f"{approval.source:x} was approved"
+            )
+
+    def _check_blanked(self, approval: Approval) -> None:
+        """All on ground, and behind it just the one that was approved."""
+        if self._level[self._bl] or not self._level[self._pol]:
+            raise GuardRefusal("switch", "not blanked to ground", "BL 0 with POL 1")
+        is_one = self._latch.bit_count() == 1 and self._latch == approval.source
+        if not self._is_latch_known or not is_one:
+            raise GuardRefusal(
+                "switch", f"{self._latch:x} behind the blanking", f"{approval.source:x} alone"
+            )
+
+
+class RelayShadow:
+    """What the levels sent so far have made of a chain of 74HC595 and their relays."""
+
+    def __init__(self, switch: Relays, clock: Clock) -> None:
+        self._switch = switch
+        self._clock = clock
+        self._data, self._clk, self._le = switch.lines.DATA, switch.lines.CLK, switch.lines.LE
+        self._stages = switch.outputs * 2
+        self._full = (1 << self._stages) - 1
+        #: How often a line has changed: between two equal readings nothing has moved.
+        self.edge_count = 0
+        #: How often what is connected may have changed: each copy to the relays counts. A flip
+        #: opens all, and closes the reverse.
+        self.switched = 0
+        self.switched_by_flip = 2
+        self._pairs = sum(1 << stage for stage in range(0, self._stages, 2))
+        self.reset(())
+
+    def reset(self, levels: Changes) -> None:
+        """The start, and after safe_off: nothing is known; relays may be closed.
+
+        CLK and LE count as high, so that only a rise that surely was one counts.
+        """
+        self._level = {self._data: 0, self._clk: 1, self._le: 1}
+        self._level.update({line: value for line, value in levels if line in self._level})
+        self._register = 0
+        self._unknown_stages = self._stages
+        self._latch: int | None = None
+        self._copied_ns = self._clock.now_ns()
+
+    def change(self, line: int, value: int) -> None:
+        """One line changes. Raises: GuardRefusal before anything is sent."""
+        was = self._level.get(line)
+        if was is None or was == value:
+            return
+        self._level[line] = value
+        self.edge_count += 1
+        if not value:
+            return
+        if line == self._clk:
+            self._register = (self._register << 1 | self._level[self._data]) & self._full
+            self._unknown_stages = max(0, self._unknown_stages - 1)
+        elif line == self._le:
+            self._copy()
+
+    def _copy(self) -> None:
+        word = self._register
+        if self._unknown_stages:
+            raise GuardRefusal("relays", "a word not wholly shifted", "shift the whole chain")
+        if word & (word >> 1) & self._pairs:
+            raise GuardRefusal("relays", "both relays of one electrode", "one of them")
+        now_ns = self._clock.now_ns()
+        if word and self._latch != word:
+            self._check_break(now_ns - self._copied_ns)
+        self._latch = word
+        self._copied_ns = now_ns
+        self.switched += 1
+
+    def _check_break(self, waited_ns: int) -> None:
+        if self._latch != 0:
+            raise GuardRefusal("relays", "made before broken", "open all in between")
+        if waited_ns < self._switch.toff_us * 1_000:
+            raise GuardRefusal(
+                "relays",
+                f"made {waited_ns // 1_000} us after breaking",
+                f"{self._switch.toff_us} us or later",
+            )
+
+    def check_selection(self, approval: Approval) -> None:
+        """Closed long enough, one output alone on its side, and just those approved."""
+        waited_ns = self._clock.now_ns() - self._copied_ns
+        if approval.is_blanked:
+            if self._latch != 0 or waited_ns < self._switch.toff_us * 1_000:
+                raise GuardRefusal("relays", "not all open", "all open, and settled")
+            return
+        if not self._latch or waited_ns < self._switch.ton_us * 1_000:
+            raise GuardRefusal("relays", "not settled", f"{self._switch.ton_us} us after closing")
+        source = self._side(self._latch, self._switch.on_bit)
+        ground = self._side(self._latch, self._switch.return_bit)
+        if min(source.bit_count(), ground.bit_count()) != 1:
+            raise GuardRefusal("relays", "no output alone on its side", "one against its returns")
+        if source != approval.source or ground != approval.ground:
+            raise GuardRefusal(
+                "relays",
+                f"outputs {source:x} on source, {ground:x} on ground",
+                f"{approval.source:x} and {approval.ground:x} were approved",
+            )
+
+    def _side(self, word: int, bit: int) -> int:
+        """Every second bit, packed: bit i for output i."""
+        return sum(
+            (word >> (2 * output + bit) & 1) << output for output in range(self._switch.outputs)
+        )
+
+
+SwitchShadow = HalfBridgeShadow | RelayShadow

@@ -1,0 +1,154 @@
+"""Where daemons are found by name.
+
+Owns: the order of system and user folders, and who counts as running.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from etd.files import paths
+from etd.protocol.errors import FileError
+
+
+@pytest.fixture
+def folders(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A short root: the path of a Unix socket is bounded."""
+    with tempfile.TemporaryDirectory(prefix="etd-") as root:
+        monkeypatch.setattr(paths, "SYSTEM_RUNTIME", Path(root) / "run")
+        monkeypatch.setattr(paths, "SYSTEM_STATE", Path(root) / "lib")
+        monkeypatch.setenv("XDG_RUNTIME_DIR", f"{root}/user")
+        monkeypatch.setenv("XDG_STATE_HOME", f"{root}/state")
+        yield Path(root)
+
+
+def listen(folder: Path) -> socket.socket:
+    folder.mkdir(parents=True, exist_ok=True)
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind(str(folder / "control.sock"))
+    listening.listen()
+    return listening
+
+
+def test_a_user_has_folders_of_their_own(folders: Path) -> None:
+    assert paths.runtime_folder("main") == folders / "user/etd/main"
+    assert paths.state_folder("main") == folders / "state/etd/main"
+    assert paths.control_address("main") == f"ipc://{folders}/user/etd/main/control.sock"
+
+
+def test_a_folder_that_systemd_laid_out_comes_first(folders: Path) -> None:
+    for kind in ("run", "lib"):
+        (folders / kind / "main").mkdir(parents=True)
+    assert paths.runtime_folder("main") == folders / "run/main"
+    assert paths.state_folder("main") == folders / "lib/main"
+    assert "user" in paths.control_address("main"), "nobody has a socket there yet"
+    (folders / "run/main/control.sock").touch()
+    assert paths.control_address("main") == f"ipc://{folders}/run/main/control.sock"
+
+
+def test_without_a_runtime_folder_of_the_session_the_temporary_one_serves(
+    folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders))
+    assert paths.runtime_folder("x") == folders / f"etd-{os.getuid()}/x"
+
+    (folders / f"etd-{os.getuid()}").symlink_to("/")
+    monkeypatch.setattr(os, "getuid", lambda: 12345)
+    (folders / "etd-12345").mkdir()
+    with pytest.raises(FileError, match="belongs to somebody else"):
+        paths.runtime_folder("x")
+
+
+def test_only_daemons_that_answer_are_running(folders: Path) -> None:
+    here = [listen(folders / where) for where in ("user/etd/main", "user/etd/b", "run/main")]
+    (folders / "user/etd/dead").mkdir()
+    left = listen(folders / "user/etd/dead")
+    left.close()
+
+    found = [daemon.name for daemon in paths.find_daemons()]
+    assert found == ["main", "b", "main"], "two of one name are two, the system's first"
+    for listening in here:
+        listening.close()
+    assert paths.find_daemons() == []
+
+
+@pytest.mark.parametrize("user", [0, 4321])
+def test_root_finds_the_daemons_of_every_user_and_others_their_own(
+    folders: Path, monkeypatch: pytest.MonkeyPatch, user: int
+) -> None:
+    monkeypatch.setattr(paths, "USER_RUNTIMES", folders / "sessions")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders / "tmp"))
+    monkeypatch.setattr(os, "geteuid", lambda: user)
+    here = [
+        listen(folders / where)
+        for where in (
+            "user/etd/own",
+            "sessions/1000/etd/theirs",
+            f"tmp/etd-{os.getuid()}/without-session",
+            f"tmp/etd-{os.getuid() + 1}/somebody-elses-trap",
+            "tmp/etd-x1/private",
+        )
+    ]
+    found = [daemon.name for daemon in paths.find_daemons()]
+    assert found == (["own", "theirs", "without-session"] if user == 0 else ["own"])
+    for listening in here:
+        listening.close()
+
+
+def test_what_somebody_else_put_in_our_place_hides_no_daemon_of_the_system(
+    folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders))
+    monkeypatch.setattr(os, "getuid", lambda: 12345)
+    (folders / "etd-12345").mkdir()
+    with listen(folders / "run/main"):
+        assert [daemon.name for daemon in paths.find_daemons()] == ["main"]
+
+
+def test_a_daemon_that_many_are_connecting_to_is_there_and_is_not_waited_for(
+    folders: Path,
+) -> None:
+    path = folders / "busy.sock"
+    with socket.socket(socket.AF_UNIX) as listening, ExitStack() as stack:
+        listening.bind(str(path))
+        listening.listen(0)
+        for _ in range(4):
+            waiting = stack.enter_context(socket.socket(socket.AF_UNIX))
+            waiting.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                waiting.connect(str(path))
+        assert paths.why_unreachable(path) is None
+
+
+def test_why_a_socket_cannot_be_reached_is_a_clause(folders: Path) -> None:
+    listen(folders / "user/etd/dead").close()
+    assert paths.why_unreachable(folders / "none") == "there is no socket"
+    assert "left over" in str(paths.why_unreachable(folders / "user/etd/dead/control.sock"))
+
+
+def test_a_path_too_long_for_a_socket_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="at most 107 bytes"):
+        paths.prepare_runtime(tmp_path / ("x" * 100))
+    assert not (tmp_path / ("x" * 100)).exists()
+
+
+def test_a_runtime_folder_that_cannot_be_made_is_told_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(FileError, match="set XDG_RUNTIME_DIR"):
+        paths.prepare_runtime(tmp_path / "file" / "main")
+
+
+def test_a_runtime_folder_is_for_its_group(tmp_path: Path) -> None:
+    with tempfile.TemporaryDirectory() as root:
+        paths.prepare_runtime(Path(root) / "main")
+        assert (Path(root) / "main").stat().st_mode & 0o777 == 0o750

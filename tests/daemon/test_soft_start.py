@@ -1,0 +1,200 @@
+"""How fast current may rise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etd.safety.soft_start import Ramp, SoftStart
+
+MS = 1_000_000
+START_NS = 5_000 * MS
+#: What the source makes of a current: a step of its own less, at the most.
+CODE_UA = 10_000 / 4_095
+
+
+def told(current_ua: int) -> int:
+    return int(int(current_ua / CODE_UA) * CODE_UA)
+
+
+@dataclass
+class Wanting:
+    """Pulses that take what a ramp lets through, and what was fired."""
+
+    ramp: Ramp = field(default_factory=lambda: Ramp(8_000))
+    fired: list[tuple[int, int]] = field(default_factory=list)
+
+    def pulse(self, now_ns: int, wanted_ua: int = 10_000) -> int:
+        """What was let through to it."""
+        given_ua = min(wanted_ua, self.ramp.due(now_ns))
+        commanded_ua = told(given_ua)
+        if commanded_ua:
+            self.ramp.fired(given_ua, commanded_ua, now_ns)
+            self.fired.append((now_ns, commanded_ua))
+        return given_ua
+
+    def pulses(self, begin_ms: int, end_ms: int, apart_ms: int, wanted_ua: int = 10_000) -> int:
+        """What was let through to the last one."""
+        return [
+            self.pulse(START_NS + at_ms * MS, wanted_ua)
+            for at_ms in range(begin_ms, end_ms + 1, apart_ms)
+        ][-1]
+
+
+def test_the_ceiling_starts_at_zero_and_rises_half_a_milliampere_in_100_ms() -> None:
+    wanting = Wanting()
+    assert wanting.pulse(START_NS) == 0
+    # A code of the source less at most for each 100 ms.
+    assert wanting.pulses(10, 100, 10) == 500
+    assert wanting.pulses(110, 200, 10) == pytest.approx(1_000, abs=3)
+    assert wanting.pulses(210, 1_000, 10) == pytest.approx(5_000, abs=30)
+
+
+def test_the_ceiling_ends_at_the_top() -> None:
+    wanting = Wanting()
+    assert wanting.pulses(0, 2_000, 10) == 8_000
+    assert wanting.pulses(2_010, 3_000, 10) == 8_000
+
+
+def test_time_alone_lets_nothing_rise() -> None:
+    ramp = Ramp(8_000)
+    assert [ramp.due(START_NS + at_ms * MS) for at_ms in range(0, 5_000, 10)][-1] == 500
+
+
+def test_weak_pulses_let_the_ceiling_rise_half_a_milliampere_above_themselves() -> None:
+    wanting = Wanting()
+    wanting.pulses(0, 5_000, 10, wanted_ua=1_000)
+    assert wanting.pulses(5_010, 5_010, 10) == told(1_000) + 500
+    assert wanting.pulses(5_020, 5_100, 10) == told(1_000) + 500
+    assert wanting.pulses(5_110, 5_110, 10) == pytest.approx(told(1_000) + 550, abs=3)
+
+
+def test_weak_pulses_between_strong_ones_hold_nothing_up() -> None:
+    wanting, since_ns = Wanting(), START_NS
+    for scan in range(31):
+        wanting.pulse(since_ns + scan * 20 * MS, 100)
+        wanting.pulse(since_ns + scan * 20 * MS + 300_000)
+    assert wanting.fired[-1][1] >= 2_400
+
+
+def test_after_a_pause_it_goes_on_from_what_was_fired() -> None:
+    wanting = Wanting()
+    assert wanting.pulses(0, 100, 10) == 500
+    assert wanting.pulse(START_NS + 5_000 * MS) == told(500) + 500
+
+
+@pytest.mark.parametrize(("rate_hz", "within_s"), [(120, 0.68), (60, 0.75), (30, 0.85), (10, 1.3)])
+def test_a_strong_frame_opens_in_about_the_same_time_at_usual_rates(
+    rate_hz: int, within_s: float
+) -> None:
+    """To 3 mA; 0.6 s are 0.5 mA in 100 ms."""
+    wanting, period_ns, now_ns = Wanting(), int(1e9 / rate_hz), START_NS
+    while wanting.pulse(now_ns) < 3_000:
+        now_ns += period_ns
+    assert 0.6 <= (now_ns - START_NS) / 1e9 <= within_s
+
+
+def test_a_restart_falls_to_zero_at_once() -> None:
+    wanting = Wanting()
+    wanting.pulses(0, 500, 10)
+    wanting.ramp.restart()
+    assert wanting.ramp.ceiling_ua == 0
+    assert wanting.pulse(START_NS + 600 * MS) == 0
+    assert wanting.pulse(START_NS + 700 * MS) == 500
+
+
+pulses = st.tuples(
+    st.one_of(st.integers(0, 3 * MS), st.integers(0, 300 * MS), st.just(100 * MS)),
+    st.one_of(st.integers(0, 10_000), st.just(10_000), st.integers(0, 50)),
+)
+
+
+@given(st.lists(pulses, max_size=80))
+def test_within_any_100_ms_no_pulse_exceeds_what_was_fired_before_by_more_than_half_a_milliampere(
+    asked: list[tuple[int, int]],
+) -> None:
+    wanting, now_ns = Wanting(), START_NS
+    for gap_ns, wanted_ua in asked:
+        now_ns += gap_ns
+        wanting.pulse(now_ns, wanted_ua)
+    for at_ns, commanded_ua in wanting.fired:
+        before_ua = max(
+            (ua for fired_ns, ua in wanting.fired if fired_ns <= at_ns - 100 * MS), default=0
+        )
+        assert commanded_ua <= before_ua + 500
+
+
+@given(st.lists(pulses, max_size=60), st.integers(0, 10_000))
+def test_what_falls_falls_at_once_and_what_was_fired_is_free(
+    asked: list[tuple[int, int]], wanted_ua: int
+) -> None:
+    wanting, now_ns = Wanting(), START_NS
+    for gap_ns, one_ua in asked:
+        now_ns += gap_ns
+        wanting.pulse(now_ns, one_ua)
+    highest_ua = max((ua for _, ua in wanting.fired), default=0)
+    assert wanting.pulse(now_ns, wanted_ua) >= min(wanted_ua, highest_ua)
+
+
+def test_many_small_looks_lose_nothing() -> None:
+    ramp = Ramp(8_000)
+    for tick in range(100_001):
+        ramp.due(START_NS + tick * 1_000)
+    assert ramp.ceiling_ua == 500
+
+
+def opening_at(current_ua: int) -> SoftStart:
+    opening = SoftStart(8_000)
+    opening.due(START_NS)
+    opening.fired(0, current_ua, current_ua, START_NS)
+    return opening
+
+
+def test_a_touch_after_none_ramps_that_electrode_alone() -> None:
+    opening = opening_at(5_000)
+    opening.touched_again(4)
+    now_ns = START_NS + 1_000 * MS
+    assert opening.recontact_ua(4, now_ns) == 0
+    assert opening.recontact_ua(4, now_ns + 100 * MS) == 500
+    assert opening.recontact_ua(5, now_ns + 100 * MS) is None
+    assert opening.due(now_ns + 100 * MS) == 5_500
+
+
+def test_what_others_were_fired_does_not_raise_an_electrodes_own_ramp() -> None:
+    opening = opening_at(5_000)
+    opening.touched_again(4)
+    for at_ms in range(0, 1_000, 10):
+        opening.fired(5, 5_000, 5_000, START_NS + at_ms * MS)
+        assert opening.recontact_ua(4, START_NS + at_ms * MS) in range(501)
+
+
+def test_an_electrodes_own_ramp_rises_through_its_own_pulses_and_stays() -> None:
+    opening = opening_at(5_000)
+    opening.touched_again(4)
+    given_ua = 0
+    for at_ms in range(0, 301, 10):
+        now_ns = START_NS + at_ms * MS
+        given_ua = min(1_000, opening.recontact_ua(4, now_ns) or 0)
+        opening.fired(4, given_ua, given_ua, now_ns)
+    assert given_ua == 1_000
+    assert opening.recontact_ua(4, START_NS + 60_000 * MS) == 1_500
+
+
+def test_a_second_touch_begins_at_zero_again() -> None:
+    opening = opening_at(5_000)
+    for _ in range(2):
+        opening.touched_again(4)
+        assert opening.recontact_ua(4, START_NS) == 0
+        opening.fired(4, 300, 300, START_NS)
+
+
+def test_a_restart_forgets_the_single_ramps() -> None:
+    opening = opening_at(5_000)
+    opening.touched_again(4)
+    opening.restart()
+    assert opening.recontact_ua(4, START_NS) is None
+    assert opening.ceiling_ua == 0
+    assert opening.due(START_NS + 1_000 * MS) == 0
