@@ -29,15 +29,15 @@ EXCEPTIONS = {
     },
     "hal/test_linux_gpio_request.py": {"linux_gpio.DEVICES"},
     "hal/test_linux_open.py": {"linux._open_spi"},
-    "hal/test_linux_understudy.py": {"understudy.open_lines"},
+    "hal/test_linux_kill_test_process.py": {"kill_test_process.open_lines"},
     # The whole command runs, and opens its own bench: there is no port to hand in.
     "daemon/test_cli_main.py": {"etd.cli.disarm.run"},
     "daemon/test_cli_selftest.py": {
-        *("FakeHand.clip", "Table.stage", "Board.safe_off", "selftest_ending.MOST_S")
+        *("FakeOperator.clip", "Table.stage", "Board.safe_off", "selftest_ending.MOST_S")
     },
     # The folders of a system that tests must not write to.
-    "daemon/test_client_places.py": {
-        *("places.SYSTEM_RUNTIME", "places.SYSTEM_STATE", "places.USER_RUNTIMES")
+    "daemon/test_client_paths.py": {
+        *("paths.SYSTEM_RUNTIME", "paths.SYSTEM_STATE", "paths.USER_RUNTIMES")
     },
     "daemon/test_selftest_gate.py": {
         "etd.files.paths.SYSTEM_STATE",
@@ -50,10 +50,10 @@ EXCEPTIONS = {
     "daemon/test_selftest_interrupted.py": {"*place"},
     # What is published must fall with the model, and with the engine's softening.
     "daemon/test_explain.py": {"Membrane.step_response", "Membrane.final"},
-    "stabilize/test_steady_bodies.py": {"Opening.touched_again"},
+    "stabilize/test_steady_bodies.py": {"SoftStart.touched_again"},
     # A law breaks down; pressure without sensors.
-    "daemon/test_engine_probe_first.py": {"rig.engine.components.asker.wish_again"},
-    "daemon/test_engine_stabilize_properties.py": {"asker._pressed"},
+    "daemon/test_engine_probe_first.py": {"rig.engine.components.adapter.readapt"},
+    "daemon/test_engine_stabilize_properties.py": {"adapter._pressure_source"},
 }
 
 
