@@ -240,9 +240,9 @@ def _last_line(args: argparse.Namespace, backend: str, summary: Summary) -> str:
     )
     return (
         f"{args.file.name}: {summary.frames} frames in {summary.played_s:.1f} s on {backend},"
-        f" after {summary.soft_start_s:.1f} s of opening; {len(summary.clamped_frames)} frames"
+        f" after {summary.soft_start_s:.1f} s of soft start; {len(summary.clamped_frames)} frames"
         " clamped"
-        f"{slowed}; thinned: {shortfalls or 'nothing'}"
+        f"{slowed}; not fired: {shortfalls or 'nothing'}"
     )
 
 
