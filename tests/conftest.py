@@ -7,8 +7,12 @@ are always the same: what does not land there fails for what was changed, and no
 from __future__ import annotations
 
 import os
+import signal
 
 from hypothesis import settings
+
+# A shell that runs the tests in its background has them ignore Ctrl-C, and all that they start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("anew", deadline=None)
 settings.register_profile("the-same", deadline=None, derandomize=True)

@@ -7,7 +7,6 @@ wires, and the trace of it is at hand.
 from __future__ import annotations
 
 import io
-import json
 import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -39,6 +38,7 @@ from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable
 from etd_hal.linesetup import line_setup, spi_setup
+from followed_trace import FollowedTrace
 from stepped_stopper import SteppedStopper
 
 LEASE = "a-lease"
@@ -75,6 +75,7 @@ class EngineRig:
     def __post_init__(self) -> None:
         self.stopper = SteppedStopper(self.engine, self.clock)
         self._turns = SensorCycle(self.engine.components.rail, self.engine.components.pressure)
+        self.followed = FollowedTrace(self.sink)
 
     def step(self) -> None:
         now_ns = self.clock.now_ns()
@@ -195,11 +196,11 @@ class EngineRig:
     @property
     def records(self) -> list[dict[str, Any]]:
         """The trace so far, its header left out."""
-        return self.trace()[1:]
+        return self.followed.records()[1:]
 
     def trace(self) -> list[dict[str, Any]]:
         """The whole trace so far, its header first."""
-        return [json.loads(line) for line in self.sink.getvalue().splitlines()]
+        return list(self.followed.records())
 
     def body(self) -> list[dict[str, Any]]:
         """The trace's body records so far."""

@@ -20,14 +20,14 @@ from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.link import Answer, LeaseEnded, OpenLease
 from etd.protocol.messages import Clamp, Halt, Scan, Shortfall, Shown, StateReport
 from etd_hal.boardfile import Guards
-from trace_decoder import Phase, decode, parse
+from trace_decoder import Phase
 
 MS = 1_000_000
 
 
 def phases(rig: EngineRig, since_ns: int = 0) -> list[Phase]:
     """What flowed, decoded from the SPI and GPIO events."""
-    return [phase for phase in decode(parse(rig.sink.getvalue())) if phase.from_ns >= since_ns]
+    return [phase for phase in rig.followed.phases() if phase.from_ns >= since_ns]
 
 
 def felt_ua(rig: EngineRig, since_ns: int = 0) -> dict[int, float]:

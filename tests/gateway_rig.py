@@ -24,7 +24,7 @@ from etd_hal.ports import Clock
 from scripted_engine import ScriptedEngine
 
 #: Turns of 5 ms until something that should arrive counts as not arriving.
-PATIENCE = 400
+PATIENCE = 20_000
 
 
 class HandClock:
@@ -173,7 +173,7 @@ class ServedRig(GatewayRig):
     def pause(self) -> None:
         """Nobody is served until `resume`."""
         self._ending.set()
-        self._thread.join(10)
+        self._thread.join(120)
 
     def resume(self) -> None:
         self._ending.clear()

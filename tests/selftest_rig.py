@@ -85,7 +85,7 @@ class ChargeWatch:
     def __init__(self, inner: Spi, body: MinimalBody) -> None:
         self._inner = inner
         self._body = body
-        self._before = self._charges_pc()
+        self._before = body.absolute_charges_pc()
         #: The most that any electrode got in one message, or between two.
         self.most_pc = 0.0
         self.pulses = 0
@@ -110,15 +110,11 @@ class ChargeWatch:
 
     def look(self) -> None:
         """Take the account up to now."""
-        now = self._charges_pc()
+        now = self._body.absolute_charges_pc()
         self.most_pc = max(
             self.most_pc, *(after - before for before, after in zip(self._before, now, strict=True))
         )
         self._before = now
-
-    def _charges_pc(self) -> list[float]:
-        body = self._body
-        return [body.absolute_charge_pc(electrode) for electrode in range(body.electrode_count)]
 
 
 def _dac_code(word: bytes) -> int:

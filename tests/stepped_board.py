@@ -6,7 +6,6 @@ Owns: how tests put a shipped board file, a body and a trace together.
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable
 from etd_hal.linesetup import line_setup, spi_setup
+from followed_trace import FollowedTrace
 
 BOARDS = Path(__file__).parent.parent / "config" / "boards"
 
@@ -42,10 +42,11 @@ class SteppedBoard:
     body: Touchable
     backend: Backend
     traced: KeptBytes
+    followed: FollowedTrace
 
     def trace_lines(self) -> list[dict[str, Any]]:
         """The trace so far, its header first."""
-        return [json.loads(line) for line in self.traced.getvalue().splitlines()]
+        return list(self.followed.records())
 
     def events(self, bus: str) -> list[dict[str, Any]]:
         return [event for event in self.trace_lines()[1:] if event["bus"] == bus]
@@ -76,4 +77,4 @@ def stepped_board(
         *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close),
         host_clock=clock,
     )
-    return SteppedBoard(board, fake, clock, body, backend, traced)
+    return SteppedBoard(board, fake, clock, body, backend, traced, FollowedTrace(traced))

@@ -97,6 +97,19 @@ class MinimalBody:
         )
         return self._absolute_pc[electrode] + shared * self._contacts[electrode].conductance_s
 
+    def absolute_charges_pc(self) -> list[float]:
+        """That of every electrode, at once."""
+        shared = [0.0] * len(self._contacts)
+        for group in self._reader.sharing():
+            for electrode in group.members:
+                shared[electrode] += group.absolute_pc_per_s
+        return [
+            own_pc + pc_per_s * contact.conductance_s
+            for own_pc, pc_per_s, contact in zip(
+                self._absolute_pc, shared, self._contacts, strict=True
+            )
+        ]
+
     # What is connected
 
     def _read(self, sides: Sides) -> Network:

@@ -8,7 +8,6 @@ import pytest
 
 import engine_rig
 from engine_rig import EngineRig
-from trace_decoder import parse
 from trace_rules import violations
 
 MakeRig = Callable[..., EngineRig]
@@ -31,4 +30,4 @@ def make_rig() -> Iterator[MakeRig]:
         assert rig.close() == ()
         assert rig.fake.dac_code == 0
         rest_us = rig.engine.components.loaded.board.rest_us
-        assert violations(parse(rig.sink.getvalue()), rest_us) == []
+        assert violations(rig.trace(), rest_us) == []

@@ -234,7 +234,7 @@ def modules_of(program: str, *arguments: str) -> set[str]:
         capture_output=True,
         text=True,
         check=True,
-        timeout=30,
+        timeout=300,
     )
     return set(json.loads(ran.stdout))
 

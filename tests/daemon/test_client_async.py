@@ -95,7 +95,7 @@ def test_a_cancelled_hold_ends_silent(rig: ServedRig) -> None:
 
 def test_telemetry_can_be_awaited(rig: ServedRig) -> None:
     async def script() -> None:
-        async with display(rig) as d, d.telemetry("refused", timeout_s=2) as reports:
+        async with display(rig) as d, d.telemetry("refused", timeout_s=60) as reports:
             await d.stream([0, 0])
             async for topic, report in reports:
                 assert (topic, report.error) == ("refused", "bad_frame")  # type: ignore[union-attr]

@@ -15,7 +15,6 @@ from engine_rig import EngineRig
 from engine_scenes import MS, halts, only, phases, shortfalls
 from etd.protocol.link import ArmBoard
 from etd_hal.fake.clock import SteppedClock
-from trace_decoder import parse
 from trace_rules import violations
 
 #: So that no frame expires, however long the machine is held up.
@@ -91,4 +90,4 @@ def test_it_fires_all_that_is_asked_and_nothing_is_overdue_overrun_or_too_long(
     late_ns = machine.now_ns() - rig.engine.components.clock.now_ns()
     assert late_ns > MOST_STALLED_NS, "the machine was not held up"
     assert rig.close() == ()
-    assert violations(parse(rig.sink.getvalue()), rig.engine.components.loaded.board.rest_us) == []
+    assert violations(rig.trace(), rig.engine.components.loaded.board.rest_us) == []

@@ -26,7 +26,6 @@ from etd_hal.fake.faults import (
     SpiShort,
     SpiStall,
 )
-from trace_decoder import parse
 from trace_rules import violations
 
 MakeRig = Callable[..., EngineRig]
@@ -95,7 +94,7 @@ def assert_cut_off(rig: EngineRig, failed_ns: int) -> None:
 
 def broken_beside(rig: EngineRig, failed_ns: int) -> list[str]:
     """The rules broken anywhere but in the message that failed."""
-    found = violations(parse(rig.sink.getvalue()), rig.engine.components.loaded.board.rest_us)
+    found = violations(rig.trace(), rig.engine.components.loaded.board.rest_us)
     return [text for text in found if abs(int(text.split()[0]) - failed_ns) > 20_000]
 
 

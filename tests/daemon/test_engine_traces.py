@@ -20,7 +20,7 @@ from trace_agreement import (
     check_returns,
     check_what_passes,
 )
-from trace_decoder import Facts, Record, decode, parse
+from trace_decoder import Facts, Record, decode
 from trace_rules import violations
 
 ETACTILEKIT = Path(__file__).parents[3] / "shared" / "data" / "etactilekit"
@@ -108,7 +108,7 @@ class Player:
     def finish(self) -> list[Record]:
         """The end of the engine; its trace, checked against all accounts."""
         assert self.rig.close() == ()
-        trace = parse(self.rig.sink.getvalue())
+        trace = self.rig.trace()
         assert violations(trace, self.rig.engine.components.loaded.board.rest_us) == []
         check_body(trace)
         check_what_passes(trace)

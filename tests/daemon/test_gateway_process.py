@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from command_rig import WITHIN_S
 from etd import AlreadyRunning, Display
 from etd.files.paths import address_of
 from etd.gateway.config import GatewayConfig
@@ -63,7 +64,7 @@ def test_it_serves_until_it_is_told_to_end(folder: Path, ending: signal.Signals)
         with Display(address=address_of(folder)) as display:
             assert display.status().engine == "gone"
         running.send_signal(ending)
-        assert running.wait(10) == 0
+        assert running.wait(WITHIN_S) == 0
     assert not (folder / "control.sock").exists()
 
 
@@ -73,7 +74,7 @@ def test_a_second_process_of_the_name_is_refused_until_the_first_was_killed(fold
         with pytest.raises(AlreadyRunning, match=f"process {running.pid} holds"):
             Gateway(config, HandClock())
         running.kill()
-        running.wait(10)
+        running.wait(WITHIN_S)
     Gateway(config, HandClock()).close()
 
 
@@ -83,7 +84,7 @@ def test_a_killed_gateway_is_seen_by_its_engine_at_once(folder: Path) -> None:
         while not engine.alive:
             engine.step()
         running.kill()
-        running.wait(10)
+        running.wait(WITHIN_S)
         engine.step()
         assert not engine.is_connected
     engine.close()

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import engine_rig
-from trace_decoder import Facts, Record, decode, parse, visits
+from trace_decoder import Facts, Record, decode, visits
 from trace_rules import violations
 
 TESTS = Path(__file__).parents[1]
@@ -53,7 +53,7 @@ def _trace(board: str, polarity: str) -> tuple[Record, ...]:
         current_ua[electrode] = 400
     rig.hold(160, current_ua=tuple(current_ua), polarity=polarity, rate_hz=10.0)
     assert rig.close() == ()
-    return tuple(parse(rig.sink.getvalue()))
+    return tuple(rig.trace())
 
 
 def a_trace(board: str = "kajimoto-hv507", polarity: str = "anodic") -> list[Record]:

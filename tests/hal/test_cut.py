@@ -8,7 +8,6 @@ visit.
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar
@@ -98,8 +97,6 @@ class Scene:
         self.power_up()
         #: When the cut was over.
         self.cut_ns: int | None = None
-        self._records: list[dict[str, Any]] = []
-        self._read = 0
 
     def power_up(self) -> None:
         self.board.supply_on()
@@ -132,17 +129,10 @@ class Scene:
         pulse = self.board.pulse(CURRENT_UA, WIDTH_US)
         self.board.fire(pulse, selection, is_anodic, CURRENT_UA, WIDTH_US)
 
-    def events(self, bus: str) -> list[dict[str, Any]]:
-        """As `SteppedBoard.events`, reading on from where it has read to."""
-        new = self.made.traced.getvalue()[self._read :]
-        self._read += len(new)
-        self._records += map(json.loads, new.splitlines())
-        return [entry for entry in self._records if entry.get("bus") == bus]
-
     def fired(self) -> list[dict[str, Any]]:
         """Each phase since the cut that reached the skin, by the body's own account."""
         assert self.cut_ns is not None, "nothing was cut"
-        events = [entry for entry in self.events("body") if entry["from_ns"] > self.cut_ns]
+        events = [entry for entry in self.made.events("body") if entry["from_ns"] > self.cut_ns]
         return [entry for entry in events if entry["current_ua"]]
 
     def live_lines(self) -> list[dict[str, Any]]:
@@ -150,13 +140,13 @@ class Scene:
         assert self.cut_ns is not None, "nothing was cut"
         lines = self.made.board.used_lines()
         live = {(lines.get("BL"), 1), (lines.get("POL"), 0), (lines.get("HV"), 1)}
-        events = [entry for entry in self.events("gpio") if entry["t_ns"] > self.cut_ns]
+        events = [entry for entry in self.made.events("gpio") if entry["t_ns"] > self.cut_ns]
         return [entry for entry in events if (entry["line"], entry["value"]) in live]
 
     def level(self, name: str) -> int:
         """Where a line was left."""
         line = self.made.board.used_lines()[name]
-        events = self.events("gpio")
+        events = self.made.events("gpio")
         return int(next(event["value"] for event in reversed(events) if event["line"] == line))
 
     def assert_dark(self) -> None:
@@ -191,9 +181,9 @@ class Scene:
         """Made safe, it works as before."""
         assert self.board.safe_off() == ()
         self.power_up()
-        before = len(self.events("body"))
+        before = len(self.made.events("body"))
         self.visit(phases)
-        assert len(self.events("body")) == before + len(phases)
+        assert len(self.made.events("body")) == before + len(phases)
         assert self.board.safe_off() == ()
 
 
@@ -274,10 +264,10 @@ def test_a_message_is_not_sent_once_the_outputs_are_cut(name: str) -> None:
     scene.board.prepare(selection)
     scene.board.connect(selection, True)
     scene.cut()
-    before = len(scene.events("spi"))
+    before = len(scene.made.events("spi"))
     with pytest.raises(BoardFault, match="cut off by the stopper"):
         scene.fire(selection, True)
-    assert len(scene.events("spi")) == before
+    assert len(scene.made.events("spi")) == before
 
 
 def test_only_a_way_to_the_safe_state_that_was_completed_ends_a_cut() -> None:

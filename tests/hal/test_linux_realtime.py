@@ -38,7 +38,7 @@ def asked(*, unprivileged: bool, core: int | None) -> dict[str, object]:
         text=True,
         env=environment,
         check=True,
-        timeout=60,
+        timeout=600,
     )
     answer: dict[str, object] = json.loads(ran.stdout)
     return answer

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from board_process import HAL, RunningBoard, running_board
+from command_rig import WITHIN_S
 from etd_hal.boardfile import BoardFile
 from etd_hal.chips import ads1115
 from etd_hal.compose import open_fake
@@ -69,7 +70,7 @@ def kill_a_pulsing_client(running: RunningBoard) -> None:
     with client.stdout as said:
         assert said.readline() == b"pulsing\n"
         client.send_signal(signal.SIGKILL)
-        client.wait(10)
+        client.wait(WITHIN_S)
 
 
 def request_when_free(board: BoardFile, running: RunningBoard) -> None:
@@ -160,7 +161,7 @@ def test_when_the_board_process_dies_its_client_is_told(board: BoardFile, tmp_pa
     with running_board(board, tmp_path) as running:
         backend = open_fake(board, electrodes=range(64), board_socket=running.socket)
         running.process.kill()
-        running.process.wait(10)
+        running.process.wait(WITHIN_S)
         with pytest.raises(BusError) as raised:
             backend.spi.transfer(Message((Transfer(b"\0\0"),)))
         backend.close()

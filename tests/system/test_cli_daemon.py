@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from command_rig import Command, CommandRig, command_rig, wait_for_end
+from command_rig import WITHIN_S, Command, CommandRig, command_rig, wait_for_end
 from etd.client import Display
 from etd.files.paths import address_of
 
@@ -25,8 +25,8 @@ def display(rig: CommandRig) -> Display:
     return Display(address=address_of(rig.folder / "run" / "etd" / "main"), client="test")
 
 
-def wait_for_state(rig: CommandRig, wanted: str, within_s: float) -> None:
-    with display(rig) as watching, watching.telemetry("state", timeout_s=within_s) as reports:
+def wait_for_state(rig: CommandRig, wanted: str) -> None:
+    with display(rig) as watching, watching.telemetry("state", timeout_s=WITHIN_S) as reports:
         for _, report in reports:
             if getattr(report, "state", None) == wanted:
                 return
@@ -183,10 +183,10 @@ def test_play_waits_for_the_operator_and_a_killed_client_leaves_silence(rig: Com
         playing = rig.start("play", str(pattern))
         playing.line_with("waiting for the operator")
         assert rig.run("arm", "--json").answer == {"ok": True, "holder": "etd play long.json"}
-        wait_for_state(rig, "ARMED", 5.0)
+        wait_for_state(rig, "ARMED")
         playing.signal(signal.SIGKILL)
         # The lease lapses after a second; `state` is repeated each second.
-        wait_for_state(rig, "SAFE", 3.0)
+        wait_for_state(rig, "SAFE")
         status = rig.run("status", "--json").answer["status"]
         assert status["holder"] is None
         assert status["last_disarm"] == "lapsed"
@@ -199,7 +199,7 @@ def test_a_stop_ends_what_is_being_played(rig: CommandRig) -> None:
     )
     with rig.daemon("--array", "pad-8"):
         playing = rig.start("play", str(pattern), "--arm")
-        wait_for_state(rig, "ARMED", 5.0)
+        wait_for_state(rig, "ARMED")
         assert rig.run("stop").status == 0
         said = playing.ended()
         assert said.status == 1

@@ -22,7 +22,7 @@ ROOTS = os.pathsep.join([str(CLONE / "daemon"), str(CLONE / "hal")])
 CURRENT_UA = 600
 WIDTH_US = 100
 REST_US = 200
-ENDS_WITHIN_S = 90
+ENDS_WITHIN_S = 600
 
 
 def stripes(electrodes: int, frames: int, duration_ms: int) -> Pattern:

@@ -23,7 +23,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(command: list[str], cwd: Path) -> str:
     """Standard output; what a failing command said becomes the failure's text."""
-    ran = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=100)
+    ran = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=600)
     assert ran.returncode == 0, f"{command}: {ran.returncode}\n{ran.stdout}\n{ran.stderr}"
     return ran.stdout
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from random import Random
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from etd_hal.fake.faults import (
     AdcNoise,
@@ -38,6 +38,8 @@ class Faults:
         self._counts: dict[Fault, int] = {}
         self._lines = lines
         self._noise: dict[AdcNoise, Random] = {}
+        #: Those of each kind that was asked for: that happens at every edge of a line.
+        self._of: dict[type, tuple[Any, ...]] = {}
         #: Whether any is in: a board without faults is asked for them at every edge of a line.
         self.are_there = False
         for fault in faults:
@@ -51,6 +53,7 @@ class Faults:
                 what = f"nothing is behind {fault.name!r} here: one of {', '.join(there)}"
                 raise ValueError(what)
         self._counts[fault] = 0
+        self._of.clear()
         self.are_there = True
         if isinstance(fault, AdcNoise):
             self._noise[fault] = Random(fault.seed)
@@ -58,13 +61,18 @@ class Faults:
     def remove(self, fault: Fault) -> None:
         """Raises: KeyError when it is not in."""
         del self._counts[fault]
+        self._of.clear()
         self.are_there = bool(self._counts)
 
     def of(self, kind: type[_F]) -> tuple[_F, ...]:
         """All faults of a kind that are in."""
         if not self._counts:
             return ()
-        return tuple(fault for fault in self._counts if isinstance(fault, kind))
+        found = self._of.get(kind)
+        if found is None:
+            found = tuple(fault for fault in self._counts if isinstance(fault, kind))
+            self._of[kind] = found
+        return found
 
     def spi_message(self) -> tuple[SpiError | SpiStall | SpiShort, ...]:
         """Count a message, and say which faults fall on it."""
