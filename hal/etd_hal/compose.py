@@ -32,11 +32,6 @@ if TYPE_CHECKING:
     from etd_hal.fake.remote import RemotePorts
 
 
-#: After its start, and for as long: over before the timing is calibrated, and so before an engine
-#: is ready, however busy the machine.
-_WEARER_TRIES_NS = 1_000_000
-
-
 class NoMarker:
     """On real buses nobody reads remarks."""
 
@@ -209,6 +204,7 @@ def _open_in_process(
     from etd_hal.fake.fingertip import fingertip_body, living_fingertip
     from etd_hal.fake.pressure_sensors import lying
     from etd_hal.fake.trace import Trace
+    from etd_hal.fake.wearer import GpioWithWearer
 
     living = None if positions_mm is None else living_fingertip(board, positions_mm)
     fake = FakeBoard(
@@ -222,16 +218,19 @@ def _open_in_process(
     )
     ports = fake.request(line_setup(board), spi_setup(board))
 
-    if board.guards.wearer_stop != "absent":
-        # The fake's wearer does what every wearer does first: try the stop once.
-        fake.world.press("wearer_stop", clock.now_ns() + _WEARER_TRIES_NS)
-        fake.world.release("wearer_stop", clock.now_ns() + 2 * _WEARER_TRIES_NS)
-
     def close() -> None:
         ports.close()
         fake.close()
 
     backend = _on_fake(ports, clock, close)
+    if board.guards.wearer_stop != "absent":
+
+        def try_stop() -> None:
+            fake.world.press("wearer_stop")
+            fake.world.release("wearer_stop")
+
+        wearing = GpioWithWearer(ports.gpio, board.guards, lambda: fake.ask_body(try_stop))
+        backend = dataclasses.replace(backend, gpio=wearing)
     if living is None:
         return backend
     take_felt = living.take_felt

@@ -7,7 +7,7 @@ import pytest
 from etd.engine.power_up import Readiness, check_ready
 from etd.protocol.errors import Refused
 
-READY = Readiness((), (), True)
+READY = Readiness((), (), None)
 
 
 def test_a_board_with_nothing_in_the_way_is_ready() -> None:
@@ -17,9 +17,9 @@ def test_a_board_with_nothing_in_the_way_is_ready() -> None:
 @pytest.mark.parametrize(
     ("ready", "said"),
     [
-        (Readiness(("readback", "heartbeat"), (), True), "readback, heartbeat: accept each"),
-        (Readiness((), ("emergency_stop", "wearer_stop"), True), "and wearer_stop open"),
-        (Readiness((), (), False), "press and release it once"),
+        (Readiness(("readback", "heartbeat"), (), None), "readback, heartbeat: accept each"),
+        (Readiness((), ("emergency_stop", "wearer_stop"), None), "and wearer_stop open"),
+        (Readiness((), (), "press and release it once"), "press and release it once"),
     ],
 )
 def test_what_is_in_the_way_is_named_with_what_to_do(ready: Readiness, said: str) -> None:

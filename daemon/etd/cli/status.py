@@ -53,6 +53,7 @@ def _lines(name: str, report: StateReport, facts: HelloReply | None) -> list[str
         rows += _rows_of_facts(facts)
     rows += [
         ("lease", f"held by {report.holder}" if report.holder else "free"),
+        ("session", _session(report)),
         ("ceiling", f"{report.ceiling_ua} uA"),
         ("supply", _supply(report)),
         ("absent guards", ", ".join(report.absent_guards) or "none"),
@@ -78,6 +79,16 @@ def _state(report: StateReport) -> str:
         halt = report.halt
         return f"HALTED by {halt.cause} ({halt.source}: {halt.detail}); look, then `etd clear`"
     return report.state
+
+
+def _session(report: StateReport) -> str:
+    session = report.session
+    if session is None:
+        return "none (it begins when the board is armed)"
+    whose = session.participant or "a lease without a calibration"
+    if session.ends_in_s is None:
+        return whose
+    return f"{whose}; ends in {session.ends_in_s / 60:.0f} min unless it is armed again"
 
 
 def _rows_of_facts(facts: HelloReply) -> list[tuple[str, str]]:

@@ -57,7 +57,6 @@ class Poller:
         self._supervisor = supervisor
         self._feed_watchdog = feed_watchdog
         self._beaten_ns = 0
-        self._wearer_stop_was_open = False
         self._polled_host_ns = self._host_clock.now_ns()
         #: After a stall: since when the queue of frames has not been looked at.
         self._unseen_since_host_ns: int | None = None
@@ -78,7 +77,7 @@ class Poller:
             self._supervisor.end_lease("lapsed")
         self._active.expire(host_ns)
         self._watch_gateway(host_ns)
-        self._watch_stops()
+        self._watch_stops(host_ns)
         self._watch_rail(now_ns)
         self._execute_commands(host_ns)
         self.beat(now_ns)
@@ -123,12 +122,13 @@ class Poller:
         self._supervisor.end_lease(why, counted="undecodable")
         self._gateway_link.hang_up()
 
-    def _watch_stops(self) -> None:
+    def _watch_stops(self, host_ns: int) -> None:
         is_live = self._supervisor.states.state in ("PROBE", "ARMED")
         for name, is_open in self._board.stop_edges():
             if name == "wearer_stop":
-                self._supervisor.is_wearer_stop_tried |= self._wearer_stop_was_open and not is_open
-                self._wearer_stop_was_open = is_open
+                self._supervisor.sessions.stop_moved(
+                    is_open=is_open, is_live=is_live, now_ns=host_ns
+                )
             if is_open and is_live:
                 self._supervisor.halt(name, name, "the stop line opened")
                 return

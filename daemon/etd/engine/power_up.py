@@ -30,11 +30,12 @@ _RISE_TIMES_ALLOWED = 2
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """What stands in the way of a live board; empty strings and tuples where nothing does."""
+    """What stands in the way of a live board; None and empty tuples where nothing does."""
 
     unaccepted_guards: tuple[str, ...]
     open_stops: tuple[str, ...]
-    is_wearer_stop_tried: bool
+    #: Why the wearer's stop is to be tried first, with what to do.
+    untried_stop: str | None
     #: Why the last self-test does not allow it.
     untested: str | None = None
 
@@ -56,11 +57,8 @@ def check_ready(ready: Readiness) -> None:
         raise Refused("arm_failed", lasting)
     if ready.open_stops:
         raise Refused("arm_failed", f"{' and '.join(ready.open_stops)} open: release or plug it in")
-    if not ready.is_wearer_stop_tried:
-        raise Refused(
-            "arm_failed",
-            "the wearer's stop has not been tried: press and release it once, then arm",
-        )
+    if ready.untried_stop is not None:
+        raise Refused("arm_failed", ready.untried_stop)
 
 
 class PowerUp:

@@ -20,10 +20,11 @@ from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import BoardFault, Refused
 from etd.protocol.link import Answer, LeaseEnded
-from etd.protocol.messages import Halt, StateReport
+from etd.protocol.messages import Halt, SessionFacts, StateReport
 from etd.safety.lease import Lease
 from etd.safety.limits import PersonLimits
 from etd.safety.maxima import Maxima
+from etd.safety.session import Sessions, Subject
 from etd.safety.state import StateMachine
 from etd.stabilize.pipeline import PulseRequest
 from etd_hal.cost import CostModel
@@ -64,7 +65,9 @@ class Supervisor:
         self.probes: tuple[ScheduledPulse, ...] = ()
         self.power_up: PowerUp | None = None
         self.reported_ns = 0
-        self.is_wearer_stop_tried = loaded.board.guards.wearer_stop == "absent"
+        self.sessions = Sessions(has_wearer_stop=loaded.board.guards.wearer_stop != "absent")
+        #: Of all leases so far, which one stands or stood last.
+        self._lease_number = 0
 
     # --- life ------------------------------------------------------------------------------
 
@@ -114,10 +117,22 @@ class Supervisor:
         opening came went when the last lease was silenced.
         """
         self.lease = lease
+        self._lease_number += 1
+        self.sessions.opened(self._subject(lease), self.host_clock.now_ns())
         self._set_calibration(lease.person.calibration)
         self._components.pre_probe.reset()
         self.planner_of_lease()
         self.report_state(self.clock.now_ns())
+
+    def _subject(self, lease: Lease) -> Subject:
+        calibration = lease.person.calibration
+        return Subject(calibration, self._lease_number if calibration is None else 0)
+
+    def _untried_stop(self) -> str | None:
+        """Why the wearer's stop is to be tried before the standing lease is armed."""
+        if self.lease is None:
+            return None
+        return self.sessions.why_untried(self._subject(self.lease), self.host_clock.now_ns())
 
     def _set_calibration(self, calibration: Calibration | None) -> None:
         if calibration is None:
@@ -198,7 +213,7 @@ class Supervisor:
         return Readiness(
             self.loaded.unaccepted_guards,
             tuple(name for name, is_open in stops.items() if is_open),
-            self.is_wearer_stop_tried,
+            self._untried_stop(),
             self._untested(),
         )
 
@@ -206,12 +221,16 @@ class Supervisor:
         """Asked while nothing can flow: it may have to read a file."""
         if self.states.state in ("PROBE", "ARMED"):
             return None
-        return lasting_refusal(self.loaded.unaccepted_guards, self._untested())
+        lasting = lasting_refusal(self.loaded.unaccepted_guards, self._untested())
+        return lasting or self._untried_stop()
 
     def step_power_up(self, power_up: PowerUp, now_ns: int) -> bool:
-        """True once the rail is there and contact is measured."""
+        """True once the rail is there: from then on current can flow."""
         try:
-            return power_up.is_rail_there(now_ns)
+            if power_up.is_rail_there(now_ns) and self.lease is not None:
+                self.sessions.went_live(self._subject(self.lease), self.host_clock.now_ns())
+                return True
+            return False
         except Refused as refusal:
             self.power_up = None
             self.make_safe(refusal.reason)
@@ -260,6 +279,7 @@ class Supervisor:
         """Returns what did not work, as sentences."""
         problems = self.board.safe_off()
         self.last_silence = why
+        self.sessions.went_safe(self.host_clock.now_ns())
         self.supply_changed(False)
         self.active.silence()
         self.soft_start.restart()
@@ -340,6 +360,17 @@ class Supervisor:
         host_ns = self.host_clock.now_ns()
         return max(0, host_ns - self.clock.now_ns())
 
+    def _session_facts(self) -> SessionFacts | None:
+        now_ns = self.host_clock.now_ns()
+        session = self.sessions.standing(now_ns)
+        if session is None:
+            return None
+        ends_in_ns = session.ends_in_ns(now_ns)
+        return SessionFacts(
+            participant=session.subject.participant,
+            ends_in_s=None if ends_in_ns is None else round(ends_in_ns / 1e9, 1),
+        )
+
     def state_report(self, now_ns: int) -> StateReport:
         """What `status` shows."""
         timing = self.board.timing
@@ -367,5 +398,6 @@ class Supervisor:
             machine=self._components.backend.facts,
             last_disarm=self.last_silence,
             arming_refused=self._lasting_refusal(),
+            session=self._session_facts(),
             sensor_problems=self._components.pressure.problems(now_ns),
         )

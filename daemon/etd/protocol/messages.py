@@ -299,6 +299,13 @@ class Halt(msgspec.Struct, frozen=True, kw_only=True):
     t_ns: int
 
 
+class SessionFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """`participant` None: a lease with limits. `ends_in_s` unless used; None while it is."""
+
+    participant: str | None
+    ends_in_s: float | None
+
+
 class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     """Telemetry `state`, each second and at each change; also the body of a `status` reply."""
 
@@ -323,6 +330,7 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     last_disarm: str | None = None
     #: Why `arm` will be refused until somebody has tested or changed something, with what to do.
     arming_refused: str | None = None
+    session: SessionFacts | None = None
     #: Which sensor under the array says nothing, and why; for two seconds after it does again.
     sensor_problems: dict[str, str] = {}
 
@@ -332,9 +340,8 @@ class StatusReply(Success, frozen=True, kw_only=True):
 
 
 class Shown(msgspec.Struct, frozen=True, kw_only=True):
-    """A frame that was begun, with the times of its first and last pulse (CLOCK_MONOTONIC).
-
-    Both are None while a frame has had no pulse (a silent one has none).
+    """A frame that was begun, with the times of its first and last pulse (CLOCK_MONOTONIC); None
+    while it has had no pulse (a silent one has none).
     """
 
     seq: int
@@ -375,7 +382,6 @@ class Fired(msgspec.Struct, frozen=True, kw_only=True):
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True):
     """Telemetry `scan`: every frame begun since the last one, what was fired, and why not more.
-
     `pressure_kpa` is of this moment, per electrode by the sensor nearest to it: None where that one
     says nothing; empty for an array without sensors.
     """
@@ -407,7 +413,6 @@ class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):
 
 class Modelled(msgspec.Struct, frozen=True, kw_only=True):
     """Telemetry `modelled`, of fake boards only: what the model of a body says it felt.
-
     Per electrode the strongest since the last one. `felt`: 1.0 is just felt, 0 nothing; `pain`: 1.0
     and more would hurt.
     """

@@ -1,0 +1,130 @@
+"""The session of a person: one person and one calibration, from the first current on.
+
+Owns: when a session begins and ends, and whether the wearer's stop was tried for it. Must not know:
+states, hardware, clocks: time comes in, on the machine's clock. Why it is so: decision 0039.
+
+A session begins when the board goes live for a lease, and stands for the leases of the same
+calibration that follow. A lease of another calibration ends it, and so do ten minutes in which the
+board is not live. A lease with limits and no calibration does not say who it is for: it is a
+session of its own. What is remembered for a person (the wearer's stop was tried) is remembered for
+a session.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etd.protocol.calibration import Calibration
+
+#: A session that is not used for so long has ended, and a try of the wearer's stop is as old as
+#: that at most. Longer than the breaks of a study, shorter than a visit: after it there may be
+#: another person under the same file, and cable and button may have been moved.
+UNUSED_NS = 600_000_000_000
+_UNUSED_MINUTES = UNUSED_NS // 60_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """Who a lease is for, as far as it is known."""
+
+    calibration: Calibration | None
+    #: Which of the engine's leases it is, where there is no calibration; 0 where there is one.
+    lease_number: int = 0
+
+    @property
+    def participant(self) -> str | None:
+        """None: not known."""
+        return None if self.calibration is None else self.calibration.participant
+
+
+@dataclass(slots=True)
+class Session:
+    """One that has begun. `used_ns`: when the board was last live in it; None while it is."""
+
+    subject: Subject
+    begun_ns: int
+    used_ns: int | None = None
+
+    def ends_in_ns(self, now_ns: int) -> int | None:
+        """How long it still stands without being used; None while the board is live."""
+        return None if self.used_ns is None else max(0, self.used_ns + UNUSED_NS - now_ns)
+
+    def __str__(self) -> str:
+        return f"the session of {self.subject.participant or 'a lease without a calibration'}"
+
+
+class Sessions:
+    """The session that stands, if one does, and the tries of the wearer's stop."""
+
+    def __init__(self, *, has_wearer_stop: bool) -> None:
+        self._has_wearer_stop = has_wearer_stop
+        self._session: Session | None = None
+        self._why_none = "it has not been since the engine started"
+        self._is_pressed = False
+        self._tried_ns: int | None = None
+
+    def standing(self, now_ns: int) -> Session | None:
+        """The session that stands now."""
+        session = self._session
+        if session is not None and session.ends_in_ns(now_ns) == 0:
+            self._end(f"{session} ended after {_UNUSED_MINUTES} minutes without use")
+        return self._session
+
+    def _end(self, why: str) -> None:
+        self._session, self._why_none = None, why
+
+    # --- leases and states -------------------------------------------------------------------
+
+    def opened(self, subject: Subject, now_ns: int) -> None:
+        """A lease for `subject`: the session of another one is over."""
+        session = self.standing(now_ns)
+        if session is None or session.subject == subject:
+            return
+        if subject.calibration is None:
+            self._end(
+                f"this lease has no calibration, so whether it is for the person of {session} is"
+                " not known"
+            )
+        else:
+            self._end(f"this lease is for another person or calibration than {session}")
+
+    def went_live(self, subject: Subject, now_ns: int) -> None:
+        """Current may flow to `subject` from now on. A try of the stop is used up by that."""
+        self.opened(subject, now_ns)
+        if self._session is None:
+            self._session = Session(subject, now_ns)
+        self._session.used_ns = None
+        self._tried_ns = None
+
+    def went_safe(self, now_ns: int) -> None:
+        """No current can flow any more. Idempotent."""
+        if self._session is not None and self._session.used_ns is None:
+            self._session.used_ns = now_ns
+
+    # --- the wearer's stop -------------------------------------------------------------------
+
+    def stop_moved(self, *, is_open: bool, is_live: bool, now_ns: int) -> None:
+        """An edge of the wearer's stop. Pressed and released is a try, unless the board was live:
+        then it was pressed to stop something.
+        """
+        if is_open:
+            self._is_pressed = not is_live
+        elif self._is_pressed:
+            self._is_pressed, self._tried_ns = False, now_ns
+
+    def why_untried(self, subject: Subject, now_ns: int) -> str | None:
+        """Why the wearer's stop is to be tried before the board goes live for `subject`, with what
+        to do; None if it need not be.
+        """
+        self.opened(subject, now_ns)
+        if not self._has_wearer_stop or self._session is not None:
+            return None
+        why = self._why_none
+        if self._tried_ns is not None:
+            if now_ns - self._tried_ns < UNUSED_NS:
+                return None
+            why = f"the last try was more than {_UNUSED_MINUTES} minutes ago"
+        return (
+            f"the wearer's stop has not been tried in this session ({why}): press and release it"
+            " once, then arm"
+        )
