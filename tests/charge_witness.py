@@ -118,8 +118,8 @@ class _WatchedSpi:
         self._witness = witness
         self._spi = spi
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
-        self._spi.prepare(message, is_lasting=is_lasting)
+    def prepare(self, message: Message) -> None:
+        self._spi.prepare(message)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         return self._witness.play(self._spi, message)

@@ -93,8 +93,8 @@ class ChargeWatch:
         self.most_code = 0
         self.before_pulse: dict[int, Callable[[], None]] = {}
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
-        self._inner.prepare(message, is_lasting=is_lasting)
+    def prepare(self, message: Message) -> None:
+        self._inner.prepare(message)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         code = max(_dac_code(transfer.tx) for transfer in message.transfers)

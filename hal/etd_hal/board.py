@@ -31,6 +31,8 @@ from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
 
 #: The stopper acts when a message is this much over its plan.
 OVERDUE_NS = 1_000_000
+#: Pulses that are kept, each with all that was made of its message (some 5 kB); then the oldest
+#: goes, and with it what was made.
 _MAX_REMEMBERED = 2_048
 #: With the DAC at zero the node drains through the leak within microseconds.
 _IDLE_NODE_V = 5.0
@@ -91,8 +93,9 @@ class Board:
         self.switch = _switch(file, self.guard.gpio, clock)
         self._selections = Selections(file)
         self._zero = zero_message()
-        # Always at hand: the way to the safe state lays nothing out.
-        spi.prepare(self._zero, is_lasting=True)
+        # Held, and so kept prepared: the way to the safe state lays nothing out.
+        spi.prepare(self._zero)
+        #: In the order in which they were made.
         self._pulses: dict[tuple[int, int, Prepulse | None], Pulse] = {}
         self._timing: Timing | None = None
         self._rest_until_ns = 0
@@ -121,7 +124,7 @@ class Board:
         pulse = self._pulses.get(key)
         if pulse is None:
             if len(self._pulses) >= _MAX_REMEMBERED:
-                self._pulses.clear()
+                del self._pulses[next(iter(self._pulses))]
             pulse = self._pulses[key] = self._new_pulse(current_ua, width_us, prepulse)
         return pulse
 

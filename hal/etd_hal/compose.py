@@ -46,7 +46,7 @@ class NoSpi:
         self._device = device
         self._reason = reason
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+    def prepare(self, message: Message) -> None:
         """There is nothing to prepare it for; `transfer` tells."""
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:  # noqa: ARG002

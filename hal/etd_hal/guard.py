@@ -43,7 +43,6 @@ _MOST_WORDS = 32
 _MOST_TRANSFERS = 511
 #: Worst case over plan: the 20 % accuracy that IEC 60601-2-10 asks of duration and amplitude.
 _TOLERANCE = 1.2
-_MAX_REMEMBERED = 1_024
 
 
 @dataclass(slots=True)
@@ -84,7 +83,6 @@ class Guard:
         self._board = board
         self._machine = machine
         self._clock = clock
-        self._verdicts: dict[Message, Decoded] = {}
         self._permitted_ua = 0
         self._approval: Approval | None = None
         self.switch: SwitchShadow = (
@@ -116,12 +114,9 @@ class Guard:
 
     def check(self, message: Message) -> None:
         """Raises: GuardRefusal. Nothing has been sent then."""
-        decoded = self._verdicts.get(message)
+        decoded: Decoded | None = message.made.get(self)
         if decoded is None:
-            decoded = self._decode(message)
-            if len(self._verdicts) >= _MAX_REMEMBERED:
-                self._verdicts.clear()
-            self._verdicts[message] = decoded
+            decoded = message.made[self] = self._decode(message)
         if decoded.steps:
             self._check_pulse(decoded)
 
@@ -269,9 +264,9 @@ class GuardedSpi:
         self.begun_ns = 0
         self.ended_ns = 0
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+    def prepare(self, message: Message) -> None:
         """See `ports.Spi`. Nothing is sent, so nothing is checked."""
-        self._spi.prepare(message, is_lasting=is_lasting)
+        self._spi.prepare(message)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         """As the port's, for messages that have no plan yet: those that calibrate timing."""

@@ -11,8 +11,8 @@ while an SPI message is under way.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
 
 #: Of each sleep, at most this much at its end is spun; the rest is slept. A real-time thread that
 #: never sleeps is throttled by the kernel with the DAC on.
@@ -39,20 +39,23 @@ class Transfer:
 class Message:
     """A list of transfers that is executed as one unit, and cannot be stopped half-way.
 
-    Compared by identity, so that a prepared message can be looked up without reading it again.
+    Compared by identity: two of the same transfers are two messages. `made` is what ports and the
+    guard have made of it, each under itself as the key; all of it is forgotten with the message,
+    and nowhere else.
     """
 
     transfers: tuple[Transfer, ...]
+    made: dict[object, Any] = field(default_factory=dict, init=False, repr=False)
 
 
 class Spi(Protocol):
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+    def prepare(self, message: Message) -> None:
         """Do now what `message` needs computed before it can be sent; nothing is sent.
 
         `transfer` does it as well for a message that is not prepared, and then takes longer by it:
         tens of microseconds, in which nothing flows. So a message that will be timed is prepared
-        before. It costs next to nothing when it is prepared already. A port keeps a thousand
-        messages or so, the newest; one that `is_lasting` is kept until the port is closed.
+        before. It costs next to nothing when it is prepared already: the message keeps what the
+        port has made of it (`made`), for as long as there is the message.
 
         Raises: BusError (`invalid`, `too_long`, as `transfer`).
         """

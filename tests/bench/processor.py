@@ -77,7 +77,7 @@ class FreeSpi:
         #: By message, as the engine prepares few: time and answer.
         self._answers: dict[Message, tuple[int, tuple[bytes, ...]]] = {}
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+    def prepare(self, message: Message) -> None:
         pass
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:

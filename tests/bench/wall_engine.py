@@ -63,7 +63,7 @@ class WallSpi:
     def __init__(self, clock: WallClock) -> None:
         self._clock = clock
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+    def prepare(self, message: Message) -> None:
         pass
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:

@@ -65,7 +65,7 @@ class TestSpi:
     ) -> None:
         message = Message((Transfer(ZERO, cs_change=True), *[PAUSE] * 100, Transfer(ZERO)))
         backend.spi.prepare(message)
-        backend.spi.prepare(message, is_lasting=True)
+        backend.spi.prepare(message)
         assert [len(read) for read in backend.spi.transfer(message)] == [2, 2]
         for refused, kind in ((33, "too_long"), (512, "invalid")):
             with pytest.raises(BusError) as raised:

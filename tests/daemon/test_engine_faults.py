@@ -120,8 +120,8 @@ class RefusingSpi:
         self._spi = spi
         self.refuses = False
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
-        self._spi.prepare(message, is_lasting=is_lasting)
+    def prepare(self, message: Message) -> None:
+        self._spi.prepare(message)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         if self.refuses and any(transfer.tx.strip(b"\0") for transfer in message.transfers):

@@ -207,8 +207,8 @@ class HeldSpi:
         self.is_held = False
         self.has_begun, self.may_end = threading.Event(), threading.Event()
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
-        self._spi.prepare(message, is_lasting=is_lasting)
+    def prepare(self, message: Message) -> None:
+        self._spi.prepare(message)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         if self.is_held:

@@ -41,6 +41,12 @@ class TestPulse:
         assert board.pulse(1_000, 50).code == 409
         assert board.pulse(1_000, 100).shape.width_us > 99
 
+    def test_beyond_what_is_remembered_the_oldest_goes_and_no_other(self, boards: Boards) -> None:
+        board = boards().board
+        oldest, *others = [board.pulse(current_ua, 50) for current_ua in range(2_049)]
+        assert all(board.pulse(ua, 50) is pulse for ua, pulse in enumerate(others, start=1))
+        assert board.pulse(0, 50) is not oldest
+
     def test_before_any_calibration_there_is_no_pulse(self, boards: Boards) -> None:
         with pytest.raises(BoardFault, match="timing: measured not calibrated"):
             boards(begun=False).board.pulse(1_000, 100)
@@ -60,13 +66,12 @@ class TestShot:
         assert result.begun_ns < body["from_ns"] < body["to_ns"] < result.ended_ns
         assert abs(result.excess_ns) <= 2
 
-    def test_a_pulse_that_the_driver_has_forgotten_meanwhile_is_not_over_its_plan(
+    def test_a_pulse_that_the_board_has_forgotten_meanwhile_is_not_over_its_plan(
         self, boards: Boards
     ) -> None:
-        """A driver keeps fewer messages than the board keeps pulses."""
         rig = boards()
         rig.visit(5)
-        for current_ua in range(2_000, 5_000, 2):
+        for current_ua in range(2_000, 6_200, 2):
             rig.board.pulse(current_ua, 50)
         assert abs(rig.visit(6).excess_ns) <= 2
 
@@ -81,7 +86,7 @@ class TestShot:
             return rig.clock.now_ns() - begun_ns
 
         before_ns = took_ns()
-        for current_ua in range(2_000, 5_000, 2):
+        for current_ua in range(2_000, 6_200, 2):
             rig.board.pulse(current_ua, 50)
         assert took_ns() == before_ns
 

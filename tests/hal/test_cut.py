@@ -50,8 +50,8 @@ class Interrupted:
     #: Which call it was: SPI or GPIO.
     was_message: bool | None = field(default=None, init=False)
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
-        self.spi.prepare(message, is_lasting=is_lasting)
+    def prepare(self, message: Message) -> None:
+        self.spi.prepare(message)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         return self._between(lambda: self.spi.transfer(message), is_message=True)

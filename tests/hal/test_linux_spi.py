@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import gc
+import weakref
 
 import pytest
 from hypothesis import given
@@ -70,9 +71,10 @@ def test_a_message_seen_before_goes_out_from_the_same_memory() -> None:
     kernel = Spidev()
     spi = opened(kernel)
     spi.transfer(PULSE)
-    kept_elsewhere = [spi.transfer(Message((Transfer(bytes(64)),))) for _ in range(8)]
+    elsewhere = [Message((Transfer(bytes(64)),)) for _ in range(8)]
+    for other in elsewhere:
+        spi.transfer(other)
     spi.transfer(PULSE)
-    assert len(kept_elsewhere) == 8
     assert kernel.addresses[0] == kernel.addresses[-1]
     assert len(set(kernel.addresses)) == 9
 
@@ -99,30 +101,43 @@ def test_between_its_begin_and_its_end_a_message_is_sent_and_nothing_else() -> N
     assert board.guard.spi.ended_ns == board.guard.spi.begun_ns
 
 
-def test_what_is_lasting_is_kept_while_thousands_of_messages_come_and_go() -> None:
-    kernel = Spidev()
-    spi, transfers = opened(kernel), CountedTransfers(PULSE.transfers)
-    lasting = Message(transfers)
-    spi.prepare(lasting, is_lasting=True)
-    before = transfers.readings
-    for code in range(3000):
-        spi.transfer(Message((Transfer(code.to_bytes(2, "big")),)))
-    spi.prepare(lasting)
-    assert spi.transfer(lasting) == (b"\xec\xcf", b"\xff\xff")
-    assert transfers.readings == before
-
-
-def test_what_was_sent_before_can_become_lasting() -> None:
-    kernel = Spidev()
-    spi, transfers = opened(kernel), CountedTransfers(PULSE.transfers)
+@pytest.mark.parametrize("first", ["prepared", "sent"])
+def test_a_message_stays_prepared_while_thousands_of_others_come_and_go(first: str) -> None:
+    spi, transfers = opened(Spidev()), CountedTransfers(PULSE.transfers)
     message = Message(transfers)
-    spi.transfer(message)
-    spi.prepare(message, is_lasting=True)
-    for code in range(1100):
-        spi.prepare(Message((Transfer(code.to_bytes(2, "big")),)))
+    if first == "prepared":
+        spi.prepare(message)
+    else:
+        spi.transfer(message)
     before = transfers.readings
+    others = [Message((Transfer(code.to_bytes(2, "big")),)) for code in range(3000)]
+    for other in others:
+        spi.transfer(other)
     assert spi.transfer(message) == (b"\xec\xcf", b"\xff\xff")
     assert transfers.readings == before
+
+
+def test_the_buffers_of_a_message_go_with_it_without_any_collection() -> None:
+    """Collection is off while a daemon runs."""
+    spi, message = opened(Spidev()), Message(PULSE.transfers)
+    spi.transfer(message)
+    buffer = weakref.ref(message.made[spi].data)
+    assert buffer() is not None
+    gc.disable()
+    try:
+        del message
+        assert buffer() is None
+    finally:
+        gc.enable()
+
+
+def test_each_port_lays_out_what_another_one_has_prepared() -> None:
+    kernel, transfers = Spidev(), CountedTransfers(PULSE.transfers)
+    message = Message(transfers)
+    opened(Spidev()).prepare(message)
+    before = transfers.readings
+    assert opened(kernel).transfer(message) == (b"\xec\xcf", b"\xff\xff")
+    assert transfers.readings > before
 
 
 def test_equal_messages_are_told_apart_and_each_is_answered() -> None:

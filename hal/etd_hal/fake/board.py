@@ -17,7 +17,7 @@ from etd_hal.errors import BusError
 from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.clock import BoardClock
 from etd_hal.fake.faults import Fault
-from etd_hal.fake.layouts import Layouts
+from etd_hal.fake.layouts import lay_out
 from etd_hal.fake.pressure_sensors import PressureModel, SensorUnderArray, lying
 from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
@@ -91,7 +91,7 @@ class FakeBoard:
         has_i2c = self._circuit.board.i2c != "absent"
         calls = _Calls(self._circuit, self._clock, self._lock)
         return FakePorts(
-            FakeSpi(calls, Layouts(spi.device)),
+            FakeSpi(calls, spi.device),
             FakeGpio(calls),
             FakeI2c(calls) if has_i2c else None,
             FakeMarker(calls),
@@ -127,20 +127,20 @@ class _Calls:
 
 
 class FakeSpi:
-    def __init__(self, calls: _Calls, layouts: Layouts) -> None:
+    def __init__(self, calls: _Calls, device: str) -> None:
         self._calls = calls
-        self._layouts = layouts
+        self._device = device
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+    def prepare(self, message: Message) -> None:
         """See `ports.Spi`."""
-        layout_ns = self._layouts.take_ns(message, is_lasting=is_lasting)
+        layout_ns = lay_out(message, self, self._device)
         if layout_ns:
             self._calls.clock.end_call(self._calls.clock.begin_call() + layout_ns)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         """See `ports.Spi`. The lock is free while the message waits: a stopper can get in."""
         calls = self._calls
-        layout_ns = self._layouts.take_ns(message)
+        layout_ns = lay_out(message, self, self._device)
         steps = calls.circuit.play(calls.clock.begin_message() + layout_ns, message)
         try:
             while True:

@@ -19,7 +19,7 @@ from etd_hal.boardfile import BoardFile
 from etd_hal.errors import BusError
 from etd_hal.fake import wire
 from etd_hal.fake.clock import BoardClock
-from etd_hal.fake.layouts import Layouts
+from etd_hal.fake.layouts import lay_out
 from etd_hal.ports import Changes, Edge, LineSetup, Message, SpiSetup
 
 
@@ -79,18 +79,18 @@ class _Line:
 
 
 class RemoteSpi:
-    def __init__(self, line: _Line, layouts: Layouts) -> None:
+    def __init__(self, line: _Line, device: str) -> None:
         self._line = line
-        self._layouts = layouts
+        self._device = device
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
+    def prepare(self, message: Message) -> None:
         """See `ports.Spi`. It is the client that computes, and not the board process."""
-        layout_ns = self._layouts.take_ns(message, is_lasting=is_lasting)
+        layout_ns = lay_out(message, self, self._device)
         if layout_ns:
             self._line.clock.end_call(self._line.clock.begin_call() + layout_ns)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
-        layout_ns = self._layouts.take_ns(message)
+        layout_ns = lay_out(message, self, self._device)
         transfers = tuple(
             (entry.tx, entry.delay_us, entry.cs_change) for entry in message.transfers
         )
@@ -170,7 +170,7 @@ def open_remote(
         line.close()
         raise
     return RemotePorts(
-        RemoteSpi(line, Layouts(spi.device)),
+        RemoteSpi(line, spi.device),
         RemoteGpio(line),
         RemoteI2c(line) if board.i2c != "absent" else None,
         RemoteMarker(line),

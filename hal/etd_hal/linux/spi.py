@@ -4,7 +4,7 @@ Owns: making a `Message` into ready buffers once, and refusing what the kernel w
 Must not know: what the words mean.
 
 The package's own calls send one transfer each and copy lists of numbers; a pulse is one message of
-many transfers, and is sent again and again, so its buffers are kept.
+many transfers, and is sent again and again, so it keeps its buffers.
 """
 
 from __future__ import annotations
@@ -21,9 +21,6 @@ from etd_hal.ports import Message, SpiSetup
 
 #: As fcntl.ioctl: file descriptor, request number, buffer.
 Ioctl = Callable[[int, int, bytearray], int]
-
-#: So many prepared messages are kept (some 2 kB each), and the lasting ones; then the oldest goes.
-_KEPT = 1024
 
 
 class Opened(Protocol):
@@ -111,20 +108,15 @@ class LinuxSpi:
         self._device = device
         self._speed_hz = speed_hz
         self._ioctl = ioctl
-        #: In the order in which they came.
-        self._ready: dict[Message, _Ready] = {}
-        self._lasting: dict[Message, _Ready] = {}
 
-    def prepare(self, message: Message, *, is_lasting: bool = False) -> None:
-        """See `ports.Spi`: lay it out in memory, and keep that."""
-        if is_lasting and message not in self._lasting:
-            self._lasting[message] = lay_out(message, self._speed_hz, self._device)
-        elif message not in self._ready and message not in self._lasting:
-            self._keep(message)
+    def prepare(self, message: Message) -> None:
+        """See `ports.Spi`: lay it out in memory, which the message keeps."""
+        if self not in message.made:
+            self._lay_out(message)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         """See `ports.Spi`. A message that is prepared costs one look-up and one ioctl."""
-        ready = self._ready.get(message) or self._lasting.get(message) or self._keep(message)
+        ready: _Ready = message.made.get(self) or self._lay_out(message)
         try:
             sent = self._ioctl(self._fd, ready.request, ready.transfers)
         except OSError as error:
@@ -140,11 +132,8 @@ class LinuxSpi:
         self._fd = -1
         self._opened.close()
 
-    def _keep(self, message: Message) -> _Ready:
-        ready = lay_out(message, self._speed_hz, self._device)
-        if len(self._ready) >= _KEPT:
-            del self._ready[next(iter(self._ready))]
-        self._ready[message] = ready
+    def _lay_out(self, message: Message) -> _Ready:
+        ready = message.made[self] = lay_out(message, self._speed_hz, self._device)
         return ready
 
 

@@ -32,7 +32,7 @@ OUTPUT, INPUT = LINES["DATA"], LINES["READBACK"]
 UNLOCKED_BYTES = 8 << 20
 #: Of <linux/spi/spidev.h>; 14 bits of it are the size of what is passed.
 SPI_IOC_MESSAGE_0 = 0x40006B00
-#: The drivers' buffers, of messages and of changes (their `_KEPT`).
+#: The driver's buffers of changes (its `_KEPT`).
 KEPT = 1_024
 #: Zero words at code 0: nothing is fired here.
 ZERO = Transfer(bytes(2))
@@ -91,6 +91,11 @@ class TestLines:
         with pytest.raises(BusError) as raised:
             ports.gpio.set(((INPUT, 1),))
         assert raised.value.kind == "invalid"
+
+    def test_buffers_are_kept_for_so_many_changes_and_no_more(self, ports: Backend) -> None:
+        for count in range(KEPT + 6):
+            # Few calls of the chip, and others each time.
+            ports.gpio.set(tuple((OUTPUT, count >> bit & 1) for bit in range(11)))
 
     def test_lines_that_are_unplugged_are_not_read_either(self, ports: Backend) -> None:
         with unplugged("rig-gpio"):
@@ -164,14 +169,6 @@ class TestMessages:
         with pytest.raises(BusError) as raised:
             ports.i2c.transfer(0x48, b"", 0)
         assert raised.value.kind == "invalid"
-
-    def test_buffers_are_kept_for_so_many_messages_and_changes_and_no_more(
-        self, ports: Backend
-    ) -> None:
-        for count in range(KEPT + 6):
-            ports.spi.transfer(Message((Transfer(delay_us=count), ZERO)))
-            # Few calls of the chip, and others each time.
-            ports.gpio.set(tuple((OUTPUT, count >> bit & 1) for bit in range(11)))
 
 
 def test_what_the_kernel_does_to_threads_that_never_sleep_is_told() -> None:
