@@ -1,18 +1,19 @@
-"""The one way for current to the board: booked at its worst, sent, and corrected by what is known.
+"""The only way to fire the board: a pulse is booked at its worst case, sent, and corrected.
 
-Owns: what the ledger has of a message before it is sent, after it, and when it failed; the halt
-when a message took too long; the drift of their durations. Engine and self-test fire through it.
-Must not know: who wants a pulse, limits, whether one fits (both are asked before), what is learned.
+Owns: what the ledger holds of a message before it is sent, after it, and when it failed; the halt
+when a message took too long; the drift of message durations. Engine and self-test fire through it.
+Must not know: why a pulse is wanted, limits and whether a pulse fits the ledger (both are checked
+before), what is learned from it.
 
-The worst, which is booked before the first message of a visit is sent: all phases as planned, each
+The worst case is booked before the first message of a pulse is sent: all phases as planned, each
 with the excess at which a message halts (`halt_excess_us` of the machine file). After each message
-the excess that it had takes the place of that. When the guard refuses the first message, nothing
-was sent, and all is taken back.
+its measured excess replaces that. When the guard refuses the first message, nothing was sent, and
+the booking is taken back.
 
 A message that fails may have left the source on. So the board is made safe at once, and the current
 counts as having flowed from the booking until that was done; further phases stay booked. The same
-holds of a message whose samples are not valid: nothing is known of it. Whatever else ends a visit
-leaves it booked at its worst. See docs/decisions/0035.
+holds for a message whose samples are not valid. A pulse that ends in any other way stays booked at
+its worst case. See docs/decisions/0035.
 """
 
 from __future__ import annotations
@@ -30,20 +31,20 @@ from etd_hal.ports import Clock
 from etd_hal.selection import Selection
 from etd_hal.switch_shadow import Prepulse
 
-#: Of the mean deviation from plan, by which drift is seen.
+#: Weight of a new value in the mean deviation from plan, which shows drift.
 _DRIFT_WEIGHT = 0.02
 
 
 class ReadyPulse(msgspec.Struct, frozen=True):
-    """What limits and ledger let through, and where it goes."""
+    """A pulse that limits and ledger let through, and its electrodes."""
 
     #: Of all its phases.
     entry: Entry
     selection: Selection
     pulse: Pulse
-    #: What the pulse was made of: none of its parts is more.
+    #: The request that `pulse` was made from; no part of the pulse is more.
     given: PulseRequest
-    #: A probe after `Board.release`, which must reach nobody.
+    #: A probe after `Board.release`, which must reach no electrode.
     is_blanked: bool = False
 
 
@@ -62,7 +63,7 @@ class Firing:
 
     @property
     def has_drifted(self) -> bool:
-        """Messages take longer or shorter than calibrated, on the mean: calibrate again."""
+        """The mean duration of messages has left the calibrated one: calibrate again."""
         return abs(self._deviation_ns) > self._drift_ns
 
     def reset_drift(self) -> None:
@@ -70,8 +71,8 @@ class Firing:
         self._deviation_ns = 0.0
 
     def fire(self, ready: ReadyPulse, phases: Sequence[bool]) -> tuple[PulseResult, PulseResult]:
-        """Book, then send one message for each phase (True: anodic); all stays connected. Returns
-        the first and the last phase's answer.
+        """Book, then send one message for each phase (True: anodic). The electrodes stay connected.
+        Returns the results of the first and the last phase.
         """
         booking = self._book(ready, len(phases))
         first = last = self._send_first(booking, ready, phases[0])
@@ -122,7 +123,7 @@ class Firing:
             raise
 
     def _keep_worst(self, booking: Booking, ready: ReadyPulse, since_ns: int) -> None:
-        """The board is safe by now: the current can have flowed since then, and no longer."""
+        """The board is safe now: the current flowed from `since_ns` until now at the longest."""
         now_ns = self._now_ns()
         booked_pc = ready.given.charge_pc + ready.given.current_ua * self._most_excess_us
         more_pc = max(0, _flowed_pc(ready.given, now_ns - since_ns) - booked_pc)
@@ -131,7 +132,7 @@ class Firing:
     def _settle(
         self, booking: Booking, ready: ReadyPulse, result: PulseResult, begun_ns: int
     ) -> None:
-        """What a message took over its plan bounds how much longer the current flowed."""
+        """The current cannot have flowed longer than planned by more than the message's excess."""
         excess_ns = result.excess_ns
         self._deviation_ns += _DRIFT_WEIGHT * (excess_ns - self._deviation_ns)
         charge_pc = booking.charge_pc - ready.given.current_ua * self._most_excess_us
@@ -147,10 +148,10 @@ class Firing:
 
 
 def prepulse_of(given: PulseRequest) -> Prepulse | None:
-    """As the board takes it."""
+    """The prepulse of a request, as `Board.pulse` takes it."""
     return Prepulse(given.prepulse_ua, given.prepulse_us) if given.prepulse_us else None
 
 
 def _flowed_pc(given: PulseRequest, duration_ns: int) -> int:
-    """At its full current for so long; rounded up."""
+    """The charge of the full current over `duration_ns`, rounded up."""
     return -(-given.current_ua * duration_ns // 1_000)

@@ -1,7 +1,7 @@
 """The one lease, on the machine's clock.
 
-Owns: who holds it, until when, and the rising seq of its frames. Must not know: sockets, what the
-holder wants. Time comes in.
+Owns: its holder, its end, and the rising seq of its frames. Must not know: sockets, what the holder
+wants. Time comes in.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ class Lease:
     token: str
     client: str
     person: PersonLimits
-    #: After the last renewal it stands for so long.
+    #: How long it lasts after a renewal.
     lasts_ns: int
     lapses_host_ns: int = 0
     last_seq: int = -1
 
     def renew(self, host_ns: int) -> None:
-        """An accepted frame, or `keep`."""
+        """Called for each accepted frame, and for `keep`."""
         self.lapses_host_ns = host_ns + self.lasts_ns
 
     def has_lapsed(self, host_ns: int) -> bool:
@@ -33,7 +33,7 @@ class Lease:
 
 
 def check_holder(lease: Lease | None, token: str) -> Lease:
-    """The standing lease, if `token` is its. Raises: Refused."""
+    """The standing lease, if `token` belongs to it. Raises: Refused."""
     if lease is None:
         raise Refused("no_lease", "no lease stands: open one (it may have lapsed)")
     if lease.token != token:

@@ -1,16 +1,16 @@
-"""What each electrode, and the array, got in the last second.
+"""The charge, pulses and time with current of each electrode, and of the array, in the last second.
 
 Owns: charge, pulses and time with current over a sliding window of one second, returns included,
 the time of each electrode's last pulse, and whether one more pulse fits.
 Must not know: why a pulse is wanted, hardware, clocks: time comes in.
 
-A pulse is booked before it is sent, at the most that it can come to, and corrected when it is known
-what it came to (`firing.py`). What is never corrected stays booked at its worst.
+A pulse is booked before it is sent, at its worst case, and corrected to the charge it had
+(`firing.py`). An entry that is never corrected stays at its worst case.
 
 Charge is in pC (uA x us), all phases counted positive. A pulse that returns through all others is
-booked to a pool at the share that one return may carry: everybody's total is its own sum plus the
-pool, less what it put into the pool itself. So a pulse costs the same work for 8 electrodes and
-for 256.
+booked to a pool at the share that one return may carry: the total of an electrode is its own sum
+plus the pool, less what it put into the pool itself. So a pulse costs the same work for 8
+electrodes and for 256.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ LedgerReason = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Over any second; and between two pulses of one electrode."""
+    """Bounds over any second, and the interval between two pulses of one electrode."""
 
     interval_us: int
     mean_current_ua: int
@@ -45,7 +45,7 @@ class Bounds:
 
     @classmethod
     def of(cls, maxima: Maxima) -> Bounds:
-        """What nobody may get in any second."""
+        """The maxima that hold over any second."""
         return cls(
             interval_us=maxima.interval_us,
             mean_current_ua=maxima.mean_current_ua,
@@ -57,9 +57,10 @@ class Bounds:
 
 
 class Entry(msgspec.Struct, frozen=True, gc=False):
-    """One visit, or a part of it: what the electrode gets, and who carries it back.
+    """One pulse, or a part of it: its charge, its time, and the electrodes that carry it back.
 
-    `returns` None: all others, at `share` each; otherwise each named one as if it alone did.
+    `returns` None: all others, each with `share`; otherwise each named electrode is booked with all
+    of the charge.
     """
 
     electrode: int
@@ -67,12 +68,12 @@ class Entry(msgspec.Struct, frozen=True, gc=False):
     on_us: int
     returns: tuple[int, ...] | None
     share: float
-    #: 0 where it goes on with a visit that is booked already, as a pulse does after its probe.
+    #: 0 where the entry continues a pulse that is booked already, as after a probe.
     pulses: int = 1
 
 
 class _Line(msgspec.Struct, gc=False):
-    """One visit as a window has it. The electrode's own window and the array's share one."""
+    """One pulse in a window. The electrode's own window and the array's share the line."""
 
     begun_ns: int
     charge_pc: int
@@ -82,12 +83,12 @@ class _Line(msgspec.Struct, gc=False):
 
 
 class Booking(_Line, kw_only=True, gc=False):
-    """What is booked of one entry now; a line of the windows that can be corrected."""
+    """What is booked of an entry now: a line of the windows that can be corrected."""
 
     entry: Entry
-    #: In the windows of named returns.
+    #: The line in the windows of named returns.
     carried: _Line | None
-    #: Before it: when the electrode's last pulse began, and the most beside the pool.
+    #: The state before it: when the electrode's last pulse began, and the most beside the pool.
     before_ns: int | None
     most_before_pc: int
 
@@ -106,7 +107,7 @@ class _Window:
 
     @property
     def beside_pool_pc(self) -> int:
-        """Of one electrode: what it carried, but for what the pool has of it."""
+        """The charge of this electrode without its part in the pool."""
         return self.charge_pc - self.pooled_pc
 
     def book(self, line: _Line) -> None:
@@ -117,11 +118,11 @@ class _Window:
         self.pulses += line.pulses
 
     def take_back(self) -> None:
-        """The line that was booked last."""
+        """Removes the line that was booked last."""
         self._subtract(self.lines.pop())
 
     def drop_old(self, now_ns: int) -> None:
-        """What began a second ago or earlier."""
+        """Removes what began a second ago or earlier."""
         lines, oldest_ns = self.lines, now_ns - WINDOW_NS
         while lines and lines[0].begun_ns <= oldest_ns:
             self._subtract(lines.popleft())
@@ -143,30 +144,32 @@ class Ledger:
         self._interval_ns = bounds.interval_us * 1_000
         self._begun_ns: list[int | None] = [None] * electrodes
         self._own = [_Window() for _ in range(electrodes)]
-        #: Of all together: what they have put into the pool is what is in it.
+        #: All electrodes together; its `pooled_pc` is the pool.
         self._array = _Window()
         #: Never below the largest (own sum - put into the pool) of any electrode.
         self._most_beside_pool_pc = 0
 
     def charge_pc(self, electrode: int, now_ns: int) -> int:
-        """All that the electrode carried in the last second, as stimulated one and as return."""
+        """The charge that the electrode carried in the last second, stimulated and as a return."""
         own, array = self._own[electrode], self._array
         own.drop_old(now_ns)
         array.drop_old(now_ns)
         return own.beside_pool_pc + array.pooled_pc
 
     def pulses(self, electrode: int, now_ns: int) -> int:
-        """Its pulses in the last second: its own, and those that it alone carried back."""
+        """The pulses of the last second: those of the electrode, and those that it alone carried
+        back.
+        """
         self.charge_pc(electrode, now_ns)
         return self._own[electrode].pulses
 
     def rested_ns(self, electrode: int) -> int:
-        """From when on its next pulse may begin."""
+        """The earliest time of the electrode's next pulse."""
         begun_ns = self._begun_ns[electrode]
         return 0 if begun_ns is None else begun_ns + self._interval_ns
 
     def first_violation(self, entry: Entry, now_ns: int) -> LedgerReason | None:
-        """The first bound that one more pulse would pass; None if it fits."""
+        """The first bound that this entry would exceed; None if it fits."""
         bounds, own, array = self._bounds, self._own[entry.electrode], self._array
         begun_ns = self._begun_ns[entry.electrode]
         own.drop_old(now_ns)
@@ -187,8 +190,8 @@ class Ledger:
         return None if self._returns_fit(entry, now_ns) else "return charge"
 
     def book(self, entry: Entry, now_ns: int, worst_pc: int) -> Booking:
-        """Before it is sent: `worst_pc` is the most that it can come to, for the electrode and the
-        array, and in its share for each that carries it back.
+        """Books a pulse before it is sent. `worst_pc` is the largest charge it can have: for the
+        electrode and the array, and in its share for each return.
         """
         electrode, returns = entry.electrode, entry.returns
         booking = Booking(
@@ -215,8 +218,8 @@ class Ledger:
         return booking
 
     def correct(self, booking: Booking, charge_pc: int, begun_ns: int) -> None:
-        """It began then, and came to so much in all. To be called before anything else is booked or
-        asked.
+        """The pulse began at `begun_ns` and had `charge_pc` in all. To be called before any other
+        entry is booked or checked.
         """
         entry, more_pc = booking.entry, charge_pc - booking.charge_pc
         own, array = self._own[entry.electrode], self._array
@@ -225,7 +228,7 @@ class Ledger:
         booking.begun_ns, booking.charge_pc = begun_ns, charge_pc
         if entry.pulses:
             self._begun_ns[entry.electrode] = begun_ns
-        # What it was booked at before does not count.
+        # The worst case that was booked does not count any more.
         self._most_beside_pool_pc = booking.most_before_pc
         if booking.carried is None:
             more_pooled_pc = _share_pc(entry, charge_pc) - booking.pooled_pc
@@ -240,7 +243,7 @@ class Ledger:
         self._keep_most(own)
 
     def take_back(self, booking: Booking) -> None:
-        """Nothing of it was sent. To be called before anything else is booked or asked."""
+        """Nothing of the pulse was sent. To be called before any other entry is booked or checked."""
         entry = booking.entry
         for electrode in (entry.electrode, *(entry.returns or ())):
             self._own[electrode].take_back()
@@ -265,7 +268,9 @@ class Ledger:
         return self._most_beside_pool_pc <= room_pc
 
     def _lone_return_fits(self, entry: Entry, now_ns: int) -> bool:
-        """One against one, both are alone on their side, and the last guard counts both."""
+        """With a single return both electrodes are alone on their side, and the guard of the HAL
+        counts a pulse for both.
+        """
         if entry.returns is None or len(entry.returns) != 1:
             return True
         own = self._own[entry.returns[0]]
@@ -279,11 +284,11 @@ class Ledger:
 
 
 def _carried(entry: Entry, now_ns: int, charge_pc: int) -> _Line:
-    """As each of the named returns has it."""
+    """The line in the window of each named return."""
     is_alone = entry.returns is not None and len(entry.returns) == 1
     return _Line(now_ns, charge_pc, pulses=entry.pulses if is_alone else 0)
 
 
 def _share_pc(entry: Entry, charge_pc: int) -> int:
-    """Rounded up: a ledger errs on the side of having given more."""
+    """Rounded up: the ledger errs on the side of more charge."""
     return math.ceil(charge_pc * entry.share)

@@ -1,11 +1,11 @@
 """What this person may get, and this pulse: pure rules, read in one sitting.
 
-Owns: the caps of a person, and the last word on one pulse. Must not know: time, hardware, sockets,
-how a wish came about, what the maxima are made of (`maxima.py`).
+Owns: the caps of a person, and the clamp of each pulse. Must not know: time, hardware, sockets, how
+a request came about, what the maxima are made of (`maxima.py`).
 
-Two tiers. A *maximum* is not passed by any frame: asking for more is refused, as a whole. A
-*limit* belongs to an electrode of a person: what asks for more is clamped, and the clamp is told.
-Nothing after this module may increase anything.
+Two tiers. A frame that asks for more than a *maximum* is refused as a whole. A *limit* belongs to
+an electrode of a person: a request for more is clamped, and the clamp is reported. Nothing after
+this module may increase anything.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from etd.stabilize.pipeline import PulseBounds, PulseRequest
 class PersonLimits:
     """One person's caps, by electrode, and the conditions they were found under.
 
-    No pulse is wider than `width_us`. `accepted_us` is the width that the caps are of: in a wider
-    pulse nobody has allowed more charge.
+    No pulse is wider than `width_us`. The caps were accepted at the width `accepted_us`: a wider
+    pulse is allowed no more charge.
     """
 
     caps_ua: tuple[int, ...]
@@ -149,12 +149,12 @@ def clamp_to_limits(
     bounds: PulseBounds | None = None,
     before_pc: int = 0,
 ) -> tuple[int, Clamp | None]:
-    """What this electrode gets, in uA, of what is wanted; and the clamp to tell, if any.
+    """The allowed current of a request, in uA, and the clamp to report, if any.
 
     The smallest bound wins and is named. `soft_start_ua` is the array's ceiling now, `recontact_ua`
-    the electrode's own after a re-contact (None: none), `is_open` that nothing touches it.
-    `most` is the frame's own, where stabilizers ask. `before_pc` is the charge of the probe that
-    goes before. What leads into the pulse falls with it, and its charge counts.
+    the electrode's own after a re-contact (None: none), `is_open` that nothing touches it. `bounds`
+    are the frame's own, for requests of stabilizers. `before_pc` is the charge of the probe that
+    goes before. A prepulse falls with its pulse, and its charge counts.
     """
     bounds_ua: dict[ClampReason, int] = {
         "cap": _within_cap(path.cap_ua, request, bounds),
@@ -183,9 +183,9 @@ def clamp_to_limits(
 
 
 def _within_cap(cap_ua: float, request: PulseRequest, bounds: PulseBounds | None) -> int:
-    """A cap is a current, and the charge that it has in the frame's own pulses, or in those that it
-    was accepted with: where one is wider, or something leads into it that was not there then,
-    nobody has allowed more.
+    """A cap bounds the current, and the charge that this current has in the frame's own pulses, or
+    in those that the cap was accepted with. A wider pulse, or one with a prepulse that was not
+    there then, gets no more charge.
     """
     if bounds is None:
         return int(cap_ua)

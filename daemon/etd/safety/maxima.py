@@ -1,8 +1,8 @@
-"""What nobody may get here: the smallest of what code, board file and body-site file say.
+"""The maxima of this board and site: the smallest of what code, board file and body-site file say.
 
 Owns: the maxima, which no frame, no person's file and no test of a board passes, and how they
-follow what the machine can time. Must not know: persons, time, hardware, what becomes of a wish for
-more.
+follow what the machine can time. Must not know: persons, time, hardware, what becomes of a request
+for more.
 """
 
 from __future__ import annotations
@@ -39,11 +39,10 @@ class Maxima:
 
 
 class MaximaInForce:
-    """The maxima as this machine can keep them now: the one holder, from which all read them.
+    """The maxima as this machine can keep them now; every component reads them here.
 
-    Timing calibrations change it, the later ones too. They say what the guard lets pass: widths,
-    and nothing else. So whatever bounds currents, charge and seconds (the ledger, the opening) may
-    take its numbers once.
+    Each timing calibration may change the widths that the guard lets pass, and nothing else. So the
+    ledger and the soft start, which bound current, charge and time, may read their numbers once.
     """
 
     def __init__(self, declared: Maxima) -> None:
@@ -51,8 +50,8 @@ class MaximaInForce:
         self.now = declared
 
     def follow(self, min_width_us: int, widest_us: int) -> bool:
-        """After a calibration: the shortest pulse of this machine, and the widest that the guard
-        lets pass with its worst case. True if anything has changed.
+        """After a timing calibration: the shortest pulse of this machine, and the widest that the
+        guard lets pass in its worst case. Returns True if a maximum has changed.
         """
         before, declared = self.now, self._declared
         self.now = replace(
@@ -65,7 +64,7 @@ class MaximaInForce:
 
     @property
     def limitations(self) -> tuple[str, ...]:
-        """What is refused here that the files allow, as sentences."""
+        """What this machine refuses although the files allow it, as sentences."""
         now, declared, found = self.now, self._declared, []
         if now.width_us < declared.width_us:
             found.append(
@@ -81,7 +80,7 @@ class MaximaInForce:
 
 
 def maxima_of(board: BoardFile, site: BodySite) -> Maxima:
-    """What neither a person's file nor a frame can pass."""
+    """The smallest of each bound among code, board file and body-site file."""
     most, here = board.maxima, site.maxima
     current_ua = min(body_site.MAX_CURRENT_UA, most.current_ua, here.current_ua)
     width_us = min(body_site.MAX_WIDTH_US, most.width_us, here.width_us)

@@ -1,11 +1,11 @@
 """How much of a pulse one return may carry, when all other electrodes are its returns.
 
-Owns: which electrodes are known to touch, for how long a look is believed, and the share that
+Owns: which electrodes are known to touch, how long a contact poll counts, and the share that
 follows. Must not know: caps, ledgers, hardware, clocks: time comes in.
 
-A current is shared by those that touch. What no pulse has told for a second is not known, and when
-one electrode loses contact, no look from before counts: whatever took it away may have taken
-others. With nobody known, one return may carry it all.
+The electrodes that touch share the current. A contact that no pulse has measured for a second is
+unknown. When one electrode loses contact, no measurement from before counts: what moved it may have
+moved others. While no contact is known, one return may carry all of it.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ class ReturnShare:
         self.reset()
 
     def reset(self) -> None:
-        """The supply was off: whoever touched may have gone."""
+        """The supply was off: any contact may have changed."""
         self._touches = [False] * self._electrodes
         self._looked_ns: list[int | None] = [None] * self._electrodes
-        #: Who is known to touch, and when each look ends.
+        #: The electrodes known to touch, and when each measurement expires.
         self._known: set[int] = set()
         self._ending: deque[tuple[int, int]] = deque()
         self._is_wanted = False
@@ -38,12 +38,12 @@ class ReturnShare:
         return 1.0 / max(1, others)
 
     def when_probed(self) -> float:
-        """The same, once everybody has been looked at anew and nobody has gone."""
+        """The share once every contact is measured anew and none is lost."""
         return 1.0 / max(1, sum(self._touches) - 1)
 
     def want(self, now_ns: int) -> None:
-        """A pulse got less than it wanted because of its returns: if that is for want of looks,
-        look at everybody from now on.
+        """A pulse got less than requested because of its returns. If the reason is that contacts
+        are not known, silent electrodes are polled from now on.
         """
         self._expire(now_ns)
         if len(self._known) < sum(self._touches):
@@ -51,16 +51,16 @@ class ReturnShare:
 
     @property
     def is_wanted(self) -> bool:
-        """Whether silent electrodes are to be looked at."""
+        """Whether silent electrodes are to be polled."""
         return self._is_wanted
 
     def is_due(self, electrode: int, now_ns: int) -> bool:
-        """Whether it is time for a look at an electrode that had no pulse."""
+        """Whether an electrode without a pulse is due for a contact poll."""
         looked_ns = self._looked_ns[electrode]
         return looked_ns is None or now_ns - looked_ns >= CONTACT_POLL_NS
 
     def update(self, electrode: int, touches: bool, now_ns: int) -> None:
-        """A pulse through all others told whether this one touches."""
+        """A pulse through all others has measured whether this electrode touches."""
         if not touches:
             self.lose(electrode)
         else:
@@ -70,7 +70,7 @@ class ReturnShare:
         self._looked_ns[electrode] = now_ns
 
     def lose(self, electrode: int) -> None:
-        """It does not touch. If it did, the others are not known any more."""
+        """This electrode does not touch. If it did before, no contact is known any more."""
         if self._touches[electrode]:
             self._known.clear()
             self._looked_ns[:] = [None] * self._electrodes

@@ -1,11 +1,11 @@
-"""How fast current may rise: the array's opening, and each electrode's own after a re-contact.
+"""How fast current may rise: the array's soft start, and each electrode's own after a re-contact.
 
 Owns: one ceiling for the whole array, zero after arming, which rises through the pulses that are
 fired at it; and the same ramp for an electrode that was open and is touched again.
 Must not know: what the limits are, hardware, clocks: time comes in. A fall is never delayed.
 
-What was fired counts, nothing else: neither frames that stand nor time that passes. Two bounds hold
-for every pulse, and the lower one is its ceiling:
+Only fired pulses raise a ceiling: a standing frame and passing time do not. Two bounds hold for
+every pulse, and the lower bound is its ceiling:
 
     0.5 mA above the highest current that was fired 100 ms ago or longer
     50 uA for every 10 ms above the highest current that was let through to any pulse before it,
@@ -27,7 +27,7 @@ WINDOW_NS = 100_000_000
 
 
 class Ramp:
-    """A ceiling that rises from zero, through what is fired at it."""
+    """A ceiling that rises from zero with the pulses fired at it."""
 
     def __init__(self, top_ua: int) -> None:
         self._top_ua = top_ua
@@ -35,21 +35,21 @@ class Ramp:
 
     def restart(self) -> None:
         """Back to zero."""
-        #: What was let through to a pulse that was fired, at the most; the source has steps, so
-        #: that less was fired.
+        #: The highest current let through to a fired pulse; the source has steps, so less was
+        #: fired.
         self._reached_ua = 0
-        #: What was fired at the most, and of that the part that was fired before the window.
+        #: The highest current fired, and the highest fired before the window.
         self._fired_ua = 0
         self._settled_ua = 0
-        #: When something higher than all before was fired within the window, and how much.
+        #: Within the window: when a current higher than all before was fired, and how much.
         self._rises: deque[tuple[int, int]] = deque()
-        #: Up to when time is used up; None until a pulse is due.
+        #: Time counts from here; None until a pulse is due.
         self._counted_ns: int | None = None
         self._due_ns = 0
         self.ceiling_ua = 0
 
     def due(self, now_ns: int) -> int:
-        """A pulse is due: its ceiling in uA. `ceiling_ua` is that of the last one."""
+        """The ceiling in uA of a pulse that is due now; `ceiling_ua` keeps it."""
         if self._counted_ns is None:
             self._counted_ns = now_ns
         rises, settled_ns = self._rises, now_ns - WINDOW_NS
@@ -63,8 +63,8 @@ class Ramp:
         return self.ceiling_ua
 
     def fired(self, given_ua: int, commanded_ua: int, ended_ns: int) -> None:
-        """The pulse that was due was fired: `given_ua` was let through to it, the source was told
-        `commanded_ua`, and its message ended then.
+        """The pulse that was due was fired: the limits let `given_ua` through, the source was
+        commanded to `commanded_ua`, and the message ended at `ended_ns`.
         """
         if commanded_ua > self._fired_ua:
             self._fired_ua = commanded_ua
@@ -74,14 +74,14 @@ class Ramp:
             self._use_time()
 
     def _use_time(self) -> None:
-        """Whole steps are gone; what is left of one counts for the next pulse."""
+        """Whole steps are used up; the rest of a step counts for the next pulse."""
         passed_ns = self._due_ns - (self._counted_ns or 0)
         left_ns = passed_ns % STEP_NS if passed_ns < WINDOW_NS else 0
         self._counted_ns = self._due_ns - left_ns
 
 
 class SoftStart:
-    """The array's ramp and those of single electrodes."""
+    """The ramp of the array, and those of re-contacted electrodes."""
 
     def __init__(self, top_ua: int) -> None:
         self._top_ua = top_ua
@@ -90,32 +90,32 @@ class SoftStart:
 
     @property
     def ceiling_ua(self) -> int:
-        """The array's, for the last pulse that was due; 0 before the first."""
+        """The array's ceiling for the last pulse that was due; 0 before the first."""
         return self._array.ceiling_ua
 
     def restart(self) -> None:
-        """With every silence, which ends a lease too; and once armed: the probes on the way up were
-        fired like a frame's pulses.
-        """
+        """Called with every silence (the end of a lease is one), and once armed."""
         self._array.restart()
         self._recontacts.clear()
 
     def due(self, now_ns: int) -> int:
-        """A pulse is due: the array's ceiling in uA."""
+        """The array's ceiling in uA for a pulse that is due now."""
         return self._array.due(now_ns)
 
     def touched_again(self, electrode: int) -> None:
-        """An open electrode is touched: from zero, for it alone, until the opening restarts."""
+        """An open electrode is touched again: its own ramp begins at zero and holds until the soft
+        start restarts.
+        """
         self._recontacts[electrode] = Ramp(self._top_ua)
 
     def recontact_ua(self, electrode: int, now_ns: int) -> int | None:
-        """A pulse of it is due: the electrode's own ceiling in uA, or None where it has none."""
+        """The electrode's own ceiling in uA for a pulse that is due now; None where it has none."""
         ramp = self._recontacts.get(electrode)
         return None if ramp is None else ramp.due(now_ns)
 
     def fired(self, electrode: int, given_ua: int, commanded_ua: int, ended_ns: int) -> None:
-        """A frame's pulse was fired. Probes and looks do not count: they are weak and short, and
-        tell nothing of what a person is used to.
+        """A frame's pulse was fired. Probes and contact polls do not count: they are weak and
+        short, and show nothing of what a person is used to.
         """
         self._array.fired(given_ua, commanded_ua, ended_ns)
         ramp = self._recontacts.get(electrode)
