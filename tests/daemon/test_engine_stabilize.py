@@ -103,7 +103,7 @@ def test_the_plan_makes_room_for_the_widest_that_may_be_asked(make_rig: MakeRig)
     many.arm()
     answer = many.show(**frame)
     assert answer.error == "too_fast"
-    assert "with room for what stabilizers may widen" in answer.reason
+    assert "the widest pulses of the stabilizers included" in answer.reason
 
 
 def _resting(rest_us: int) -> BoardFile:

@@ -306,7 +306,7 @@ def test_a_thread_that_hangs_in_its_look_leaves_no_time() -> None:
     liveness = silence_of(stopper, for_ms=600)
     assert not liveness.has_looked
     assert liveness.problem is not None
-    assert liveness.problem.startswith("the stopper has not looked for 600 ms")
+    assert liveness.problem.startswith("the stopper made no check for 600 ms")
     may_go_on.set()
     thread.end()
 

@@ -1,7 +1,7 @@
-"""The schedule that is shown, and the one that comes after the scan under way.
+"""The schedule that is shown, and the next one, which waits for the end of the scan under way.
 
-Owns: which of the two there are, and what becomes of each when a frame comes, expires or is
-silenced. Must not know: how a pulse is fired, the board, sockets.
+Owns: both schedules, and what happens to each when a frame comes, expires or is silenced. Must not
+know: how a pulse is fired, the board, sockets.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ class ActiveSchedule:
         self._reporter = reporter
         #: None: no frame stands.
         self.schedule: Schedule | None = None
-        #: The schedule of the scan under way; another one than `schedule` once that was let go.
+        #: The schedule of the scan under way; differs from `schedule` once that was dropped.
         self._scanning: Schedule | None = None
-        #: What came while a scan was under way: a plan, and when its frame expires.
+        #: The plan that came while a scan was under way, and when its frame expires.
         self._coming: tuple[Plan, int] | None = None
 
     def show(self, plan: Plan, expires_host_ns: int) -> None:
-        """From the next start of a scan on, which is at once when no frame stands; what it lowers
-        falls at once.
+        """Shows the plan from the next scan on (at once when no frame stands). Currents that it
+        lowers fall at once.
         """
         if self._scanning is not None:
             if self._coming is not None:
@@ -45,8 +45,8 @@ class ActiveSchedule:
         self.schedule = Schedule(plan, expires_host_ns, self._clock.now_ns(), before)
 
     def fit(self, maxima: Maxima) -> None:
-        """Between two scans, when a calibration has changed what widths there are: what stands
-        keeps within them, or is let go of, and that is told.
+        """Called between two scans, when a timing calibration has changed the possible widths: the
+        schedule keeps within them, or it is dropped and reported as refused.
         """
         schedule = self.schedule
         misfit = None if schedule is None else schedule.fit(maxima)
@@ -55,7 +55,7 @@ class ActiveSchedule:
             self._let_go()
 
     def silence(self) -> None:
-        """No frame stands any more, and none comes."""
+        """Drops the schedule that is shown and the one that waits."""
         self._coming = None
         self._let_go()
 
@@ -65,7 +65,7 @@ class ActiveSchedule:
         self.schedule = None
 
     def expire(self, host_ns: int) -> None:
-        """Let go of a frame whose time is over."""
+        """Drop a frame whose time is over."""
         if self._coming is not None and host_ns >= self._coming[1]:
             self._reporter.never_shown(self._coming[0].frame, self._clock.now_ns())
             self._coming = None
@@ -96,7 +96,7 @@ class ActiveSchedule:
         return self._scanning is not None and self._scanning is not self.schedule
 
     def begin_scan(self, schedule: Schedule, now_ns: int) -> None:
-        """Of the standing schedule."""
+        """Begins a scan of `schedule`."""
         frame = schedule.plan.frame
         if not schedule.is_begun:
             self._reporter.frame_begun(frame, now_ns)
@@ -105,7 +105,7 @@ class ActiveSchedule:
         self._scanning = schedule
 
     def leave_scan(self) -> None:
-        """It is over, or was interrupted: what came meanwhile is shown."""
+        """The scan is over or was interrupted: the plan that came meanwhile is shown."""
         self._scanning = None
         coming, self._coming = self._coming, None
         if coming is not None:

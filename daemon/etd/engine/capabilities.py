@@ -1,6 +1,6 @@
-"""What an engine says first to a gateway: what there is to drive.
+"""The first message of an engine to a gateway: the board, the array and their maxima.
 
-Owns: the facts of the greeting. Must not know: sockets, states, how anything is driven.
+Owns: the contents of `EngineHello`. Must not know: sockets, states, how anything is driven.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from etd.safety.maxima import PC_PER_NC, Maxima
 def engine_hello(
     loaded: LoadedConfig, maxima: Maxima, states: tuple[str, ...], backend: str
 ) -> EngineHello:
-    """`states`: what an electrode can be on this board; `backend`: linux or fake."""
+    """`states`: the states that an electrode can have on this board; `backend`: linux or fake."""
     defaults = loaded.body_site.defaults
     return EngineHello(
         board=_board_facts(loaded, states, backend),
@@ -54,7 +54,7 @@ def _board_facts(loaded: LoadedConfig, states: tuple[str, ...], backend: str) ->
 
 
 def maxima_facts(maxima: Maxima) -> MaximaFacts:
-    """What a client need not ask more than; charge in nC, as clients count it."""
+    """The maxima as clients see them; charge in nC."""
     return MaximaFacts(
         current_ua=maxima.current_ua,
         uncalibrated_current_ua=maxima.uncalibrated_current_ua,

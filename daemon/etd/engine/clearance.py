@@ -1,7 +1,7 @@
-"""What of a requested pulse may be fired: the limits, then the ledger, then the pulse as bytes.
+"""The allowed part of a requested pulse: the limits, then the ledger, then the pulse as bytes.
 
-Owns: the order of these, which is the order of safety: whatever a stabilizer asks, they come after
-it, and nothing after them increases anything. What they take away is told here.
+Owns: their order, which safety depends on: they come after the stabilizers, and nothing after them
+increases anything. What they take away is reported here.
 Must not know: what is due when, what a stabilizer does, states, sockets.
 """
 
@@ -25,8 +25,8 @@ from etd_hal.board import Board
 
 
 class Cleared(ReadyPulse, frozen=True, kw_only=True):
-    """A pulse that limits and ledger let through, of what was requested; and the clamp to report
-    with it, if any. `leads`: it is the probe before a pulse, and leaves the electrode connected.
+    """A pulse that limits and ledger let through, with its request and the clamp to report, if any.
+    `leads`: the pulse is the probe before another, and leaves the electrode connected.
     """
 
     request: PulseRequest
@@ -58,7 +58,7 @@ class Clearance:
     def clear(
         self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int
     ) -> Cleared | None:
-        """What may be fired of it; None, and reported why, where that is nothing."""
+        """The pulse that may be fired; None where that is nothing, and the reason is reported."""
         scheduled, is_reported = due.scheduled, due.purpose != "contact_poll"
         share = self._share(scheduled, now_ns)
         current_ua, clamp = self._clamped(scheduled, request, share, ceiling_ua, now_ns)
@@ -95,7 +95,7 @@ class Clearance:
         return Cleared(alone, selection, pulse, probe, request=cleared.request, leads=True)
 
     def _share(self, scheduled: ScheduledPulse, now_ns: int) -> float:
-        """What one return may carry: explicit ones each count as if alone."""
+        """The share that one return may carry: each named return counts as if it were alone."""
         if scheduled.returns is not None:
             return 1.0
         return self._return_share.largest(scheduled.electrode, now_ns)
@@ -142,7 +142,7 @@ class Clearance:
 def _entry_of(
     scheduled: ScheduledPulse, given: PulseRequest, share: float, pulses: int = 1
 ) -> Entry:
-    """All phases of it. `pulses` 0: the visit is booked already."""
+    """The entry for all phases. `pulses` 0: its probe has booked the pulse already."""
     phases = len(scheduled.phases)
     on_us = given.whole_us * phases
     return Entry(

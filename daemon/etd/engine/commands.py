@@ -1,4 +1,4 @@
-"""What the gateway may ask of the engine, and the answer to each.
+"""The commands of the gateway, and the answer to each.
 
 Owns: the meaning of every command and frame of the link. Must not know: sockets, ZeroMQ, how a
 pulse is made. A command that is refused changes nothing.
@@ -103,7 +103,7 @@ def _open(core: Supervisor, command: OpenLease, host_ns: int) -> None:
 
 
 def _mark(core: Supervisor, command: SetMark) -> Answer:
-    """At a time of the board's clock, as all that happens on the board."""
+    """A mark has a time of the board's clock, like all that happens on the board."""
     now_ns = core.clock.now_ns()
     core.marker.mark("mark", -1, command.tag)
     return Answer(ref=command.ref, marked_ns=now_ns, sync=core.board.sync())
@@ -112,11 +112,11 @@ def _mark(core: Supervisor, command: SetMark) -> Answer:
 def take_frame(
     core: Supervisor, message: NewFrame, host_ns: int, came_host_ns: int
 ) -> Generator[None, None, None]:
-    """Plan a frame, bit by bit, and show it from the next scan on; or say why not. Where it yields
-    everything may change, but for the frames.
+    """Plan a frame in steps and show it from the next scan on, or refuse it. Between two steps all
+    may change except the frames.
 
-    Its age counts on the machine's clock, where it is `host_ns` now. `came_host_ns`: the earliest
-    that it may have come; the age of a frame without `sent_ns` counts from there.
+    The frame's age counts on the machine's clock, which shows `host_ns` now. `came_host_ns` is the
+    earliest time at which it may have come; the age of a frame without `sent_ns` counts from there.
     """
     frame = message.frame
     try:
@@ -148,7 +148,7 @@ def take_frame(
 
 
 def _check_still_held(core: Supervisor, lease: Lease) -> None:
-    """After a plan, during which commands were obeyed. Raises: Refused."""
+    """Checked after planning, since commands are executed meanwhile. Raises: Refused."""
     if core.lease is not lease:
         raise Refused("no_lease", "the lease ended while its frame was planned: open one")
     core.states.need("ARMED")

@@ -1,7 +1,7 @@
-"""What a daemon drives its board with: each component made once, and handed to those that use it.
+"""The components of an engine: each made once, and handed to those that use it.
 
-Owns: which components there are, and what each is made of. Must not know: states, leases, what is
-asked of a component, and when.
+Owns: which components there are, and what each is made of. Must not know: states, leases, what a
+component is used for, and when.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from etd_hal.ports import Clock
 
 @dataclass(slots=True)
 class Components:
-    """One of each, for as long as the engine runs: a new lease does not forget the ledger."""
+    """One of each, for as long as the engine runs: a new lease does not reset the ledger."""
 
     loaded: LoadedConfig
     backend: Backend
-    #: The board's, with which all is timed that happens on it.
+    #: The board's clock, which times all that happens on the board.
     clock: CpuBudget
-    #: The machine's, on which ttl, lease and the gateway's silence count.
+    #: The machine's clock, on which ttl, lease and the gateway's silence count.
     host_clock: Clock
     timeouts: Timeouts
     board: Board
@@ -62,7 +62,7 @@ class Components:
     soft_start: SoftStart
     return_share: ReturnShare
     clearance: Clearance
-    # What is known of the electrodes, and what is requested by it.
+    # What is known of the electrodes, and the requests that follow from it.
     contact: ContactMap
     impedance: ImpedanceMap
     pre_probe: PreProbe

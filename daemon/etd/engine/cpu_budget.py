@@ -1,4 +1,4 @@
-"""Never so busy that the kernel throttles the scan thread.
+"""Keeps the scan thread below the busy time at which the kernel throttles it.
 
 Owns: the busy time of the loop in any 100 ms, and when it must pause. Must not know: what keeps
 it busy.
@@ -15,16 +15,16 @@ from etd.planning.scan_rate import MAX_BUSY_FRACTION
 from etd_hal.ports import SPIN_NS, Clock
 
 WINDOW_NS = 100_000_000
-#: Of any window, at least so much is slept.
+#: The least sleep in any window.
 _SLEEP_NS = round((1.0 - MAX_BUSY_FRACTION) * WINDOW_NS)
-#: A shorter one would be spun for the most part, and never catch up.
+#: A shorter pause would mostly be spun, and would not catch up.
 _SHORTEST_PAUSE_NS = 1_000_000
 
 
 class CpuBudget:
-    """The Clock that the scan thread uses, counting what it sleeps.
+    """The Clock of the scan thread, which counts its sleep.
 
-    Of each sleep the last SPIN_NS are spun and count as busy.
+    The last SPIN_NS of each sleep are spun and count as busy.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -43,7 +43,7 @@ class CpuBudget:
             self._drop_old(deadline_ns)
 
     def doze_until_ns(self, deadline_ns: int) -> None:
-        """All of it counts as slept."""
+        """All of the doze counts as sleep."""
         slept_ns = deadline_ns - self._clock.now_ns()
         self._clock.doze_until_ns(deadline_ns)
         if slept_ns > 0:
@@ -53,12 +53,12 @@ class CpuBudget:
 
     @property
     def busy_percent(self) -> float:
-        """Of the 100 ms before the last look."""
+        """The busy part of the last 100 ms, as of the last sleep or call of `pause_until_ns`."""
         return 100.0 * max(0, WINDOW_NS - self._slept_ns) / WINDOW_NS
 
     def pause_until_ns(self, now_ns: int) -> int | None:
-        """When too little of the last 100 ms was slept: the time to sleep to, and then to ask
-        again, because older sleep leaves the window meanwhile. None: go on.
+        """The time to sleep to, when too little of the last 100 ms was slept; then call again,
+        because older sleep leaves the window meanwhile. None: go on.
         """
         self._drop_old(now_ns)
         missing_ns = _SLEEP_NS - self._slept_ns
@@ -68,7 +68,7 @@ class CpuBudget:
 
     def _drop_old(self, now_ns: int) -> None:
         sleeps, oldest_ns = self._sleeps, now_ns - WINDOW_NS
-        # A sleep that reaches into the window counts with the part that lies in it.
+        # A sleep that reaches into the window counts with its part inside.
         while sleeps and sleeps[0][0] - sleeps[0][1] < oldest_ns:
             end_ns, length_ns = sleeps.popleft()
             self._slept_ns -= length_ns

@@ -1,6 +1,7 @@
-"""What a fired pulse says of its electrode, put where it is kept, and reported.
+"""What a fired pulse measured at its electrode, stored and reported.
 
-Owns: which of the maps hears what of a pulse. Must not know: limits, ledgers, what is due, states.
+Owns: which map gets which measurement of a pulse. Must not know: limits, ledgers, what is due,
+states.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class Findings:
         self._reporter = reporter
 
     def of_probe(self, due: DuePulse, cleared: Cleared, result: PulseResult) -> None:
-        """Of one that leads into a pulse."""
+        """Stores what a probe before a pulse measured."""
         if self._pre_probe.update(due.electrode, cleared.pulse, result):
             self._adapter.rejected("probe")
         self._of_share(due.scheduled, result.begun_ns)
@@ -49,7 +50,7 @@ class Findings:
     def of_pulse(
         self, due: DuePulse, cleared: Cleared, first: PulseResult, last: PulseResult
     ) -> None:
-        """Of its first and its last phase."""
+        """Stores what the first and the last phase of a pulse measured."""
         electrode, pulse = due.electrode, cleared.pulse
         if due.purpose != "contact_poll":
             given_ua = cleared.given.current_ua
@@ -60,7 +61,7 @@ class Findings:
         ):
             self._soft_start.touched_again(electrode)
         if pulse.commanded_ua > self._maxima.now.probe_current_ua:
-            # Before a second phase the skin is not at rest: the first one tells more.
+            # Before a second phase the skin is not at rest, so the first one is taken.
             probed_v = 0.0 if due.after is None else self._pre_probe.probed_v(electrode)
             self._adapter.update(electrode, _samples(pulse, first, probed_v), begun_ns)
         self._of_share(due.scheduled, begun_ns)
@@ -76,7 +77,7 @@ class Findings:
             self._return_share.lose(electrode)
 
     def report(self, due: DuePulse, cleared: Cleared, begun_ns: int) -> None:
-        """A contact poll is counted; it is no pulse of a frame."""
+        """Reports a pulse of a frame; a contact poll is counted only."""
         if due.purpose == "contact_poll":
             self._reporter.counters["contact_polls"] += 1
             return
@@ -100,14 +101,15 @@ class Findings:
             )
         )
         if cleared.clamp is not None:
-            # With its pulse: a report may have gone out while relays moved.
+            # The clamp is reported with its pulse: a report may have gone out while relays moved.
             self._reporter.clamped(cleared.clamp)
 
 
 def _samples(pulse: Pulse, result: PulseResult, probed_v: float) -> Samples:
     has_end = pulse.shape.has_end_sample
-    # After a prepulse the skin does not begin at rest: then the end alone tells, where there is
-    # one; else the early sample makes the resistance look too high, which asks for less.
+    # After a prepulse the skin does not begin at rest. Then only the sample at the end counts,
+    # where there is one; else the early sample makes the resistance look too high, which lowers the
+    # request.
     is_end_alone = has_end and pulse.prepulse_ua > 0
     return Samples(
         commanded_ua=pulse.commanded_ua,

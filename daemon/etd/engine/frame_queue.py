@@ -1,8 +1,8 @@
-"""Frames that were read from the link and are not planned yet.
+"""Frames read from the link and not planned yet.
 
-Owns: which of them are planned, and in what order: each that wants an answer, and of the streamed
-ones the newest alone, as they came. Must not know: sockets, what a frame asks for, time beyond the
-`came_host_ns` that it keeps.
+Owns: which of them are planned, and in what order: every frame that wants an answer, and only the
+newest streamed frame, in the order of arrival. Must not know: sockets, what a frame asks for, time
+beyond the `came_host_ns` that it keeps.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ import msgspec
 
 from etd.protocol.link import NewFrame
 
-#: The gateway has half as many requests under way at most: no more are read while so many wait.
+#: No more frames are read while so many wait; the gateway has at most half as many requests under
+#: way.
 _MOST_WAITING = 64
 
 
 class CameFrame(msgspec.Struct, frozen=True):
-    """A frame, and the earliest that it may have come, on the machine's clock."""
+    """A frame, and the earliest time at which it may have come, on the machine's clock."""
 
     message: NewFrame
     came_host_ns: int
@@ -37,7 +38,7 @@ class FrameQueue:
         return len(self._waiting) >= _MOST_WAITING
 
     def put(self, message: NewFrame, came_host_ns: int) -> None:
-        """The next one that was read."""
+        """Appends the next frame that was read."""
         came = CameFrame(message, came_host_ns)
         if not message.ref:
             before = self._newest_streamed
@@ -52,7 +53,7 @@ class FrameQueue:
         self._waiting.append(came)
 
     def next(self) -> CameFrame | None:
-        """The next one to be planned."""
+        """Removes and returns the next frame to plan."""
         if not self._waiting:
             return None
         came = self._waiting.popleft()
@@ -61,11 +62,11 @@ class FrameQueue:
         return came
 
     def take_superseded(self) -> int:
-        """How many streamed ones have lost their place to a newer one since this was last asked."""
+        """How many streamed frames a newer one has replaced since the last call."""
         found, self._superseded = self._superseded, 0
         return found
 
     def clear(self) -> None:
-        """Their gateway is gone: an answer would reach another one."""
+        """Their gateway is gone: an answer would reach another gateway."""
         self._waiting.clear()
         self._newest_streamed = None

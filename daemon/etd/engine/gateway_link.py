@@ -1,4 +1,4 @@
-"""The engine's end of the link: what the gateway says, and when it last did.
+"""The engine's end of the link: the gateway's messages, and when the last one came.
 
 Owns: the two channels of the one gateway, how much is read from them at a time, and how its silence
 and its end are noticed.
@@ -14,7 +14,7 @@ from etd.engine.frame_queue import FrameQueue
 from etd.protocol.errors import Undecodable
 from etd.protocol.link import Answer, Channel, EngineHello, LeaseEnded, NewFrame, Report, ToEngine
 
-#: Read at a time, a millisecond's work at most: so many, and none after so many bytes of them.
+#: Read at a time, a millisecond's work at most: so many frames, and none after so many bytes.
 _FRAMES_A_READ = 64
 _FRAME_BYTES_A_READ = 128 * 1024
 
@@ -22,7 +22,7 @@ In = TypeVar("In")
 
 
 class GatewayLink:
-    """With the gateway that is attached, if one is."""
+    """The link to the attached gateway, if there is one."""
 
     def __init__(self, silence_ns: int) -> None:
         self._silence_ns = silence_ns
@@ -31,7 +31,7 @@ class GatewayLink:
         self.queue = FrameQueue()
         self._heard_host_ns = 0
         self._undecodable: Undecodable | None = None
-        #: Where that came: nothing more is read there.
+        #: The channel of an undecodable message: nothing more is read from it.
         self._garbled: object = None
 
     @property
@@ -54,7 +54,9 @@ class GatewayLink:
 
     @property
     def undecodable(self) -> Undecodable | None:
-        """What the gateway sent that is no message of the link: it is to be hung up on."""
+        """The message of the gateway that could not be decoded, if any: the connection is to be
+        closed.
+        """
         return self._undecodable if self.is_attached else None
 
     @property
@@ -63,11 +65,11 @@ class GatewayLink:
         return self._commands is not None and not self._commands.is_open
 
     def is_silent(self, host_ns: int) -> bool:
-        """Nothing for `silence_ns`, although it says something every ALIVE_NS."""
+        """The gateway has sent nothing for `silence_ns`, although it sends every ALIVE_NS."""
         return self.is_attached and host_ns - self._heard_host_ns > self._silence_ns
 
     def commands(self, host_ns: int) -> Iterator[ToEngine]:
-        """All that lie there now; each counts as heard at `host_ns`."""
+        """All commands waiting now; each counts as received at `host_ns`."""
         while self._commands is not None:
             command = self._received(self._commands)
             if command is None:
@@ -76,8 +78,8 @@ class GatewayLink:
             yield command
 
     def read_frames(self, came_host_ns: int) -> bool:
-        """Some of what lies there, into the queue: True if that was all. However fast the gateway
-        sends, it is for the caller to look at everything else before the next ones.
+        """Reads some of the waiting frames into the queue; True if these were all. The caller polls
+        everything else before it reads more, however fast the gateway sends.
         """
         channel = self._frames
         if channel is None:
@@ -93,7 +95,7 @@ class GatewayLink:
         return False
 
     def _received(self, channel: Channel[In]) -> In | None:
-        """The next message; None if there is none now, or will be none."""
+        """The next message; None if none waits, or the channel has ended."""
         if channel is self._garbled:
             return None
         try:
@@ -103,5 +105,5 @@ class GatewayLink:
             return None
 
     def send(self, message: EngineHello | Answer | LeaseEnded | Report) -> bool:
-        """False when it was dropped, or nobody is there. Never blocks."""
+        """Returns False when the message was dropped or no gateway is attached. Never blocks."""
         return self._commands is not None and self._commands.send(message)

@@ -1,11 +1,11 @@
 """The engine's loop: the life of a pulse, from the poll before it to the report of it.
 
-Owns: the order of the things that are done for one pulse. Must not know: ZeroMQ, JSON, files,
-threads, which backend there is, what is due when (`sequencer.py`), what is looked at in a poll
-(`poller.py`), how the states follow one another (`supervisor.py`).
+Owns: the order of the steps of one pulse. Must not know: ZeroMQ, JSON, files, threads, which
+backend there is, what is due when (`sequencer.py`), what a poll checks (`poller.py`), how the
+states follow one another (`supervisor.py`).
 
-Nothing that a step calls calls back into it. A poll may end everything: what was due before it is
-asked for after it.
+Nothing that a step calls calls back into the step. A poll may end everything: what is due is
+determined after the poll.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from etd_hal.backend import Backend
 
 
 class Engine:
-    """See the module. `step` is called for ever by `process.py`, and by tests."""
+    """See the module. `process.py` calls `step` in a loop; tests call it too."""
 
     def __init__(
         self,
@@ -39,9 +39,9 @@ class Engine:
         feed_watchdog: Callable[[int], None] = lambda _: None,
         untested: Callable[[], str | None] = lambda: None,
     ) -> None:
-        """`stabilizers` None: those of the body-site file. `untested`: the sentence for which
-        arming is refused, by the last self-test. Asked at each arming, and for each state report
-        while nothing can flow.
+        """`stabilizers` None: those of the body-site file. `untested` returns the sentence with
+        which arming is refused because of the last self-test; it is called at each arming, and for
+        each state report while no current can flow.
         """
         self.components = components = components_of(loaded, backend, stabilizers)
         self.supervisor = Supervisor(components, untested)
@@ -78,7 +78,7 @@ class Engine:
             self._follow_up = None
             self.supervisor.halt("fault", type(fault).__name__, str(fault))
             self._sequencer.leave()
-            # A board that is gone for good fails every step: that must not keep a core busy.
+            # A board that is gone fails every step, which must not keep a core busy.
             clock.doze_until_ns(clock.now_ns() + TICK_NS)
 
     def _step(self) -> None:
@@ -118,7 +118,7 @@ class Engine:
         self._sequencer.fired(due, first.begun_ns)
 
     def _poll(self) -> int:
-        """Look at everything that can end what is fired; the time now."""
+        """Check everything that can stop a pulse; returns the time now."""
         parts, now_ns = self.components, self.components.clock.now_ns()
         self._polled_ns = now_ns
         self._poller.poll(now_ns)
@@ -132,7 +132,7 @@ class Engine:
         return now_ns
 
     def _cleared(self, due: DuePulse, ceiling_ua: int, now_ns: int) -> Cleared | None:
-        """What of it may be fired now; its probe first, where one goes before it."""
+        """The pulse that may be fired now; its probe first, where it has one."""
         parts = self.components
         request = parts.requests.of(due, now_ns)
         if request is None:
@@ -144,8 +144,8 @@ class Engine:
         return cleared if probe is None else parts.clearance.led_by(due, cleared, probe, now_ns)
 
     def _still_valid(self, due: DuePulse) -> bool:
-        """Asked when all is connected. Where that takes milliseconds, everything is polled again;
-        where it is done in one call, the frame's time is enough.
+        """Checked once the electrodes are connected. Where connecting takes milliseconds,
+        everything is polled again; where it is one call, the frame's expiry is enough.
         """
         parts, supervisor = self.components, self.supervisor
         if due.purpose == "measurement":

@@ -1,9 +1,8 @@
-"""What a service tells systemd: ready, alive, stopping, and a line of status.
+"""The messages of a service to systemd: ready, alive, stopping, and a line of status.
 
 Owns: the datagrams of sd_notify(3). Must not know: when to send which, or what time it is.
 
-Never blocks: the scan loop feeds the watchdog. Without systemd there is nobody to tell, and every
-call does nothing.
+Never blocks: the scan loop feeds the watchdog. Without systemd every call does nothing.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from collections.abc import Mapping
 
 
 class Notifier:
-    """One service's line to systemd. Field: `undelivered`, datagrams that found no room."""
+    """One service's socket to systemd. Field: `undelivered`, datagrams that were dropped."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         address = environment.get("NOTIFY_SOCKET", "")
@@ -31,7 +30,7 @@ class Notifier:
         self._send(f"STATUS={text}")
 
     def alive(self) -> None:
-        """Feed the watchdog: at least twice in `watchdog_ns` (None: nobody is watching)."""
+        """Feed the watchdog: at least twice in `watchdog_ns` (None: there is no watchdog)."""
         self._send("WATCHDOG=1")
 
     def stopping(self) -> None:
@@ -43,7 +42,7 @@ class Notifier:
         try:
             self._socket.sendto(text.encode(), socket.MSG_DONTWAIT, self._address)
         except OSError:
-            # If that was the last of them, the watchdog acts on it: that is what it is for.
+            # If no other one is delivered in time, the watchdog acts.
             self.undelivered += 1
 
     def close(self) -> None:

@@ -1,9 +1,9 @@
-"""What is looked at before every pulse, and whenever nothing is fired: it may change the state.
+"""The poll before every pulse, and whenever nothing is fired; it may change the state.
 
-Owns: the order of looking: the stopper, since what it cut is a halt whatever follows; what has
-lapsed, before any queue is read, so that after a stall nothing stale is shown; then gateway, stop
-lines, rail and commands. And the heartbeat, which stands for
-all of them. Must not know: what is due, how a pulse is fired, ZeroMQ, files.
+Owns: the order of the checks: the stopper, since a cut is a halt whatever follows; what has lapsed,
+before any queue is read, so that after a stall nothing stale is shown; then gateway, stop lines,
+rail and commands. The heartbeat comes last and shows that all of them were done. Must not know:
+what is due, how a pulse is fired, ZeroMQ, files.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from etd.engine.supervisor import Supervisor
 from etd.protocol.errors import Undecodable
 from etd.protocol.link import StopNow
 
-#: Without a poll for longer than this the engine was stalled: no pulse takes as long.
+#: Without a poll for longer than this the engine was stalled: no pulse takes that long.
 _STALL_NS = 50_000_000
-#: Whatever lies there, a pulse is not held up by more; the rest is read before the next one.
+#: At most so many commands hold up a pulse; the rest is read before the next pulse.
 _COMMANDS_A_POLL = 64
-#: More than a link holds: a rest that is left is of a gateway that sends faster than it is read.
+#: More than a link holds: if messages remain, the gateway sends faster than the engine reads.
 _READS_A_POLL = 16
-#: Frames are planned for so long before the pulses go on, with a poll as often as this.
+#: Frames are planned for so long before the pulses go on, with a poll every `_MEANWHILE_NS`.
 _PLANNING_NS = 10_000_000
 _MEANWHILE_NS = 1_000_000
-#: After a plan made while a scan is under way, the next one waits so many times as long as it took:
-#: frames that come faster than they can be planned must not take the time of the pulses.
+#: After a plan made during a scan, the next one waits so many times as long as that took: frames
+#: that come faster than they can be planned must not take the pulses' time.
 _PLANS_REST = 9
 #: Edges come this often within the monostable's window.
 _BEATS_PER_WINDOW = 4
@@ -58,13 +58,13 @@ class Poller:
         self._feed_watchdog = feed_watchdog
         self._beaten_ns = 0
         self._polled_host_ns = self._host_clock.now_ns()
-        #: After a stall: since when the queue of frames has not been looked at.
+        #: After a stall: since when the queue of frames has not been read.
         self._unseen_since_host_ns: int | None = None
         self._may_plan_ns = 0
 
     def poll(self, now_ns: int) -> None:
-        """Look at everything once. `now_ns`: on the board's clock."""
-        # What another process said holds for a time of the clock that it reads too.
+        """Check everything once. `now_ns`: on the board's clock."""
+        # What another process sent is timed on the clock that both read.
         host_ns = self._host_clock.now_ns()
         if host_ns - self._polled_host_ns > _STALL_NS:
             self._unseen_since_host_ns = self._polled_host_ns
@@ -72,7 +72,7 @@ class Poller:
         # First of all: whatever else makes the board safe now, a cut is a halt.
         if self._liveness.judge(now_ns) or self._stopper.has_acted:
             self._heed_stopper()
-        # Before anything is read: what lies in a queue must not renew what has lapsed.
+        # Before any queue is read: a waiting message must not renew what has lapsed.
         if self._supervisor.lease is not None and self._supervisor.lease.has_lapsed(host_ns):
             self._supervisor.end_lease("lapsed")
         self._active.expire(host_ns)
@@ -88,8 +88,8 @@ class Poller:
         self._feed_watchdog(host_ns)
 
     def _heed_stopper(self) -> None:
-        """A cut halts in any state, since it is remembered in any state. A stopper that does not
-        look any more halts what it should watch.
+        """A cut halts in any state, since it is latched in any state. A stopper that has stopped
+        checking halts a powered board.
         """
         supervisor, problem = self._supervisor, self._liveness.problem
         if self._stopper.has_acted and supervisor.states.state != "HALTED":
@@ -105,14 +105,14 @@ class Poller:
             self._gateway_link.hang_up()
             self._supervisor.end_lease("the gateway is gone")
         elif self._gateway_link.is_silent(host_ns) and self._supervisor.lease is not None:
-            # What it said just before a stall of ours still lies in the queue.
+            # Messages sent before a stall of the engine still wait in the queue.
             self._execute_commands(host_ns)
             if self._gateway_link.is_silent(host_ns):
                 self._supervisor.end_lease("the gateway is silent")
 
     def _hang_up(self, undecodable: Undecodable, host_ns: int) -> None:
-        """On a gateway that says what no gateway says. A stop may lie there that was sent before or
-        beside it; nothing else is taken from it.
+        """Ends the connection to a gateway whose message could not be decoded. A stop that waits in
+        the queue is still executed; no other command is.
         """
         for command in islice(self._gateway_link.commands(host_ns), _COMMANDS_A_POLL):
             if isinstance(command, StopNow):
@@ -134,7 +134,7 @@ class Poller:
                 return
 
     def poll_stop_levels(self) -> None:
-        """Once a scan, for an edge that may have been lost."""
+        """Called once a scan, for an edge that may have been lost."""
         for name, is_open in self._board.stops().items():
             if is_open:
                 self._supervisor.halt(name, name, "the stop line is open")
@@ -159,8 +159,9 @@ class Poller:
             commands.execute(self._supervisor, command, host_ns)
 
     def take_frames(self) -> None:
-        """What lies there now. Planning takes time that the pulses cannot spare: of those that were
-        streamed the newest wins, and they are planned for so long at a time, one at least.
+        """Reads and plans the frames that wait. Planning takes time that the pulses need: only the
+        newest streamed frame is planned, and planning stops after `_PLANNING_NS`, one frame at
+        least.
         """
         self._read_frames()
         queue = self._gateway_link.queue
@@ -174,26 +175,26 @@ class Poller:
             now_ns = self._clock.now_ns()
 
     def _poll_meanwhile(self) -> None:
-        """While something is worked at that takes longer than everything may go unwatched."""
+        """Polls during work that takes longer than the time between two polls may be."""
         if self._host_clock.now_ns() - self._polled_host_ns >= _MEANWHILE_NS:
             self.poll(self._clock.now_ns())
 
     def _read_frames(self) -> None:
-        """With a poll between two reads: there is no end to what a gateway may send."""
+        """Polls between two reads: a gateway may send without end."""
         for _ in range(_READS_A_POLL):
             host_ns = self._host_clock.now_ns()
             came_host_ns = self._unseen_since_host_ns or host_ns
             if self._gateway_link.read_frames(came_host_ns):
                 self._unseen_since_host_ns = None
                 return
-            # What is left may have lain there for as long as what was read.
+            # The remaining frames may have waited as long as those that were read.
             self._unseen_since_host_ns = came_host_ns
             if self._gateway_link.queue.is_full:
                 return
             self.poll(self._clock.now_ns())
 
     def take_frames_within(self) -> None:
-        """While a scan is under way, so that a fall need not wait for its end."""
+        """Takes frames during a scan, so that a lower current need not wait for its end."""
         begun_ns = self._clock.now_ns()
         if begun_ns >= self._may_plan_ns:
             self.take_frames()

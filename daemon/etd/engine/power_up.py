@@ -1,8 +1,8 @@
-"""From SAFE to a live board: the stopper looks, supply on, rail there, contact measured; for `arm`
-and `measure`.
+"""From SAFE to a live board, for `arm` and `measure`: stopper alive, supply on, rail up, contact
+measured.
 
 Owns: the checks before, the waiting, and the probe scan. Must not know: sockets, frames, what is
-done with a live board. It is stepped from the engine's loop, so that a stop is heard in between.
+done with a live board. The engine's loop steps it, so that a stop is noticed in between.
 """
 
 from __future__ import annotations
@@ -20,28 +20,30 @@ from etd_hal.board import Board
 from etd_hal.ports import Clock
 
 Goal = Literal["arm", "measure"]
-#: Where nothing watches the rail, it gets this long.
+#: How long an unmonitored rail gets to settle.
 UNWATCHED_SETTLE_NS = 500_000_000
 #: The sensor thread reads every few tens of milliseconds; a stuck bus blocks for a second.
 FIRST_READING_NS = 1_500_000_000
-#: Of the monitor's rise time.
+#: In rise times of the monitor's rail.
 _RISE_TIMES_ALLOWED = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """What stands in the way of a live board; None and empty tuples where nothing does."""
+    """What keeps the board from being powered; None and empty tuples where nothing does."""
 
     unaccepted_guards: tuple[str, ...]
     open_stops: tuple[str, ...]
     #: Why the wearer's stop is to be tried first, with what to do.
     untried_stop: str | None
-    #: Why the last self-test does not allow it.
+    #: Why the last self-test does not allow arming.
     untested: str | None = None
 
 
 def lasting_refusal(unaccepted_guards: tuple[str, ...], untested: str | None) -> str | None:
-    """Why arming is refused until somebody has changed or tested something, with what to do."""
+    """Why arming is refused until the configuration, the board or its self-test has changed, with
+    what to do.
+    """
     if unaccepted_guards:
         return (
             f"the board has no {', '.join(unaccepted_guards)}: accept each by name in"
@@ -51,7 +53,7 @@ def lasting_refusal(unaccepted_guards: tuple[str, ...], untested: str | None) ->
 
 
 def check_ready(ready: Readiness) -> None:
-    """Before the supply goes on. Raises: Refused (`arm_failed`), with what to do."""
+    """Checked before the supply goes on. Raises: Refused (`arm_failed`), with what to do."""
     lasting = lasting_refusal(ready.unaccepted_guards, ready.untested)
     if lasting is not None:
         raise Refused("arm_failed", lasting)
@@ -62,7 +64,7 @@ def check_ready(ready: Readiness) -> None:
 
 
 class PowerUp:
-    """One way up; made when it begins, dropped when it ends."""
+    """One power-up; made when it begins, dropped when it ends."""
 
     def __init__(
         self,
@@ -83,22 +85,22 @@ class PowerUp:
         self._stopper = stopper
         self._probes = probes
         self._clock = clock
-        #: The supply, as far as there is a line for it.
+        #: Whether the supply was switched on, where the board has a line for it.
         self.is_on = False
         self._begun_ns = clock.now_ns()
 
     def begin(self) -> None:
-        """The stopper has been woken. Supply on, once it looks, and the rail is known where it is
-        watched.
+        """Begin, after the stopper was woken. The supply goes on once the stopper checks, and once
+        a monitored rail has a reading.
 
-        Raises: Refused, if it cannot be known; BusError.
+        Raises: Refused, if the stopper or the rail's sensor has a problem; BusError.
         """
         self._stopper.begin(self._begun_ns)
         self._await_watch(self._begun_ns)
 
     def _await_watch(self, now_ns: int) -> None:
-        """Nothing goes on that is not watched: the stopper's first look and the sensor thread's
-        first reading are on the way.
+        """The supply waits for its watches: the stopper's first check and the sensor thread's first
+        reading.
         """
         if not self._stopper.has_looked:
             if self._stopper.problem is not None:
@@ -112,9 +114,9 @@ class PowerUp:
             raise Refused("arm_failed", f"the rail is not known ({why}): check I2C")
 
     def is_rail_there(self, now_ns: int) -> bool:
-        """From then on contact is measured.
+        """Whether the rail is up; from then on contact is measured.
 
-        Raises: Refused (`arm_failed`) when it is too high, or does not come; BusError.
+        Raises: Refused (`arm_failed`) when the rail is too high, or does not come up; BusError.
         """
         self._is_measuring = self._is_rail_there(now_ns)
         return self._is_measuring
@@ -146,7 +148,7 @@ class PowerUp:
 
     @property
     def is_measuring(self) -> bool:
-        """The rail is there, and not every electrode has had its probe."""
+        """The rail is up, and not every electrode has had its probe."""
         return self._is_measuring and self._at < len(self._probes)
 
     def next_due(self) -> DuePulse | None:
@@ -156,9 +158,9 @@ class PowerUp:
         return DuePulse(self._probes[self._at], "measurement", rewrites_chain=self._at == 0)
 
     def has(self, due: DuePulse) -> bool:
-        """Whether this is the probe that it waits for: not one of a way up before this one."""
+        """Whether this is the probe that is due; a probe of an earlier power-up is not."""
         return self.is_measuring and due.scheduled is self._probes[self._at]
 
     def advance(self) -> None:
-        """That probe is over, whether it was fired or not."""
+        """The probe that was due is over, fired or not."""
         self._at += 1

@@ -1,6 +1,6 @@
 """The engine as a process: threads, signals, and the loop that ends in the safe state.
 
-Owns: the order of starting and ending. Must not know: what a turn does, which backend there is.
+Owns: the order of starting and ending. Must not know: what a step does, which backend there is.
 
 The side threads start before the main thread asks for its core and its priority, so that they
 inherit neither. However the loop ends, the board is made safe first and everything else after.
@@ -54,7 +54,7 @@ def run_engine(
     try:
         problems = _drive(engine, listener, notifier, on_ready)
     finally:
-        # Whatever happened: `end` never raises, and is harmless when it ran already.
+        # In every case: `end` never raises, and may be called again.
         engine.supervisor.end()
         backend.close()
         listener.close()
@@ -80,7 +80,8 @@ def _drive(
     try:
         sensors.start()
         stopper.start()
-        # Timing is calibrated as it will be used: by a thread that is real-time already.
+        # The thread is real-time before timing is calibrated: timing is measured as it will be
+        # used.
         engine.supervisor.not_granted = _realtime(engine)
         engine.supervisor.begin(_print)
         notifier.ready(f"SAFE, {loaded.board.name} on {engine.components.backend.name}")
@@ -89,7 +90,7 @@ def _drive(
             _accept_gateway(engine, listener)
             engine.step()
     finally:
-        # First of all, and again by the caller: it costs nothing.
+        # First of all; the caller calls it again, which does nothing more.
         problems = engine.supervisor.end()
         notifier.stopping()
         stopper.end()
@@ -104,7 +105,7 @@ def _print(sentence: str) -> None:
 
 
 def _accept_gateway(engine: Engine, listener: Listener) -> None:
-    """One gateway at a time; the next one waits until this one is gone."""
+    """One gateway at a time; the next waits until this gateway is gone."""
     if engine.has_gateway:
         return
     channels = listener.accept()
@@ -121,7 +122,7 @@ def _realtime(engine: Engine) -> tuple[str, ...]:
 
 
 def _urgency(engine: Engine) -> Callable[[], object]:
-    """The stopper stands above the scan thread."""
+    """The stopper's priority is above the scan thread's."""
     priority = engine.components.loaded.config.engine.priority
     if priority == "none":
         return lambda: None
@@ -129,7 +130,7 @@ def _urgency(engine: Engine) -> Callable[[], object]:
 
 
 class _Feeder:
-    """Feeds systemd's watchdog from the scan loop itself, not more often than it must."""
+    """Feeds systemd's watchdog from the scan loop itself, no more often than needed."""
 
     def __init__(self, notifier: Notifier) -> None:
         self._notifier = notifier

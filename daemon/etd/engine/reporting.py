@@ -1,6 +1,6 @@
-"""What the engine tells: every frame begun, what was fired, and why not more.
+"""The engine's reports: every frame begun, every pulse fired, and why less was fired.
 
-Owns: the scan report between two sendings, rate-capped without losing a frame; counters.
+Owns: the scan report gathered between two messages, rate-capped without losing a frame; counters.
 Must not know: sockets beyond the one function it sends with, hardware. Time comes in.
 """
 
@@ -41,7 +41,7 @@ STATE_PERIOD_NS = 1_000_000_000
 
 @dataclass(slots=True)
 class _ActiveFrame:
-    """A frame under way."""
+    """A frame that is being shown."""
 
     frame: Frame
     begun_ns: int
@@ -62,7 +62,7 @@ class _ActiveFrame:
 
 @dataclass(slots=True)
 class _Pending:
-    """Since the last scan report."""
+    """What has gathered since the last scan report."""
 
     ended: list[Shown] = field(default_factory=list)
     clamped: dict[tuple[int, str], Clamp] = field(default_factory=dict)
@@ -71,7 +71,7 @@ class _Pending:
 
 
 class FiredPulse(msgspec.Struct, frozen=True, kw_only=True):
-    """The last pulse of one electrode, as it is reported: a row, with the columns of `Fired`."""
+    """The last pulse of an electrode, as reported: a row with the columns of `Fired`."""
 
     electrode: int = -1
     begun_ns: int = 0
@@ -99,7 +99,7 @@ def _columns(rows: Sequence[FiredPulse]) -> Fired:
 
 
 class BodyFelt(Protocol):
-    """Per electrode, the strongest since somebody last asked."""
+    """Per electrode, the strongest sensation since the last call."""
 
     @property
     def felt(self) -> tuple[float, ...]: ...
@@ -128,13 +128,13 @@ class Reporter:
         self._modelled_ns = 0
         self._was_felt = False
         self.counters: Counter[str] = Counter()
-        #: The last pulse of each electrode in the frame under way.
+        #: The last pulse of each electrode in the frame that is shown.
         self._rows = [_NOTHING] * electrodes
 
     # --- frames and scans --------------------------------------------------------------------
 
     def frame_begun(self, frame: Frame, now_ns: int) -> None:
-        """At the start of its first scan."""
+        """Called at the start of the frame's first scan."""
         self.frame_ended()
         self._active = _ActiveFrame(frame, now_ns)
         self._rows = [_NOTHING] * self._electrodes
@@ -142,7 +142,7 @@ class Reporter:
         self.counters["frames_shown"] += 1
 
     def frame_ended(self) -> None:
-        """Replaced, expired, done with its pulses, or silenced."""
+        """The frame was replaced, expired, had its pulses, or was silenced."""
         showing, self._active = self._active, None
         if showing is not None:
             showing.is_ended = True
@@ -155,7 +155,7 @@ class Reporter:
         self._has_news = True
 
     def fired(self, pulse: FiredPulse) -> None:
-        """One visit."""
+        """A pulse of the frame was fired."""
         showing, electrode = self._active, pulse.electrode
         if showing is not None:
             if showing.first_ns is None:
@@ -165,11 +165,11 @@ class Reporter:
         self.counters["pulses"] += 1
 
     def nothing_requested(self, electrode: int, wanted_ua: int) -> None:
-        """A visit of the frame's of which a stabilizer makes nothing."""
+        """A pulse of the frame for which a stabilizer requests no current."""
         self._rows[electrode] = msgspec.structs.replace(_NOTHING, wanted_ua=wanted_ua)
 
     def clamped(self, clamp: Clamp) -> None:
-        """The latest of each electrode and reason is told."""
+        """The latest clamp of each electrode and reason is reported."""
         self._pending.clamped[clamp.electrode, clamp.reason] = clamp
         self.counters["clamped"] += 1
 
@@ -183,7 +183,7 @@ class Reporter:
         self.counters[f"rejected_{what}"] += 1
 
     def scan_report(self, now_ns: int, ceiling_ua: int, is_due: bool = False) -> None:
-        """Send what has gathered, if it is time (or `is_due`)."""
+        """Send what has gathered, if a report is due (or `is_due`)."""
         if not self._has_news or (now_ns - self._sent_ns < _SCAN_PERIOD_NS and not is_due):
             return
         pending, showing = self._pending, self._active
@@ -206,7 +206,7 @@ class Reporter:
             pressure_kpa=self._pressure(now_ns),
         )
         if self._send_report(Report(scan=report)):
-            # What could not be sent stays and goes with the next one: no frame is lost.
+            # What could not be sent goes with the next report: no frame is lost.
             self._pending = _Pending()
             self._has_news = False
         self._sent_ns = now_ns
@@ -217,7 +217,9 @@ class Reporter:
         self._send_report(Report(state=report))
 
     def modelled(self, body: Callable[[], BodyFelt], now_ns: int) -> None:
-        """What a fake board's body is modelled to feel, and once that it feels nothing."""
+        """What the body behind a fake board feels by its model; a report without sensation is sent
+        once.
+        """
         if now_ns - self._modelled_ns < _MODELLED_PERIOD_NS:
             return
         self._modelled_ns = now_ns
@@ -233,7 +235,7 @@ class Reporter:
         self._send_report(Report(halt=halt))
 
     def refused(self, frame: Frame, refusal: Refused, now_ns: int) -> None:
-        """A frame that is not shown, where nobody waits for an answer."""
+        """A frame that is not shown, and that no client waits for an answer to."""
         self.counters["frames_refused"] += 1
         report = RefusedReport(
             now_ns=now_ns,
@@ -247,24 +249,24 @@ class Reporter:
         self._send_report(Report(refused=report))
 
     def undecodable(self, why: str, now_ns: int) -> None:
-        """The last that its gateway is told before it is hung up on."""
+        """The last report to a gateway before its connection is closed."""
         self.counters["gateway_undecodable"] += 1
         self._send_report(
             Report(refused=RefusedReport(now_ns=now_ns, error="bad_message", reason=why, count=1))
         )
 
     def never_shown(self, frame: Frame, now_ns: int) -> None:
-        """Accepted, but its time was over before its first scan could begin."""
+        """The frame was accepted, but expired before its first scan could begin."""
         why = f"its ttl of {frame.ttl_ms} ms was over before the scan under way: give it longer"
         self.refused(frame, Refused("expired", why), now_ns)
 
     def superseded(self, frames: int = 1) -> None:
-        """Newer ones took the place of so many that were not begun."""
+        """Newer frames replaced so many that were not begun."""
         if frames:
             self.counters["frames_superseded"] += frames
 
     def contact(self, contact: ContactMap, now_ns: int) -> Contact:
-        """Told to all, and returned for the answer."""
+        """Sends the contact report, and returns it for the answer."""
         report = Contact(
             contact=tuple(contact.is_touched),
             resistance_ohm=tuple(contact.resistance_ohm),

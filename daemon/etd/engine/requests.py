@@ -1,7 +1,7 @@
-"""What is requested of a pulse that is due, before any limit has seen it.
+"""The request for a pulse that is due, before any limit.
 
-Owns: whose word it is: the frame's own, what stabilizers make of it, what they make of it after a
-probe; which probe goes before it; and which silent electrodes are to be polled.
+Owns: where the request comes from: the frame, the stabilizers, or the stabilizers after a probe;
+which probe goes before the pulse; and which silent electrodes are to be polled.
 Must not know: limits, ledgers, hardware, states.
 """
 
@@ -42,7 +42,7 @@ class Requests:
         self._is_quick = is_quick
 
     def of(self, due: DuePulse, now_ns: int) -> PulseRequest | None:
-        """None: its own probe found nothing to fire it at, and that is reported."""
+        """None: its own probe found the electrode open, and that is reported."""
         if due.after is not None:
             return self._after_probe(due, due.after.request, now_ns)
         scheduled = due.scheduled
@@ -55,12 +55,12 @@ class Requests:
         return request
 
     def probe_before(self, due: DuePulse, given: PulseRequest) -> PulseRequest | None:
-        """The probe that goes before a pulse which limits and ledger let through, if one does."""
+        """The probe before a pulse that limits and ledger let through; None where there is none."""
         return None if due.after is not None else self._pre_probe.probe_of(due.scheduled, given)
 
     def _after_probe(self, due: DuePulse, before: PulseRequest, now_ns: int) -> PulseRequest | None:
-        """Everything is requested again, at the same instant, so that nothing can have risen. An
-        electrode that the probe has found open gets nothing more.
+        """Requests everything again for the same instant, so that nothing can have risen. An
+        electrode that the probe has found open gets no pulse.
         """
         electrode = due.electrode
         if self._contact.is_touched[electrode] is False:
@@ -80,8 +80,8 @@ class Requests:
     def polls(
         self, silent: Sequence[ScheduledPulse], now_ns: int
     ) -> tuple[list[ScheduledPulse], int]:
-        """Which of these probes of silent electrodes are due, and how many of them are owed
-        whatever the time: one at least where a clamped pulse waits for them.
+        """The contact polls of silent electrodes that are due, and how many of them must be made
+        even when time is short: at least one where a clamped pulse waits for them.
         """
         return_share, contact = self._return_share, self._contact
         if return_share.is_wanted:

@@ -1,7 +1,7 @@
-"""Which pulse is due next, and what is done where none is: waits, pauses, the ends of a scan.
+"""Which pulse is due next, and what happens where none is: waits, pauses, the end of a scan.
 
 Owns: the way through scans and measurements, from the schedule's next pulse to the call that waits
-for it. Must not know: what may be fired of a pulse, what a pulse tells, sockets.
+for it. Must not know: how much of a pulse may be fired, what a pulse measures, sockets.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from etd.engine.poller import Poller
 from etd.engine.supervisor import Supervisor
 from etd.planning.schedule import DuePulse, Schedule
 
-#: Between two polls when nothing is due; the heartbeat's monostable wants edges as well.
+#: Between two polls when nothing is due; the heartbeat's monostable needs edges then too.
 TICK_NS = 1_000_000
-#: A contact poll with half-bridges takes less. Where relays move, one may make the next scan late.
+#: More than a contact poll with half-bridges takes. With relays, a poll may make the next scan
+#: late.
 _CONTACT_POLL_NS = 1_000_000
-#: In a pause, and between the pulses of a burst, everything is polled this often.
+#: Poll period in a pause, and between the pulses of a burst.
 _POLL_NS = 2_000_000
 
 
@@ -44,12 +45,12 @@ class Sequencer:
         return not self._active.is_scanning and (power_up is None or not power_up.is_measuring)
 
     def leave(self) -> None:
-        """After a fault: nothing of the scan under way goes on."""
+        """Leaves the scan under way after a fault."""
         self._is_pausing = False
         self._active.leave_scan()
 
     def next_due(self, now_ns: int) -> DuePulse | None:
-        """None: nothing is due yet; waited for it, or began or left a scan."""
+        """None: no pulse is due yet; the call has waited, or begun or left a scan."""
         if self._active.is_interrupted:
             self._board.release()
             self._active.leave_scan()
@@ -68,7 +69,7 @@ class Sequencer:
             if schedule.is_long(now_ns):
                 self._poller.take_frames_within()
                 if self._active.is_interrupted:
-                    # Frames are read with polls in between, and one of those may have ended it.
+                    # Frames are read with polls in between, and a poll may have ended the scan.
                     return None
             if self._wait_for_burst(schedule.earliest_ns(), now_ns):
                 return None
@@ -111,7 +112,7 @@ class Sequencer:
             self._begin_scan(self._active.schedule)
 
     def _wait_for(self, next_ns: int, tick_ns: int) -> None:
-        """A scan begins when it is due; a look between two of them may be late, by half a tick."""
+        """A scan begins on time; a poll between two scans may be late by half a tick."""
         if next_ns > tick_ns + TICK_NS // 2:
             self._doze_until(tick_ns)
             return
@@ -145,7 +146,7 @@ class Sequencer:
             self._wind_up(schedule)
 
     def fired(self, due: DuePulse, begun_ns: int) -> None:
-        """It began then: on to the next one."""
+        """The pulse began at `begun_ns`: go on to the next."""
         if due.purpose == "stimulus" and self._active.scanning is not None:
             self._active.scanning.was_fired(due, begun_ns)
         self._pass_on(due)
@@ -157,7 +158,7 @@ class Sequencer:
         self._pass_on(due)
 
     def _pass_on(self, due: DuePulse) -> None:
-        """To the next pulse, which is shifted in while this one rests."""
+        """Go on to the next pulse, which is shifted in while this electrode rests."""
         if due.purpose == "measurement":
             self._supervisor.pass_on_measuring(due)
             return
@@ -171,8 +172,8 @@ class Sequencer:
             self._wind_up(schedule)
 
     def _wind_up(self, schedule: Schedule) -> None:
-        """After the frame's own pulses: poll silent electrodes that it is time for, then end. Once
-        a scan the whole chain is rewritten: here, where the last rest covers some of it.
+        """After the frame's own pulses: poll the silent electrodes that are due, then end. Once a
+        scan the whole chain is rewritten: here, where the last rest covers some of that time.
         """
         now_ns = self._clock.now_ns()
         if schedule.wants_polls:

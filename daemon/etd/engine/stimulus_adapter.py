@@ -1,7 +1,7 @@
-"""What is known of an electrode, put together, and what the stabilizers make of a wish with it.
+"""The estimate of an electrode, and the request that the stabilizers make with it.
 
-Owns: gathering `ElectrodeEstimate` for one visit, asking, cutting what they ask for to the slot of
-the visit, and telling what was cut or not believed. Must not know: limits, ledgers, hardware.
+Owns: gathering `ElectrodeEstimate` for a pulse, running the stabilizers, cutting their request to
+the pulse's slot, and reporting what was cut or rejected. Must not know: limits, ledgers, hardware.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ class PressureSource(Protocol):
         ...
 
     def is_dead(self, electrode: int, now_ns: int) -> bool:
-        """There is a sensor, and it says nothing."""
+        """There is a sensor, and it has no valid reading."""
         ...
 
 
 class StimulusAdapter:
-    """See the module. One a daemon; it forgets when the supply was off."""
+    """See the module. One per daemon; it is reset when the supply was off."""
 
     def __init__(
         self,
@@ -60,33 +60,34 @@ class StimulusAdapter:
         self._dead: set[int] = set()
         self._stale: set[int] = set()
         self.max_gain = max_gain_of(self._stabilizers)
-        #: A law that makes more of a contact that stayed than of a new one.
+        #: Whether a stabilizer requests more for a contact that stayed than for a new one.
         self.needs_contact = any(
             isinstance(stabilizer, Contact) for stabilizer in self._stabilizers
         )
 
     def set_calibration(self, calibration: Calibration | None, is_early: bool = False) -> None:
-        """Another person, perhaps: with this calibration, or without one. `is_early`: it was made
-        with pulses that are too short for a sample at their end.
+        """Called for each lease, with the person's calibration or None. `is_early`: the calibration
+        was made with pulses too short for a sample at their end.
         """
         self._calibration, self._is_reference_early = calibration, is_early
         self._impedance.is_early_wanted = is_early
         self.reset()
 
     def reset(self) -> None:
-        """The supply was off: whoever touched may have gone."""
+        """The supply was off: any contact may have changed."""
         self._impedance.reset()
         self._stale.clear()
         for stabilizer in self._stabilizers:
             stabilizer.reset()
 
     def adapt(self, scheduled: ScheduledPulse, now_ns: int) -> PulseRequest:
-        """What is wanted of this visit, all told: no wider than its slot."""
+        """What the stabilizers request of this pulse: no wider than its slot."""
         if not self._stabilizers:
             return scheduled.request
         estimate = self.estimate(scheduled.electrode, now_ns)
         if scheduled.probe is not None and estimate.state == "unknown":
-            # A probe goes first and tells of the contact: what it does not find is taken away then.
+            # A probe goes first and measures the contact; what depends on the contact is taken away
+            # then.
             estimate = structs.replace(estimate, state="closed")
         return self._adapted(scheduled, estimate)
 
@@ -97,10 +98,9 @@ class StimulusAdapter:
         expected_ohm: float | None,
         now_ns: int,
     ) -> PulseRequest:
-        """The same, when a probe has told more of this very moment: with the skin resistance that
-        it makes expected, where that is more than what is known, or what is known is too old.
-        Never more than was wished for before the probe, whatever it says: no current and no width
-        rises by it.
+        """The same after a probe: with the skin resistance that the probe predicts, where that is
+        above the estimate, or the estimate is too old. Never more than was requested before the
+        probe: no current and no width rises.
         """
         if not self._stabilizers:
             return before
@@ -121,7 +121,7 @@ class StimulusAdapter:
         return cut
 
     def _pressure(self, electrode: int, now_ns: int) -> float | None:
-        """A sensor that died is counted once for each electrode over it, until it is back."""
+        """A dead sensor is counted once for each electrode over it, until it is back."""
         kpa = self._pressure_source.kpa(electrode, now_ns)
         if kpa is not None:
             self._dead.discard(electrode)
@@ -131,7 +131,7 @@ class StimulusAdapter:
         return kpa
 
     def _skin_ohm(self, electrode: int, now_ns: int) -> float | None:
-        """What was believed and is too old is counted once, until a pulse tells anew."""
+        """An expired estimate is counted once, until a pulse measures again."""
         skin_ohm = self._impedance.skin_ohm(electrode, now_ns)
         if skin_ohm is not None or not self._impedance.is_expired(electrode, now_ns):
             self._stale.discard(electrode)
@@ -141,7 +141,7 @@ class StimulusAdapter:
         return skin_ohm
 
     def estimate(self, electrode: int, now_ns: int) -> ElectrodeEstimate:
-        """All that stabilizers get to see."""
+        """All that stabilizers see of an electrode."""
         contact, impedance = self._contact, self._impedance
         state = contact.state(electrode, now_ns)
         skin_ohm = self._skin_ohm(electrode, now_ns)
@@ -173,22 +173,22 @@ class StimulusAdapter:
         self._reporter.rejected(what)
 
     def update(self, electrode: int, samples: Samples, now_ns: int) -> None:
-        """What a stimulus pulse said; that it is not believed is counted once, when it begins, and
-        where somebody goes by it.
+        """Passes on what a stimulus pulse measured. A rejection is counted once, when it begins,
+        and only where a stabilizer uses the value.
         """
         quality = self._impedance.update(electrode, samples, now_ns)
         if quality is not None and self._stabilizers:
             self.rejected(quality)
 
     def reported_ohm_nf(self, electrode: int, now_ns: int) -> tuple[int | None, float | None]:
-        """For reports: what the skin resists, in ohm, and its capacitance, in nF."""
+        """For reports: the skin's resistance in ohm and its capacitance in nF."""
         return self._impedance.reported_ohm_nf(electrode, now_ns)
 
 
 def _with_expected_resistance(
     estimate: ElectrodeEstimate, expected_ohm: float
 ) -> ElectrodeEstimate:
-    """With a higher resistance, by as much in what was estimated."""
+    """The estimate with a higher resistance; its early estimate rises in proportion."""
     skin_ohm, early_ohm = estimate.skin_ohm, estimate.early_ohm
     risen_ohm = max(skin_ohm or 0.0, expected_ohm)
     if skin_ohm is not None and early_ohm is not None:

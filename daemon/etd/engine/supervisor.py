@@ -1,7 +1,8 @@
-"""What may be asked of a live board: the lease, the way up, and every way to silence.
+"""The state of the board: the lease, the power-up, and every way to silence.
 
-Owns: the states and the lease; all that leads into SAFE and HALTED. Must not know: what the parts
-are made of (`components.py`), who asks (`commands.py`), when (`loop.py`), ZeroMQ, files.
+Owns: the states and the lease; all that leads into SAFE and HALTED. Must not know: what the
+components are made of (`components.py`), where a command comes from (`commands.py`), when it is
+called (`loop.py`), ZeroMQ, files.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Supervisor:
         self.lease: Lease | None = None
         self.supply_changed: Callable[[bool], None] = lambda _: None
         self._planner: Planner | None = None
-        #: Of the lease, in the order of the chain.
+        #: The probes of the lease's person, in the order of the chain.
         self.probes: tuple[ScheduledPulse, ...] = ()
         self.power_up: PowerUp | None = None
         self.reported_ns = 0
@@ -72,8 +73,8 @@ class Supervisor:
     # --- life ------------------------------------------------------------------------------
 
     def begin(self, tell: Callable[[str], object] = lambda _: None) -> None:
-        """Make the board safe, calibrate its timing; `on_rejected` hears of each attempt that
-        failed.
+        """Make the board safe, calibrate its timing; `tell` is called with a sentence for each
+        attempt that failed.
 
         Raises: BoardFault, BusError.
         """
@@ -87,8 +88,8 @@ class Supervisor:
         self._follow_timing()
 
     def _follow_timing(self) -> bool:
-        """After each calibration: what the guard would refuse now is refused when it is asked for.
-        True if that is other than before.
+        """After each timing calibration the maxima follow it, so that a pulse the guard would
+        refuse is refused when it is requested. Returns True if they have changed.
         """
         board, prepulse_us = self.board, self.loaded.body_site.stabilize.prepulse_us
         return self._components.maxima.follow(board.min_width_us, board.widest_us(prepulse_us))
@@ -100,21 +101,21 @@ class Supervisor:
 
     @property
     def limitations(self) -> tuple[str, ...]:
-        """What this machine did not do at once, or cannot do."""
+        """Failed calibration attempts, and what this machine cannot do."""
         return (*self._failed_calibrations, *self._components.maxima.limitations)
 
     def end(self) -> tuple[str, ...]:
-        """Leave the board safe, whatever state it is in; what did not work, as sentences."""
+        """Leave the board safe, whatever its state. Returns what did not work, as sentences."""
         problems = self.board.safe_off()
         self.active.silence()
         self.states.safe()
         return problems
 
-    # --- the way up --------------------------------------------------------------------------
+    # --- power-up ----------------------------------------------------------------------------
 
     def begin_lease(self, lease: Lease) -> None:
-        """A new person, perhaps. Everything starts from zero: what was learned and how far the
-        opening came went when the last lease was silenced.
+        """A lease may bring a new person, so everything starts from zero: estimates and soft start
+        were reset when the last lease was silenced.
         """
         self.lease = lease
         self._lease_number += 1
@@ -145,7 +146,7 @@ class Supervisor:
         self.adapter.set_calibration(calibration, is_early=not pulse.shape.has_end_sample)
 
     def planner_of_lease(self) -> None:
-        """Plans follow the person's limits and the calibrated timing."""
+        """Make the planner anew: plans follow the person's limits and the calibrated timing."""
         if self.lease is None:
             self._planner = None
             self.probes = ()
@@ -153,8 +154,8 @@ class Supervisor:
         self._plan_for(self.lease.person, has_new_probes=True)
 
     def plan_anew(self) -> None:
-        """The timing is another one: frames to come are planned by it, and of the one that stands
-        nothing is fired that the guard would refuse.
+        """The timing was calibrated again: frames to come are planned by it, and of the standing
+        frame no pulse is fired that the guard would refuse.
         """
         has_changed = self._follow_timing()
         if self.lease is not None:
@@ -186,7 +187,7 @@ class Supervisor:
         return self._planner
 
     def begin_power_up(self, goal: Goal, ref: int) -> None:
-        """Begin the way up. Raises: Refused; the answer to `ref` comes when it ends."""
+        """Begin the power-up. Raises: Refused; the answer to `ref` comes when it ends."""
         self.states.need("SAFE")
         if self.lease is None:
             raise Refused("no_lease", "no lease stands: an application opens one, then arm")
@@ -218,7 +219,7 @@ class Supervisor:
         )
 
     def _lasting_refusal(self) -> str | None:
-        """Asked while nothing can flow: it may have to read a file."""
+        """Determined only while no current can flow, since it may read a file."""
         if self.states.state in ("PROBE", "ARMED"):
             return None
         lasting = lasting_refusal(self.loaded.unaccepted_guards, self._untested())
@@ -238,7 +239,7 @@ class Supervisor:
             return False
 
     def pass_on_measuring(self, due: DuePulse) -> None:
-        """To the next electrode; after the last one the board is armed, or safe again."""
+        """Go on to the next electrode; after the last probe the board is armed, or safe again."""
         power_up = self.power_up
         if power_up is None or not power_up.has(due):
             return
@@ -259,13 +260,13 @@ class Supervisor:
 
     @property
     def is_powered(self) -> bool:
-        """ARMED, or on the way there behind the supply's switch."""
+        """ARMED, or in a power-up with the supply on."""
         return self.states.state == "ARMED" or (self.power_up is not None and self.power_up.is_on)
 
-    # --- the way down ------------------------------------------------------------------------
+    # --- silence -----------------------------------------------------------------------------
 
     def make_safe(self, why: str) -> None:
-        """Silence, supply off, SAFE; a board that cannot be made safe halts."""
+        """Silence, supply off, SAFE. A board that cannot be made safe halts."""
         if self.states.state in ("PROBE", "ARMED"):
             problems = self._silence(why)
             self.states.safe()
@@ -297,8 +298,8 @@ class Supervisor:
             self.answer(Answer(ref=power_up.ref, error="arm_failed", reason=f"cut short: {why}"))
 
     def end_lease(self, why: str, counted: str = "") -> None:
-        """Lapsed, closed, or lost with its gateway: silence, SAFE, no holder. `counted` is its word
-        among the counters, where that is not the last one of `why`.
+        """The lease lapsed, was closed, or lost its gateway: silence, SAFE, no holder. `counted`
+        names the counter, where that is not the last word of `why`.
         """
         self.make_safe(why)
         lease, self.lease = self.lease, None
@@ -309,7 +310,7 @@ class Supervisor:
             self.report_state(self.clock.now_ns())
 
     def halt(self, cause: str, who: str, detail: str) -> None:
-        """Silence at once, and HALTED until `clear`. The first cause stands."""
+        """Silence at once, and HALTED until `clear`. The first cause is kept."""
         if self.states.state == "HALTED":
             self.board.safe_off()
             return
@@ -336,15 +337,15 @@ class Supervisor:
         self.stopper.has_acted = False
         self.report_state(self.clock.now_ns())
 
-    # --- telling -----------------------------------------------------------------------------
+    # --- reports -----------------------------------------------------------------------------
 
     def greet(self) -> None:
-        """Tell the gateway what there is to drive, and what nobody gets more of."""
+        """Send the gateway the board, the array and their maxima."""
         states, backend = self.board.switch.states, self._components.backend
         self.gateway_link.send(engine_hello(self.loaded, self.maxima, states, backend.name))
 
     def answer(self, answer: Answer) -> None:
-        """To the gateway, if it is there."""
+        """Send an answer to the gateway, if one is attached."""
         self._send(answer)
 
     def _send(self, message: Answer | LeaseEnded) -> None:
@@ -356,7 +357,7 @@ class Supervisor:
         self.reporter.state(self.state_report(now_ns))
 
     def _lag_ns(self) -> int:
-        """How far the board's clock is behind the machine's, which is read first."""
+        """How far the board's clock lags behind the machine's, which is read first."""
         host_ns = self.host_clock.now_ns()
         return max(0, host_ns - self.clock.now_ns())
 

@@ -1,10 +1,10 @@
-"""How long what another process said holds: a frame, a lease, a sign of life.
+"""How long a message of another process holds: a frame, a lease, a sign of life.
 
-Owns: the three durations that count on the machine's own clock, and the one way in which they are
-lengthened. Must not know: clocks, sockets, which backend there is.
+Owns: the three durations that count on the machine's own clock, and the factor that lengthens them.
+Must not know: clocks, sockets, which backend there is.
 
-They are what ends a current whose sender is gone. The factor is 1 with a real board, always
-(`etd_hal.backend.Backend` holds that); a fake on a busy machine may have a larger one.
+They end a current whose sender is gone. With a real board the factor is always 1
+(`etd_hal.backend.Backend` enforces it); a fake board on a busy machine may have a larger factor.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _MS = 1_000_000
 
 
 class Timeouts:
-    """Each is so many times as long as the protocol says."""
+    """The protocol's durations times `factor`."""
 
     def __init__(self, factor: int = 1) -> None:
         self.factor = factor
@@ -24,5 +24,5 @@ class Timeouts:
         self.silence_ns = factor * SILENCE_NS
 
     def ttl_ns(self, ttl_ms: int) -> int:
-        """How long a frame with this ttl is felt."""
+        """How long a frame with this ttl is shown."""
         return self.factor * ttl_ms * _MS

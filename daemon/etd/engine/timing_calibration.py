@@ -1,10 +1,10 @@
-"""The timing calibration of an engine that starts, and again if the machine was busy just then.
+"""The timing calibration at the engine's start, repeated if the machine was busy.
 
-Owns: how often it is tried. Must not know: what is plausible (`etd_hal.timing`).
+Owns: how many attempts there are. Must not know: which timing is plausible (`etd_hal.timing`).
 
-An engine that was killed comes up again beside whatever killed it, and a calibration that is
-disturbed ends it for good: the unit does not restart after a check that said no. So a few attempts,
-each judged like the first, each told. What is really wrong fails every time.
+An engine that was killed restarts beside the load that killed it, and a disturbed calibration would
+end it for good: the unit does not restart after a failed check. So there are a few attempts, each
+judged like the first, each reported. A real fault fails every time.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from etd_hal.errors import BoardFault
 from etd_hal.ports import Clock
 
 ATTEMPTS = 3
-#: Longer than what starts beside it takes at a stretch; systemd waits 30 s for all of them.
+#: Longer than the load of a starting machine lasts at a stretch; systemd waits 30 s for all
+#: attempts.
 _PAUSE_NS = 1_000_000_000
 
 
 def calibrate_at_start(
     board: Board, clock: Clock, tell: Callable[[str], object]
 ) -> tuple[str, ...]:
-    """A sentence for each attempt that failed before one did not; `on_rejected` hears it at once.
+    """Returns a sentence for each attempt that failed before one succeeded; `tell` gets it at once.
 
     Raises: BoardFault of the last attempt; BusError at once.
     """

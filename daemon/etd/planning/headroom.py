@@ -1,8 +1,9 @@
-"""The room that one electrode's pulses have: what is refused outright, and how far others may go.
+"""The headroom of an electrode's pulses: what a frame may ask, and what stabilizers may request
+beyond it.
 
-Owns: the maxima as they hold for one pulse with all that belongs to it (prepulse, probe, phases),
-what goes before it, and the most that stabilizers may make of it. Must not know: frames, schedules,
-hardware calls; what was felt.
+Owns: the maxima for one pulse with its prepulse, probe and phases, the probe before it, and the
+bounds of what stabilizers may request. Must not know: frames, schedules, hardware calls; what was
+felt.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from etd.stabilize.pipeline import NO_GAIN, MaxGain, PulseBounds, PulseRequest
 
 @dataclass(frozen=True, slots=True)
 class PlanRules:
-    """What planning knows besides the frame; made once a lease."""
+    """What planning knows besides the frame; made once per lease."""
 
     array: Array
     site: BodySite
@@ -29,7 +30,7 @@ class PlanRules:
     person: PersonLimits
     #: One step of the DAC.
     resolution_ua: float
-    #: How far stabilizers go beyond a frame: there must be room for it.
+    #: How far stabilizers may go beyond a frame; a plan keeps room for it.
     max_gain: MaxGain = NO_GAIN
 
 
@@ -43,24 +44,24 @@ class Headroom:
         self._is_probe_first = stabilize.probe_first
         self._prepulse = stabilize.prepulse
         self._prepulse_us = stabilize.prepulse_us
-        # A calibration's caps were accepted with the prepulse that there is: the shape is checked
-        # (`etd.protocol.calibration`). A client's number is of nothing but a current.
+        # A calibration's caps were accepted with the site's prepulse: the shape is checked
+        # (`etd.protocol.calibration`). A client's cap is a bare current, without a prepulse.
         is_led = self._prepulse is not None and rules.person.calibration is not None
         self._cap_led_part = self._prepulse.part if self._prepulse and is_led else 0.0
         self._accepted_us = rules.person.accepted_us
 
     def max_gain(self, *, is_level: bool) -> MaxGain:
-        """How far stabilizers may go: beyond the current of a level, never beyond one that is
-        named, in whatever order they ask.
+        """How far stabilizers may go: beyond the current of a level, never beyond a current that
+        the frame names, whatever their order.
         """
         return self._rules.max_gain if is_level else self._max_gain_of_sources
 
     def probe(
         self, electrode: int, request: PulseRequest, max_gain: MaxGain
     ) -> PulseRequest | None:
-        """What goes before each pulse of it, where the site says so: never longer than the frame's
-        own, or than those that the cap was accepted with; and none where the pulse can never be
-        stronger.
+        """The probe before each pulse of the electrode, where the site has probes: no wider than
+        the frame's pulse, or than the pulses that the cap was accepted with. None where the pulse
+        can never be stronger than the probe.
         """
         rules, maxima = self._rules, self._rules.maxima
         probe_ua = min(maxima.probe_current_ua, rules.person.caps_ua[electrode])
@@ -78,8 +79,9 @@ class Headroom:
         probe: PulseRequest | None,
         max_gain: MaxGain,
     ) -> PulseBounds:
-        """The frame's own most: what stabilizers reach, within what no frame may pass. Its charge
-        does not hang on any resistance: a falsely low one must not find an open door.
+        """The bounds of a frame's pulse: what stabilizers may request, within the maxima. The
+        charge bound does not depend on any resistance, so that a resistance measured too low cannot
+        raise it.
         """
         rules, maxima = self._rules, self._rules.maxima
         width_us = int(request.width_us * max_gain.width)
@@ -115,7 +117,7 @@ class Headroom:
             )
 
     def check_narrow(self, electrode: int, current_ua: int, width_us: int) -> None:
-        """Of a current that is named. Raises: Refused (`bad_frame`)."""
+        """Checks a current that the frame names. Raises: Refused (`bad_frame`)."""
         narrow = self._rules.site.stabilize.strength_duration
         if narrow is not None and width_us > narrow.width_us:
             raise Refused(
@@ -137,15 +139,15 @@ class Headroom:
         visits_hz: float,
         probe_pc: int,
     ) -> None:
-        """Raises: Refused (`over_maximum`, `board_cannot`). A probe's charge counts to the pulse
-        that it goes before, and not its width: the current is off between them.
+        """Raises: Refused (`over_maximum`, `board_cannot`). The charge of a probe counts to its
+        pulse, its width does not: the current is off between them.
         """
         maxima = self._rules.maxima
         if width_us < maxima.min_width_us:
             raise Refused(
                 "board_cannot",
-                f"electrode {electrode}: width {width_us} us, and one word takes"
-                f" {maxima.min_width_us} us on this machine: send at least that",
+                f"electrode {electrode}: width {width_us} us is less than the"
+                f" {maxima.min_width_us} us of one word on this machine: send at least that",
                 electrode,
             )
         width_most_us = min(maxima.width_us, self._rules.person.width_us)
@@ -162,13 +164,13 @@ class Headroom:
             if asked > most:
                 raise Refused(
                     "over_maximum",
-                    f"electrode {electrode}: {what} {asked:g} {unit}, nobody gets more than"
-                    f" {most:g} {unit} here",
+                    f"electrode {electrode}: {what} {asked:g} {unit} is more than the"
+                    f" maximum here, {most:g} {unit}",
                     electrode,
                 )
 
     def charge_pc(self, current_ua: int, width_us: int) -> int:
-        """Of one phase, its prepulse included."""
+        """The charge of one phase, its prepulse included."""
         prepulse_ua = 0 if self._prepulse is None else int(current_ua * self._prepulse.part)
         return current_ua * width_us + prepulse_ua * self._prepulse_us
 

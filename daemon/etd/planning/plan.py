@@ -1,8 +1,8 @@
-"""From a frame to the visits of a scan: levels to currents, maxima, caps foreseen, and order.
+"""From a frame to the pulses of a scan: levels to currents, maxima, foreseen clamps, and order.
 
-Owns: everything that is decided once a frame, but for how fast it can go (`pace`) and what room a
-pulse has (`room`). Must not know: time of day, sockets, hardware calls; what was felt. A plan is
-refused as a whole, with the reason; nothing is left out of it silently.
+Owns: everything that is decided once per frame, except its rate (`scan_rate.py`) and the headroom
+of a pulse (`headroom.py`). Must not know: time of day, sockets, hardware calls; what was felt. A
+plan is refused as a whole, with the reason; nothing is left out of it silently.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from etd_hal.cost import CostModel
 from etd_hal.selection import Selection
 
 T = TypeVar("T")
-#: Work that is done bit by bit, with a look at everything else where it yields.
+#: Work done in steps: everything else is polled where it yields.
 Steps = Generator[None, None, T]
 
 #: Anodic phases are True.
@@ -44,7 +44,7 @@ PHASES: dict[Polarity, tuple[bool, ...]] = {
 
 
 class Selector(Protocol):
-    """What a plan needs of a board: selections by output. `etd_hal.board.Board` is one."""
+    """What a plan needs of a board: selections by output. `etd_hal.board.Board` implements it."""
 
     def selection(self, output: int, returns: tuple[int, ...] | None) -> Selection:
         """Raises: CannotSelect."""
@@ -53,10 +53,10 @@ class Selector(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A frame that can be shown: its visits in chain order, and a period that they fit into.
+    """A frame that can be shown: its pulses in chain order, and a period that they fit into.
 
-    `groups` are the places of the visits that share a burst, in their order; each gets `pulses` of
-    them there, `interval_ns` apart. Without bursts it is one group, and one pulse.
+    `groups` are the places in `schedule` that share a burst, in order; each place gets `pulses` in
+    the burst, `interval_ns` apart. Without bursts there is one group, and one pulse.
     """
 
     frame: Frame
@@ -94,11 +94,12 @@ class Planner:
                 return plan
 
     def steps(self, frame: Frame, share_of_all: float = 0.0) -> Steps[Plan]:
-        """Plan a frame electrode by electrode: a plan for hundreds takes longer than everything
-        else may go unwatched. The generator's value is the plan.
+        """Plan a frame electrode by electrode: a plan for hundreds takes longer than two polls may
+        be apart. The generator's value is the plan.
 
-        Raises: Refused. `share_of_all`: what one of all others may carry, for the preview of
-        clamps in the reply (0: not known yet, each by its own cap alone).
+        Raises: Refused. `share_of_all`: the share that one return of all others may carry, for the
+        preview of clamps in the reply (0: not known yet, each electrode is clamped by its own cap
+        alone).
         """
         schedule = yield from self._visits(frame)
         clamped = yield from self._preview(schedule, share_of_all)
@@ -119,7 +120,7 @@ class Planner:
             math.ceil(self._scan_rate.interval_us * 1_000),
         )
 
-    # --- visits ----------------------------------------------------------------------------
+    # --- pulses ----------------------------------------------------------------------------
 
     def _visits(self, frame: Frame) -> Steps[tuple[ScheduledPulse, ...]]:
         shape = self._rules.site.stabilize.shape
@@ -166,7 +167,7 @@ class Planner:
         return currents_of_levels(self._calibration_for_levels(), frame.level)
 
     def _defaults(self) -> Calibration | SiteDefaults:
-        """What holds where the frame says nothing."""
+        """The values where the frame names none."""
         return self._rules.person.calibration or self._rules.site.defaults
 
     def _values(self, key: str, given: T | tuple[T, ...] | None, default: T) -> tuple[T, ...]:
@@ -205,7 +206,7 @@ class Planner:
         )
 
     def _check_array_mean(self, schedule: Sequence[ScheduledPulse], rate_hz: float) -> None:
-        """At the rate that the scan will have; a lower one slows all down alike."""
+        """Checked at the rate that the scan will have; a lower rate slows all pulses alike."""
         charge_pc = self._headroom.charge_pc
         slower = rate_hz / max((scheduled.rate_hz for scheduled in schedule), default=rate_hz)
         mean_ua = (
@@ -265,12 +266,12 @@ class Planner:
         others = [other for other in self._by_cap if other != electrode]
         return path_of(electrode, caps_ua, others, 1.0)
 
-    # --- what its limits will take away ------------------------------------------------------
+    # --- the preview of clamps ---------------------------------------------------------------
 
     def _preview(
         self, schedule: Sequence[ScheduledPulse], share_of_all: float
     ) -> Steps[tuple[Clamp, ...]]:
-        """Of the pulses that will be fired, where no law answers the skin."""
+        """The clamps of the pulses to be fired, before any stabilizer responds to the skin."""
         maxima, shape = self._rules.maxima, self._rules.site.stabilize.shape
         found = []
         for scheduled in schedule:
@@ -304,7 +305,7 @@ class Planner:
 
 
 def _check_conditions(frame: Frame, calibration: Calibration) -> None:
-    """A level frame must be what the calibration was made with. Raises: Refused."""
+    """A level frame must have the conditions of its calibration. Raises: Refused."""
     for key in ("polarity", "width_us", "rate_hz", "returns"):
         asked, made_with = getattr(frame, key), getattr(calibration, key)
         if asked is None or asked == made_with:

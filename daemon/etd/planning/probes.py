@@ -1,7 +1,7 @@
-"""The weak pulses that ask who touches.
+"""The probes: weak pulses that measure contact.
 
-Owns: what a probe of each electrode is, for one person on one board. Must not know: when they are
-fired, what follows from their answers.
+Owns: the probe of each electrode, for one person on one board. Must not know: when probes are
+fired, what follows from their results.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from etd.stabilize.pipeline import PulseBounds, PulseRequest
 def probes_of(
     board: Selector, array: Array, maxima: Maxima, person: PersonLimits
 ) -> tuple[ScheduledPulse, ...]:
-    """One for each electrode, in the order of the chain, with all others as returns.
+    """A probe for each electrode, in the order of the chain, with all others as returns.
 
-    Weak and short: the probe bound, or the person's limits where they are below it. A cap is of the
-    pulses that it was accepted with: a probe is no wider than those, so that it has no more charge.
+    Current and width are the probe maximum, or the person's limits where those are lower. A probe
+    is no wider than the pulses that the cap was accepted with, so that it has no more charge.
     """
     outputs = array.outputs()
     everybody = range(array.count)

@@ -1,7 +1,7 @@
-"""How fast a frame can be shown: who shares a burst, and what a scan takes.
+"""How fast a frame can be shown: the electrodes that share a burst, and the duration of a scan.
 
-Owns: the time of a round of visits, the rate that follows, and the refusal of one that does not
-fit. Must not know: currents, limits, how a visit is made, time of day, hardware calls.
+Owns: the time of a round of pulses, the rate that follows, and the refusal of a rate that does not
+fit. Must not know: currents, limits, how a pulse is made, time of day, hardware calls.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from etd.protocol.messages import Shortfall
 from etd.stabilize.bursts import groups
 from etd_hal.cost import Cost, CostModel
 
-#: Places in the list of visits, group by group.
+#: Places in the schedule, group by group.
 Groups = tuple[tuple[int, ...], ...]
 
-#: Of any 100 ms the loop may be busy for at most this part; see `engine/cpu_budget.py`.
+#: The loop may be busy for at most this part of any 100 ms; see `engine/cpu_budget.py`.
 MAX_BUSY_FRACTION = 0.8
 
-#: A plan leaves this much of its period for what comes in between: heartbeat, reports.
+#: A plan uses at most this part of its period; the rest is for heartbeat and reports.
 RESERVE = 0.98
 
 
 class ScanRate:
-    """For one site's bursts on one board. `pulses` of an electrode in a burst, `interval_us` apart;
-    without bursts 1 and 0.
+    """The scan rate for a site's bursts on a board. An electrode has `pulses` in a burst,
+    `interval_us` apart; without bursts these are 1 and 0.
     """
 
     def __init__(self, rules: PlanRules, cost: CostModel) -> None:
@@ -39,7 +39,7 @@ class ScanRate:
         self.interval_us = 0.0 if self._bursts is None else self._bursts.interval_us
 
     def grouped(self, schedule: Sequence[ScheduledPulse]) -> Groups:
-        """The places of the visits that take turns. Raises: Refused, where a burst is too fast."""
+        """The places whose pulses alternate in a burst. Raises: Refused, if a burst is too fast."""
         places = tuple(range(len(schedule)))
         if self._bursts is None or not places:
             return (places,)
@@ -51,15 +51,15 @@ class ScanRate:
         if found is None:
             raise Refused(
                 "board_cannot",
-                f"one pulse every {self.interval_us:.0f} us is faster than this board can visit an"
-                " electrode: lower stabilize.bursts.rate_hz of the body site, or shorter pulses",
+                f"one pulse every {self.interval_us:.0f} us is faster than this board can fire an"
+                " electrode: lower stabilize.bursts.rate_hz of the body site, or the widths",
             )
         return found
 
     def rate(
         self, frame: Frame, schedule: Sequence[ScheduledPulse], grouped: Groups
     ) -> tuple[float, tuple[Shortfall, ...]]:
-        """What is asked for, or what fits if the frame says `allow_slower`.
+        """The requested rate, or the rate that fits if the frame says `allow_slower`.
 
         Raises: Refused (`too_fast`).
         """
@@ -71,7 +71,7 @@ class ScanRate:
             return wanted_hz, ()
         if not frame.allow_slower:
             has_room = any(scheduled.bounds.width_us > scheduled.width_us for scheduled in schedule)
-            room = ", with room for what stabilizers may widen" if has_room else ""
+            room = ", the widest pulses of the stabilizers included" if has_room else ""
             raise Refused(
                 "too_fast",
                 f"{len(schedule)} electrodes at {wanted_hz:g} Hz do not fit: at most"
@@ -89,8 +89,8 @@ class ScanRate:
         return RESERVE * min(1e6 / slots_us, MAX_BUSY_FRACTION * 1e6 / busy_us)
 
     def _round(self, schedule: Sequence[ScheduledPulse], is_again: bool) -> Cost:
-        """One pulse of each, the way from the last one to the first included where they come again
-        (after a scan the rewriting of the chain is that way).
+        """The cost of one pulse of each; where they repeat, the step from the last to the first is
+        included (after a scan the rewriting of the chain is that step).
         """
         slot_us = busy_us = 0.0
         before = schedule[-1].selection.output

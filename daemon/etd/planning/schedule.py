@@ -1,9 +1,9 @@
-"""One plan as a schedule: which pulse is due when, and what a newer frame leaves of a scan.
+"""A plan as a schedule: which pulse is due when, and what a newer frame leaves of a scan.
 
 Owns: the schedule of one plan, electrode by electrode and scan by scan, until its frame expires or
 has had its pulses. Must not know: how a pulse is fired, the board, sockets, clocks: time comes in.
 
-It is plain data that can be run by hand:
+A schedule can be run by hand:
 
     schedule = Schedule(plan, expires_host_ns, now_ns)
     schedule.begin_scan(now_ns)
@@ -29,19 +29,19 @@ from etd.stabilize.pipeline import PulseRequest
 
 #: Rounding of rates may leave a pulse this little short of due.
 _ALMOST = 1e-9
-#: A scan that begins this late has been held up: more than waking late explains.
+#: A scan that begins this late was held up: waking late does not explain it.
 _LATE_NS = 2_000_000
-#: A scan that lasts longer than this is looked into by newer frames; one in bursts at every pulse.
+#: A scan longer than this can be changed by a newer frame; a scan in bursts always can.
 _LONG_NS = 50_000_000
 
 #: `stimulus`: a pulse of a frame. `contact_poll`: a probe of an electrode that the frame leaves
-#: silent. `measurement`: a probe on the way up, or for `measure`.
+#: silent. `measurement`: a probe of a power-up, for `arm` or `measure`.
 Purpose = Literal["stimulus", "contact_poll", "measurement"]
 
 
 class AfterProbe(msgspec.Struct, frozen=True):
-    """What was requested of a pulse before its own probe, when and under which ceiling; and the
-    current of that probe.
+    """The request for a pulse before its own probe, its time and ceiling; and the current of that
+    probe.
     """
 
     request: PulseRequest
@@ -51,10 +51,11 @@ class AfterProbe(msgspec.Struct, frozen=True):
 
 
 class DuePulse(msgspec.Struct, frozen=True):
-    """One pulse that is due now.
+    """A pulse that is due now.
 
-    `key_path` is its place in the plan (-1: no pulse of a frame). `rewrites_chain`: the whole chain
-    is shifted for it. `after`: its own probe has just been fired, and all is still connected.
+    `place` is its place in the plan (-1: no pulse of a frame). `rewrites_chain`: the whole chain is
+    shifted for it. `after`: its own probe has just been fired, and the electrodes are still
+    connected.
     """
 
     scheduled: ScheduledPulse
@@ -69,7 +70,7 @@ class DuePulse(msgspec.Struct, frozen=True):
 
 
 class _ScanSlot(msgspec.Struct, frozen=True):
-    """One pulse of the scan under way, by its place; `is_again` after the first of a burst."""
+    """A pulse of the scan under way, by its place; `is_again` after the first of a burst."""
 
     place: int
     is_again: bool
@@ -81,8 +82,8 @@ class Schedule:
     def __init__(
         self, plan: Plan, expires_host_ns: int, now_ns: int, before: Schedule | None = None
     ) -> None:
-        """`before`: the one whose place it takes, if there is one. Rates go on across the two.
-        It expires on the machine's clock; all else here counts on the board's.
+        """`before`: the schedule that this one replaces, if any; rates continue across both. The
+        schedule expires on the machine's clock; all else counts on the board's.
         """
         self.plan = plan
         self.expires_host_ns = expires_host_ns
@@ -94,7 +95,7 @@ class Schedule:
         self._polls: Sequence[ScheduledPulse] | None = None
         self._polls_owed = 0
         self._at = 0
-        #: What is left of each pulse for the rest of the scan under way.
+        #: Each pulse as a newer frame leaves it for the rest of the scan under way.
         self._left_of: list[ScheduledPulse | None] = list(plan.schedule)
         #: When the scan began in which an electrode was last fired, and the last one of all.
         self._fired_ns: dict[int, int] = {} if before is None else before._fired_ns
@@ -103,7 +104,8 @@ class Schedule:
         if before is not None and self._scanned_ns is not None:
             due_ns = min(before.next_ns, self._scanned_ns + plan.period_ns)
             self.next_ns = max(now_ns, due_ns)
-        # The fastest is due in every scan, a slower one in its share of them; all in the first.
+        # The fastest electrode is due in every scan, a slower one in its share of the scans; all
+        # are due in the first.
         fastest_hz = max((scheduled.rate_hz for scheduled in plan.schedule), default=1.0)
         self._share = [scheduled.rate_hz / fastest_hz for scheduled in plan.schedule]
         self._phase = [
@@ -117,7 +119,8 @@ class Schedule:
 
     def _rested(self, scheduled: ScheduledPulse, share: float) -> float:
         """How much of its period an electrode has rested when this frame begins; 1 is all of it.
-        Less than half a scan short counts as all; the fastest are due in every scan.
+        Less than half a scan short counts as all of it; the fastest electrodes are due in every
+        scan.
         """
         fired_ns = self._fired_ns.get(scheduled.electrode)
         if fired_ns is None or share > 1.0 - _ALMOST:
@@ -134,7 +137,7 @@ class Schedule:
         return self.is_begun and self._left is not None and not any(self._left)
 
     def lower(self, newer: Plan) -> None:
-        """Another plan comes after the scan under way: what falls by it falls now."""
+        """A newer plan follows the scan under way: what it lowers is lowered now."""
         wanted = {scheduled.electrode: scheduled for scheduled in newer.schedule}
         self._left_of = [
             None if visit is None else visit.lowered_to(wanted.get(visit.electrode))
@@ -142,8 +145,9 @@ class Schedule:
         ]
 
     def fit(self, maxima: Maxima) -> Refused | None:
-        """Between two scans, when other widths are possible than before: stabilizers get no more
-        room than there is now. Or why a pulse of the frame itself cannot be.
+        """Called between two scans, when the possible widths have changed: stabilizers get no more
+        room than there is now. Returns the refusal where a pulse of the frame itself is not
+        possible any more.
         """
         for scheduled in self.plan.schedule:
             steps_us = (
@@ -171,7 +175,7 @@ class Schedule:
     # --- one scan ----------------------------------------------------------------------------
 
     def begin_scan(self, now_ns: int) -> None:
-        """The next one follows a period later; after a stall nothing is made up for."""
+        """The next scan follows a period later; after a stall no scan is made up for."""
         late_ns = now_ns - self.next_ns
         self._scanned_ns = now_ns
         self.next_ns = (now_ns if late_ns > _LATE_NS else self.next_ns) + self.plan.period_ns
@@ -216,32 +220,36 @@ class Schedule:
         return None
 
     def _pass_over_lowered(self) -> None:
-        """What a newer frame has taken away of the scan under way."""
+        """Skips pulses that a newer frame has taken away from the scan under way."""
         while self._at < len(self._turns) and self._left_of[self._turns[self._at].place] is None:
             self._at += 1
 
     def advance(self) -> None:
-        """The pulse that `next_due` gave is over, whether it was fired or not."""
+        """The pulse that `next_due` gave is over, fired or not."""
         self._at += 1
 
     @property
     def upcoming(self) -> ScheduledPulse | None:
-        """What can be shifted in while the pulse before rests; None after the frame's last one."""
+        """The pulse that can be shifted in while the one before rests; None after the frame's last
+        pulse.
+        """
         if self._at >= len(self._turns):
             return None
         return self.plan.schedule[self._turns[self._at].place]
 
     @property
     def wants_polls(self) -> bool:
-        """All pulses of the frame are over, and it has not been said who is to be polled."""
+        """All pulses of the frame are over, and its contact polls have not been added yet."""
         return self._at >= len(self._turns) and self._polls is None
 
     def add_polls(self, polls: Sequence[ScheduledPulse], owed: int) -> None:
-        """Contact polls after the frame's own pulses; the first `owed` at any time."""
+        """Contact polls after the frame's own pulses; the first `owed` are made even when time is
+        short.
+        """
         self._polls, self._polls_owed = polls, owed
 
     def is_over(self, now_ns: int, poll_ns: int) -> bool:
-        """Whether nothing more belongs to the scan under way; one poll takes `poll_ns`."""
+        """Whether the scan under way is over; a contact poll takes `poll_ns`."""
         at = self._at - len(self._turns)
         if self._polls is None or at < 0:
             return False
@@ -250,8 +258,8 @@ class Schedule:
         return at >= self._polls_owed and now_ns > self.next_ns - poll_ns
 
     def end_scan(self, now_ns: int) -> bool:
-        """True if it came to its end too late for the next one, which then begins now; but a
-        period from now after a stall, because electrodes may just have been fired.
+        """Returns True if the scan ended too late for the next one, which then begins now; after a
+        stall it begins a period from now, because electrodes may just have been fired.
         """
         self.is_scanning = False
         late_ns = now_ns - self.next_ns
@@ -261,11 +269,11 @@ class Schedule:
         return True
 
     def was_paused(self, pause_ns: int) -> None:
-        """What is still to come of this scan is later by so much, and so are the next ones."""
+        """The rest of this scan and the scans after it are `pause_ns` later."""
         self.next_ns += pause_ns
 
     def is_long(self, now_ns: int) -> bool:
-        """Whether a newer frame is not to wait for the end of the scan under way."""
+        """Whether a newer frame need not wait for the end of the scan under way."""
         since_ns = now_ns if self._scanned_ns is None else self._scanned_ns
         return self.plan.pulses > 1 or now_ns - since_ns >= _LONG_NS
 
@@ -278,7 +286,7 @@ class Schedule:
         return self._begun_ns[turn.place] + self.plan.interval_ns if turn.is_again else 0
 
     def was_fired(self, due: DuePulse, begun_ns: int) -> None:
-        """A stimulus began then."""
+        """The stimulus `due` began at `begun_ns`."""
         self._begun_ns[due.place] = begun_ns
         if self._scanned_ns is not None:
             self._fired_ns[due.electrode] = self._scanned_ns

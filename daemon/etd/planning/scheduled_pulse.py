@@ -1,7 +1,7 @@
-"""One electrode of a frame, ready to be visited: what a plan makes and a scan goes through.
+"""The pulse of one electrode of a frame: plans make it, schedules hold it.
 
-Owns: the one struct that plan, pace, scan and visits share. Must not know: how it came about, when
-it is visited, what becomes of it there.
+Owns: the struct that plan, scan rate, schedule and engine share. Must not know: how it was planned,
+when it is fired, how much of it is fired.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from etd_hal.selection import Selection
 
 
 class ScheduledPulse(msgspec.Struct, frozen=True):
-    """One electrode of a frame, ready to be visited once a scan or less often.
+    """The pulse of one electrode of a frame, fired once a scan or less often.
 
-    `returns` None means all others; then the path's share is decided at each visit.
+    `returns` None means all others; then the path's share is decided at each pulse.
     """
 
     electrode: int
     selection: Selection
-    #: What the frame itself asks for.
+    #: The frame's own request.
     request: PulseRequest
     phases: tuple[bool, ...]
     rate_hz: float
     returns: tuple[int, ...] | None
     path: Path
-    #: What stabilizers may make of it at the most; its slot in the scan is this wide.
+    #: The bounds of what stabilizers may request; its slot in the scan is this wide.
     bounds: PulseBounds
-    #: What goes before its pulse, in the same visit; its charge and its time are planned for.
+    #: The probe directly before its pulse; charge and time of the probe are planned for.
     probe: PulseRequest | None = None
 
     @property
     def probe_pc(self) -> int:
-        """The charge that goes before each of its pulses."""
+        """The charge of the probe before each pulse."""
         return pc_of(self.probe)
 
     @property
@@ -48,15 +48,15 @@ class ScheduledPulse(msgspec.Struct, frozen=True):
         return self.request.width_us
 
     def within(self, widest_us: int) -> ScheduledPulse:
-        """The same, with no more room for stabilizers than such a pulse, all steps together."""
+        """The same pulse, with stabilizers bounded to `widest_us`, prepulse included."""
         width_us = min(self.bounds.width_us, widest_us - self.bounds.prepulse_us)
         return replace(self, bounds=replace(self.bounds, width_us=width_us))
 
     def lowered_to(self, newer: ScheduledPulse | None) -> ScheduledPulse | None:
-        """What is left of it in a scan under way when a newer frame has come, which asks for
-        `newer` (None: silence). What has not fallen stays, and its rise waits for the next scan; no
-        law makes more of it than of the newer one. A pulse that fell in one part and not in all
-        cannot be made of the two: None, none.
+        """What is left of this pulse in a scan under way when a newer frame asks for `newer` (None:
+        silence). What does not fall stays, and a rise waits for the next scan; no stabilizer may
+        request more than for the newer pulse. None, no pulse, where the newer one is lower in one
+        part and not in all: the two cannot be combined.
         """
         if newer is None:
             return None

@@ -243,7 +243,7 @@ class Ledger:
         self._keep_most(own)
 
     def take_back(self, booking: Booking) -> None:
-        """Nothing of the pulse was sent. To be called before any other entry is booked or checked."""
+        """Nothing of the pulse was sent. Call it before any other entry is booked or checked."""
         entry = booking.entry
         for electrode in (entry.electrode, *(entry.returns or ())):
             self._own[electrode].take_back()

@@ -72,8 +72,8 @@ def limits_of_calibration(
         if limits.cap_ua > maxima.current_ua:
             raise Refused(
                 "over_maximum",
-                f"electrode {electrode} has a cap of {limits.cap_ua} uA, nobody gets more than"
-                f" {maxima.current_ua} uA here",
+                f"electrode {electrode} has a cap of {limits.cap_ua} uA, more than the maximum"
+                f" here, {maxima.current_ua} uA",
                 electrode,
             )
     try:

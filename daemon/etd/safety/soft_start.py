@@ -94,7 +94,9 @@ class SoftStart:
         return self._array.ceiling_ua
 
     def restart(self) -> None:
-        """Called with every silence (the end of a lease is one), and once armed."""
+        """Called with every silence (the end of a lease is one), and once armed, since the probes
+        on the way up were fired like a frame's pulses.
+        """
         self._array.restart()
         self._recontacts.clear()
 

@@ -1,20 +1,20 @@
-"""Which electrodes are touched, and how: as far as pulses have told.
+"""Which electrodes are touched, and how, as measured by pulses.
 
 Owns: contact by threshold with hysteresis, the resistance with the leak taken out, the state of
-each contact, and how long that is known. Must not know: what follows from it, clocks (time comes
-in), hardware beyond its constants.
+each contact, and when it expires. Must not know: what follows from it, clocks (time comes in),
+hardware beyond its constants.
 
-With nothing connected the node rises to I x leak, or to the compliance: the open-circuit
-signature. A touched electrode holds it well below. Both thresholds are fractions of that
-signature, from the body-site file. An electrode that no pulse has visited is unknown, and so is one
-that none has visited for as long as `belief` has it: whoever touched may have gone and come back.
-What was found open stays open until a pulse tells otherwise, since less goes there.
+With nothing connected the node rises to I x leak, or to the compliance: the open-circuit signature.
+A touched electrode holds it well below. Both thresholds are fractions of that signature, from the
+body-site file. The contact of an electrode is unknown before its first pulse, and again without a
+pulse for MAX_AGE_NS (`etd.stabilize.max_age`): the finger may have left and come back. An electrode
+found open stays open until a measurement shows contact; less current is sent meanwhile.
 
-States: `open`; `soft`, for a while after a contact was made anew (after none, or after it was not
-known) or shrank (its resistance rose by half from one pulse to the next: peeling); `saturated`,
-when a strong pulse ended near the compliance, so that less was delivered than asked (whether
-anything touches, the next weak pulse tells); `shorted`, when it resists less than skin can, beside
-a neighbor under paste; `closed`.
+States: `open`; `soft`, for a while after a contact was made anew (after an open or unknown one) or
+shrank (its resistance rose by half from one pulse to the next: peeling); `saturated`, when a strong
+pulse ended near the compliance, so that less was delivered than commanded (the next weak pulse
+measures whether anything touches); `shorted`, when the resistance is below what skin can have, as
+beside a neighbor under paste; `closed`.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ from etd.protocol.messages import ContactState
 from etd.stabilize.max_age import CONTACT_POLL_NS, is_stale
 from etd_hal.boardfile import Source
 
-#: Of the compliance: above, a pulse was not delivered; below the second, one was again.
+#: Fractions of the compliance: above the first a pulse was not delivered, below the second it was.
 _SATURATED, _DELIVERED = 0.95, 0.90
-#: A resistance that rises by so much from one pulse to a like one: the contact shrinks.
+#: A rise of resistance by this factor between two comparable pulses: the contact shrinks.
 PEELED = 1.5
-#: A like one: at least this part of the current before, since skin resists weak currents more.
+#: A pulse is comparable at this part of the current before or more: skin resists weak currents
+#: more.
 _LIKE = 0.8
-#: A short ends well above where it began.
+#: A short ends at this many times the resistance at which it begins.
 _SHORT_ENDS = 1.5
 
 
 class ContactMap:
-    """Contact, resistance and voltage of every electrode; None where unknown. The lists are what
-    pulses told last; what of it is too old goes with the first call that names a time.
+    """Contact, resistance and voltage of every electrode; None where unknown. The lists hold what
+    pulses measured last; expired entries are removed by the first call with a time.
     """
 
     def __init__(self, electrodes: int, source: Source, site: SiteContact) -> None:
@@ -49,7 +50,7 @@ class ContactMap:
         self.is_touched: list[bool | None] = [None] * electrodes
         self.resistance_ohm: list[int | None] = [None] * electrodes
         self.voltage_v: list[float | None] = [None] * electrodes
-        #: The current of the last pulse that was not delivered, until one is.
+        #: The current of the last undelivered pulse, until a pulse is delivered.
         self.undelivered_ua: list[int | None] = [None] * electrodes
         self._is_shorted = [False] * electrodes
         self._soft_since_ns: list[int | None] = [None] * electrodes
@@ -58,13 +59,13 @@ class ContactMap:
         self._measured_ns: list[int | None] = [None] * electrodes
 
     def reset(self) -> None:
-        """The supply was off: whoever touched may have gone."""
+        """The supply was off: any contact may have changed."""
         for electrode in range(len(self.is_touched)):
             self.is_touched[electrode] = None
             self._reset_one(electrode)
 
     def _reset_one(self, electrode: int) -> None:
-        """All but that it is open, if it is."""
+        """Reset all of an electrode, except that it is open."""
         if self.is_touched[electrode]:
             self.is_touched[electrode] = None
         self.resistance_ohm[electrode] = None
@@ -75,13 +76,13 @@ class ContactMap:
         self._measured_ns[electrode] = None
 
     def _let_go(self, electrode: int, now_ns: int) -> None:
-        """Of what is too old."""
+        """Reset an electrode whose measurement has expired."""
         told_ns = self._measured_ns[electrode]
         if told_ns is not None and is_stale(told_ns, now_ns):
             self._reset_one(electrode)
 
     def state(self, electrode: int, now_ns: int) -> ContactState:
-        """What kind of contact it is now."""
+        """The state of the contact now."""
         self._let_go(electrode, now_ns)
         is_touched = self.is_touched[electrode]
         if self.undelivered_ua[electrode] is not None:
@@ -95,7 +96,7 @@ class ContactMap:
         return "soft" if self.firmness(electrode, now_ns) < 1.0 else "closed"
 
     def firmness(self, electrode: int, now_ns: int) -> float:
-        """From 0, when the contact was made anew or shrank, to 1, when it may count as firm."""
+        """From 0, when the contact was made anew or shrank, to 1, when it counts as firm."""
         since_ns = self._soft_since_ns[electrode]
         if since_ns is None:
             return 1.0
@@ -106,7 +107,7 @@ class ContactMap:
         return 1.0
 
     def delivered_ua(self, electrode: int) -> int:
-        """What passed the skin near the end of its last pulse: the leak took the rest."""
+        """The current through the skin near the end of the last pulse: the leak took the rest."""
         leaked_ua = (self.voltage_v[electrode] or 0.0) / self._leak_ohm * 1e6
         return max(0, round(self._commanded_ua[electrode] - leaked_ua))
 
@@ -119,8 +120,8 @@ class ContactMap:
         *,
         is_at_end: bool = True,
     ) -> bool:
-        """What one pulse of `commanded_ua` says, given the node's voltage near its end (or, where
-        it is too short for that, after its beginning: then `is_at_end` is False).
+        """Take the measurement of a pulse of `commanded_ua`: the node's voltage near its end (or,
+        for a pulse too short for that, after its beginning: then `is_at_end` is False).
 
         Returns True when an electrode known to be open is touched again.
         """
@@ -141,7 +142,8 @@ class ContactMap:
     def update_touch(
         self, electrode: int, commanded_ua: int, voltage_v: float, now_ns: int
     ) -> bool:
-        """Of what a pulse says, only whether anything touches: all that a weak one tells surely.
+        """Take from a pulse only whether anything touches: a weak pulse measures no more than that
+        reliably.
 
         Returns True when an electrode known to be open is touched again.
         """
@@ -160,18 +162,18 @@ class ContactMap:
         return now and was is False
 
     def is_as_before(self, electrode: int, now_ns: int) -> None:
-        """Somebody saw that a contact which is not known any more is what it was."""
+        """Refreshes a contact state that had expired and was found unchanged."""
         self._let_go(electrode, now_ns)
         if self.is_touched[electrode] is None:
             self.is_touched[electrode], self._measured_ns[electrode] = True, now_ns
 
     def is_poll_due(self, electrode: int, now_ns: int) -> bool:
-        """Whether it is time for a look, for it to stay known."""
+        """Whether the electrode is due for a contact poll, so that its contact stays known."""
         told_ns = self._measured_ns[electrode]
         return told_ns is None or now_ns - told_ns >= CONTACT_POLL_NS
 
     def shrank(self, electrode: int, now_ns: int) -> None:
-        """Somebody saw it peel: it is soft from now on."""
+        """The contact was found to peel: it is soft from now on."""
         self._soft_since_ns[electrode] = now_ns
 
     def _peels(

@@ -1,28 +1,27 @@
-"""What the skin under each electrode resists a long pulse, from stimulus pulses alone.
+"""The skin's resistance to a long pulse under each electrode, from stimulus pulses alone.
 
 Owns: the model of a contact (Rs in series with Rp beside Cp, all of it beside the board's leak),
-what the samples of a pulse tell of it, the filter across pulses, and when it is not to be believed.
+what the samples of a pulse give of it, the filter across pulses, and when a value is rejected.
 Must not know: what follows from it, contact, clocks (time comes in), hardware beyond its constants.
 
 At a constant current I the node rises from V0, which Rs alone makes, to V_end with one time
-constant:  V(t) = V_end - (V_end - V0) exp(-t / tau),  tau = Cp x (Rp beside (Rs + leak)).
-The word stream gives two samples: 10 us after the beginning, and near the end of the pulse. With
-Rs assumed (1 to 3 k on a fingertip) they give V_end and tau, hence Rp and Cp. A pulse below about
-33 us has no sample at its end: then V_end is *estimated* from the early one, with the tau of wider
-pulses before it or an assumed one. By the assumed one the early sample of any pulse tells the same
-*early* estimate, whatever the width, off by some 30 % where the skin's own time constant is
-another: by it, short pulses and wider ones are compared. Skin resists less at higher currents, and
-a weak probe reads far above a stimulus (van Boxtel 1977): only pulses above the probe's current
-count here.
+constant:  V(t) = V_end - (V_end - V0) exp(-t / tau),  tau = Cp x (Rp beside (Rs + leak)). The word
+stream gives two samples: 10 us after the beginning, and near the end of the pulse. With Rs assumed
+(1 to 3 k on a fingertip) they give V_end and tau, hence Rp and Cp. A pulse below about 33 us has no
+sample at its end: then V_end is *estimated* from the early one, with the tau of wider pulses before
+it or an assumed one. With the assumed tau the early sample of any pulse gives the same *early*
+estimate at any width, off by some 30 % where the skin's own time constant differs: it compares
+short pulses with wider ones. Skin resists less at higher currents, and a weak probe reads far above
+a stimulus (van Boxtel 1977): only pulses above the probe's current count here.
 
-Not believed: a node that is not at rest before the pulse, or that a pulse does not move (the ADC is
-stuck, or not the node's), a source at its end, a resistance no skin has, one that flickers. That is
-one that goes back and forth: an edge that comes off and lies down again is one step up and one
-down, and the contact law's matter; it takes some 80 ms each way, so that three turns in a row are
-the ADC's [design]. What flickers is believed after a second without a turn.
+Rejected are: a node that is not at rest before the pulse, or that a pulse does not move (the ADC is
+stuck, or reads another node), a saturated source, a resistance no skin has, and a resistance that
+flickers. Flicker goes back and forth: an edge that comes off and lies down again is one step up and
+one down, which the contact law handles; it takes some 80 ms each way, so three reversals in a row
+come from the ADC [design]. A flickering value is accepted again after a second without a reversal.
 
-What no pulse has told for as long as `belief` has it is not known any more: the next pulse begins
-anew, but for what flickers, which is the ADC's rather than the skin's.
+A resistance that no pulse has measured for MAX_AGE_NS (`etd.stabilize.max_age`) is unknown: the
+next pulse begins anew. Flicker is remembered, since it comes from the ADC rather than the skin.
 """
 
 from __future__ import annotations
@@ -46,34 +45,35 @@ SERIES_OHM = 2_000.0
 ASSUMED_TAU_US = 8.5
 _SHORTEST_TAU_US, _LONGEST_TAU_US = 0.5, 60.0
 
-#: With the DAC at zero the node is on ground, but for the ADC's offset and what charge is left in
-#: the skin: at most this much, this part of what the pulse makes, and never above the last; or what
-#: a probe directly before it came to: the sooner the pulse follows, the more of that is left.
+#: With the DAC at zero the node is on ground, except for the ADC's offset and the charge left in
+#: the skin: at most the offset, or this part of the pulse's own voltage, and never above the third;
+#: or the voltage of a probe directly before the pulse: the sooner the pulse follows, the more of
+#: that is left.
 _OFFSET_V, _RESTING_PART, _RESTING_V = 0.3, 1.0 / 3.0, 5.0
-#: A pulse moves the node by more codes of the ADC than this.
+#: A pulse moves the node by more ADC codes than this.
 _STILL_CODES = 2
 _NEAR_COMPLIANCE = 0.95
 
-#: The filter: a new value's weight in the mean of logarithms, and the step it is restarted at.
+#: The filter: a new value's weight in the mean of logarithms, and the step that restarts it.
 _WEIGHT = 0.25
-#: The same in time, for pulses that are rarer than 60 in a second.
+#: Its time constant, for pulses at less than 60 Hz.
 _TAU_NS = 58_000_000
 _STEP = math.log(1.3)
-#: Steps back and forth of this much, on the mean of a few pulses, are noise and no skin; one turn
-#: counts as this much at most, so that it takes three in a row.
+#: Steps back and forth of this much, averaged over a few pulses, are noise and not skin. One
+#: reversal counts as the second number at most, so that it takes three in a row.
 _FLICKER, _MOST_OF_A_TURN = 0.1, 0.2
-#: Without a turn for so long, and with a mean of less than this, it has ended.
+#: Flicker has ended after so long without a reversal, with a mean below this.
 _CALM_NS, _CALM = 1_000_000_000, _FLICKER / 3.0
 
 
 @dataclass(slots=True)
 class _Skin:
-    """Of one electrode."""
+    """The estimate of one electrode."""
 
     log_ohm: float | None = None
     early_log_ohm: float | None = None
     last_early_log_ohm: float | None = None
-    #: The last pulse had no sample at its end, and no wider one has told a time constant.
+    #: The last pulse had no sample at its end, and no wider pulse has given a time constant.
     is_estimated: bool = False
     last_log_ohm: float | None = None
     last_step: float = 0.0
@@ -84,18 +84,18 @@ class _Skin:
     tau_us: float | None = None
     quality: Quality | None = None
     measured_ns: int | None = None
-    #: Doubts that have begun and not ended, with when each was last had.
+    #: Rejections that have begun and not ended, and when each last occurred.
     rejected_ns: dict[Quality, int] = field(default_factory=dict)
 
     def begin_anew(self) -> None:
-        """What was told is too old: the next pulse is the first one."""
+        """The estimate has expired: the next pulse counts as the first."""
         self.log_ohm = self.last_log_ohm = self.tau_us = self.measured_ns = None
         self.early_log_ohm = self.last_early_log_ohm = None
         self.last_step = 0.0
 
     def is_news(self, quality: Quality | None, now_ns: int) -> bool:
-        """Whether a doubt begins with it. One ends with a pulse that is believed, when it has not
-        been had for a while: what is doubted now and then is one episode.
+        """Whether a rejection begins. It ends with an accepted pulse when it has not occurred for a
+        while: rejections now and then are one episode.
         """
         if quality is not None:
             is_news = quality not in self.rejected_ns
@@ -110,7 +110,7 @@ class _Skin:
         return False
 
     def note_step(self, step: float, now_ns: int) -> None:
-        """One more step of the logarithm; it turns where the one before went the other way."""
+        """Take a step of the logarithm; a step against the one before is a reversal."""
         before, self.last_step = self.last_step, step
         turned = min(abs(step), abs(before)) if step * before < 0.0 else 0.0
         if turned > _FLICKER:
@@ -121,14 +121,14 @@ class _Skin:
 
 
 class Samples(msgspec.Struct, frozen=True):
-    """What one pulse's words brought back; `end_v` is None where it was too short."""
+    """The samples of a pulse; `end_v` is None where the pulse was too short."""
 
     commanded_ua: int
     width_us: float
     resting_v: float
     early_v: float
     end_v: float | None
-    #: What a probe in the same visit came to; 0.0: none went before, or it was not believed.
+    #: The voltage of the probe directly before the pulse; 0.0: there was none, or it was rejected.
     probed_v: float = 0.0
 
 
@@ -140,30 +140,30 @@ class ImpedanceMap:
         self._compliance_v = source.compliance_v
         self._resting_tolerance_v = (_STILL_CODES + 0.5) * source.node_uv_per_code / 1e6
         self._electrodes = electrodes
-        #: Somebody compares with a reference that short pulses told.
+        #: A stabilizer compares with a reference that short pulses measured.
         self.is_early_wanted = False
         self.reset()
 
     def reset(self) -> None:
-        """The supply was off: whoever touched may have gone."""
+        """The supply was off: any contact may have changed."""
         self._skins = [_Skin() for _ in range(self._electrodes)]
 
     def skin_ohm(self, electrode: int, now_ns: int) -> float | None:
-        """Rs + Rp, filtered; None where unknown, too old or not believed."""
+        """Rs + Rp, filtered; None where unknown, expired or rejected."""
         skin = self._skins[electrode]
         if skin.log_ohm is None or skin.quality is not None or is_stale(skin.measured_ns, now_ns):
             return None
         return math.exp(skin.log_ohm)
 
     def early_ohm(self, electrode: int, now_ns: int) -> float | None:
-        """The same as estimated from early samples alone, with the assumed time constant."""
+        """Rs + Rp as estimated from early samples alone, with the assumed time constant."""
         skin = self._skins[electrode]
         if skin.early_log_ohm is None or self.skin_ohm(electrode, now_ns) is None:
             return None
         return math.exp(skin.early_log_ohm)
 
     def last_early_ohm(self, electrode: int, now_ns: int) -> float | None:
-        """The same of the last pulse alone."""
+        """The early estimate of the last pulse alone."""
         skin = self._skins[electrode]
         if skin.last_early_log_ohm is None or self.skin_ohm(electrode, now_ns) is None:
             return None
@@ -174,24 +174,24 @@ class ImpedanceMap:
         return self._skins[electrode].is_estimated
 
     def is_expired(self, electrode: int, now_ns: int) -> bool:
-        """Whether there is a resistance that would be believed if it were newer."""
+        """Whether there is a resistance that would be accepted if it were newer."""
         skin = self._skins[electrode]
         is_there = skin.log_ohm is not None and skin.quality is None
         return is_there and is_stale(skin.measured_ns, now_ns)
 
     def last_ohm(self, electrode: int) -> float | None:
-        """Rs + Rp of the last pulse alone, however old; None where unknown or not believed."""
+        """Rs + Rp of the last pulse alone, however old; None where unknown or rejected."""
         skin = self._skins[electrode]
         if skin.last_log_ohm is None or skin.quality is not None:
             return None
         return math.exp(skin.last_log_ohm)
 
     def at_ua(self, electrode: int) -> int:
-        """The current that it was last measured with."""
+        """The current of the last measurement."""
         return self._skins[electrode].at_ua
 
     def capacitance_nf(self, electrode: int, now_ns: int) -> float | None:
-        """Cp, where a pulse was wide enough to tell."""
+        """Cp, where a pulse was wide enough to measure it."""
         return self._capacitance_nf(electrode, self.skin_ohm(electrode, now_ns))
 
     def reported_ohm_nf(self, electrode: int, now_ns: int) -> tuple[int | None, float | None]:
@@ -211,7 +211,7 @@ class ImpedanceMap:
         return skin.tau_us * 1e3 * (1.0 / parallel_ohm + 1.0 / way_ohm)
 
     def update(self, electrode: int, samples: Samples, now_ns: int) -> Quality | None:
-        """What one stimulus pulse says. Returns why it is not believed, when that begins."""
+        """Take the samples of a stimulus pulse. Returns why they are rejected, when that begins."""
         skin = self._skins[electrode]
         if is_stale(skin.measured_ns, now_ns):
             skin.begin_anew()
@@ -221,9 +221,9 @@ class ImpedanceMap:
     def is_adc_suspect(
         self, resting_v: float, early_v: float, last_v: float, probed_v: float = 0.0
     ) -> bool:
-        """Whether what was sampled before a pulse, early in it and last is of an ADC that stands
-        still (on zero it only tells no skin), or of a node that was not at rest, by more than what
-        a probe came to that went directly before.
+        """Whether the samples before a pulse, early in it and last come from a stuck ADC (stuck at
+        zero, it only shows no skin), or from a node that was not at rest, beyond the voltage of a
+        probe directly before.
         """
         moved_v = max(abs(early_v - resting_v), abs(last_v - resting_v))
         stands_still = resting_v > 0.0 and moved_v < self._resting_tolerance_v
@@ -252,7 +252,7 @@ class ImpedanceMap:
         return "flicker" if skin.is_flickering else None
 
     def _log_ohm(self, commanded_ua: int, end_v: float) -> float | None:
-        """None for what no skin has."""
+        """The logarithm of the resistance; None where no skin has it."""
         through_ua = commanded_ua - end_v / self._leak_ohm * 1e6
         if through_ua <= 0.02 * commanded_ua:
             return None
@@ -263,19 +263,19 @@ class ImpedanceMap:
         return samples.commanded_ua / 1e6 / (1.0 / SERIES_OHM + 1.0 / self._leak_ohm)
 
     def _estimated_v(self, samples: Samples, tau_us: float) -> float:
-        """Where the node would come to rest, by the early sample alone."""
+        """The voltage at which the node would settle, by the early sample alone."""
         left = math.exp(-EARLY_US / tau_us)
         return (samples.early_v - self._series_v(samples) * left) / (1.0 - left)
 
     def _end_v(self, skin: _Skin, samples: Samples) -> float:
-        """Where the node would come to rest."""
+        """The voltage at which the node would settle."""
         if samples.end_v is None:
             return self._estimated_v(samples, skin.tau_us or ASSUMED_TAU_US)
         series_v = self._series_v(samples)
         late = (samples.width_us - BEFORE_END_US) / EARLY_US
         end_v = samples.end_v
         if not series_v < samples.early_v < end_v:
-            # A plain resistor, or one that the series part hides.
+            # A plain resistor, or a capacitance that the series part hides.
             return end_v
         left = 0.0
         for _ in range(4):
@@ -288,13 +288,13 @@ class ImpedanceMap:
 
 
 def _weight(before_ns: int | None, now_ns: int) -> float:
-    """Of a new value: more where pulses are rare, since it is with time that skin changes."""
+    """The weight of a new value: more where pulses are rare, since skin changes with time."""
     elapsed_ns = now_ns - (now_ns if before_ns is None else before_ns)
     return max(_WEIGHT, 1.0 - math.exp(-elapsed_ns / _TAU_NS))
 
 
 def _mean(before: float | None, log_ohm: float, weight: float) -> float:
-    """Of logarithms; a step restarts it."""
+    """The mean of logarithms; a step restarts it."""
     if before is None or abs(log_ohm - before) > _STEP:
         return log_ohm
     return before + weight * (log_ohm - before)

@@ -1,23 +1,23 @@
-"""A weak probe directly before a pulse, in the same visit: what has changed since the last one.
+"""A weak probe directly before a pulse: what has changed since the pulse before.
 
-Owns: the probe of the visit before of each electrode, the comparison with it, when a probe is not
-to be believed, and what skin resistance it makes expected of the pulse to come.
+Owns: the last probe of each electrode, the comparison with it, when a probe is rejected, and the
+skin resistance that it predicts for the pulse to come.
 Must not know: what follows from it, limits, ledgers, clocks: time comes in.
 
 Skin resists a weak current far more than a stimulus (van Boxtel 1977), so what a probe measures is
-never taken for the skin's resistance. What counts is its ratio to the probe of the visit before,
-whose stimulus pulse has told `skin_ohm`: both probes see the same skin at the same current, and a
-contact that shrinks by half doubles both resistances. So
+never taken for the skin's resistance. What counts is its ratio to the probe before, whose stimulus
+pulse has measured `skin_ohm`: both probes see the same skin at the same current, and a contact that
+shrinks by half doubles both resistances. So
 
     expected skin_ohm = that of the last pulse x (probe now / probe then)
 
-Only a rise counts: a resistance that a probe says has fallen waits for the pulse to confirm it. A
-ratio within `RISEN` of 1 is what pulses see of each other anyhow, and tells nothing. Above `PEELED`
-the contact has shrunk and is soft; above the board's open-circuit signature it is open.
+Only a rise counts: a fall waits for the pulse to confirm it. A ratio within `RISEN` of 1 is within
+what pulses vary, and says nothing. Above `PEELED` the contact has shrunk and is soft; above the
+board's open-circuit signature it is open.
 
-After a pause that outlasts what is believed, the probe is the only one who can tell. Up to `PEELED`
-it sees the contact that was there before, whoever may have lifted and come back; and `expected` is
-what is known then. Without a probe to compare with, the contact is a new one.
+After a pause longer than MAX_AGE_NS only the probe can tell whether the contact is the one from
+before. Up to `PEELED` it is, even if the finger has lifted and come back; `expected` is then the
+estimate. Without a probe to compare with, the contact is a new one.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from etd.stabilize.max_age import MAX_SKIN_OHM
 from etd.stabilize.pipeline import PulseRequest
 from etd_hal.board import Pulse, PulseResult
 
-#: A rise by less is not answered before the pulse has confirmed it.
+#: A smaller rise has no effect before the pulse has confirmed it.
 RISEN = 1.05
 
 
 @dataclass(frozen=True, slots=True)
 class _ProbeSample:
-    """What one probe measured; comparable to another only at the same current and width."""
+    """The measurement of a probe; comparable to another only at the same current and width."""
 
     commanded_ua: int
     width_us: float
@@ -55,16 +55,16 @@ class PreProbe:
         self.reset()
 
     def reset(self) -> None:
-        """The supply was off: whoever touched may have gone."""
-        #: Of the last visit whose pulse was fired; and of the visit under way.
+        """The supply was off: any contact may have changed."""
+        #: The probe before the last fired pulse, and the probe of the pulse to come.
         self._then: list[_ProbeSample | None] = [None] * self._electrodes
         self._now: list[_ProbeSample | None] = [None] * self._electrodes
         self._is_doubted = [False] * self._electrodes
 
     @staticmethod
     def probe_of(scheduled: ScheduledPulse, given: PulseRequest) -> PulseRequest | None:
-        """What goes before a pulse that the limits let through: nothing before one that is as weak
-        as a probe itself. It is within every limit that the pulse was held to.
+        """The probe before a pulse that the limits let through; None before a pulse as weak as a
+        probe. A probe is within every limit that the pulse was held to.
         """
         probe = scheduled.probe
         if probe is None or given.current_ua <= probe.current_ua:
@@ -72,9 +72,9 @@ class PreProbe:
         return probe
 
     def update(self, electrode: int, probe: Pulse, result: PulseResult) -> bool:
-        """What a probe says. Returns True when it is not believed, as that begins: a node that was
-        not at rest before it, or that it does not move (the ADC stands still, or is not the
-        node's). What was seen before is then compared with nothing any more.
+        """Take the measurement of a probe. Returns True when a rejection begins: the node was not
+        at rest before the probe, or does not move with it (the ADC is stuck, or reads another
+        node). The last probe is then dropped.
         """
         was_doubted = self._is_doubted[electrode]
         self._is_doubted[electrode] = self._impedance.is_adc_suspect(
@@ -102,7 +102,7 @@ class PreProbe:
         return False
 
     def expected_ohm(self, electrode: int, now_ns: int) -> float | None:
-        """What the skin will resist the pulse to come; None where it is what is known of it."""
+        """The predicted skin resistance of the pulse to come; None where the estimate holds."""
         risen, skin_ohm = self._risen(electrode), self._impedance.last_ohm(electrode)
         if skin_ohm is None or risen is None:
             return None
@@ -111,17 +111,17 @@ class PreProbe:
         return min(skin_ohm * risen, MAX_SKIN_OHM)
 
     def probed_v(self, electrode: int) -> float:
-        """What the probe of the visit under way came to; 0.0 where it was not believed."""
+        """The voltage of the probe before the pulse to come; 0.0 where it was rejected."""
         seen = self._now[electrode]
         return 0.0 if seen is None else seen.voltage_v
 
     def was_followed(self, electrode: int) -> None:
-        """The pulse was fired: it and its probe are what the next probe is compared with."""
+        """The pulse was fired: the next probe is compared with its probe."""
         if self._now[electrode] is not None:
             self._then[electrode] = self._now[electrode]
 
     def _risen(self, electrode: int) -> float | None:
-        """Probe over probe; None where they cannot be compared."""
+        """The resistance of this probe over the last one's; None where they cannot be compared."""
         now, then = self._now[electrode], self._then[electrode]
         if now is None or then is None or then.ohm <= 0.0:
             return None

@@ -4,8 +4,8 @@ Owns: the rail and the pressure under the array, read over I2C in a thread of th
 stuck bus can block for a second. A stale value is unknown.
 Must not know: states, frames, what follows from a value.
 
-The sensors may share a chip, and a chip has one converter: they take turns, and what is read is the
-conversion that this very sensor began, or an error.
+The sensors may share a chip, and a chip has one converter: they convert in turn, and each reads the
+conversion that it began, or an error.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from etd_hal.boardfile import BoardFile
 from etd_hal.chips import ads1115, mcp4725
 from etd_hal.ports import Clock, I2c
 
-#: A value older than this says nothing.
+#: A value older than this is unknown.
 STALE_NS = 500_000_000
-#: What was wrong for a moment is told for so long, so that a report each second does not miss it.
+#: A momentary problem is reported for so long, so that a report each second does not miss it.
 TOLD_NS = 2_000_000_000
 _PERIOD_S = 0.02
 _CONVERSION_S = ads1115.CONVERSION_NS / 1e9
 
 
 class _Conversion:
-    """Of one input of an ADS1115: begun, and asked for until it is there."""
+    """A conversion of one ADS1115 input: begun, and polled until it is done."""
 
     def __init__(self, i2c: I2c, address: int, channel: int, clock: Clock) -> None:
         self._i2c = i2c
@@ -88,7 +88,7 @@ class RailSensor:
         return latest[0]
 
     def begin(self) -> None:
-        """Set the rail (once), start a conversion. Never raises; `problem` tells."""
+        """Set the rail (once), start a conversion. Never raises; see `problem`."""
         if self._i2c is None:
             return
         try:
@@ -101,9 +101,7 @@ class RailSensor:
             self._lost(error)
 
     def end(self) -> bool:
-        """Read the conversion that was begun, if one was; False while it lasts: ask again. Never
-        raises.
-        """
+        """Read the conversion under way, if any; False while it lasts: call again. Never raises."""
         conversion, monitor = self._conversion, self._monitor
         if conversion is None or monitor == "absent" or not conversion.is_begun:
             return True
@@ -152,7 +150,7 @@ class PressureSensors:
         return latest[0]
 
     def is_dead(self, electrode: int, now_ns: int) -> bool:
-        """There is a sensor, and it says nothing."""
+        """There is a sensor, and it has no valid reading."""
         return self._of_electrode[electrode] is not None and self.kpa(electrode, now_ns) is None
 
     def kpa_of_all(self, now_ns: int) -> tuple[float | None, ...]:
@@ -163,12 +161,12 @@ class PressureSensors:
         return tuple(None if value is None else round(value, 1) for value in kpa)
 
     def problems(self, now_ns: int) -> dict[str, str]:
-        """Which sensor says nothing, and why; also what was so within the last TOLD_NS."""
+        """The sensors without a valid reading, and why; also those of the last TOLD_NS."""
         why = {sensor: self._why_silent(sensor, now_ns) for sensor in range(len(self._sensors))}
         return {_name(sensor, self._sensors[sensor]): told for sensor, told in why.items() if told}
 
     def begin(self, sensor: int) -> None:
-        """Start a conversion. Never raises; `problems` tells."""
+        """Start a conversion. Never raises; see `problems`."""
         conversion = self._conversions[sensor]
         if conversion is None:
             return
@@ -178,8 +176,8 @@ class PressureSensors:
             self._lost(sensor, str(error))
 
     def end(self, sensor: int) -> bool:
-        """Read the conversion of this sensor, if one was begun; False while it lasts: ask again.
-        Never raises.
+        """Read this sensor's conversion, if it was begun; False while it lasts: call again. Never
+        raises.
         """
         conversion, pressure_sensor = self._conversions[sensor], self._sensors[sensor]
         if conversion is None or not conversion.is_begun:
@@ -207,7 +205,7 @@ class PressureSensors:
         self._wrong[sensor] = (why, self._clock.now_ns())
 
     def _why_silent(self, sensor: int, now_ns: int) -> str:
-        """Empty for one that is well."""
+        """Empty for a sensor that works."""
         latest, wrong = self._latest[sensor], self._wrong[sensor]
         if wrong is not None and (latest is None or now_ns - wrong[1] <= TOLD_NS):
             return wrong[0]
@@ -222,7 +220,7 @@ def _name(index: int, sensor: PressureSensor) -> str:
 
 
 class SensorCycle:
-    """Who converts: the rail's monitor and the sensors after one another, each until it is done."""
+    """The order of conversions: the rail's monitor, then each sensor, each until it is done."""
 
     def __init__(self, rail: RailSensor, pressure: PressureSensors) -> None:
         sensors = range(pressure.count)
@@ -234,8 +232,8 @@ class SensorCycle:
         self._is_begun = False
 
     def step(self) -> bool:
-        """Begin a conversion, or ask for the one under way. True when the last of a round is over:
-        then nothing is under way.
+        """Begin a conversion, or poll the one under way. True when the last of a round is over:
+        then no conversion is under way.
         """
         if not self._is_begun:
             self._begin[self._at]()
@@ -250,7 +248,7 @@ class SensorCycle:
 
 
 class SensorThread(threading.Thread):
-    """Reads until told to end. Waiting paces it; whether a conversion is over says the chip."""
+    """Reads until `end` is called. Waiting paces it; the chip says when a conversion is over."""
 
     def __init__(self, rail: RailSensor, pressure: PressureSensors) -> None:
         super().__init__(name="etd-sensors", daemon=True)
