@@ -40,7 +40,7 @@ _ONLY: dict[Guest, tuple[str, ...]] = {
     "x86": ("check_kills.py", "check_hog.py", "check_fade.py"),
     "uml": (
         *("check_scene.py", "check_selftest.py", "check_unplugged.py", "check_refusals.py"),
-        *("check_missing.py", "check_understudy.py"),
+        *("check_missing.py", "check_kill_test_process.py"),
     ),
     "service": ("check_service.py", "check_service_kills.py"),
     "service-x86": ("check_service.py", "check_service_kills.py"),
