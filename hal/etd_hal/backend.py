@@ -1,4 +1,4 @@
-"""What a program that drives a board is handed: its ports, and how to let go of them.
+"""The ports of a board as a program gets them, and how to close them.
 
 Owns: the two types. It opens nothing and imports neither `linux` nor `fake`; `compose` makes them.
 Must not know: how ports are opened, frames, people.
@@ -27,11 +27,11 @@ def _no_urgent_thread(_priority: int) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Backend:
-    """The ports of one board, and how to let go of them.
+    """The ports of a board, and how to close them.
 
-    What happens on the board is timed with `clock`. What counts from a message of somebody else
+    What happens on the board is timed with `clock`. What counts from a message of another process
     (a frame's ttl, the lease, the gateway's silence) is timed with `host_clock`, the machine's
-    CLOCK_MONOTONIC, which the others read too. With a real board they are one clock; a fake's own
+    CLOCK_MONOTONIC, which all processes read. With a real board they are one clock; a fake's own
     may lag behind its machine's.
 
     Raises: ValueError, for a real board with two clocks or with longer timeouts.
@@ -45,11 +45,12 @@ class Backend:
     marker: Marker
     close: Callable[[], None]
     host_clock: Clock = field(kw_only=True)
-    #: A fake's ttl, lease and gateway's silence last so many times as long.
+    #: On a fake board a frame's ttl, the lease and the gateway's silence last so many times as
+    #: long.
     timeout_factor: int = 1
-    #: What is worth knowing of the machine, a sentence each.
+    #: Facts of the machine, a sentence each.
     facts: tuple[str, ...] = ()
-    #: Which machine of its model this is, as a digest; "" where nothing tells them apart.
+    #: A digest that identifies the machine among its model; "" where there is none.
     identity: str = ""
     #: What a modelled body has felt since the last call; None where there is no such body, and on
     #: real hardware always.
@@ -67,10 +68,10 @@ class Backend:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A board as a self-test wants it: the ports, the machine, and (the fake's) hand."""
+    """A board as the self-test needs it: the ports, the machine, and the fake's operator."""
 
     backend: Backend
     host: Host
-    #: None where a person stands at the board.
+    #: None where a person operates the board.
     operator: Operator | None
     kill_test_process: KillTestProcess

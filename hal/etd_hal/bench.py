@@ -1,4 +1,4 @@
-"""What a self-test needs beside the ports: the machine under the board, and somebody's hand.
+"""What the self-test needs beside the ports: the machine under the board, and an operator.
 
 Owns: the contracts of both, kept by the kernel's side and by the fake.
 Must not know: what is tested, which backend there is.
@@ -16,19 +16,19 @@ StopName = Literal["emergency_stop", "wearer_stop"]
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How the machine is now; None for what its kernel does not tell."""
+    """The state of the machine now; None for what its kernel does not report."""
 
     temperature_c: float | None
     is_throttled: bool | None
     is_under_voltage: bool | None
-    #: At any time since it was started, or since somebody had the firmware forget it.
+    #: At any time since the start, or since the firmware's record was cleared.
     was_throttled: bool | None = None
     was_under_voltage: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Obtained:
-    """What the calling thread and its process really have of real time, asked of the kernel."""
+    """The real-time settings that the calling thread and its process have, read from the kernel."""
 
     policy: str
     priority: int
@@ -41,41 +41,41 @@ class Obtained:
 
 @dataclass(frozen=True, slots=True)
 class Timekeeping:
-    """What the machine's clocks are worth."""
+    """The quality of the machine's clocks."""
 
-    #: What the kernel counts by.
+    #: The kernel's clock source.
     source: str
-    #: Of CLOCK_MONOTONIC, by which everything is timed.
+    #: The resolution of CLOCK_MONOTONIC, which times everything.
     resolution_ns: int
-    #: Of many readings of it in a row, each less the one before: the smallest.
+    #: The smallest difference between two readings in a row, of many.
     least_step_ns: int
     #: The date that goes into reports.
     now: datetime.datetime
-    #: The program was installed then: it cannot be earlier.
+    #: When the program was installed: the date cannot be earlier.
     not_before: datetime.datetime
-    #: Whether the kernel's clock follows another's (NTP); None where it does not tell.
+    #: Whether the kernel's clock is synchronized (NTP); None where the kernel does not report it.
     is_synchronized: bool | None
 
 
 class Host(Protocol):
-    """The machine that the board hangs on."""
+    """The machine that drives the board."""
 
     def packages(self) -> Mapping[str, str | None]:
         """The version of each Python package that the backend needs; None where it is missing."""
         ...
 
     def problem(self) -> str | None:
-        """Why the machine file cannot stand for this machine, with what to do."""
+        """Why the machine file does not fit this machine, with what to do."""
         ...
 
     def facts(self) -> tuple[str, ...]:
-        """What is worth keeping with a report, a sentence each."""
+        """Facts to keep with a report, a sentence each."""
         ...
 
     def health(self) -> Health: ...
 
     def free_memory_kb(self) -> int | None:
-        """What can be had without swapping; None for what its kernel does not tell."""
+        """Memory available without swapping; None where the kernel does not report it."""
         ...
 
     def timekeeping(self) -> Timekeeping: ...
@@ -85,33 +85,35 @@ class Host(Protocol):
         ...
 
     def set_up_realtime(self, priority: int, core: int | None) -> tuple[str, ...]:
-        """For the calling thread; a sentence for each thing that was not granted."""
+        """Make the calling thread real-time. Returns a sentence for each thing that was not
+        granted.
+        """
         ...
 
     def obtained(self) -> Obtained:
-        """After `set_up_realtime`, by the same thread."""
+        """Called after `set_up_realtime`, by the same thread."""
         ...
 
 
 class KillTestProcess(Protocol):
-    """A process in the program's place, there to be killed."""
+    """A process that takes the program's place, to be killed."""
 
     def take_over(self) -> None:
-        """Give the lines up; on return it holds the outputs, with the supply on (where there is an
-        enable line) and the heartbeat going on. Raises: BusError.
+        """Hand the lines over; on return the process drives the outputs, with the supply on (where
+        there is an enable line) and the heartbeat running. Raises: BusError.
         """
         ...
 
     def kill(self) -> float:
-        """SIGKILL; after how many ms it held nothing any more."""
+        """Send SIGKILL. Returns after how many ms the process held no line any more."""
         ...
 
     def levels(self) -> Mapping[int, int]:
-        """What each output line reads while nobody drives it. Raises: BusError."""
+        """The level of each output line while no process drives it. Raises: BusError."""
         ...
 
     def step_back(self) -> None:
-        """End it, if it is still there; the lines are the program's again, at harmless levels.
+        """End the process, if it still runs, and take the lines back at harmless levels.
 
         Raises: BusError.
         """
@@ -119,14 +121,14 @@ class KillTestProcess(Protocol):
 
 
 class Operator(Protocol):
-    """Who stands at the board and does what is asked; each call returns at once."""
+    """The operator at the board, who does what is asked; each call returns at once."""
 
     def press(self, stop: StopName) -> None:
         """Press a stop and release it."""
         ...
 
     def hold(self, stop: StopName) -> None:
-        """Press a stop, and keep it pressed until it may be let go of."""
+        """Press a stop, and keep it pressed until `let_go`."""
         ...
 
     def let_go(self, stop: StopName) -> None:
@@ -140,9 +142,9 @@ class Operator(Protocol):
         ...
 
     def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
-        """Hear that the load was asked for at one electrode, and that others answer."""
+        """Report that the load was requested at electrode `asked`, and that `found` measure it."""
         ...
 
     def stand_back(self) -> None:
-        """Hands off: what comes next can be felt."""
+        """Do not touch the board: what comes next can be felt."""
         ...

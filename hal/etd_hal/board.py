@@ -1,7 +1,7 @@
 """One board file made live: select, fire, discharge, supply, heartbeat, stop lines, safe_off.
 
-Owns: the order of the calls of one visit, the rest after it, and the way to the safe state.
-Must not know: frames, limits of persons, what an electrode means to anybody; only output numbers.
+Owns: the order of the calls of a pulse, the rest after it, and the way to the safe state.
+Must not know: frames, limits of persons, electrodes: it knows output numbers only.
 
 Everything that fires goes through the guard's ports. `safe_off`, `blank_now` and `cut_off` use the
 bare ports: they can only switch off, and must work when the guard's picture is lost.
@@ -31,8 +31,8 @@ from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
 
 #: The stopper acts when a message is this much over its plan.
 OVERDUE_NS = 1_000_000
-#: Pulses that are kept, each with all that was made of its message (some 5 kB); then the oldest
-#: goes, and with it what was made.
+#: How many pulses are kept, each with all that was made of its message (some 5 kB); beyond that the
+#: oldest is dropped.
 _MAX_REMEMBERED = 2_048
 #: With the DAC at zero the node drains through the leak within microseconds.
 _IDLE_NODE_V = 5.0
@@ -40,8 +40,8 @@ _IDLE_NODE_V = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """One phase, ready to be sent; `commanded_ua` is what its code tells the source, `prepulse_ua`
-    what the code before it does (0: there is none).
+    """A phase, ready to be sent; `commanded_ua` is the current of its code, `prepulse_ua` that of
+    the code before it (0: there is none).
     """
 
     commanded_ua: int
@@ -49,17 +49,17 @@ class Pulse:
     shape: Shape
     message: Message
     planned_ns: int
-    #: Its width, in hundredths at the finest, as it is told.
+    #: Its width as reported, rounded to hundredths.
     commanded_us: float
     prepulse_ua: int = 0
 
 
 class PulseResult(msgspec.Struct, frozen=True):
-    """What came back from one phase.
+    """The result of a phase.
 
-    `baseline_v` is the node's before the pulse, `early_v` 10 us after its beginning, `voltage_v`
-    near its end, or the early one again where the pulse is too short for an end sample.
-    `excess_ns` is what the call took over its plan.
+    `baseline_v` is the node's voltage before the pulse, `early_v` 10 us after its beginning,
+    `voltage_v` near its end, or the early one again where the pulse is too short for an end sample.
+    `excess_ns` is by how much the call was longer than planned.
     """
 
     begun_ns: int
@@ -82,7 +82,7 @@ class Board:
         clock: Clock,
         cut: CutLatch | None = None,
     ) -> None:
-        """`cut` is shared with the stopper; None: nothing cuts beside this thread."""
+        """`cut` is shared with the stopper; None: there is no stopper."""
         self.file = file
         self.machine = machine
         self._clock = clock
@@ -117,8 +117,8 @@ class Board:
 
     def pulse(self, current_ua: int, width_us: int, prepulse: Prepulse | None = None) -> Pulse:
         """The largest code not above `current_ua`, the widest shape not above `width_us`; and the
-        same of a prepulse. One that is not a step of the DAC below its pulse, or has no current,
-        is left out: the rest is what it would be without it.
+        same for a prepulse. A prepulse that is not a DAC step below its pulse, or has no current,
+        is left out: the pulse is then what it would be without.
         """
         key = (current_ua, width_us, prepulse)
         pulse = self._pulses.get(key)
@@ -137,14 +137,14 @@ class Board:
         else:
             shape = self.timing.two_steps(prepulse.width_us, width_us)
         message = pulse_message(code, shape, before)
-        # Here, because a pulse is chosen while the one before it rests.
+        # Prepared here, because a pulse is chosen while the one before it rests.
         self.guard.spi.prepare(message)
         planned_ns = int(shape.duration_us * 1_000)
         commanded_us = round(shape.width_us, 2)
         return Pulse(commanded_ua, code, shape, message, planned_ns, commanded_us, before_ua)
 
     def _code(self, current_ua: int) -> tuple[int, int]:
-        """The code for a current, and what it tells the source."""
+        """The DAC code for a current, and the current it commands."""
         source = self.file.source
         code = ad5452.code_for(current_ua, source.full_scale_ua, source.codes)
         return code, int(ad5452.current_of(code, source.full_scale_ua, source.codes))
@@ -159,8 +159,9 @@ class Board:
         return self._timing
 
     def calibrate(self, meanwhile: Callable[[], None] = lambda: None) -> Timing:
-        """Time messages at DAC code 0 on this machine, and check. `meanwhile` is called before
-        each: it takes some 20 ms in all, and a heartbeat may be due. Raises: BoardFault, BusError.
+        """Time messages at DAC code 0 on this machine, and check the result. `meanwhile` is called
+        before each message: all of them take some 20 ms, and a heartbeat may be due. Raises:
+        BoardFault, BusError.
         """
 
         def duration_ns(message: Message) -> int:
@@ -177,8 +178,8 @@ class Board:
         return math.ceil(self.timing.word_us)
 
     def widest_us(self, prepulse_us: int = 0) -> int:
-        """The widest pulse that the guard lets pass on this machine, its worst case included, with
-        such a prepulse as part of it.
+        """The widest pulse that the guard lets pass on this machine in its worst case, with such a
+        prepulse included.
 
         At most the board's own maximum. Raises: BoardFault before the first calibration, or if
         there is none at all.
@@ -190,7 +191,7 @@ class Board:
         raise BoardFault("widest pulse", "none that the guard lets pass", "one word at least")
 
     def _form(self, prepulse_us: int, width_us: int) -> Message:
-        """A message of this shape; its codes do not matter."""
+        """A message of this shape, with any code."""
         if not prepulse_us:
             return pulse_message(1, self.timing.shape(width_us))
         return pulse_message(2, self.timing.two_steps(prepulse_us, width_us), 1)
@@ -199,7 +200,7 @@ class Board:
         self.guard.spi.transfer(message)
         return self.guard.spi.ended_ns - self.guard.spi.begun_ns
 
-    # --- one visit -------------------------------------------------------------------------
+    # --- one pulse -------------------------------------------------------------------------
 
     def prepare(self, selection: Selection, whole: bool = False) -> None:
         """During the rest before: shift the next selection in. Raises: BusError, BoardFault."""
@@ -225,8 +226,9 @@ class Board:
         *,
         is_blanked: bool = False,
     ) -> PulseResult:
-        """Send one phase; the limits let `current_ua` for `width_us` through, `prepulse` before
-        it, and no more. `is_blanked`: a probe after `release`, which must reach nobody.
+        """Send one phase; the limits let through `current_ua` for `width_us`, with `prepulse`
+        before it, and no more. `is_blanked`: a probe after `release`, which must reach no
+        electrode.
 
         Raises: GuardRefusal (nothing was sent); BusError (make safe at once); BoardFault (what
         came back is no sample; or the outputs are cut off, and nothing was sent).
@@ -253,12 +255,12 @@ class Board:
         )
 
     def discharge(self) -> None:
-        """All together on ground, for at least the board's rest from now on."""
+        """All electrodes on ground, for at least the board's rest from now on."""
         self.switch.discharge()
         self._rest_until_ns = self._clock.now_ns() + self._rest_ns
 
     def release(self) -> None:
-        """After the last visit of a scan: wait out the rest, leave nothing connected."""
+        """After the last pulse of a scan: wait out the rest, leave nothing connected."""
         if self.switch.can_choose_returns:
             self._clock.sleep_until_ns(self._rest_until_ns)
         self.switch.release()
@@ -267,14 +269,14 @@ class Board:
 
     @property
     def is_supply_on(self) -> bool:
-        """Whether it may be on: from asking for it on, until a call has switched it off (always,
-        where the board has no enable line).
+        """Whether the supply may be on: from the call that requests it until a call has switched it
+        off (always, where the board has no enable line).
         """
         return self._is_supply_on
 
     def supply_on(self) -> None:
         """Where the board has an enable line. Raises: BusError."""
-        # Before the call: one that fails may have moved the line.
+        # Before the call: a call that fails may have moved the line.
         self._is_supply_on = True
         enable = self.file.guards.hv_enable
         if enable != "absent":
@@ -296,7 +298,7 @@ class Board:
 
     @property
     def heartbeat_level(self) -> int:
-        """Where the last beat left the line."""
+        """The level at which the last beat left the line."""
         return self._heartbeat_level
 
     def sync(self) -> bool:
@@ -309,7 +311,7 @@ class Board:
         return True
 
     def stops(self) -> dict[StopName, bool]:
-        """For each stop line there is: whether it is open (pressed, or unplugged)."""
+        """For each stop line: whether it is open (pressed, or unplugged)."""
         lines = self._stop_lines.items()
         return {name: self._bare_gpio.get(line) == 0 for name, line in lines}
 
@@ -327,14 +329,14 @@ class Board:
     # --- the safe state --------------------------------------------------------------------
 
     def blank_now(self) -> None:
-        """The GPIO half of `safe_off`: one call. Any thread may make it, an SPI message under way
-        or not. Raises: BusError.
+        """The GPIO half of `safe_off`: one call, which any thread may make, also during an SPI
+        message. Raises: BusError.
         """
         self._bare_gpio.set(self._safe_changes)
 
     def cut_off(self) -> None:
-        """What the stopper does beside the thread that drives the board: from its mark on nothing
-        moves a line or fires until `safe_off` has completed. Raises: BusError, the mark being set.
+        """Called by the stopper: once the mark is set, no call moves a line or fires until
+        `safe_off` has completed. Raises: BusError; the mark is set then too.
         """
         # In this order: see `cutlatch`.
         self.cut.is_cut = True
@@ -344,12 +346,12 @@ class Board:
         """Outputs off, DAC at zero, nothing selected, and verified. Never raises.
 
         Returns what did not work, as sentences; every step is tried even if one before it failed.
-        Without any such, a cut is over. The caller may still be in the middle of a visit.
+        If all steps worked, a cut is over. May be called in the middle of a pulse.
         """
         not_blanked = _tried(self.blank_now)
         if not_blanked is None:
             self._is_supply_on = self.file.guards.hv_enable == "absent"
-        # What a call that failed has made of the lines is not known.
+        # The state of the lines after a failed call is not known.
         deselect = partial(self._deselect, self._safe_changes if not_blanked is None else ())
         verify: tuple[Callable[[], None], ...] = (self._check_node, deselect)
         if self.switch.can_choose_returns:
@@ -407,7 +409,7 @@ def _stop_lines(guards: Guards) -> dict[StopName, int]:
 
 
 def _safe_changes(file: BoardFile) -> Changes:
-    """One call: the switch's lines, and the supply off. Relays cannot be opened by one call."""
+    """One call: the switch's lines, and the supply off. One call cannot open relays."""
     enable = file.guards.hv_enable
     supply: Changes = () if enable == "absent" else ((enable.line, 1 - enable.on),)
     switch = () if isinstance(file.switch, Relays) else hv507.blanked(file.switch.lines)

@@ -1,8 +1,8 @@
 """What a board file and a machine file say, checked.
 
 Owns: the schema of `config/boards/*.toml` and `config/machines/*.toml`, the rules between their
-keys, and the sentences that tell what would happen if a rule were broken.
-Must not know: how a chip is driven, who is wearing the board.
+keys, and the sentences that say what would happen if a rule were broken.
+Must not know: how a chip is driven, the person who wears the board.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ Absent = Literal["absent"]
 #: A line of the 40-pin header.
 Line = Annotated[int, Meta(ge=2, le=27)]
 I2cAddress = Annotated[int, Meta(ge=0x08, le=0x77)]
-#: Both ends of a range are bounded: infinity would switch off what compares with it.
+#: Both ends are bounded: infinity would disable any comparison with it.
 Positive = Annotated[float, Meta(gt=0, le=100_000)]
 
-#: The rail's monitor runs on 3.3 V and tells nothing above; a little less, to tell that it does.
+#: The rail's monitor runs on 3.3 V and measures nothing above; a little less, so that saturation
+#: shows.
 MONITOR_SEES_V = 0.98 * 3.3
 
-#: Header lines that a bus device has for itself, chip selects included.
+#: Header lines that a bus device uses, chip selects included.
 _BUS_LINES = {"spidev0": (7, 8, 9, 10, 11), "spidev1": (18, 19, 20, 21), "i2c-1": (2, 3)}
 #: Outputs of one chip: a chain has whole chips.
 _OUTPUTS_A_CHIP = {"HV507": 64, "HV513": 8, "74HC595": 4}
@@ -103,7 +104,7 @@ class Source(_Strict, frozen=True):
     spi: str
     mode: Literal[0, 1, 2]
     speed_hz: Annotated[int, Meta(ge=4_000_000, le=48_000_000)]
-    #: What the largest code makes; pessimistic (largest) where the board has not been measured.
+    #: The current of the largest code; pessimistic (largest) where the board has not been measured.
     full_scale_ua: Annotated[int, Meta(ge=1_000, le=50_000)]
     codes: Literal[4096]
     #: From the source's node to ground; it takes its share of every pulse.
@@ -115,7 +116,7 @@ class Source(_Strict, frozen=True):
 
 
 class BoardMaxima(_Strict, frozen=True):
-    """What this board may do to anybody. All are needed: a missing limit is a refusal."""
+    """What this board may do to any person. All are required: a missing limit is a refusal."""
 
     current_ua: Annotated[int, Meta(ge=50, le=10_000)]
     width_us: Annotated[int, Meta(ge=20, le=200)]
@@ -123,7 +124,7 @@ class BoardMaxima(_Strict, frozen=True):
     rate_hz: Annotated[int, Meta(ge=1, le=200)]
     mean_current_ua: Annotated[int, Meta(ge=1, le=120)]
     array_mean_current_ua: Annotated[int, Meta(ge=1, le=8_000)]
-    #: What may fire outside ARMED: imperceptible, for contact and self-test.
+    #: The highest current outside ARMED: imperceptible, for contact and self-test.
     probe_current_ua: Annotated[int, Meta(ge=10, le=1_000)]
     probe_width_us: Annotated[int, Meta(ge=16, le=50)]
 
@@ -170,7 +171,7 @@ class RailSetpoint(_Strict, frozen=True):
 
 
 class Guards(_Strict, frozen=True):
-    """Present (with its wiring) or absent; nothing is assumed."""
+    """Each guard is present (with its wiring) or absent; nothing is assumed."""
 
     emergency_stop: Line | Absent
     wearer_stop: Line | Absent
@@ -179,7 +180,7 @@ class Guards(_Strict, frozen=True):
     readback: Line | Absent
     heartbeat: Heartbeat | Absent
     one_shot: OneShot | Absent
-    #: A second contact of each stop breaks the supply, without any program. The self-test asks for
+    #: A second contact of each stop breaks the supply, without any program. The self-test requires
     #: it unless the file says that there is none.
     stop_cuts_supply: bool = True
 
@@ -253,8 +254,8 @@ class MachineFile(_Strict, frozen=True):
     halt_excess_us: Annotated[float, Meta(gt=0, le=2_000)]
     #: A mean deviation beyond this asks for a new calibration.
     drift_us: Positive
-    #: One GPIO set call, and the processor time of a visit: for planning; by the first the guard
-    #: knows how long a flip of the switch may take.
+    #: A GPIO set call, and the processor time of a pulse: for planning. The guard derives from the
+    #: first how long a flip of the switch may take.
     gpio_call_us: Positive
     visit_us: Annotated[float, Meta(ge=0, le=100_000)]
     #: The guard's own worst case for the two constants above: never the calibrated ones.
@@ -288,7 +289,7 @@ def load_machine(path: Path) -> MachineFile:
                 str(path),
                 f"guard_{key}",
                 f"{worst_us} is below the high end of {key} ({bounds.high})",
-                "the guard reckons with the worst case: give at least that",
+                "the guard uses the worst case: give at least that",
             )
     return machine
 

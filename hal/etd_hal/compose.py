@@ -33,21 +33,21 @@ if TYPE_CHECKING:
 
 
 class NoMarker:
-    """On real buses nobody reads remarks."""
+    """Discards marks: real buses have no trace."""
 
     def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
         pass
 
 
 class NoSpi:
-    """Where SPI cannot be opened, and the board must be made safe without it."""
+    """Stands for an SPI device that cannot be opened, so that the board is made safe without it."""
 
     def __init__(self, device: str, reason: str) -> None:
         self._device = device
         self._reason = reason
 
     def prepare(self, message: Message) -> None:
-        """There is nothing to prepare it for; `transfer` tells."""
+        """Does nothing; `transfer` raises."""
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:  # noqa: ARG002
         """Raises: BusError (absent), always."""
@@ -55,7 +55,7 @@ class NoSpi:
 
 
 def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
-    """The kernel's drivers. Raises: HardwareMissing, listing all that is missing."""
+    """Open the kernel's drivers. Raises: HardwareMissing, listing all that is missing."""
     from etd_hal.linux import open_ports
 
     return _on_kernel(*open_ports(board, machine, line_setup(board)))
@@ -87,10 +87,10 @@ def _on_kernel(spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
 
 
 def open_linux_safe(board: BoardFile) -> tuple[Backend, tuple[str, ...]]:
-    """What is there, for a board that must be made safe: its lines, and SPI if that can be had.
+    """Open what is there of a board that must be made safe: its lines, and SPI if possible.
 
     Returns the backend and a sentence for each thing that is missing; the lines are driven to
-    harmless levels already. Raises: HardwareMissing (the lines cannot be had).
+    harmless levels already. Raises: HardwareMissing (the lines cannot be opened).
     """
     from etd_hal.linux import open_to_make_safe
     from etd_hal.linux.clock import LinuxClock
@@ -123,14 +123,13 @@ def open_fake(
 ) -> Backend:
     """A fake board with a fingertip on it, in this process or behind a board process's socket.
 
-    With `positions_mm`, an (x, y) for each electrode, the fingertip lives: it changes, and tells
-    what it feels (`Backend.modelled`). Without, and in a board process, it only conducts. `stepped`
-    time passes only by being spent or slept, in one thread and without sockets; otherwise it
-    follows the real clock. A board process writes its own trace. `timeout_factor` lengthens a
-    frame's ttl, the lease and the gateway's silence, for a machine that is too busy to keep them.
-    `sensors` under the array feel the fingertip press; a board process has those that it was
-    started with. Raises: BusError (`absent` without a board process, `busy` while another client
-    has it).
+    With `positions_mm`, an (x, y) for each electrode, the fingertip is modelled: it changes, and
+    reports what it feels (`Backend.modelled`). Without, and in a board process, it only conducts.
+    `stepped` time passes only by being spent or slept, in one thread and without sockets; otherwise
+    it follows the real clock. A board process writes its own trace. `timeout_factor` lengthens a
+    frame's ttl, the lease and the gateway's silence, for a busy machine. `sensors` under the array
+    measure the fingertip's pressure; a board process has those that it was started with. Raises:
+    BusError (`absent` without a board process, `busy` while another client has it).
     """
     from etd_hal.fake.clock import LiveClock, SteppedClock
     from etd_hal.linux.clock import LinuxClock
@@ -148,9 +147,9 @@ def open_fake(
 def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
     """A real board. Raises: HardwareMissing, BusError.
 
-    Its lines are let go of once, to see what becomes of them: they are at harmless levels then.
+    Its lines are released once, to see whether they keep their levels: these are harmless then.
     """
-    # What is missing is told by this, packages included: only then are they imported.
+    # This call reports what is missing, packages included; they are imported only after it.
     open_linux(board, machine).close()
     from etd_hal.linux import open_lines, open_ports
     from etd_hal.linux.gpio import find_chip, keeps_driving
@@ -170,9 +169,9 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
 
 
 def open_fake_bench(board: BoardFile, *, electrodes: Sequence[int]) -> Bench:
-    """A fake board on a bench: nobody touches it, and a hand can put any resistor on it.
+    """A fake board on a bench: no skin touches it, and its operator can clip any resistor to it.
 
-    One thread drives it and nobody else looks at the clock, so time only steps.
+    One thread drives it and is the only reader of the clock, so time only steps.
     """
     from etd_hal.fake.board import FakeBoard
     from etd_hal.fake.clock import SteppedClock
@@ -247,7 +246,7 @@ def _open_board_process(board: BoardFile, path: Path, clock: BoardClock) -> Back
 def _on_fake(
     ports: FakePorts | RemotePorts, clock: BoardClock, close: Callable[[], None]
 ) -> Backend:
-    """The thread that drives a fake board is scheduled by the machine's own kernel."""
+    """A fake backend whose real-time settings are those of the machine's own kernel."""
     return Backend(
         "fake",
         *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close),
@@ -268,7 +267,7 @@ def set_up_realtime(priority: int, core: int | None) -> tuple[str, ...]:
 
 
 def set_up_urgent_thread(priority: int) -> str | None:
-    """Only the scheduling of the calling thread. Returns a sentence if it was not granted."""
+    """Set the scheduling of the calling thread alone. Returns a sentence if it was not granted."""
     from etd_hal.linux.realtime import scheduling
 
     return scheduling(priority)
@@ -282,7 +281,7 @@ def system_clock() -> Clock:
 
 
 def wall_time() -> datetime.datetime:
-    """UTC, for what is kept with a date."""
+    """The time in UTC, for records with a date."""
     from etd_hal.linux import clock
 
     return clock.wall_time()

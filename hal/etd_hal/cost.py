@@ -1,7 +1,7 @@
-"""How long a visit will take on this board and machine: for planning, never for limits.
+"""How long a pulse will take on this board and machine: for planning, never for limits.
 
-Owns: the sum of calls, message and rest that one visit needs, and how much of it keeps the
-processor busy. Must not know: frames, persons.
+Owns: the sum of calls, message and rest of a pulse, and the part of it in which the processor is
+busy. Must not know: frames, persons.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from etd_hal.timing import Timing
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Of one visit, in us: until the next may begin, and of that with the processor busy."""
+    """The cost of a pulse in us: until the next may begin, and the part with the processor busy."""
 
     slot_us: float
     busy_us: float
@@ -31,8 +31,8 @@ class CostModel:
         self._call_us = machine.gpio_call_us
 
     def visit(self, width_us: int, phases: int, clocks: int, probe_us: int = 0) -> Cost:
-        """A visit whose selection is `clocks` shifts away from the one before it; with a probe
-        first, after which everything is decided anew, with the current's way still connected.
+        """A pulse whose selection is `clocks` shifts away from the one before. With a probe first,
+        everything is decided anew after the probe, with the electrodes still connected.
         """
         switch = self._board.switch
         message_us = self._timing.message_us + width_us
@@ -53,15 +53,15 @@ class CostModel:
         return Cost(slot_us, slot_us - slept_us)
 
     def clocks(self, before: int, output: int) -> int:
-        """Shifts from one selection to another: on by the distance, or once around, until the one
-        before has left the chain and this one has come in.
+        """Shifts from one selection to another: the distance, or once around, until the old
+        selection has left the chain and the new one has come in.
         """
         if output >= before:
             return output - before
         return max(self._board.switch.outputs - before, output + 1)
 
     def rewrite_us(self) -> float:
-        """The whole chain, once a scan, less what fits into the rest."""
+        """Rewriting the whole chain once a scan, less the part that fits into the rest."""
         switch = self._board.switch
         if isinstance(switch, Relays):
             return 2 * 2 * switch.outputs * self._call_us

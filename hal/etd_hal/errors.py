@@ -43,7 +43,7 @@ _KIND_OF_ERRNO: dict[int, BusErrorKind] = {
     errno_names.ENXIO: "absent",
     errno_names.EPERM: "forbidden",
     errno_names.EREMOTEIO if hasattr(errno_names, "EREMOTEIO") else 121: "absent",
-    # What spidev says once its controller is gone.
+    # The error of spidev once its controller is gone.
     errno_names.ESHUTDOWN: "gone",
     errno_names.ETIMEDOUT: "timeout",
 }
@@ -53,7 +53,8 @@ class EtdError(Exception):
     """The root: every error this project raises on purpose. Its fields cross processes with it."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        # An exception is made again from its arguments, which here are not those of its class.
+        # Unpickling makes an exception from `args`, which here differ from the constructor's
+        # arguments.
         return _again, (type(self), self.args), self.__dict__
 
 
@@ -84,10 +85,10 @@ class BusError(EtdError):
 
 
 class HardwareMissing(EtdError):
-    """Everything that was missing when the hardware was opened, each with what to do about it.
+    """All that was missing when the hardware was opened, each with what to do about it.
 
-    Fields: problems; may_come: each of them may go by itself, because the system is still setting
-    its devices up.
+    Fields: problems; may_come: each problem may go away by itself, because the system is still
+    setting its devices up.
     """
 
     def __init__(self, problems: tuple[str, ...], may_come: bool = False) -> None:

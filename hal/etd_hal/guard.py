@@ -1,12 +1,13 @@
-"""The last guard: reads what is about to go out as bytes and levels, and refuses what it must.
+"""The last guard: decodes the bytes and levels about to go out, and refuses those that break a
+rule.
 
 Owns: its own decoding of DAC words, typed apart from the encoders; its own worst case for the
 timing; the rules below.
 Must not know: frames, persons, stabilizers; how a message or a selection was made.
 
 It stands between the board and the ports: `guard.spi` and `guard.gpio` are the only ports that
-`board.py` fires through. Before each pulse the engine says, as an `Approval`, what the limits let
-through; the guard compares that with what the bytes would do. The one path around it is
+`board.py` fires through. Before each pulse the engine passes an `Approval` with what the limits let
+through; the guard compares it with what the bytes would do. The only path around the guard is
 `Board.safe_off`, which can only switch off.
 
 Rules for SPI: 2-byte words with control bits 00, each under a chip select of its own, which
@@ -47,7 +48,7 @@ _TOLERANCE = 1.2
 
 @dataclass(slots=True)
 class Step:
-    """One level of a message, from its first word on, by the guard's own constants."""
+    """A level of a message, from its first word on, by the guard's own constants."""
 
     code: int
     current_ua: float
@@ -57,17 +58,17 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """What the bytes of one message would do: nothing, a pulse, or a prepulse and a pulse."""
+    """What the bytes of a message would do: nothing, a pulse, or a prepulse and a pulse."""
 
     steps: tuple[Step, ...]
-    #: Of all steps together, at worst.
+    #: The worst case of all steps together.
     longest_us: float
     longest_nc: float
     is_probe: bool
 
 
 class Guard:
-    """See the module. One instance a board."""
+    """See the module. One instance per board."""
 
     def __init__(
         self,
@@ -79,7 +80,7 @@ class Guard:
         cut: CutLatch,
         safe_changes: Changes,
     ) -> None:
-        """`safe_changes`: the levels of the safe state, sent again where a cut came meanwhile."""
+        """`safe_changes`: the levels of the safe state, sent again if a cut came meanwhile."""
         self._board = board
         self._machine = machine
         self._clock = clock
@@ -96,17 +97,17 @@ class Guard:
         self.gpio = GuardedGpio(self.switch, gpio, cut, safe_changes)
 
     def permit(self, current_ua: int) -> None:
-        """The most that may fire in the present state: 0, the probe bound, or the maximum."""
+        """Set the highest current of the present state: 0, the probe bound, or the maximum."""
         self._permitted_ua = min(current_ua, self._board.maxima.current_ua)
         self._approval = None
 
     def approve(self, approval: Approval) -> None:
-        """For the next pulse, and that one only."""
+        """Approve the next pulse, and no other."""
         self._approval = approval
 
     def reset(self, levels: Changes) -> None:
-        """After safe_off: these levels are known, the registers are not. Without that of the supply
-        it is as it was.
+        """After safe_off: these levels are known, the registers are not. A supply line that is not
+        among them keeps its state.
         """
         self._approval = None
         self._visits.reset()
@@ -121,7 +122,7 @@ class Guard:
             self._check_pulse(decoded)
 
     def lets_width_pass(self, message: Message) -> bool:
-        """Whether its worst case is within the width that the board allows. Nothing is sent."""
+        """Whether the message's worst case is within the board's maximum width. Nothing is sent."""
         return self._decode(message).longest_us <= self._board.maxima.width_us * _TOLERANCE
 
     def _decode(self, message: Message) -> Decoded:
@@ -154,7 +155,9 @@ class Guard:
         return self._summed(steps)
 
     def _lengthen(self, step: Step, transfer: Transfer) -> None:
-        """By a word with its chip select, or by a pure delay: at best and at worst."""
+        """Lengthen a step by a word with its chip select, or by a pure delay: at best and
+        at worst.
+        """
         machine = self._machine
         best_us = machine.word_us.low if transfer.tx else 0.0
         worst_us = machine.guard_word_us if transfer.tx else machine.guard_delay_extra_us
@@ -209,7 +212,7 @@ class Guard:
         return code * source.full_scale_ua / (source.codes - 1)
 
     def _check_steps(self, steps: tuple[Step, ...], approval: Approval) -> None:
-        """Each within its own current and width, so that their sums are as well."""
+        """Check each step against its own current and width, so that the sums fit as well."""
         *prepulses, pulse = steps
         self._check_step(pulse, approval.current_ua, approval.width_us)
         for step in prepulses:
@@ -252,8 +255,8 @@ def _hv_line(board: BoardFile) -> tuple[int, int] | None:
 
 
 class GuardedSpi:
-    """The port that fires. It notes when the last message began and ended: the guard's own work
-    and the driver's preparing are not the message's time.
+    """The port that fires. It records when the last message began and ended, without the guard's
+    own work and the driver's preparation.
     """
 
     def __init__(self, guard: Guard, spi: Spi, clock: Clock, cut: CutLatch) -> None:
@@ -269,7 +272,9 @@ class GuardedSpi:
         self._spi.prepare(message)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
-        """As the port's, for messages that have no plan yet: those that calibrate timing."""
+        """As the port's `transfer`, for messages without a planned duration: those that calibrate
+        timing.
+        """
         self._make_ready(message)
         self.begun_ns = self._clock.now_ns()
         received = self._spi.transfer(message)
@@ -277,10 +282,10 @@ class GuardedSpi:
         return received
 
     def fire(self, message: Message, planned_ns: int) -> tuple[bytes, ...]:
-        """The same for a message that shall take `planned_ns`, in sight of the stopper.
+        """The same for a message planned to take `planned_ns`, watched by the stopper.
 
-        What was cut while it was under way is for the next call to refuse: its samples and its
-        duration are still told. Raises: as `transfer`, and BoardFault while a cut stands.
+        A cut during the message is refused by the next call: samples and duration of this message
+        are still returned. Raises: as `transfer`, and BoardFault while a cut stands.
         """
         self._make_ready(message)
         cut = self._cut
@@ -296,7 +301,7 @@ class GuardedSpi:
 
     def _make_ready(self, message: Message) -> None:
         self._guard.check(message)
-        # Sending it would, and count the driver's work as time in which current flows.
+        # Otherwise `transfer` prepares it, and the driver's work would count as time with current.
         self._spi.prepare(message)
 
 
@@ -310,13 +315,12 @@ class GuardedGpio:
         self._gpio = gpio
         self._cut = cut
         self._safe_changes = safe_changes
-        #: While the board is made safe, behind a call that has blanked it: a cut holds up nothing
-        #: that leads there.
+        #: While the board is made safe, after the call that blanked it: a cut does not block this.
         self.is_making_safe = False
 
     def set(self, changes: Changes) -> None:
-        """As the port's. Raises: GuardRefusal and BoardFault too, a cut that came meanwhile: the
-        lines are at their safe levels again then.
+        """As the port's `set`. Also raises GuardRefusal, and BoardFault for a cut that came
+        meanwhile: the lines are at their safe levels again then.
         """
         if self._cut.is_cut:
             self._heed_cut()

@@ -1,7 +1,7 @@
-"""What a board file asks the kernel for: its lines, in order and at which levels, and its SPI.
+"""What a board file requests from the kernel: its lines, in order and with levels, and its SPI.
 
-Owns: that no level on the way lifts an electrode or brings a supply up. Must not know: backends,
-how a line is requested.
+Owns: that no intermediate level lifts an electrode or switches a supply on. Must not know:
+backends, how a line is requested.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from etd_hal.ports import InputLine, LineSetup, SpiSetup
 
 
 def line_setup(board: BoardFile) -> LineSetup:
-    """What to request: harmless levels, in the order that is harmless on the way.
+    """The lines to request: harmless levels, in an order that is harmless in between.
 
     POL, BL and the supply come first, so that no intermediate state lifts the electrodes.
     """
@@ -43,6 +43,6 @@ def _input_lines(board: BoardFile) -> tuple[InputLine, ...]:
 
 
 def spi_setup(board: BoardFile) -> SpiSetup:
-    """Its device, mode and speed."""
+    """The SPI device, mode and speed."""
     source = board.source
     return SpiSetup(source.spi, source.mode, source.speed_hz)

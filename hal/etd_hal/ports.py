@@ -40,8 +40,7 @@ class Message:
     """A list of transfers that is executed as one unit, and cannot be stopped half-way.
 
     Compared by identity: two of the same transfers are two messages. `made` is what ports and the
-    guard have made of it, each under itself as the key; all of it is forgotten with the message,
-    and nowhere else.
+    guard have made of the message, each under itself as the key; it is dropped with the message.
     """
 
     transfers: tuple[Transfer, ...]
@@ -52,10 +51,10 @@ class Spi(Protocol):
     def prepare(self, message: Message) -> None:
         """Do now what `message` needs computed before it can be sent; nothing is sent.
 
-        `transfer` does it as well for a message that is not prepared, and then takes longer by it:
-        tens of microseconds, in which nothing flows. So a message that will be timed is prepared
-        before. It costs next to nothing when it is prepared already: the message keeps what the
-        port has made of it (`made`), for as long as there is the message.
+        `transfer` prepares a message that is not prepared, and then takes tens of microseconds
+        longer, without current. So a message that will be timed is prepared before. Preparing again
+        costs next to nothing: the message keeps what the port has made of it (`made`) as long as
+        the message exists.
 
         Raises: BusError (`invalid`, `too_long`, as `transfer`).
         """
@@ -65,8 +64,8 @@ class Spi(Protocol):
         """Execute `message` and return the bytes read, one entry for each transfer with data.
 
         Atomic: once begun it runs to its end, whatever becomes of the calling process. Blocks for
-        as long as the message lasts. On an error of the bus the remaining transfers are *not*
-        sent: whoever gets `BusError` must make the outputs safe through GPIO at once.
+        as long as the message lasts. On an error of the bus the remaining transfers are *not* sent:
+        the caller must make the outputs safe through GPIO at once.
 
         Raises: BusError (`invalid`: 512 transfers or more; `too_long`: more than the kernel's
         buffer takes, 32 transfers with data on arm64; nothing was sent in both cases. `io`,
@@ -135,7 +134,7 @@ class Clock(Protocol):
 
 class Marker(Protocol):
     def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
-        """Write a remark of the engine's into whatever records the buses; nobody may be reading."""
+        """Write a mark of the engine into the record of the buses, if there is one."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""What a type allows at a place of a file, in the words of whoever edits it.
+"""What a type allows at a key of a file, in words for the person who edits the file.
 
 Owns: the way from a struct's type to a sentence: bounds, choices, keys, the nearest right word.
 Must not know: what any file is about, what was wrong.
@@ -39,18 +39,18 @@ def in_words(alternatives: Alternatives) -> str:
 
 
 def keys_of(alternatives: Alternatives) -> tuple[str, ...]:
-    """Of the tables among them."""
+    """The keys of the tables among the alternatives."""
     return tuple(dict.fromkeys(key for alternative in alternatives for key in _keys(alternative)))
 
 
 def meant(wrong: object, right: Iterable[str]) -> str:
-    """A question about the nearest one, if there is one that is near."""
+    """A question with the nearest right word, if one is near."""
     near = difflib.get_close_matches(str(wrong), list(right), 1)
     return f" (is {near[0]} meant?)" if near else ""
 
 
 def words_of_choice(alternatives: Alternatives) -> tuple[str, ...]:
-    """The texts that one may choose from."""
+    """The texts to choose from."""
     values = (
         alternative.values
         for alternative in alternatives
@@ -88,7 +88,7 @@ def _step(alternatives: Alternatives, part: str) -> Iterator[inspect.Type]:
 
 
 def _of_tag(alternatives: Alternatives, data: object) -> Alternatives:
-    """Of tables that are told apart by a tag only the one that the data name, if they name one."""
+    """Of tables distinguished by a tag, only the table that the data name, if they name one."""
     if not isinstance(data, dict):
         return alternatives
     named = tuple(

@@ -1,7 +1,7 @@
-"""Which outputs are on which side, for one visit of one electrode.
+"""Which outputs are on which side, for a pulse of one electrode.
 
-Owns: the two sets of a selection, and which board can make which. Must not know: chips' words,
-lines, currents.
+Owns: the two sets of a selection, and which selections a board can make. Must not know: chips'
+words, lines, currents.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from etd_hal.errors import CannotSelect
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """The selected output alone on its side, its returns on the other, as bit sets.
+    """The selected output alone on its side, its returns on the other side, as bit sets.
 
-    Anodic: the selected one on source, the returns on ground. Cathodic: the reverse.
+    Anodic: the selected output on source, the returns on ground. Cathodic: the reverse.
     """
 
     output: int
@@ -80,7 +80,9 @@ class Switch(Protocol):
         ...
 
     def prepare(self, selection: Selection, whole: bool) -> None:
-        """What can be done while the electrode before still rests. `whole`: rewrite the chain."""
+        """Do what is possible while the electrode before still rests. `whole`: rewrite the
+        chain.
+        """
         ...
 
     def connect(self, selection: Selection, is_anodic: bool) -> None:
@@ -92,11 +94,11 @@ class Switch(Protocol):
         ...
 
     def discharge(self) -> None:
-        """Begin to let the skin's charge go."""
+        """Begin to discharge the skin."""
         ...
 
     def release(self) -> None:
-        """After the rest, with nothing to follow: nothing stays connected."""
+        """After the rest, without a next pulse: nothing stays connected."""
         ...
 
     def clear(self) -> None:

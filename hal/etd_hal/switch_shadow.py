@@ -1,4 +1,4 @@
-"""The guard's view of the switch: what the levels sent so far have made of it.
+"""The guard's shadow of the switch: its state after the levels sent so far.
 
 Owns: a decoding of register, latch and polarity from single line changes, typed apart from the
 drivers in `chips/`; the rules for GPIO; the comparison of the selection with what was approved.
@@ -26,7 +26,7 @@ class Prepulse(msgspec.Struct, frozen=True):
 
 
 class Approval(msgspec.Struct, frozen=True):
-    """What the limits let through, for the next pulse of this visit, each step of it.
+    """What the limits let through for the next pulse, step by step.
 
     `source` and `ground` are bit sets of outputs; for half-bridges all others are on the side
     opposite to the selected output.
@@ -37,13 +37,13 @@ class Approval(msgspec.Struct, frozen=True):
     current_ua: int
     width_us: int
     prepulse: Prepulse | None = None
-    #: A probe while nothing is connected, which must reach nobody: `source` and `ground` are who
-    #: would get it if the switches failed to let go.
+    #: A probe while nothing is connected, which must reach no electrode: `source` and `ground` are
+    #: the outputs that would get it if the switches failed to open.
     is_blanked: bool = False
 
 
 class HalfBridgeShadow:
-    """What the levels sent so far have made of an HV507 or a chain of HV513."""
+    """The state of an HV507 or a chain of HV513 after the levels sent so far."""
 
     def __init__(self, switch: HalfBridges, hv: tuple[int, int] | None) -> None:
         lines = switch.lines
@@ -54,7 +54,7 @@ class HalfBridgeShadow:
         self._full = (1 << switch.outputs) - 1
         #: How often a line has changed: between two equal readings nothing has moved.
         self.edge_count = 0
-        #: A flip is a change of POL: of `switched` it makes as many.
+        #: By how much a flip, a change of POL, raises `switched`.
         self.switched_by_flip = 1
         self._watched = {self._data, self._clk, self._le, self._bl, self._pol}
         self._level: dict[int, int] = {}
@@ -120,7 +120,7 @@ class HalfBridgeShadow:
             raise GuardRefusal("blanking", "BL 0 with POL 0: all outputs high", "POL 1 first")
 
     def check_selection(self, approval: Approval) -> None:
-        """One output alone, all others opposite, and just those that were approved."""
+        """Check: one output alone, all others opposite, exactly as approved."""
         level = self._level
         if approval.is_blanked:
             self._check_blanked(approval)
@@ -141,7 +141,7 @@ class HalfBridgeShadow:
             )
 
     def _check_blanked(self, approval: Approval) -> None:
-        """All on ground, and behind it just the one that was approved."""
+        """Check: all outputs on ground, and behind the blanking exactly the approved one."""
         if self._level[self._bl] or not self._level[self._pol]:
             raise GuardRefusal("switch", "not blanked to ground", "BL 0 with POL 1")
         is_one = self._latch.bit_count() == 1 and self._latch == approval.source
@@ -152,7 +152,7 @@ class HalfBridgeShadow:
 
 
 class RelayShadow:
-    """What the levels sent so far have made of a chain of 74HC595 and their relays."""
+    """The state of a chain of 74HC595 and their relays after the levels sent so far."""
 
     def __init__(self, switch: Relays, clock: Clock) -> None:
         self._switch = switch
@@ -220,7 +220,7 @@ class RelayShadow:
             )
 
     def check_selection(self, approval: Approval) -> None:
-        """Closed long enough, one output alone on its side, and just those approved."""
+        """Check: closed long enough, one output alone on its side, exactly as approved."""
         waited_ns = self._clock.now_ns() - self._copied_ns
         if approval.is_blanked:
             if self._latch != 0 or waited_ns < self._switch.toff_us * 1_000:

@@ -26,7 +26,7 @@ LONGEST_DELAY_US = 10
 _DELAY_COUNTS = tuple(range(0, 41, 5))
 _WORD_COUNTS = tuple(range(2, 9))
 _REPEATS = 7
-#: What one delay more than the fewest has to bring: the guard reckons with its worst overhead.
+#: Smallest width gained by one more delay transfer: the guard assumes its worst overhead.
 _CLOSER_US = 0.25
 
 
@@ -34,9 +34,9 @@ _CLOSER_US = 0.25
 class Shape:
     """The delays of a pulse and what they make.
 
-    Never wider than asked, and narrower by less than 1 us; only where one word and nothing else
-    fits is it narrower by up to the overhead of a delay. The same holds of a prepulse, whose word
-    is followed by delays of its own; `prepulse_us` 0: there is none.
+    Never wider than requested, and narrower by less than 1 us; only where a single word fits is the
+    pulse narrower by up to the overhead of a delay. The same holds for a prepulse, whose word is
+    followed by its own delays; `prepulse_us` 0: there is none.
     """
 
     delays_us: tuple[int, ...]
@@ -49,7 +49,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """What was found on this machine, in us."""
+    """The constants found on this machine, in us."""
 
     word_us: float
     delay_extra_us: float
@@ -77,7 +77,7 @@ class Timing:
         )
 
     def _held(self, width_us: int, words: int) -> tuple[tuple[int, ...], float]:
-        """The delays between so many words, and what both make. Raises: BoardFault."""
+        """The delays between so many words, and the width of both together. Raises: BoardFault."""
         left_us = width_us - words * self.word_us
         if left_us < 0:
             raise BoardFault(
@@ -138,8 +138,8 @@ def zero_message() -> Message:
 def calibrate(duration_ns: Callable[[Message], int], machine: MachineFile) -> Timing:
     """Time messages at DAC code 0, fit, and check against the machine file.
 
-    `duration_ns` sends one message and says how long the call took. Raises: BoardFault, naming
-    the constant that is not plausible; BusError.
+    `duration_ns` sends a message and returns how long the call took. Raises: BoardFault, naming the
+    constant that is not plausible; BusError.
     """
     by_delays = [_timed(duration_ns, 2, count) for count in _DELAY_COUNTS]
     by_words = [_timed(duration_ns, count, 0) for count in _WORD_COUNTS]
@@ -171,7 +171,7 @@ def _timed(duration_ns: Callable[[Message], int], words: int, delays: int) -> tu
 
 
 def _check(what: str, found_us: float, bounds: Bounds) -> None:
-    # A hundredth of a microsecond is below what the clock tells.
+    # A hundredth of a microsecond is below the clock's resolution.
     if not bounds.low - 0.01 <= found_us <= bounds.high + 0.01:
         raise BoardFault(
             f"timing calibration, {what}", f"{found_us:.2f} us", f"{bounds.low} to {bounds.high} us"

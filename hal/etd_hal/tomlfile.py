@@ -19,11 +19,11 @@ from etd_hal.errors import FileError
 
 T = TypeVar("T")
 
-#: A calibration of 256 electrodes with explicit returns has a quarter of it.
+#: A calibration of 256 electrodes with explicit returns takes a quarter of this.
 MOST_BYTES = 1_048_576
 
 
-#: msgspec's names of types as a person who edits a file calls them.
+#: msgspec's names of types in words for the person who edits a file.
 _KINDS = {
     "int": "a whole number",
     "float": "a number with a point",
@@ -48,7 +48,7 @@ def load_toml(path: Path, kind: type[T]) -> T:
 
 
 def _text_of(path: Path) -> str:
-    """No more than is any file of ours is read: a device or a pipe may have no end.
+    """Reads no more than a file may have: a device or a pipe may have no end.
 
     Raises: FileError, OSError, UnicodeDecodeError.
     """
@@ -75,7 +75,9 @@ def convert(data: object, kind: type[T], file: str) -> T:
 
 
 def _sentences(data: object, kind: type, key: str, what: str) -> tuple[str, str]:
-    """What the file says there, and what is allowed: by the type, else msgspec's own words."""
+    """What the file says at the key, and what is allowed: by the type, else in msgspec's
+    own words.
+    """
     field = re.search(r"field `(.*)`$", what)
     if field is not None:
         return what[0].lower() + what[1:], _about_field(data, kind, key, field[1], what)
@@ -96,7 +98,7 @@ def _about_field(data: object, kind: type, key: str, field: str, what: str) -> s
 
 
 def _not(what: str) -> str:
-    """Where it is of another kind: of which."""
+    """The kind found, where it is not the expected one."""
     other = re.fullmatch(r"Expected `.*`, got `(\w+)`", what)
     return f", not {_KINDS[other[1]]}" if other is not None and other[1] in _KINDS else ""
 

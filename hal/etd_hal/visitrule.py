@@ -3,8 +3,8 @@
 Owns: the state of the visit under way, and the count of visits of each output. Must not know:
 bytes, levels, limits of persons; how a selection was made. Time comes in.
 
-A visit is one message with current, or up to three: a probe, the pulse behind it, and the reverse
-phase of a pulse. Visits are counted, so what goes on with one has to be close to it:
+A visit is a message with current, or up to three: a probe, the pulse after it, and the reverse
+phase of a pulse. Visits are counted, so a message that continues a visit must follow closely:
 
 | state      | message                       | next state | counts                       |
 |------------|-------------------------------|------------|------------------------------|
@@ -19,15 +19,15 @@ phase of a pulse. Visits are counted, so what goes on with one has to be close t
 *The same way*: the same outputs on source and on ground. *The reverse*: they have changed places.
 *Flipped*: the switch was, once, and nothing else moved what is connected. A message that is refused
 changes nothing; the safe state leads to `idle`. A visit counts for every output that is alone on
-its side: with one on each side either may be the one that is meant.
+its side: with a single output on each side either may be the stimulated one.
 
 *In time*: within a flip and a millisecond after the first phase has ended, all at worst.
 Half-bridges flip by one call, a change of POL; relays open, settle, close and settle, and two words
-are shifted. The millisecond is what may lie between the two messages besides: what the engine
-computes, and as much lateness as a message may have before the stopper acts. Later than that, or
-when the outputs were let go in between, the reverse is a pulse of its own, and counted as one. A
-pulse behind its probe has no such bound: what is decided between the two takes as long as it takes,
-and waiting wins no more than one probe a visit.
+are shifted. The millisecond covers what else may lie between the two messages: the engine's
+computation, and the lateness that a message may have before the stopper acts. Later than that, or
+when the outputs were released in between, the reverse counts as a pulse of its own. A pulse after
+its probe has no such bound: deciding between the two may take any time, and waiting gains no more
+than one probe per visit.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ VisitState = Literal["idle", "probed", "fired"]
 
 _SECOND_NS = 1_000_000_000
 _BETWEEN_PHASES_US = 1_000
-#: Lines are set by calls that the machine file has a time for; as much again is computed for each.
+#: The machine file has a time for each call that sets lines; computation adds as much again.
 _WORK_BESIDES_CALLS = 2
 
 
@@ -61,23 +61,23 @@ def longest_flip_ns(board: BoardFile, machine: MachineFile) -> int:
 
 
 class VisitRule:
-    """See the module. One a guard."""
+    """See the module. One per guard."""
 
     def __init__(self, rate_hz: int, flip_ns: int, switch: SwitchShadow) -> None:
         self._rate_hz = rate_hz
         self._flip_ns = flip_ns
         self._switch = switch
         self.state: VisitState = "idle"
-        #: By output, as a set of one: when its visits of the last second began.
+        #: By output, as a bit set: when its visits of the last second began.
         self._begun_ns: defaultdict[int, deque[int]] = defaultdict(deque)
-        # Of the last message, in `probed` and `fired`:
+        # The last message, in `probed` and `fired`:
         self._source = self._ground = 0
         self._moves = self._switched = 0
         self._charge_nc = 0.0
         self._reverse_until_ns = 0
 
     def reset(self) -> None:
-        """After the safe state: no visit is under way. What was counted stays counted."""
+        """After the safe state: no visit is under way. The counts stay."""
         self.state = "idle"
 
     def probe_nc(self, approval: Approval) -> float:
@@ -94,9 +94,9 @@ class VisitRule:
         is_probe: bool,
         now_ns: int,
     ) -> None:
-        """A message that is about to be sent, by its worst duration and charge.
+        """Take a message that is about to be sent, with its worst duration and charge.
 
-        Raises: GuardRefusal, if it begins a visit that is one too many.
+        Raises: GuardRefusal, if it begins one visit too many.
         """
         if approval.is_blanked:
             self._begin(approval, now_ns)
@@ -116,7 +116,9 @@ class VisitRule:
         self._reverse_until_ns = now_ns + int(longest_us * 1_000) + self._flip_ns
 
     def _follows_probe(self, approval: Approval) -> bool:
-        """The same outputs the same way, and nothing has moved: they were not let go in between."""
+        """The same outputs the same way, and nothing has moved: they were not released in
+        between.
+        """
         return (
             approval.source == self._source
             and approval.ground == self._ground
@@ -133,7 +135,7 @@ class VisitRule:
         )
 
     def _begin(self, approval: Approval, now_ns: int) -> None:
-        """Count a visit for each output that is alone; for none of them if one has no room."""
+        """Count a visit for each output that is alone; for none of them if one is at its limit."""
         alone, other = approval.source, approval.ground
         if alone.bit_count() != 1:
             alone, other = other, alone
@@ -145,7 +147,7 @@ class VisitRule:
         begun_ns.append(now_ns)
 
     def _with_room(self, output: int, now_ns: int) -> deque[int]:
-        """When the visits of the last second began. Raises: GuardRefusal, if no other may."""
+        """When the visits of the last second began. Raises: GuardRefusal, if no more may begin."""
         begun_ns = self._begun_ns[output]
         while begun_ns and begun_ns[0] <= now_ns - _SECOND_NS:
             begun_ns.popleft()

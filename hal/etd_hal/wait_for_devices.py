@@ -1,7 +1,7 @@
-"""Opening hardware whose devices may still be on their way.
+"""Opens hardware whose devices the system may still be setting up.
 
-Owns: how often is looked, until when, and what is said meanwhile. Must not know: which hardware it
-is, who waits for it.
+Owns: how often it is tried, until when, and what is reported meanwhile. Must not know: which
+hardware it is, which program waits.
 
 A service may be started before the system has made a device's node, or given it to its group.
 """
@@ -22,11 +22,11 @@ _LOOK_AGAIN_NS = 250_000_000
 def open_when_there(
     open_all: Callable[[], T], clock: Clock, wait_ns: int, tell: Callable[[str], object]
 ) -> T:
-    """What `open_all` returns, as soon as it does.
+    """Returns what `open_all` returns, once it succeeds.
 
-    It is asked again for `wait_ns`, as long as everything that is missing may come; `on_rejected`
-    hears what that is, each time it is another, and when it is there. Raises: HardwareMissing, at
-    once for what no waiting brings.
+    It is called again for up to `wait_ns`, as long as all that is missing may still come; `tell`
+    gets what is missing, each time that changes, and when all is there. Raises: HardwareMissing, at
+    once where waiting cannot help.
     """
     begun_ns = clock.now_ns()
     told: tuple[str, ...] = ()
