@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test kernel-test kernel-mutants kernel-test-pi bench bench-calibrate bench-steady record compare format install activate uninstall clean
+.PHONY: help demo check test test-models durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench bench-calibrate bench-steady record compare format install activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -24,12 +24,42 @@ help: ## Show this list
 demo: $(VENV)/ready-daemon ## A moving pattern on the fake board, live in the terminal (SECONDS=10: for so long)
 	$(BIN)/etd demo $(if $(SECONDS),--seconds $(SECONDS))
 
-test: $(VENV)/ready-dev ## Everything that must hold: format, lint, types, import contracts, tests
-	$(BIN)/ruff format --check $(ROOTS)
-	$(BIN)/ruff check $(ROOTS)
-	$(BIN)/mypy $(ROOTS)
-	$(BIN)/lint-imports --no-logo
-	$(BIN)/pytest
+# On every core, and whoever is done helps the others. In any order, as always.
+PYTEST := $(BIN)/pytest -q --numprocesses auto --dist worksteal
+MODELS := tests/models
+
+# What a target took is said however it ends.
+define timed
+@begun=$$(date +%s); { $(1); }; status=$$?; echo "make $@: $$(($$(date +%s) - begun)) s"; exit $$status
+endef
+
+check: $(VENV)/ready-dev ## Before a commit, in a minute: format, lint, types, contracts, the fast tests
+	$(call timed,$(STATIC) && $(PYTEST) -m 'not slow' --ignore $(MODELS) $(ARGS))
+
+test: $(VENV)/ready-dev ## Everything a change must pass: the same, and all tests but whole models
+	$(call timed,$(STATIC) && $(PYTEST) --ignore $(MODELS) $(ARGS))
+
+test-models: $(VENV)/ready-dev ## Fingers modelled for minutes, and the benchmarks' own tests
+	$(call timed,$(PYTEST) $(MODELS) $(ARGS))
+
+durations: $(VENV)/ready-dev ## What each file of tests takes of the processor, and which are slow
+	PYTHONPATH=tests $(PYTEST) -p processor_time $(ARGS)
+
+# What needs no test to run. Side by side, each said whole.
+STATIC = $(MAKE) --no-print-directory --jobs --output-sync=target static
+static: format-check lint types contracts
+
+format-check: $(VENV)/ready-dev
+	@$(BIN)/ruff format --check $(ROOTS)
+
+lint: $(VENV)/ready-dev
+	@$(BIN)/ruff check $(ROOTS)
+
+types: $(VENV)/ready-dev
+	@$(BIN)/mypy $(ROOTS)
+
+contracts: $(VENV)/ready-dev
+	@$(BIN)/lint-imports --no-logo
 
 kernel-test: $(VENV)/ready-dev ## Our drivers against real Linux kernels, in virtual machines (docs/kernel-rig.md; ARGS='--guest uml')
 	$(BIN)/python tests/kernel/check.py $(ARGS)

@@ -50,7 +50,7 @@ EXCEPTIONS = {
     "daemon/test_selftest_interrupted.py": {"*place"},
     # What is published must fall with the model, and with the engine's softening.
     "daemon/test_explain.py": {"Membrane.step_response", "Membrane.final"},
-    "stabilize/test_steady_bodies.py": {"SoftStart.touched_again"},
+    "models/test_steady_bodies.py": {"SoftStart.touched_again"},
     # A law breaks down; pressure without sensors.
     "daemon/test_engine_probe_first.py": {"rig.engine.components.adapter.readapt"},
     "daemon/test_engine_stabilize_properties.py": {"adapter._pressure_source"},

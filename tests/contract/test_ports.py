@@ -13,6 +13,8 @@ from etd_hal.errors import BusError
 from etd_hal.linesetup import line_setup
 from etd_hal.ports import Message, Transfer
 
+pytestmark = pytest.mark.slow
+
 ZERO = b"\x00\x00"
 PAUSE = Transfer(delay_us=10)
 

@@ -30,6 +30,8 @@ from etd_hal.tomlfile import convert
 from fake_calibrations import array_of, text_of
 from files_by_hand import CALIBRATION, spoiled, write
 
+pytestmark = pytest.mark.slow
+
 
 @st.composite
 def limits(draw: st.DrawFn) -> ElectrodeLimits:

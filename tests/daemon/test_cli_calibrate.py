@@ -20,6 +20,8 @@ from etd.cli.keys import Keyboard, legend
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.messages import ArrayFacts
 
+pytestmark = pytest.mark.slow
+
 
 class Typed:
     """A keyboard's other end."""

@@ -20,6 +20,8 @@ from etd.selftest.subject import subject_of
 from etd_hal.board import Board
 from etd_hal.fake.operator import FakeOperator
 
+pytestmark = pytest.mark.slow
+
 FULL = ["selftest", "--board", "fake", "--array", "grid-4x4"]
 ONE_LOAD = ["--dummy-load", "47000", "--load-electrodes", "0,5"]
 LOAD = [*ONE_LOAD, "--second-load", "10000"]

@@ -28,6 +28,8 @@ from etd_hal.errors import FileError
 from etd_hal.fake.faults import I2cFailure, RailOff, SpiStall
 from etd_hal.ports import Changes, Edge, Gpio
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 REFERENCE = "reference-hv507"

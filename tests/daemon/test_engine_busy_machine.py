@@ -17,6 +17,8 @@ from etd.protocol.link import ArmBoard
 from etd_hal.fake.clock import SteppedClock
 from trace_rules import violations
 
+pytestmark = pytest.mark.slow
+
 #: So that no frame expires, however long the machine is held up.
 TIMEOUT_FACTOR = 500
 MOST_STALLED_NS = 300 * MS

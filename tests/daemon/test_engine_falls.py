@@ -32,6 +32,8 @@ from etd.stabilize.strength_duration import StrengthDuration
 from etd_body.electrode import skin
 from trace_decoder import Phase
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 STRONG = {"current_ua": only(N, e3=1_000, e9=1_000), "width_us": 100}

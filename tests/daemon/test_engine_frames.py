@@ -12,6 +12,8 @@ from etd.protocol.frame import Frame
 from etd.protocol.link import Alive, ArmBoard, KeepLease, NewFrame
 from trace_decoder import visits
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 #: Every electrode at 1 mA.

@@ -17,6 +17,8 @@ from etd_hal.backend import Backend
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import SpiStall
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 REFERENCE = "reference-hv507"
 WINDOW_NS = 20 * MS

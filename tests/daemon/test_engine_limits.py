@@ -23,6 +23,8 @@ from engine_scenes import (
 )
 from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest, adapt_all
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 STEP_UA = 10_000 / 4_095

@@ -13,6 +13,8 @@ import pytest
 from engine_rig import EngineRig
 from engine_scenes import armed, fully_open, only, phases
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 

@@ -20,6 +20,8 @@ from etd.stabilize.pressure import PressureSettings
 from etd.stabilize.settings import Settings
 from etd_hal.fake.faults import I2cFailure
 
+pytestmark = pytest.mark.slow
+
 COUNT, WANTED_UA = 16, 1_000
 LEFT, RIGHT = 0, 3
 #: One on the chip that watches the rail, one on a chip of its own.

@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 import msgspec
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -22,6 +23,8 @@ from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
 from etd.stabilize.strength_duration import StrengthDuration
 from trace_decoder import visits
+
+pytestmark = pytest.mark.slow
 
 N, ELECTRODE = 16, 3
 STEP_UA = 10_000 / 4_095

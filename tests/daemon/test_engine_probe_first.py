@@ -30,6 +30,8 @@ from etd_hal.fake.faults import AdcScale, DacOffset
 from trace_decoder import Phase, is_led, visits
 from trace_rules import violations
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 CURRENT_UA, WIDTH_US = 1_500, 80

@@ -18,6 +18,8 @@ from etd.stabilize.pipeline import PulseRequest
 from story_teller import Setting, Teller
 from trace_rules import violations
 
+pytestmark = pytest.mark.slow
+
 ELECTRODES = 8
 REST_US = 200
 #: One visit: a jump through the whole chain, the rest, two phases; relays take their time.

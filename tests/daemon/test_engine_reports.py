@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
+import pytest
+
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, armed, fully_open, only, phases, scans, shown
 from etd.protocol.frame import Frame
 from etd.protocol.link import NewFrame, SetMark
+
+pytestmark = pytest.mark.slow
 
 MakeRig = Callable[..., EngineRig]
 N = 16

@@ -25,6 +25,8 @@ from etd.stabilize.settings import Settings
 from etd_body.electrode import OPEN_CONTACT, Contact, skin
 from trace_decoder import Phase, visits
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 CURRENT_UA, WIDTH_US, RATE_HZ = 1_500, 60, 50.0

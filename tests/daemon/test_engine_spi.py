@@ -28,6 +28,8 @@ from etd_hal.fake.faults import (
 )
 from trace_rules import violations
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 ALL = (1_000,) * N

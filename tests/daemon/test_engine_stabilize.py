@@ -20,6 +20,8 @@ from etd_body.electrode import skin
 from etd_hal.boardfile import BoardFile
 from etd_hal.fake.faults import AdcScale, AdcStuck
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 CURRENT_UA, WIDTH_US = 1_500, 60

@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 import msgspec
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -33,6 +34,8 @@ from etd.stabilize.strength_duration import StrengthDuration
 from etd_body.electrode import OPEN_CONTACT, skin
 from etd_hal.fake.faults import AdcScale, AdcStuck, Fault
 from trace_decoder import Phase, is_led, visits
+
+pytestmark = pytest.mark.slow
 
 N = 8
 CAP_UA, MAX_PC = 2_000, 500_000

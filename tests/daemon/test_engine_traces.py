@@ -23,6 +23,8 @@ from trace_agreement import (
 from trace_decoder import Facts, Record, decode
 from trace_rules import violations
 
+pytestmark = pytest.mark.slow
+
 ETACTILEKIT = Path(__file__).parents[3] / "shared" / "data" / "etactilekit"
 CURRENT_UA = 600
 WIDTH_US = 100

@@ -23,6 +23,8 @@ from etd_hal.switch_shadow import Approval
 from stepped_board import SteppedBoard, stepped_board
 from trace_decoder import Phase, decode
 
+pytestmark = pytest.mark.slow
+
 BOARD = "etactilekit-hv513"
 OUTPUT = 3
 #: One code of this board's DAC, about: whatever flips down to it is below the approval.

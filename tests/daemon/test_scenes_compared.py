@@ -9,7 +9,7 @@ import pytest
 
 from scenes import compare
 
-TRACE, TOLD = '{"t_ns": 1}\n', '{"type": "Answer", "thinned": [], "reason": "too fast"}\n'
+TRACE, TOLD = '{"t_ns": 1}\n', '{"type": "Answer", "slowed": [], "reason": "too fast"}\n'
 
 
 def recording(folder: Path, trace: str = TRACE, told: str = TOLD) -> Path:

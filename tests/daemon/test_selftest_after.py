@@ -9,6 +9,8 @@ import pytest
 from etd_hal.fake.faults import MachineTrouble
 from selftest_rig import bad, selftest_rig
 
+pytestmark = pytest.mark.slow
+
 
 def test_relays_have_no_polarity_to_say_anything_of() -> None:
     report = selftest_rig("feetthrough-relay", load_ohm=None).run()

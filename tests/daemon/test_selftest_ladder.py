@@ -11,6 +11,8 @@ from etd_hal.chips import ad5452
 from etd_hal.fake.faults import Fault, GainAbove, Saturation
 from selftest_rig import ARRAY, bad, selftest_rig
 
+pytestmark = pytest.mark.slow
+
 #: Half a milliampere a step, up to what the body site allows.
 STEP_UA, MOST_UA = 500, 8_000
 

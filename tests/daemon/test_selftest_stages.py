@@ -20,6 +20,8 @@ from etd_hal.fake.faults import (
 )
 from selftest_rig import DATE, LOAD_OHM, bad, by_name, selftest_rig
 
+pytestmark = pytest.mark.slow
+
 BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513")
 
 WALK = ("every_switch", "one_at_a_time", "second_load", "every_switch_again")

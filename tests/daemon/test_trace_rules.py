@@ -15,6 +15,8 @@ import engine_rig
 from trace_decoder import Facts, Record, decode, visits
 from trace_rules import violations
 
+pytestmark = pytest.mark.slow
+
 TESTS = Path(__file__).parents[1]
 REST_US = 200
 OURS = {"etd", "etd_hal", "etd_body", "engine_rig"}

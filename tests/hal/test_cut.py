@@ -25,6 +25,8 @@ from etd_hal.ports import Changes, Edge, Gpio, Message, Spi
 from etd_hal.selection import Selection
 from stepped_board import SteppedBoard, stepped_board
 
+pytestmark = pytest.mark.slow
+
 BOARDS = ["reference-hv507", "kajimoto-hv507", "feetthrough-relay"]
 RELAYS = "feetthrough-relay"
 KINDS = [(True,), (True, False), (False, True)]

@@ -12,6 +12,8 @@ from etd_body.interface import Side
 from etd_hal.errors import BoardFault, CannotSelect
 from etd_hal.fake.faults import LostClock, StuckLine
 
+pytestmark = pytest.mark.slow
+
 Boards = Callable[..., BoardRig]
 
 #: 1000 uA of 10 mA is code 409, which is sent as 0664.

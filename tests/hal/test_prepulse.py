@@ -18,6 +18,8 @@ from guard_bench import ZERO, approval, assert_refused, connected, send
 from stepped_board import shipped_board
 from trace_decoder import Phase, decode, pulses, visits
 
+pytestmark = pytest.mark.slow
+
 Boards = Callable[..., BoardRig]
 #: 500 and 1000 uA of 10 mA.
 HALF, WHOLE = 204, 409

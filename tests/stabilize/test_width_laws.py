@@ -16,6 +16,8 @@ from etd.stabilize.pipeline import ElectrodeEstimate, PulseRequest, Stabilizer
 from etd.stabilize.power_law import PowerLaw, PowerLawSettings
 from etd.stabilize.reference import BEND_UA
 
+pytestmark = pytest.mark.slow
+
 LEAK_OHM = 66_000.0
 MS = 1_000_000
 FRAME = PulseRequest(2_000, 100)

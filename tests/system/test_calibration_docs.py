@@ -14,6 +14,8 @@ from command_rig import WITHIN_S, CommandRig, command_rig
 from etd.files.calibration import load_calibration
 from etd.files.resources import find
 
+pytestmark = pytest.mark.slow
+
 DOC = Path(__file__).parents[2] / "docs" / "calibration.md"
 
 

@@ -15,6 +15,8 @@ import pytest
 from command_rig import WITHIN_S, Command, CommandRig, command_rig
 from etd.files.calibration import load_calibration
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def rig() -> Iterator[CommandRig]:

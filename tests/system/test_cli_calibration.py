@@ -13,6 +13,8 @@ from engine_parts import calibration
 from etd.files.calibration import load_calibration, to_toml
 from etd.files.resources import find
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def rig() -> Iterator[CommandRig]:

@@ -14,6 +14,8 @@ from command_rig import WITHIN_S, Command, CommandRig, command_rig, wait_for_end
 from etd.client import Display
 from etd.files.paths import address_of
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def rig() -> Iterator[CommandRig]:

@@ -14,6 +14,8 @@ import pytest
 
 from command_rig import WITHIN_S, CommandRig, command_rig
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def rig() -> Iterator[CommandRig]:

@@ -14,6 +14,8 @@ import pytest
 
 from command_rig import CommandRig, command_rig, wait_for_end
 
+pytestmark = pytest.mark.slow
+
 SMALL = [
     {"duration_ms": 60, "active": [0, 1]},
     {"duration_ms": 40, "off_ms": 40, "active": [2]},

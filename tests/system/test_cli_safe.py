@@ -15,6 +15,8 @@ from command_rig import CommandRig, command_rig
 from etd.files.resources import find
 from etd_hal.boardfile import load_board
 
+pytestmark = pytest.mark.slow
+
 BOARD = "kajimoto-hv507"
 
 

@@ -8,6 +8,8 @@ import pytest
 
 from command_rig import CommandRig, command_rig
 
+pytestmark = pytest.mark.slow
+
 TEST = ("selftest", "--board", "fake", "--array", "pad-8")
 LOAD = ("--dummy-load", "47000", "--second-load", "10000", "--load-electrodes", "0,1")
 

@@ -16,6 +16,8 @@ import zmq
 from command_rig import WITHIN_S, CommandRig, command_rig
 from etd.client import clock
 
+pytestmark = pytest.mark.slow
+
 CONNECTIONS = 60
 JUNK = b"x" * 60_000
 #: Two control messages and the one being read, of each connection, are 11 MB; a turn reads 4 MB.

@@ -28,6 +28,8 @@ from etd.protocol.errors import EtdError
 from etd.protocol.messages import StateReport
 from etd_hal.boardfile import load_board
 
+pytestmark = pytest.mark.slow
+
 BOARD = "kajimoto-hv507"
 BOARD_FILE = Path(__file__).parents[2] / "config" / "boards" / f"{BOARD}.toml"
 REST_US = load_board(BOARD_FILE).rest_us

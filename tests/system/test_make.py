@@ -46,7 +46,7 @@ def make(clone: Path, *arguments: str) -> str:
     return ran.stdout + ran.stderr
 
 
-@pytest.mark.parametrize("target", ["demo", "test", "bench", "format", "install"])
+@pytest.mark.parametrize("target", ["demo", "check", "test", "bench", "format", "install"])
 def test_without_python_it_names_the_package(clone: Path, target: str) -> None:
     assert "sudo apt install python3" in make(clone, target, "PYTHON=no-python-here")
 
@@ -81,5 +81,14 @@ def test_help_lists_every_target() -> None:
     said = subprocess.run(
         ["make", "help"], cwd=CLONE, capture_output=True, text=True, check=True, timeout=600
     ).stdout
-    for target in ("demo", "test", "bench", "format", "install", "uninstall", "clean"):
+    for target in (
+        "demo",
+        "check",
+        "test",
+        "test-models",
+        "durations",
+        "bench",
+        "format",
+        "install",
+    ):
         assert f"make {target}" in said
