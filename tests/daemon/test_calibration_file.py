@@ -131,7 +131,7 @@ BURSTS = Bursts(pulses=6, rate_hz=350.0)
         (
             PLAIN,
             Shape(prepulse=Prepulse(below_db=6.0, width_us=50)),
-            "a prepulse of 50 us, 6 dB below of it: put that back, calibrate anew, or open",
+            "a prepulse of 50 us, 6 dB below of it: restore that, calibrate anew, or open",
         ),
         (
             PLAIN,

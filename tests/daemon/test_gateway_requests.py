@@ -255,7 +255,7 @@ def test_a_calibration_is_deleted_and_a_shipped_one_stays(tmp_path: Path) -> Non
         ),
         (
             {"electrode": [{**CALIBRATION["electrode"][0], "resistance_ohm": 1}] * 4},
-            "electrode[0].resistance_ohm: it says 1, and no contact with skin resists so little",
+            "electrode[0].resistance_ohm: it says 1, which is too low for skin",
         ),
     ],
 )

@@ -1,7 +1,7 @@
 """A person's calibration: what each electrode may carry, and where feeling begins.
 
-Owns: the file type, its loader and writer, its rules, and the level map (threshold to
-comfortable). Must not know: who asks for a level, boards, time.
+Owns: the file type, its loader and writer, its rules, and the level map (threshold to comfortable).
+Must not know: where a level comes from, boards, time.
 
 A calibration belongs to a participant code (never a name) and to every condition it was made
 under; a `level` frame that departs from them is refused.
@@ -28,16 +28,17 @@ Method = Literal["limits", "staircase", "quest-plus", "equalize"]
 
 
 class ElectrodeLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One electrode: first feeling, comfortable level, and the cap that is never passed."""
+    """One electrode: threshold, comfortable level, and the cap that is never exceeded."""
 
     threshold_ua: Ua
     comfortable_ua: Ua
     cap_ua: Ua
-    #: Of a contact with skin: `check_order` refuses what none is believed to have.
+    #: Of a contact with skin: `check_order` refuses a value that no skin has.
     resistance_ohm: int | None = None
-    #: False: nothing was felt up to the cap, or nothing was tried; then the three are bounds only.
+    #: False: nothing was felt up to the cap, or nothing was tried; then the three currents are
+    #: bounds only.
     felt: bool = True
-    #: Where it is another day's than the file's: found on that day, or taken over from then.
+    #: Where it differs from the file's date: the day on which the values were found.
     date: datetime.date | None = None
     #: Where threshold and cap are an earlier day's than the rest, which was matched to a reference.
     threshold_date: datetime.date | None = None
@@ -56,19 +57,19 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     date: datetime.date
     program: str
     electrode: tuple[ElectrodeLimits, ...]
-    #: How thresholds were found, and of how many pulses a presentation was.
+    #: How thresholds were found, and the number of pulses in a presentation.
     method: Method | None = None
     pulses: Annotated[int, Meta(ge=1, le=1_000)] | None = None
-    #: What the body site made of every pulse then. A file that says nothing is of plain pulses:
-    #: there was nothing else when such files were made.
+    #: The shape that the body site gave every pulse then. A file without it was made with plain
+    #: pulses.
     shape: Shape = PLAIN
     #: I = threshold + (comfortable - threshold) x level^(1/gamma)
     gamma: Annotated[float, Meta(ge=0.5, le=3.0)] = 1.0
 
 
 def current_of_level(limits: ElectrodeLimits, level: float, gamma: float) -> int:
-    """The current, in uA, that a level stands for: 0 is silent, above 0 to 1 is threshold to
-    comfortable, by a power law (science B11). Never more than comfortable.
+    """The current of a level, in uA: 0 is silent, above 0 to 1 is threshold to comfortable, by a
+    power law (science B11). Never more than comfortable.
     """
     if level <= 0.0:
         return 0
@@ -77,8 +78,8 @@ def current_of_level(limits: ElectrodeLimits, level: float, gamma: float) -> int
 
 
 def currents_of_levels(calibration: Calibration, levels: Sequence[float]) -> tuple[int, ...]:
-    """The same for all electrodes. One that was not felt has neither threshold nor comfortable
-    level: its figures are bounds, and no level stands for anything there.
+    """The currents of all electrodes. An electrode that was not felt has neither threshold nor
+    comfortable level: its values are bounds, and a level has no meaning there.
 
     Raises: Refused (`level_needs_calibration`).
     """
@@ -86,8 +87,8 @@ def currents_of_levels(calibration: Calibration, levels: Sequence[float]) -> tup
         if level > 0.0 and not limits.felt:
             raise Refused(
                 "level_needs_calibration",
-                f"electrode {electrode} was not felt when it was calibrated (felt = false), so no"
-                " level stands for anything there: leave it out (level 0), or calibrate it again",
+                f"electrode {electrode} was not felt when it was calibrated (felt = false), so a"
+                " level has no meaning there: leave it out (level 0), or calibrate it again",
                 electrode,
             )
     return tuple(
@@ -97,7 +98,8 @@ def currents_of_levels(calibration: Calibration, levels: Sequence[float]) -> tup
 
 
 def check_shape_of_levels(calibration: Calibration, shape: Shape) -> None:
-    """A level means what it was calibrated to: the body site must make the same of a pulse still.
+    """A level means what it was calibrated to: the body site must still give a pulse the same
+    shape.
 
     Raises: Refused (`bad_frame`).
     """
@@ -106,15 +108,15 @@ def check_shape_of_levels(calibration: Calibration, shape: Shape) -> None:
         raise Refused(
             "bad_frame",
             f"level means what it was calibrated to, which is {made_with}; the body site's"
-            f" [stabilize] now makes {now} of it: put that back, calibrate anew, or open"
+            f" [stabilize] now makes {now} of it: restore that, calibrate anew, or open"
             " with limits and send current_ua",
         )
 
 
 def check_shape_of_caps(calibration: Calibration, shape: Shape) -> None:
-    """A cap was accepted with what led into its pulses and how many came: with a prepulse, a probe
-    or bursts that were not there it would let through more than was tried. `narrow` is left to
-    levels: pulses of a current that it would make stronger are refused when they are planned.
+    """A cap was accepted with the prepulse, probe and bursts of its calibration: with others it
+    would let through more than was tried. `strength_duration` is checked for levels only: a named
+    current that it would make stronger is refused when it is planned.
 
     Raises: Refused (`bad_frame`).
     """
@@ -123,14 +125,14 @@ def check_shape_of_caps(calibration: Calibration, shape: Shape) -> None:
         raise Refused(
             "bad_frame",
             f"the calibration's caps were accepted with {made_with}; the body site's [stabilize]"
-            f" now makes {now} of a frame: put that back, calibrate anew, or open with limits"
+            f" now makes {now} of a frame: restore that, calibrate anew, or open with limits"
             " instead of the calibration",
         )
 
 
 def check_order(calibration: Calibration, file: str) -> Calibration:
-    """Threshold, comfortable and cap must rise, explicit returns must be there, and what resisted
-    must have been skin.
+    """Threshold, comfortable and cap must rise, explicit returns must exist, and the resistance
+    must be one that skin can have.
 
     Raises: FileError.
     """
@@ -150,17 +152,17 @@ def check_order(calibration: Calibration, file: str) -> Calibration:
             raise FileError(
                 file,
                 f"electrode[{index}].resistance_ohm",
-                f"it says {limits.resistance_ohm}, and no contact with skin resists so"
-                f" {'little' if (limits.resistance_ohm or 0) < MIN_SKIN_OHM else 'much'}",
+                f"it says {limits.resistance_ohm}, which is too"
+                f" {'low' if (limits.resistance_ohm or 0) < MIN_SKIN_OHM else 'high'} for skin",
                 f"give a whole number from {MIN_SKIN_OHM:.0f} to {MAX_SKIN_OHM:.0f}, as a pulse"
-                " told it;"
-                " where none did, leave it out: laws by resistance then go by the beginning",
+                " measured it, or leave it out: the stabilizers then compare with the first"
+                " resistance that they measure",
             )
     return calibration
 
 
 def resisted_as_skin(limits: ElectrodeLimits) -> bool:
-    """Or is not known: no pulse tells what lies outside of what is believed of skin."""
+    """Whether the resistance is one that skin can have, or is not known."""
     return limits.resistance_ohm is None or MIN_SKIN_OHM <= limits.resistance_ohm <= MAX_SKIN_OHM
 
 

@@ -2,9 +2,9 @@
 
     EtdError
     ├── Refused            a frame or a request was not accepted: code, reason, electrode
-    ├── DaemonGone         nobody answers at that address: address
+    ├── DaemonGone         no daemon answers at that address: address
     ├── AlreadyRunning     a daemon of that name holds the lock: name, holder
-    ├── Undecodable        a datagram between gateway and engine is no message of theirs: reason
+    ├── Undecodable        a datagram between gateway and engine cannot be decoded: reason
     ├── PartEnded          a process of the daemon ended by itself: part, how, status
     └── PatternError       a pattern file cannot be played: file, frame, reason
 
@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 ErrorCode = Literal[
-    "arm_failed",  # a check before arming said no; the reason says which
+    "arm_failed",  # a check before arming failed; the reason says which
     "bad_calibration",  # it does not fit this board, array or body site
     "bad_frame",  # lengths, electrodes or combinations that cannot be
     "bad_message",  # not a JSON object, unknown key, wrong type, out of bounds
@@ -53,17 +53,17 @@ ErrorCode = Literal[
     "engine_gone",  # the process that drives the board is not there
     "expired",  # the frame was too old when it came
     "halted",  # latched: look at the cause, then clear
-    "level_needs_calibration",  # send current_ua, or open with one in which it was felt
+    "level_needs_calibration",  # send current_ua, or a calibration that felt this electrode
     "limits_missing",  # open with a calibration or with limits
-    "no_lease",  # none stands, or it has lapsed
+    "no_lease",  # there is no lease, or it has lapsed
     "not_armed",  # arm first
     "not_found",  # no such calibration
     "not_permitted",  # operate rights are needed
     "old_seq",  # seq must rise within a lease
-    "other_lease",  # somebody else holds the lease
+    "other_lease",  # another client holds the lease
     "over_limit",  # a strict frame asked for more than a person's limit
-    "over_maximum",  # more than code, board and body site allow anybody
-    "too_fast",  # the visits do not fit into the period; the reason names the achievable rate
+    "over_maximum",  # more than the maxima of code, board and body site
+    "too_fast",  # the pulses do not fit into the period; the reason names the achievable rate
     "too_large",  # over the size limit of a message
     "unknown_op",
     "wrong_state",  # not in this state; the reason names it
@@ -91,7 +91,7 @@ class Refused(EtdError):
 
 
 class DaemonGone(EtdError):
-    """Nobody answers. Fields: address."""
+    """No daemon answers. Fields: address."""
 
     def __init__(self, address: str, what: str) -> None:
         self.address = address
@@ -112,14 +112,14 @@ class Undecodable(EtdError):
     """A datagram between gateway and engine that is no message of the other end. Fields: reason."""
 
     def __init__(self, reason: str) -> None:
-        # It may quote what came, and stays in every state report.
+        # The reason may quote the message, and stays in every state report.
         self.reason = reason if len(reason) <= 200 else f"{reason[:200]} (cut short)"
         super().__init__(f"a message that could not be decoded: {self.reason}")
 
 
 class PartEnded(EtdError):
-    """Engine or gateway ended without having been asked to. Fields: part, how, status (to exit
-    with: the part's own, or 1 if a signal ended it).
+    """Engine or gateway ended unexpectedly. Fields: part, how, status (to exit with: the part's
+    own, or 1 if a signal ended it).
     """
 
     def __init__(self, part: str, how: str, status: int) -> None:

@@ -1,4 +1,4 @@
-"""What a client asks to be felt: one frame.
+"""A frame: the stimulation that a client requests.
 
 Owns: the fields of a frame with the bounds that hold everywhere, and what one value for all or N
 values means. Must not know: boards, states, time, sockets.
@@ -20,10 +20,10 @@ CurrentUa = Annotated[int, Meta(ge=0, le=10_000)]
 WidthUs = Annotated[int, Meta(ge=20, le=200)]
 RateHz = Annotated[float, Meta(ge=0.1, le=200.0)]
 TtlMs = Annotated[int, Meta(ge=1, le=1_000)]
-#: Anything a client may count or name with; larger ones cannot be carried to the engine.
+#: Any number that a client chooses; larger ones cannot be sent to the engine.
 Int64 = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
 
-#: A frame that names no ttl is felt for this long.
+#: How long a frame without a ttl is shown.
 DEFAULT_TTL_MS = 200
 
 T = TypeVar("T")
@@ -42,7 +42,7 @@ Returns = Literal["all"] | Ring | tuple[tuple[int, ...], ...]
 
 
 class Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One frame, as in DESIGN section 9: `level` or `current_ua`, N values each.
+    """A frame: `level` or `current_ua`, N values each.
 
     Values that may be given once or N times: `width_us`, `polarity`, `rate_hz`; where they are not
     given, the calibration's or else the body site's hold. Level 0 is silent.
@@ -91,7 +91,7 @@ def _check_return_sets(sets: tuple[tuple[int, ...], ...], n: int) -> None:
         raise Refused("bad_frame", f"returns has {len(sets)} lists, the array has {n} electrodes")
     there = frozenset(range(n))
     for electrode, members in enumerate(sets):
-        # By sets: the engine looks at as many as 65 000 members between two pulses.
+        # As sets: the engine checks as many as 65 000 members between two pulses.
         named = frozenset(members)
         if not named <= there:
             raise Refused(

@@ -1,9 +1,8 @@
 """The messages between gateway and engine, and the two Unix sockets they cross.
 
-Owns: what one process may say to the other, and a channel that never blocks: a datagram is taken
-whole or not at all, and one that does not fit is dropped and counted.
-Must not know: ZeroMQ, JSON, strangers (they end in the gateway), devices (they begin in the
-engine).
+Owns: the messages of both processes, and a channel that never blocks: a datagram is taken whole or
+not at all, and a datagram that does not fit is dropped and counted. Must not know: ZeroMQ, JSON and
+clients (the gateway handles them), devices (the engine handles them).
 
 Commands and frames have a socket each, so that no command waits behind a frame. Both carry
 msgpack of the structs below; each end decodes only the other's union.
@@ -40,13 +39,13 @@ from etd.protocol.messages import (
 )
 from etd.stabilize.shape import PLAIN, Shape
 
-#: The gateway says something at least this often; after SILENCE_NS without, the skin is silent.
+#: The gateway sends at least this often; after SILENCE_NS without a message the skin is silent.
 ALIVE_NS = 50_000_000
 SILENCE_NS = 250_000_000
 #: A datagram is never larger: a frame of 256 electrodes with explicit returns fits.
 MAX_DATAGRAM_BYTES = 192 * 1024
 
-#: Who asks, and a lease: as long as the protocol lets them be, so that every report has room.
+#: Client names and lease tokens, at the protocol's length, so that every report has room.
 Text64 = Annotated[str, Meta(max_length=64)]
 
 
@@ -87,7 +86,7 @@ class DisarmBoard(Command, frozen=True, kw_only=True):
 
 
 class ArmBoard(Command, frozen=True, kw_only=True):
-    """The answer comes when the rail is there, or when it is not."""
+    """The answer comes when the board is armed, or when that has failed."""
 
 
 class ClearHalt(Command, frozen=True, kw_only=True):
@@ -108,7 +107,7 @@ class SetMark(Command, frozen=True, kw_only=True):
 
 
 class NewFrame(_Message, frozen=True, kw_only=True):
-    """A frame of the right shape, with the lease that the gateway found standing.
+    """A frame of the right shape, with the token of its lease.
 
     `ref` 0: streamed, answered by a `RefusedReport` if it is refused and by nothing otherwise.
     """
@@ -132,7 +131,7 @@ ToEngine = (
 
 
 class EngineHello(_Message, frozen=True, kw_only=True):
-    """The engine's first word on the command socket: what there is to drive."""
+    """The engine's first message on the command socket: the board, the array and their maxima."""
 
     board: BoardFacts
     array: ArrayFacts
@@ -146,7 +145,7 @@ class EngineHello(_Message, frozen=True, kw_only=True):
 
 
 class Answer(_Message, frozen=True, kw_only=True):
-    """To the command or frame with this `ref`. `error` None: done."""
+    """The answer to the command or frame with this `ref`. `error` None: done."""
 
     ref: int
     error: ErrorCode | None = None
@@ -162,7 +161,7 @@ class Answer(_Message, frozen=True, kw_only=True):
 
     @classmethod
     def refusing(cls, ref: int, refusal: Refused) -> Answer:
-        """To what was not accepted."""
+        """The answer to a command or frame that was refused."""
         return cls(
             ref=ref,
             error=refusal.code,
@@ -173,14 +172,14 @@ class Answer(_Message, frozen=True, kw_only=True):
 
 
 class LeaseEnded(_Message, frozen=True, kw_only=True):
-    """The lease stands no longer, and why: lapsed, closed, halted."""
+    """The lease has ended, and why: lapsed, closed, halted."""
 
     lease: str
     reason: str
 
 
 class Report(_Message, frozen=True, kw_only=True):
-    """Telemetry for everybody: exactly one of these."""
+    """Telemetry for all clients: exactly one of these."""
 
     state: StateReport | None = None
     scan: Scan | None = None
@@ -204,7 +203,7 @@ class Channel(Generic[In]):
         for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
             connection.setsockopt(socket.SOL_SOCKET, option, 2 * MAX_DATAGRAM_BYTES)
         self._socket = connection
-        #: Asked first: a read that finds nothing costs three times as much.
+        #: Polled before a read: a read that finds nothing costs three times as much.
         self._poller = select.poll()
         self._poller.register(connection, select.POLLIN)
         self._decoder: msgspec.msgpack.Decoder[In] = msgspec.msgpack.Decoder(incoming)
@@ -236,7 +235,7 @@ class Channel(Generic[In]):
     def receive(self) -> In | None:
         """The next message, or None if there is none now (or no connection any more).
 
-        Raises: Undecodable for bytes that are none of the other end's messages.
+        Raises: Undecodable for bytes that are no message of the other end.
         """
         if not self.is_open or not self._poller.poll(0):
             return None

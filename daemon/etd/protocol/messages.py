@@ -24,9 +24,9 @@ VERSION = 1
 MAX_MESSAGE_BYTES = 65_536
 #: A lease lives this long after the last accepted frame or `keep`.
 LEASE_MS = 1_000
-#: Streamed `scan` telemetry comes at most this often; nothing is lost by it.
+#: Streamed `scan` telemetry comes at most this often; no frame is lost by it.
 MAX_TELEMETRY_HZ = 30
-#: What a fake board's body is modelled to feel comes this often while there is anything to tell.
+#: `modelled` telemetry of a fake board comes this often while its body feels anything.
 MODELLED_HZ = 10
 
 Id = Annotated[str, Meta(max_length=64)] | Int64
@@ -51,7 +51,7 @@ class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class Hello(_Request, frozen=True, tag="hello"):
-    """Who is there: version, board and guards, array, limits, endpoints."""
+    """The daemon's facts: version, board and guards, array, limits, endpoints."""
 
 
 class Status(_Request, frozen=True, tag="status"):
@@ -65,7 +65,7 @@ class Stop(_Request, frozen=True, tag="stop"):
 
 
 class Open(_Request, frozen=True, tag="open"):
-    """Ask for the one lease, with the limits of the person who will feel it."""
+    """Request the lease, with the limits of the stimulated person."""
 
     client: Annotated[str, Meta(min_length=1, max_length=64)]
     calibration: Name | None = None
@@ -85,7 +85,7 @@ class Disarm(_Request, frozen=True, tag="disarm"):
 
 
 class Arm(_Request, frozen=True, tag="arm"):
-    """Arms the present holder's lease, whoever asks."""
+    """Arms the present holder's lease, whichever client sends it."""
 
 
 class Clear(_Request, frozen=True, tag="clear"):
@@ -137,7 +137,7 @@ Request = (
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The reply to what was not accepted; nothing changed."""
+    """The reply to a refused request; nothing changed."""
 
     ok: Literal[False]
     error: ErrorCode
@@ -149,7 +149,7 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Success(msgspec.Struct, frozen=True, kw_only=True):
-    """What every accepted request gets, before the keys of its own."""
+    """The keys in the reply to every accepted request, before its own."""
 
     ok: Literal[True]
     now_ns: int
@@ -181,7 +181,7 @@ class ArrayFacts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MaximaFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """What nobody gets more of: the smallest of code, board and body site."""
+    """The maxima: the smallest of code, board and body site."""
 
     current_ua: int
     uncalibrated_current_ua: int
@@ -209,9 +209,9 @@ class HelloReply(Success, frozen=True, kw_only=True):
     default_width_us: int
     default_rate_hz: float
     default_polarity: Polarity
-    #: What becomes of every pulse there: a calibration that is made holds for it.
+    #: The shape of every pulse at this body site: a new calibration holds for it.
     shape: Shape = PLAIN
-    #: The laws of the body site, in their order.
+    #: The stabilizers of the body site, in their order.
     stabilizers: tuple[str, ...] = ()
     default_calibration: str | None
     calibrations: tuple[str, ...]
@@ -231,7 +231,7 @@ ClampReason = Literal[
 
 
 class Clamp(msgspec.Struct, frozen=True, kw_only=True):
-    """What was made smaller: electrode, the wish and what it got, and why.
+    """A current that was lowered: electrode, the requested and the allowed current, and why.
 
     `limited_by` is the electrode whose cap was the smallest in the path (a return, perhaps).
     """
@@ -253,7 +253,7 @@ class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FrameReply(Success, frozen=True, kw_only=True):
-    """Accepted: felt from the next start of a scan. `clamped` is what its limits take away."""
+    """Accepted: shown from the next start of a scan. `clamped` is what its limits take away."""
 
     seq: int
     rate_hz: float
@@ -262,8 +262,8 @@ class FrameReply(Success, frozen=True, kw_only=True):
 
 
 class Contact(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known of each electrode. None: unknown. `pressure_kpa` is what the sensor nearest to
-    it says; empty for an array without sensors.
+    """The contact of each electrode. None: unknown. `pressure_kpa` is of the nearest sensor; empty
+    for an array without sensors.
     """
 
     contact: tuple[bool | None, ...]
@@ -291,7 +291,7 @@ class CalibrationReply(Success, frozen=True, kw_only=True):
 
 
 class Halt(msgspec.Struct, frozen=True, kw_only=True):
-    """Why the daemon is halted: `stop` and who, or a fault."""
+    """Why the daemon is halted: a `stop` and its source, or a fault."""
 
     cause: str
     source: str
@@ -321,17 +321,18 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     not_granted: tuple[str, ...] = ()
     counters: dict[str, int] = {}
     busy_percent: float = 0.0
-    #: How far the board's clock, which all times in reports are of, is behind CLOCK_MONOTONIC.
+    #: How far the board's clock, which times all reports, is behind CLOCK_MONOTONIC.
     clock_lag_us: int = 0
-    #: A fake's ttl, lease and gateway's silence may last so many times as long; else 1.
+    #: On a fake board ttl, lease and the gateway's silence may last so many times as long; else 1.
     timeout_factor: int = 1
     timing: dict[str, float] = {}
     machine: tuple[str, ...] = ()
     last_disarm: str | None = None
-    #: Why `arm` will be refused until somebody has tested or changed something, with what to do.
+    #: Why `arm` will be refused until configuration, board or self-test change, with what to do.
     arming_refused: str | None = None
     session: SessionFacts | None = None
-    #: Which sensor under the array says nothing, and why; for two seconds after it does again.
+    #: The sensors under the array without a valid reading, and why; kept for two seconds after they
+    #: recover.
     sensor_problems: dict[str, str] = {}
 
 
@@ -341,7 +342,7 @@ class StatusReply(Success, frozen=True, kw_only=True):
 
 class Shown(msgspec.Struct, frozen=True, kw_only=True):
     """A frame that was begun, with the times of its first and last pulse (CLOCK_MONOTONIC); None
-    while it has had no pulse (a silent one has none).
+    while it has had no pulse (a silent frame has none).
     """
 
     seq: int
@@ -355,16 +356,16 @@ class Shown(msgspec.Struct, frozen=True, kw_only=True):
 class Fired(msgspec.Struct, frozen=True, kw_only=True):
     """The last scan, electrode by electrode; 0 or None where nothing was fired.
 
-    `wanted_ua` is what the frame asked for, also where a stabilizer made nothing of it, and
-    `current_ua` is 0; else `current_ua` is what the source was told, an upper bound of what passes
-    the skin. `delivered_ua` passed it at the end of the pulse, the leak taken out.
-    `contact` is the kind of contact that the pulse found. `prepulse_ua` and `probe_ua` are what
-    the source was told of a step that led into the pulse, and of a probe that went before it in the
-    same visit; 0 where there was none. Their widths follow from the body-site file.
+    `wanted_ua` is the frame's current, also where a stabilizer requested nothing and `current_ua`
+    is 0; else `current_ua` is the current commanded to the source, an upper bound of the current
+    through the skin. `delivered_ua` is the current through the skin at the end of the pulse, the
+    leak taken out. `contact` is the state of the contact at the pulse. `prepulse_ua` and `probe_ua`
+    are the currents commanded for a prepulse and for a probe directly before the pulse; 0 where
+    there was none. Their widths follow from the body-site file.
 
-    `resistance_ohm` is of the last sample of the last pulse alone, `skin_ohm` what the skin resists
-    a long pulse, by all pulses above the probe's current, and `capacitance_nf` what lies beside it,
-    where pulses were wide enough to tell; None where they are not believed.
+    `resistance_ohm` is of the last sample of the last pulse alone, `skin_ohm` the skin's resistance
+    to a long pulse, from all pulses above the probe's current, and `capacitance_nf` the capacitance
+    beside it, where pulses were wide enough to measure it; None where they are rejected.
     """
 
     wanted_ua: tuple[int, ...]
@@ -381,9 +382,9 @@ class Fired(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True):
-    """Telemetry `scan`: every frame begun since the last one, what was fired, and why not more.
-    `pressure_kpa` is of this moment, per electrode by the sensor nearest to it: None where that one
-    says nothing; empty for an array without sensors.
+    """Telemetry `scan`: every frame begun since the last report, every electrode fired, and why
+    less was fired. `pressure_kpa` is the pressure now, per electrode from the nearest sensor: None
+    where that has no valid reading; empty for an array without sensors.
     """
 
     now_ns: int
@@ -400,7 +401,9 @@ class Scan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Telemetry `refused`: a streamed frame that was not accepted. `count` counts all of them."""
+    """Telemetry `refused`: a streamed frame that was not accepted. `count` is their number
+    so far.
+    """
 
     now_ns: int
     error: ErrorCode
@@ -412,9 +415,9 @@ class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Modelled(msgspec.Struct, frozen=True, kw_only=True):
-    """Telemetry `modelled`, of fake boards only: what the model of a body says it felt.
-    Per electrode the strongest since the last one. `felt`: 1.0 is just felt, 0 nothing; `pain`: 1.0
-    and more would hurt.
+    """Telemetry `modelled`, of fake boards only: the sensation of the modelled body. Per electrode
+    the strongest since the last report. `felt`: 1.0 is just felt, 0 nothing; `pain`: 1.0 and more
+    would hurt.
     """
 
     now_ns: int
@@ -432,7 +435,7 @@ TELEMETRY_OF_TOPIC: dict[Topic, Any] = {
     "modelled": Modelled,
 }
 
-#: The reply that each op's success is decoded into.
+#: The type of the reply to each op that succeeds.
 REPLY_OF_OP: dict[str, Any] = {
     "hello": HelloReply,
     "status": StatusReply,
