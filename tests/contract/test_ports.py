@@ -69,9 +69,10 @@ class TestSpi:
         backend.spi.prepare(message)
         backend.spi.prepare(message)
         assert [len(read) for read in backend.spi.transfer(message)] == [2, 2]
-        for refused, kind in ((33, "too_long"), (512, "invalid")):
+        words, delays = (Transfer(ZERO, cs_change=True),) * 32, (Transfer(),) * 511
+        for refused, kind in ((words, "too_long"), (delays, "invalid")):
             with pytest.raises(BusError) as raised:
-                backend.spi.prepare(Message((Transfer(ZERO, cs_change=True),) * refused))
+                backend.spi.prepare(Message((*refused, Transfer(ZERO))))
             assert raised.value.kind == kind
 
     def test_a_refused_message_leaves_the_bus_usable(self, backend: Backend) -> None:
