@@ -237,7 +237,7 @@ def test_what_does_not_go_together_is_used_wrongly(
         (["P 1", "--max-current-ua", "2000"], "the code, or --as: 'P 1'"),
         (["P1", "--as", "../x", "--max-current-ua", "2000"], "the code, or --as: '../x'"),
         (["P1", "--max-current-ua", "20000"], "--max-current-ua: it says 20000"),
-        (["P1", "--max-current-ua", "3001"], "at most 3000 uA: nobody gets more before being"),
+        (["P1", "--max-current-ua", "3001"], "at most 3000 uA is allowed without a calibration"),
         (["P1", "--max-current-ua", "7"], "--max-current-ua: it says 7"),
         (["P1", "--max-current-ua", "2000", "--width-us", "500"], "--width-us: it says 500"),
         (["P1", "--max-current-ua", "2000", "--width-us", "0"], "--width-us: it says 0"),

@@ -1,11 +1,11 @@
-"""The `etd` command: one verb a module, loaded when it is asked for.
+"""The `etd` command: a module for each verb, loaded when it is used.
 
-Owns: which verbs there are, how errors become a sentence and an exit status, and what Ctrl-C
-does. Must not know: what any verb does. It imports nothing but the standard library and the tree
-of errors, so that `etd safe` works when hardly anything else does.
+Owns: which verbs there are, how errors become a sentence and an exit status, and what Ctrl-C does.
+Must not know: what any verb does. It imports nothing but the standard library and the tree of
+errors, so that `etd safe` works when little else does.
 
 A verb is a module with NAME, HELP, EPILOG (an example), `add_arguments(parser)` and `run(args)`,
-which returns the exit status: 0 done, 1 the answer is no, 2 used wrongly, 3 the hardware or the
+which returns the exit status: 0 done, 1 refused or failed, 2 used wrongly, 3 the hardware or the
 daemon is not there, 130 ended by Ctrl-C. `args.misused(sentence)` ends with status 2.
 """
 
@@ -65,7 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # Whoever was reading has gone (`etd monitor | head`): nobody is left to be told.
+        # The reader has closed the pipe (`etd monitor | head`): an error text would reach no
+        # reader.
         _discard_output()
         return NO
     except OSError as error:
@@ -101,12 +102,12 @@ def _standard_streams() -> bool:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what was used wrongly; parsers of verbs below it are made of the same class."""
+    """Reports wrong use; the parsers of the verbs have the same class."""
 
     as_json = False
 
     def error(self, message: str) -> NoReturn:
-        """Raises: SystemExit (2). A program that asked for JSON gets it."""
+        """Raises: SystemExit (2). With `--json` the error is a JSON object."""
         if self.as_json:
             answer = {"ok": False, "error": "used_wrongly", "reason": f"{self.prog}: {message}"}
             print(json.dumps(answer), flush=True)
@@ -118,7 +119,7 @@ class _JsonParser(_Parser):
 
 
 def _parser(verbs: Sequence[str], as_json: bool) -> argparse.ArgumentParser:
-    """Knows all verbs for the help screen, and only the one that is asked for otherwise."""
+    """Has all verbs for the help screen, else only the verb that is used."""
     parser = (_JsonParser if as_json else _Parser)(
         prog="etd",
         description="Drive an electro-tactile display.",
@@ -148,7 +149,7 @@ def _add_verb(adding: argparse._SubParsersAction[_Parser], module: ModuleType) -
 
 
 def _answered(args: argparse.Namespace) -> int:
-    """Run the verb; what went wrong becomes one sentence (or one JSON object) and a status."""
+    """Run the verb; an error becomes a sentence (or a JSON object) and a status."""
     try:
         status = args.run(args)
     except EtdError as error:
@@ -161,7 +162,7 @@ def _answered(args: argparse.Namespace) -> int:
 
 
 def _failed(error: OSError, as_json: bool) -> int:
-    """The system's answer to a file, a folder or a socket. Standard output may be the one."""
+    """An OSError of a file, a folder, a socket or standard output."""
     try:
         # What could not be written is still there, where output is buffered: then that is it.
         sys.stdout.flush()
@@ -181,7 +182,7 @@ _NOT_THERE_KINDS = ("absent", "busy", "forbidden", "gone", "permission")
 
 
 def status_of(error: EtdError) -> int:
-    """3 where something is not there, 1 where the answer is no."""
+    """3 where hardware or daemon is not there, 1 for a refusal or a failure."""
     if isinstance(error, PartEnded):
         return error.status
     if isinstance(error, DaemonGone | HardwareMissing):
@@ -201,7 +202,7 @@ def _tell(error: EtdError | OSError, as_json: bool) -> None:
 
 
 def _sentence(error: EtdError | OSError) -> str:
-    """The engine's reason for `expired` is two times, for programs: people are told what of."""
+    """The engine's reason for `expired` is two times; here the sentence says what they are of."""
     if isinstance(error, OSError):
         if error.filename is None:
             return f"standard output, or a file that it writes, {_unwritable(error)}"

@@ -29,12 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises: Refused (with the check that said no), DaemonGone."""
+    """Raises: Refused (with the check that failed), DaemonGone."""
     with Display(args.name, client="etd arm") as display:
         display.arm_holder(TIMEOUT_S)
         holder = display.status().holder
     if args.json:
         print(json.dumps({"ok": True, "holder": holder}))
     else:
-        print(f"armed; {holder or 'nobody'} drives")
+        print(f"armed; {holder or 'no client'} drives")
     return 0

@@ -1,7 +1,7 @@
 """`etd calibrate`: a person's thresholds, comfortable levels and caps, electrode by electrode.
 
-Owns: the options, what does not go together, and which daemon it is, with which limit. Must not
-know: how a calibration goes (calibrate_session), procedures, keys.
+Owns: the options, which of them exclude each other, and the daemon and limit to use. Must not know:
+the course of a calibration (calibrate_session), procedures, keys.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_conditions(parser: argparse.ArgumentParser) -> None:
-    """What it is made under; levels will hold for these only."""
+    """The conditions of the calibration; levels hold for these only."""
     default = "default: the baseline's, else the body site's"
     parser.add_argument("--width-us", type=int, metavar="W", help=f"of each pulse ({default})")
     parser.add_argument(
@@ -155,7 +155,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             calibrating.run()
         except KeyboardInterrupt:
-            # A terminal that goes away, among others: nobody could press a key any more.
+            # A terminal that goes away, among others: no key could be pressed any more.
             display.stop()
             with contextlib.suppress(OSError):
                 said = _sentence(Stopped("stop"), calibrating)
@@ -186,14 +186,14 @@ def _check_combinations(args: argparse.Namespace) -> None:
         if args.max_current_ua is not None:
             args.misused("--method equalize goes by the caps of its --baseline: no other limit")
     elif args.max_current_ua is None:
-        args.misused("--max-current-ua is needed: nobody is stimulated without a limit")
+        args.misused("--max-current-ua is needed: there is no stimulation without a limit")
     if args.board is None and (args.array or args.answers == "simulated"):
         args.misused("--array and --answers simulated go with --board fake")
 
 
 @contextmanager
 def _wrong_use(args: argparse.Namespace) -> Iterator[None]:
-    """What the command line says, or a file that it names, cannot be: status 2."""
+    """A wrong value on the command line, or in a file that it names: status 2."""
     try:
         yield
     except FileError as error:
@@ -213,7 +213,7 @@ def _address(args: argparse.Namespace) -> Iterator[str | None]:
 
 
 def _display(args: argparse.Namespace, address: str | None) -> Display:
-    """Its lease has the operator's limit; with equalize, the baseline's caps."""
+    """A display whose lease has the operator's limit; with equalize, the baseline's caps."""
     client = f"etd calibrate {args.participant}"
     if args.method == "equalize":
         return Display(args.name, address=address, client=client, calibration=args.baseline)
@@ -234,14 +234,14 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
 
 
 def _check_limit(max_current_ua: int, facts: HelloReply) -> None:
-    """Raises: FileError, naming the bound: the daemon would say to calibrate."""
+    """Raises: FileError, naming the bound; the daemon's own refusal would say to calibrate."""
     most_ua = facts.maxima.uncalibrated_current_ua
     if max_current_ua > most_ua:
         raise FileError(
             COMMAND_LINE,
             "--max-current-ua",
             f"it says {max_current_ua}",
-            f"at most {most_ua} uA: nobody gets more before being calibrated"
+            f"at most {most_ua} uA is allowed without a calibration"
             f" (uncalibrated_current_ua of body site {facts.body_site}, and the board's maxima)",
         )
 

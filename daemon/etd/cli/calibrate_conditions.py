@@ -1,8 +1,7 @@
 """The conditions of a calibration, from what the command line says and what it leaves out.
 
-Owns: where each of them comes from (asked, else the baseline's, else the body site's), the
-reference electrode, and telling a wrong one by its name on the command line. Must not know: how a
-calibration goes.
+Owns: where each condition comes from (command line, else baseline, else body site), the reference
+electrode, and errors that name the option. Must not know: the course of a calibration.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from etd.protocol.messages import ArrayFacts, HelloReply
 from etd_hal.tomlfile import convert
 
 COMMAND_LINE = "the command line"
-#: What is called otherwise on the command line.
+#: Conditions with another name on the command line.
 _OPTIONS = {
     "participant": "CODE",
     "cap_ua": "--max-current-ua",
@@ -65,7 +64,7 @@ def requested_conditions(
 
 
 def _check_electrodes(args: argparse.Namespace, array: ArrayFacts) -> None:
-    """Raises: FileError, for one that the array does not have."""
+    """Raises: FileError, for an electrode that the array does not have."""
     named = {"--leave-out": args.leave_out, "--reference": (args.reference,)}
     for option, electrodes in named.items():
         for electrode in electrodes:
@@ -79,7 +78,7 @@ def _check_electrodes(args: argparse.Namespace, array: ArrayFacts) -> None:
 
 
 def _check_returns(args: argparse.Namespace, facts: HelloReply) -> None:
-    """Raises: FileError, before anybody is asked to arm a board that cannot do it."""
+    """Raises: FileError, before the operator is asked to arm a board that cannot do it."""
     if args.returns not in (None, "all") and "open" not in facts.board.states:
         raise FileError(
             COMMAND_LINE,
@@ -90,7 +89,9 @@ def _check_returns(args: argparse.Namespace, facts: HelloReply) -> None:
 
 
 def _reference(args: argparse.Namespace, array: ArrayFacts, base: Calibration | None) -> int:
-    """The one that is named; else the nearest to the middle of those that the baseline felt."""
+    """The electrode that is named; else, of those felt in the baseline, the nearest to the
+    middle.
+    """
     if args.reference is not None:
         return int(args.reference)
     each = () if base is None else base.electrode[: array.electrodes]

@@ -1,9 +1,9 @@
-"""What a person sees while being calibrated: the array, how far it is, and the keys.
+"""The screen during a calibration: the array, the progress, and the keys.
 
 Owns: the lines, how far it is in words, and drawing them over themselves on a terminal. Must not
-know: procedures, keys' meanings, daemons. No current is ever shown: nobody should answer by number.
-Where the answer is to be JSON (`is_quiet`), how far it is goes to standard error, and nothing else
-is said.
+know: procedures, keys' meanings, daemons. No current is ever shown: the person should not answer by
+number. Where the answer is to be JSON (`is_quiet`), only the progress is printed, to standard
+error.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _ASKED = {
 
 
 class Screen:
-    """`progress` is looked at, never changed."""
+    """`progress` is read, never changed."""
 
     def __init__(self, array: ArrayFacts, progress: Progress, is_quiet: bool) -> None:
         self._picture = Picture(array.x_mm, array.y_mm)
@@ -36,14 +36,14 @@ class Screen:
         self._ask: Ask | None = None
 
     def begin(self) -> None:
-        """Before the first question, while the opening rises."""
+        """Before the first question, during the soft start."""
         if self._is_quiet:
             print(to_come(self._progress), file=sys.stderr, flush=True)
         else:
             print(to_come(self._progress), flush=True)
 
     def ask(self, question: Question) -> None:
-        """The picture where the electrode is another one, and the question."""
+        """Print the question, and the picture when the electrode has changed."""
         self._ask = question.ask
         if self._is_quiet:
             return
@@ -54,7 +54,7 @@ class Screen:
         print(f"{_ASKED[question.ask]}   {legend(question.ask)}", flush=True)
 
     def heard(self, answer: Answer | None) -> None:
-        """After each key: that it was taken, and that the next one comes, where one does."""
+        """After each key: that it was taken, and whether another presentation follows."""
         if self._is_quiet:
             return
         if answer is None:
@@ -93,7 +93,7 @@ class Screen:
 
 
 def to_come(progress: Progress) -> str:
-    """What is before whoever waits for it."""
+    """What is still to come."""
     return (
         f"by {progress.conditions.method}, {len(progress.missing)} electrodes to come, about half a"
         " minute each at the quickest"
@@ -101,6 +101,6 @@ def to_come(progress: Progress) -> str:
 
 
 def count_of(progress: Progress) -> str:
-    """How far it is."""
+    """The progress in words."""
     done, all_of_them = len(progress.found), progress.conditions.electrodes
     return f"{done} of {all_of_them} electrodes, {progress.presentations} presentations"

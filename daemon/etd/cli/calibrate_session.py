@@ -1,7 +1,7 @@
-"""One run of `etd calibrate` on a daemon: arming, going through the electrodes, what becomes of it.
+"""A run of `etd calibrate` on a daemon: arming, going through the electrodes, storing the result.
 
-Owns: who answers, that what was found is kept, and what is stored and told in the end. Must not
-know: options' names, procedures (etd.calibrate), keys, the picture.
+Owns: where answers come from, that what was found is kept, and what is stored and printed at the
+end. Must not know: options' names, procedures (etd.calibrate), keys, the picture.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class CalibrateSession:
         self._progress = self._begun(conditions)
         self._screen = Screen(display.facts.array, self._progress, is_quiet=args.json)
         self._is_simulated = args.answers == "simulated"
-        #: In the screen's place, where nobody answers and the answer is not to be JSON.
+        #: In the screen's place, where answers are simulated and the output is not JSON.
         self._watch = Watch(self._progress) if self._is_simulated and not args.json else None
         self._left: dict[int, str] = {}
 
@@ -158,7 +158,7 @@ class CalibrateSession:
         return "the same command" + (" without --restart" if self._args.restart else "")
 
     def _begun(self, conditions: Conditions) -> Progress:
-        """What there is of it. Raises: FileError, where that is under other conditions."""
+        """The progress kept so far. Raises: FileError, where it has other conditions."""
         if self._args.restart or not self._file.exists():
             return Progress(conditions=conditions)
         progress = load_progress(self._file, conditions)
@@ -178,7 +178,7 @@ class CalibrateSession:
     # --- the daemon --------------------------------------------------------------------------
 
     def _arm(self, keys: Keyboard) -> None:
-        """The fake's skin is nobody's; everybody else's waits for the operator. Raises: Stopped."""
+        """A fake board is armed at once; a real board waits for the operator. Raises: Stopped."""
         if self._args.board is not None or self._args.arm:
             self._display.arm(ARM_WITHIN_S)
             return
@@ -197,7 +197,7 @@ class CalibrateSession:
             clock.sleep_s(_LOOK_S)
 
     def _is_armed(self) -> bool:
-        """A silent frame is the question, and opens the lease."""
+        """Found out with a silent frame, which also opens the lease."""
         try:
             self._display.show_current([0] * self._display.electrodes, ttl_ms=_SILENT_MS)
         except Refused as refusal:
@@ -218,7 +218,7 @@ class CalibrateSession:
         return self._screen if self._watch is None else self._watch
 
     def _presented(self, electrode: int) -> None:
-        """The screen is told by the question."""
+        """Updates the bar; the screen is updated by the question."""
         if self._watch is not None:
             self._watch.presented(electrode)
 
@@ -249,7 +249,9 @@ class CalibrateSession:
         )
 
     def _where(self) -> str:
-        """It can be looked at again; a fake of one's own ends, and its calibrations with it."""
+        """Where the calibration can be found; a fake board of this command ends with its
+        calibrations.
+        """
         if self._args.board is None:
             return f"`etd calibration show {self._which}`"
         if self._args.out is None:

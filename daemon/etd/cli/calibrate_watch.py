@@ -1,7 +1,7 @@
-"""How far a calibration is that nobody sits before: a bar on a terminal, elsewhere a line at times.
+"""The progress of a simulated calibration: a bar on a terminal, elsewhere a line now and then.
 
-Owns: both, on standard error: what the command answers goes to standard output. Must not know:
-procedures, daemons, who answers.
+Owns: both, on standard error: the command's answer goes to standard output. Must not know:
+procedures, daemons, where answers come from.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
-#: An electrode takes half a minute: what is left is reckoned from the last twenty.
+#: An electrode takes half a minute: the time left is estimated from the last twenty.
 _REMEMBERED_S = 600.0
 
 
 class Watch:
-    """`progress` is looked at, never changed. To be entered; it ends with the `with`.
+    """`progress` is read, never changed. A context manager.
 
     Raises, when made: HardwareMissing on a terminal without rich.
     """
@@ -49,7 +49,7 @@ class Watch:
             self._bar.stop()
 
     def begin(self) -> None:
-        """Before the first presentation, while the opening rises."""
+        """Before the first presentation, during the soft start."""
         print(to_come(self._progress), file=sys.stderr, flush=True)
         if self._bar is not None:
             self._task = self._bar.add_task("", total=self._progress.conditions.electrodes)
@@ -78,7 +78,7 @@ class Watch:
 
 
 def _bar() -> Bar:
-    """Drawn when something has happened, about once a second: no thread is beside the pulses."""
+    """Drawn after an event, about once a second: no thread runs beside the pulses."""
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar

@@ -1,7 +1,7 @@
 """`etd calibration list|show|export|import|delete`: the calibrations that a daemon keeps.
 
-Owns: the printed answers, and the files that are read and written for them. Must not know: where
-the daemon keeps them, how a calibration is made (calibrate).
+Owns: the printed answers, and the files read and written. Must not know: where the daemon keeps
+calibrations, how a calibration is made (calibrate).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     show = _action(actions, "show", _show, "one calibration, electrode by electrode")
     export = _action(actions, "export", _export, "one calibration as the file that it is")
     taking = _action(actions, "import", _import, "have the daemon keep a calibration file")
-    delete = _action(actions, "delete", _delete, "have the daemon forget one")
+    delete = _action(actions, "delete", _delete, "delete a calibration from the daemon")
     for each in (show, export, delete):
         each.add_argument("which", metavar="NAME", help="its name")
     export.add_argument("file", nargs="?", type=Path, metavar="FILE", help="a new file")
@@ -124,7 +124,7 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _conditions(calibration: Calibration) -> dict[str, object]:
-    """Everything but the electrodes, as they are written."""
+    """All fields except the electrodes, as in the file."""
     return {
         "participant": calibration.participant,
         "body_site": calibration.body_site,
@@ -145,7 +145,7 @@ def _conditions(calibration: Calibration) -> dict[str, object]:
 
 
 def _printable(value: object) -> str:
-    """Whatever a file says must not write over the terminal."""
+    """Text of a file must not control the terminal."""
     text = "not said" if value is None else str(value)
     return text if text.isprintable() else repr(text)
 
@@ -166,7 +166,7 @@ def _sentence(calibration: Calibration) -> str:
 
 
 def _signs(values: list[int]) -> list[str]:
-    """A digit for each, from the least to the largest."""
+    """A digit for each value, from the smallest to the largest."""
     least = min(values)
     span = max(max(values) - least, 1)
     return [str((value - least) * 9 // span) for value in values]
@@ -192,7 +192,7 @@ def _table(calibration: Calibration) -> list[str]:
 
 
 def _export(args: argparse.Namespace) -> int:
-    """A file that is there already is not written over."""
+    """An existing file is not overwritten."""
     check_new_file(args.file)
     with _display(args) as display:
         text = to_toml(display.calibration(args.which))
@@ -219,7 +219,7 @@ def _import(args: argparse.Namespace) -> int:
 
 
 def _loaded(path: Path) -> Calibration:
-    """Raises: FileError; of a file of another kind it says so, rather than what it lacks."""
+    """Raises: FileError, which names the kind where the file is of another kind."""
     try:
         return load_calibration(path)
     except FileError as error:

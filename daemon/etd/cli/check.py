@@ -1,6 +1,7 @@
-"""`etd check FILE...`: is this file what it should be?
+"""`etd check FILE...`: checks configuration and data files.
 
-Owns: the printed answer. Must not know: the rules (etd.files.check asks those who have them).
+Owns: the printed answer. Must not know: the rules (`etd.files.check` calls the modules that have
+them).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import msgspec
 from etd.files.check import Checked, check_file
 
 NAME = "check"
-HELP = "tell what files are, and whether they hold together"
+HELP = "check configuration, board, calibration and pattern files"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status 0: all hold together. 1: one does not, or is not there."""
+    """Exit status 0: all files are valid. 1: a file is not valid, or does not exist."""
     answers = [check_file(path) for path in args.files]
     all_good = all(answer.error is None for answer in answers)
     if args.json:

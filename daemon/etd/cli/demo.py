@@ -1,7 +1,7 @@
 """`etd demo`: a moving pattern on a fake board, through real processes and sockets.
 
 Owns: the loop of showing and drawing. Must not know: the pattern (apps.demo_pattern), the picture
-(live). It brings its own daemon, and has no way to name a running one.
+(live). It starts its own daemon, and has no option to name a running daemon.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from etd.protocol.errors import Refused
 from etd.protocol.messages import FrameReply
 
 NAME = "demo"
-HELP = "show a moving pattern on a fake board: no hardware, and nobody's skin"
+HELP = "show a moving pattern on a fake board: no hardware, no person"
 EPILOG = """
 examples:
   etd demo
@@ -32,9 +32,9 @@ examples:
 The picture is that of `etd monitor`, whose --help explains it; what is felt is modelled. It brings
 its own daemon and ends it: for one that stays, `etd run --board fake`.
 """
-#: A new frame this often.
+#: The frame period.
 _FRAME_NS = 50_000_000
-#: On an array without a calibration of the fake's body, a level of 1 is this.
+#: The current and width of level 1 on an array without a calibration of the fake's body.
 _CURRENT_UA, _WIDTH_US = 2_000, 100
 _ARM_WITHIN_S = 20.0
 
@@ -76,9 +76,9 @@ def _display(address: str, has_calibration: bool) -> Display:
 
 
 class Demo:
-    """A frame every 50 ms, and what telemetry says of it.
+    """Sends a frame every 50 ms, and draws the telemetry.
 
-    A frame that came too late is not felt, counted, and told at the end: a busy machine makes some.
+    Frames that came too late, as on a busy machine, are counted and reported at the end.
     """
 
     def __init__(self, display: Display, has_calibration: bool) -> None:
@@ -93,7 +93,7 @@ class Demo:
         self._late = 0
 
     def run(self, seconds: float | None) -> None:
-        """For so long, or until Ctrl-C."""
+        """Run for `seconds`, or until Ctrl-C."""
         facts = self._display.facts
         title = (
             f"etd demo (backend: {facts.board.backend}; {facts.board.name}, {facts.array.name}):"

@@ -1,7 +1,6 @@
-"""`etd disarm`: supply off, for whoever holds the lease.
+"""`etd disarm`: supply off, for the holder of the lease.
 
-Owns: saying that a lease is needed, and what does not need one. Must not know: more of the
-protocol than that request.
+Owns: the refusal without a lease, and its advice. Must not know: other requests of the protocol.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
-"""One key, one answer: the terminal of whoever is being calibrated.
+"""One key, one answer: the terminal of the person being calibrated.
 
 Owns: reading single keys without Enter, what each key means, and the line that says so. Must not
 know: what is presented, daemons.
 
 A key that is pressed before the question is no answer to it, and is dropped; the stop keys count
-always. A keyboard that has ended (a closed terminal) is a stop: nobody could press it any more.
+always. A keyboard that has ended (a closed terminal) is a stop: no stop key could be pressed any
+more.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ def legend(ask: Ask) -> str:
 
 
 class Keyboard:
-    """Keeps `Answerer`. `show` is told of each question before its key is waited for, `heard` of
-    each key then: what it means, or None for one that is no answer to this question.
+    """Implements `Answerer`. `show` is called with each question before its key is read, `heard`
+    with the meaning of each key: None for a key that is no answer to this question.
     """
 
     def __init__(

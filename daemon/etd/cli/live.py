@@ -24,7 +24,7 @@ _LINE_NS = 1_000_000_000
 #: From dark to bright, in the terminal's 256 colors.
 _COLORS = ("grey30", "dark_orange3", "dark_orange", "orange1", "gold1", "bright_white")
 _ALARM = "bold red"
-#: Less is drawn as a place where nothing is.
+#: Lower values are drawn as zero.
 _DARK = 0.01
 
 

@@ -1,4 +1,4 @@
-"""`etd measure`: what touches the skin, and with how many ohms.
+"""`etd measure`: which electrodes touch the skin, and with what resistance.
 
 Owns: the table and the picture. Must not know: how contact is measured.
 """
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def lines_of(found: MeasureReply) -> list[str]:
-    """What touches, and a line for each electrode."""
+    """The contacts as a picture, and a line for each electrode."""
     touching = sum(touches is True for touches in found.contact)
     lines = [f"# touches, . does not, ? not known: {touching} of {len(found.contact)} touch"]
     for electrode, contact in enumerate(found.contact):

@@ -36,7 +36,7 @@ body feels, with pain in red. "?" is not known, or older than a second. Beneath 
 It only listens: it needs no lease and changes nothing.
 """
 _TURN_S = 0.05
-#: `state` comes each second: after this long there is nobody.
+#: `state` comes each second: after this long without it the daemon is gone.
 _SILENT_S = 5.0
 
 
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _heard(reports: Telemetry, end_ns: int | None, address: str) -> Iterator[Item | None]:
-    """What comes, or None a few times a second. Raises: DaemonGone, when nothing comes."""
+    """The reports, or None a few times a second. Raises: DaemonGone, when no report comes."""
     heard_ns = clock.now_ns()
     while end_ns is None or clock.now_ns() < end_ns:
         item = reports.receive(_TURN_S)

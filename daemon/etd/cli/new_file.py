@@ -1,4 +1,4 @@
-"""A file that a command is to write: that it can be, before the work is done.
+"""Checks, before the work begins, that a file can be written at its end.
 
 Owns: that it takes no other file's place, and that its folder is there and takes it. Must not
 know: what is written into it.
@@ -13,7 +13,7 @@ from etd.protocol.errors import FileError
 
 
 def check_new_file(path: Path | None) -> None:
-    """What was kept once is never lost to a later command. Raises: FileError."""
+    """An existing file is never overwritten. Raises: FileError."""
     if path is None:
         return
     try:

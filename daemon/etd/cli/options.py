@@ -1,7 +1,7 @@
 """Options that several verbs share, spelled and explained once.
 
-Owns: `--name`, `--json`, `--seconds`, what `--board fake[:BOARD]` means, and how a verb says no
-where nothing was refused to it. Must not know: verbs.
+Owns: `--name`, `--json`, `--seconds`, what `--board fake[:BOARD]` means, and how a verb reports a
+failure that is no exception. Must not know: verbs.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from etd.files.paths import DEFAULT_NAME
 
-#: A frame on the fake is felt for at most 100 s after its client has died.
+#: A frame on the fake is shown for at most 100 s after its client has died.
 MAX_TIMEOUT_FACTOR = 100
 
 
@@ -28,7 +28,7 @@ def add_json(parser: argparse.ArgumentParser, what: str = "one JSON object") -> 
 
 
 def answer_no(args: argparse.Namespace, code: str, reason: str) -> None:
-    """As errors are told: a sentence, and under `--json` the object instead."""
+    """Print it like an error: a sentence, or with `--json` the object."""
     if args.json:
         print(json.dumps({"ok": False, "error": code, "reason": reason}))
     else:
@@ -82,7 +82,7 @@ def returns(text: str) -> str | dict[str, float]:
 
 
 class FakeBoard(NamedTuple):
-    """What `--board fake[:BOARD]` asks for; `board` None: whichever fits."""
+    """The value of `--board fake[:BOARD]`; `board` None: any that fits."""
 
     board: str | None
 

@@ -1,6 +1,6 @@
 """`etd play FILE`: a pattern file, frame by frame, on a daemon or on a fake of its own.
 
-Owns: which daemon plays it, who arms it, what is told while it plays and at its end.
+Owns: which daemon plays it, how it is armed, and what is printed while it plays and at its end.
 Must not know: when the next frame is due (apps.player), what is sent (apps.steps).
 """
 
@@ -29,7 +29,7 @@ from etd.protocol.errors import Refused
 from etd.protocol.frame import Polarity
 
 NAME = "play"
-HELP = "play a pattern file of ours or of eTactileKit"
+HELP = "play a pattern file of etd or of eTactileKit"
 EPILOG = """
 examples:
   etd play wave.json --board fake                  on a fake of its own; --trace FILE records it
@@ -71,7 +71,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
     parser.add_argument("--trace", type=Path, metavar="FILE", help="with --board fake: record it")
     parser.add_argument("--calibration", metavar="NAME", help="default: the daemon's own")
-    parser.add_argument("--level", type=_level, metavar="L", help="level 1 of the file is this one")
+    parser.add_argument(
+        "--level", type=_level, metavar="L", help="play level 1 of the file as level L"
+    )
     parser.add_argument("--current-ua", type=int, metavar="I", help="level 1 of the file is I uA")
     parser.add_argument("--width-us", type=int, metavar="W", help="with --current-ua")
     parser.add_argument("--polarity", choices=get_args(Polarity), help="in place of the file's")
@@ -189,7 +191,7 @@ def _calibration(args: argparse.Namespace, display: Display) -> Calibration | No
 def _arm(
     args: argparse.Namespace, display: Display, player: Player, tell: Callable[[str], None]
 ) -> None:
-    """The fake's skin is nobody's; everybody else's waits for the operator."""
+    """A fake board is armed at once; a real board waits for the operator."""
     if args.board is not None or args.arm:
         display.arm(ARM_WITHIN_S)
     else:

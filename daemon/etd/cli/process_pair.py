@@ -3,9 +3,9 @@
 Owns: how they are begun, how it is known that they are ready, which of them ended, and that both
 end when this process does, however it ends. Must not know: configurations, what the two do.
 
-A part says that it is ready as it says it to systemd: a datagram to NOTIFY_SOCKET. Its standard
-input is a pipe that nobody writes to: when this process ends, even by `kill -9`, the pipe ends,
-and the part ends itself.
+A part reports that it is ready as it does to systemd: with a datagram to NOTIFY_SOCKET. Its
+standard input is a pipe that is never written: when this process ends, even by `kill -9`, the pipe
+ends, and the part ends itself.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from etd.protocol.errors import DaemonGone, PartEnded
 PARTS = ("engine", "gateway")
 #: From start to ready; an engine takes a second or two on a small machine.
 READY_WITHIN_S = 20.0
-#: From being asked to having ended; the engine makes the board safe meanwhile.
+#: From the signal to the end; the engine makes the board safe meanwhile.
 _END_WITHIN_S = 5.0
 #: Between a part's sockets closing and its end as a process.
 _DYING_S = 1.0
@@ -72,7 +72,7 @@ class Part:
         self.is_ready |= b"READY=1" in self.ready_socket.recv(4096)
 
     def error(self) -> PartEnded:
-        """What there is to say when it has ended."""
+        """The error of a part that has ended."""
         code = self.process.wait()
         if self._had_to_be_killed:
             return PartEnded(self.name, f"killed: it hung for {_END_WITHIN_S:g} s", 1)
@@ -98,7 +98,7 @@ class Part:
 
 
 class ProcessPair:
-    """In a `with`: both run; at its end both have ended. How, can be asked afterwards."""
+    """In a `with`: both run; at its end both have ended. `not_ended_well` says how."""
 
     def __init__(self, arguments: Sequence[str], folder: Path, log: IO[str] | None = None) -> None:
         self.address = address_of(folder)

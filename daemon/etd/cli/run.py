@@ -1,6 +1,6 @@
 """`etd run`: the daemon, as two processes, or one of the two in the foreground.
 
-Owns: which configuration holds, which backend is opened, and what is said when it is ready or
+Owns: which configuration is used, which backend is opened, and what is printed when it is ready or
 ends. Must not know: what engine and gateway do.
 """
 
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def loaded_config(args: argparse.Namespace) -> LoadedConfig:
-    """Raises: FileError; for a configuration that is not there it teaches the fake."""
+    """Raises: FileError; for a missing configuration it names the fake board."""
     if args.board is not None:
         return fake_config(args.board.board, args.array)
     if args.array is not None:
@@ -177,7 +177,7 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
 
 
 def _arguments(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> list[str]:
-    """What the parts are told: the same again."""
+    """The arguments of the parts: the same again."""
     arguments = ["--name", args.name, "--folder", str(folder)]
     arguments += ["--selftest", str(_selftest_file(args, loaded))]
     if args.board is not None:
@@ -215,8 +215,8 @@ def _endings() -> Iterator[socket.socket]:
 def _make_safe_after(
     endings: tuple[PartEnded, ...], args: argparse.Namespace, loaded: LoadedConfig
 ) -> None:
-    """An engine that was killed, by whomever, could not do it itself. The fake in its process died
-    with it; any other board outlives it.
+    """Makes the board safe after an engine that was killed. A fake board in the engine's process
+    died with it; any other board outlives it.
     """
     outlives = loaded.config.backend == "linux" or args.board_socket is not None
     killed = [
@@ -251,7 +251,7 @@ def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) ->
 
 
 def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
-    """A fake in a folder of its own has its own; a board has one, whoever drives it."""
+    """A fake in a folder of its own has its own report; a board has one report for all users."""
     if args.selftest is not None:
         return Path(args.selftest)
     if args.folder is not None and loaded.config.backend == "fake":

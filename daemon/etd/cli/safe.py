@@ -1,8 +1,8 @@
 """`etd safe`: the board into its safe state, without a daemon.
 
-Owns: finding the board file, and saying what was done. Must not know: anything beyond the HAL; it
-imports the HAL, the shipped files' folder and the standard library, so that it works after
-anything that may have gone wrong.
+Owns: finding the board file, and printing what was done. Must not know: anything beyond the HAL; it
+imports the HAL, the shipped files' folder and the standard library, so that it works after anything
+that may have gone wrong.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Whatever else is missing, the lines are driven.
+    """Drives the lines, whatever else is missing.
 
     Raises: FileError (no board file), HardwareMissing (no lines), BusError (a board process).
     """
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True, slots=True)
 class _Settings:
-    """What `etd.toml` or the options say of the board; names of files count from `folder`."""
+    """The board's settings in `etd.toml` or the options; file names are relative to `folder`."""
 
     backend: str
     board: str

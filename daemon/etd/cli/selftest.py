@@ -1,6 +1,6 @@
 """`etd selftest`: may this board be put on a person?
 
-Owns: what is asked of the operator, what is printed, and where the report goes. Must not know:
+Owns: the instructions to the operator, what is printed, and where the report goes. Must not know:
 what is checked (etd.selftest).
 """
 
@@ -51,7 +51,7 @@ exit status: 0 all passed, 1 a check failed or was skipped, 2 used wrongly, or a
 or kept, 3 the hardware is not there or is in use
 """
 
-#: Below, the ADC tells too little of it at a probe; above, the leak takes too much.
+#: Below, the ADC resolves too little at a probe; above, the leak takes too much.
 LOAD_OHM = (10_000, 100_000)
 #: Two loads that are nearer to each other could be taken for one another.
 LEAST_RATIO = 1.5
@@ -86,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what an oscilloscope showed of the one-shot: software cannot see it",
     )
     parser.add_argument(
-        "--no-operator", action="store_true", help="nobody is there: what needs a hand is skipped"
+        "--no-operator", action="store_true", help="skip the checks that need a person at the board"
     )
     parser.add_argument(
         "--report",
@@ -98,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises: HardwareMissing, BusError. Files that cannot be had are wrong use: status 2."""
+    """Raises: HardwareMissing, BusError. Files that cannot be read are wrong use: status 2."""
     try:
         return _run(args)
     except FileError as error:
@@ -175,7 +175,7 @@ def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> SelftestOptions:
 
 
 def _check_reach(args: argparse.Namespace, loaded: LoadedConfig, ohm: int) -> None:
-    """The strongest that anybody may get must be seen."""
+    """The highest allowed current must be measurable with the load."""
     most_ua = strongest_ua(loaded)
     largest = largest_ohm(loaded.board.source, most_ua)
     if largest is not None and ohm > largest:
@@ -203,7 +203,7 @@ def _tested(
     table = table_of(is_quiet=args.json)
     operator = None if args.no_operator else _Operator(table, bench.operator)
     fixture = Fixture(loaded, bench, operator, asked)
-    # What was passed before is given up last.
+    # The last report is replaced only at the end.
     for path in (*_copies(args), kept):
         save(cut_short(fixture, wall_time()), path)
     return run_stages(fixture, wall_time(), table.check, table.stage)
@@ -214,7 +214,7 @@ def _copies(args: argparse.Namespace) -> tuple[Path, ...]:
 
 
 class _Operator:
-    """A person, told what to do; or the fake's hand, which does it."""
+    """A person who gets instructions, or the fake's operator."""
 
     def __init__(self, table: Table | Quiet, operator: Operator | None) -> None:
         self._table = table
@@ -278,7 +278,7 @@ def _print_report(args: argparse.Namespace, report: Report, kept: Path) -> None:
 
 
 def _skipped(checks: list[Check]) -> dict[str, list[str]]:
-    """What is to be done, and what was skipped for want of it."""
+    """What to do, and the checks that were skipped without it."""
     found: dict[str, list[str]] = {}
     for check in checks:
         if check.result == "skip":

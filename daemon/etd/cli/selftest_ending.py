@@ -1,4 +1,4 @@
-"""How a self-test is broken off: by the first signal that asks for it, and only once.
+"""How a self-test is interrupted: by the first signal, and only once.
 
 Owns: what the signals do while a self-test runs, and for how long a further one has to wait. Must
 not know: how a board is made safe.
@@ -7,7 +7,7 @@ The first signal raises KeyboardInterrupt, and whoever is broken off by that mak
 From then on no signal does anything: two that follow each other, as Ctrl-C pressed twice or a
 service that is stopped, would leave the supply on. That is bounded: the way to the safe state takes
 milliseconds, and after `MOST_S` an alarm breaks off whatever it hangs in. Nothing is printed from
-within a signal: who reads the terminal may be slow, and the board would wait for that.
+within a signal handler: a slow terminal would make the board wait.
 """
 
 from __future__ import annotations

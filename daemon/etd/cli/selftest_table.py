@@ -1,4 +1,4 @@
-"""The self-test as people see it: a table that grows, in colors on a terminal.
+"""The printed self-test: a table that grows, in colors on a terminal.
 
 Owns: drawing. Must not know: what is checked.
 """
@@ -43,7 +43,7 @@ class Table:
 
 
 class Quiet:
-    """Only what somebody has to do, where it does not disturb a program that reads the answer."""
+    """Prints only instructions to the operator, so that a program can read the answer."""
 
     def stage(self, name: str, what: str) -> None:
         pass

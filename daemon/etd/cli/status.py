@@ -1,6 +1,6 @@
-"""`etd status`: what the daemon is doing, what it lacks, what it counts.
+"""`etd status`: the daemon's state, its missing guards, its counters.
 
-Owns: the printed answer. Must not know: how any of it came about.
+Owns: the printed answer. Must not know: how the state came about.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from etd.protocol.errors import Refused
 from etd.protocol.messages import HelloReply, StateReport
 
 NAME = "status"
-HELP = "tell what the daemon is doing, and what it lacks"
+HELP = "show what the daemon is doing, and what it lacks"
 EPILOG = """
 example:
   etd status          state, holder of the lease, board, absent guards, counters
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status 3: nobody answers, or the engine is gone. Raises: DaemonGone."""
+    """Exit status 3: no daemon answers, or the engine is gone. Raises: DaemonGone."""
     with Display(args.name, client="etd status") as display:
         report = display.status()
         facts = _facts(display)

@@ -1,7 +1,7 @@
 """`etd stop`: silence, at once, latched; all daemons of this machine unless one is named.
 
-Owns: finding them, trying each whatever becomes of the others, and saying what is known of the
-skin where one does not answer. Must not know: how a daemon falls silent.
+Owns: finding the daemons, trying each even if others fail, and printing what is known of the skin
+where a daemon does not answer. Must not know: how a daemon falls silent.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ It needs no lease and no operate rights, and never waits behind other requests. 
 replacement for a hardware stop: see docs/hardware.md.
 """
 _TIMEOUT_S = 1.0
-_LEFT_OVER = "nobody listens any more"
+_LEFT_OVER = "no daemon listens any more"
 
 
 class Stopped(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of one daemon; `error` None: it is silent and HALTED."""
+    """The result for a daemon; `error` None: it is silent and HALTED."""
 
     name: str
     address: str
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status 3: one did not answer (or there is none). 1: one refused."""
+    """Exit status 3: a daemon did not answer (or there is none). 1: a daemon refused."""
     daemons = _all_daemons() if args.name is None else _named(args.name)
     with ThreadPoolExecutor(max_workers=len(daemons)) as pool:
         answers = list(pool.map(_stop, daemons))
@@ -73,7 +73,7 @@ def _named(name: str) -> list[RunningDaemon]:
 
 
 def _all_daemons() -> list[RunningDaemon]:
-    """Those that answer, and those of the system that this user may not ask.
+    """The daemons that answer, and those of the system that this user may not reach.
 
     Raises: DaemonGone if there is none.
     """

@@ -138,7 +138,7 @@ def why_unreachable(path: Path) -> str | None:
         except FileNotFoundError:
             return "there is no socket"
         except ConnectionRefusedError:
-            return "nobody listens any more (a socket is left over)"
+            return "no daemon listens any more (a socket is left over)"
         except PermissionError:
             return "this user may not use the socket (join the group that owns it)"
         except OSError as error:

@@ -262,9 +262,7 @@ class FrameReply(Success, frozen=True, kw_only=True):
 
 
 class Contact(msgspec.Struct, frozen=True, kw_only=True):
-    """The contact of each electrode. None: unknown. `pressure_kpa` is of the nearest sensor; empty
-    for an array without sensors.
-    """
+    """None: unknown. `pressure_kpa` is of the nearest sensor; empty without sensors."""
 
     contact: tuple[bool | None, ...]
     resistance_ohm: tuple[int | None, ...]
@@ -331,8 +329,7 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     #: Why `arm` will be refused until configuration, board or self-test change, with what to do.
     arming_refused: str | None = None
     session: SessionFacts | None = None
-    #: The sensors under the array without a valid reading, and why; kept for two seconds after they
-    #: recover.
+    #: Sensors without a valid reading, and why; until two seconds after they recover.
     sensor_problems: dict[str, str] = {}
 
 
@@ -356,12 +353,11 @@ class Shown(msgspec.Struct, frozen=True, kw_only=True):
 class Fired(msgspec.Struct, frozen=True, kw_only=True):
     """The last scan, electrode by electrode; 0 or None where nothing was fired.
 
-    `wanted_ua` is the frame's current, also where a stabilizer requested nothing and `current_ua`
-    is 0; else `current_ua` is the current commanded to the source, an upper bound of the current
-    through the skin. `delivered_ua` is the current through the skin at the end of the pulse, the
-    leak taken out. `contact` is the state of the contact at the pulse. `prepulse_ua` and `probe_ua`
-    are the currents commanded for a prepulse and for a probe directly before the pulse; 0 where
-    there was none. Their widths follow from the body-site file.
+    `wanted_ua` is the frame's current, `current_ua` the current commanded to the source, an upper
+    bound of that through the skin (0 where a stabilizer requested nothing). `delivered_ua` passed
+    the skin at the end of the pulse, the leak taken out. `contact` is that of the pulse.
+    `prepulse_ua` and `probe_ua` were commanded for a prepulse and a probe directly before the
+    pulse; 0: none. Their widths follow from the body-site file.
 
     `resistance_ohm` is of the last sample of the last pulse alone, `skin_ohm` the skin's resistance
     to a long pulse, from all pulses above the probe's current, and `capacitance_nf` the capacitance
@@ -383,8 +379,8 @@ class Fired(msgspec.Struct, frozen=True, kw_only=True):
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True):
     """Telemetry `scan`: every frame begun since the last report, every electrode fired, and why
-    less was fired. `pressure_kpa` is the pressure now, per electrode from the nearest sensor: None
-    where that has no valid reading; empty for an array without sensors.
+    less. `pressure_kpa` is of now, by the nearest sensor: None if it has no reading; empty without
+    sensors.
     """
 
     now_ns: int
