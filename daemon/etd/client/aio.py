@@ -39,7 +39,7 @@ from etd.protocol.messages import (
 class AsyncDisplay:
     """`async with AsyncDisplay() as display:`; the methods of `Display`, awaited.
 
-    Raises, from every method: DaemonGone (nobody answers), Refused (code, reason, electrode).
+    Raises, from every method: DaemonGone (no daemon answers), Refused (code, reason, electrode).
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class AsyncDisplay:
         await self._run(self._session.arm(timeout_s))
 
     async def arm_holder(self, timeout_s: float = 10.0) -> None:
-        """The operator's `arm`: arms the lease of whoever holds it."""
+        """The operator's `arm`: arms the lease of its present holder."""
         await self._run(self._session.arm_holder(timeout_s))
 
     async def disarm(self) -> None:
@@ -163,7 +163,7 @@ class AsyncDisplay:
         return await self._run(self._session.mark(tag))
 
     async def stop(self) -> None:
-        """Silence at once, whoever holds the lease and whatever is under way here."""
+        """Silence at once, whichever client holds the lease and whatever is under way here."""
         socket = wire.configure(self._context.socket(zmq.DEALER), self.address)
         try:
             flow = self._session.stop()

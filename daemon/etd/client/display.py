@@ -44,7 +44,7 @@ class Display:
     `arm()`, and nothing is sent again behind the caller's back: a frame that is not renewed
     expires, and a lease that is not renewed for a second disarms.
 
-    Raises, from every method: DaemonGone (nobody answers), Refused (code, reason, electrode).
+    Raises, from every method: DaemonGone (no daemon answers), Refused (code, reason, electrode).
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Display:
         self._run(self._session.arm(timeout_s))
 
     def arm_holder(self, timeout_s: float = 10.0) -> None:
-        """The operator's `arm`: arms the lease of whoever holds it."""
+        """The operator's `arm`: arms the lease of its present holder."""
         self._run(self._session.arm_holder(timeout_s))
 
     def disarm(self) -> None:
@@ -160,7 +160,7 @@ class Display:
         return self._run(self._session.mark(tag))
 
     def stop(self) -> None:
-        """Silence at once, whoever holds the lease; HALTED until `clear`."""
+        """Silence at once, whichever client holds the lease; HALTED until `clear`."""
         self._run(self._session.stop())
 
     def clear(self) -> None:

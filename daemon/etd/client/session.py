@@ -111,7 +111,7 @@ class Session:
         yield self._ask("arm", timeout_s=timeout_s, keep=self._keep_data)
 
     def arm_holder(self, timeout_s: float) -> Flow[None]:
-        """Arm whoever holds the lease: the operator's part."""
+        """Arm the lease of its present holder: the operator's part."""
         yield self._ask("arm", timeout_s=timeout_s)
 
     def disarm(self) -> Flow[None]:

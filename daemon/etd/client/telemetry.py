@@ -1,4 +1,4 @@
-"""What the daemon tells everybody, as typed reports.
+"""The daemon's telemetry, as typed reports.
 
 Owns: the subscription, blocking (`Telemetry`) and awaited (`AsyncTelemetry`).
 Must not know: requests, leases.

@@ -37,7 +37,7 @@ def resolve(name: str, address: str | None) -> str:
 
 
 def check_there(address: str) -> None:
-    """Raises: DaemonGone if nobody listens at this ipc address, at once and with the reason."""
+    """Raises: DaemonGone if no daemon listens at this ipc address, at once and with the reason."""
     why = why_unreachable(Path(address.removeprefix("ipc://")))
     if why is not None:
         raise DaemonGone(address, why)

@@ -1,4 +1,4 @@
-"""What a gateway has to be told, and what of it can be refused before anything is opened.
+"""The gateway's configuration, and the checks of it before anything is opened.
 
 Owns: the configuration's fields and the operators' user ids. Must not know: sockets, the engine.
 """

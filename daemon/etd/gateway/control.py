@@ -96,7 +96,7 @@ class ControlHandler:
         }
 
     def handle(self, request: Request, inbound: InboundMessage, now_ns: int) -> Success | None:
-        """The reply, or None if the engine has been asked. Raises: Refused."""
+        """The reply, or None if it comes from the engine later. Raises: Refused."""
         return self._handlers[type(request)](request, inbound, now_ns)
 
     def _hello(self, request: Hello, _: InboundMessage, now_ns: int) -> Success:
@@ -115,7 +115,7 @@ class ControlHandler:
         return StatusReply(ok=True, now_ns=now_ns, id=request.id, status=status)
 
     def _stop(self, request: Stop, inbound: InboundMessage, now_ns: int) -> None:
-        """Sent even if nobody can be told of it any more."""
+        """Sent even if no client can get the answer any more."""
         who = request.client or f"user {inbound.uid}"
         try:
             ref = self._pending.next_ref(is_stop=True)

@@ -1,4 +1,4 @@
-"""From a client's frame to the engine's: lease, seq and shape, looked at before it is passed on.
+"""From a client's frame to the engine's: lease, seq and shape are checked before it is passed on.
 
 Owns: the order of these checks, and that seq counts as used once a frame is on its way.
 Must not know: limits, currents, whether the engine will accept it.

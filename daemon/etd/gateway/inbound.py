@@ -1,4 +1,4 @@
-"""What arrives at a socket: where the reply goes, who sent it, and what it says.
+"""A message that arrives at a socket: its reply address, its sender, and its content.
 
 Owns: strict reading of strangers' bytes, and the sentences for what cannot be read.
 Must not know: leases, the engine, what is done about a request.
@@ -25,7 +25,7 @@ _NO_NUMBER = re.compile(rb"[:\[,]\s*[-+]?(?:nan|inf)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class InboundMessage:
-    """One message as it came. `uid`: the kernel's word on who sent it, None if it has none."""
+    """A message as it came. `uid`: the sender by the kernel, None if it is not known."""
 
     route: tuple[bytes, ...]
     uid: int | None

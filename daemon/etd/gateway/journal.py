@@ -1,7 +1,8 @@
-"""The log: who held the lease, what the board's state was, why it fell silent, what was refused.
+"""The log: holders of the lease, states of the board, causes of silence, refusals.
 
 Owns: which events are worth a line, and lines that never block a turn: they go through a bounded
-queue to a thread that writes, and what does not fit is counted and told. Must not know: sockets.
+queue to a thread that writes, and what does not fit is counted and reported. Must not know:
+sockets.
 
 The engine itself writes nothing: its scan thread must not wait for a disk or a full pipe.
 """
@@ -79,7 +80,7 @@ class Journal:
         self._state = ""
         self._rejections: set[str] = set()
         self._counted: dict[str, int] = {}
-        #: When each sensor that was told of was last not well.
+        #: When each reported sensor last had a problem.
         self._silent_ns: dict[str, int] = {}
         self._holder: StandingLease | None = None
         self._refused: Counter[str] = Counter()

@@ -1,6 +1,6 @@
 """Requests that wait for the engine's answer.
 
-Owns: refs, their bound, and how long one may wait. Must not know: what was asked.
+Owns: refs, their bound, and how long a request may wait. Must not know: what was requested.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class PendingRequests:
         self._pending[ref] = pending
 
     def take(self, ref: int) -> PendingRequest | None:
-        """Who asked, or None if nobody waits for this any more."""
+        """The client that waits for this, or None if it waits no more."""
         return self._pending.pop(ref, None)
 
     def take_all(self) -> list[PendingRequest]:

@@ -1,4 +1,4 @@
-"""The gateway as a process: runs until it is told to end.
+"""The gateway as a process: runs until a signal ends it.
 
 Owns: signals. Must not know: what a turn does.
 """

@@ -1,7 +1,7 @@
 """The replies that carry more than "done", each made from what the engine said.
 
-Owns: their fields. Must not know: sockets, leases, who is waiting. (`now_ns` is filled in when a
-reply is sent.)
+Owns: their fields. Must not know: sockets, leases, which client waits. (`now_ns` is filled in when
+a reply is sent.)
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ from etd_hal.ports import Clock
 
 #: Of the requests, at most this many are read in one turn.
 REQUESTS_A_TURN = 64
-#: While there is no engine, it is looked for this often.
+#: While there is no engine, the gateway tries to connect this often.
 CONNECT_NS = 200_000_000
 
 _encoder = msgspec.json.Encoder()
@@ -235,7 +235,9 @@ class Gateway:
         self._send(inbound, msgspec.structs.replace(reply, now_ns=self._clock.now_ns()))
 
     def _send(self, inbound: InboundMessage, reply: Success | Failure) -> None:
-        """To whoever is still there; a client that left or does not read is counted."""
+        """Sends a reply if its client is still there; a client that left or does not read is
+        counted.
+        """
         try:
             self._sockets.control.send_multipart(
                 [*inbound.route, _encoder.encode(reply)], zmq.NOBLOCK

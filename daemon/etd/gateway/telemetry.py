@@ -17,7 +17,7 @@ from etd.protocol.errors import Refused
 from etd.protocol.link import Report
 from etd.protocol.messages import RefusedReport, StateReport, Topic
 
-#: `state` is repeated this often, for those who came late.
+#: `state` is repeated this often, for subscribers that came late.
 STATE_NS = 1_000_000_000
 #: Of new subscriptions, at most this many are read in one turn.
 _SUBSCRIPTIONS_A_TURN = 64
@@ -26,7 +26,7 @@ _encoder = msgspec.json.Encoder()
 
 
 class Publisher:
-    """Never blocks: ZeroMQ drops for a subscriber that does not read, for nobody else."""
+    """Never blocks: ZeroMQ drops messages for a subscriber that does not read, and for no other."""
 
     def __init__(self, socket: Socket, engine: EngineLink, counters: Counter[str]) -> None:
         self._socket = socket

@@ -1,1 +1,1 @@
-"""Stabilizers: each may ask for more or less of a pulse, none can widen a limit."""
+"""Stabilizers: each may request more or less than a frame's pulse, none can widen a limit."""

@@ -1,19 +1,20 @@
 """What all electrodes have in common for long widens no pulse.
 
-Owns: what is common, over how long, and when it is told. Must not know: what a law goes by, limits.
+Owns: what is common, over how long, and when it is reported. Must not know: what a law depends on,
+limits.
 
 A reading that is wrong by the same factor (another divider before the ADC, a gain that drifted) is
 wrong for all electrodes at once, and skin is not: each electrode's has a way of its own, and what a
 finger does to all of them, pressing harder and lighter, comes and goes within seconds. So the
-median over the electrodes of what a law wants, averaged over 20 s, is taken back from everybody's
-widening. What narrows is left, and nobody comes to less than what the frame wants by it. On the
+median over the electrodes of what a law wants, averaged over 20 s, is taken back from the widening
+of every electrode. Narrowing is left, and no electrode gets less than the frame wants by it. On the
 busiest modelled fingers (seeds 1 and 2) that average is hardly ever above 1; under a gain of 0.7,
-which alone would hold `fitted` near its widest for 59 and 70 % of the time, it takes so much back
-that 11 and 11 % are left, as with the right gain (7 and 10 %).
+which alone would hold `power_law` near its widest for 59 and 70 % of the time, it takes so much
+back that 11 and 11 % are left, as with the right gain (7 and 10 %).
 
 It takes skin along that is wetter everywhere than when it was calibrated: the mean is then what the
-frame makes of such skin. From few electrodes nothing common can be told, and what was told by many
-is forgotten when they have not asked for a second.
+frame makes of such skin. Few electrodes have no common mode, and the common mode of many is dropped
+when they have had no pulse for a second.
 """
 
 from __future__ import annotations
@@ -24,11 +25,12 @@ from statistics import median
 from etd.stabilize.max_age import MAX_AGE_NS, is_stale
 from etd.stabilize.rejection import OnRejected
 
-#: Of so many electrodes that asked within a second, at least.
+#: The least number of electrodes with a pulse within a second.
 QUORUM = 4
 _AVERAGED_NS = 20_000_000_000
 _LOOK_NS = 100_000_000
-#: As a logarithm: what is told, and below what it may be told anew.
+#: As logarithms: a common factor above the first is reported, below the second it may be reported
+#: again.
 _TOLD, _FORGIVEN = math.log(1.25), math.log(1.1)
 
 
@@ -48,7 +50,7 @@ class CommonMode:
         self._many_ns: int | None = None
 
     def report_again(self) -> None:
-        """If it still is so when it is next looked at."""
+        """Report again, if it still holds at the next check."""
         self._is_reported = False
 
     def without_common(self, electrode: int, wanted: float, now_ns: int) -> float:

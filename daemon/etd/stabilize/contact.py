@@ -13,7 +13,7 @@ whole programmed current at once. Nobody describes a rule for it in print; this 
     saturated   `back_off` of what could not be delivered, and from there up again slowly, to
                 what the known resistance lets through at 0.9 of the compliance, and no further
     shorted     the same as soft at firmness 0: the current goes to a neighbor
-    unknown     the same: after a pause nobody knows who touches, until this pulse has told
+    unknown     the same: after a pause the contact is not known, until this pulse measures it
     closed      what is wanted
 
 Soft begins at a contact after none or after a pause, and at a resistance that rose by half from one

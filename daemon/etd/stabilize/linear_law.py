@@ -1,4 +1,4 @@
-"""Lines: charge and energy of a pulse on straight lines over the resistance.
+"""Linear law: charge and energy of a pulse on straight lines over the resistance.
 
 Owns: the law below. Must not know: how resistance is measured, how the slopes are fitted, limits.
 

@@ -1,8 +1,8 @@
 """The place between what a frame wants and what the limits let through.
 
-Owns: what a stabilizer gets and gives, how far it may reach, and the order in which they ask.
-Must not know: limits, hardware, clocks. Whatever comes out of here is a wish: the frame's own most
-(`PulseBounds`) and `safety/limits.py` have the last words.
+Owns: what a stabilizer gets and returns, how far it may go, and the order of the stabilizers.
+Must not know: limits, hardware, clocks. What comes out of here is a request: the frame's bounds
+(`PulseBounds`) and `safety/limits.py` clamp it.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ import msgspec
 
 ContactState = Literal["unknown", "open", "soft", "closed", "saturated", "shorted"]
 
-#: No pulse is shorter, whoever asks.
+#: No pulse is shorter.
 SHORTEST_US = 20
-#: Widths are asked for in steps of this: prepared pulses stay few, and one width is compared with
-#: the same width before (`safety/return_share.py`).
+#: Widths are requested in steps of this: prepared pulses stay few, and a width is compared with the
+#: same width before (`safety/return_share.py`).
 WIDTH_STEP_US = 5
 
 
 @dataclass(frozen=True, slots=True)
 class PulseRequest:
-    """One pulse as somebody would like it, and the weaker one that leads into it, if any.
+    """A requested pulse, and its prepulse, if any.
 
-    Whoever changes a part keeps the others: `dataclasses.replace`.
+    To change a part and keep the others: `dataclasses.replace`.
     """
 
     current_ua: int
@@ -38,7 +38,7 @@ class PulseRequest:
 
     @property
     def is_possible(self) -> bool:
-        """A pulse at all; anything else is a mistake of the stabilizer's."""
+        """Whether it is a pulse; anything else is an error of the stabilizer."""
         return (
             self.current_ua >= 0
             and self.width_us >= SHORTEST_US
@@ -53,7 +53,7 @@ class PulseRequest:
 
     @property
     def charge_pc(self) -> int:
-        """Of both steps."""
+        """The charge of both steps."""
         return self.current_ua * self.width_us + self.prepulse_ua * self.prepulse_us
 
     def current_of(self, charge_pc: int) -> int:
@@ -63,7 +63,7 @@ class PulseRequest:
         return charge_pc * self.current_ua // self.charge_pc
 
     def not_above(self, other: PulseRequest) -> PulseRequest:
-        """No part of it more than of another one."""
+        """This request with no part above the other's."""
         return PulseRequest(
             min(self.current_ua, other.current_ua),
             min(self.width_us, other.width_us),
@@ -72,7 +72,7 @@ class PulseRequest:
         )
 
     def at(self, current_ua: int) -> PulseRequest:
-        """The same at a lower current: what leads into a pulse falls with it."""
+        """The same at a lower current: the prepulse falls with it."""
         if current_ua == self.current_ua:
             return self
         prepulse_ua = self.prepulse_ua * current_ua // max(1, self.current_ua)
@@ -80,13 +80,13 @@ class PulseRequest:
 
 
 class ElectrodeEstimate(msgspec.Struct, frozen=True, gc=False):
-    """What the pulses so far, a calibration and sensors tell of one electrode; None where unknown.
+    """What pulses, a calibration and sensors show of an electrode; None where unknown.
 
-    `resistance_ohm` and `voltage_v` are the last pulse's, as measured. `skin_ohm` is what the skin
-    resists a long pulse, from stimulus pulses alone, filtered, and None whenever it is not to be
-    believed (see `sensing/impedance.py`). `latest_ohm` is that of the last pulse alone, unfiltered:
-    a law that gives less by it gives less. `skin_at_ua` is the current of the pulse it was last
-    measured with.
+    `resistance_ohm` and `voltage_v` are the last pulse's, as measured. `skin_ohm` is the skin's
+    resistance to a long pulse, from stimulus pulses alone, filtered, and None while it is rejected
+    (see `sensing/impedance.py`). `latest_ohm` is that of the last pulse alone, unfiltered: a law
+    that gives less by it gives less. `skin_at_ua` is the current of the pulse it was last measured
+    with.
     """
 
     electrode: int
@@ -133,14 +133,14 @@ def higher(mean_ohm: float | None, latest_ohm: float | None) -> float | None:
 
 
 class MaxGain(msgspec.Struct, frozen=True):
-    """The most that a stabilizer can make of a frame's pulse, as factors; 1 is no more at all."""
+    """The largest factors of a stabilizer on a frame's pulse; 1: no more than the frame's."""
 
     current: float = 1.0
     width: float = 1.0
     charge: float = 1.0
 
     def then(self, other: MaxGain) -> MaxGain:
-        """Of two that ask one after another."""
+        """The factors of two stabilizers in a row."""
         return MaxGain(
             self.current * other.current, self.width * other.width, self.charge * other.charge
         )
@@ -150,13 +150,13 @@ NO_GAIN = MaxGain()
 
 
 class PulseBounds(msgspec.Struct, frozen=True):
-    """The frame's own most for one electrode: no stabilizer gets more, whatever it asks.
+    """The bounds of a frame for an electrode: no stabilizer's request goes beyond.
 
     `cap_us` is the width that a cap's current is taken for: the frame's, or that of the pulses that
-    the cap was accepted with, if it is less. `width_us` is how wide its slot in the scan is,
-    beside the `prepulse_us` that the body site leaves for a prepulse. `cap_led_part`: of a cap's
-    current, what led into the pulses that it was accepted with; 0: they were plain ones.
-    Current and charge are cut, and told, together with the limits (`safety/limits.py`).
+    the cap was accepted with, if it is less. `width_us` is how wide its slot in the scan is, beside
+    the `prepulse_us` that the body site leaves for a prepulse. `cap_led_part`: of a cap's current,
+    what led into the pulses that it was accepted with; 0: they were plain ones. Current and charge
+    are clamped, and reported, together with the limits (`safety/limits.py`).
     """
 
     current_ua: int
@@ -167,11 +167,11 @@ class PulseBounds(msgspec.Struct, frozen=True):
     cap_led_part: float = 0.0
 
     def capped_pc(self, cap_ua: float) -> int:
-        """The charge that a cap stands for, with what led into its pulses."""
+        """The charge of a cap, with the prepulse of the pulses it was accepted with."""
         return int(cap_ua * self.cap_us) + int(cap_ua * self.cap_led_part) * self.prepulse_us
 
     def not_above(self, other: PulseBounds) -> PulseBounds:
-        """For a pulse of this one's width, in the slot of another one."""
+        """These bounds, current, width and charge not above the other's."""
         return msgspec.structs.replace(
             self,
             current_ua=min(self.current_ua, other.current_ua),
@@ -180,7 +180,7 @@ class PulseBounds(msgspec.Struct, frozen=True):
         )
 
     def in_slot(self, request: PulseRequest) -> PulseRequest:
-        """No step of it wider than there is room."""
+        """The request with no step wider than its slot."""
         if request.width_us <= self.width_us and request.prepulse_us <= self.prepulse_us:
             return request
         return PulseRequest(
@@ -192,36 +192,36 @@ class PulseBounds(msgspec.Struct, frozen=True):
 
 
 class Stabilizer(Protocol):
-    """One law. It remembers what it must between pulses, electrode by electrode."""
+    """A stabilizer. It keeps its own state between pulses, electrode by electrode."""
 
     @property
     def max_gain(self) -> MaxGain:
-        """The most it can ever ask for: the plan makes room for it, and nobody gets more."""
+        """The most it can ever request: the plan keeps room for it, and no request goes beyond."""
         ...
 
     def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
-        """The pulse this stabilizer would like, given the one before it would.
+        """The pulse that this stabilizer requests, given the request of the one before.
 
         When what it needs is not known, that is `request` itself; a rise to it may take time.
         """
         ...
 
     def reset(self) -> None:
-        """The supply was off: whoever touched may have gone."""
+        """The supply was off: any contact may have changed."""
         ...
 
 
 def adapt_all(
     stabilizers: Sequence[Stabilizer], request: PulseRequest, estimate: ElectrodeEstimate
 ) -> PulseRequest:
-    """Each in turn, in the order of the body-site file."""
+    """The request after all stabilizers, in the order of the body-site file."""
     for stabilizer in stabilizers:
         request = stabilizer.adapt(request, estimate)
     return request
 
 
 def max_gain_of(stabilizers: Sequence[Stabilizer]) -> MaxGain:
-    """All of them together."""
+    """The factors of all stabilizers together."""
     found = MaxGain()
     for stabilizer in stabilizers:
         found = found.then(stabilizer.max_gain)

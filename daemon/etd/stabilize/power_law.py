@@ -1,4 +1,4 @@
-"""Fitted: a width for a resistance, by a power that was fitted to a person.
+"""Power law: a width for a resistance, by a power that was fitted to a person.
 
 Owns: the law below. Must not know: how resistance is measured, how k is fitted, limits.
 
@@ -11,10 +11,10 @@ bounded, monotone, one number a person,
     w = w0 x (R / R0)^-k
 
 k = 0 changes nothing, k = 1 holds I^2 R w (the skin's power without the board's leak), k < 0
-lengthens the pulse as resistance rises. k comes from a regression of log threshold width on
-log resistance over the electrodes of a calibration; there is no default. Width grows by at most
+lengthens the pulse as resistance rises. k comes from a regression of log threshold width on log
+resistance over the electrodes of a calibration; there is no default. Width grows by at most
 `max_widening`; below `min_width_us` the current falls instead, so that the charge is the same. The
-factor rises by at most `rise_per_s` and falls at once. Without a believed resistance the pulse is
+factor rises by at most `rise_per_s` and falls at once. Without an accepted resistance the pulse is
 what was wanted; not all widening is believed (`plausibility.py`), and a soft contact gets none.
 """
 

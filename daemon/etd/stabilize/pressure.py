@@ -1,4 +1,4 @@
-"""Pressure: who presses harder gets more.
+"""Pressure: pressing harder raises the current.
 
 Owns: the law below. Must not know: which sensor lies where, ADCs, limits.
 

@@ -1,7 +1,7 @@
 """What all laws that follow a resistance have in common.
 
-Owns: what they compare with, what they believe of it, and how fast they give more. Must not know:
-what a law makes of a resistance, which part of a pulse it changes, limits.
+Owns: what they compare with, which factors they accept, and how fast they rise. Must not know: what
+a law makes of a resistance, which part of a pulse it changes, limits.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from etd.stabilize.slew import SlewLimiter
 
 
 class RatioTracker:
-    """Of one law, which asks for at most `max_widening` times what is wanted, and comes there by at
-    most `rise_per_s`.
+    """The tracker of a law, which requests at most `max_widening` times what is wanted, and rises
+    by at most `rise_per_s`.
     """
 
     def __init__(self, max_widening: float, rise_per_s: float, on_rejected: OnRejected) -> None:
@@ -26,7 +26,7 @@ class RatioTracker:
         self.max_gain = MaxGain(width=max_widening, charge=max_widening)
 
     def reset(self) -> None:
-        """The supply was off. What is not believed stays so, since it goes by readings, and is told
+        """The supply was off. A rejection stays, since it depends on readings, and is reported
         again.
         """
         self._plausibility.report_again()
@@ -40,12 +40,12 @@ class RatioTracker:
         return self._references.compared(estimate, wanted_ua)
 
     def plausible(self, estimate: ElectrodeEstimate, wanted: float) -> float:
-        """See `Trust.believed`."""
+        """See `Plausibility.plausible`."""
         return self._plausibility.plausible(estimate.electrode, wanted, estimate.now_ns)
 
     def factor(self, estimate: ElectrodeEstimate, wanted: float) -> float:
-        """What comes of a factor that is believed: bounded, no more than 1 at a soft contact; a
-        rise takes its time, a fall is at once.
+        """The accepted factor: bounded, at most 1 at a soft contact; it rises slowly and falls at
+        once.
         """
         most = 1.0 if estimate.state == "soft" else self._max_widening
         return self._factor.toward(estimate.electrode, min(wanted, most), estimate.now_ns)

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 from etd.stabilize.pipeline import ElectrodeEstimate
 
-#: The opening's ramp is not the wanted current.
+#: During the soft start the current is not the wanted one.
 _NEARLY = 0.9
 BEND_UA = 8_000.0
 

@@ -1,15 +1,15 @@
-"""How a law says that it does not believe what is measured.
+"""How a law reports that it rejects a measurement.
 
-Owns: the shape of that. Must not know: who hears it, what is not believed.
+Owns: the callback's type. Must not know: where it leads, what is rejected.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-#: Hears the reason in a word, once when it begins.
+#: Called with the reason in a word, once when a rejection begins.
 OnRejected = Callable[[str], object]
 
 
 def ignore_rejection(_: str) -> None:
-    """Where nobody counts what is not believed."""
+    """Where rejections are not counted."""

@@ -1,11 +1,11 @@
-"""A law that stands at an end of what it asks for is doubted there before long.
+"""Rejects a law that stays at an end of its range for long.
 
-Owns: how near and how long that is, and when it ends. Must not know: what a law goes by, limits.
+Owns: how near and how long that is, and when it ends. Must not know: what a law depends on, limits.
 
 A divider that makes bad contact on one electrode reads like wet skin, and holds a law at the most
 that it may ask for; one that is too high reads like skin that hardly touches, and has it ask for
 next to nothing. Skin is there too, but not for so long. On the busiest modelled fingers (seeds 1
-and 2, ten minutes) `fitted` wants nearly its widest for 7 and 13 % of the time, and less than a
+and 2, ten minutes) `power_law` wants nearly its widest for 7 and 13 % of the time, and less than a
 quarter of the frame's for 0.3 and 0.2 %, in stretches of seconds. After 10 s 4 and 2 of 1000 pulses
 there are doubted at the wide end, and none at the narrow one.
 
@@ -22,13 +22,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 _LONG_NS = 10_000_000_000
-#: Whatever a site allows: a law that wants as much as this for long is not believed.
+#: Whatever a site allows: a law that wants this much for long is rejected.
 _WIDE = 2.0
 #: In parts of the way, as logarithms, from unchanged to the widest.
 _NEAR, _AWAY = 0.8, 0.5
 #: The narrow end, which no site bounds: of what the frame wants.
 _NARROW = 0.25
-#: Between two pulses no more than this counts.
+#: Between two pulses at most this counts.
 _LONGEST_STEP_NS = 1_000_000_000
 
 

@@ -47,14 +47,14 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     prepulse: Prepulse | None = None
     #: Not a stabilizer: when pulses come, not what they are.
     bursts: Bursts | None = None
-    #: Whether a weak probe goes before every pulse, in the same visit, for the stabilizers to look
-    #: at: the board's `probe_current_ua` for its `probe_width_us`.
+    #: Whether a weak probe goes directly before every pulse, for the stabilizers to use: the
+    #: board's `probe_current_ua` for its `probe_width_us`.
     probe_first: bool = False
 
     @property
     def before_contact(self) -> tuple[Name, ...]:
-        """What asks before `contact` and should not: these laws reckon with the current that
-        `contact` leaves, and steadiness was measured in no other order. Limits hold in any.
+        """Laws placed before `contact` that should follow it: they use the current that `contact`
+        leaves, and steadiness was measured in no other order. Limits hold in any order.
         """
         if "contact" not in self.order:
             return ()
@@ -83,8 +83,8 @@ NO_STABILIZERS = Settings()
 def pipeline(
     settings: Settings, source: Source, on_rejected: OnRejected = ignore_rejection
 ) -> tuple[Stabilizer, ...]:
-    """The stabilizers in their order, for one board's source, knowing nothing yet. `on_rejected`
-    hears what one does not believe any more, when that begins.
+    """The stabilizers in their order, for one board's source, knowing nothing yet. `on_rejected` is
+    called with what a stabilizer rejects, when that begins.
     """
     made = (_made(settings, name, source, on_rejected) for name in settings.order)
     return tuple(stabilizer for stabilizer in made if stabilizer is not None)

@@ -1,4 +1,4 @@
-"""Narrow pulses: the same nerve at its threshold, with a narrower and stronger pulse.
+"""Strength-duration: the same nerve at its threshold, with a narrower and stronger pulse.
 
 Owns: the strength-duration curve, and the current that a narrower pulse needs. Must not know:
 limits, hardware, clocks, what was measured.
