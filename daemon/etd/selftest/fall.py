@@ -1,10 +1,10 @@
 """How a rail falls, by its monitor: when it was cut, and when it was gone.
 
-Owns: both moments, how well the first can be reckoned, and that a fall which the test itself may
+Owns: both moments, how well the first can be estimated, and that a fall which the test itself may
 have caused proves nothing. Must not know: why it falls.
 
 A store falls slowly: its end says what the bleeder does, its beginning when the supply was cut.
-That moment is reckoned from the readings between a fiftieth and a tenth down, back along the line
+That moment is estimated from the readings between a fiftieth and a tenth down, back along the line
 that their logarithms make. It is exact for a bleeder; a load that takes the same current at every
 voltage makes it late by less than a five-hundredth of the fall. Of a fall too fast for three such
 readings, the first one is the moment.
@@ -55,7 +55,7 @@ class Fall:
 
 
 def reckoned_within_ms(monitor: RailMonitor, guard_ms: float) -> float:
-    """The latest cut that may be reckoned, if the guard acts within `guard_ms`."""
+    """The latest cut that may be estimated, if the guard acts within `guard_ms`."""
     return guard_ms * _TOLERANCE + monitor.fall_ms * _RECKONED_LATE + _READINGS_MS
 
 

@@ -30,7 +30,9 @@ LOAD_OPTIONS = f"--dummy-load OHM {SECOND_LOAD_OPTION} --load-electrodes A,B"
 
 @dataclass(frozen=True, slots=True)
 class DummyLoad:
-    """A resistor between two electrodes; whoever names it says that no person is connected."""
+    """A resistor between two electrodes; naming it on the command line confirms that no person is
+    connected.
+    """
 
     resistance_ohm: int
     first: int
@@ -49,7 +51,7 @@ class SelftestOptions:
 
 
 class Fixture:
-    """See the module. `operator` None: nobody is there to be asked."""
+    """See the module. `operator` None: no person is at the board."""
 
     def __init__(
         self, loaded: LoadedConfig, bench: Bench, operator: Operator | None, asked: SelftestOptions
@@ -70,7 +72,7 @@ class Fixture:
         self.beats = Beats(self.board, self.clock)
         #: Set when the load was found where it should be, and nothing else anywhere.
         self.is_load_confirmed = False
-        #: The stop that somebody is asked to hold open now.
+        #: The stop that the operator is asked to hold open now.
         self.held_stop: StopName | None = None
         #: The leak as measured beside the load; the board file's until then.
         self.leak_ohm = float(loaded.board.source.leak_ohm)
@@ -79,7 +81,7 @@ class Fixture:
         #: The machine's, before anything was moved.
         self.health_before: Health | None = None
         self._i2c = bench.backend.i2c
-        #: Another process holds the lines: nobody here can read a stop.
+        #: Another process holds the lines: this process cannot read a stop.
         self.is_lent = False
 
     @property
@@ -109,7 +111,7 @@ class Fixture:
         self.beats.begin()
 
     def watch_stops(self) -> None:
-        """Raises: BoardFault when a stop line is open that nobody was asked to hold."""
+        """Raises: BoardFault when a stop line is open that the operator was not asked to hold."""
         for name, is_open in self.board.stops().items():
             if is_open and name != self.held_stop:
                 raise BoardFault(name, "open", "closed during the test")

@@ -1,4 +1,4 @@
-"""Stage 5: whoever drives the board is killed, and nobody is left: what pulls and gates make of it.
+"""Stage 5: the process that drives the board is killed: what pulls and gates then do to the board.
 
 Owns: what the lines and the supply must do then, and within which time. Must not know: what a
 process is (`etd_hal.bench.Understudy`).
@@ -102,7 +102,7 @@ def _comes_up(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> bool:
 
 
 def _check_lines(fixture: Fixture, log: CheckLog, took_ms: float) -> None:
-    """By their own levels, with nobody driving them."""
+    """By their own levels, while no process drives them."""
     levels = fixture.kill_test_process.levels()
     wanted = _safe_levels(fixture)
     wrong = [f"{name} {levels[line]}" for name, line, level in wanted if levels[line] != level]
@@ -118,7 +118,7 @@ def _check_lines(fixture: Fixture, log: CheckLog, took_ms: float) -> None:
 
 
 def _safe_levels(fixture: Fixture) -> list[tuple[str, int, int]]:
-    """(function, line, level) wherever one level is wanted while nobody drives the line."""
+    """(function, line, level) wherever a level is required while no process drives the line."""
     found: list[tuple[str, int, int]] = []
     lines = fixture.file.switch.lines
     if isinstance(lines, HalfBridgeLines):

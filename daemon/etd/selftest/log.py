@@ -1,4 +1,4 @@
-"""The checks of a self-test as they are made, told to whoever shows progress.
+"""The checks of a self-test as they are made, passed to the display of progress.
 
 Owns: how a check is written down. Must not know: boards, files.
 """

@@ -79,7 +79,7 @@ class Prober:
 
     @property
     def probe_ua(self) -> int:
-        """What a probe asks for, whoever is connected."""
+        """The current and width of a probe."""
         return self._maxima.probe_current_ua // _PART
 
     @property

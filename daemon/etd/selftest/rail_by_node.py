@@ -17,7 +17,7 @@ from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
 from etd.selftest.stopgate import SupplyWatch
 
-#: A supply that nobody watches gets this long to come, and to go.
+#: An unmonitored supply gets this long to come up, and to go down.
 _GONE_WITHIN_MS = 10_000
 _RISE_MS = 500
 _LOOK_EVERY_MS = 50

@@ -17,7 +17,7 @@ _UNLOCKED_KB = 1_024
 
 
 def check(fixture: Fixture, log: CheckLog) -> None:
-    """Granted is what nobody refused; obtained is what the kernel says afterwards."""
+    """Granted is what was not refused; obtained is what the kernel reports afterwards."""
     wanted = fixture.loaded.config.engine
     if wanted.priority == "none" and fixture.backend_name == "linux":
         log.skip(

@@ -70,7 +70,7 @@ def unproved_of(board: BoardFile) -> tuple[str, ...]:
 
 
 class Check(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One thing that was looked at. `advice` is empty where nothing is to be done."""
+    """A check. `advice` is empty where nothing is to be done."""
 
     stage: str
     name: str

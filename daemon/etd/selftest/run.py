@@ -1,6 +1,6 @@
 """The stages in order of growing risk, and the way to the safe state after the last one.
 
-Owns: the order, when to stop, and the report. Must not know: what a stage looks at.
+Owns: the order, when to stop, and the report. Must not know: what a stage checks.
 """
 
 from __future__ import annotations
@@ -118,8 +118,8 @@ def _strong(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
 def _run_stage(fixture: Fixture, log: CheckLog, stage: Callable[[], None]) -> None:
     """An error that a stage does not expect ends it, under the name of what raised it.
 
-    The board is safe before it is told: whoever reads the progress may be slow. What goes wrong
-    with that is told at the end, when it is done again.
+    The board is made safe before progress is reported: its reader may be slow. What goes wrong with
+    that is told at the end, when it is done again.
     """
     try:
         stage()

@@ -28,7 +28,7 @@ _CUT_WITHIN_MS = 50
 
 @dataclass(frozen=True, slots=True)
 class SupplyWatch:
-    """How this board's supply is looked at."""
+    """How this board's supply is measured."""
 
     is_there: Callable[[], bool]
     is_gone: Callable[[], bool]
@@ -38,7 +38,7 @@ class SupplyWatch:
     within_ms: int
     #: Switch it on, and judge that it came, under this name.
     rises: Callable[[str], bool]
-    #: All that was read so far, by the clock; None where nobody watches the rail.
+    #: All readings so far, by the clock; None where the rail is not monitored.
     readings: list[Reading] | None
 
 
@@ -145,7 +145,9 @@ def _fall(fixture: Fixture, name: StopName, supply: SupplyWatch) -> tuple[bool, 
 
 
 def _cut_ms(supply: SupplyWatch, opened_ns: int) -> float | None:
-    """How long after the line was seen to open the supply was cut; None where nobody sees it."""
+    """How long after the line was seen to open the supply was cut; None where that cannot
+    be seen.
+    """
     if not supply.readings:
         return None
     cut_ms = reckon_cut(supply.readings, supply.readings[0][1])
