@@ -37,7 +37,7 @@ ANSWERS: dict[Ask, tuple[Answer, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """About what was just presented. The current is not in it: nobody should answer by number."""
+    """About what was just presented, without the current: a person should not answer by number."""
 
     ask: Ask
     electrode: int

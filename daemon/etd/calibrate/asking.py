@@ -17,7 +17,7 @@ from etd.calibrate.stimulator import Delivered
 from etd.calibrate.trial import Stopped
 from etd.protocol.errors import Refused
 
-#: Before each presentation, in turn: nobody shall answer to a rhythm.
+#: Before each presentation, in turn: a person should not answer to a rhythm.
 _PAUSES_S = (0.4, 0.6, 0.3, 0.5)
 #: Between reference and comparison.
 _BETWEEN_S = 0.4

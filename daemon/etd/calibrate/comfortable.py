@@ -4,7 +4,7 @@ Owns: when to stop. Must not know: persons, daemons, reach.
 
 By twentieths: on some electrodes pain is near the threshold.
 
-The cap of a person is the strongest that was presented and accepted, never one that nobody tried.
+The cap of a person is the highest current that was presented and accepted, never an untried one.
 After `comfortable` it goes on by a fifth at most (what stabilizers may need on top of a level of
 1), and ends at the first `too_strong`. Pain is never a target.
 """

@@ -1,7 +1,7 @@
 """The ascending method of limits: up until it is felt, three times.
 
 Owns: where an ascent begins, its steps, and what several ascents make together. Must not know:
-persons, daemons, reach (`trial` bounds what is wished for here).
+persons, daemons, reach (`trial` bounds what is requested here).
 
 The first ascent goes by tenths and only tells where to look; the next ones go by twentieths, each
 ending between the last current that was not felt and the first that was. Their geometric mean

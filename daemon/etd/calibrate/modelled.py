@@ -1,7 +1,7 @@
 """What the body behind a fake board felt of each presentation, for a simulated person.
 
 Owns: gathering `modelled` telemetry by presentation. Must not know: how a person answers, boards.
-Real boards tell nothing of the kind: then there is nothing to sense, and nobody to simulate.
+Real boards report no such thing: then there is no person to simulate.
 """
 
 from __future__ import annotations

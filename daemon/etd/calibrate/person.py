@@ -29,7 +29,7 @@ class Felt:
 
 @dataclass(frozen=True, slots=True)
 class ResponseModel:
-    """How somebody answers."""
+    """How a simulated person answers."""
 
     #: Of the noise: the standard deviation of the logarithm of what is perceived.
     noise: float = 0.05

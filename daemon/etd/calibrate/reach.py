@@ -1,7 +1,7 @@
 """How far one electrode may go next: ascending into the unknown, and never past the cap.
 
-Owns: the bound on every presentation, whichever procedure wishes for it. Must not know:
-procedures, persons, daemons.
+Owns: the bound on every presentation, whichever procedure requests it. Must not know: procedures,
+persons, daemons.
 
 What has been tolerated is known; anything above it is not, and is entered by steps of at most a
 tenth, each after an answer. What was too strong lowers the cap for good.
@@ -41,7 +41,7 @@ class Reach:
         return min(self.cap_ua, self.tolerated_ua + step_ua)
 
     def bounded(self, requested_ua: float) -> int:
-        """The wish, or what is allowed of it."""
+        """The request, or what is allowed of it."""
         return min(max(LEAST_UA, round(requested_ua)), self.most_ua)
 
     def update(self, current_ua: int, answer: Answer) -> None:

@@ -4,8 +4,8 @@ Owns: the frame of a presentation, waiting until telemetry tells that it was fir
 opening before the first one, and the stop. Must not know: procedures, questions, sockets. Time
 comes through a clock port.
 
-What was fired otherwise than asked (an opening, a re-contact, the ledger) is no presentation: it
-is shown again, and after a few times given up, with the reason. It never was more than asked. An
+What was fired otherwise than requested (soft start, a re-contact, the ledger) is no presentation:
+it is shown again, and after a few times given up, with the reason. It never was more than asked. An
 opening rises by what is fired, so a current far above all before takes some of them: those that
 came further than the one before are not counted.
 """
@@ -25,7 +25,7 @@ from etd.protocol.messages import FrameReply, Halt, Scan
 from etd_hal.ports import Clock
 
 _MS = 1_000_000
-#: Far below anything that is felt, and as far as the opening rises through anything so weak.
+#: Far below anything that is felt, and as far as the soft start rises through anything so weak.
 _PRIME_UA, _PRIMED_UA = 50, 500
 _OPEN_WITHIN_NS = 30_000 * _MS
 _FIRED_WITHIN_NS = 5_000 * _MS

@@ -1,8 +1,8 @@
 """A procedure as a generator, and the loop that runs it within its reach.
 
-Owns: what a procedure is (it yields the current it wishes for next, and is sent what was presented
-and answered), and that nothing it wishes for goes past the reach. Must not know: which procedures
-there are, how a current is presented.
+Owns: what a procedure is (it yields the current it requests next, and is sent what was presented
+and answered), and that no request goes past the reach. Must not know: which procedures there are,
+how a current is presented.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Procedure: TypeAlias = Generator[float, Heard, R]
 
 
 class Stopped(EtdError):
-    """The person, or whoever watches, ended it. Fields: answer (`stop` or `pause`)."""
+    """The person, or the operator, ended it. Fields: answer (`stop` or `pause`)."""
 
     def __init__(self, answer: Answer) -> None:
         self.answer: Answer = answer
