@@ -111,7 +111,7 @@ class Stimulator:
         while self._ceiling_ua < min(_PRIMED_UA, self._conditions.cap_ua):
             if self._clock.now_ns() > until_ns:
                 raise Refused(
-                    "wrong_state", f"the opening is at {self._ceiling_ua} uA and does not rise"
+                    "wrong_state", f"the soft start is at {self._ceiling_ua} uA and does not rise"
                 )
             self._show(0, current_ua, pulses=None, ttl_ms=500)
             self.pause(0.2)
