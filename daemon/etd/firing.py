@@ -19,7 +19,7 @@ its worst case. See docs/decisions/0035.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import msgspec
 
@@ -51,8 +51,18 @@ class ReadyPulse(msgspec.Struct, frozen=True):
 class Firing:
     """See the module. Raises, from its methods: BusError, GuardRefusal, BoardFault."""
 
-    def __init__(self, board: Board, ledger: Ledger, clock: Clock) -> None:
+    def __init__(
+        self,
+        board: Board,
+        ledger: Ledger,
+        clock: Clock,
+        inspect: Callable[[ReadyPulse, bool, PulseResult], None] = lambda *_: None,
+    ) -> None:
+        """`inspect`: called with each message that was sent, its way (True: anodic) and what came
+        back, when it is booked. What it raises ends the visit.
+        """
         self._board = board
+        self._inspect = inspect
         self._ledger = ledger
         self._now_ns = clock.now_ns
         self._halt_excess_ns = int(board.machine.halt_excess_us * 1_000)
@@ -92,11 +102,13 @@ class Firing:
             self._ledger.take_back(booking)
             raise
         self._settle(booking, ready, result, result.begun_ns)
+        self._inspect(ready, is_anodic, result)
         return result
 
     def _send_next(self, booking: Booking, ready: ReadyPulse, is_anodic: bool) -> PulseResult:
         result = self._send(booking, ready, is_anodic, self._now_ns())
         self._settle(booking, ready, result, booking.begun_ns)
+        self._inspect(ready, is_anodic, result)
         return result
 
     def _send(

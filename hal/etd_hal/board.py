@@ -26,6 +26,7 @@ from etd_hal.errors import BoardFault
 from etd_hal.guard import Guard
 from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
 from etd_hal.selection import Selection, Selections, Switch
+from etd_hal.source_rules import SourceRules
 from etd_hal.switch_shadow import Approval, Prepulse
 from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
 
@@ -103,6 +104,7 @@ class Board:
         self._is_supply_on = file.guards.hv_enable == "absent"
         self._rest_ns = file.rest_us * 1_000
         self._node_v = file.source.node_uv_per_code / 1_000_000
+        self.rules = SourceRules.of(file.source)
         self._stop_lines = _stop_lines(file.guards)
         self._stop_names = {line: name for name, line in self._stop_lines.items()}
 
@@ -207,13 +209,37 @@ class Board:
         self.switch.prepare(selection, whole)
 
     def connect(self, selection: Selection, is_anodic: bool) -> None:
-        """Wait out the rest, then connect. Raises: BusError, GuardRefusal."""
+        """Wait out the rest, then connect; relays close only if nothing flows while all are open.
+
+        Raises: BusError, GuardRefusal; BoardFault for a current with the DAC at zero.
+        """
         self._clock.sleep_until_ns(self._rest_until_ns)
+        self._check_open_relays()
         self.switch.connect(selection, is_anodic)
 
     def flip(self, selection: Selection, is_anodic: bool) -> None:
-        """Between the phases of a biphasic pulse."""
+        """Between the phases of a biphasic pulse. Raises: as `connect`."""
+        self._check_open_relays()
         self.switch.flip(selection, is_anodic)
+
+    def _check_open_relays(self) -> None:
+        """With all relays open the skin is off the node: charge that it holds cannot be taken for
+        a current, and a current can be told before it reaches anybody.
+        """
+        if not self.switch.can_choose_returns:
+            return
+        self.switch.release()
+        node_v, most_v = self.node_v(), self.rules.idle_v
+        if node_v > most_v:
+            raise BoardFault(
+                "node with the DAC at zero",
+                f"{node_v:.1f} V with all relays open",
+                f"at most {most_v:.1f} V: a current flows that was not commanded",
+            )
+
+    def node_v(self) -> float:
+        """What the node reads now, with the DAC at zero. Raises: BusError, BoardFault."""
+        return ad7276.code_of(self.guard.spi.transfer(self._zero)[0]) * self._node_v
 
     def fire(
         self,

@@ -42,7 +42,8 @@ class CostModel:
         if isinstance(switch, Relays):
             stages = 2 * switch.outputs
             relay_us = switch.ton_us + switch.toff_us
-            calls_us = (4 * stages + 4) * self._call_us
+            # With all relays open, before any close, the node is looked at: a message of one word.
+            calls_us = (4 * stages + 4) * self._call_us + self._timing.message_us
             active_us = phases * (message_us + calls_us) + probing_us
             slot_us = active_us + phases * relay_us + self._board.rest_us + work_us
             return Cost(slot_us, active_us + work_us + phases * 2 * SPIN_NS / 1_000)

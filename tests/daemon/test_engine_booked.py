@@ -98,6 +98,9 @@ def test_a_message_that_failed_after_current_flowed_is_in_the_ledger(
     board: str, polarity: str, at_message: int, kind: str
 ) -> None:
     scene = Scene(board)
+    if board == RELAY:
+        # Before relays close, a message of zero looks whether anything flows.
+        at_message *= 2
     faults: dict[str, Fault] = {
         "short": SpiShort(at_message),
         "half-way": SpiError(at_message, at_transfer=3),
@@ -106,7 +109,10 @@ def test_a_message_that_failed_after_current_flowed_is_in_the_ledger(
     scene.show(faults[kind], polarity=polarity)
     assert scene.rig.state == "HALTED"
     phases = 2 if polarity == "biphasic" else 1
-    assert scene.added_pc >= CURRENT_UA * WIDTH_US * phases
+    if (board, kind) == (RELAY, "no sample"):
+        assert scene.added_pc == 0, "it is seen by that look already"
+    else:
+        assert scene.added_pc >= CURRENT_UA * WIDTH_US * phases
     scene.end()
 
 

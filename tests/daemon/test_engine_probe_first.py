@@ -26,7 +26,7 @@ from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
-from etd_hal.fake.faults import AdcScale, DacOffset
+from etd_hal.fake.faults import AdcBitStuck, AdcScale
 from trace_decoder import Phase, is_led, visits
 from trace_rules import violations
 
@@ -223,8 +223,11 @@ def test_what_a_probe_leaves_in_dry_skin_makes_nobody_doubt_a_pulse_hardly_stron
 def test_a_probe_of_a_node_that_is_not_at_rest_is_not_believed_and_counted_once(
     make_rig: MakeRig,
 ) -> None:
+    """By less than what halts: 2.9 V, where the probe itself comes to less than that."""
     rig = standing(make_rig(loaded=with_probes(contact=ContactSettings())))
-    fault = DacOffset(400.0)
+    rig.fake.world.touch(4, skin(500.0, 9_000.0, 1.0))
+    hold(rig, 300)
+    fault = AdcBitStuck(bit=5, level=1)
     rig.fake.world.put_in(fault)
     assert all(len(visit) == 2 for visit in hold(rig, 100))
     rig.fake.world.take_out(fault)

@@ -297,8 +297,8 @@ class TestBlankNow:
 
     def test_relays_cannot_open_at_once_so_the_supply_goes(self, boards: Boards) -> None:
         rig = boards(RELAYS)
-        rig.fake.world.put_in(SpiStall(stall_us=5_000, at_transfer=2))
         selection = half_way(rig)
+        rig.fake.world.put_in(SpiStall(stall_us=5_000, at_transfer=2))
         before = len(rig.records())
         rig.clock.at(rig.clock.now_ns() + 1_000_000, rig.board.blank_now)
         rig.board.fire(rig.board.pulse(1_000, 100), selection, True, 1_000, 100)

@@ -14,6 +14,7 @@ from etd.engine.clearance import Clearance
 from etd.engine.cpu_budget import CpuBudget
 from etd.engine.findings import Findings
 from etd.engine.gateway_link import GatewayLink
+from etd.engine.node_check import NodeCheck
 from etd.engine.reporting import Reporter
 from etd.engine.requests import Requests
 from etd.engine.stimulus_adapter import StimulusAdapter
@@ -120,6 +121,6 @@ def components_of(
         pre_probe=ahead,
         adapter=adapter,
         requests=Requests(adapter, ahead, contact, return_share, reporter, is_quick=is_quick),
-        firing=Firing(board, ledger, clock),
+        firing=Firing(board, ledger, clock, NodeCheck(board).check),
         findings=Findings(maxima, soft_start, contact, return_share, adapter, ahead, reporter),
     )

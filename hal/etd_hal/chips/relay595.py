@@ -58,11 +58,8 @@ class RelaySwitch:
 
     def connect(self, selection: Selection, is_anodic: bool) -> None:
         """Open everything, wait for that, close the two sets, wait for that."""
-        word = self.word(selection.source(is_anodic), selection.ground(is_anodic))
-        if word == self._latched and not self._is_whole:
-            return
         self._open_all()
-        self._latch(word)
+        self._latch(self.word(selection.source(is_anodic), selection.ground(is_anodic)))
         self._wait_us(self._switch.ton_us)
 
     def flip(self, selection: Selection, is_anodic: bool) -> None:

@@ -66,6 +66,8 @@ class CurrentPath:
         self._overshoots_until_ns: int | None = None
         #: The body has heard of the last change; a call that was broken off leaves it ignorant.
         self._is_driven = True
+        #: Which faults the body has heard of.
+        self._fault_changes = faults.changes
         self._phase: _Phase | None = None
         self._selections: dict[int, tuple[Sides, tuple[int, int] | None]] = {}
         self.code = 0
@@ -115,7 +117,9 @@ class CurrentPath:
         return code
 
     def settle(self, t_ns: int) -> None:
-        """What went on by itself until `t_ns`: relays on their way, the one-shot's end."""
+        """What went on by itself until `t_ns`: relays on their way, the one-shot's end, faults that
+        came or went.
+        """
         self.reached_ns = max(self.reached_ns, t_ns)
         self._settle_switch(t_ns)
         if self._overshoots_until_ns is not None and t_ns >= self._overshoots_until_ns:
@@ -124,6 +128,9 @@ class CurrentPath:
         if self._cut_at_ns is not None and t_ns >= self._cut_at_ns:
             at_ns, self._cut_at_ns, self._cut = self._cut_at_ns, None, True
             self._drive(at_ns)
+        if self._fault_changes != self._faults.changes:
+            self._fault_changes = self._faults.changes
+            self._drive(t_ns)
 
     def _drive(self, t_ns: int) -> None:
         self._is_driven = False

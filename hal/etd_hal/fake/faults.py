@@ -102,6 +102,15 @@ class LostClock(_Fault, frozen=True, tag=True):
     every: int | None = None
 
 
+class LostSync(_Fault, frozen=True, tag=True):
+    """The DAC does not see one rise of its chip select: it keeps the code of the word before; or
+    one of so many, again and again.
+    """
+
+    at_edge: int = 1
+    every: int | None = None
+
+
 class LatchIgnored(_Fault, frozen=True, tag=True):
     """The chain does not see one rising edge of LE; or one of so many, again and again."""
 
@@ -320,6 +329,7 @@ Fault = (
     | StuckLine
     | StuckBehind
     | LostClock
+    | LostSync
     | LatchIgnored
     | RailOff
     | DacOffset

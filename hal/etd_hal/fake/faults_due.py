@@ -16,6 +16,7 @@ from etd_hal.fake.faults import (
     I2cFailure,
     LatchIgnored,
     LostClock,
+    LostSync,
     SpiError,
     SpiJitter,
     SpiShort,
@@ -24,6 +25,7 @@ from etd_hal.fake.faults import (
 )
 
 _F = TypeVar("_F")
+_LostEdge = LostClock | LatchIgnored | LostSync
 #: What the board sees of these lines may differ from the pin.
 SEEN_BEHIND = ("POL", "DATA", "LE", "BL", "CLK", "HV", "HEARTBEAT")
 
@@ -42,6 +44,8 @@ class Faults:
         self._of: dict[type, tuple[Any, ...]] = {}
         #: Whether any is in: a board without faults is asked for them at every edge of a line.
         self.are_there = False
+        #: How often a fault was put in or taken out.
+        self.changes = 0
         for fault in faults:
             self.add(fault)
 
@@ -55,6 +59,7 @@ class Faults:
         self._counts[fault] = 0
         self._of.clear()
         self.are_there = True
+        self.changes += 1
         if isinstance(fault, AdcNoise):
             self._noise[fault] = Random(fault.seed)
 
@@ -63,6 +68,13 @@ class Faults:
         del self._counts[fault]
         self._of.clear()
         self.are_there = bool(self._counts)
+        self.changes += 1
+
+    def clear(self) -> None:
+        """Take all out."""
+        self._counts.clear()
+        self.are_there = False
+        self.changes += 1
 
     def of(self, kind: type[_F]) -> tuple[_F, ...]:
         """All faults of a kind that are in."""
@@ -92,7 +104,7 @@ class Faults:
             fault.late_us for fault in self.of(SpiJitter) if self._count(fault) % fault.every == 0
         )
 
-    def edge_is_lost(self, kind: type[LostClock] | type[LatchIgnored]) -> bool:
+    def edge_is_lost(self, kind: type[_LostEdge]) -> bool:
         """Count a rising edge, and say whether a fault falls on it."""
         if not self._counts:
             return False
@@ -117,7 +129,7 @@ class Faults:
         return self._counts[fault]
 
 
-def _is_due(fault: LostClock | LatchIgnored, count: int) -> bool:
+def _is_due(fault: _LostEdge, count: int) -> bool:
     if fault.every is None:
         return count == fault.at_edge
     return count % fault.every == 0

@@ -15,6 +15,7 @@ from etd_hal.fake.ad7276 import Ad7276
 from etd_hal.fake.currentpath import CurrentPath
 from etd_hal.fake.faults import (
     HoldShort,
+    LostSync,
     MisoStuck,
     SlowWords,
     SpiError,
@@ -139,6 +140,7 @@ class SpiBus:
         """Chip select rises: the DAC executes its word."""
         t_ns += pi4.CS_RISE_NS
         self._trace.spi_cs(t_ns, False)
-        self._dac.deselect(t_ns)
+        if not self._faults.edge_is_lost(LostSync):
+            self._dac.deselect(t_ns)
         self._adc.deselect()
         return t_ns

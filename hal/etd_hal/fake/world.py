@@ -82,6 +82,10 @@ class World:
         """Raises: KeyError when the fault is not in."""
         self._faults.remove(fault)
 
+    def mend(self) -> None:
+        """Take every fault out."""
+        self._faults.clear()
+
     def rail_v(self) -> float:
         return self._rail.volts(self._now_ns())
 
