@@ -270,7 +270,7 @@ STRONG = [
         for board, fault in (
             (BARE, LatchIgnored(every=103)),
             (ALL, LatchIgnored(every=199)),
-            (RELAY, LatchIgnored(every=199)),
+            (RELAY, LatchIgnored(every=307)),
             (RELAY, LostClock(every=9_973)),
         )
     ),

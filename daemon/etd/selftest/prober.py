@@ -171,7 +171,6 @@ class Prober:
     ) -> tuple[int, PulseResult]:
         fixture = self._fixture
         fixture.watch_stops()
-        fixture.beats.beat_if_due()
         entry = self._entry_that_fits(electrode, current_ua)
         selection = fixture.board.selection(self._outputs[electrode], None)
         pulse = fixture.board.pulse(current_ua, self.width_us)
@@ -184,6 +183,8 @@ class Prober:
             fixture.board.release()
         else:
             fixture.board.connect(selection, is_anodic)
+        # Relays have moved by now: a supply that comes back with a beat is not there yet.
+        fixture.beats.beat_if_due()
         ready = ReadyPulse(
             entry, selection, pulse, PulseRequest(current_ua, self.width_us), is_blanked
         )
