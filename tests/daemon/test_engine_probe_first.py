@@ -217,7 +217,7 @@ def test_what_a_probe_leaves_in_dry_skin_makes_nobody_doubt_a_pulse_hardly_stron
         found = hold(rig, 100, current_ua=only(N, e4=current_ua))
         assert all(len(visit) == 2 for visit in found)
     counters = rig.engine.components.reporter.counters
-    assert [name for name in counters if name.startswith("not_believed")] == []
+    assert [name for name in counters if name.startswith("rejected")] == []
 
 
 def test_a_probe_of_a_node_that_is_not_at_rest_is_not_believed_and_counted_once(

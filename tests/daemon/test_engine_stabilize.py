@@ -149,7 +149,7 @@ def test_an_adc_that_stands_still_gives_the_frames_own_pulse_and_is_counted_once
     assert fired[-1].width_us == pytest.approx(WIDTH_US, abs=2)
     assert max(phase.width_us for phase in fired) <= WIDTH_US + 2
     counters = rig.engine.components.reporter.counters
-    told = {name: count for name, count in counters.items() if name.startswith("not_believed")}
+    told = {name: count for name, count in counters.items() if name.startswith("rejected")}
     assert told == {"rejected_adc": 1}
 
 
