@@ -113,7 +113,7 @@ def test_a_cap_lets_through_the_charge_that_was_accepted_and_all_of_it(
 )
 def test_what_is_announced_as_clamped_is_what_is_fired(
     prepulse: Prepulse | None,
-    narrow: StrengthDuration | None,
+    strength_duration: StrengthDuration | None,
     is_probe_first: bool,
     is_calibrated: bool,
     cap_ua: int,
@@ -121,11 +121,13 @@ def test_what_is_announced_as_clamped_is_what_is_fired(
     width_us: int,
 ) -> None:
     rig = opened(
-        table(prepulse, narrow, is_probe_first), cap_ua, width_us if is_calibrated else None
+        table(prepulse, strength_duration, is_probe_first),
+        cap_ua,
+        width_us if is_calibrated else None,
     )
     asked: dict[str, Any] = {"rate_hz": 20.0, "width_us": width_us}
     asked["current_ua"] = only(N, e3=wanted_ua)
-    if narrow is not None and width_us > narrow.width_us:
+    if strength_duration is not None and width_us > strength_duration.width_us:
         for is_strict in (False, True):
             assert rig.show(**asked, strict=is_strict).error == "bad_frame"
         if not is_calibrated:
@@ -147,7 +149,9 @@ def test_what_is_announced_as_clamped_is_what_is_fired(
         allowed_ua = answer.clamped[0].allowed_ua
     else:
         allowed_ua = (
-            wanted_ua if narrow is None else narrow.of(PulseRequest(wanted_ua, width_us)).current_ua
+            wanted_ua
+            if strength_duration is None
+            else strength_duration.of(PulseRequest(wanted_ua, width_us)).current_ua
         )
     assert allowed_ua - STEP_UA <= pulse.current_ua <= allowed_ua
     assert pulse.current_ua <= cap_ua

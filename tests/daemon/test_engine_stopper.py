@@ -43,7 +43,9 @@ def forgiving(board: str) -> EngineRig:
 
 def stall(rig: EngineRig, stall_ms: int, polarity: str = "anodic") -> None:
     """A frame of two pulses; the message of the first stands still for so long."""
-    rig.fake.world.put_in(SpiStall(stall_ms * 1_000))
+    # On relay boards a look at the node goes before each pulse.
+    is_relays = rig.engine.components.board.switch.can_choose_returns
+    rig.fake.world.put_in(SpiStall(stall_ms * 1_000, at_message=2 if is_relays else 1))
     count = rig.engine.components.loaded.array.count
     rig.send(
         current_ua=only(count, e1=400, e2=400),

@@ -85,8 +85,8 @@ def test_the_bare_package_is_the_client_and_needs_nothing_else(wheel: Path, tmp_
 def test_boards_and_units_travel_in_the_wheel(wheel: Path, tmp_path: Path) -> None:
     programs = make_installed(wheel, tmp_path / "data", extra="")
     program = (
-        "from etd import shipped; print(shipped.find('boards', 'kajimoto-hv507'));"
-        "print(shipped.config_dir().parent / 'systemd' / 'etd-engine@.service')"
+        "from etd.files import resources; print(resources.find('boards', 'kajimoto-hv507'));"
+        "print(resources.config_dir().parent / 'systemd' / 'etd-engine@.service')"
     )
     for line in run([str(programs / "python"), "-c", program], tmp_path).splitlines():
         path = Path(line)
