@@ -118,13 +118,13 @@ def test_through_all_others_a_weak_return_counts_by_the_share_it_may_carry(
     since_ns = rig.clock.now_ns()
     rig.show(current_ua=only(N, e5=3_000), pulses=2, rate_hz=20.0)
     rig.run_ms(40)
-    assert felt_ua(rig, since_ns)[5] == pytest.approx(allowed_ua, abs=STEP_UA)
+    # By probes of 100 uA, which the ADC reads in some thirty steps, and a frame of 10 uA.
+    assert 0.75 * allowed_ua < felt_ua(rig, since_ns)[5] <= allowed_ua
     told = [
         clamp for clamp in clamps(rig) if clamp.reason == "return_cap" and clamp.wanted_ua == 3_000
     ]
-    assert {(clamp.electrode, clamp.limited_by, clamp.allowed_ua) for clamp in told} == {
-        (5, 3, allowed_ua)
-    }
+    assert {(clamp.electrode, clamp.limited_by) for clamp in told} == {(5, 3)}
+    assert max(clamp.allowed_ua for clamp in told) - STEP_UA <= felt_ua(rig, since_ns)[5]
 
 
 def test_a_weak_return_that_is_left_alone_is_spared_within_a_second(make_rig: MakeRig) -> None:

@@ -79,7 +79,7 @@ def test_a_cap_lets_through_the_charge_that_was_accepted_and_all_of_it(
     pulse_request = PulseRequest(wanted_ua, max(20, int(own_us * wider)))
     pulse_request = pulse_request if prepulse is None else prepulse.of(pulse_request)
     free = maxima_with(charge_pc=2_000_000)
-    path = Path(ELECTRODE, cap_ua, HIGH_UA, 9, 1 / 15)
+    path = Path(ELECTRODE, cap_ua, 15.0 * HIGH_UA, 9)
     allowed_ua, clamp = clamp_to_limits(path, pulse_request, free, HIGH_UA, None, False, bounds)
     cap_us = own_us if made is None else min(own_us, made.width_us)
     most_pc = accepted_pc(cap_ua, cap_us, prepulse if is_calibrated else None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import msgspec
 import pytest
@@ -178,6 +179,76 @@ def test_a_pulse_through_all_others_is_stopped_by_the_one_that_has_had_most() ->
     assert ledger.first_violation(entry(0, charge_pc=200_000, share=0.6), later_ns) is None
 
 
+# --- weights --------------------------------------------------------------------------------------
+
+
+def test_each_of_all_others_is_booked_its_weight_of_the_share_and_never_more_than_all() -> None:
+    ledger = Ledger(5, AMPLE)
+    ledger.set_weights([0.5, 1.0, 0.2, 0.0, 1e9], NOW_NS)
+    ledger.set_weights([0.5, 1.0, 0.2, 0.0, 1e9], NOW_NS + WINDOW_NS)
+    now_ns = NOW_NS + 2 * WINDOW_NS
+    ledger.set_weights([0.5, 1.0, 0.2, 0.0, 1e9], now_ns)
+    book(ledger, entry(0, charge_pc=1_000, share=0.8), now_ns)
+    assert [ledger.charge_pc(electrode, now_ns) for electrode in range(5)] == [
+        1_000,
+        800,
+        160,
+        0,
+        1_000,
+    ]
+    book(ledger, entry(1, charge_pc=1_000, share=3.0), now_ns)
+    assert [ledger.charge_pc(electrode, now_ns) for electrode in range(5)] == [
+        2_000,
+        1_800,
+        760,
+        0,
+        2_000,
+    ]
+
+
+def test_for_the_pulses_of_a_second_counts_the_largest_weight_in_it() -> None:
+    ledger = Ledger(2, AMPLE)
+    for at_ns in (NOW_NS, NOW_NS + WINDOW_NS, NOW_NS + 2 * WINDOW_NS):
+        ledger.set_weights([1.0, 0.1], at_ns)
+    now_ns = NOW_NS + 2 * WINDOW_NS
+    book(ledger, entry(0, charge_pc=1_000), now_ns)
+    assert ledger.charge_pc(1, now_ns) == 100
+    ledger.set_weights([1.0, 0.9], now_ns + 1)
+    assert ledger.charge_pc(1, now_ns + 1) == 900
+    ledger.set_weights([1.0, 0.1], now_ns + 2)
+    assert ledger.charge_pc(1, now_ns + WINDOW_NS - 1) == 900
+
+
+def test_a_weight_that_rises_takes_room_that_was_there() -> None:
+    ledger = Ledger(3, bounds(mean_current_ua=1))
+    for at_ns in (NOW_NS, NOW_NS + WINDOW_NS, NOW_NS + 2 * WINDOW_NS):
+        ledger.set_weights([0.1] * 3, at_ns)
+    now_ns = NOW_NS + 2 * WINDOW_NS
+    for electrode in (0, 1):
+        assert ledger.first_violation(entry(electrode, charge_pc=500_000), now_ns) is None
+        book(ledger, entry(electrode, charge_pc=500_000), now_ns)
+    assert ledger.first_violation(entry(0), now_ns) is None
+    ledger.set_weights([0.1, 0.1, 0.99], now_ns)
+    assert ledger.first_violation(entry(0), now_ns) == "return charge"
+
+
+def test_one_that_conducts_better_does_not_take_the_room_of_the_others() -> None:
+    """It may carry nearly all of each pulse, and the others next to nothing."""
+    ledger = Ledger(4, bounds(mean_current_ua=1))
+    weights = [0.01, 0.01, 0.01, 1.0]
+    for at_ns in (NOW_NS, NOW_NS + WINDOW_NS, NOW_NS + 2 * WINDOW_NS):
+        ledger.set_weights(weights, at_ns)
+    now_ns = NOW_NS + 2 * WINDOW_NS
+    for number in range(11):
+        assert ledger.first_violation(entry(number % 3, share=0.9), now_ns) is None
+        book(ledger, entry(number % 3, share=0.9), now_ns)
+    assert ledger.charge_pc(0, now_ns) < 410_000
+    assert ledger.charge_pc(3, now_ns) == 990_000
+    assert ledger.first_violation(entry(0, share=0.9), now_ns) == "return charge"
+    assert ledger.first_violation(entry(3, share=33.0), now_ns) == "charge"
+    assert ledger.first_violation(entry(0, charge_pc=10_000, share=0.9), now_ns) is None
+
+
 # --- booked at its worst, and corrected -----------------------------------------------------------
 
 
@@ -241,7 +312,7 @@ visits = st.builds(
     charge_pc=st.integers(1, 400_000),
     on_us=st.integers(20, 400),
     returns=st.none(),
-    share=st.sampled_from([1.0, 0.5, 1 / 3]),
+    share=st.sampled_from([1.0, 0.5, 1 / 3, 4.0]),
 ) | st.builds(
     lambda electrode, charge_pc, offsets: Entry(
         electrode,
@@ -256,17 +327,20 @@ visits = st.builds(
 )
 
 
-def carried_pc(booked: list[tuple[int, Entry]], electrode: int, now_ns: int) -> int:
+def carried_pc(
+    booked: list[tuple[int, Entry]], electrode: int, now_ns: int, weight: float = 1.0
+) -> int:
     """By hand, from the list of all pulses: what electrode `one` carried in the last second."""
-    total = 0
+    total, pooled, through = 0, 0, 0
     for at_ns, each in booked:
         if at_ns <= now_ns - WINDOW_NS:
             continue
         if each.electrode == electrode or electrode in (each.returns or ()):
             total += each.charge_pc
         elif each.returns is None:
-            total += -int(-each.charge_pc * each.share // 1)
-    return total
+            pooled += -int(-each.charge_pc * each.share // 1)
+            through += each.charge_pc
+    return total + min(through, math.ceil(pooled * weight))
 
 
 def in_path(electrode: int, entry_: Entry) -> bool:
@@ -281,12 +355,15 @@ fates = st.one_of(st.none(), st.just(-1), st.integers(0, 500_000))
 @given(
     st.lists(
         st.tuples(visits, st.integers(0, 400_000_000), st.integers(0, 200_000), fates), max_size=40
-    )
+    ),
+    st.lists(st.sampled_from([0.01, 0.3, 1.0, 2.0, 1e9]), min_size=ELECTRODES, max_size=ELECTRODES),
 )
 def test_no_electrode_and_no_return_is_let_through_more_than_the_bound(
-    requests: list[tuple[Entry, int, int, int | None]],
+    requests: list[tuple[Entry, int, int, int | None]], weights: list[float]
 ) -> None:
     ledger, now_ns = Ledger(ELECTRODES, bounds(mean_current_ua=1)), NOW_NS
+    for at_ns in (NOW_NS - 2 * WINDOW_NS, NOW_NS - WINDOW_NS, NOW_NS):
+        ledger.set_weights(weights, at_ns)
     booked: list[tuple[int, Entry]] = []
 
     def charges_pc() -> list[int]:
@@ -294,7 +371,10 @@ def test_no_electrode_and_no_return_is_let_through_more_than_the_bound(
 
     def by_hand_pc(*more: Entry) -> list[int]:
         lines = [*booked, *((now_ns, each) for each in more)]
-        return [carried_pc(lines, electrode, now_ns) for electrode in range(ELECTRODES)]
+        return [
+            carried_pc(lines, electrode, now_ns, weights[electrode])
+            for electrode in range(ELECTRODES)
+        ]
 
     for pulse_request, gap_ns, excess_pc, fate in requests:
         now_ns += gap_ns

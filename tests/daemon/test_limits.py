@@ -127,13 +127,14 @@ def test_numbers_above_what_the_uncalibrated_get_are_refused(limits: Limits, sai
 # --- the last word --------------------------------------------------------------------------------
 
 
-def path(cap_ua: int = HIGH, return_cap_ua: int = HIGH, share: float = 1.0) -> Path:
-    return Path(3, cap_ua, return_cap_ua, 9, share)
+def path(cap_ua: int = HIGH, return_ua: float = HIGH) -> Path:
+    return Path(3, cap_ua, return_ua, 9)
 
 
 def test_a_path_is_as_weak_as_its_weakest_return() -> None:
-    found = path_of(0, (5_000, 4_000, 900, 1_000), (1, 2, 3), 0.5)
-    assert found == Path(0, 5_000, 900, 2, 0.5)
+    found = path_of(0, (5_000, 4_000, 900, 1_000), (1, 2, 3))
+    assert found == Path(0, 5_000, 900, 2)
+    assert found.with_returns(1_200.5, 3) == Path(0, 5_000, 1_200.5, 3)
 
 
 def test_what_is_within_all_bounds_passes_as_it_is() -> None:
@@ -156,8 +157,7 @@ def test_exactly_the_bound_is_no_clamp() -> None:
     ("changes", "allowed_ua", "reason", "limited_by"),
     [
         ({"path": path(cap_ua=900)}, 900, "cap", 3),
-        ({"path": path(return_cap_ua=800)}, 800, "return_cap", 9),
-        ({"path": path(return_cap_ua=800, share=0.5)}, 1_600, "return_cap", 9),
+        ({"path": path(return_ua=800.0)}, 800, "return_cap", 9),
         ({"request": PulseRequest(4_000, 200)}, 2_500, "charge", 3),
         ({"soft_start_ua": 700}, 700, "soft_start", 3),
         ({"recontact_ua": 600}, 600, "recontact", 3),
@@ -184,22 +184,16 @@ def test_the_smallest_bound_wins_and_says_whose_it_is(
 
 def test_of_several_bounds_the_smallest_is_named() -> None:
     got, clamp = clamp_to_limits(
-        path(cap_ua=900, return_cap_ua=500), PulseRequest(4_000, 200), maxima_with(), 450, 440, True
+        path(cap_ua=900, return_ua=500.0), PulseRequest(4_000, 200), maxima_with(), 450, 440, True
     )
     assert got == 300
     assert clamp is not None
     assert clamp.reason == "contact_open"
 
 
-def test_a_share_never_lets_a_return_carry_more_than_its_cap() -> None:
-    for others in range(1, 256):
-        got, _ = clamp_to_limits(
-            path(return_cap_ua=97, share=1.0 / others),
-            PulseRequest(HIGH, 20),
-            maxima_with(),
-            HIGH,
-            None,
-            False,
+def test_what_its_returns_allow_is_rounded_down() -> None:
+    for return_ua, allowed_ua in ((97.9, 97), (97.0, 97), (1e6, HIGH)):
+        found = clamp_to_limits(
+            path(return_ua=return_ua), PulseRequest(HIGH, 20), maxima_with(), HIGH, None, False
         )
-        assert got / others <= 97
-        assert got in (HIGH, 97 * others, 97 * others - 1)
+        assert found[0] == allowed_ua

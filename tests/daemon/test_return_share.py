@@ -1,90 +1,176 @@
-"""Who shares a current: those that told so within a second."""
+"""Who shares a current, and how: by what pulses told within a second."""
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from etd.safety.return_share import ReturnShare
+from etd.safety.return_share import REFRESH_NS, ReturnShare
 from etd.stabilize.max_age import CONTACT_POLL_NS, MAX_AGE_NS
+from etd_body.electrode import Contact, load
+from path_readings import METER, exact, paths_ohm
+
+START_NS = 5_000_000_000
+EVEN = load(50e3)
 
 
-def seen(*touches: bool, at_ns: int = 0) -> ReturnShare:
-    """Electrodes that each had a probe pulse."""
-    sharing = ReturnShare(len(touches))
-    for electrode, does in enumerate(touches):
-        sharing.update(electrode, does, at_ns)
+def seen(*contacts: Contact | None, at_ns: int = START_NS) -> ReturnShare:
+    """Electrodes that each had a pulse; None: nothing touches there."""
+    sharing = ReturnShare(len(contacts), METER)
+    touching = [contact for contact in contacts if contact is not None]
+    found = iter(paths_ohm(touching))
+    for electrode, contact in enumerate(contacts):
+        path_ohm = 1e7 if contact is None else next(found)
+        sharing.update(electrode, contact is not None, at_ns, exact(path_ohm))
+    sharing.refresh(at_ns)
     return sharing
 
 
+def carried(sharing: ReturnShare, electrode: int, now_ns: int) -> list[float]:
+    """Of its current, by each of the others."""
+    sharing.refresh(now_ns)
+    share, weights = sharing.share(electrode), sharing.weights(now_ns)
+    return [min(1.0, share * weight) for other, weight in enumerate(weights) if other != electrode]
+
+
 def test_where_nothing_is_known_one_return_may_carry_it_all() -> None:
-    assert ReturnShare(4).largest(0, 0) == 1.0
+    sharing = ReturnShare(4, METER)
+    sharing.refresh(START_NS)
+    assert carried(sharing, 0, START_NS) == [1.0] * 3
 
 
-def test_those_that_touch_share_equally() -> None:
-    sharing = seen(True, True, True, False)
-    assert sharing.largest(0, 1) == 1 / 2
-    assert sharing.largest(3, 1) == 1 / 3
+def test_those_that_are_alike_share_equally() -> None:
+    sharing = seen(*[EVEN] * 8)
+    assert carried(sharing, 0, START_NS + 1) == pytest.approx([1 / 7] * 7, rel=0.02)
+
+
+def test_those_that_conduct_better_carry_more() -> None:
+    sharing = seen(*[load(152e3)] * 15, load(2e3))
+    parts = carried(sharing, 0, START_NS + 1)
+    assert parts[-1] == pytest.approx(0.844, rel=0.05)
+    assert parts[:-1] == pytest.approx([0.0111] * 14, rel=0.05)
+    assert carried(sharing, 15, START_NS + 1) == pytest.approx([1 / 15] * 15, rel=0.05)
+
+
+def test_one_that_is_known_to_be_open_carries_next_to_nothing() -> None:
+    assert carried(seen(EVEN, EVEN, EVEN, None), 0, START_NS + 1)[-1] < 0.01
 
 
 def test_forgetting_is_knowing_nothing() -> None:
-    sharing = seen(True, True, True)
+    sharing = seen(*[EVEN] * 4)
     sharing.reset()
-    assert sharing.largest(0, 1) == 1.0
-    assert sharing.when_probed() == 1.0
+    sharing.refresh(START_NS)
+    assert carried(sharing, 0, START_NS) == [1.0] * 3
+    assert sharing.reading(0) is None
 
 
-def test_a_look_is_believed_for_a_second() -> None:
-    sharing = seen(True, True, True, True)
-    sharing.update(1, True, MAX_AGE_NS // 2)
-    sharing.update(2, True, MAX_AGE_NS // 2)
-    assert sharing.largest(0, MAX_AGE_NS - 1) == pytest.approx(1 / 3)
-    assert sharing.largest(0, MAX_AGE_NS) == 1 / 2
-    assert sharing.largest(0, MAX_AGE_NS + MAX_AGE_NS // 2) == 1.0
-
-
-def test_what_will_be_known_once_looked_is_told_before() -> None:
-    assert seen(True, True, True, False).when_probed() == 1 / 2
+def test_a_look_is_believed_for_a_second_and_then_it_may_be_the_best_that_was_seen() -> None:
+    sharing = seen(load(50e3), load(50e3), load(50e3), load(25e3), load(100e3))
+    half_ns = START_NS + MAX_AGE_NS // 2
+    for electrode in (1, 2):
+        sharing.update(electrode, True, half_ns, sharing.reading(electrode))
+    late_ns = START_NS + MAX_AGE_NS
+    assert carried(sharing, 0, late_ns - 1)[-1] == pytest.approx(0.11, rel=0.05)
+    sharing.refresh(late_ns)
+    # Two of 50 k are known, and one of 25 k was seen.
+    assert carried(sharing, 0, late_ns)[-2:] == pytest.approx([1.0] * 2, abs=0.05)
+    assert [sharing.is_known(electrode, late_ns) for electrode in range(5)] == [
+        False, True, True, False, False,
+    ]  # fmt: skip
+    assert carried(sharing, 0, half_ns + MAX_AGE_NS) == [1.0] * 4
 
 
 @pytest.mark.parametrize("is_through_chosen", [True, False])
 def test_when_one_is_lost_no_look_from_before_counts(is_through_chosen: bool) -> None:
-    sharing = seen(*[True] * 5)
+    sharing = seen(*[EVEN] * 5)
     if is_through_chosen:
         sharing.lose(4)
     else:
-        sharing.update(4, False, 1)
-    assert sharing.largest(0, 2) == 1.0
+        sharing.update(4, False, START_NS + 1)
+    sharing.refresh(START_NS + 2)
+    assert max(carried(sharing, 0, START_NS + 2)) == 1.0
     for electrode in (1, 2, 3):
-        sharing.update(electrode, True, 2)
-    assert sharing.largest(0, 3) == pytest.approx(1 / 3)
+        sharing.update(electrode, True, START_NS + 2, exact(paths_ohm([EVEN] * 4)[0]))
+    sharing.refresh(START_NS + 3 + REFRESH_NS)
+    assert carried(sharing, 0, START_NS + 3)[:3] == pytest.approx([0.4] * 3, rel=0.15)
 
 
 def test_one_that_never_touched_is_not_lost() -> None:
-    sharing = seen(True, True, True, False)
-    sharing.update(3, False, 1)
+    sharing = seen(EVEN, EVEN, EVEN, None)
+    before = carried(sharing, 0, START_NS + 2)
+    sharing.update(3, False, START_NS + 1)
     sharing.lose(3)
-    assert sharing.largest(0, 2) == 1 / 2
+    assert carried(sharing, 0, START_NS + 2) == before
 
 
-def test_looks_are_wanted_only_where_they_would_help() -> None:
-    sharing = seen(True, True, True)
-    sharing.want(MAX_AGE_NS - 1)
+def test_a_touch_without_a_reading_is_not_known() -> None:
+    sharing = ReturnShare(3, METER)
+    sharing.update(0, True, START_NS)
+    assert not sharing.is_known(0, START_NS)
+    sharing.update(0, True, START_NS, exact(75e3))
+    assert sharing.is_known(0, START_NS)
+    sharing.update(0, True, START_NS + MAX_AGE_NS - 1)
+    assert sharing.is_known(0, START_NS + MAX_AGE_NS - 1)
+    sharing.update(0, True, START_NS + MAX_AGE_NS)
+    assert not sharing.is_known(0, START_NS + MAX_AGE_NS)
+
+
+def test_readings_are_taken_four_times_a_second() -> None:
+    sharing = seen(EVEN, EVEN)
+    assert sharing.read_from_ns[0] == START_NS + REFRESH_NS
+    assert REFRESH_NS == 250_000_000
+    sharing.reset()
+    assert sharing.read_from_ns[0] == 0
+
+
+def test_what_a_contact_conducts_at_the_most_stays_bound_when_the_others_are_not_known() -> None:
+    sharing = seen(*[EVEN] * 16)
+    later_ns = START_NS + 2 * MAX_AGE_NS
+    for electrode in range(3):
+        sharing.update(electrode, True, later_ns, exact(paths_ohm([EVEN] * 16)[0]))
+    sharing.refresh(later_ns + REFRESH_NS)
+    assert sharing.most_s[0] == pytest.approx(EVEN.conductance_s, rel=0.01)
+
+
+def test_a_path_that_falls_lowers_the_own_resistance_and_one_that_rises_does_not_raise_it() -> None:
+    sharing = seen(*[EVEN] * 16)
+    path_ohm, later_ns = paths_ohm([EVEN] * 16)[0], START_NS + 2 * MAX_AGE_NS
+    for step, ohm in enumerate((path_ohm - 20e3, path_ohm, path_ohm + 20e3)):
+        now_ns = later_ns + step * REFRESH_NS
+        sharing.update(0, True, now_ns, exact(ohm))
+        assert sharing.refresh(now_ns)
+        least_ohm = 1.0 / sharing.most_s[0]
+        assert least_ohm == pytest.approx(50e3 - max(0.0, path_ohm - ohm), rel=0.01)
+
+
+def test_one_that_nothing_bounds_may_carry_all_however_long_ago_it_was_read() -> None:
+    sharing = ReturnShare(3, METER)
+    for electrode, ohm in enumerate((300e3, 300e3, 100e3)):
+        sharing.update(electrode, True, START_NS, exact(ohm))
+    sharing.refresh(START_NS)
+    assert sharing.most_s[2] == math.inf
+    for now_ns in (START_NS, START_NS + 10 * MAX_AGE_NS):
+        sharing.refresh(now_ns)
+        assert carried(sharing, 0, now_ns)[-1] == 1.0
+
+
+# --- looks ----------------------------------------------------------------------------------------
+
+
+def test_looks_are_wanted_from_when_they_are_asked_for_until_all_is_forgotten() -> None:
+    sharing = seen(EVEN, EVEN)
     assert not sharing.is_wanted
-    sharing.want(MAX_AGE_NS)
+    sharing.want()
     assert sharing.is_wanted
     sharing.reset()
     assert not sharing.is_wanted
 
 
-def test_those_who_are_known_not_to_touch_need_no_look() -> None:
-    sharing = seen(True, False, False)
-    sharing.want(1)
-    assert not sharing.is_wanted
-
-
 def test_the_next_look_is_due_half_a_second_after_the_last() -> None:
-    sharing = ReturnShare(2)
+    sharing = ReturnShare(2, METER)
     assert sharing.is_due(1, 0)
-    sharing.update(1, True, MAX_AGE_NS)
+    sharing.update(1, True, MAX_AGE_NS, exact(1e5))
+    assert sharing.looked_ns(1) == MAX_AGE_NS
     assert not sharing.is_due(1, MAX_AGE_NS + CONTACT_POLL_NS - 1)
     assert sharing.is_due(1, MAX_AGE_NS + CONTACT_POLL_NS)

@@ -10,14 +10,14 @@ from __future__ import annotations
 import msgspec
 
 from etd.engine.reporting import Reporter
+from etd.engine.returns import Returns
 from etd.firing import ReadyPulse, prepulse_of
 from etd.planning.schedule import DuePulse
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.messages import Clamp
 from etd.safety.ledger import Entry, Ledger
-from etd.safety.limits import clamp_to_limits
+from etd.safety.limits import Path, clamp_to_limits
 from etd.safety.maxima import MaximaInForce
-from etd.safety.return_share import ReturnShare
 from etd.safety.soft_start import SoftStart
 from etd.sensing.contact import ContactMap
 from etd.stabilize.pipeline import PulseRequest
@@ -44,7 +44,7 @@ class Clearance:
         ledger: Ledger,
         soft_start: SoftStart,
         contact: ContactMap,
-        return_share: ReturnShare,
+        returns: Returns,
         reporter: Reporter,
     ) -> None:
         self._board = board
@@ -52,7 +52,7 @@ class Clearance:
         self._ledger = ledger
         self._soft_start = soft_start
         self._contact = contact
-        self._return_share = return_share
+        self._returns = returns
         self._reporter = reporter
 
     def clear(
@@ -60,8 +60,8 @@ class Clearance:
     ) -> Cleared | None:
         """The pulse that may be fired; None where that is nothing, and the reason is reported."""
         scheduled, is_reported = due.scheduled, due.purpose != "contact_poll"
-        share = self._share(scheduled, now_ns)
-        current_ua, clamp = self._clamped(scheduled, request, share, ceiling_ua, now_ns)
+        path, share = self._returns.of(scheduled, now_ns)
+        current_ua, clamp = self._clamped(scheduled, path, request, ceiling_ua, now_ns)
         given = request.at(current_ua)
         pulse = self._board.pulse(current_ua, given.width_us, prepulse_of(given))
         if pulse.code == 0:
@@ -69,10 +69,10 @@ class Clearance:
                 self._report_nothing(scheduled, request, clamp)
             return None
         entry = _entry_of(scheduled, given, share, pulses=0 if due.after is not None else 1)
+        if is_reported:
+            self._returns.watch(scheduled, request.current_ua, entry)
         if not self._fits(scheduled, entry, now_ns, is_reported=is_reported):
             return None
-        if is_reported and clamp is not None and clamp.reason == "return_cap":
-            self._return_share.want(now_ns)
         return Cleared(entry, scheduled.selection, pulse, given, request=request, clamp=clamp)
 
     def led_by(
@@ -94,23 +94,17 @@ class Clearance:
         selection = scheduled.selection
         return Cleared(alone, selection, pulse, probe, request=cleared.request, leads=True)
 
-    def _share(self, scheduled: ScheduledPulse, now_ns: int) -> float:
-        """The share that one return may carry: each named return counts as if it were alone."""
-        if scheduled.returns is not None:
-            return 1.0
-        return self._return_share.largest(scheduled.electrode, now_ns)
-
     def _clamped(
         self,
         scheduled: ScheduledPulse,
+        path: Path,
         request: PulseRequest,
-        share: float,
         ceiling_ua: int,
         now_ns: int,
     ) -> tuple[int, Clamp | None]:
         electrode = scheduled.electrode
         return clamp_to_limits(
-            scheduled.path.with_share(share),
+            path,
             request,
             self._maxima.now,
             ceiling_ua,
@@ -134,7 +128,6 @@ class Clearance:
         if self._ledger.first_violation(entry, now_ns) is None:
             return True
         if is_reported:
-            self._return_share.want(now_ns)
             self._reporter.not_fired(scheduled.electrode, "ledger")
         return False
 

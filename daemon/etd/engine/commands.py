@@ -133,7 +133,7 @@ def take_frame(
                 f"{how} {(host_ns - begun_host_ns) // 1_000_000} ms ago, its ttl is"
                 f" {ttl_ns // 1_000_000} ms",
             )
-        plan = yield from core.planner.steps(frame, core.return_share.when_probed())
+        plan = yield from core.planner.steps(frame, core.returns.when_probed)
         _check_still_held(core, lease)
     except Refused as refusal:
         _report_refusal(core, message, refusal)

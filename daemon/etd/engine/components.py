@@ -17,6 +17,7 @@ from etd.engine.gateway_link import GatewayLink
 from etd.engine.node_check import NodeCheck
 from etd.engine.reporting import Reporter
 from etd.engine.requests import Requests
+from etd.engine.returns import Returns
 from etd.engine.stimulus_adapter import StimulusAdapter
 from etd.engine.stopper import Stopper, StopperLiveness
 from etd.engine.timeouts import Timeouts
@@ -24,7 +25,6 @@ from etd.files.configuration import LoadedConfig
 from etd.firing import Firing
 from etd.safety.ledger import Bounds, Ledger
 from etd.safety.maxima import MaximaInForce, maxima_of
-from etd.safety.return_share import ReturnShare
 from etd.safety.soft_start import SoftStart
 from etd.sensing.contact import ContactMap
 from etd.sensing.impedance import ImpedanceMap
@@ -61,7 +61,7 @@ class Components:
     maxima: MaximaInForce
     ledger: Ledger
     soft_start: SoftStart
-    return_share: ReturnShare
+    returns: Returns
     clearance: Clearance
     # What is known of the electrodes, and the requests that follow from it.
     contact: ContactMap
@@ -89,7 +89,7 @@ def components_of(
     declared = maxima_of(loaded.board, loaded.body_site)
     maxima = MaximaInForce(declared)
     ledger = Ledger(electrodes, Bounds.of(declared))
-    soft_start, return_share = SoftStart(declared.current_ua), ReturnShare(electrodes)
+    soft_start, returns = SoftStart(declared.current_ua), Returns(electrodes, source, ledger)
     contact = ContactMap(electrodes, source, loaded.body_site.contact)
     impedance = ImpedanceMap(electrodes, source)
     ahead = PreProbe(electrodes, contact, impedance)
@@ -114,13 +114,13 @@ def components_of(
         maxima=maxima,
         ledger=ledger,
         soft_start=soft_start,
-        return_share=return_share,
-        clearance=Clearance(board, maxima, ledger, soft_start, contact, return_share, reporter),
+        returns=returns,
+        clearance=Clearance(board, maxima, ledger, soft_start, contact, returns, reporter),
         contact=contact,
         impedance=impedance,
         pre_probe=ahead,
         adapter=adapter,
-        requests=Requests(adapter, ahead, contact, return_share, reporter, is_quick=is_quick),
+        requests=Requests(adapter, ahead, contact, returns, reporter, is_quick=is_quick),
         firing=Firing(board, ledger, clock, NodeCheck(board).check),
-        findings=Findings(maxima, soft_start, contact, return_share, adapter, ahead, reporter),
+        findings=Findings(maxima, soft_start, contact, returns, adapter, ahead, reporter),
     )

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from etd.engine.clearance import Cleared
 from etd.engine.reporting import FiredPulse, Reporter
+from etd.engine.returns import Returns
 from etd.engine.stimulus_adapter import StimulusAdapter
 from etd.planning.schedule import DuePulse
-from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.safety.maxima import MaximaInForce
-from etd.safety.return_share import ReturnShare
 from etd.safety.soft_start import SoftStart
 from etd.sensing.contact import ContactMap
 from etd.sensing.impedance import Samples
@@ -28,7 +27,7 @@ class Findings:
         maxima: MaximaInForce,
         soft_start: SoftStart,
         contact: ContactMap,
-        return_share: ReturnShare,
+        returns: Returns,
         adapter: StimulusAdapter,
         ahead: PreProbe,
         reporter: Reporter,
@@ -36,7 +35,7 @@ class Findings:
         self._maxima = maxima
         self._soft_start = soft_start
         self._contact = contact
-        self._return_share = return_share
+        self._returns = returns
         self._adapter = adapter
         self._pre_probe = ahead
         self._reporter = reporter
@@ -45,7 +44,8 @@ class Findings:
         """Stores what a probe before a pulse measured."""
         if self._pre_probe.update(due.electrode, cleared.pulse, result):
             self._adapter.rejected("probe")
-        self._of_share(due.scheduled, result.begun_ns)
+        touches = self._contact.is_touched[due.electrode] is True
+        self._returns.update(due.scheduled, cleared.pulse, result, touches=touches, is_rested=True)
 
     def of_pulse(
         self, due: DuePulse, cleared: Cleared, first: PulseResult, last: PulseResult
@@ -64,17 +64,10 @@ class Findings:
             # Before a second phase the skin is not at rest, so the first one is taken.
             probed_v = 0.0 if due.after is None else self._pre_probe.probed_v(electrode)
             self._adapter.update(electrode, _samples(pulse, first, probed_v), begun_ns)
-        self._of_share(due.scheduled, begun_ns)
+        touches, is_rested = self._contact.is_touched[electrode] is True, due.after is None
+        self._returns.update(due.scheduled, pulse, first, touches=touches, is_rested=is_rested)
         if due.purpose != "contact_poll":
             self._pre_probe.was_followed(electrode)
-
-    def _of_share(self, scheduled: ScheduledPulse, begun_ns: int) -> None:
-        electrode = scheduled.electrode
-        touches = self._contact.is_touched[electrode] is True
-        if scheduled.returns is None:
-            self._return_share.update(electrode, touches, begun_ns)
-        elif not touches:
-            self._return_share.lose(electrode)
 
     def report(self, due: DuePulse, cleared: Cleared, begun_ns: int) -> None:
         """Reports a pulse of a frame; a contact poll is counted only."""

@@ -7,17 +7,22 @@ Must not know: limits, ledgers, hardware, states.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from etd.engine.reporting import Reporter
+from etd.engine.returns import Returns
 from etd.engine.stimulus_adapter import StimulusAdapter
-from etd.planning.schedule import DuePulse
+from etd.planning.schedule import DuePulse, Schedule
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.messages import Clamp
-from etd.safety.return_share import ReturnShare
 from etd.sensing.contact import ContactMap
 from etd.sensing.pre_probe import PreProbe
+from etd.stabilize.max_age import MAX_AGE_NS
 from etd.stabilize.pipeline import PulseRequest
+
+#: Where looks are wanted, each silent electrode has one in so long.
+_ALL_WITHIN_NS = MAX_AGE_NS * 4 // 5
 
 
 class Requests:
@@ -28,7 +33,7 @@ class Requests:
         adapter: StimulusAdapter,
         ahead: PreProbe,
         contact: ContactMap,
-        return_share: ReturnShare,
+        returns: Returns,
         reporter: Reporter,
         *,
         is_quick: bool,
@@ -37,7 +42,7 @@ class Requests:
         self._adapter = adapter
         self._pre_probe = ahead
         self._contact = contact
-        self._return_share = return_share
+        self._returns = returns
         self._reporter = reporter
         self._is_quick = is_quick
 
@@ -78,22 +83,29 @@ class Requests:
         return self._adapter.readapt(due.scheduled, before, expected_ohm, now_ns)
 
     def polls(
-        self, silent: Sequence[ScheduledPulse], now_ns: int
+        self, probes: Sequence[ScheduledPulse], schedule: Schedule, now_ns: int
     ) -> tuple[list[ScheduledPulse], int]:
-        """The contact polls of silent electrodes that are due, and how many of them must be made
-        even when time is short: at least one where a clamped pulse waits for them.
+        """The contact polls that are due at the end of a scan, and how many of them must be made
+        even when time is short: where pulses depend on what is known of their returns, as many as
+        keep every electrode known, or one where the switch has no time to spare. Electrodes that
+        the frame stimulates are measured by their own pulses, if these can be read.
         """
-        return_share, contact = self._return_share, self._contact
-        if return_share.is_wanted:
+        share, contact = self._returns.share, self._contact
+        if share.is_wanted:
             awaited = [
-                scheduled
-                for scheduled in silent
-                if return_share.is_due(scheduled.electrode, now_ns)
+                scheduled for scheduled in probes if share.is_due(scheduled.electrode, now_ns)
             ]
             if awaited:
-                return awaited, 1
+                awaited.sort(key=lambda scheduled: share.looked_ns(scheduled.electrode))
+                silent = len(probes) - len(schedule.plan.schedule)
+                owed = math.ceil(silent * schedule.plan.period_ns / _ALL_WITHIN_NS)
+                return awaited, max(1, owed) if self._is_quick else 1
         if not self._adapter.needs_contact or not self._is_quick:
             return [], 0
+        active = {scheduled.electrode for scheduled in schedule.plan.schedule}
+        silent_ones = [scheduled for scheduled in probes if scheduled.electrode not in active]
         return [
-            scheduled for scheduled in silent if contact.is_poll_due(scheduled.electrode, now_ns)
+            scheduled
+            for scheduled in silent_ones
+            if contact.is_poll_due(scheduled.electrode, now_ns)
         ], 0

@@ -177,13 +177,8 @@ class Sequencer:
         """
         now_ns = self._clock.now_ns()
         if schedule.wants_polls:
-            active = {scheduled.electrode for scheduled in schedule.plan.schedule}
-            silent = [
-                scheduled
-                for scheduled in self._supervisor.probes
-                if scheduled.electrode not in active
-            ]
-            schedule.add_polls(*self._requests.polls(silent, now_ns))
+            probes = self._supervisor.probes
+            schedule.add_polls(*self._requests.polls(probes, schedule, now_ns))
         if not schedule.is_over(now_ns, _CONTACT_POLL_NS):
             return
         if schedule.plan.schedule:

@@ -54,7 +54,7 @@ class Supervisor:
         self.stopper = components.stopper
         self.gateway_link = components.gateway_link
         self.marker = components.backend.marker
-        self.return_share = components.return_share
+        self.returns = components.returns
         self.not_granted: tuple[str, ...] = ()
         self._failed_calibrations: tuple[str, ...] = ()
         self.last_silence: str | None = None
@@ -120,6 +120,7 @@ class Supervisor:
         self.lease = lease
         self._lease_number += 1
         self.sessions.opened(self._subject(lease), self.host_clock.now_ns())
+        self.returns.set_caps(lease.person.caps_ua)
         self._set_calibration(lease.person.calibration)
         self._components.pre_probe.reset()
         self.planner_of_lease()
@@ -285,7 +286,7 @@ class Supervisor:
         self.active.silence()
         self.soft_start.restart()
         self.contact.reset()
-        self._components.return_share.reset()
+        self.returns.reset()
         self.adapter.reset()
         self._components.pre_probe.reset()
         self._drop_power_up(why)

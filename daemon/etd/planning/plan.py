@@ -8,7 +8,7 @@ plan is refused as a whole, with the reason; nothing is left out of it silently.
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -83,9 +83,9 @@ class Planner:
         caps_ua = rules.person.caps_ua
         self._by_cap = sorted(range(self._count), key=lambda electrode: caps_ua[electrode])[:2]
 
-    def plan(self, frame: Frame, share_of_all: float = 0.0) -> Plan:
+    def plan(self, frame: Frame, returns: Callable[[Path], Path] | None = None) -> Plan:
         """All of `steps` at once. Raises: Refused."""
-        steps = self.steps(frame, share_of_all)
+        steps = self.steps(frame, returns)
         while True:
             try:
                 next(steps)
@@ -93,16 +93,15 @@ class Planner:
                 plan: Plan = end.value
                 return plan
 
-    def steps(self, frame: Frame, share_of_all: float = 0.0) -> Steps[Plan]:
+    def steps(self, frame: Frame, returns: Callable[[Path], Path] | None = None) -> Steps[Plan]:
         """Plan a frame electrode by electrode: a plan for hundreds takes longer than two polls may
         be apart. The generator's value is the plan.
 
-        Raises: Refused. `share_of_all`: the share that one return of all others may carry, for the
-        preview of clamps in the reply (0: not known yet, each electrode is clamped by its own cap
-        alone).
+        Raises: Refused. `returns`: sets what all others allow as returns of a path, for the preview
+        of clamps in the reply (None: not known yet, all carry the same share).
         """
         schedule = yield from self._visits(frame)
-        clamped = yield from self._preview(schedule, share_of_all)
+        clamped = yield from self._preview(schedule, returns or self._shared_equally)
         if frame.strict and clamped:
             self._refuse_strict(clamped[0])
         grouped = self._scan_rate.grouped(schedule)
@@ -262,25 +261,24 @@ class Planner:
     def _path(self, electrode: int, returns: tuple[int, ...] | None) -> Path:
         caps_ua = self._rules.person.caps_ua
         if returns is not None:
-            return path_of(electrode, caps_ua, returns, 1.0)
+            return path_of(electrode, caps_ua, returns)
         others = [other for other in self._by_cap if other != electrode]
-        return path_of(electrode, caps_ua, others, 1.0)
+        return path_of(electrode, caps_ua, others)
+
+    def _shared_equally(self, path: Path) -> Path:
+        return path.with_returns(path.return_ua * max(1, self._count - 1), path.return_electrode)
 
     # --- the preview of clamps ---------------------------------------------------------------
 
     def _preview(
-        self, schedule: Sequence[ScheduledPulse], share_of_all: float
+        self, schedule: Sequence[ScheduledPulse], returns: Callable[[Path], Path]
     ) -> Steps[tuple[Clamp, ...]]:
         """The clamps of the pulses to be fired, before any stabilizer responds to the skin."""
         maxima, shape = self._rules.maxima, self._rules.site.stabilize.shape
         found = []
         for scheduled in schedule:
-            path = scheduled.path
-            if scheduled.returns is None:
-                share = share_of_all or 1.0 / max(1, self._count - 1)
-                path = path.with_share(share)
             _, clamp = clamp_to_limits(
-                path,
+                returns(scheduled.path) if scheduled.returns is None else scheduled.path,
                 scheduled.bounds.in_slot(shape.of(scheduled.request)),
                 maxima,
                 maxima.current_ua,

@@ -34,9 +34,7 @@ def probes_of(
             phases=(True,),
             rate_hz=1.0,
             returns=None,
-            path=path_of(
-                electrode, person.caps_ua, [it for it in everybody if it != electrode], 1.0
-            ),
+            path=path_of(electrode, person.caps_ua, [it for it in everybody if it != electrode]),
             bounds=PulseBounds(
                 currents_ua[electrode], width_us, width_us, currents_ua[electrode] * width_us
             ),

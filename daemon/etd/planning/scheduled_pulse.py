@@ -18,7 +18,7 @@ from etd_hal.selection import Selection
 class ScheduledPulse(msgspec.Struct, frozen=True):
     """The pulse of one electrode of a frame, fired once a scan or less often.
 
-    `returns` None means all others; then the path's share is decided at each pulse.
+    `returns` None means all others; then what these allow is decided at each pulse.
     """
 
     electrode: int

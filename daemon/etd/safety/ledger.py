@@ -8,24 +8,30 @@ A pulse is booked before it is sent, at its worst case, and corrected to the cha
 (`firing.py`). An entry that is never corrected stays at its worst case.
 
 Charge is in pC (uA x us), all phases counted positive. A pulse that returns through all others is
-booked to a pool at the share that one return may carry: the total of an electrode is its own sum
-plus the pool, less what it put into the pool itself. So a pulse costs the same work for 8
-electrodes and for 256.
+booked to a pool at the share that the best return may carry. The weight of an electrode is the part
+of that share which it may carry. Its total is its own sum plus its weight times the pool, without
+what it put into the pool itself, and of the pulses of others never more than all of them. The
+largest weight of the last second counts for all pulses of that second. So a pulse costs the same
+work for 8 electrodes and for 256, except where the least room of all must be counted again.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
 
 from etd.safety.maxima import Maxima
+from etd.safety.return_weights import ReturnWeights
 
 WINDOW_NS = 1_000_000_000
 _PC_PER_UC = 1_000_000
+#: The least room must be counted again.
+_UNKNOWN_PC = -1
 
 LedgerReason = Literal[
     "interval", "charge", "pulses", "duty", "array charge", "array duty", "return charge"
@@ -59,8 +65,8 @@ class Bounds:
 class Entry(msgspec.Struct, frozen=True, gc=False):
     """One pulse, or a part of it: its charge, its time, and the electrodes that carry it back.
 
-    `returns` None: all others, each with `share`; otherwise each named electrode is booked with all
-    of the charge.
+    `returns` None: all others, each with `share` times its weight and never more than the whole
+    charge; otherwise each named electrode is booked with all of the charge.
     """
 
     electrode: int
@@ -77,6 +83,8 @@ class _Line(msgspec.Struct, gc=False):
 
     begun_ns: int
     charge_pc: int
+    #: The charge that returns through all others, and the share of it.
+    through_pc: int = 0
     pooled_pc: int = 0
     on_us: int = 0
     pulses: int = 0
@@ -88,31 +96,28 @@ class Booking(_Line, kw_only=True, gc=False):
     entry: Entry
     #: The line in the windows of named returns.
     carried: _Line | None
-    #: The state before it: when the electrode's last pulse began, and the most beside the pool.
+    #: The state before it: when the electrode's last pulse began, and the least room of all.
     before_ns: int | None
-    most_before_pc: int
+    room_before_pc: int
 
 
 class _Window:
-    """Sums of what was booked in the last second; `pooled_pc` is what of it went into the pool."""
+    """Sums of what was booked in the last second."""
 
-    __slots__ = ("charge_pc", "lines", "on_us", "pooled_pc", "pulses")
+    __slots__ = ("charge_pc", "lines", "on_us", "pooled_pc", "pulses", "through_pc")
 
     def __init__(self) -> None:
         self.lines: deque[_Line] = deque()
         self.charge_pc = 0
+        self.through_pc = 0
         self.pooled_pc = 0
         self.on_us = 0
         self.pulses = 0
 
-    @property
-    def beside_pool_pc(self) -> int:
-        """The charge of this electrode without its part in the pool."""
-        return self.charge_pc - self.pooled_pc
-
     def book(self, line: _Line) -> None:
         self.lines.append(line)
         self.charge_pc += line.charge_pc
+        self.through_pc += line.through_pc
         self.pooled_pc += line.pooled_pc
         self.on_us += line.on_us
         self.pulses += line.pulses
@@ -129,6 +134,7 @@ class _Window:
 
     def _subtract(self, line: _Line) -> None:
         self.charge_pc -= line.charge_pc
+        self.through_pc -= line.through_pc
         self.pooled_pc -= line.pooled_pc
         self.on_us -= line.on_us
         self.pulses -= line.pulses
@@ -146,21 +152,38 @@ class Ledger:
         self._own = [_Window() for _ in range(electrodes)]
         #: All electrodes together; its `pooled_pc` is the pool.
         self._array = _Window()
-        #: Never below the largest (own sum - put into the pool) of any electrode.
-        self._most_beside_pool_pc = 0
+        self._weights = ReturnWeights(electrodes, WINDOW_NS)
+        #: Never above the least charge that is left to an electrode; and the electrode that refused
+        #: a pulse last.
+        self._room_pc = _UNKNOWN_PC
+        self._full = 0
+        #: Until then a total may include all pulses of the others.
+        self._whole_until_ns = 0
+
+    def set_weights(self, weights: Sequence[float], now_ns: int) -> None:
+        """By electrode: the part of an entry's share that it may carry, from now on."""
+        if self._weights.set(weights, now_ns):
+            self._room_pc = _UNKNOWN_PC
 
     def charge_pc(self, electrode: int, now_ns: int) -> int:
         """The charge that the electrode carried in the last second, stimulated and as a return."""
+        self._own[electrode].drop_old(now_ns)
+        self._array.drop_old(now_ns)
+        return self._carried_pc(electrode)
+
+    def _carried_pc(self, electrode: int, pooled_pc: int = 0, through_pc: int = 0) -> int:
+        """The same, of windows without old lines, with so much more in the pool."""
         own, array = self._own[electrode], self._array
-        own.drop_old(now_ns)
-        array.drop_old(now_ns)
-        return own.beside_pool_pc + array.pooled_pc
+        pooled_pc += array.pooled_pc - own.pooled_pc
+        through_pc += array.through_pc - own.through_pc
+        carried_pc = math.ceil(pooled_pc * self._weights.of[electrode])
+        return own.charge_pc + (carried_pc if carried_pc < through_pc else through_pc)
 
     def pulses(self, electrode: int, now_ns: int) -> int:
         """The pulses of the last second: those of the electrode, and those that it alone carried
         back.
         """
-        self.charge_pc(electrode, now_ns)
+        self._own[electrode].drop_old(now_ns)
         return self._own[electrode].pulses
 
     def rested_ns(self, electrode: int) -> int:
@@ -168,13 +191,19 @@ class Ledger:
         begun_ns = self._begun_ns[electrode]
         return 0 if begun_ns is None else begun_ns + self._interval_ns
 
+    def exceeds_one_return(self, entry: Entry) -> bool:
+        """Whether the charge of the array in a second, with one more pulse, exceeds what a single
+        electrode may carry.
+        """
+        return self._array.charge_pc + entry.charge_pc > self._charge_pc
+
     def first_violation(self, entry: Entry, now_ns: int) -> LedgerReason | None:
         """The first bound that this entry would exceed; None if it fits."""
         bounds, own, array = self._bounds, self._own[entry.electrode], self._array
         begun_ns = self._begun_ns[entry.electrode]
         own.drop_old(now_ns)
         array.drop_old(now_ns)
-        total_pc = own.charge_pc - own.pooled_pc + array.pooled_pc + entry.charge_pc
+        total_pc = self._carried_pc(entry.electrode) + entry.charge_pc
         if entry.pulses and begun_ns is not None and now_ns < begun_ns + self._interval_ns:
             return "interval"
         if own.pulses + entry.pulses > bounds.pulses or not self._lone_return_fits(entry, now_ns):
@@ -197,24 +226,26 @@ class Ledger:
         booking = Booking(
             now_ns,
             worst_pc,
+            worst_pc if returns is None else 0,
             _share_pc(entry, worst_pc) if returns is None else 0,
             entry.on_us,
             entry.pulses,
             entry=entry,
             carried=None if returns is None else _carried(entry, now_ns, worst_pc),
             before_ns=self._begun_ns[electrode],
-            most_before_pc=self._most_beside_pool_pc,
+            room_before_pc=self._room_pc,
         )
-        own = self._own[electrode]
-        own.book(booking)
+        self._own[electrode].book(booking)
         self._array.book(booking)
         if entry.pulses:
             self._begun_ns[electrode] = now_ns
-        self._keep_most(own)
         if booking.carried is not None:
             for other in returns or ():
                 self._own[other].book(booking.carried)
-                self._keep_most(self._own[other])
+        # It is counted again if this entry is never corrected.
+        self._room_pc = _UNKNOWN_PC
+        if booking.pooled_pc > booking.charge_pc:
+            self._whole_until_ns = now_ns + WINDOW_NS
         return booking
 
     def correct(self, booking: Booking, charge_pc: int, begun_ns: int) -> None:
@@ -228,19 +259,19 @@ class Ledger:
         booking.begun_ns, booking.charge_pc = begun_ns, charge_pc
         if entry.pulses:
             self._begun_ns[entry.electrode] = begun_ns
-        # The worst case that was booked does not count any more.
-        self._most_beside_pool_pc = booking.most_before_pc
         if booking.carried is None:
             more_pooled_pc = _share_pc(entry, charge_pc) - booking.pooled_pc
             own.pooled_pc += more_pooled_pc
             array.pooled_pc += more_pooled_pc
+            own.through_pc += more_pc
+            array.through_pc += more_pc
+            booking.through_pc += more_pc
             booking.pooled_pc += more_pooled_pc
         else:
             booking.carried.begun_ns, booking.carried.charge_pc = begun_ns, charge_pc
             for electrode in entry.returns or ():
                 self._own[electrode].charge_pc += more_pc
-                self._keep_most(self._own[electrode])
-        self._keep_most(own)
+        self._room_pc = self._narrowed_pc(booking)
 
     def take_back(self, booking: Booking) -> None:
         """Nothing of the pulse was sent. Call it before any other entry is booked or checked."""
@@ -249,12 +280,36 @@ class Ledger:
             self._own[electrode].take_back()
         self._array.take_back()
         self._begun_ns[entry.electrode] = booking.before_ns
-        self._most_beside_pool_pc = booking.most_before_pc
+        self._room_pc = booking.room_before_pc
 
-    def _keep_most(self, own: _Window) -> None:
-        most_pc = own.charge_pc - own.pooled_pc
-        if most_pc > self._most_beside_pool_pc:
-            self._most_beside_pool_pc = most_pc
+    # --- room ------------------------------------------------------------------------------------
+
+    def _narrowed_pc(self, booking: Booking) -> int:
+        """The least room after this entry: what the best return may carry is subtracted, and the
+        room of the electrodes on the path counts as it is now.
+        """
+        entry, room_pc = booking.entry, booking.room_before_pc
+        if entry.returns is None:
+            if booking.pooled_pc > booking.charge_pc:
+                self._whole_until_ns = booking.begun_ns + WINDOW_NS
+            room_pc -= self._most_pc(booking.pooled_pc, booking.charge_pc, booking.begun_ns)
+        else:
+            for electrode in entry.returns:
+                room_pc = min(room_pc, self._charge_pc - self._carried_pc(electrode))
+        own, array = self._own[entry.electrode], self._array
+        pooled_pc = (array.pooled_pc - own.pooled_pc) * self._weights.of[entry.electrode]
+        # At least its carried charge: not bound by all of the others' pulses, and rounded up.
+        own_room_pc = self._charge_pc - own.charge_pc - int(pooled_pc) - 1
+        return own_room_pc if own_room_pc < room_pc else room_pc
+
+    def _most_pc(self, pooled_pc: int, charge_pc: int, now_ns: int) -> int:
+        """The most by which the total of a return may rise. That is the share while no share and no
+        weight is above 1; otherwise totals may be bound by the whole charge of the others' pulses.
+        """
+        most = self._weights.most
+        if pooled_pc <= charge_pc and most <= 1.0 and now_ns >= self._whole_until_ns:
+            return pooled_pc
+        return max(charge_pc, math.ceil(pooled_pc * most))
 
     def _returns_fit(self, entry: Entry, now_ns: int) -> bool:
         if entry.returns is not None:
@@ -262,10 +317,25 @@ class Ledger:
                 self.charge_pc(electrode, now_ns) + entry.charge_pc <= self._charge_pc
                 for electrode in entry.returns
             )
-        room_pc = self._charge_pc - self._array.pooled_pc - _share_pc(entry, entry.charge_pc)
-        if self._most_beside_pool_pc > room_pc:
-            self._most_beside_pool_pc = self._recount(now_ns)
-        return self._most_beside_pool_pc <= room_pc
+        pooled_pc = _share_pc(entry, entry.charge_pc)
+        if self._room_pc >= self._most_pc(pooled_pc, entry.charge_pc, now_ns):
+            return True
+        if not self._return_fits(self._full, entry, pooled_pc, now_ns):
+            return False
+        room_pc = self._charge_pc
+        for other in range(len(self._own)):
+            if not self._return_fits(other, entry, pooled_pc, now_ns):
+                self._full = other
+                return False
+            room_pc = min(room_pc, self._charge_pc - self._carried_pc(other))
+        self._room_pc = room_pc
+        return True
+
+    def _return_fits(self, electrode: int, entry: Entry, pooled_pc: int, now_ns: int) -> bool:
+        if electrode == entry.electrode:
+            return True
+        self._own[electrode].drop_old(now_ns)
+        return self._carried_pc(electrode, pooled_pc, entry.charge_pc) <= self._charge_pc
 
     def _lone_return_fits(self, entry: Entry, now_ns: int) -> bool:
         """With a single return both electrodes are alone on their side, and the guard of the HAL
@@ -276,11 +346,6 @@ class Ledger:
         own = self._own[entry.returns[0]]
         own.drop_old(now_ns)
         return own.pulses + entry.pulses <= self._bounds.pulses
-
-    def _recount(self, now_ns: int) -> int:
-        for own in self._own:
-            own.drop_old(now_ns)
-        return max(own.beside_pool_pc for own in self._own)
 
 
 def _carried(entry: Entry, now_ns: int, charge_pc: int) -> _Line:

@@ -117,26 +117,24 @@ def _check_narrowest(what: str, width_us: int, maxima: Maxima) -> None:
 class Path(msgspec.Struct, frozen=True):
     """The caps in the way of one electrode's current, those of its returns included.
 
-    `share` is the largest part of the current that one return may carry (1 when in doubt).
+    `return_ua` is the current at which the first return may reach its cap, and `return_electrode`
+    that return.
     """
 
     electrode: int
     cap_ua: int
-    return_cap_ua: int
+    return_ua: float
     return_electrode: int
-    share: float
 
-    def with_share(self, share: float) -> Path:
-        """The same caps, for a return that may carry another part."""
-        if share == self.share:
-            return self
-        return Path(self.electrode, self.cap_ua, self.return_cap_ua, self.return_electrode, share)
+    def with_returns(self, return_ua: float, return_electrode: int) -> Path:
+        """The same path, with the returns as they are known now."""
+        return Path(self.electrode, self.cap_ua, return_ua, return_electrode)
 
 
-def path_of(electrode: int, caps_ua: Sequence[int], returns: Sequence[int], share: float) -> Path:
-    """The electrode's own cap, and the smallest among its returns."""
+def path_of(electrode: int, caps_ua: Sequence[int], returns: Sequence[int]) -> Path:
+    """The electrode's own cap, and the smallest of its returns: each may carry all of it."""
     smallest = min(returns, key=lambda electrode: caps_ua[electrode])
-    return Path(electrode, caps_ua[electrode], caps_ua[smallest], smallest, share)
+    return Path(electrode, caps_ua[electrode], caps_ua[smallest], smallest)
 
 
 def clamp_to_limits(
@@ -156,12 +154,12 @@ def clamp_to_limits(
     are the frame's own, for requests of stabilizers. `before_pc` is the charge of the probe that
     goes before. A prepulse falls with its pulse, and its charge counts.
     """
-    bounds_ua: dict[ClampReason, int] = {
-        "cap": _within_cap(path.cap_ua, request, bounds),
-        "return_cap": _within_cap(path.return_cap_ua / path.share, request, bounds),
-        "charge": request.current_of(maxima.charge_pc - before_pc),
-        "soft_start": soft_start_ua,
-    }
+    bounds_ua: dict[ClampReason, int] = {"cap": _within_cap(path.cap_ua, request, bounds)}
+    if path.return_ua < path.cap_ua:
+        # Otherwise the own cap is the smaller bound.
+        bounds_ua["return_cap"] = _within_cap(path.return_ua, request, bounds)
+    bounds_ua["charge"] = request.current_of(maxima.charge_pc - before_pc)
+    bounds_ua["soft_start"] = soft_start_ua
     if bounds is not None:
         bounds_ua["frame"] = min(bounds.current_ua, bounds.charge_pc // request.width_us)
     if recontact_ua is not None:

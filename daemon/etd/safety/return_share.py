@@ -1,71 +1,91 @@
-"""How much of a pulse one return may carry, when all other electrodes are its returns.
+"""The share of a current that each electrode carries, when all others are the returns of a pulse.
 
-Owns: which electrodes are known to touch, how long a contact poll counts, and the share that
-follows. Must not know: caps, ledgers, hardware, clocks: time comes in.
+Owns: which electrodes are known to touch, how long a contact poll counts, the least and the most
+that each conducts, and the shares that follow. Must not know: caps, ledgers, hardware, clocks: time
+comes in.
 
-The electrodes that touch share the current. A contact that no pulse has measured for a second is
-unknown. When one electrode loses contact, no measurement from before counts: what moved it may have
-moved others. While no contact is known, one return may carry all of it.
+A current is shared by conductance. A contact that no pulse has measured for a second is unknown.
+When one electrode loses contact, no measurement from before counts: what moved it may have moved
+others. An unknown electrode adds nothing to what the others conduct. For the ledger it may conduct
+as well as the best that was measured since the supply is on; for caps it may carry the whole
+current (`return_caps.py`).
+
+The most that an electrode conducts follows from its way back, at the time when most was known of
+the others. A path that has fallen since then lowers the own resistance by as much. A path that has
+risen changes nothing: the way back may have risen.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
+from etd.safety.conductance import PathMeter, Reading, own_bounds
 from etd.stabilize.max_age import CONTACT_POLL_NS, MAX_AGE_NS, is_stale
+
+#: The shortest time between two readings of a path, and between two updates of what follows from
+#: them; the second number holds where an electrode has become known or unknown.
+REFRESH_NS, _SOON_NS = 250_000_000, 2_000_000
+#: The weight of an electrode that may carry the whole current, whatever the others conduct.
+_WHOLE = 1e9
 
 
 class ReturnShare:
     """See the module."""
 
-    def __init__(self, electrodes: int) -> None:
+    def __init__(self, electrodes: int, meter: PathMeter) -> None:
         self._electrodes = electrodes
+        self._meter = meter
         self.reset()
 
     def reset(self) -> None:
         """The supply was off: any contact may have changed."""
-        self._touches = [False] * self._electrodes
-        self._looked_ns: list[int | None] = [None] * self._electrodes
+        count = self._electrodes
+        self._touches = [False] * count
+        self._looked_ns: list[int | None] = [None] * count
+        self._readings: list[Reading | None] = [None] * count
+        self._read_ns: list[int | None] = [None] * count
+        #: From then on the next pulse of an electrode is to be read.
+        self.read_from_ns = [0] * count
         #: The electrodes known to touch, and when each measurement expires.
         self._known: set[int] = set()
         self._ending: deque[tuple[int, int]] = deque()
-        self._is_wanted = False
+        #: Whether contact polls are wanted.
+        self.is_wanted = False
+        #: By electrode, in S: the least that it conducts (0 if unknown), and the most.
+        self.least_s = [0.0] * count
+        self.most_s = [math.inf] * count
+        self._known_s = 0.0
+        self._best_s = 0.0
+        #: The least own resistance, and the least path when it was found.
+        self._own_ohm = [(-math.inf, 0.0)] * count
+        self._is_changed = True
+        self._refresh_ns = 0
 
-    def largest(self, electrode: int, now_ns: int) -> float:
-        """The part of this electrode's current that one of all others may carry; 1 in doubt."""
-        self._expire(now_ns)
-        others = len(self._known) - (electrode in self._known)
-        return 1.0 / max(1, others)
+    # --- what is known ---------------------------------------------------------------------------
 
-    def when_probed(self) -> float:
-        """The share once every contact is measured anew and none is lost."""
-        return 1.0 / max(1, sum(self._touches) - 1)
+    def reading(self, electrode: int) -> Reading | None:
+        """The last reading of its path, however old."""
+        return self._readings[electrode]
 
-    def want(self, now_ns: int) -> None:
-        """A pulse got less than requested because of its returns. If the reason is that contacts
-        are not known, silent electrodes are polled from now on.
+    def update(
+        self, electrode: int, touches: bool, now_ns: int, reading: Reading | None = None
+    ) -> None:
+        """A pulse through all others has measured whether this electrode touches, and its path if
+        it was read.
         """
-        self._expire(now_ns)
-        if len(self._known) < sum(self._touches):
-            self._is_wanted = True
-
-    @property
-    def is_wanted(self) -> bool:
-        """Whether silent electrodes are to be polled."""
-        return self._is_wanted
-
-    def is_due(self, electrode: int, now_ns: int) -> bool:
-        """Whether an electrode without a pulse is due for a contact poll."""
-        looked_ns = self._looked_ns[electrode]
-        return looked_ns is None or now_ns - looked_ns >= CONTACT_POLL_NS
-
-    def update(self, electrode: int, touches: bool, now_ns: int) -> None:
-        """A pulse through all others has measured whether this electrode touches."""
+        if reading is not None:
+            self._readings[electrode], self._read_ns[electrode] = reading, now_ns
+            self.read_from_ns[electrode] = now_ns + REFRESH_NS
+            self._is_changed = True
         if not touches:
             self.lose(electrode)
+        elif is_stale(self._read_ns[electrode], now_ns):
+            self._drop(electrode, now_ns)
         else:
-            self._known.add(electrode)
             self._ending.append((now_ns + MAX_AGE_NS, electrode))
+            if electrode not in self._known:
+                self._add(electrode, now_ns)
         self._touches[electrode] = touches
         self._looked_ns[electrode] = now_ns
 
@@ -74,11 +94,130 @@ class ReturnShare:
         if self._touches[electrode]:
             self._known.clear()
             self._looked_ns[:] = [None] * self._electrodes
+            self.least_s[:] = [0.0] * self._electrodes
+            self._known_s = 0.0
+            self._is_changed, self._refresh_ns = True, 0
         self._touches[electrode] = False
-        self._known.discard(electrode)
+
+    def is_known(self, electrode: int, now_ns: int) -> bool:
+        """Whether its conductance is known; an open electrode conducts next to nothing."""
+        return electrode in self._known or self._is_open(electrode, now_ns)
+
+    def last_touch(self, electrode: int) -> Reading | None:
+        """The reading of an electrode that touched when it was measured last; None of others."""
+        return self._readings[electrode] if self._touches[electrode] else None
+
+    def _is_open(self, electrode: int, now_ns: int) -> bool:
+        return not self._touches[electrode] and not is_stale(self._looked_ns[electrode], now_ns)
+
+    def _add(self, electrode: int, now_ns: int) -> None:
+        """Its own resistance is at most that of its path; the next refresh knows more."""
+        reading = self._readings[electrode]
+        least_s = 0.0 if reading is None else 1.0 / reading.most_ohm
+        self._known.add(electrode)
+        self.least_s[electrode] = least_s
+        self._known_s += least_s
+        self._refresh_soon(now_ns)
+
+    def _drop(self, electrode: int, now_ns: int) -> None:
+        if electrode in self._known:
+            self._known.discard(electrode)
+            self._known_s -= self.least_s[electrode]
+            self.least_s[electrode] = 0.0
+            self._refresh_soon(now_ns)
 
     def _expire(self, now_ns: int) -> None:
         while self._ending and self._ending[0][0] <= now_ns:
             _, electrode = self._ending.popleft()
             if is_stale(self._looked_ns[electrode], now_ns):
-                self._known.discard(electrode)
+                self._drop(electrode, now_ns)
+
+    def _refresh_soon(self, now_ns: int) -> None:
+        self._is_changed, self._refresh_ns = True, min(self._refresh_ns, now_ns + _SOON_NS)
+
+    # --- what follows ----------------------------------------------------------------------------
+
+    def refresh(self, now_ns: int) -> bool:
+        """Called before each pulse: updates what follows from the readings when that is due.
+        Returns whether it did.
+        """
+        if self._ending and self._ending[0][0] <= now_ns:
+            self._expire(now_ns)
+        if not self._is_changed or now_ns < self._refresh_ns:
+            return False
+        self._is_changed, self._refresh_ns = False, now_ns + REFRESH_NS
+        self._find_bounds(now_ns)
+        return True
+
+    def _find_bounds(self, now_ns: int) -> None:
+        pairs = [
+            (electrode, reading)
+            for electrode in self._known
+            if (reading := self._readings[electrode])
+        ]
+        beside_s, least_s = 0.0, [0.0] * self._electrodes
+        for electrode in range(self._electrodes):
+            if electrode not in self._known:
+                is_open = self._is_open(electrode, now_ns)
+                beside_s += self.most_s[electrode] if is_open else math.inf
+        own = own_bounds(self._meter, [reading for _, reading in pairs], beside_s)
+        for place, (electrode, reading) in enumerate(pairs):
+            least_s[electrode] = own.least_s[place]
+            self._bound_own(electrode, reading.least_ohm, own.back_ohm[place])
+        self.least_s, self._known_s = least_s, sum(least_s)
+        for electrode, seen in enumerate(self._readings):
+            if seen is not None and self._known_s > 0.0 and self._is_open(electrode, now_ns):
+                self._bound_own(electrode, seen.least_ohm, 1.0 / self._known_s)
+        self._best_s = max((1.0 / ohm for ohm, _ in self._own_ohm if ohm > 0.0), default=0.0)
+
+    def _bound_own(self, electrode: int, path_ohm: float, back_ohm: float) -> None:
+        """By the way back as it is known now, or as it was before; the closer bound counts."""
+        before_ohm, then_ohm = self._own_ohm[electrode]
+        before_ohm -= max(0.0, then_ohm - path_ohm)
+        now_ohm = path_ohm - back_ohm
+        if now_ohm >= before_ohm:
+            self._own_ohm[electrode] = now_ohm, path_ohm
+        ohm = max(now_ohm, before_ohm)
+        self.most_s[electrode] = 1.0 / ohm if ohm > 0.0 else math.inf
+
+    def share(self, electrode: int) -> float:
+        """The part of this electrode's current that the best of all others may carry; `weights`
+        gives the part of that for each of them. Above 1 where the best may not be among the known
+        ones: it may carry the whole current then. 1 where no other is known. As of the last
+        `refresh`.
+        """
+        others_s = self._known_s - self.least_s[electrode]
+        if others_s <= 0.0 or self._best_s <= 0.0:
+            return 1.0
+        return self._best_s / others_s
+
+    def weights(self, now_ns: int) -> list[float]:
+        """By electrode: the most that it conducts, divided by the best that was measured."""
+        best_s = self._best_s
+        if best_s <= 0.0:
+            return [1.0] * self._electrodes
+        found = []
+        for electrode, most_s in enumerate(self.most_s):
+            is_read = self._readings[electrode] is not None
+            weight = min(most_s / best_s, _WHOLE) if is_read else 1.0
+            found.append(weight if self.is_known(electrode, now_ns) else max(1.0, weight))
+        return found
+
+    # --- contact polls ---------------------------------------------------------------------------
+
+    def want(self) -> None:
+        """What is unknown of the returns may limit a pulse, or exceed their bounds. From now on
+        every electrode is polled that no pulse measures.
+        """
+        self.is_wanted = True
+
+    def looked_ns(self, electrode: int) -> int:
+        """When it was measured last; 0 after the loss of a contact."""
+        return self._looked_ns[electrode] or 0
+
+    def is_due(self, electrode: int, now_ns: int) -> bool:
+        """Whether it is due for a contact poll: no pulse measured it, or none was read."""
+        for then_ns in (self._looked_ns[electrode], self._read_ns[electrode]):
+            if then_ns is None or now_ns - then_ns >= CONTACT_POLL_NS:
+                return True
+        return False

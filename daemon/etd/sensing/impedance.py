@@ -32,17 +32,14 @@ from typing import Literal
 
 import msgspec
 
+from etd.safety.conductance import ASSUMED_TAU_US, BEFORE_END_US, EARLY_US
 from etd.stabilize.max_age import MAX_SKIN_OHM, MIN_SKIN_OHM, is_stale
 from etd_hal.boardfile import Source
 
 Quality = Literal["adc", "compliance", "implausible", "flicker"]
 
-#: When the samples of a pulse are taken, after its beginning and before its end, in us.
-EARLY_US = 10.0
-BEFORE_END_US = 6.0
-#: A fingertip of 1 mm: 1 to 3 k in series, 0.3 nF beside 50 k and a leak of 66 k.
+#: A fingertip of 1 mm: 1 to 3 k in series.
 SERIES_OHM = 2_000.0
-ASSUMED_TAU_US = 8.5
 _SHORTEST_TAU_US, _LONGEST_TAU_US = 0.5, 60.0
 
 #: With the DAC at zero the node is on ground, except for the ADC's offset and the charge left in

@@ -1,0 +1,136 @@
+"""What the returns of a pulse allow, and what a fired pulse measures of them.
+
+Owns: keeping the bounds of caps and the ledger's weights in step with what is known of the
+electrodes. Must not know: how any of it is calculated, clocks: time comes in.
+
+A named return counts as if it carried the whole current.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.safety.conductance import PathMeter, PathSamples, own_bounds
+from etd.safety.ledger import Entry, Ledger
+from etd.safety.limits import Path
+from etd.safety.return_caps import Known, ReturnCaps
+from etd.safety.return_share import ReturnShare
+from etd_hal.board import Pulse, PulseResult
+from etd_hal.boardfile import Source
+
+
+class Returns:
+    """See the module. One for as long as the engine runs."""
+
+    def __init__(self, electrodes: int, source: Source, ledger: Ledger) -> None:
+        self._electrodes = range(electrodes)
+        self._meter = PathMeter(source)
+        self._ledger = ledger
+        self.share = ReturnShare(electrodes, self._meter)
+        self.set_caps((0,) * electrodes)
+
+    def set_caps(self, caps_ua: Sequence[int]) -> None:
+        """A lease may bring a new person, with these caps."""
+        self._caps_ua = caps_ua
+        self.reset()
+
+    def reset(self) -> None:
+        """The supply was off: any contact may have changed."""
+        self.share.reset()
+        self._caps = ReturnCaps(self._caps_ua, [None] * len(self._caps_ua))
+        self._caps_when_probed: ReturnCaps | None = None
+
+    # --- before a pulse --------------------------------------------------------------------------
+
+    def of(self, scheduled: ScheduledPulse, now_ns: int) -> tuple[Path, float]:
+        """The caps on its path, and the share for its ledger entry."""
+        if scheduled.returns is not None:
+            return scheduled.path, 1.0
+        share, electrode = self.share, scheduled.electrode
+        if share.refresh(now_ns):
+            self._keep_in_step(now_ns)
+        return_ua, other = self._caps.of(electrode)
+        return scheduled.path.with_returns(return_ua, other), share.share(electrode)
+
+    def when_probed(self, path: Path) -> Path:
+        """The path of a pulse through all others once every contact is measured anew and none is
+        lost.
+        """
+        if self._caps_when_probed is None:
+            self._caps_when_probed = ReturnCaps(self._caps_ua, self._known_when_probed())
+        return path.with_returns(*self._caps_when_probed.of(path.electrode))
+
+    def watch(self, scheduled: ScheduledPulse, request_ua: int, entry: Entry) -> None:
+        """Starts contact polls where an unknown electrode matters: it may carry the whole pulse,
+        with a cap below the request, or all pulses of a second.
+        """
+        if self.share.is_wanted or scheduled.returns is not None:
+            return
+        if request_ua > scheduled.path.return_ua or self._ledger.exceeds_one_return(entry):
+            self.share.want()
+
+    # --- after it --------------------------------------------------------------------------------
+
+    def update(
+        self,
+        scheduled: ScheduledPulse,
+        pulse: Pulse,
+        result: PulseResult,
+        *,
+        touches: bool,
+        is_rested: bool,
+    ) -> None:
+        """Stores what its first phase measured. `is_rested`: no probe went before it."""
+        share, electrode, begun_ns = self.share, scheduled.electrode, result.begun_ns
+        if scheduled.returns is None:
+            reading = None
+            if begun_ns >= share.read_from_ns[electrode] and is_rested:
+                reading = self._meter.read(_samples(pulse, result), share.reading(electrode))
+            share.update(electrode, touches, begun_ns, reading)
+        elif not touches:
+            share.lose(electrode)
+
+    # --- in step ---------------------------------------------------------------------------------
+
+    def _keep_in_step(self, now_ns: int) -> None:
+        known = [self._known(electrode, now_ns) for electrode in self._electrodes]
+        self._caps = ReturnCaps(self._caps_ua, known)
+        self._caps_when_probed = self._caps if all(known) else None
+        self._ledger.set_weights(self.share.weights(now_ns), now_ns)
+
+    def _known(self, electrode: int, now_ns: int) -> Known | None:
+        share = self.share
+        reading = share.reading(electrode)
+        if reading is None or not share.is_known(electrode, now_ns):
+            return None
+        return Known(share.least_s[electrode], share.most_s[electrode], reading.current_ua)
+
+    def _known_when_probed(self) -> list[Known | None]:
+        """By the last measurement of each, however old."""
+        share = self.share
+        found: list[Known | None] = [
+            None if share.reading(electrode) is None else Known(0.0, 0.0, 0.0)
+            for electrode in self._electrodes
+        ]
+        touching = [
+            (electrode, reading)
+            for electrode in self._electrodes
+            if (reading := share.last_touch(electrode))
+        ]
+        own = own_bounds(self._meter, [reading for _, reading in touching], 0.0)
+        for place, (electrode, reading) in enumerate(touching):
+            found[electrode] = Known(own.least_s[place], own.most_s[place], reading.current_ua)
+        return found
+
+
+def _samples(pulse: Pulse, result: PulseResult) -> PathSamples:
+    return PathSamples(
+        pulse.code,
+        pulse.shape.width_us,
+        pulse.shape.has_end_sample,
+        pulse.prepulse_ua > 0,
+        result.baseline_v,
+        result.early_v,
+        result.voltage_v,
+    )
