@@ -180,5 +180,12 @@ def board_rig(
     """A board with all its outputs on one fingertip; nothing was called yet."""
     stepped = stepped_board(board=board or shipped_board(name), faults=faults, body=body)
     gpio = FailingGpio(stepped.backend.gpio)
-    made = Board(stepped.board, machine or machine_file(), stepped.backend.spi, gpio, stepped.clock)
+    made = Board(
+        stepped.board,
+        machine or machine_file(),
+        stepped.backend.codec,
+        stepped.backend.spi,
+        gpio,
+        stepped.clock,
+    )
     return BoardRig(stepped, made, gpio)

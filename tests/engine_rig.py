@@ -31,6 +31,7 @@ from etd.protocol.messages import Limits
 from etd.sensing.sensors import SensorCycle
 from etd.stabilize.pipeline import Stabilizer
 from etd_hal.backend import Backend
+from etd_hal.compose import codec_of
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import LiveClock, SteppedClock
 from etd_hal.fake.faults import Fault
@@ -261,6 +262,7 @@ def make(
         "fake",
         *(ports.spi, ports.gpio, ports.i2c, board_clock, ports.marker, ports.close),
         host_clock=clock,
+        codec=codec_of(loaded.board.source),
     )
     engine = Engine(loaded, wrap(backend), stabilizers=stabilizers, untested=untested)
     engine.supervisor.begin(tell)

@@ -20,6 +20,7 @@ from etd_body.minimal import MinimalBody
 from etd_hal.backend import Backend, Bench
 from etd_hal.bench import KillTestProcess, Operator, StopName
 from etd_hal.boardfile import BoardFile
+from etd_hal.compose import codec_of
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
@@ -219,6 +220,7 @@ def selftest_rig(
         "fake",
         *(watch, ports.gpio, ports.i2c, clock, ports.marker, ports.close),
         host_clock=clock,
+        codec=codec_of(loaded.board.source),
     )
     at_board = FakeOperator(fake.world, clock, really_ohm or {})
     load = second = None

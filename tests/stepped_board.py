@@ -13,6 +13,7 @@ from typing import Any
 
 from etd_hal.backend import Backend
 from etd_hal.boardfile import BoardFile, load_board
+from etd_hal.compose import codec_of
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
@@ -76,5 +77,6 @@ def stepped_board(
         "fake",
         *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close),
         host_clock=clock,
+        codec=codec_of(board.source),
     )
     return SteppedBoard(board, fake, clock, body, backend, traced, FollowedTrace(traced))

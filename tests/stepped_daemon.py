@@ -30,6 +30,7 @@ from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_body.course import STILL, Script
 from etd_body.living import LivingBody
 from etd_hal.backend import Backend
+from etd_hal.compose import codec_of
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.linesetup import line_setup, spi_setup
@@ -80,6 +81,7 @@ class SteppedDaemon:
             ports.marker,
             ports.close,
             host_clock=self.clock,
+            codec=codec_of(loaded.board.source),
             modelled=lambda: self.fake.ask_body(self.body.take_felt),
         )
         self.engine = Engine(loaded, backend)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from etd_hal.bench import Host, KillTestProcess, Operator
+from etd_hal.chips.codec import Codec
 from etd_hal.ports import Clock, Gpio, I2c, Marker, Spi
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ class Backend:
     marker: Marker
     close: Callable[[], None]
     host_clock: Clock = field(kw_only=True)
+    #: Of the DAC and the ADC behind `spi`.
+    codec: Codec = field(kw_only=True)
     #: On a fake board a frame's ttl, the lease and the gateway's silence last so many times as
     #: long.
     timeout_factor: int = 1

@@ -18,7 +18,8 @@ import msgspec
 
 from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile, Guards, MachineFile, Relays
-from etd_hal.chips import ad5452, ad7276, hv507
+from etd_hal.chips import hv507
+from etd_hal.chips.codec import Codec
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.chips.relay595 import RelaySwitch
 from etd_hal.cutlatch import CutLatch
@@ -78,14 +79,18 @@ class Board:
         self,
         file: BoardFile,
         machine: MachineFile,
+        codec: Codec,
         spi: Spi,
         gpio: Gpio,
         clock: Clock,
         cut: CutLatch | None = None,
     ) -> None:
-        """`cut` is shared with the stopper; None: there is no stopper."""
+        """`codec` is that of the file's DAC and ADC. `cut` is shared with the stopper; None: there
+        is no stopper.
+        """
         self.file = file
         self.machine = machine
+        self._codec = codec
         self._clock = clock
         self._bare_spi, self._bare_gpio = spi, gpio
         self.cut = cut or CutLatch()
@@ -93,7 +98,7 @@ class Board:
         self.guard = Guard(file, machine, spi, gpio, clock, self.cut, self._safe_changes)
         self.switch = _switch(file, self.guard.gpio, clock)
         self._selections = Selections(file)
-        self._zero = zero_message()
+        self._zero = zero_message(codec)
         # Held, and so kept prepared: the way to the safe state lays nothing out.
         spi.prepare(self._zero)
         #: In the order in which they were made.
@@ -131,25 +136,21 @@ class Board:
         return pulse
 
     def _new_pulse(self, current_ua: int, width_us: int, prepulse: Prepulse | None) -> Pulse:
-        code, commanded_ua = self._code(current_ua)
-        before, before_ua = (0, 0) if prepulse is None else self._code(prepulse.current_ua)
+        source = self.file.source
+        code = source.code_for(current_ua)
+        before = 0 if prepulse is None else source.code_for(prepulse.current_ua)
         if prepulse is None or not 0 < before < code:
-            before, before_ua = 0, 0
+            before = 0
             shape = self.timing.shape(width_us)
         else:
             shape = self.timing.two_steps(prepulse.width_us, width_us)
-        message = pulse_message(code, shape, before)
+        message = pulse_message(self._codec, code, shape, before)
         # Prepared here, because a pulse is chosen while the one before it rests.
         self.guard.spi.prepare(message)
         planned_ns = int(shape.duration_us * 1_000)
         commanded_us = round(shape.width_us, 2)
+        commanded_ua, before_ua = (int(source.current_of(each)) for each in (code, before))
         return Pulse(commanded_ua, code, shape, message, planned_ns, commanded_us, before_ua)
-
-    def _code(self, current_ua: int) -> tuple[int, int]:
-        """The DAC code for a current, and the current it commands."""
-        source = self.file.source
-        code = ad5452.code_for(current_ua, source.full_scale_ua, source.codes)
-        return code, int(ad5452.current_of(code, source.full_scale_ua, source.codes))
 
     # --- timing ----------------------------------------------------------------------------
 
@@ -170,7 +171,7 @@ class Board:
             meanwhile()
             return self._time_message(message)
 
-        self._timing = calibrate(duration_ns, self.machine)
+        self._timing = calibrate(duration_ns, self.machine, self._codec)
         self._pulses.clear()
         return self._timing
 
@@ -195,8 +196,8 @@ class Board:
     def _form(self, prepulse_us: int, width_us: int) -> Message:
         """A message of this shape, with any code."""
         if not prepulse_us:
-            return pulse_message(1, self.timing.shape(width_us))
-        return pulse_message(2, self.timing.two_steps(prepulse_us, width_us), 1)
+            return pulse_message(self._codec, 1, self.timing.shape(width_us))
+        return pulse_message(self._codec, 2, self.timing.two_steps(prepulse_us, width_us), 1)
 
     def _time_message(self, message: Message) -> int:
         self.guard.spi.transfer(message)
@@ -239,7 +240,11 @@ class Board:
 
     def node_v(self) -> float:
         """What the node reads now, with the DAC at zero. Raises: BusError, BoardFault."""
-        return ad7276.code_of(self.guard.spi.transfer(self._zero)[0]) * self._node_v
+        return self.node_code() * self._node_v
+
+    def node_code(self) -> int:
+        """The same as the ADC's code."""
+        return self._codec.code_of(self.guard.spi.transfer(self._zero)[0])
 
     def fire(
         self,
@@ -271,13 +276,14 @@ class Board:
         )
         received = self.guard.spi.fire(pulse.message, pulse.planned_ns)
         begun_ns, ended_ns = self.guard.spi.begun_ns, self.guard.spi.ended_ns
+        code_of = self._codec.code_of
         return PulseResult(
             begun_ns,
             ended_ns,
             ended_ns - begun_ns - pulse.planned_ns,
-            ad7276.code_of(received[0]) * self._node_v,
-            ad7276.code_of(received[-1]) * self._node_v,
-            ad7276.code_of(received[2 if pulse.prepulse_ua else 1]) * self._node_v,
+            code_of(received[0]) * self._node_v,
+            code_of(received[-1]) * self._node_v,
+            code_of(received[2 if pulse.prepulse_ua else 1]) * self._node_v,
         )
 
     def discharge(self) -> None:
@@ -404,8 +410,7 @@ class Board:
             self.guard.gpio.is_making_safe = False
 
     def _check_node(self) -> None:
-        received = self._bare_spi.transfer(self._zero)
-        node_v = ad7276.code_of(received[0]) * self._node_v
+        node_v = self._codec.code_of(self._bare_spi.transfer(self._zero)[0]) * self._node_v
         if node_v > _IDLE_NODE_V:
             raise BoardFault("node with the DAC at zero", f"{node_v:.0f} V", f"{_IDLE_NODE_V} V")
 

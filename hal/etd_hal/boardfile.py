@@ -31,6 +31,8 @@ MONITOR_SEES_V = 0.98 * 3.3
 _BUS_LINES = {"spidev0": (7, 8, 9, 10, 11), "spidev1": (18, 19, 20, 21), "i2c-1": (2, 3)}
 #: Outputs of one chip: a chain has whole chips.
 _OUTPUTS_A_CHIP = {"HV507": 64, "HV513": 8, "74HC595": 4}
+#: Codes of a DAC or an ADC.
+_CODES = {"AD5452": 4096, "AD7276": 4096}
 
 #: In every report and in `accept_absent_guards`, in this order.
 GUARDS = (
@@ -99,20 +101,38 @@ class Relays(_Switch, frozen=True, tag="74HC595"):
 
 
 class Source(_Strict, frozen=True):
-    """The current path: AD5452 and AD7276 on one chip select, current mirror, leak, divider."""
+    """The current path: DAC and ADC on one chip select, current mirror, leak, divider."""
 
+    dac: Literal["AD5452"]
+    adc: Literal["AD7276"]
     spi: str
     mode: Literal[0, 1, 2]
     speed_hz: Annotated[int, Meta(ge=4_000_000, le=48_000_000)]
     #: The current of the largest code; pessimistic (largest) where the board has not been measured.
     full_scale_ua: Annotated[int, Meta(ge=1_000, le=50_000)]
-    codes: Literal[4096]
     #: From the source's node to ground; it takes its share of every pulse.
     leak_ohm: Annotated[int, Meta(ge=10_000)]
-    #: Node voltage for one code of the AD7276, divider included.
+    #: Node voltage for one code of the ADC, divider included.
     node_uv_per_code: Annotated[int, Meta(ge=1_000, le=500_000)]
     #: The source cannot lift its node above this.
     compliance_v: Annotated[int, Meta(ge=20, le=500)]
+
+    @property
+    def codes(self) -> int:
+        """How many the DAC has."""
+        return _CODES[self.dac]
+
+    @property
+    def adc_codes(self) -> int:
+        return _CODES[self.adc]
+
+    def code_for(self, current_ua: int) -> int:
+        """The largest code whose current is not above `current_ua`."""
+        return current_ua * (self.codes - 1) // self.full_scale_ua
+
+    def current_of(self, code: int) -> float:
+        """What the source is told by `code`, in uA."""
+        return code * self.full_scale_ua / (self.codes - 1)
 
 
 class BoardMaxima(_Strict, frozen=True):

@@ -1,7 +1,8 @@
 """The choice of a backend: the only module that knows both `linux` and `fake`.
 
-Owns: how the ports of either backend are opened and closed. It is part of the HAL so that making a
-board safe needs the HAL and the standard library only.
+Owns: how the ports of either backend are opened and closed, and which codec belongs to the chips
+behind them. It is part of the HAL so that making a board safe needs the HAL and the standard
+library only.
 Must not know: configuration files other than board and machine, frames, people.
 """
 
@@ -14,22 +15,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from etd_hal.backend import Backend, Bench
-from etd_hal.boardfile import BoardFile, MachineFile
+from etd_hal.boardfile import BoardFile, MachineFile, Source
+from etd_hal.chips import ad5452, ad7276
+from etd_hal.chips.codec import Codec
 from etd_hal.errors import BusError
 from etd_hal.linesetup import line_setup, spi_setup
-from etd_hal.ports import (
-    Clock,
-    Gpio,
-    I2c,
-    Message,
-    Spi,
-)
+from etd_hal.ports import Clock, Gpio, I2c, Message, Spi
 
 if TYPE_CHECKING:
     from etd_hal.fake.board import FakePorts
     from etd_hal.fake.clock import BoardClock
     from etd_hal.fake.pressure_sensors import SensorUnderArray
     from etd_hal.fake.remote import RemotePorts
+
+_WORDS = {"AD5452": ad5452.word}
+_SAMPLES = {"AD7276": ad7276.code_of}
+
+
+def codec_of(source: Source) -> Codec:
+    """The words of the board file's DAC and ADC."""
+    return Codec(_WORDS[source.dac], _SAMPLES[source.adc])
 
 
 class NoMarker:
@@ -58,10 +63,10 @@ def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
     """Open the kernel's drivers. Raises: HardwareMissing, listing all that is missing."""
     from etd_hal.linux import open_ports
 
-    return _on_kernel(*open_ports(board, machine, line_setup(board)))
+    return _on_kernel(board, *open_ports(board, machine, line_setup(board)))
 
 
-def _on_kernel(spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
+def _on_kernel(board: BoardFile, spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
     from etd_hal.linux import machine as this_machine
 
     def close() -> None:
@@ -79,6 +84,7 @@ def _on_kernel(spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
         NoMarker(),
         close,
         host_clock=clock,
+        codec=codec_of(board.source),
         facts=this_machine.facts(),
         identity=this_machine.identity(),
         set_up_realtime=set_up_realtime,
@@ -103,9 +109,9 @@ def open_linux_safe(board: BoardFile) -> tuple[Backend, tuple[str, ...]]:
         if opened is not None:
             opened.close()
 
-    clock = LinuxClock()
+    clock, codec = LinuxClock(), codec_of(board.source)
     return (
-        Backend("linux", spi, gpio, None, clock, NoMarker(), close, host_clock=clock),
+        Backend("linux", spi, gpio, None, clock, NoMarker(), close, host_clock=clock, codec=codec),
         problems,
     )
 
@@ -161,7 +167,7 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
     spi, gpio, i2c, clock = open_ports(board, machine, setup)
     lent = LentGpio(gpio, lambda: open_lines(board, setup))
     return Bench(
-        _on_kernel(spi, lent, i2c, clock),
+        _on_kernel(board, spi, lent, i2c, clock),
         LinuxHost(machine, keeps_pins),
         None,
         LinuxKillTestProcess(board, setup, lent),
@@ -182,7 +188,7 @@ def open_fake_bench(board: BoardFile, *, electrodes: Sequence[int]) -> Bench:
     clock = SteppedClock()
     fake = FakeBoard(board, clock, untouched(board, len(electrodes)), electrodes=electrodes)
     ports = fake.request(line_setup(board), spi_setup(board))
-    backend = _on_fake(ports, clock, ports.close)
+    backend = _on_fake(board, ports, clock, ports.close)
     return Bench(
         backend,
         fake.world.host,
@@ -221,7 +227,7 @@ def _open_in_process(
         ports.close()
         fake.close()
 
-    backend = _on_fake(ports, clock, close)
+    backend = _on_fake(board, ports, clock, close)
     if board.guards.wearer_stop != "absent":
 
         def try_stop() -> None:
@@ -240,17 +246,18 @@ def _open_board_process(board: BoardFile, path: Path, clock: BoardClock) -> Back
     from etd_hal.fake.remote import open_remote
 
     ports = open_remote(path, clock, board, line_setup(board), spi_setup(board))
-    return _on_fake(ports, clock, ports.close)
+    return _on_fake(board, ports, clock, ports.close)
 
 
 def _on_fake(
-    ports: FakePorts | RemotePorts, clock: BoardClock, close: Callable[[], None]
+    board: BoardFile, ports: FakePorts | RemotePorts, clock: BoardClock, close: Callable[[], None]
 ) -> Backend:
     """A fake backend whose real-time settings are those of the machine's own kernel."""
     return Backend(
         "fake",
         *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close),
         host_clock=clock.host,
+        codec=codec_of(board.source),
         set_up_realtime=set_up_realtime,
         set_up_urgent_thread=set_up_urgent_thread,
     )

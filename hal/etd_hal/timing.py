@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from etd_hal.boardfile import Bounds, MachineFile
-from etd_hal.chips import ad5452
+from etd_hal.chips.codec import Codec
 from etd_hal.errors import BoardFault
 from etd_hal.ports import Message, Transfer
 
@@ -103,46 +103,47 @@ class Timing:
         return (each_us + 1,) * longer + (each_us,) * (count - longer)
 
 
-def pulse_message(code: int, shape: Shape, prepulse_code: int = 0) -> Message:
+def pulse_message(codec: Codec, code: int, shape: Shape, prepulse_code: int = 0) -> Message:
     """The message that plays `code` in `shape` and ends at zero; `prepulse_code` before it, if the
     shape has a prepulse.
     """
-    on = Transfer(ad5452.word(code), cs_change=True)
+    on = Transfer(codec.word(code), cs_change=True)
     sample = (on,) if shape.has_end_sample else ()
     return Message(
         (
-            *_prepulse(prepulse_code, shape),
+            *_prepulse(codec, prepulse_code, shape),
             on,
             *_holds(shape.delays_us),
             *sample,
-            Transfer(ad5452.word(0)),
+            Transfer(codec.word(0)),
         )
     )
 
 
-def _prepulse(code: int, shape: Shape) -> tuple[Transfer, ...]:
+def _prepulse(codec: Codec, code: int, shape: Shape) -> tuple[Transfer, ...]:
     if not shape.prepulse_us:
         return ()
-    return (Transfer(ad5452.word(code), cs_change=True), *_holds(shape.prepulse_delays_us))
+    return (Transfer(codec.word(code), cs_change=True), *_holds(shape.prepulse_delays_us))
 
 
 def _holds(delays_us: tuple[int, ...]) -> tuple[Transfer, ...]:
     return tuple(Transfer(delay_us=delay) for delay in delays_us)
 
 
-def zero_message() -> Message:
+def zero_message(codec: Codec) -> Message:
     """DAC to zero, one word."""
-    return Message((Transfer(ad5452.word(0)),))
+    return Message((Transfer(codec.word(0)),))
 
 
-def calibrate(duration_ns: Callable[[Message], int], machine: MachineFile) -> Timing:
+def calibrate(duration_ns: Callable[[Message], int], machine: MachineFile, codec: Codec) -> Timing:
     """Time messages at DAC code 0, fit, and check against the machine file.
 
     `duration_ns` sends a message and returns how long the call took. Raises: BoardFault, naming the
     constant that is not plausible; BusError.
     """
-    by_delays = [_timed(duration_ns, 2, count) for count in _DELAY_COUNTS]
-    by_words = [_timed(duration_ns, count, 0) for count in _WORD_COUNTS]
+    zero = codec.word(0)
+    by_delays = [_timed(duration_ns, zero, 2, count) for count in _DELAY_COUNTS]
+    by_words = [_timed(duration_ns, zero, count, 0) for count in _WORD_COUNTS]
     delay_us, _ = statistics.linear_regression(_DELAY_COUNTS, [median for median, _ in by_delays])
     word_us, at_no_word_us = statistics.linear_regression(
         _WORD_COUNTS, [median for median, _ in by_words]
@@ -160,11 +161,13 @@ def calibrate(duration_ns: Callable[[Message], int], machine: MachineFile) -> Ti
     return timing
 
 
-def _timed(duration_ns: Callable[[Message], int], words: int, delays: int) -> tuple[float, float]:
+def _timed(
+    duration_ns: Callable[[Message], int], zero: bytes, words: int, delays: int
+) -> tuple[float, float]:
     """(median, 90th percentile less median) of a few repeats, in us."""
-    silent = Transfer(ad5452.word(0), cs_change=True)
+    silent = Transfer(zero, cs_change=True)
     holds = (Transfer(delay_us=LONGEST_DELAY_US),) * delays
-    message = Message((silent,) * (words - 1) + holds + (Transfer(ad5452.word(0)),))
+    message = Message((silent,) * (words - 1) + holds + (Transfer(zero),))
     taken_us = sorted(duration_ns(message) / 1_000 for _ in range(_REPEATS))
     median_us = statistics.median(taken_us)
     return median_us, taken_us[int(0.9 * (_REPEATS - 1))] - median_us

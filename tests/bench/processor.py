@@ -21,7 +21,7 @@ from etd.protocol.link import Alive, ArmBoard, Channel, NewFrame, OpenLease, ToE
 from etd.protocol.messages import Limits
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
-from etd_hal.compose import NoMarker
+from etd_hal.compose import NoMarker, codec_of
 from etd_hal.ports import Changes, Edge, Message
 
 #: A Pi 4 core beside one of the machines that run tests: assumed, from published benchmarks.
@@ -166,10 +166,14 @@ Ends = tuple[Channel[ToGateway], Channel[ToGateway]]
 def _armed(
     clock: FreeClock, spi: FreeSpi, stabilize: Settings
 ) -> tuple[Engine, Ends, tuple[Channel[ToEngine] | Channel[NewFrame] | Channel[ToGateway], ...]]:
+    loaded = loaded_with(_REST_US, stabilize=stabilize)
     backend = Backend(
-        "fake", *(spi, FreeGpio(), None, clock, NoMarker(), lambda: None), host_clock=clock
+        "fake",
+        *(spi, FreeGpio(), None, clock, NoMarker(), lambda: None),
+        host_clock=clock,
+        codec=codec_of(loaded.board.source),
     )
-    engine = Engine(loaded_with(_REST_US, stabilize=stabilize), backend)
+    engine = Engine(loaded, backend)
     engine.supervisor.begin()
     first, second = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
     commands: Channel[ToEngine] = Channel(first[0], ToEngine)

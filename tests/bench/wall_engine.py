@@ -24,7 +24,7 @@ from bench.processor import FreeGpio, answer, message_ns  # noqa: E402
 from etd.engine.process import run_engine  # noqa: E402
 from etd.files.configuration import LoadedConfig  # noqa: E402
 from etd_hal.backend import Backend  # noqa: E402
-from etd_hal.compose import NoMarker, set_up_realtime, set_up_urgent_thread  # noqa: E402
+from etd_hal.compose import NoMarker, codec_of, set_up_realtime, set_up_urgent_thread  # noqa: E402
 from etd_hal.linux.clock import LinuxClock  # noqa: E402
 from etd_hal.ports import Message  # noqa: E402
 
@@ -77,18 +77,19 @@ class WallSpi:
 
 
 def main() -> int:
-    clock = WallClock()
+    clock, loaded = WallClock(), _loaded()
     backend = Backend(
         "fake",
         *(WallSpi(clock), FreeGpio(), None, clock, NoMarker(), lambda: None),
         host_clock=clock,
+        codec=codec_of(loaded.board.source),
         set_up_realtime=set_up_realtime,
         set_up_urgent_thread=set_up_urgent_thread,
     )
     folder = Path(sys.argv[1])
     # Nobody has tested it; a fake is armed all the same.
     untested = folder / "selftest.json"
-    return run_engine(_loaded(), backend, folder, untested, lambda: print("ready", flush=True))
+    return run_engine(loaded, backend, folder, untested, lambda: print("ready", flush=True))
 
 
 def _loaded() -> LoadedConfig:

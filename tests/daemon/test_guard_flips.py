@@ -63,7 +63,9 @@ class Bench:
         self.stepped: SteppedBoard = stepped_board(BOARD)
         backend = self.stepped.backend
         machine = load_machine(find("machines", "pi4"))
-        self.board = Board(self.stepped.board, machine, backend.spi, backend.gpio, backend.clock)
+        self.board = Board(
+            self.stepped.board, machine, backend.codec, backend.spi, backend.gpio, backend.clock
+        )
         assert self.board.safe_off() == ()
         self.board.calibrate()
         self.board.guard.permit(10_000)

@@ -7,9 +7,9 @@ import pytest
 from etd.files.configuration import fake_config
 from etd.selftest.ladder import largest_ohm
 from etd.selftest.subject import strongest_ua
-from etd_hal.chips import ad5452
 from etd_hal.fake.faults import Fault, GainAbove, Saturation
 from selftest_rig import ARRAY, bad, selftest_rig
+from stepped_board import shipped_board
 
 pytestmark = pytest.mark.slow
 
@@ -18,7 +18,7 @@ STEP_UA, MOST_UA = 500, 8_000
 
 
 def code_of(current_ua: int) -> int:
-    return ad5452.code_for(current_ua, 10_000, 4_096)
+    return shipped_board("kajimoto-hv507").source.code_for(current_ua)
 
 
 @pytest.mark.parametrize(

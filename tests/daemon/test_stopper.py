@@ -69,7 +69,9 @@ class Scene:
         #: The clock of the thread that fires.
         self.scan_clock = StallingClock(clock)
         self.gpio = CalledGpio(backend.gpio)
-        self.board = Board(self.made.board, machine_file(), backend.spi, self.gpio, self.scan_clock)
+        self.board = Board(
+            self.made.board, machine_file(), backend.codec, backend.spi, self.gpio, self.scan_clock
+        )
         assert self.board.safe_off() == ()
         self.board.calibrate()
         self.board.supply_on()
@@ -239,7 +241,9 @@ def test_a_message_that_ended_while_the_stopper_looked_is_not_overdue() -> None:
     """Where a machine is busy the stopper may lose 10 ms between the deadline and the time."""
     made = stepped_board("kajimoto-hv507")
     spi = HeldSpi(made.backend.spi)
-    board = Board(made.board, machine_file(), spi, made.backend.gpio, made.clock)
+    board = Board(
+        made.board, machine_file(), made.backend.codec, spi, made.backend.gpio, made.clock
+    )
     assert board.safe_off() == ()
     board.calibrate()
     board.guard.permit(2_000)

@@ -30,37 +30,3 @@ def test_no_word_touches_the_control_bits(code: int) -> None:
     sent = int.from_bytes(ad5452.word(code), "big")
     assert sent & 0xC003 == 0
     assert sent >> 2 == code
-
-
-@pytest.mark.parametrize(
-    ("current_ua", "full_scale_ua", "code"),
-    [
-        (0, 10_000, 0),
-        (2, 10_000, 0),
-        (3, 10_000, 1),
-        (3_000, 10_000, 1228),
-        (10_000, 10_000, 4095),
-        (10_000, 41_000, 998),
-        (41_000, 41_000, 4095),
-    ],
-)
-def test_a_current_becomes_the_code_below_it(
-    current_ua: int, full_scale_ua: int, code: int
-) -> None:
-    assert ad5452.code_for(current_ua, full_scale_ua) == code
-
-
-@given(st.integers(0, 50_000), st.integers(1_000, 50_000))
-def test_a_code_makes_no_more_than_asked_and_less_than_one_code_below_it(
-    current_ua: int, full_scale_ua: int
-) -> None:
-    code = ad5452.code_for(current_ua, full_scale_ua)
-    one_more = ad5452.current_of(code + 1, full_scale_ua)
-    assert ad5452.current_of(code, full_scale_ua) <= current_ua + 1e-6
-    assert one_more > current_ua - 1e-6
-
-
-@pytest.mark.parametrize("current_ua", [-1, 10_003])
-def test_a_current_outside_the_scale_ends_as_a_refused_word(current_ua: int) -> None:
-    with pytest.raises(ValueError, match="DAC code"):
-        ad5452.word(ad5452.code_for(current_ua, 10_000))

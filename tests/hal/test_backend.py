@@ -21,6 +21,7 @@ def on_linux(**changes: object) -> Backend:
         "linux",
         *(fake.spi, fake.gpio, fake.i2c, clock, NoMarker(), fake.close),
         host_clock=clock,
+        codec=fake.codec,
     )
     return dataclasses.replace(backend, **changes)  # type: ignore[arg-type]
 

@@ -93,7 +93,9 @@ class Scene:
         lines = self.made.board.used_lines()
         shifting = frozenset((lines["CLK"], lines["DATA"]))
         self.ports = Interrupted(backend.spi, backend.gpio, shifting)
-        self.board = Board(self.made.board, machine_file(), self.ports, self.ports, self.made.clock)
+        self.board = Board(
+            self.made.board, machine_file(), backend.codec, self.ports, self.ports, self.made.clock
+        )
         assert self.board.safe_off() == ()
         self.board.calibrate()
         self.power_up()

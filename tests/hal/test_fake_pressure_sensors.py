@@ -9,7 +9,7 @@ import pytest
 from etd_body.course import BUSY, LYING, Course
 from etd_hal.backend import Backend
 from etd_hal.chips import ads1115
-from etd_hal.compose import open_fake
+from etd_hal.compose import codec_of, open_fake
 from etd_hal.errors import BusError
 from etd_hal.fake import process
 from etd_hal.fake.board import FakeBoard
@@ -82,6 +82,7 @@ def test_a_test_presses_and_puts_volts_and_takes_its_hand_away() -> None:
         "fake",
         *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close),
         host_clock=clock,
+        codec=codec_of(BOARD.source),
     )
     fake.world.press_array(150.0)
     fake.world.set_sensor_v(0x49, 2, 3.0)

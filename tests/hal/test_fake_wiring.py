@@ -65,7 +65,9 @@ def test_an_output_that_stays_is_the_chains_and_not_the_electrodes() -> None:
 def relays(*faults: Fault) -> tuple[SteppedBoard, Board]:
     rig = stepped_board("feetthrough-relay", faults=faults)
     machine = load_machine(BOARDS.parent / "machines" / "pi4.toml")
-    return rig, Board(rig.board, machine, rig.backend.spi, rig.backend.gpio, rig.clock)
+    return rig, Board(
+        rig.board, machine, rig.backend.codec, rig.backend.spi, rig.backend.gpio, rig.clock
+    )
 
 
 def connected(rig: SteppedBoard, board: Board, output: int) -> set[int]:

@@ -95,7 +95,14 @@ def test_between_its_begin_and_its_end_a_message_is_sent_and_nothing_else() -> N
     stepped, silent = stepped_board(), (Transfer(bytes(2), cs_change=True), Transfer(bytes(2)))
     transfers = CountedTransfers(silent)
     clock = ReadingsClock(transfers)
-    board = Board(stepped.board, machine_file(), opened(Spidev()), stepped.backend.gpio, clock)
+    board = Board(
+        stepped.board,
+        machine_file(),
+        stepped.backend.codec,
+        opened(Spidev()),
+        stepped.backend.gpio,
+        clock,
+    )
     board.guard.spi.transfer(Message(transfers))
     assert board.guard.spi.begun_ns > 0
     assert board.guard.spi.ended_ns == board.guard.spi.begun_ns

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from board_rig import BoardRig, changed, machine_file
 from etd_hal.boardfile import Bounds, MachineFile
+from etd_hal.compose import codec_of
 from etd_hal.errors import BoardFault
 from etd_hal.fake import pi4
 from etd_hal.fake.faults import SpiError, SpiStall
@@ -23,6 +24,8 @@ Boards = Callable[..., BoardRig]
 #: On the fake: chip select falls, three microseconds, 18 clocks, rises, and the gap of 10 us.
 FAKE_WORD_US = 0.4 + 3.0 + 18 / 20.8 + 0.7 + 10.0
 FAKE = Timing(word_us=FAKE_WORD_US, delay_extra_us=0.3, message_us=13.831, spread_us=0.0)
+
+CODEC = codec_of(shipped_board("kajimoto-hv507").source)
 
 timings = st.builds(
     Timing,
@@ -118,7 +121,7 @@ class TestShape:
 class TestMessage:
     def test_a_pulse_is_the_code_then_pure_delays_then_zero(self) -> None:
         shape = Shape((10, 3), has_end_sample=False, width_us=30.0, duration_us=44.0)
-        assert pulse_message(1228, shape).transfers == (
+        assert pulse_message(CODEC, 1228, shape).transfers == (
             Transfer(bytes.fromhex("1330"), 0, True),
             Transfer(b"", 10, False),
             Transfer(b"", 3, False),
@@ -127,15 +130,15 @@ class TestMessage:
 
     def test_an_end_sample_is_the_same_word_again_just_before_the_end(self) -> None:
         shape = Shape((10,), has_end_sample=True, width_us=42.0, duration_us=56.0)
-        assert [transfer.tx.hex() for transfer in pulse_message(1228, shape).transfers] == [
+        assert [transfer.tx.hex() for transfer in pulse_message(CODEC, 1228, shape).transfers] == [
             "1330", "", "1330", "0000",
         ]  # fmt: skip
-        assert [transfer.cs_change for transfer in pulse_message(1228, shape).transfers] == [
+        assert [transfer.cs_change for transfer in pulse_message(CODEC, 1228, shape).transfers] == [
             True, False, True, False,
         ]  # fmt: skip
 
     def test_zero_is_one_word(self) -> None:
-        assert zero_message().transfers == (Transfer(b"\x00\x00"),)
+        assert zero_message(CODEC).transfers == (Transfer(b"\x00\x00"),)
 
     @pytest.mark.parametrize("width_us", [20, 33, 50, 77, 100, 150, 200])
     @pytest.mark.parametrize("code", [1, 409, 4095])
@@ -195,7 +198,7 @@ class TestCalibration:
         )
     )
     def test_it_finds_any_machine_that_keeps_the_model(self, true: Timing) -> None:
-        found = calibrate(duration_by(true), machine_file())
+        found = calibrate(duration_by(true), machine_file(), CODEC)
         assert found.word_us == pytest.approx(true.word_us, abs=0.01)
         assert found.delay_extra_us == pytest.approx(true.delay_extra_us, abs=0.01)
         assert found.message_us == pytest.approx(true.message_us, abs=0.02)
@@ -217,7 +220,7 @@ class TestCalibration:
         constants = {"word_us": 16.0, "delay_extra_us": 0.3, "message_us": 14.0, "spread_us": 0.0}
         machine = duration_by(Timing(**(constants | wrong)))
         with pytest.raises(BoardFault) as caught:
-            calibrate(machine, machine_file())
+            calibrate(machine, machine_file(), CODEC)
         assert caught.value.what == f"timing calibration, {what}"
         bounds = {"one word": "12.0 to 22.0 us", "overhead of a delay": "0.05 to 1.2 us"}
         assert caught.value.expected == bounds.get(what, "3.0 to 40.0 us")
@@ -225,7 +228,7 @@ class TestCalibration:
     @pytest.mark.parametrize("edge", [{"word_us": 12.0}, {"word_us": 22.0}, {"message_us": 40.0}])
     def test_a_constant_on_its_bound_is_plausible(self, edge: dict[str, float]) -> None:
         constants = {"word_us": 16.0, "delay_extra_us": 0.3, "message_us": 14.0, "spread_us": 0.0}
-        calibrate(duration_by(Timing(**(constants | edge))), machine_file())
+        calibrate(duration_by(Timing(**(constants | edge))), machine_file(), CODEC)
 
     def test_stalls_are_refused_as_spread(self, boards: Boards) -> None:
         stalls = [SpiStall(stall_us=50, at_message=message) for message in (1, 3)]

@@ -62,7 +62,8 @@ def run(args: argparse.Namespace) -> int:
     machine = _machine(settings)
     backend, missing = _open(board, args.board_socket)
     try:
-        failed = Board(board, machine, backend.spi, backend.gpio, backend.clock).safe_off()
+        ports = backend.spi, backend.gpio, backend.clock
+        failed = Board(board, machine, backend.codec, *ports).safe_off()
     finally:
         backend.close()
     supply = "" if "hv_enable" in board.absent_guards else ", supply off"

@@ -80,7 +80,7 @@ def components_of(
     """`stabilizers` None: those of the body-site file."""
     source, electrodes = loaded.board.source, loaded.array.count
     clock = CpuBudget(backend.clock)
-    board = Board(loaded.board, loaded.machine, backend.spi, backend.gpio, clock)
+    board = Board(loaded.board, loaded.machine, backend.codec, backend.spi, backend.gpio, clock)
     stopper = Stopper(board, backend.clock)
     timeouts = Timeouts(backend.timeout_factor)
     dialogue = GatewayLink(timeouts.silence_ns)

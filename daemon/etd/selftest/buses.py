@@ -9,9 +9,8 @@ from etd.selftest.fixture import Fixture
 from etd.selftest.log import CheckLog
 from etd_hal.bench import Operator, StopName
 from etd_hal.boardfile import HalfBridgeLines
-from etd_hal.chips import ad7276, ads1115, mcp4725
+from etd_hal.chips import ads1115, mcp4725
 from etd_hal.errors import BoardFault, BusError
-from etd_hal.timing import zero_message
 
 #: The node with the DAC at zero: the ADC's offset, and no more.
 IDLE_V = 1.0
@@ -52,8 +51,7 @@ def _check_echo(fixture: Fixture, log: CheckLog) -> bool:
 
 
 def _echoes(fixture: Fixture) -> list[int]:
-    message = zero_message()
-    return [ad7276.code_of(fixture.board.guard.spi.transfer(message)[0]) for _ in range(_ECHOES)]
+    return [fixture.board.node_code() for _ in range(_ECHOES)]
 
 
 def check_idle(fixture: Fixture, log: CheckLog, name: str) -> None:

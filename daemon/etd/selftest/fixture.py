@@ -59,15 +59,16 @@ class Fixture:
         self.loaded = loaded
         self.file = loaded.board
         self.host = bench.host
-        self.backend_name = bench.backend.name
-        self.subject = subject_of(loaded, bench.backend.name, bench.backend.identity)
-        self.clock = bench.backend.clock
-        self.gpio = bench.backend.gpio
+        backend = bench.backend
+        self.backend_name = backend.name
+        self.subject = subject_of(loaded, backend.name, backend.identity)
+        self.clock = backend.clock
+        self.gpio = backend.gpio
         self.kill_test_process = bench.kill_test_process
         self.operator = operator
         self.options = asked
         self.board = Board(
-            loaded.board, loaded.machine, bench.backend.spi, bench.backend.gpio, self.clock
+            loaded.board, loaded.machine, backend.codec, backend.spi, backend.gpio, self.clock
         )
         self.beats = Beats(self.board, self.clock)
         #: Set when the load was found where it should be, and nothing else anywhere.
@@ -80,7 +81,7 @@ class Fixture:
         self.gain = 1.0
         #: The machine's, before anything was moved.
         self.health_before: Health | None = None
-        self._i2c = bench.backend.i2c
+        self._i2c = backend.i2c
         #: Another process holds the lines: this process cannot read a stop.
         self.is_lent = False
 

@@ -18,7 +18,6 @@ from etd.selftest.readings import TOLERANCE, is_near_v, mean_v, read_map
 
 #: To be well into the compliance with nothing connected.
 _INTO_COMPLIANCE = 1.3
-_ADC_CODES = 4_096
 #: To read the sentence, and to take the hands away.
 _STAND_BACK_MS = 5_000
 #: A one-shot's own tolerance.
@@ -140,7 +139,7 @@ def _check_compliance(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
         )
         return
     _, result = prober.into_load(fixture.free[0], wanted_ua)
-    full_scale_v = (_ADC_CODES - 1) * source.node_uv_per_code / 1e6
+    full_scale_v = (source.adc_codes - 1) * source.node_uv_per_code / 1e6
     log.judge(
         "compliance",
         abs(result.voltage_v - expected_v) <= TOLERANCE * source.compliance_v

@@ -26,7 +26,6 @@ from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.trace import Trace
 
-_ADC_CODES = 4_096
 _CACHED_SELECTIONS = 4_096
 
 
@@ -111,7 +110,7 @@ class CurrentPath:
         code = round(volts * 1_000_000 / self._source.node_uv_per_code + noise)
         for stuck in self._faults.of(AdcStuck):
             code = stuck.code
-        code = min(max(code, 0), _ADC_CODES - 1)
+        code = min(max(code, 0), self._source.adc_codes - 1)
         for stands in self._faults.of(AdcBitStuck):
             code = code & ~(1 << stands.bit) | stands.level << stands.bit
         return code

@@ -107,7 +107,7 @@ def wait_for_edges(ports: Backend) -> tuple[Edge, ...]:
 
 class TestUnplugged:
     def test_spi_that_is_unplugged_is_told_and_the_lines_still_work(self, ports: Backend) -> None:
-        board = Board(BOARD, MACHINE, ports.spi, ports.gpio, ports.clock)
+        board = Board(BOARD, MACHINE, ports.codec, ports.spi, ports.gpio, ports.clock)
         with unplugged("rig-spi"):
             with pytest.raises(BusError) as raised:
                 ports.spi.transfer(Message((Transfer(word(0)),)))

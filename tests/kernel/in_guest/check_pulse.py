@@ -36,7 +36,7 @@ def rises_us(message: list[Event]) -> list[int]:
 def test_a_trace_that_lost_events_is_not_read(ports: Backend) -> None:
     kernel_trace.begin(buffer_kb=8)
     for _ in range(200):
-        ports.spi.transfer(pulse_message(0, Shape((10,), True, 0.0, 0.0)))
+        ports.spi.transfer(pulse_message(ports.codec, 0, Shape((10,), True, 0.0, 0.0)))
     with pytest.raises(AssertionError, match="the trace has holes"):
         kernel_trace.events()
 
@@ -48,7 +48,7 @@ def test_the_bus_is_set_to_the_boards_mode_and_to_words_of_8_bits(ports: Backend
 
 
 def test_the_words_are_sent_in_order_each_in_its_own_chip_select(ports: Backend) -> None:
-    ports.spi.transfer(pulse_message(CODE, Shape((10, 10, 10), False, 0.0, 0.0)))
+    ports.spi.transfer(pulse_message(ports.codec, CODE, Shape((10, 10, 10), False, 0.0, 0.0)))
     message = only_message()
     assert [event.tx for event in starts(message)] == [WORD, b"", b"", b"", ZERO]
     assert chip_select(message) == [True, False, True, False]
@@ -60,7 +60,7 @@ def test_the_words_are_sent_in_order_each_in_its_own_chip_select(ports: Backend)
 
 
 def test_the_delays_lie_between_the_word_and_the_zero(ports: Backend) -> None:
-    ports.spi.transfer(pulse_message(CODE, Shape((10, 10, 7), False, 0.0, 0.0)))
+    ports.spi.transfer(pulse_message(ports.codec, CODE, Shape((10, 10, 7), False, 0.0, 0.0)))
     message = only_message()
     stops = [event.t_us for event in message if event.name == "spi_transfer_stop"]
     begins = [event.t_us for event in starts(message)]
@@ -70,19 +70,19 @@ def test_the_delays_lie_between_the_word_and_the_zero(ports: Backend) -> None:
 
 
 def test_with_an_end_sample_the_word_is_sent_twice(ports: Backend) -> None:
-    ports.spi.transfer(pulse_message(CODE, Shape((10, 10), True, 0.0, 0.0)))
+    ports.spi.transfer(pulse_message(ports.codec, CODE, Shape((10, 10), True, 0.0, 0.0)))
     message = only_message()
     assert [event.tx for event in starts(message)] == [WORD, b"", b"", WORD, ZERO]
     assert chip_select(message) == [True, False, True, False, True, False]
 
 
 def test_the_pulse_lasts_from_the_first_rise_of_chip_select_to_the_last(ports: Backend) -> None:
-    ports.spi.transfer(pulse_message(CODE, Shape((10,) * 9, False, 0.0, 0.0)))
+    ports.spi.transfer(pulse_message(ports.codec, CODE, Shape((10,) * 9, False, 0.0, 0.0)))
     first, last = rises_us(only_message())
     assert last - first >= 9 * 10 + 10 - 1
 
 
 def test_what_is_read_is_what_the_converter_sent(ports: Backend) -> None:
-    reads = ports.spi.transfer(pulse_message(0, Shape((10,), True, 0.0, 0.0)))
+    reads = ports.spi.transfer(pulse_message(ports.codec, 0, Shape((10,), True, 0.0, 0.0)))
     stops = [event for event in only_message() if event.name == "spi_transfer_stop"]
     assert list(reads) == [event.rx for event in stops if event.tx]

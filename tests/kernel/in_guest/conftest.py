@@ -71,7 +71,7 @@ def ports(chips: Chips) -> Iterator[Backend]:
 @pytest.fixture
 def board(ports: Backend) -> Board:
     """A board in its safe state; its timing is not calibrated."""
-    board = Board(BOARD, MACHINE, ports.spi, ports.gpio, ports.clock)
+    board = Board(BOARD, MACHINE, ports.codec, ports.spi, ports.gpio, ports.clock)
     assert board.safe_off() == ()
     return board
 

@@ -50,7 +50,7 @@ def ports() -> Iterator[Backend]:
 
 @pytest.fixture
 def board(ports: Backend) -> Board:
-    board = Board(BOARD, MACHINE, ports.spi, ports.gpio, ports.clock)
+    board = Board(BOARD, MACHINE, ports.codec, ports.spi, ports.gpio, ports.clock)
     assert board.safe_off() == ()
     return board
 
@@ -147,12 +147,12 @@ class TestSpi:
         opened = line_calls(kernel_trace.events())
         assert {call for call in opened if call[0] == "CE0"} == {("CE0", 1)}
         kernel_trace.begin()
-        ports.spi.transfer(pulse_message(CODE, Shape((10, 10), True, 0.0, 0.0)))
+        ports.spi.transfer(pulse_message(ports.codec, CODE, Shape((10, 10), True, 0.0, 0.0)))
         assert line_calls(kernel_trace.events()) == [("CE0", 0), ("CE0", 1)] * 3
 
     def test_a_pulse_is_its_word_the_pauses_and_zero(self, ports: Backend) -> None:
         kernel_trace.begin()
-        ports.spi.transfer(pulse_message(CODE, Shape((10, 10, 7), False, 0.0, 0.0)))
+        ports.spi.transfer(pulse_message(ports.codec, CODE, Shape((10, 10, 7), False, 0.0, 0.0)))
         message = only_message()
         starts = [event for event in message if event.name == "spi_transfer_start"]
         stops = [event.t_us for event in message if event.name == "spi_transfer_stop"]
@@ -163,7 +163,7 @@ class TestSpi:
 
     def test_words_are_polled_for_and_never_wait_for_an_interrupt(self, ports: Backend) -> None:
         before = pi_board.transfer_counts()
-        ports.spi.transfer(pulse_message(CODE, Shape((10, 10), True, 0.0, 0.0)))
+        ports.spi.transfer(pulse_message(ports.codec, CODE, Shape((10, 10), True, 0.0, 0.0)))
         after = pi_board.transfer_counts()
         assert {how: after[how] - before[how] for how in after} == {
             "polling": 3,
