@@ -69,7 +69,7 @@ class Circuit:
         self._header = Header(
             board, self._switch, self._path, self._rail, faulty, self._timeline, trace
         )
-        self._spi = SpiBus(board.source.spi, self._path, faulty, self._timeline, trace)
+        self._spi = SpiBus(board.source, self._path, faulty, self._timeline, trace)
         pressed = FakePressureSensors(sensors, pressing)
         self.world = World(
             body, electrodes, self._rail, faulty, pressed, self._header.move_stop, self.now_ns

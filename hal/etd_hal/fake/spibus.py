@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 
+from etd_hal.boardfile import Source
 from etd_hal.errors import BusError
 from etd_hal.fake import pi4
 from etd_hal.fake.ad5452 import Ad5452
@@ -35,9 +36,9 @@ Played = tuple[tuple[bytes, ...], int]
 
 class SpiBus:
     def __init__(
-        self, device: str, path: CurrentPath, faults: Faults, timeline: Timeline, trace: Trace
+        self, source: Source, path: CurrentPath, faults: Faults, timeline: Timeline, trace: Trace
     ) -> None:
-        self._device = device
+        self._device = source.spi
         self._path = path
         self._faults = faults
         self._timeline = timeline
