@@ -18,7 +18,6 @@ import msgspec
 
 from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile, Guards, MachineFile, Relays
-from etd_hal.chips import hv507
 from etd_hal.chips.codec import Codec
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.chips.relay595 import RelaySwitch
@@ -443,5 +442,6 @@ def _safe_changes(file: BoardFile) -> Changes:
     """One call: the switch's lines, and the supply off. One call cannot open relays."""
     enable = file.guards.hv_enable
     supply: Changes = () if enable == "absent" else ((enable.line, 1 - enable.on),)
-    switch = () if isinstance(file.switch, Relays) else hv507.blanked(file.switch.lines)
-    return tuple(sorted((*switch, *supply)))
+    switch = file.switch
+    blanked = ((getattr(switch.lines, name), level) for name, level in switch.safe_levels)
+    return tuple(sorted((*blanked, *supply)))

@@ -58,6 +58,13 @@ class _Switch(_Strict, frozen=True, tag_field="chip"):
         """The part's name, as in the file."""
         return str(self.__struct_config__.tag)
 
+    @property
+    def safe_levels(self) -> tuple[tuple[str, int], ...]:
+        """The levels, by line and in order, that alone bring every output to ground; none where no
+        line can (relays).
+        """
+        return ()
+
 
 class HalfBridgeLines(_Strict, frozen=True):
     POL: Line
@@ -71,6 +78,10 @@ class HalfBridges(_Switch, frozen=True):
     """A shift register, a latch, and two lines (BL, POL) for all outputs."""
 
     lines: HalfBridgeLines
+
+    @property
+    def safe_levels(self) -> tuple[tuple[str, int], ...]:
+        return (("POL", 1), ("BL", 0))
 
 
 class Hv507(HalfBridges, frozen=True, tag="HV507"):

@@ -6,7 +6,7 @@ backends, how a line is requested.
 
 from __future__ import annotations
 
-from etd_hal.boardfile import BoardFile, HalfBridgeLines
+from etd_hal.boardfile import BoardFile
 from etd_hal.ports import InputLine, LineSetup, SpiSetup
 
 
@@ -17,9 +17,7 @@ def line_setup(board: BoardFile) -> LineSetup:
     """
     lines = board.switch.lines
     guards = board.guards
-    first: list[tuple[int, int]] = []
-    if isinstance(lines, HalfBridgeLines):
-        first += [(lines.POL, 1), (lines.BL, 0)]
+    first = [(getattr(lines, name), level) for name, level in board.switch.safe_levels]
     if guards.hv_enable != "absent":
         first.append((guards.hv_enable.line, 1 - guards.hv_enable.on))
     rest = [lines.LE, lines.DATA, lines.CLK]

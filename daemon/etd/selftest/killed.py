@@ -15,7 +15,7 @@ from collections.abc import Callable
 from etd.selftest.fall import reckoned_within_ms, watch_fall
 from etd.selftest.fixture import Fixture
 from etd.selftest.log import CheckLog
-from etd_hal.boardfile import HalfBridgeLines, RailMonitor
+from etd_hal.boardfile import RailMonitor
 
 #: The time that a fault may last; see docs/hardware.md, Guards.
 _SAFE_WITHIN_MS = 20.0
@@ -119,10 +119,8 @@ def _check_lines(fixture: Fixture, log: CheckLog, took_ms: float) -> None:
 
 def _safe_levels(fixture: Fixture) -> list[tuple[str, int, int]]:
     """(function, line, level) wherever a level is required while no process drives the line."""
-    found: list[tuple[str, int, int]] = []
-    lines = fixture.file.switch.lines
-    if isinstance(lines, HalfBridgeLines):
-        found += [("POL", lines.POL, 1), ("BL", lines.BL, 0)]
+    lines, safe_levels = fixture.file.switch.lines, fixture.file.switch.safe_levels
+    found = [(name, getattr(lines, name), level) for name, level in safe_levels]
     found += [("LE", lines.LE, 0), ("CLK", lines.CLK, 0)]
     enable = fixture.file.guards.hv_enable
     if enable != "absent":
