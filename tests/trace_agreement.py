@@ -6,7 +6,7 @@ Owns: the comparison, assertion by assertion. Must not know: how any of the thre
 from __future__ import annotations
 
 import bisect
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from etd.protocol.messages import Scan
@@ -63,15 +63,15 @@ def check_what_passes(trace: Sequence[Record]) -> None:
             assert entry["current_ua"] * entry["asked_ua"] >= 0
 
 
-def is_look(phase: Phase, sent: Sent) -> bool:
+def is_look(phase: Phase, active: Collection[int]) -> bool:
     """A probe of an electrode that the frame leaves silent: what it carries must be known."""
     is_weak = phase.current_ua <= PROBE_UA and phase.width_us <= PROBE_US
-    return is_weak and phase.electrode not in sent.active
+    return is_weak and phase.electrode not in active
 
 
 def check_frame(sent: Sent, phases: Sequence[Phase], facts: Facts) -> None:
     """Exactly the active electrodes, each with its current, width and phases."""
-    phases = [phase for phase in phases if not is_look(phase, sent)]
+    phases = [phase for phase in phases if not is_look(phase, sent.active)]
     assert {phase.electrode for phase in phases} == sent.active
     pulses = list(visits(phases))
     assert {tuple(phase.is_anodic for phase in pulse) for pulse in pulses} == {sent.phases}

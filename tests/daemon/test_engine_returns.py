@@ -20,6 +20,7 @@ from engine_scenes import (
     calibration,
     clamps,
     config,
+    felt_ua,
     only,
     open_calibrated,
     opened_to,
@@ -216,6 +217,31 @@ def test_a_return_that_comes_to_conduct_better_is_found_within_a_second(make_rig
     since_ns = rig.clock.now_ns()
     rig.hold(300, **frame)
     assert carried_ua(rig, since_ns)[3] <= 100
+
+
+def test_an_electrode_that_a_frame_stimulates_gets_no_poll_even_if_its_pulses_cannot_be_read() -> (
+    None
+):
+    """Behind a prepulse, with no sample near their end: a probe would be felt beside them."""
+    loaded = config(electrodes=N)
+    table = Settings(order=("prepulse",), prepulse=Prepulse(below_db=6.0, width_us=40))
+    site = msgspec.structs.replace(loaded.body_site, stabilize=table)
+    caps_ua = [2_000 if electrode == 6 else 4_000 for electrode in range(N)]
+    with closing(engine_rig.make(loaded=dataclasses.replace(loaded, body_site=site))) as rig:
+        made = calibration(rig, caps_ua, shape=table.shape)
+        assert open_calibrated(rig, made).error is None
+        rig.arm()
+        opened_to(rig, 4_000)
+        frame = {"current_ua": only(N, e5=3_000, e6=40), "width_us": 20, "rate_hz": 20.0}
+        rig.hold(1_200, **frame)
+        since_ns = rig.clock.now_ns()
+        rig.hold(1_000, **frame)
+        found_ua = felt_ua(rig, since_ns)
+        assert set(found_ua) == set(range(N))
+        assert found_ua[6] <= 40
+        # For more than a second nothing is known of 6: its cap bounds the pulses of 5.
+        assert found_ua[5] <= 2_000
+        assert {clamp.limited_by for clamp in clamps(rig) if clamp.electrode == 5} == {6}
 
 
 def test_after_a_lift_nothing_that_was_known_of_the_others_counts(make_rig: MakeRig) -> None:

@@ -85,27 +85,24 @@ class Requests:
     def polls(
         self, probes: Sequence[ScheduledPulse], schedule: Schedule, now_ns: int
     ) -> tuple[list[ScheduledPulse], int]:
-        """The contact polls that are due at the end of a scan, and how many of them must be made
-        even when time is short: where pulses depend on what is known of their returns, as many as
-        keep every electrode known, or one where the switch has no time to spare. Electrodes that
-        the frame stimulates are measured by their own pulses, if these can be read.
+        """The contact polls of silent electrodes that are due at the end of a scan, and how many of
+        them must be made even when time is short: where pulses depend on what is known of their
+        returns, as many as keep every silent electrode known, or one where the switch has no time
+        to spare. An electrode that the frame stimulates gets that frame's pulses, and no poll.
         """
         share, contact = self._returns.share, self._contact
+        active = {scheduled.electrode for scheduled in schedule.plan.schedule}
+        silent = [scheduled for scheduled in probes if scheduled.electrode not in active]
         if share.is_wanted:
             awaited = [
-                scheduled for scheduled in probes if share.is_due(scheduled.electrode, now_ns)
+                scheduled for scheduled in silent if share.is_due(scheduled.electrode, now_ns)
             ]
             if awaited:
                 awaited.sort(key=lambda scheduled: share.looked_ns(scheduled.electrode))
-                silent = len(probes) - len(schedule.plan.schedule)
-                owed = math.ceil(silent * schedule.plan.period_ns / _ALL_WITHIN_NS)
+                owed = math.ceil(len(silent) * schedule.plan.period_ns / _ALL_WITHIN_NS)
                 return awaited, max(1, owed) if self._is_quick else 1
         if not self._adapter.needs_contact or not self._is_quick:
             return [], 0
-        active = {scheduled.electrode for scheduled in schedule.plan.schedule}
-        silent_ones = [scheduled for scheduled in probes if scheduled.electrode not in active]
         return [
-            scheduled
-            for scheduled in silent_ones
-            if contact.is_poll_due(scheduled.electrode, now_ns)
+            scheduled for scheduled in silent if contact.is_poll_due(scheduled.electrode, now_ns)
         ], 0
