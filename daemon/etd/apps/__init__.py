@@ -1,1 +1,1 @@
-"""Clients that we ship: they talk to the daemon as anybody's program does."""
+"""Shipped clients; they use the daemon's public protocol, like any program."""

@@ -1,4 +1,4 @@
-"""A pattern that moves: a soft bar that sweeps across the array, turning from sweep to sweep.
+"""The demo's pattern: a soft bar that sweeps across the array, in changing directions.
 
 Owns: the level of each electrode at a time. Must not know: currents, the daemon, the terminal.
 """
@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 #: One sweep across the array.
 SWEEP_S = 1.6
-#: From one sweep to the next the bar turns by this: eight directions, then anew.
+#: Between sweeps the bar turns by this: eight directions.
 TURN_RAD = math.pi / 4
 #: Half the bar's width, as a part of the array's.
 _HALF_WIDTH = 0.22
-#: What is weaker than this is left silent, so that the edges of the bar can be felt.
+#: Lower levels are 0, so that the edges of the bar can be felt.
 _FAINTEST = 0.15
 
 

@@ -1,7 +1,7 @@
-"""What the daemon reports, gathered into what a person wants to see at a glance.
+"""Collects the daemon's telemetry for display.
 
-Owns: the latest of each report, for how long what it tells of skin is shown, the panels of the
-picture, and the line of state. Must not know: the terminal, where the reports come from.
+Owns: the latest of each report, for how long its measurements are shown, the panels of the picture,
+and the line of state. Must not know: the terminal, where the reports come from.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ CONTACT_SIGNS: dict[ContactState, str] = {
     "shorted": "=",
     "unknown": "?",
 }
-#: From black to bright, on a scale of decades: skin lies in between.
+#: From brightest to black, on a logarithmic scale.
 _LEAST_OHM, _MOST_OHM = 3_000, 1_000_000
-#: From here on a contact is pressed as brightly as can be.
+#: The pressure of full brightness.
 _FIRM_KPA = 100.0
-#: Twice and a half the threshold is as bright as it gets.
+#: The felt strength of full brightness, in thresholds.
 _BRIGHT_FELT = 2.5
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One thing that is known of every electrode.
+    """One quantity of all electrodes.
 
-    `bright` has 0..1 for each, None where nothing is known. `signs` are drawn instead of blocks,
-    where there are some. `alarming` are electrodes to be seen at once.
+    `bright` has 0..1 for each, None where it is not known. `signs`, if given, are drawn instead of
+    blocks. `alarming` electrodes are highlighted.
     """
 
     title: str
@@ -75,8 +75,8 @@ class Monitor:
     _pressed_ns: int = 0
     _contact: dict[int, ContactState] = field(default_factory=dict)
     _known_ohm: dict[int, int] = field(default_factory=dict)
-    #: When contact and resistance of an electrode were told.
-    _told_ns: dict[int, int] = field(default_factory=dict)
+    #: When contact and resistance of an electrode were last reported.
+    _reported_ns: dict[int, int] = field(default_factory=dict)
 
     def hear(self, report: object) -> None:
         """Any telemetry report."""
@@ -88,7 +88,7 @@ class Monitor:
                 self.pulses = report.counters.get("pulses", self.pulses)
                 self.silent_sensors = tuple(report.sensor_problems)
                 self.frames = report.counters.get("frames_shown", self.frames)
-                self._let_go(report.now_ns)
+                self._drop_stale(report.now_ns)
             case Scan():
                 self._hear_scan(report)
             case Contact():
@@ -109,9 +109,9 @@ class Monitor:
         for electrode, state in enumerate(scan.fired.contact):
             if state is not None:
                 self._contact[electrode] = state
-                self._told_ns[electrode] = scan.now_ns
+                self._reported_ns[electrode] = scan.now_ns
                 self._set_ohm(electrode, scan.fired.resistance_ohm[electrode])
-        self._let_go(scan.now_ns)
+        self._drop_stale(scan.now_ns)
 
     def _hear_contact(self, report: Contact) -> None:
         self._pressed(report.pressure_kpa, report.t_ns)
@@ -122,21 +122,23 @@ class Monitor:
                 None: "unknown",
             }
             self._contact[electrode] = kinds[touches]
-            self._told_ns[electrode] = report.t_ns
+            self._reported_ns[electrode] = report.t_ns
             self._set_ohm(electrode, report.resistance_ohm[electrode])
 
     def _pressed(self, pressure_kpa: tuple[float | None, ...], now_ns: int) -> None:
         self.pressure_kpa, self._pressed_ns = pressure_kpa, now_ns
 
-    def _let_go(self, now_ns: int) -> None:
-        """Of what the engine does not believe any more: it is drawn as unknown."""
+    def _drop_stale(self, now_ns: int) -> None:
+        """Draw measurements as unknown that are too old for the engine as well."""
         if is_stale(self._pressed_ns, now_ns):
             self.pressure_kpa = (None,) * len(self.pressure_kpa)
-        old = [
-            electrode for electrode, told_ns in self._told_ns.items() if is_stale(told_ns, now_ns)
+        stale = [
+            electrode
+            for electrode, reported_ns in self._reported_ns.items()
+            if is_stale(reported_ns, now_ns)
         ]
-        for electrode in old:
-            del self._told_ns[electrode]
+        for electrode in stale:
+            del self._reported_ns[electrode]
             self._contact[electrode] = "unknown"
             self._known_ohm.pop(electrode, None)
 
@@ -146,10 +148,10 @@ class Monitor:
         else:
             self._known_ohm[electrode] = resistance_ohm
 
-    # --- what is drawn -----------------------------------------------------------------------
+    # --- panels ------------------------------------------------------------------------------
 
     def panels(self) -> list[Panel]:
-        """Wanted and delivered current, resistance and contact; what is felt, on a fake board."""
+        """Wanted and delivered current, resistance, contact; on a fake board what is felt."""
         electrodes = range(self.facts.array.electrodes)
         found = [
             Panel("wanted", self._of_full("wanted_ua")),
@@ -185,7 +187,9 @@ class Monitor:
         )
 
     def brightness(self) -> list[float | None]:
-        """0..1 for each electrode: what passed the skin, of the most that is or may be fired."""
+        """0..1 for each electrode: the delivered current, relative to the highest wanted or allowed
+        uncalibrated one.
+        """
         return self._of_full("delivered_ua")
 
     def _of_full(self, key: str) -> list[float | None]:
@@ -205,7 +209,7 @@ class Monitor:
             touching = sum(state in ("closed", "soft") for state in self._contact.values())
             parts.append(f"{touching} of {self.facts.array.electrodes} touch the skin")
         if self.silent_sensors:
-            parts.append(f"{' and '.join(self.silent_sensors)} says nothing")
+            parts.append(f"no readings from {' and '.join(self.silent_sensors)}")
         if self.modelled is not None:
             parts.append(_felt(self.modelled))
         if self.clamped:
@@ -232,5 +236,5 @@ def _bright_of_ohm(resistance_ohm: int | None) -> float | None:
 def _felt(modelled: Modelled) -> str:
     felt = sum(value >= 1.0 for value in modelled.felt)
     hurt = sum(value >= 1.0 for value in modelled.pain)
-    told = f"modelled: felt at {felt}, strength up to {max(modelled.felt):.1f}"
-    return f"{told}, PAIN at {hurt}" if hurt else told
+    text = f"modelled: felt at {felt}, strength up to {max(modelled.felt):.1f}"
+    return f"{text}, PAIN at {hurt}" if hurt else text

@@ -1,10 +1,10 @@
-"""An array of electrodes as rows of characters, each electrode where it lies.
+"""An array of electrodes as rows of characters.
 
-Owns: the way from positions in mm to rows and columns. Must not know: what is drawn there, the
+Owns: the conversion of positions in mm to rows and columns. Must not know: what is drawn there, the
 terminal.
 
-Rows run from the fingertip (largest y) down, columns from left to right; electrodes of one row
-that lie half a pitch beside those of the next (hexagons) stay so.
+Rows run from the fingertip (largest y) down, columns from left to right; rows that are offset by
+half a pitch (hexagons) are drawn so.
 """
 
 from __future__ import annotations

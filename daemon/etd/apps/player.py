@@ -1,9 +1,9 @@
-"""The loop that plays a pattern: each frame for its time, as telemetry tells it.
+"""The loop that plays a pattern: each frame for its time, by telemetry.
 
-Owns: waiting for the operator, holding a frame until the opening takes nothing of it, when the next
-one is due, and what is renewed meanwhile. Must not know: files, the terminal, whose daemon it is.
+Owns: waiting for the operator, holding a frame while the soft start clamps it, when the next frame
+is due, and renewals in between. Must not know: files, the terminal, which daemon it is.
 
-The engine's clock may lag behind the client's (a fake's does): time is counted on the engine's.
+The engine's clock may lag behind the client's (a fake's does): durations are on the engine's clock.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from etd.protocol.errors import DaemonGone, Refused
 from etd.protocol.messages import Clamp, FrameReply, Halt, Scan
 
 _MS = 1_000_000
-#: A frame lives so much longer than it is shown: the next one is to find it standing.
+#: A frame's ttl exceeds its duration by this, so that it lasts until the next one.
 SLACK_MS = 250
 MAX_TTL_MS = 1_000
-#: A frame that stands on is sent again when it has less than this left.
+#: A frame that lasts longer is renewed when it has less than this left.
 _RENEW_NS = 400 * _MS
 _KEEP_NS = 300 * _MS
-#: An accepted frame is begun at once, and telemetry comes 30 times a second.
+#: An accepted frame starts at once, and telemetry comes 30 times a second.
 _BEGUN_WITHIN_NS = 3_000 * _MS
 
 
 @dataclass(slots=True)
 class Summary:
-    """What became of it: frames shown, the last clamp of each electrode and reason (those of the
-    opening are no loss: the frame is held meanwhile), what was thinned by reason, and the lowest
-    rate that a frame was slowed down to. `soft_start_s`: how long frames were held, in all.
+    """The result: frames shown, the last clamp of each electrode and reason (without those of the
+    soft start, which holds the frame), pulses not fired by reason, and the lowest rate to which a
+    frame was slowed. `soft_start_s`: how long frames were held, in all.
     """
 
     frames: int = 0
@@ -46,7 +46,7 @@ class Summary:
 
 
 class Player:
-    """Plays steps on a display. `on_frame` hears how many frames have been shown.
+    """Plays steps on a display. `on_frame` is called with the number of frames shown.
 
     Raises, from its methods: Refused (naming the frame; `halted`), DaemonGone.
     """
@@ -62,26 +62,26 @@ class Player:
         self.summary = Summary()
 
     def wait_until_armed(self, tell: Report) -> None:
-        """Hold the lease until the operator has armed it. A silent frame is the question."""
-        question = silent(self._steps[0], 0)
-        is_told = False
+        """Keep the lease until the operator has armed it; silent frames test that."""
+        probe = silent(self._steps[0], 0)
+        is_reported = False
         with self._display.telemetry("state") as reports:
             while True:
                 try:
-                    self._show(question, SLACK_MS)
+                    self._show(probe, SLACK_MS)
                 except Refused as refusal:
                     if refusal.code != "not_armed":
                         raise
                 else:
                     return
-                if not is_told:
+                if not is_reported:
                     tell("waiting for the operator: `etd arm`")
-                    is_told = True
+                    is_reported = True
                 self._display.keep()
                 reports.receive(_KEEP_NS / 1e9)
 
     def play(self, repeat: int = 1) -> Summary:
-        """Blocks until the last frame has had its time; the skin is silent then."""
+        """Blocks until the last frame has ended; then nothing is stimulated."""
         with self._display.telemetry("scan", "halt") as reports:
             begun_ns = clock.now_ns()
             for _ in range(repeat):
@@ -97,7 +97,7 @@ class Player:
         """Return when it has been shown for its time."""
         while (due_ns := standing.due_ns) is None or self._engine_ns() < due_ns:
             if due_ns is None and clock.now_ns() - standing.sent_ns > _BEGUN_WITHIN_NS:
-                self._say_why_not_shown(standing.step)
+                self._raise_not_shown(standing.step)
             self._wait(reports, standing)
         self.summary.soft_start_s += standing.held_ms / 1e3
         if standing.step.ends_frame:
@@ -126,7 +126,7 @@ class Player:
         return min(moments_ns)
 
     def _stands_on(self, standing: Standing) -> bool:
-        """It is to be felt for longer than it lives."""
+        """Its duration exceeds its ttl."""
         if standing.due_ns is None:
             return standing.is_held
         return standing.due_ns + self._lag_ns > standing.expires_ns
@@ -153,12 +153,12 @@ class Player:
         for shortfalls in scan.not_fired:
             self.summary.not_fired[shortfalls.reason] += shortfalls.pulses
 
-    def _say_why_not_shown(self, step: Step) -> None:
+    def _raise_not_shown(self, step: Step) -> None:
         report = self._display.status()
         if report.state != "ARMED":
             raise Refused("not_armed", f"the state is {report.state} ({report.last_disarm})")
         raise DaemonGone(
-            self._display.address, f"frame {step.options.get('tag')} was accepted and not begun"
+            self._display.address, f"frame {step.options.get('tag')} was accepted but not shown"
         )
 
     # --- sending -----------------------------------------------------------------------------
@@ -170,7 +170,7 @@ class Player:
         return Standing(step, {reply.seq}, sent_ns, sent_ns + ttl_ms * _MS)
 
     def _renew(self, standing: Standing) -> None:
-        """A new frame on the wire, the same for the skin: its time goes on."""
+        """Send the same frame again; its duration continues."""
         again = self._stand(standing.step, is_held=standing.is_held)
         standing.seqs |= again.seqs
         standing.sent_ns, standing.expires_ns = again.sent_ns, again.expires_ns
@@ -195,7 +195,7 @@ class Player:
 
 
 def _named(refusal: Refused, step: Step) -> Refused:
-    """The same refusal, with the frame it is about and what would help."""
+    """The refusal with the frame's number and advice."""
     advice = ""
     if refusal.code == "too_fast":
         lower = "" if refusal.achievable_hz is None else f" {int(refusal.achievable_hz)}"

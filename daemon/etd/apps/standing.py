@@ -1,10 +1,10 @@
-"""A frame of a pattern that was sent: since when it counts as shown, as telemetry tells it.
+"""A frame of a pattern that was sent: from when on it counts as shown, by telemetry.
 
-Owns: what counts as the beginning, and how long the opening holds it. Must not know: sockets, how
-frames are sent and renewed. Time comes in.
+Owns: what counts as the start, and how long the soft start holds it. Must not know: sockets, how
+frames are sent and renewed. Time is passed in.
 
 A frame counts as shown from the start of its first scan. One that is stronger than all before it
-raises the opening, pulse by pulse, and counts as shown from when nothing is taken of it any more.
+raises the soft start's ceiling pulse by pulse, and counts as shown once it is not clamped any more.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from etd.protocol.errors import Refused
 from etd.protocol.messages import Scan, Shown
 
 _MS = 1_000_000
-#: The opening rises with every pulse, and one a second there is at least in what is played.
+#: The ceiling rises with every pulse, and patterns have at least one pulse a second.
 _RISES_WITHIN_NS = 15_000 * _MS
-#: An opening that takes something of a frame does so in its first scan. Until a pulse of it was
-#: fired, or for so long at most, a report does not tell.
+#: A soft start that clamps a frame does so in its first scan. A report shows that once a pulse was
+#: fired, or after this time.
 _FIRST_SCAN_NS, _FIRST_PULSE_NS = 500 * _MS, 100 * _MS
 #: One report may end in the middle of a scan, before the strongest pulse.
 _CLEAR_REPORTS = 2
@@ -27,14 +27,14 @@ _CLEAR_REPORTS = 2
 
 @dataclass(slots=True)
 class Standing:
-    """A step that has been sent, once or more. Times of the client's clock, but `begun_ns`."""
+    """A step that has been sent, once or more. Times are the client's, `begun_ns` the engine's."""
 
     step: Step
     seqs: set[int]
     sent_ns: int
     expires_ns: int
     begun_ns: int | None = None
-    #: The opening takes something of it. Once it does not, it is not held again.
+    #: The soft start clamps it. Once it does not, the frame is not held again.
     is_held: bool = False
     held_ms: float = 0.0
     _was_held: bool = False
@@ -49,13 +49,11 @@ class Standing:
 
     @property
     def due_ns(self) -> int | None:
-        """When it has had its time, on the engine's clock."""
+        """When its duration ends, on the engine's clock."""
         return None if self.begun_ns is None else self.begun_ns + self.step.duration_ms * _MS
 
     def hear(self, scan: Scan, now_ns: int) -> None:
-        """What a report says of it, if anything. Raises: Refused, where it is held and the opening
-        does not rise.
-        """
+        """Process a report. Raises: Refused, if it is held and the ceiling does not rise."""
         mine = [shown for shown in scan.shown if shown.seq in self.seqs]
         if not mine:
             return
@@ -67,11 +65,11 @@ class Standing:
         if self.is_held:
             self._check_rise(scan, now_ns)
             self._look_for_release(scan, mine[-1], is_clamped, now_ns)
-        elif self._is_told(scan, mine[0], begun_ns):
+        elif self._is_decided(scan, mine[0], begun_ns):
             self.begun_ns = begun_ns
 
-    def _is_told(self, scan: Scan, shown: Shown, begun_ns: int) -> bool:
-        """Whether a report is late enough to tell whether the opening takes something."""
+    def _is_decided(self, scan: Scan, shown: Shown, begun_ns: int) -> bool:
+        """Whether a report is late enough to show a clamp by the soft start."""
         if shown.first_ns is not None or not self.step.largest_ua:
             return True
         return scan.now_ns - begun_ns >= _FIRST_PULSE_NS
@@ -94,6 +92,6 @@ class Standing:
         elif now_ns - self._risen_ns > _RISES_WITHIN_NS:
             raise Refused(
                 "wrong_state",
-                f"the opening stays at {scan.ceiling_ua} uA, and frame"
-                f" {self.step.options.get('tag')} asks for {self.step.largest_ua} uA",
+                f"the soft start's ceiling stays at {scan.ceiling_ua} uA, below the"
+                f" {self.step.largest_ua} uA of frame {self.step.options.get('tag')}",
             )

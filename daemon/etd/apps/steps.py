@@ -1,10 +1,9 @@
-"""From a pattern to what is sent: numbers and options of each frame, and how long it is up.
+"""Converts a pattern into steps: values and options of each frame, and its duration.
 
-Owns: fractions of a current or of a calibrated range, rates and polarities, and what of a file
-cannot be played as asked. Must not know: sockets, time, the terminal.
+Owns: levels and currents, rates and polarities, and what of a file cannot be played. Must not know:
+sockets, time, the terminal.
 
-By levels, everything but the levels is the calibration's: a level means nothing without the
-conditions that it was found under.
+With levels, rate, width and polarity are the calibration's: levels hold for its conditions only.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ class PlayOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One frame as it is sent, `duration_ms` long. `largest_ua` is the most that it asks for.
+    """One frame as it is sent, `duration_ms` long. `largest_ua` is its highest current.
 
     A frame of the file that ends in silence makes two steps; the second one `ends_frame`.
     """
@@ -65,8 +64,8 @@ def steps_of(
     calibration: Calibration | None,
     tell: Report,
 ) -> list[Step]:
-    """All steps of a pattern on an array of `electrodes`. `on_rejected` hears what is played
-    otherwise than the file asks. Raises: Refused, for what cannot be played.
+    """All steps of a pattern on an array of `electrodes`. `tell` gets a sentence for each deviation
+    from the file. Raises: Refused, for what cannot be played.
     """
     if pattern.electrodes != electrodes:
         raise Refused(
@@ -86,7 +85,7 @@ def steps_of(
 
 
 def silent(step: Step, duration_ms: int) -> Step:
-    """The same frame with nothing felt."""
+    """The same frame without stimulation."""
     return Step(
         kind=step.kind,
         numbers=(0,) * len(step.numbers),
@@ -154,7 +153,7 @@ def _report_lower_rates(pattern: Pattern, play_options: PlayOptions, tell: Repor
         return
     faster = sum(1 for frame in pattern.frames if (frame.rate_hz or 0.0) > most_hz)
     if faster:
-        tell(f"{faster} frames ask for more than {most_hz:g} Hz and are played at {most_hz:g} Hz")
+        tell(f"{faster} frames have more than {most_hz:g} Hz and are played at {most_hz:g} Hz")
 
 
 def _check_polarity(pattern: Pattern, play_options: PlayOptions, calibration: Calibration) -> None:
@@ -165,7 +164,7 @@ def _check_polarity(pattern: Pattern, play_options: PlayOptions, calibration: Ca
     if others:
         raise Refused(
             "bad_frame",
-            f"{others[0]} pulses are asked for, and the calibration was made with"
+            f"the pattern has {others[0]} pulses, and the calibration was made with"
             f" {calibration.polarity} ones: play with --current-ua and --width-us, or with a"
             f" calibration made with {others[0]} pulses",
         )
@@ -178,14 +177,13 @@ def _check_rate(
     if play_options.max_rate_hz is not None and rate_hz > play_options.max_rate_hz:
         raise Refused(
             "bad_frame",
-            f"levels are played at the {rate_hz:g} Hz that they were calibrated at, which is more"
-            f" than --max-rate {play_options.max_rate_hz:g}: play with --current-ua and --width-us",
+            f"levels are played at the calibration's {rate_hz:g} Hz, which is above --max-rate"
+            f" {play_options.max_rate_hz:g}: play with --current-ua and --width-us",
         )
     asked = {frame.rate_hz for frame in pattern.frames}
     others = sorted(value for value in asked if value is not None and value != rate_hz)
     if others:
         tell(
-            f"the file asks for {', '.join(f'{value:g}' for value in others)} Hz; levels are"
-            " played at"
-            f" the {rate_hz:g} Hz that they were calibrated at (with --current-ua: at the file's)"
+            f"the file has {', '.join(f'{value:g}' for value in others)} Hz; levels are played at"
+            f" the calibration's {rate_hz:g} Hz (with --current-ua: at the file's)"
         )

@@ -1,5 +1,5 @@
-"""Calibrating a person: procedures, and the way they go over the protocol.
+"""Calibrating a person: procedures, and presenting their currents over the protocol.
 
-Owns: nothing itself. Must not know: the engine, the gateway, boards. A study program imports what
-it needs from here, and can run procedures of its own in the same bounds (`max_gain`, `trial`).
+Must not know: the engine, the gateway, boards. A study program can import from here, and run its
+own procedures within the same bounds (`reach`, `trial`).
 """

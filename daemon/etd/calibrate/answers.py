@@ -1,7 +1,7 @@
-"""What is asked of the person, and what may be answered.
+"""The questions to the person, and the possible answers.
 
-Owns: the vocabulary, and the Protocol that whoever answers keeps: a person at a terminal, a study
-program's own window, a simulated person. Must not know: currents, procedures, terminals.
+Owns: both vocabularies, and the Protocol of what answers: a person at a terminal, a study program's
+own window, a simulated person. Must not know: currents, procedures, terminals.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ANSWERS: dict[Ask, tuple[Answer, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """About what was just presented, without the current: a person should not answer by number."""
+    """About the last presentation. Without the current: it could influence the answer."""
 
     ask: Ask
     electrode: int
@@ -49,12 +49,12 @@ class Answerer(Protocol):
     """See the module."""
 
     def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
-        """One of ANSWERS, `stop` (silent at once) or `pause` (come back another time). While
-        nobody has answered yet, `keep` is to be called three times a second or more often: it
-        holds the lease, and raises when the daemon has halted.
+        """One of ANSWERS, `stop` (stop at once) or `pause` (continue another time). While waiting
+        for the answer, call `keep` at least three times a second: it renews the lease, and raises
+        when the daemon has halted.
         """
         ...
 
     def wants_stop(self) -> bool:
-        """Asked all the while something is presented or paused."""
+        """Polled during presentations and pauses."""
         ...

@@ -1,8 +1,8 @@
-"""One presentation and its question: paused before, presented, answered, and kept where it hurt.
+"""One presentation and its question.
 
-Owns: the pauses, what is asked when two were presented and one was too strong, and that what was
-too strong is in the progress before anything else happens. Must not know: procedures, the order of
-electrodes, how a current is presented, who answers, where progress is kept.
+Owns: the pauses, the question which of two was too strong, and that what was too strong is in the
+progress before anything else happens. Must not know: procedures, the order of electrodes, how a
+current is presented, who answers, where progress is stored.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from etd.calibrate.stimulator import Delivered
 from etd.calibrate.trial import Stopped
 from etd.protocol.errors import Refused
 
-#: Before each presentation, in turn: a person should not answer to a rhythm.
+#: Before each presentation, in turn: without a rhythm that answers could follow.
 _PAUSES_S = (0.4, 0.6, 0.3, 0.5)
 #: Between reference and comparison.
 _BETWEEN_S = 0.4
@@ -36,8 +36,8 @@ class Presenter(Protocol):
 
 
 class Asking:
-    """`on_progress` hears of `progress` at once when something was too strong, `on_presented` the
-    electrode of each presentation.
+    """`on_progress` is called with `progress` at once when something was too strong, `on_presented`
+    with the electrode of each presentation.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Asking:
         self._answerer = answerer
         self._on_progress = on_progress
         self._on_presented = on_presented
-        #: Of the electrode that is asked about, by current; emptied by whoever begins another.
+        #: Of the present electrode, by current; the caller empties it before another electrode.
         self.resistances: dict[int, int] = {}
 
     def strength(self, electrode: int, reach: Reach, current_ua: int) -> Answer:
@@ -68,9 +68,9 @@ class Asking:
     def compared(
         self, electrode: int, reach: Reach, current_ua: int, reference: int, reference_ua: int
     ) -> Answer:
-        """The reference first. `too_strong` is of the second then: a reference that was ends it.
+        """Present the reference, then the electrode. `too_strong` refers to the electrode.
 
-        Raises: Stopped, NotDelivered, Refused (`bad_calibration`).
+        Raises: Stopped, NotDelivered, Refused (`bad_calibration`: the reference was too strong).
         """
         self._pause()
         self._presenter.present(reference, reference_ua)
@@ -86,7 +86,7 @@ class Asking:
         return answer
 
     def _keep_which(self, electrode: int, reference: int, left_ua: dict[int, int]) -> None:
-        """Until it is said which one it was, it was both: nobody may come to say it."""
+        """Both count as too strong until the answer says which: it may never come."""
         progress = self._progress
         found, lowered_ua = dict(progress.found), dict(progress.lowered_ua)
         self._lower(left_ua)
@@ -126,10 +126,10 @@ class Asking:
 
 
 def too_strong_reference(reference: int) -> Refused:
-    """Nothing is to be as strong as it any more."""
+    """No electrode may be made as strong as it."""
     return Refused(
         "bad_calibration",
-        f"electrode {reference}, the reference, is too strong today at what was comfortable:"
-        " calibrate anew, or begin anew with another --reference (--restart)",
+        f"the reference, electrode {reference}, is too strong at its comfortable level of the"
+        " baseline: make a new calibration, or start again (--restart) with another --reference",
         reference,
     )

@@ -1,12 +1,10 @@
-"""From the threshold up to what is comfortable, a little further, and no further.
+"""The ascent from the threshold to the comfortable level, and a little above it for the cap.
 
-Owns: when to stop. Must not know: persons, daemons, reach.
+Owns: the steps, and when to stop. Must not know: persons, daemons, reach.
 
-By twentieths: on some electrodes pain is near the threshold.
-
-The cap of a person is the highest current that was presented and accepted, never an untried one.
-After `comfortable` it goes on by a fifth at most (what stabilizers may need on top of a level of
-1), and ends at the first `too_strong`. Pain is never a target.
+Steps are 5 %: on some electrodes pain is near the threshold. The cap is the highest current that
+was presented and accepted, never an untried one. After `comfortable` the ascent continues by at
+most 20 % (what stabilizers may need above a level of 1), and ends at the first `too_strong`.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from etd.calibrate.limits import FINE
 from etd.calibrate.reach import LEAST_UA, RISE
 from etd.calibrate.trial import Procedure
 
-#: So far above comfortable the cap is looked for.
+#: The cap is sought up to this multiple of the comfortable level.
 HEADROOM = 1.2
 
 
@@ -32,11 +30,10 @@ class Comfortable:
 def comfortable(
     threshold_ua: int, headroom: float = HEADROOM, known_ua: float = 0.0
 ) -> Procedure[Comfortable]:
-    """`known_ua`: up to there it goes by tenths, because an earlier day was comfortable above.
+    """Steps are 10 % up to `known_ua`: the comfortable level of an earlier calibration is higher.
 
-    Ends at the headroom, at the reach's cap, or before what was too strong.
-
-    Where it is too strong before it is comfortable, the strongest that was accepted is both.
+    Ends at the headroom, at the reach's cap, or before what was too strong. If nothing was called
+    comfortable, the strongest accepted current is both figures.
     """
     requested_ua: float = threshold_ua
     chosen_ua: int | None = None

@@ -1,7 +1,7 @@
-"""What a calibration is made under.
+"""The conditions of a calibration.
 
-Owns: the struct, and which conditions cannot be. Must not know: procedures, daemons, terminals,
-how far a calibration has come (progress).
+Owns: the struct, and which conditions are invalid. Must not know: procedures, daemons, terminals,
+the progress of a calibration (progress).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from etd.stabilize.shape import PLAIN, Shape
 MOST_S = 0.7
 
 
-#: Laws by resistance or pressure. They compare with a calibration.
+#: Laws by resistance or pressure: they change pulses by what the skin does.
 _ANSWER_THE_SKIN = ("pressure", "energy", "power_law", "linear_law")
 _SAME_AS_BASELINE = (
     "participant", "body_site", "array", "polarity", "width_us", "rate_hz", "returns", "shape",
@@ -32,7 +32,7 @@ _SAME_AS_BASELINE = (
 
 
 class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """All that a threshold depends on. `cap_ua`: nothing above it is presented to anybody."""
+    """All that a threshold depends on. `cap_ua` is the highest current that is presented."""
 
     participant: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
     method: Method
@@ -46,15 +46,16 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     pulses: Annotated[int, Meta(ge=1, le=140)]
     shape: Shape = PLAIN
     cap_ua: Annotated[int, Meta(ge=50, le=10_000)]
-    #: The earlier calibration that it begins from, as `identity` names it.
+    #: The earlier calibration that it starts from, as `identity` names it.
     baseline: str | None = None
     #: With equalize: the electrode that all others are compared with.
     reference: Annotated[int, Meta(ge=0, le=255)] | None = None
 
     @property
     def presented_ua(self) -> int:
-        """The most that is presented: `cap_ua` in the charge of a plain pulse, because nobody has
-        accepted what a prepulse adds. With equalize each electrode's cap is one of such pulses.
+        """The most that is presented: the current with the charge of a plain pulse of `cap_ua`,
+        because the charge of a prepulse has not been accepted yet. With equalize the caps were
+        found with such pulses.
         """
         if self.method == "equalize":
             return self.cap_ua
@@ -67,7 +68,7 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 def check_conditions(conditions: Conditions) -> Conditions:
-    """Raises: FileError, where a presentation would outlast its frame."""
+    """Raises: FileError if a presentation would outlast its frame."""
     if conditions.presentation_s > MOST_S:
         raise FileError(
             "the presentation",
@@ -82,10 +83,10 @@ def check_conditions(conditions: Conditions) -> Conditions:
 def check_laws(
     conditions: Conditions, stabilizers: Sequence[str], *, has_baseline: bool = False
 ) -> None:
-    """What is asked about must be what was presented. Raises: FileError.
+    """Stabilizers must not change what is presented. Raises: FileError.
 
     `stabilizers`: those of the body site. `contact` only weakens the first moments of a touch,
-    which are presented again; with a calibration in use, as a baseline is, it goes by the skin too.
+    which are presented again; with a baseline it also depends on the resistance.
     """
     answers = (*_ANSWER_THE_SKIN, "contact") if has_baseline else _ANSWER_THE_SKIN
     answering = [stabilizer for stabilizer in stabilizers if stabilizer in answers]
@@ -93,41 +94,42 @@ def check_laws(
         raise FileError(
             "the body site",
             "stabilize.order",
-            f"{' and '.join(answering)} would change pulses while the person is asked about them",
-            "calibrate with a body-site file without it; put it back afterwards, the calibration"
-            " holds with it",
+            f"{' and '.join(answering)} would change the pulses that are presented",
+            "calibrate with a body-site file without it, then put it back: the calibration remains"
+            " valid with it",
         )
     narrow = conditions.shape.strength_duration
     if narrow is not None:
         raise FileError(
             "the body site",
             "stabilize.strength_duration",
-            f"it makes {narrow.width_us} us of {conditions.width_us} us, at another current",
-            f"calibrate at --width-us {narrow.width_us}, or without it",
+            f"it changes pulses of {conditions.width_us} us to {narrow.width_us} us, at another"
+            " current",
+            f"calibrate with --width-us {narrow.width_us}, or remove it while calibrating",
         )
 
 
 def identity(name: str, baseline: Calibration) -> str:
-    """Name, day, and a mark of all that is in it: two of one name and day are told apart."""
-    mark = hashlib.sha256(to_toml(baseline).encode()).hexdigest()[:8]
-    return f"{name} of {baseline.date.isoformat()} ({mark})"
+    """Name, day, and a hash of the content."""
+    digest = hashlib.sha256(to_toml(baseline).encode()).hexdigest()[:8]
+    return f"{name} of {baseline.date.isoformat()} ({digest})"
 
 
 def check_baseline(conditions: Conditions, baseline: Calibration) -> None:
-    """It must be of the same person under the same conditions: a threshold of another width or
-    polarity would be a start in the wrong place. Raises: Refused (`bad_calibration`).
+    """The baseline must be of the same person under the same conditions: thresholds depend on
+    them. Raises: Refused (`bad_calibration`).
     """
     for key in _SAME_AS_BASELINE:
         was, now = getattr(baseline, key), getattr(conditions, key)
         if was != now:
             raise Refused(
                 "bad_calibration",
-                f"the baseline has {key} {was}, this calibration {now}: begin without it, or under"
-                " its conditions",
+                f"the baseline has {key} {was}, this calibration {now}: start without a baseline,"
+                " or use its conditions",
             )
     if len(baseline.electrode) != conditions.electrodes:
         raise Refused(
             "bad_calibration",
-            f"the baseline has {len(baseline.electrode)} electrodes, here are"
-            f" {conditions.electrodes}",
+            f"the baseline has {len(baseline.electrode)} electrodes, this array has"
+            f" {conditions.electrodes}: start without a baseline",
         )

@@ -1,8 +1,7 @@
 """A whole calibration: electrode after electrode, until each has its three figures.
 
-Owns: the order, where each electrode begins, what bounds it, and that progress is kept after each.
-Must not know: how a current is presented and asked about (asking), who answers, where progress is
-kept.
+Owns: the order, the first current of each electrode, its bounds, and saving the progress after
+each. Must not know: presentations and questions (asking), who answers, where progress is stored.
 """
 
 from __future__ import annotations
@@ -27,13 +26,13 @@ from etd.calibrate.trial import BelowThreshold, Procedure, R, Unsettled, run
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.errors import Refused
 
-#: The first electrode of a person of whom nothing is known begins here.
+#: The first current for a person without earlier results.
 START_UA = 200
-#: Another one at this part of the least threshold found so far: they spread by a factor of two and
-#: more, and on some pain is near.
+#: Further electrodes start at this part of the lowest threshold so far: thresholds differ by a
+#: factor of two and more, and on some electrodes pain is near.
 _OF_LEAST = 0.5
-#: One with an earlier threshold at this part of that; and its comfortable level is looked for
-#: by tenths up to this part of the earlier one.
+#: An electrode of the baseline starts at this part of its threshold there; steps are 10 % up to
+#: this part of its comfortable level.
 _OF_EARLIER = 0.8
 
 PROCEDURES: dict[str, Callable[[float], Procedure[Threshold]]] = {
@@ -44,14 +43,13 @@ PROCEDURES: dict[str, Callable[[float], Procedure[Threshold]]] = {
 
 
 class Course:
-    """`progress` is filled in; `on_progress` hears of it whenever there is something to keep: after
-    each electrode, and at once when something was too strong. `on_presented` hears the electrode of
-    each presentation, `on_threshold` the one whose threshold is found, which is before its
-    comfortable level is looked for, and `on_found` the one that is settled. `today` dates each: a
-    calibration may go on on another day.
+    """`progress` is filled in; `on_progress` is called with it after each electrode, and at once
+    when something was too strong. `on_presented` is called with the electrode of each presentation,
+    `on_threshold` when an electrode's threshold is found, `on_found` when it has all figures.
+    `today` dates each electrode: a calibration may continue on another day.
 
-    `baseline`: an earlier calibration of the same person. It says where to begin; with the method
-    `equalize` it is also what is kept but for the comfortable levels.
+    `baseline`: an earlier calibration of the same person, which gives the first currents; the
+    method `equalize` takes over all of it except the comfortable levels.
     """
 
     def __init__(
@@ -93,22 +91,22 @@ class Course:
         if baseline is None or reference is None:
             raise Refused(
                 "limits_missing",
-                "equal strength needs a calibration with thresholds to begin with, and a reference"
-                " electrode: name a --baseline of this person",
+                "equalize needs a calibration of this person and a reference electrode: name a"
+                " --baseline",
             )
         if reference >= len(baseline.electrode) or not baseline.electrode[reference].felt:
             raise Refused(
                 "bad_calibration",
-                f"electrode {reference} was not felt in the baseline, and nothing can be as strong"
-                " as it: name another --reference",
+                f"electrode {reference} was not felt in the baseline, so it cannot be the"
+                " reference: name another --reference",
                 reference,
             )
         if self._reach_of_reference(reference, baseline).is_cap_felt:
             raise too_strong_reference(reference)
 
     def run(self, electrodes: Sequence[int]) -> Progress:
-        """Those of them that are missing. Those that could not be settled are in `left`, with the
-        reason. Raises: Stopped, Refused, DaemonGone.
+        """Calibrate those that have no result yet. Those that still have none are in `left`, with
+        the reason. Raises: Stopped, Refused, DaemonGone.
         """
         for electrode in electrodes:
             if electrode in self._progress.found:
@@ -143,7 +141,7 @@ class Course:
         return self._limits(at_ua, level.comfortable_ua, level.cap_ua)
 
     def _equalized(self, electrode: int, baseline: Calibration, reference: int) -> ElectrodeLimits:
-        """The caps of the baseline are in force; what is taken over keeps its day."""
+        """The baseline's caps hold; figures that are taken over keep their date."""
         before = baseline.electrode[electrode]
         found_on = before.date or baseline.date
         if electrode == reference or not before.felt:
@@ -163,9 +161,8 @@ class Course:
         return msgspec.structs.replace(found, threshold_date=before.threshold_date or found_on)
 
     def _lead_up_to(self, reference: int, baseline: Calibration) -> None:
-        """Once, before it is first presented as it is: today's skin is not that of the baseline.
-
-        Raises: Refused (`bad_calibration`).
+        """An ascent to the reference's comfortable level, once: the skin may have changed since the
+        baseline. Raises: Refused (`bad_calibration`).
         """
         if self._is_led_up:
             return
@@ -180,17 +177,17 @@ class Course:
         return self._reach(reference, limits.comfortable_ua, limits.threshold_ua)
 
     def _reach(self, electrode: int, cap_ua: int, start_ua: int) -> Reach:
-        """Below what was too strong there before, today or when this was begun."""
+        """Bounded by what was too strong there before."""
         return Reach(cap_ua, start_ua, lowered_ua=self._progress.lowered_ua.get(electrode))
 
     def _run(self, procedure: Procedure[R], electrode: int, reach: Reach) -> R:
-        """One that asks how strong each is. Raises: Stopped, Unsettled, NotDelivered."""
+        """Run a procedure that asks for strength. Raises: Stopped, Unsettled, NotDelivered."""
         return run(procedure, reach, lambda ua: self._asking.strength(electrode, reach, ua))
 
     def _limits(
         self, threshold_ua: int, comfortable_ua: int, cap_ua: int, is_felt: bool = True
     ) -> ElectrodeLimits:
-        """Rising, whatever the person said: the lower figure holds."""
+        """The figures in rising order: of two that contradict each other the lower holds."""
         comfortable_ua = min(comfortable_ua, cap_ua)
         return ElectrodeLimits(
             threshold_ua=min(threshold_ua, comfortable_ua),
@@ -202,7 +199,7 @@ class Course:
         )
 
     def _resistance_at(self, current_ua: int) -> int | None:
-        """As it was last seen at the current nearest to this one: skin resists more at others."""
+        """The last one at the nearest current: the resistance of skin depends on the current."""
         seen = self._asking.resistances
         return seen[min(seen, key=lambda ua: abs(ua - current_ua))] if seen else None
 

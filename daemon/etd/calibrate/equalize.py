@@ -12,17 +12,15 @@ from etd.calibrate.limits import FINE
 from etd.calibrate.reach import RISE
 from etd.calibrate.trial import Procedure
 
-#: It ends after so many turns, or so many times `same`; skin that moves meanwhile makes few of
-#: them a poor mean.
+#: It ends after so many turns, or so many answers `same`: fewer make a poor mean if the skin moves.
 _TURNS = 6
 _SAME = 4
-#: It was as strong as the reference before: so often it must be weaker at the most that is allowed
-#: to count as weaker.
+#: After an answer `same` or a turn, so many answers `weaker` at the cap end it.
 _WEAKER_AT_CAP = 2
 
 
 def lead_up(from_ua: float, to_ua: float) -> Procedure[bool]:
-    """By tenths up to a current that an earlier day accepted; False if it is too strong today."""
+    """In steps of 10 % up to a current that was accepted earlier; False if it is too strong now."""
     requested_ua = from_ua
     while True:
         heard = yield min(requested_ua, to_ua)
@@ -34,8 +32,8 @@ def lead_up(from_ua: float, to_ua: float) -> Procedure[bool]:
 
 
 def equalize(start_ua: float) -> Procedure[int]:
-    """Up by tenths while it is weaker; then by twentieths around it. The current, in uA, that is as
-    strong as the reference; the most that is allowed, where that is weaker.
+    """Steps of 10 % up while it is weaker, then of 5 %. Returns the current, in uA, that is as
+    strong as the reference, or the highest allowed one if that is weaker.
     """
     places: list[int] = []
     same = turns = weaker_at_cap = 0

@@ -1,13 +1,12 @@
 """The ascending method of limits: up until it is felt, three times.
 
-Owns: where an ascent begins, its steps, and what several ascents make together. Must not know:
+Owns: where an ascent starts, its steps, and the threshold from several ascents. Must not know:
 persons, daemons, reach (`trial` bounds what is requested here).
 
-The first ascent goes by tenths and only tells where to look; the next ones go by twentieths, each
-ending between the last current that was not felt and the first that was. Their geometric mean
-counts; where they lie apart, up to four more are taken and the median counts, so that neither one
-answer by chance nor a moment of skin that moves decides. An ascent that is felt at once was begun
-too high.
+The first, coarse ascent has steps of 10 %. The next ones have steps of 5 %; each ends between the
+last current that was not felt and the first that was. Their geometric mean counts; if they differ
+by more than 10 %, up to four more are made and the median counts, so that one random answer or a
+moving skin does not decide. An ascent that is felt at once is started again lower.
 """
 
 from __future__ import annotations
@@ -21,27 +20,25 @@ from etd.calibrate.trial import Procedure
 
 FINE = 1.05
 ASCENTS = 3
-#: An ascent begins so far below where the one before ended.
+#: An ascent starts at this part of the current at which the one before ended.
 _BACK = 0.88
-#: Felt at once: so far down.
+#: Felt at once: start again at this part.
 _DOWN = 0.7
-#: Ascents that lie further apart than this ask for more.
+#: Ascents that differ by more than this factor are followed by more.
 _APART = 1.10
 _MOST_ASCENTS = 7
 
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Where feeling begins, in uA. `is_felt` False: nothing was felt up to `current_ua`, the most
-    that was allowed.
-    """
+    """`is_felt` False: nothing was felt up to `current_ua`, the highest allowed current."""
 
     current_ua: float
     is_felt: bool = True
 
 
 def coarse(start_ua: float) -> Procedure[Threshold]:
-    """One ascent by tenths, begun lower if it is felt at once."""
+    """One ascent in steps of 10 %, started again lower if it is felt at once."""
     return (yield from _ascend(start_ua, RISE))
 
 

@@ -1,7 +1,7 @@
 """What the body behind a fake board felt of each presentation, for a simulated person.
 
-Owns: gathering `modelled` telemetry by presentation. Must not know: how a person answers, boards.
-Real boards report no such thing: then there is no person to simulate.
+Owns: collecting `modelled` telemetry by presentation. Must not know: how a person answers, boards.
+Real boards do not send it.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from etd.calibrate.person import Felt
 from etd.calibrate.stimulator import Delivered
 from etd.protocol.messages import MODELLED_HZ, Modelled
 
-#: The report that tells of the last pulse is there after so long.
-_TOLD_WITHIN_S = 2.5 / MODELLED_HZ
+#: After this time the report with the last pulse has arrived.
+_REPORTED_WITHIN_S = 2.5 / MODELLED_HZ
 
 
 class ModelledBody:
@@ -48,7 +48,7 @@ class ModelledBody:
 
 
 class FeltPresenter:
-    """Presents by another, and waits until the body has told."""
+    """Presents with `presenter`, then waits for the body's report."""
 
     def __init__(self, presenter: Presenter, body: ModelledBody) -> None:
         self._presenter = presenter
@@ -61,7 +61,7 @@ class FeltPresenter:
         self._body.begin(electrode)
         try:
             delivered = self._presenter.present(electrode, current_ua)
-            self._presenter.pause(_TOLD_WITHIN_S)
+            self._presenter.pause(_REPORTED_WITHIN_S)
         finally:
             self._body.end()
         return delivered

@@ -1,12 +1,11 @@
-"""A simulated person: answers as a body with noise in it would.
+"""A simulated person, for testing procedures.
 
-Owns: the response model. Must not know: currents, how a sensation comes about: `sense` tells how
-strongly the last presentation on an electrode was felt (1: felt half of the time) and how much it
-hurt (1: pain), as the body behind a fake board does.
+Owns: the response model. Must not know: currents, how a sensation comes about: `sense` gives the
+strength (1: felt half of the time) and pain (1: pain) of the last presentation on an electrode, as
+the body behind a fake board does.
 
-The model [design]: what is perceived is the felt strength with log-normal noise, the same noise
-for every question about one presentation. A lapse is an answer that has nothing to do with it.
-It is for trying procedures on. It says nothing about any person.
+The model [design]: the perceived strength is the felt strength with log-normal noise. A lapse is a
+random answer. It does not represent any real person.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from etd.calibrate.answers import Answer, Question
 
 @dataclass(frozen=True, slots=True)
 class Felt:
-    """One presentation, as it was felt: strength and pain, each 1 where it begins."""
+    """One presentation as felt: strength and pain, each 1 at its threshold."""
 
     strength: float
     pain: float
@@ -31,13 +30,13 @@ class Felt:
 class ResponseModel:
     """How a simulated person answers."""
 
-    #: Of the noise: the standard deviation of the logarithm of what is perceived.
+    #: The standard deviation of the logarithm of the perceived strength.
     noise: float = 0.05
     #: The share of presentations answered by chance.
     lapses: float = 0.01
     #: Felt strength that is called comfortable.
     comfortable: float = 1.7
-    #: Of the way to pain, from here on it is called too strong.
+    #: Pain from which on it is called too strong.
     discomfort: float = 0.85
     #: Two strengths nearer than this (logarithm) are called the same.
     alike: float = 0.06

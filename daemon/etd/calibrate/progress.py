@@ -1,8 +1,8 @@
-"""How far a calibration has come: kept after every electrode, so that nobody is asked twice, and at
-once when something was too strong, so that it does not come again.
+"""The progress of a calibration, saved after every electrode, and at once when something was too
+strong, so that it is not presented again after an interruption.
 
-Owns: the struct, the file of an unfinished calibration, what that file must not say, and the
-calibration that a finished one becomes. Must not know: procedures, daemons, terminals.
+Owns: the struct, its file and the checks of it, and the calibration made from finished progress.
+Must not know: procedures, daemons, terminals.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from etd.protocol.errors import FileError
 class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """What has been found so far, by electrode; `presentations` counts all of them.
 
-    `lowered_ua`: by electrode, the cap that was left when something was too strong there. It holds
-    for all that this becomes. Files of before it was kept say nothing of it.
+    `lowered_ua`: by electrode, the cap after something was too strong there. It bounds all further
+    presentations and the finished calibration.
     """
 
     conditions: Conditions
@@ -46,8 +46,8 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
         return tuple(electrode for electrode in self.missing if electrode in self.lowered_ua)
 
     def lower(self, electrode: int, left_ua: int) -> None:
-        """Something was too strong: `left_ua` is the most that may come there. What was found with
-        a higher cap, or taken over from another day, holds no more.
+        """Something was too strong: `left_ua` is the highest current allowed there from now on. A
+        result with a higher cap is deleted.
         """
         left_ua = min(left_ua, self.lowered_ua.get(electrode, left_ua))
         self.lowered_ua[electrode] = left_ua
@@ -63,25 +63,27 @@ def save_progress(path: Path, progress: Progress) -> None:
 
 
 def load_progress(path: Path, conditions: Conditions) -> Progress:
-    """What was found under the same conditions. Raises: FileError, also where what is in it cannot
-    have been found under them.
+    """Progress under the same conditions. Raises: FileError, also if its figures cannot have been
+    found under them.
     """
     try:
         progress = msgspec.json.decode(path.read_bytes(), type=Progress)
     except OSError as error:
         raise FileError(
-            str(path), "", f"it cannot be read ({error.strerror})", "check it"
+            str(path), "", f"it cannot be read ({error.strerror})", "check its permissions"
         ) from error
     except msgspec.DecodeError as error:
-        raise FileError(str(path), "", f"it is no progress file ({error})", "--restart") from error
+        raise FileError(
+            str(path), "", f"it is not a progress file ({error})", "start again with --restart"
+        ) from error
     for key in Conditions.__struct_fields__:
         was, now = getattr(progress.conditions, key), getattr(conditions, key)
         if was != now:
             raise FileError(
                 str(path),
                 f"conditions.{key}",
-                f"what was begun is for {was}, this is {now}",
-                "go on under the same conditions, or give --restart to begin anew",
+                f"the saved progress has {was}, this calibration {now}",
+                "use the same conditions, or start again with --restart",
             )
     for electrode, limits in progress.found.items():
         _check_found(str(path), progress, electrode, limits)
@@ -96,47 +98,44 @@ def _check_electrode(path: str, key: str, conditions: Conditions, electrode: int
             path,
             f"{key}.{electrode}",
             f"there is no such electrode: the array has 0 to {conditions.electrodes - 1}",
-            "--restart begins anew",
+            "start again with --restart",
         )
 
 
 def _check_found(path: str, progress: Progress, electrode: int, limits: ElectrodeLimits) -> None:
-    """A cap was presented and accepted: one above all that is presented comes from elsewhere."""
+    """A cap is a current that was presented: it cannot exceed the highest presented one."""
     _check_electrode(path, "found", progress.conditions, electrode)
     most_ua = progress.conditions.presented_ua
     lowered_ua = progress.lowered_ua.get(electrode, most_ua)
     why = ""
     if not limits.threshold_ua <= limits.comfortable_ua <= limits.cap_ua:
         why = (
-            f"threshold {limits.threshold_ua}, comfortable {limits.comfortable_ua}, cap "
-            f"{limits.cap_ua} uA"
-            " do not rise"
+            f"threshold {limits.threshold_ua}, comfortable {limits.comfortable_ua} and cap"
+            f" {limits.cap_ua} uA do not rise"
         )
     elif limits.cap_ua > most_ua:
-        why = f"its cap of {limits.cap_ua} uA is above the {most_ua} uA that are presented at most"
+        why = f"its cap of {limits.cap_ua} uA is above {most_ua} uA, the highest that is presented"
     elif not resisted_as_skin(limits):
-        why = f"{limits.resistance_ohm} ohm is no resistance of skin"
+        why = f"{limits.resistance_ohm} ohm is out of the range of skin"
     elif limits.cap_ua > lowered_ua:
-        why = f"its cap of {limits.cap_ua} uA is above the {lowered_ua} uA that too strong has left"
+        why = f"its cap of {limits.cap_ua} uA is above lowered_ua, {lowered_ua} uA"
     if why:
-        raise FileError(path, f"found.{electrode}", why, "--restart begins anew")
+        raise FileError(path, f"found.{electrode}", why, "start again with --restart")
 
 
 def finished(
     progress: Progress, date: datetime.date, program: str, gamma: float = 1.0
 ) -> Calibration:
-    """The calibration of all electrodes. One that was left out gets the least threshold that was
-    found for everything, or what was left where something was too strong, and counts as not felt: a
-    bound, where nothing is known. What was found on another day than `date` says so.
+    """The calibration of all electrodes. An electrode that was left out counts as not felt; all its
+    figures are the lowest threshold found, or its `lowered_ua` if lower. Figures of another day
+    than `date` are dated.
 
-    Raises: FileError, if nothing was found at all.
+    Raises: FileError if nothing was felt anywhere.
     """
     conditions = progress.conditions
     felt_ua = [limits.threshold_ua for limits in progress.found.values() if limits.felt]
     if not felt_ua:
-        raise FileError(
-            "the calibration", "", "nothing was felt anywhere", "look at contact and cap first"
-        )
+        raise FileError("the calibration", "", "nothing was felt anywhere", "check contact and cap")
     each = (
         progress.found.get(electrode) or _unknown(min(felt_ua), progress.lowered_ua.get(electrode))
         for electrode in range(conditions.electrodes)
@@ -167,7 +166,7 @@ def _unknown(least_ua: int, lowered_ua: int | None) -> ElectrodeLimits:
 
 
 def _dated(limits: ElectrodeLimits, date: datetime.date) -> ElectrodeLimits:
-    """Its days are written where they are not the file's."""
+    """Dates are kept only where they differ from the file's."""
     return msgspec.structs.replace(
         limits,
         date=None if limits.date == date else limits.date,

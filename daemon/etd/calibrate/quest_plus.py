@@ -1,8 +1,8 @@
-"""QUEST+ (Watson 2017), by the library questplus: each presentation where it tells most.
+"""QUEST+ (Watson 2017), by the library questplus: each presentation where it is most informative.
 
-Owns: the grids, the prior knowledge they stand for, when to end, and the way from a Weibull
-function to the current that is felt half of the time. Must not know: persons, daemons, reach; what
-QUEST+ would like to present above the reach is presented at its edge, and counts as that.
+Owns: the grids (the prior), when to end, and the current that is felt half of the time by the
+fitted Weibull function. Must not know: persons, daemons, reach; a request above the reach is
+presented at its edge, and QUEST+ is updated with that current.
 
 questplus brings scipy, pandas and xarray (250 MB), so it is an extra of its own.
 """
@@ -24,7 +24,7 @@ _STEPS = 16
 #: Of a Weibull function over log10 of the current: felt from a little to nearly always within 60,
 #: 30 or 15 % of the threshold.
 _SLOPES = (8.0, 16.0, 32.0)
-#: Felt where nothing was, and missed where something was: one presentation in fifty.
+#: False alarms and misses: one presentation in fifty each.
 _GUESS = _LAPSE = 0.02
 _LEAST_TRIALS = 10
 _MOST_TRIALS = 24
@@ -33,10 +33,10 @@ _KNOWN = log10(1.025)
 
 
 def ready_questplus() -> None:
-    """Import it and make what each electrode begins with: the first time that takes a second or
-    more, in which no lease is kept, so it goes before one is opened. Nothing the next time.
+    """Import questplus and make the initial state. The first call takes a second or more: call it
+    before a lease is opened.
 
-    Raises: HardwareMissing, with what to install, before anything is begun.
+    Raises: HardwareMissing, with what to install.
     """
     try:
         import questplus  # noqa: F401
@@ -66,7 +66,7 @@ def quest_plus(start_ua: float) -> Procedure[Threshold]:
 
 
 def _around(center_ua: float) -> Procedure[Threshold]:
-    """Not felt is what lies above the cap when all is said: a single miss there tells little."""
+    """Not felt if the final estimate is above the cap: a single miss there means little."""
     quest = deepcopy(_fresh())
     most_ua: int | None = None
     for trial in range(_MOST_TRIALS):

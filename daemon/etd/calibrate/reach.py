@@ -1,10 +1,10 @@
-"""How far one electrode may go next: ascending into the unknown, and never past the cap.
+"""The highest current that may be presented next on one electrode.
 
 Owns: the bound on every presentation, whichever procedure requests it. Must not know: procedures,
 persons, daemons.
 
-What has been tolerated is known; anything above it is not, and is entered by steps of at most a
-tenth, each after an answer. What was too strong lowers the cap for good.
+A presentation exceeds what was tolerated by at most 10 %, and each needs an answer first. What was
+too strong lowers the cap permanently.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from etd.calibrate.answers import Answer
 
 #: The largest step above what was tolerated.
 RISE = 1.10
-#: Below this nothing is asked for: a source has steps, and skin feels nothing.
+#: The lowest current that is requested: below a source's step, and not felt.
 LEAST_UA = 20
 
 
 class Reach:
-    """One electrode's. `start_ua`: the most that may be presented first. `lowered_ua`: the cap that
-    was left when something was too strong before.
+    """One electrode's. `start_ua`: the highest first current. `lowered_ua`: the cap after something
+    was too strong.
     """
 
     def __init__(
@@ -41,11 +41,11 @@ class Reach:
         return min(self.cap_ua, self.tolerated_ua + step_ua)
 
     def bounded(self, requested_ua: float) -> int:
-        """The request, or what is allowed of it."""
+        """The request, bounded."""
         return min(max(LEAST_UA, round(requested_ua)), self.most_ua)
 
     def update(self, current_ua: int, answer: Answer) -> None:
-        """What the person said of it."""
+        """Note the person's answer."""
         if answer == "too_strong":
             self.cap_ua = self.left_below(current_ua)
             self.is_cap_felt = True
@@ -56,9 +56,8 @@ class Reach:
             self._last_ua = current_ua
 
     def left_below(self, current_ua: int) -> int:
-        """The cap that is left when `current_ua` was too strong: the most that was tolerated, where
-        that lies below it; else what was tolerated last, as skin has changed since; else a step
-        less.
+        """The cap after `current_ua` was too strong: the highest tolerated current if it is lower;
+        otherwise the last tolerated one, since the skin has changed; otherwise a step less.
         """
         for known_ua in (self.tolerated_ua, self._last_ua):
             if 0 < known_ua < current_ua:
@@ -67,5 +66,5 @@ class Reach:
 
 
 def a_step_below(current_ua: int) -> int:
-    """What is left of a current that was too strong, where nothing weaker was tolerated."""
+    """The cap after a current was too strong, if nothing weaker was tolerated."""
     return int(current_ua / RISE)

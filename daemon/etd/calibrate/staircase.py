@@ -1,9 +1,9 @@
-"""The staircase: down when it is felt, up when it is not, and the turns tell where.
+"""The staircase: down when it is felt, up when it is not; the threshold is the mean of the turns.
 
 Owns: its steps and turns. Must not know: persons, daemons, reach.
 
-Down after one felt presentation it converges where half is felt; after two in a row, where 71 %
-is, after three, 79 % (Levitt's rules). It comes from below: a coarse ascent finds where to turn.
+Going down after one felt presentation, it converges to 50 % felt; after two in a row to 71 %, after
+three to 79 % (Levitt's rules). A coarse ascent gives the start.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from etd.calibrate.limits import FINE, Threshold, coarse
 from etd.calibrate.trial import Procedure
 
 TURNS = 8
-#: The first turns still carry where it began.
+#: The first turns still depend on the start.
 _IGNORED = 2
-#: It was felt on the way up: so often in a row it must be missed at the cap to count as not felt.
+#: So many misses in a row at the cap count as not felt, since it was felt on the way up.
 _MISSES_AT_CAP = 2
 
 

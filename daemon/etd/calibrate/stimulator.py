@@ -1,13 +1,13 @@
-"""How one current gets to one electrode and to a person: through a display, over the protocol.
+"""Presents one current on one electrode: through a display, over the protocol.
 
-Owns: the frame of a presentation, waiting until telemetry tells that it was fired as asked, the
-opening before the first one, and the stop. Must not know: procedures, questions, sockets. Time
-comes through a clock port.
+Owns: the frame of a presentation, waiting until telemetry reports it fired as requested, the soft
+start before the first one, and the stop. Must not know: procedures, questions, sockets. Time comes
+through a clock port.
 
-What was fired otherwise than requested (soft start, a re-contact, the ledger) is no presentation:
-it is shown again, and after a few times given up, with the reason. It never was more than asked. An
-opening rises by what is fired, so a current far above all before takes some of them: those that
-came further than the one before are not counted.
+What was fired otherwise than requested (soft start, a re-contact, the ledger) does not count as a
+presentation: it is repeated, and after several times given up, with the reason. It is never more
+than requested. The soft start rises with what is fired, so repetitions that came further than the
+one before do not count as tries.
 """
 
 from __future__ import annotations
@@ -25,27 +25,25 @@ from etd.protocol.messages import FrameReply, Halt, Scan
 from etd_hal.ports import Clock
 
 _MS = 1_000_000
-#: Far below anything that is felt, and as far as the soft start rises through anything so weak.
+#: Far below any threshold, and how far the soft start rises by pulses that weak.
 _PRIME_UA, _PRIMED_UA = 50, 500
 _OPEN_WITHIN_NS = 30_000 * _MS
 _FIRED_WITHIN_NS = 5_000 * _MS
-#: A lease lasts for a second, and a machine that is busy may take half of it for one message.
+#: A lease lasts for a second, and a busy machine may take half of it for one message.
 _KEEP_NS = 200 * _MS
 _TRIES = 8
 _AGAIN_NS = 150 * _MS
-#: A report comes 30 times a second; stop is looked for more often.
+#: Reports come 30 times a second; the stop is polled more often.
 _LOOK_S = 0.02
-#: The source has steps: what was fired may be one of them less than asked.
+#: The current fired may be one step of the source lower than requested.
 _STEPS_UA = 12
-#: Widths are met to a microsecond or two; stabilizers change them by steps of five.
+#: Widths are accurate to a microsecond or two; stabilizers change them by steps of five.
 _WIDER_US = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class Delivered:
-    """One presentation: what the source was told, and what the skin resisted its pulses, in the
-    same way as stabilizers have it.
-    """
+    """One presentation: the commanded current, and the skin's resistance as stabilizers use it."""
 
     electrode: int
     current_ua: int
@@ -53,7 +51,7 @@ class Delivered:
 
 
 class NotDelivered(EtdError):
-    """It could not be presented as asked. Fields: electrode, why."""
+    """A current could not be presented as requested. Fields: electrode, why."""
 
     def __init__(self, electrode: int, why: str) -> None:
         self.electrode = electrode
@@ -62,7 +60,7 @@ class NotDelivered(EtdError):
 
 
 class Shows(Protocol):
-    """What is needed of a display; `etd.Display` is one."""
+    """The methods used of a display; `etd.Display` has them."""
 
     def show_current(
         self, current_ua: Sequence[int], **options: Unpack[FrameOptions]
@@ -74,7 +72,7 @@ class Shows(Protocol):
 
 
 class Reports(Protocol):
-    """Telemetry with `scan` and `halt` in it; `etd.Telemetry` is one."""
+    """Telemetry of the topics `scan` and `halt`; `etd.Telemetry` is one."""
 
     def receive(self, timeout_s: float | None = 0.0) -> tuple[object, object] | None: ...
 
@@ -103,8 +101,8 @@ class Stimulator:
         self._kept_ns = 0
 
     def open(self) -> None:
-        """Let the opening begin with a current that nobody feels. What is presented from then on
-        loses nothing to it, as long as it rises by steps of less than half a milliampere.
+        """Pass through the soft start's beginning with a current that is not felt. Presentations
+        that rise by less than half a milliampere are not clamped by it afterwards.
         """
         until_ns = self._clock.now_ns() + _OPEN_WITHIN_NS
         current_ua = min(_PRIME_UA, self._conditions.cap_ua)
@@ -118,7 +116,7 @@ class Stimulator:
         self._show(0, 0, pulses=None, ttl_ms=500)
 
     def present(self, electrode: int, current_ua: int) -> Delivered:
-        """So many pulses of this current on this electrode, once. Raises: NotDelivered."""
+        """Present the conditions' pulses of this current, once. Raises: NotDelivered."""
         why, tries, most_ua = "", 0, 0
         while tries < _TRIES:
             delivered, why, fired_ua = self._presented(electrode, current_ua)
@@ -131,7 +129,7 @@ class Stimulator:
         raise NotDelivered(electrode, why)
 
     def pause(self, seconds: float) -> None:
-        """Nothing is presented; the lease is kept, a halt and a stop are heard."""
+        """Wait; the lease is renewed, and a halt or a stop raises."""
         until_ns = self._clock.now_ns() + int(seconds * 1e9)
         while (left_ns := until_ns - self._clock.now_ns()) > 0:
             self._keep_if_due()
@@ -139,7 +137,7 @@ class Stimulator:
             self._sleep(min(left_ns, int(_LOOK_S * 1e9)))
 
     def keep(self) -> None:
-        """Hold the lease, and hear what the daemon says."""
+        """Renew the lease, and process telemetry."""
         self._keep()
         self._look()
 
@@ -148,18 +146,18 @@ class Stimulator:
         self._display.keep()
 
     def _keep_if_due(self) -> None:
-        """What is said meanwhile stays to be heard."""
+        """Without processing telemetry."""
         if self._clock.now_ns() - self._kept_ns >= _KEEP_NS:
             self._keep()
 
     def stop(self) -> None:
-        """Silent at once; the daemon is halted then."""
+        """Stop stimulation at once; the daemon is HALTED."""
         self._display.stop()
 
     # --- one presentation --------------------------------------------------------------------
 
     def _presented(self, electrode: int, current_ua: int) -> tuple[Delivered | None, str, int]:
-        """What was delivered, or why nothing was; and the current of its last pulse in uA."""
+        """The presentation, or why there was none; and the current of its last pulse in uA."""
         conditions = self._conditions
         self._look()
         ttl_ms = int(conditions.presentation_s * 1000) + 250
@@ -189,11 +187,11 @@ class Stimulator:
         fired_us, asked_us = scan.fired.width_us[electrode], self._conditions.width_us
         if abs(fired_us - asked_us) >= _WIDER_US:
             return None, (
-                f"pulses of {fired_us:g} us were fired, {asked_us} us were asked for: a stabilizer"
-                " of the body site changes them"
+                f"pulses of {fired_us:g} us were fired instead of {asked_us} us: a stabilizer of"
+                " the body site changes the width"
             )
         if not current_ua - _STEPS_UA <= fired_ua <= current_ua:
-            return None, f"{fired_ua} uA were fired, {current_ua} uA were asked for"
+            return None, f"{fired_ua} uA were fired instead of {current_ua} uA"
         return Delivered(electrode, fired_ua, scan.fired.skin_ohm[electrode]), ""
 
     def _show(self, electrode: int, current_ua: int, pulses: int | None, ttl_ms: int) -> int:
@@ -212,10 +210,10 @@ class Stimulator:
             options["pulses"] = pulses
         return self._display.show_current(currents_ua, **options).seq
 
-    # --- what the daemon says ----------------------------------------------------------------
+    # --- telemetry ---------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """Everything that has been said so far, and whether to stop."""
+        """Process all reports that have arrived, and a wish to stop."""
         while self._receive(0.0) is not None:
             pass
 

@@ -1,8 +1,8 @@
 """A procedure as a generator, and the loop that runs it within its reach.
 
-Owns: what a procedure is (it yields the current it requests next, and is sent what was presented
-and answered), and that no request goes past the reach. Must not know: which procedures there are,
-how a current is presented.
+Owns: the interface of procedures (it yields the current it requests next, and is sent the current
+presented and the answer), and that no request exceeds the reach. Must not know: which procedures
+there are, how a current is presented.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from etd.protocol.errors import EtdError
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What was presented and answered; whether no more is allowed, and whether that is because
-    more was too strong (then it is felt, if not at this current).
+    """The presentation and its answer; whether no higher current is allowed, and whether that is
+    because a higher one was too strong (so it was felt, if not at this current).
     """
 
     current_ua: int
@@ -32,7 +32,7 @@ class Heard:
         return self.answer != "not_felt"
 
 
-#: Whoever needs more for one electrode answers by chance, or is tired.
+#: More than these for one electrode mean random answers, or a tired person.
 MOST_PRESENTATIONS = 150
 
 R = TypeVar("R")
@@ -40,7 +40,7 @@ Procedure: TypeAlias = Generator[float, Heard, R]
 
 
 class Stopped(EtdError):
-    """The person, or the operator, ended it. Fields: answer (`stop` or `pause`)."""
+    """The person or the operator ended it. Fields: answer (`stop` or `pause`)."""
 
     def __init__(self, answer: Answer) -> None:
         self.answer: Answer = answer
@@ -48,21 +48,21 @@ class Stopped(EtdError):
 
 
 class Unsettled(EtdError):
-    """So many presentations told nothing. Fields: presentations."""
+    """The answers gave no result. Fields: presentations."""
 
     def __init__(self, presentations: int) -> None:
         self.presentations = presentations
-        super().__init__(f"{presentations} presentations did not settle it: try again after a rest")
+        super().__init__(f"no result after {presentations} presentations: try again after a rest")
 
 
 class BelowThreshold(EtdError):
-    """What was too strong has left less than where it was felt. Fields: electrode."""
+    """Something was too strong, and the cap is now below the threshold. Fields: electrode."""
 
     def __init__(self, electrode: int) -> None:
         self.electrode = electrode
         super().__init__(
-            "what was too strong has left less than its threshold of the baseline: it is not"
-            " presented any more; find its threshold anew, by another --method"
+            "something was too strong, and the electrode's cap is now below its threshold in the"
+            " baseline: calibrate it again with another --method"
         )
 
 

@@ -1,8 +1,8 @@
 """The `etd` command: a module for each verb, loaded when it is used.
 
-Owns: which verbs there are, how errors become a sentence and an exit status, and what Ctrl-C does.
-Must not know: what any verb does. It imports nothing but the standard library and the tree of
-errors, so that `etd safe` works when little else does.
+Owns: the list of verbs, how an error becomes a message and an exit status, and what Ctrl-C does.
+Must not know: what any verb does. It imports only the standard library and the errors, so that
+`etd safe` works when little else does.
 
 A verb is a module with NAME, HELP, EPILOG (an example), `add_arguments(parser)` and `run(args)`,
 which returns the exit status: 0 done, 1 refused or failed, 2 used wrongly, 3 the hardware or the
@@ -46,33 +46,33 @@ DONE, NO, USED_WRONGLY, NOT_THERE, INTERRUPTED = 0, 1, 2, 3, 130
 
 _EPILOG = """
 first steps, without any hardware:
-  etd demo                            a moving pattern on the fake board, as a live picture
-  etd run --board fake                a daemon to write programs against; ends with Ctrl-C
-  etd play FILE --board fake          a pattern file, on a fake of its own
+  etd demo                            shows a moving pattern on a fake board
+  etd run --board fake                runs a daemon for your programs, until Ctrl-C
+  etd play FILE --board fake          plays a pattern file on a fake board
 
-exit status: 0 done, 1 the answer is no, 2 used wrongly, 3 the hardware or the daemon is not there
-`etd VERB --help` explains each, with an example.
+exit status: 0 done, 1 refused, or a check failed, 2 wrong usage, 3 the hardware or the daemon is
+missing, 130 ended by Ctrl-C
+`etd VERB --help` explains each verb, with an example.
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The entry point; returns the exit status. Raises: SystemExit (0, 2) for --help and misuse."""
     given = list(sys.argv[1:] if argv is None else argv)
-    is_heard = _standard_streams()
+    has_output = _open_standard_streams()
     try:
         try:
             status = _of_verb(given)
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # The reader has closed the pipe (`etd monitor | head`): an error text would reach no
-        # reader.
+        # The reader has closed the pipe (`etd monitor | head`): nothing can be printed any more.
         _discard_output()
         return NO
     except OSError as error:
         return _failed(error, as_json="--json" in given)
-    if not is_heard:
-        print("etd: standard output is closed, so the answer went nowhere", file=sys.stderr)
+    if not has_output:
+        print("etd: standard output is closed: the answer could not be printed", file=sys.stderr)
         return status or NO
     return status
 
@@ -87,18 +87,18 @@ def _of_verb(given: Sequence[str]) -> int:
     return _answered(args)
 
 
-def _standard_streams() -> bool:
-    """Put the null device where a standard stream is closed: a socket or a device opened next
-    would take its number, and be written to. False if standard output was closed.
+def _open_standard_streams() -> bool:
+    """Open the null device in place of a closed standard stream: a socket or a device opened next
+    would get its number, and be written to. False if standard output was closed.
     """
-    is_heard = sys.stdout is not None
+    has_output = sys.stdout is not None
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(number, True)
     os.close(number)
     for name, at in (("stdout", 1), ("stderr", 2)):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(at, "w", closefd=False))
-    return is_heard
+    return has_output
 
 
 class _Parser(argparse.ArgumentParser):
@@ -164,7 +164,7 @@ def _answered(args: argparse.Namespace) -> int:
 def _failed(error: OSError, as_json: bool) -> int:
     """An OSError of a file, a folder, a socket or standard output."""
     try:
-        # What could not be written is still there, where output is buffered: then that is it.
+        # If the buffered output cannot be written, standard output is what failed.
         sys.stdout.flush()
         _tell(error, as_json)
         sys.stdout.flush()
@@ -202,18 +202,18 @@ def _tell(error: EtdError | OSError, as_json: bool) -> None:
 
 
 def _sentence(error: EtdError | OSError) -> str:
-    """The engine's reason for `expired` is two times; here the sentence says what they are of."""
+    """The message. The engine's reason for `expired` gives two times only; the rest is added."""
     if isinstance(error, OSError):
         if error.filename is None:
             return f"standard output, or a file that it writes, {_unwritable(error)}"
         return f"{error.filename}: {error.strerror or error}"
     if isinstance(error, Refused) and error.code == "expired":
-        return f"a frame came too late, and was not felt: {error}"
+        return f"the frame arrived after its time, and was not shown: {error}"
     return str(error)
 
 
 def _unwritable(error: OSError) -> str:
-    return f"cannot be written ({error.strerror or error}): make room, or send it elsewhere"
+    return f"cannot be written ({error.strerror or error}): free some space, or redirect it"
 
 
 def code_of(error: EtdError | OSError) -> str:

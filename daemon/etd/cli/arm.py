@@ -1,4 +1,4 @@
-"""`etd arm`: the operator arms; the application that holds the lease drives.
+"""`etd arm`: the operator arms the board for the application that holds the lease.
 
 Owns: the printed answer. Must not know: what is checked before the supply is enabled.
 """
@@ -12,13 +12,13 @@ from etd.cli import options
 from etd.client import Display
 
 NAME = "arm"
-HELP = "check the board, enable the supply, and let the holder of the lease drive"
+HELP = "check the board, and enable the supply for the application that holds the lease"
 EPILOG = """
 example, in two terminals:
-  etd play pattern.json --calibration P01     opens a lease, and waits
-  etd arm                                     now it is felt
+  etd play pattern.json --calibration P01     opens a lease, and waits for the operator
+  etd arm                                     checks the board; then the pattern plays
 
-Without a lease there is nothing to arm: the application (or `etd play`) comes first.
+Start the application (or `etd play`) first: arming is refused while no lease is open.
 """
 TIMEOUT_S = 20.0
 

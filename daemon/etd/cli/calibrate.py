@@ -34,9 +34,9 @@ NAME = "calibrate"
 HELP = "find a person's thresholds, comfortable levels and caps, one key per answer"
 EPILOG = f"""
 examples:
-  etd calibrate P01 --max-current-ua 2500                  by the method of limits
+  etd calibrate P01 --max-current-ua 2500                  method of limits
   etd calibrate P01 --max-current-ua 2500 --method staircase --baseline P01
-  etd calibrate P01 --method equalize --baseline P01       equal strength everywhere
+  etd calibrate P01 --method equalize --baseline P01       equal strength on all electrodes
   etd calibrate P01 --max-current-ua 2500 --board fake --array pad-8 --answers simulated
 
 keys, without Enter:
@@ -44,13 +44,13 @@ keys, without Enter:
   {legend("compare")}   (equalize)
   {legend("which")}   (equalize, after t)
 
-Every presentation is at most a tenth above what was accepted before, and never above
---max-current-ua. SPACE stops at once (Esc and Ctrl-C too). What was found and what was
-too strong is kept, and the same command (without --restart) goes on with it.
-docs/calibration.md tells what each method asks, and how long it takes.
+Each presentation is at most 10 % above the strongest accepted before, and never above
+--max-current-ua. SPACE stops at once (also Esc and Ctrl-C). Results are saved, also what was
+too strong; the same command (without --restart) continues from there.
+docs/calibration.md describes each method, and how long it takes.
 
-exit status: 0 the daemon keeps it, 1 stopped, refused, or not all electrodes settled, 2 used
-wrongly, 3 the daemon is not there
+exit status: 0 the daemon has stored the calibration, 1 stopped, refused, or some electrodes have
+no result, 2 wrong usage, 3 the daemon is missing
 """
 
 
@@ -61,76 +61,73 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--method",
         choices=get_args(Method),
         default="limits",
-        help="up until it is felt, several times (limits, the default); up and down (staircase);"
-        " where the answer tells most (quest-plus, needs 'etd[quest-plus]'); as strong as a"
-        " reference electrode (equalize)",
+        help="limits (default): several ascents until it is felt; staircase: up and down around"
+        " the threshold; quest-plus: QUEST+ (needs 'etd[quest-plus]'); equalize: as strong as a"
+        " reference electrode",
     )
     parser.add_argument(
         "--max-current-ua",
         type=int,
         metavar="I",
-        help="nothing above it, ever; needed, but with equalize, which goes by the baseline's caps",
+        help="the highest current that is presented; required, except with equalize, which uses the"
+        " baseline's caps",
     )
     _add_conditions(parser)
     parser.add_argument(
-        "--baseline", metavar="NAME", help="an earlier calibration of this person to begin from"
+        "--baseline", metavar="NAME", help="an earlier calibration of this person to start from"
     )
     parser.add_argument(
         "--reference",
         type=int,
         metavar="E",
-        help="with equalize: what the others are compared with (default: of those that were felt,"
-        " the nearest to the middle)",
+        help="with equalize: the electrode that the others are compared with (default: the felt"
+        " electrode nearest to the middle)",
     )
     parser.add_argument(
         "--leave-out",
         type=_electrodes,
         default=(),
         metavar="E,E",
-        help="not presented; the least threshold found becomes their cap",
+        help="electrodes that are not presented; their cap is the lowest threshold found",
     )
-    parser.add_argument("--as", dest="which", metavar="NAME", help="keep it as NAME, not as CODE")
+    parser.add_argument("--as", dest="which", metavar="NAME", help="store it as NAME, not as CODE")
     parser.add_argument(
         "--restart",
         action="store_true",
-        help="forget what was begun, what was too strong too, and begin anew",
+        help="discard the saved progress, also what was too strong, and start again",
     )
-    parser.add_argument(
-        "--arm", action="store_true", help="arm it too, where you are the operator as well"
-    )
+    parser.add_argument("--arm", action="store_true", help="arm the board; needs operate rights")
     parser.add_argument(
         "--board",
         type=options.fake_board,
         metavar="fake[:BOARD]",
-        help="a fake of its own, in place of the running daemon",
+        help="start a daemon with a fake board, instead of using the running daemon",
     )
     parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
     parser.add_argument(
         "--answers",
         choices=("keys", "simulated"),
         default="keys",
-        help="simulated: with --board fake, whose body says what it felt",
+        help="simulated: with --board fake, a modelled person answers",
     )
     parser.add_argument(
-        "--seed", type=int, default=1, help="of the simulated person (default: %(default)s)"
+        "--seed", type=int, default=1, help="random seed of simulated answers (default: 1)"
     )
-    parser.add_argument(
-        "--out", type=Path, metavar="FILE", help="write it into this new file as well"
-    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="also write it to this new file")
     options.add_json(parser)
 
 
 def _add_conditions(parser: argparse.ArgumentParser) -> None:
     """The conditions of the calibration; levels hold for these only."""
     default = "default: the baseline's, else the body site's"
-    parser.add_argument("--width-us", type=int, metavar="W", help=f"of each pulse ({default})")
+    parser.add_argument("--width-us", type=int, metavar="W", help=f"pulse width ({default})")
     parser.add_argument(
-        "--rate-hz", type=options.positive, metavar="HZ", help=f"of the pulses ({default})"
+        "--rate-hz", type=options.positive, metavar="HZ", help=f"pulse rate ({default})"
     )
     parser.add_argument("--polarity", choices=get_args(Polarity), help=default)
     options.add_returns(parser)
     parser.add_argument(
-        "--pulses", type=int, default=10, metavar="N", help="of one presentation (default: 10)"
+        "--pulses", type=int, default=10, metavar="N", help="pulses a presentation (default: 10)"
     )
 
 
@@ -170,23 +167,23 @@ def run(args: argparse.Namespace) -> int:
 
 def _sentence(stopped: Stopped, calibrating: CalibrateSession) -> str:
     if calibrating.has_found:
-        return f"{stopped}; what was found is kept; {calibrating.same_command} goes on with it"
+        return f"{stopped}; the results are saved: {calibrating.same_command} continues"
     if calibrating.has_lowered:
         return (
-            f"{stopped}; nothing was found yet, but what was too strong is kept:"
-            f" {calibrating.same_command} stays below it"
+            f"{stopped}; no electrode has a result yet; what was too strong is saved:"
+            f" {calibrating.same_command} continues and stays below it"
         )
-    return f"{stopped}; nothing was found yet; the same command begins anew"
+    return f"{stopped}; no electrode has a result yet: the same command starts again"
 
 
 def _check_combinations(args: argparse.Namespace) -> None:
     if args.method == "equalize":
         if args.baseline is None:
-            args.misused("--method equalize needs --baseline: its thresholds and caps hold")
+            args.misused("--method equalize needs --baseline: it uses its thresholds and caps")
         if args.max_current_ua is not None:
-            args.misused("--method equalize goes by the caps of its --baseline: no other limit")
+            args.misused("--method equalize uses the caps of --baseline: omit --max-current-ua")
     elif args.max_current_ua is None:
-        args.misused("--max-current-ua is needed: there is no stimulation without a limit")
+        args.misused("--max-current-ua is required: without a limit nothing is stimulated")
     if args.board is None and (args.array or args.answers == "simulated"):
         args.misused("--array and --answers simulated go with --board fake")
 
@@ -234,13 +231,13 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
 
 
 def _check_limit(max_current_ua: int, facts: HelloReply) -> None:
-    """Raises: FileError, naming the bound; the daemon's own refusal would say to calibrate."""
+    """Raises: FileError, with the bound; the daemon's own refusal would advise to calibrate."""
     most_ua = facts.maxima.uncalibrated_current_ua
     if max_current_ua > most_ua:
         raise FileError(
             COMMAND_LINE,
             "--max-current-ua",
-            f"it says {max_current_ua}",
+            f"{max_current_ua} uA is too high",
             f"at most {most_ua} uA is allowed without a calibration"
             f" (uncalibrated_current_ua of body site {facts.body_site}, and the board's maxima)",
         )

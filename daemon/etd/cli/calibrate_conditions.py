@@ -1,4 +1,4 @@
-"""The conditions of a calibration, from what the command line says and what it leaves out.
+"""The conditions of a calibration, from the command line and the defaults.
 
 Owns: where each condition comes from (command line, else baseline, else body site), the reference
 electrode, and errors that name the option. Must not know: the course of a calibration.
@@ -84,14 +84,12 @@ def _check_returns(args: argparse.Namespace, facts: HelloReply) -> None:
             COMMAND_LINE,
             "--returns",
             f"{facts.board.name} connects every electrode to the source or to ground",
-            'here it is "all": leave it out (boards with relays choose)',
+            'only "all" is possible: omit the option (other returns need a board with relays)',
         )
 
 
 def _reference(args: argparse.Namespace, array: ArrayFacts, base: Calibration | None) -> int:
-    """The electrode that is named; else, of those felt in the baseline, the nearest to the
-    middle.
-    """
+    """`--reference`, or the electrode felt in the baseline that is nearest to the middle."""
     if args.reference is not None:
         return int(args.reference)
     each = () if base is None else base.electrode[: array.electrodes]

@@ -1,9 +1,8 @@
 """The screen during a calibration: the array, the progress, and the keys.
 
-Owns: the lines, how far it is in words, and drawing them over themselves on a terminal. Must not
-know: procedures, keys' meanings, daemons. No current is ever shown: the person should not answer by
-number. Where the answer is to be JSON (`is_quiet`), only the progress is printed, to standard
-error.
+Owns: the printed lines, and redrawing them on a terminal. Must not know: procedures, the meanings
+of keys, daemons. Currents are never shown: they could influence the answers. If the result is
+printed as JSON (`is_quiet`), only the progress is printed, to standard error.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from etd.protocol.messages import ArrayFacts
 
 _CLEAR = "\x1b[H\x1b[2J"
 _ASKED = {
-    "strength": "Did you feel it, and how?",
+    "strength": "How strong was it?",
     "compare": "Was the second as strong as the first?",
     "which": "Which one was too strong?",
 }
@@ -54,35 +53,31 @@ class Screen:
         print(f"{_ASKED[question.ask]}   {legend(question.ask)}", flush=True)
 
     def heard(self, answer: Answer | None) -> None:
-        """After each key: that it was taken, and whether another presentation follows."""
+        """After each key: confirm it, and say whether another presentation follows."""
         if self._is_quiet:
             return
         if answer is None:
-            print("   that key is no answer here", flush=True)
+            print("   this key is not one of the answers", flush=True)
         elif answer not in ("stop", "pause"):
             ends = answer in ("first", "both") or (self._ask, answer) == ("compare", "too_strong")
-            follows = "" if ends else "; now the next"
+            follows = "" if ends else "; next presentation"
             print(f"   {answer.replace('_', ' ')}{follows}", flush=True)
 
     def found(self) -> None:
-        """After an electrode: a line, where no picture is drawn over."""
+        """After an electrode: print a line, unless the screen is redrawn."""
         if self._is_quiet:
             print(count_of(self._progress), file=sys.stderr, flush=True)
         elif not is_terminal():
             print(self.line(), flush=True)
 
     def rows(self) -> list[str]:
-        """`@` now, `#` done, `x` nothing felt, `!` to come and something was too strong, `.` to
-        come.
-        """
+        """The array as text; `line` explains the signs."""
         return self._picture.rows(
             [self._sign(electrode) for electrode in range(self._progress.conditions.electrodes)]
         )
 
     def line(self) -> str:
-        return (
-            f"{count_of(self._progress)}   (@ now, # done, x nothing felt, ! too strong, . to come)"
-        )
+        return f"{count_of(self._progress)}   (@ now, # done, x not felt, ! too strong, . to do)"
 
     def _sign(self, electrode: int) -> str:
         if electrode in self._progress.found:
@@ -93,10 +88,10 @@ class Screen:
 
 
 def to_come(progress: Progress) -> str:
-    """What is still to come."""
+    """What is left to do."""
     return (
-        f"by {progress.conditions.method}, {len(progress.missing)} electrodes to come, about half a"
-        " minute each at the quickest"
+        f"method {progress.conditions.method}: {len(progress.missing)} electrodes to do, at least"
+        " half a minute each"
     )
 
 

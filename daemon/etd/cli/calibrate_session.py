@@ -1,7 +1,7 @@
 """A run of `etd calibrate` on a daemon: arming, going through the electrodes, storing the result.
 
-Owns: where answers come from, that what was found is kept, and what is stored and printed at the
-end. Must not know: options' names, procedures (etd.calibrate), keys, the picture.
+Owns: where answers come from, saving the progress, and what is stored and printed at the end.
+Must not know: names of options, procedures (etd.calibrate), keys, the picture.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class CalibrateSession:
         self._progress = self._begun(conditions)
         self._screen = Screen(display.facts.array, self._progress, is_quiet=args.json)
         self._is_simulated = args.answers == "simulated"
-        #: In the screen's place, where answers are simulated and the output is not JSON.
+        #: Used instead of the screen for simulated answers, unless the output is JSON.
         self._watch = Watch(self._progress) if self._is_simulated and not args.json else None
         self._left: dict[int, str] = {}
 
@@ -113,7 +113,7 @@ class CalibrateSession:
         self._left = course.left
 
     def settle(self) -> int:
-        """Have the daemon keep what is complete; say what is missing otherwise."""
+        """Store a complete calibration in the daemon; otherwise report what is missing."""
         missing = [
             electrode
             for electrode in self._progress.missing
@@ -125,9 +125,9 @@ class CalibrateSession:
             options.answer_no(
                 self._args,
                 "unsettled",
-                f"{len(missing)} electrodes are not settled, and nothing is stored:"
+                f"{len(missing)} electrodes have no result, so nothing is stored:"
                 f" {self.same_command} tries them again, --leave-out"
-                f" {','.join(map(str, missing))} goes without them",
+                f" {','.join(map(str, missing))} omits them",
             )
             return 1
         made = self._made()
@@ -140,32 +140,35 @@ class CalibrateSession:
         self._answer(made)
         return 0
 
-    # --- how far it is -----------------------------------------------------------------------
+    # --- progress ----------------------------------------------------------------------------
 
     @property
     def has_found(self) -> bool:
-        """Whether an electrode is settled, today or before: what is kept."""
+        """Whether an electrode has a result, of this run or an earlier one."""
         return bool(self._progress.found)
 
     @property
     def has_lowered(self) -> bool:
-        """Whether something was too strong, today or before: that is kept too."""
+        """Whether something was too strong, in this run or an earlier one."""
         return bool(self._progress.lowered_ua)
 
     @property
     def same_command(self) -> str:
-        """What goes on with what is kept."""
+        """The command that continues from the saved progress."""
         return "the same command" + (" without --restart" if self._args.restart else "")
 
     def _begun(self, conditions: Conditions) -> Progress:
-        """The progress kept so far. Raises: FileError, where it has other conditions."""
+        """The saved progress. Raises: FileError if its conditions differ."""
         if self._args.restart or not self._file.exists():
             return Progress(conditions=conditions)
         progress = load_progress(self._file, conditions)
-        print(f"going on: {len(progress.found)} electrodes are done", file=sys.stderr)
+        print(f"continuing: {len(progress.found)} electrodes are done", file=sys.stderr)
         if progress.troubled:
             where = ", ".join(map(str, progress.troubled))
-            print(f"what was too strong does not come again: electrodes {where}", file=sys.stderr)
+            print(
+                f"currents that were too strong are not repeated: electrodes {where}",
+                file=sys.stderr,
+            )
         return progress
 
     def _wanted(self) -> list[int]:
@@ -178,17 +181,17 @@ class CalibrateSession:
     # --- the daemon --------------------------------------------------------------------------
 
     def _arm(self, keys: Keyboard) -> None:
-        """A fake board is armed at once; a real board waits for the operator. Raises: Stopped."""
+        """Arm a fake board at once; for a real board wait for the operator. Raises: Stopped."""
         if self._args.board is not None or self._args.arm:
             self._display.arm(ARM_WITHIN_S)
             return
-        is_told = False
+        is_printed = False
         while not self._is_armed():
-            if not is_told:
+            if not is_printed:
                 print(
                     "waiting for the operator: `etd arm`   (SPACE STOP   q pause)", file=sys.stderr
                 )
-                is_told = True
+                is_printed = True
             if (ending := keys.asked_to_end()) is not None:
                 if ending == "stop":
                     self._display.stop()
@@ -197,7 +200,7 @@ class CalibrateSession:
             clock.sleep_s(_LOOK_S)
 
     def _is_armed(self) -> bool:
-        """Found out with a silent frame, which also opens the lease."""
+        """Sends a silent frame, which also opens the lease."""
         try:
             self._display.show_current([0] * self._display.electrodes, ttl_ms=_SILENT_MS)
         except Refused as refusal:
@@ -211,7 +214,7 @@ class CalibrateSession:
         while self._display.status().state != "SAFE" and clock.now_ns() < until_ns:
             clock.sleep_s(_LOOK_S / 10)
 
-    # --- how it is shown ---------------------------------------------------------------------
+    # --- the screen --------------------------------------------------------------------------
 
     @property
     def _shown(self) -> Screen | Watch:
@@ -222,7 +225,7 @@ class CalibrateSession:
         if self._watch is not None:
             self._watch.presented(electrode)
 
-    # --- what is kept and told ---------------------------------------------------------------
+    # --- the result --------------------------------------------------------------------------
 
     def _made(self) -> Calibration:
         gamma = 1.0 if self._baseline is None else self._baseline.gamma
@@ -243,20 +246,18 @@ class CalibrateSession:
         felt = [limits for limits in made.electrode if limits.felt]
         print(
             f"{self._which}: {len(felt)} of {len(made.electrode)} electrodes are felt, thresholds"
-            f" {min(limits.threshold_ua for limits in felt)} to "
-            f"{max(limits.threshold_ua for limits in felt)}"
-            f" uA, {count} presentations; {self._where()}"
+            f" {min(limits.threshold_ua for limits in felt)} to"
+            f" {max(limits.threshold_ua for limits in felt)} uA, {count} presentations;"
+            f" {self._where()}"
         )
 
     def _where(self) -> str:
-        """Where the calibration can be found; a fake board of this command ends with its
-        calibrations.
-        """
+        """Where the calibration is stored; this command's fake board ends with its own."""
         if self._args.board is None:
             return f"`etd calibration show {self._which}`"
         if self._args.out is None:
-            return "the fake ends here, and this with it: --out FILE keeps one"
-        return f"kept in {self._args.out}"
+            return "the fake's daemon ends now and discards it: --out FILE stores a copy"
+        return f"stored in {self._args.out}"
 
 
 def _today() -> datetime.date:

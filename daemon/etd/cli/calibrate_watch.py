@@ -1,7 +1,6 @@
-"""The progress of a simulated calibration: a bar on a terminal, elsewhere a line now and then.
+"""The progress of a simulated calibration: a bar on a terminal, otherwise a line an electrode.
 
-Owns: both, on standard error: the command's answer goes to standard output. Must not know:
-procedures, daemons, where answers come from.
+Owns: both, on standard error. Must not know: procedures, daemons, where answers come from.
 """
 
 from __future__ import annotations

@@ -25,17 +25,17 @@ from etd.protocol.errors import FileError
 from etd.protocol.frame import Returns, Ring
 
 NAME = "calibration"
-HELP = "list, show, export, import and delete the calibrations that the daemon keeps"
+HELP = "list, show, export, import and delete the daemon's calibrations"
 EPILOG = """
 examples:
   etd calibration list
   etd calibration show P01
-  etd calibration export P01 P01.toml         without a file: to standard output
-  etd calibration import P01.toml --as P01    checked against board, array and body site; in SAFE
+  etd calibration export P01 P01.toml         without FILE: to standard output
+  etd calibration import P01.toml --as P01    in SAFE only; board, array and body site must match
   etd calibration delete P01
 
-A calibration is a person's limits: import and delete need operate rights, and the name is a code
-for the participant, never a name. `etd calibrate` makes one.
+A calibration contains a person's limits: import and delete need operate rights. NAME is a code for
+the participant, never the person's name. `etd calibrate` makes a calibration.
 """
 
 
@@ -46,13 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(
         title="what", metavar="list|show|export|import|delete", required=True
     )
-    _action(actions, "list", _list, "the names there are, and what they hold for")
-    show = _action(actions, "show", _show, "one calibration, electrode by electrode")
-    export = _action(actions, "export", _export, "one calibration as the file that it is")
-    taking = _action(actions, "import", _import, "have the daemon keep a calibration file")
+    _action(actions, "list", _list, "list the calibrations and their conditions")
+    show = _action(actions, "show", _show, "show a calibration, electrode by electrode")
+    export = _action(actions, "export", _export, "write a calibration as a TOML file")
+    taking = _action(actions, "import", _import, "store a calibration file in the daemon")
     delete = _action(actions, "delete", _delete, "delete a calibration from the daemon")
     for each in (show, export, delete):
-        each.add_argument("which", metavar="NAME", help="its name")
+        each.add_argument("which", metavar="NAME", help=WHOSE)
     export.add_argument("file", nargs="?", type=Path, metavar="FILE", help="a new file")
     taking.add_argument("file", type=Path, metavar="FILE", help="a calibration file")
     taking.add_argument("--as", dest="which", metavar="NAME", help="default: the file's own name")
@@ -95,7 +95,7 @@ def _list(args: argparse.Namespace) -> int:
         about = {name: _conditions(calibration) for name, calibration in found.items()}
         _print_json({"ok": True, "calibrations": about})
     elif not found:
-        print("there are none: `etd calibrate` makes one")
+        print("the daemon has no calibrations: `etd calibrate` makes one")
     else:
         wide = max(map(len, found))
         print(
@@ -146,14 +146,14 @@ def _conditions(calibration: Calibration) -> dict[str, object]:
 
 def _printable(value: object) -> str:
     """Text of a file must not control the terminal."""
-    text = "not said" if value is None else str(value)
+    text = "not given" if value is None else str(value)
     return text if text.isprintable() else repr(text)
 
 
 def _returns(returns: Returns) -> str:
     if isinstance(returns, str):
         return returns
-    return f"ring of {returns.ring_mm:g} mm" if isinstance(returns, Ring) else "a set for each"
+    return f"ring of {returns.ring_mm:g} mm" if isinstance(returns, Ring) else "one list each"
 
 
 def _sentence(calibration: Calibration) -> str:
@@ -173,17 +173,16 @@ def _signs(values: list[int]) -> list[str]:
 
 
 def _table(calibration: Calibration) -> list[str]:
-    lines = ["electrode  threshold  comfortable  cap (uA)  resistance then"]
+    lines = ["electrode  threshold  comfortable  cap (uA)       resistance"]
     for electrode, limits in enumerate(calibration.electrode):
         ohm = "not known" if limits.resistance_ohm is None else f"{limits.resistance_ohm} ohm"
-        told = "" if limits.felt else "  not felt"
+        felt = "" if limits.felt else "  not felt"
         day = "" if limits.date is None else f"  of {limits.date.isoformat()}"
         if limits.threshold_date is not None:
             day += f"  threshold and cap of {limits.threshold_date.isoformat()}"
         lines.append(
-            f"{electrode:>9}  {limits.threshold_ua:>9}  {limits.comfortable_ua:>11}  "
-            f"{limits.cap_ua:>8}"
-            f"  {ohm:>15}{told}{day}"
+            f"{electrode:>9}  {limits.threshold_ua:>9}  {limits.comfortable_ua:>11}"
+            f"  {limits.cap_ua:>8}  {ohm:>15}{felt}{day}"
         )
     return lines
 
@@ -203,9 +202,9 @@ def _export(args: argparse.Namespace) -> int:
         write_atomically(args.file, text.encode(), mode=0o640)
     except OSError as error:
         raise FileError(
-            str(args.file), "", f"it cannot be written ({error.strerror})", "name another place"
+            str(args.file), "", f"it cannot be written ({error.strerror})", "name another file"
         ) from error
-    _done(args, f"{args.which} is in {args.file}")
+    _done(args, f"{args.which} is written to {args.file}")
     return 0
 
 
@@ -229,8 +228,8 @@ def _loaded(path: Path) -> Calibration:
         raise FileError(
             str(path),
             "",
-            f"it is a {kind} file, no calibration",
-            "name one that `etd calibration export` or `etd calibrate --out` wrote",
+            f"it is a {kind} file, not a calibration",
+            "name a file that `etd calibration export` or `etd calibrate --out` wrote",
         ) from error
 
 

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         metavar="FILE",
         type=Path,
-        help="a board, machine, array, body site, calibration, etd.toml, pattern or layout",
+        help="board, machine, array, body site, calibration, etd.toml, pattern or layout file",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object for all files")
 

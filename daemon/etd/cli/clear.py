@@ -1,6 +1,6 @@
-"""`etd clear`: leave HALTED, by hand.
+"""`etd clear`: leave HALTED for SAFE.
 
-Owns: the printed answer. Must not know: what a halt is latched by.
+Owns: the printed answer. Must not know: what latches a halt.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from etd.cli import options
 from etd.client import Display
 
 NAME = "clear"
-HELP = "lift a halt, once its cause has been looked at"
+HELP = "leave HALTED for SAFE, after the cause has been checked"
 EPILOG = """
 example:
-  etd status     why it is halted
-  etd clear      back to SAFE; then an application opens a lease, and `etd arm`
+  etd status     shows the cause of the halt
+  etd clear      back to SAFE; next, an application opens a lease, and `etd arm` arms it
 """
 
 

@@ -1,7 +1,7 @@
 """`etd demo`: a moving pattern on a fake board, through real processes and sockets.
 
-Owns: the loop of showing and drawing. Must not know: the pattern (apps.demo_pattern), the picture
-(live). It starts its own daemon, and has no option to name a running daemon.
+Owns: the loop that sends frames and draws. Must not know: the pattern (apps.demo_pattern), the
+picture (live). It starts its own daemon; no option names a running one.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from etd.protocol.errors import Refused
 from etd.protocol.messages import FrameReply
 
 NAME = "demo"
-HELP = "show a moving pattern on a fake board: no hardware, no person"
+HELP = "show a moving pattern on a fake board, without hardware"
 EPILOG = """
 examples:
   etd demo
   etd demo --seconds 10 --array hexagon-61
   etd demo --board fake:feetthrough-relay --trace bus.jsonl
 
-The picture is that of `etd monitor`, whose --help explains it; what is felt is modelled. It brings
-its own daemon and ends it: for one that stays, `etd run --board fake`.
+`etd monitor --help` explains the picture; what is felt is modelled. The demo starts a daemon and
+ends it; `etd run --board fake` runs one that stays.
 """
 #: The frame period.
 _FRAME_NS = 50_000_000
@@ -78,7 +78,7 @@ def _display(address: str, has_calibration: bool) -> Display:
 class Demo:
     """Sends a frame every 50 ms, and draws the telemetry.
 
-    Frames that came too late, as on a busy machine, are counted and reported at the end.
+    Frames that arrive too late, as on a busy machine, are counted and reported at the end.
     """
 
     def __init__(self, display: Display, has_calibration: bool) -> None:
@@ -111,14 +111,14 @@ class Demo:
         """One line."""
         status = self._display.status()
         pulses = status.counters.get("pulses", 0)
-        late = f" ({self._late} came too late to be felt)" if self._late else ""
+        late = f" ({self._late} too late to be shown)" if self._late else ""
         return (
             f"{self._frames} frames{late} and {pulses} pulses in {self._seconds():.1f} s on the"
             f" fake {self._display.facts.board.name}; ceiling {status.ceiling_ua} uA"
         )
 
     def _show(self, levels: list[float]) -> None:
-        """Raises: Refused, for any other reason than that it came too late."""
+        """Raises: Refused, except for a frame that arrived too late."""
         try:
             self._rate_hz = self._shown(levels).rate_hz
         except Refused as refusal:

@@ -1,4 +1,4 @@
-"""`etd disarm`: supply off, for the holder of the lease.
+"""`etd disarm`: switch the supply off, for the holder of the lease.
 
 Owns: the refusal without a lease, and its advice. Must not know: other requests of the protocol.
 """
@@ -19,8 +19,8 @@ NAME = "disarm"
 HELP = "switch the supply off; the lease stays with its holder"
 EPILOG = """
 examples:
-  etd disarm --lease TOKEN    for a program whose lease TOKEN is (the reply to its `open`)
-  etd stop                    for everybody else: needs no lease, and stays latched
+  etd disarm --lease TOKEN    for the program that holds the lease (TOKEN: the reply to its `open`)
+  etd stop                    for all others: needs no lease; HALTED until `etd clear`
 """
 _TIMEOUT_MS = 2_000
 
@@ -28,7 +28,7 @@ _TIMEOUT_MS = 2_000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_name(parser)
     options.add_json(parser)
-    parser.add_argument("--lease", metavar="TOKEN", help="the lease that is to be disarmed")
+    parser.add_argument("--lease", metavar="TOKEN", help="the lease to disarm")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -36,8 +36,8 @@ def run(args: argparse.Namespace) -> int:
     if args.lease is None:
         raise Refused(
             "no_lease",
-            "only the holder of the lease disarms, and this command holds none: `etd stop` makes"
-            " it silent at once and needs no lease, --lease TOKEN names a lease of yours",
+            "only the holder of the lease may disarm: give its token with --lease TOKEN, or use"
+            " `etd stop`, which needs no lease",
         )
     _disarm(wire.resolve(args.name, None), args.lease)
     print(json.dumps({"ok": True}) if args.json else "disarmed: the supply is off")

@@ -1,4 +1,4 @@
-"""`etd explain FIGURE`: the paper's figures, from the model that the fake's body feels with.
+"""`etd explain FIGURE`: the paper's figures, computed with the fake's body model.
 
 Owns: the printed answer and where the plot goes. Must not know: physics (etd.explain), drawing.
 """
@@ -16,47 +16,45 @@ if TYPE_CHECKING:
     from etd.explain.figure import Figure
 
 NAME = "explain"
-HELP = "show how stimulation works: the paper's figures, from the model behind the fake"
-#: Named here as well: numpy is imported when a figure is made, not for `--help`.
+HELP = "compute the figures of Kajimoto's paper from the fake's body model"
+#: Repeated here, so that `--help` does not import numpy.
 SHOWN = {
-    "strength-duration": "the shorter a pulse, the higher it must be (equations 16 and 17)",
+    "strength-duration": "shorter pulses need more current (equations 16 and 17)",
     "activating-function": "where a cathode excites a parallel fibre, and how deep (figure 3)",
-    "concentric": "a wider ring of returns stimulates more, and deeper (figure 4)",
+    "concentric": "a wider ring of returns stimulates more strongly and deeper (figure 4)",
     "optimal-width": "the width of least energy (equations 18 to 21)",
     "thickness": "thick fibres before thin ones, hence touch before pain (section 2.2.1)",
 }
 NAMES = tuple(SHOWN)
 _FIGURES = "\n".join(f"  {name:<21}{what}" for name, what in SHOWN.items())
 EPILOG = f"""
-figures, by what Kajimoto's paper says of them:
+figures (numbers are those of the paper):
 {_FIGURES}
 
 examples:
-  etd explain strength-duration                    numbers of the model, beside the formula's
-  etd explain concentric --plot concentric.svg     its curves, drawn
-  etd explain optimal-width --json                 its curves, as numbers
+  etd explain strength-duration                    compares the model with the formula
+  etd explain concentric --plot concentric.svg     draws the curves
+  etd explain optimal-width --json                 prints the curves as numbers
 
-It needs no daemon and no board. docs/body.md shows all plots, and says what is assumed.
+No daemon and no board are needed. docs/body.md shows all plots, and what the model assumes.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("figure", nargs="?", metavar="FIGURE", help="one of those below")
-    parser.add_argument(
-        "--plot", type=Path, metavar="FILE.svg", help="draw it into this file, as SVG"
-    )
+    parser.add_argument("figure", nargs="?", metavar="FIGURE", help="a name from the list below")
+    parser.add_argument("--plot", type=Path, metavar="FILE.svg", help="draw it as SVG")
     options.add_json(parser, "curves and checks as one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0. Raises: OSError when the plot cannot be written."""
     if args.figure not in NAMES:
-        said = "no figure is named" if args.figure is None else f"there is no {args.figure!r}"
+        said = "no figure is named" if args.figure is None else f"unknown figure {args.figure!r}"
         args.misused(f"{said}; name one of {', '.join(NAMES)}")
     if args.plot is not None and args.plot.suffix.lower() != ".svg":
         args.misused(
-            f"--plot {args.plot}: plots are SVG: name a file that ends in .svg (browsers and office"
-            " programs open it; `rsvg-convert FILE.svg -o FILE.png` or Inkscape makes a PNG of it)"
+            f"--plot {args.plot}: plots are SVG: name a file that ends in .svg"
+            " (`rsvg-convert FILE.svg -o FILE.png` converts it)"
         )
     from etd.explain.figures import FIGURES
     from etd.explain.svgplot import svg_of

@@ -3,9 +3,8 @@
 Owns: reading single keys without Enter, what each key means, and the line that says so. Must not
 know: what is presented, daemons.
 
-A key that is pressed before the question is no answer to it, and is dropped; the stop keys count
-always. A keyboard that has ended (a closed terminal) is a stop: no stop key could be pressed any
-more.
+A key pressed before the question is dropped; the stop keys always count. The end of the input (a
+closed terminal) is a stop, because no stop key could be pressed any more.
 """
 
 from __future__ import annotations
@@ -73,14 +72,14 @@ class Keyboard:
             keep()
 
     def wants_stop(self) -> bool:
-        """Drops every other key that was pressed meanwhile."""
+        """Drops all other keys pressed so far."""
         while (answer := self._pressed(0.0)) is not None:
             if answer == "stop":
                 return True
         return False
 
     def asked_to_end(self) -> Answer | None:
-        """`stop` or `pause`, where one was pressed and nothing is asked. Drops every other key."""
+        """`stop` or `pause` if pressed, while no question is open. Drops all other keys."""
         heard: Answer | None = None
         while (answer := self._pressed(0.0)) is not None:
             if answer == "stop":
@@ -89,7 +88,7 @@ class Keyboard:
         return heard
 
     def _pressed(self, timeout_s: float) -> Answer | str | None:
-        """What the next key means ("" for none of ours), or None within the time."""
+        """The meaning of the next key ("" for an unknown one); None after the time-out."""
         ready, _, _ = select.select([self._fd], [], [], timeout_s)
         if not ready:
             return None
@@ -101,7 +100,7 @@ class Keyboard:
 def keyboard(
     show: Callable[[Question], None], heard: Callable[[Answer | None], None]
 ) -> Iterator[Keyboard]:
-    """The terminal's, key by key while it lasts; a pipe's where there is no terminal."""
+    """Keys of the terminal, without Enter; of a pipe where there is no terminal."""
     fd = sys.stdin.fileno()
     with _key_by_key(fd):
         yield Keyboard(fd, show, heard)

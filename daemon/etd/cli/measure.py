@@ -21,7 +21,7 @@ example:
   etd measure          a picture of the array, and a line for each electrode
   etd measure --json   {"ok", "contact", "resistance_ohm", "voltage_v", "pressure_kpa"}
 
-The supply is enabled for it, and switched off again. Exit status 1: nothing touches.
+The supply is enabled for the measurement, then switched off. Exit status 1: no electrode touches.
 """
 #: The smallest limits a lease can have: probes are bounded by the board, not by these.
 _LIMIT_UA, _LIMIT_US = 50, 20
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises: Refused (somebody else's lease, a check before the supply), DaemonGone."""
+    """Raises: Refused (another client's lease, a check before the supply), DaemonGone."""
     with Display(
         args.name, client="etd measure", max_current_ua=_LIMIT_UA, width_us=_LIMIT_US
     ) as display:

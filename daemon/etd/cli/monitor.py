@@ -21,19 +21,19 @@ from etd.protocol.errors import DaemonGone
 from etd.protocol.messages import HelloReply
 
 NAME = "monitor"
-HELP = "show live what is fired, and why not more"
+HELP = "show live what is fired, and what limits it"
 EPILOG = """
 examples:
-  etd monitor                        the array as it fires
+  etd monitor                        a live picture of the array
   etd monitor | tee session.txt      a line a second
   etd monitor --json --seconds 10    all telemetry, as JSON lines {"topic", "report"}
 
-The picture has a panel each for the current that was wanted, the current that passed the skin,
-resistance (the better it conducts, the brighter) and contact, and on a fake board what a modelled
-body feels, with pain in red. "?" is not known, or older than a second. Beneath stands the state
-(`etd status` tells more), and what clamped a current, as the protocol calls it (docs/protocol.md).
+The picture has panels for the wanted current, the delivered current, the resistance (brighter:
+lower) and the contact; on a fake board also for what a modelled body feels, with pain in red.
+"?" means not known, or older than a second. The line below shows the state (`etd status` shows
+more), and the limits that clamped a current (names as in docs/protocol.md).
 
-It only listens: it needs no lease and changes nothing.
+The command only reads telemetry: it needs no lease and changes nothing.
 """
 _TURN_S = 0.05
 #: `state` comes each second: after this long without it the daemon is gone.

@@ -1,7 +1,7 @@
-"""Checks, before the work begins, that a file can be written at its end.
+"""Checks before the work begins that the result file can be written at the end.
 
-Owns: that it takes no other file's place, and that its folder is there and takes it. Must not
-know: what is written into it.
+Owns: the check that no file is overwritten, and that the folder is writable. Must not know: what
+is written.
 """
 
 from __future__ import annotations
@@ -22,14 +22,12 @@ def check_new_file(path: Path | None) -> None:
         why = f"it cannot be a file ({error.strerror})"
         raise FileError(str(path), "", why, "choose another name") from error
     if is_there:
-        raise FileError(
-            str(path), "", "it is there already, and is not written over", "choose another name"
-        )
+        raise FileError(str(path), "", "it exists, and is not overwritten", "choose another name")
     if not path.parent.is_dir():
-        raise FileError(str(path.parent), "", "there is no such folder", "make it first")
+        raise FileError(str(path.parent), "", "there is no such folder", "create it first")
     try:
         with TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
-        why = f"nothing can be written there ({error.strerror})"
+        why = f"the folder is not writable ({error.strerror})"
         raise FileError(str(path.parent), "", why, "choose another folder") from error

@@ -1,7 +1,7 @@
-"""Options that several verbs share, spelled and explained once.
+"""Options that several verbs share.
 
-Owns: `--name`, `--json`, `--seconds`, what `--board fake[:BOARD]` means, and how a verb reports a
-failure that is no exception. Must not know: verbs.
+Owns: `--name`, `--json`, `--seconds`, `--returns`, the value of `--board fake[:BOARD]`, and how a
+verb reports a failure that is not an exception. Must not know: verbs.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def add_name(parser: argparse.ArgumentParser) -> None:
 
 
 def add_json(parser: argparse.ArgumentParser, what: str = "one JSON object") -> None:
-    parser.add_argument("--json", action="store_true", help=f"answer with {what}, errors too")
+    parser.add_argument("--json", action="store_true", help=f"print {what}, also for errors")
 
 
 def answer_no(args: argparse.Namespace, code: str, reason: str) -> None:
@@ -37,7 +37,7 @@ def answer_no(args: argparse.Namespace, code: str, reason: str) -> None:
 
 def add_seconds(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--seconds", type=positive, metavar="N", help="end after so long (default: with Ctrl-C)"
+        "--seconds", type=positive, metavar="N", help="end after N seconds (default: on Ctrl-C)"
     )
 
 
@@ -46,8 +46,8 @@ def add_returns(parser: argparse.ArgumentParser) -> None:
         "--returns",
         type=returns,
         metavar="all|ring:MM",
-        help="who carries the current back: all others, or those on a ring around each electrode"
-        " (boards with relays)",
+        help="return electrodes: all others, or those on a ring of this radius around each"
+        " electrode (boards with relays)",
     )
 
 

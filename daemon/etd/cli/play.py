@@ -1,4 +1,4 @@
-"""`etd play FILE`: a pattern file, frame by frame, on a daemon or on a fake of its own.
+"""`etd play FILE`: plays a pattern file on the running daemon or on a fake board.
 
 Owns: which daemon plays it, how it is armed, and what is printed while it plays and at its end.
 Must not know: when the next frame is due (apps.player), what is sent (apps.steps).
@@ -32,13 +32,13 @@ NAME = "play"
 HELP = "play a pattern file of etd or of eTactileKit"
 EPILOG = """
 examples:
-  etd play wave.json --board fake                  on a fake of its own; --trace FILE records it
+  etd play wave.json --board fake                  on a fake board, with a daemon of its own
   etd play wave.json --calibration P01             on the running daemon; the operator arms it
   etd play wave.json --calibration P01 --level 0.5
   etd play wave.json --current-ua 1500 --width-us 100 --max-rate 60
 
-Levels are those of the calibration, at the rate and polarity it was made with. With --current-ua a
-level of 1 is that current, at the file's rate and polarity, and no more than that is asked for.
+Levels are those of the calibration, at the rate and polarity it was made with. With --current-ua, a
+level of 1 is that current, which is also the limit, at the file's rate and polarity.
 """
 ARM_WITHIN_S = 20.0
 
@@ -69,8 +69,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="play on a fake board, with a daemon that ends with this command",
     )
     parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
-    parser.add_argument("--trace", type=Path, metavar="FILE", help="with --board fake: record it")
-    parser.add_argument("--calibration", metavar="NAME", help="default: the daemon's own")
+    parser.add_argument(
+        "--trace", type=Path, metavar="FILE", help="with --board fake: record its buses"
+    )
+    parser.add_argument("--calibration", metavar="NAME", help="default: the daemon's default")
     parser.add_argument(
         "--level", type=_level, metavar="L", help="play level 1 of the file as level L"
     )
@@ -78,12 +80,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--width-us", type=int, metavar="W", help="with --current-ua")
     parser.add_argument("--polarity", choices=get_args(Polarity), help="in place of the file's")
     options.add_returns(parser)
-    parser.add_argument("--max-rate", type=options.positive, metavar="HZ", help="no faster than HZ")
+    parser.add_argument("--max-rate", type=options.positive, metavar="HZ", help="the highest rate")
     parser.add_argument(
         "--allow-slower", action="store_true", help="slow down frames that do not fit"
     )
-    parser.add_argument("--repeat", type=_times, default=1, metavar="N", help="so many times")
-    parser.add_argument("--arm", action="store_true", help="arm it, as an operator may")
+    parser.add_argument("--repeat", type=_times, default=1, metavar="N", help="play it N times")
+    parser.add_argument("--arm", action="store_true", help="arm the board; needs operate rights")
     options.add_json(parser)
 
 
@@ -174,15 +176,15 @@ def _play_options(args: argparse.Namespace, display: Display) -> PlayOptions:
 
 
 def _calibration(args: argparse.Namespace, display: Display) -> Calibration | None:
-    """What levels mean here. Raises: Refused (`limits_missing`)."""
+    """What levels refer to; None with --current-ua. Raises: Refused (`limits_missing`)."""
     if args.current_ua is not None:
         return None
     name = args.calibration or display.facts.default_calibration
     if name is None:
         raise Refused(
             "limits_missing",
-            "nothing says what a level means for this person: name a --calibration"
-            f" ({', '.join(display.facts.calibrations) or 'there are none yet'}), or give"
+            "levels need a calibration: give --calibration"
+            f" ({', '.join(display.facts.calibrations) or 'the daemon has none'}), or"
             " --current-ua and --width-us",
         )
     return display.calibration(name)
@@ -191,14 +193,14 @@ def _calibration(args: argparse.Namespace, display: Display) -> Calibration | No
 def _arm(
     args: argparse.Namespace, display: Display, player: Player, tell: Callable[[str], None]
 ) -> None:
-    """A fake board is armed at once; a real board waits for the operator."""
+    """Arm a fake board at once; for a real board wait for the operator."""
     if args.board is not None or args.arm:
         display.arm(ARM_WITHIN_S)
     else:
         player.wait_until_armed(tell)
 
 
-# --- what is told ------------------------------------------------------------------------------
+# --- the answer --------------------------------------------------------------------------------
 
 
 def _answer(args: argparse.Namespace, backend: str, summary: Summary, teller: _Teller) -> None:
@@ -220,8 +222,8 @@ def _answer(args: argparse.Namespace, backend: str, summary: Summary, teller: _T
         return
     for clamp in summary.clamped.values():
         print(
-            f"clamped: electrode {clamp.electrode} asked for {clamp.wanted_ua} uA and got"
-            f" {clamp.allowed_ua} uA ({clamp.reason} of electrode {clamp.limited_by})"
+            f"clamped: electrode {clamp.electrode} got {clamp.allowed_ua} uA instead of"
+            f" {clamp.wanted_ua} uA ({clamp.reason} of electrode {clamp.limited_by})"
         )
     print(_last_line(args, backend, summary))
 
@@ -229,7 +231,7 @@ def _answer(args: argparse.Namespace, backend: str, summary: Summary, teller: _T
 #: What a count of the summary counts.
 _NOT_FIRED = {
     "ledger": "pulses that the ledger did not allow",
-    "overrun": "scans that began late",
+    "overrun": "scans that started late",
     "processor": "pauses for the processor",
     "resolution": "pulses below one step of the source",
 }

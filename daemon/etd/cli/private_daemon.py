@@ -1,7 +1,7 @@
 """A private daemon on the fake board: real processes, real sockets, in a private folder.
 
 Owns: the folder, and that both processes have ended when the `with` ends. Must not know: what is
-played on it. It cannot touch a real board: the children are told `--board fake`.
+played on it. It cannot touch a real board: the children are started with `--board fake`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from etd.files.paths import prepare_runtime
 from etd.protocol.errors import DaemonGone, PartEnded, Refused
 
 _ENDINGS = (signal.SIGTERM, signal.SIGHUP)
-#: No person is connected, and what is shown should go on when the machine is busy.
+#: No person is connected, and a busy machine must not end what is shown.
 _TIMEOUT_FACTOR = 20
 
 
@@ -28,9 +28,9 @@ _TIMEOUT_FACTOR = 20
 def private_daemon(name: str, loaded: LoadedConfig, trace: Path | None = None) -> Iterator[str]:
     """The control address of a daemon that is ready. `loaded` comes from `fake_config`.
 
-    The output of the two processes is shown only if one of them ends meanwhile.
-    Raises: PartEnded then (also in place of what the client says of it), DaemonGone if it does not
-    become ready, FileError.
+    The output of the two processes is shown only if one of them ends.
+    Raises: PartEnded then (also in place of the client's error), DaemonGone if it does not become
+    ready, FileError.
     """
     with termination_as_ctrl_c(), tempfile.TemporaryDirectory(prefix="etd-") as temporary:
         folder = Path(temporary)
@@ -50,7 +50,7 @@ def private_daemon(name: str, loaded: LoadedConfig, trace: Path | None = None) -
 
 @contextmanager
 def termination_as_ctrl_c() -> Iterator[None]:
-    """SIGTERM must leave nothing behind: no folder, no supply that is on."""
+    """SIGTERM must leave no folder behind, and no supply switched on."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt

@@ -1,11 +1,11 @@
-"""Engine and gateway as two child processes: started, waited for, ended by id.
+"""Engine and gateway as two child processes.
 
-Owns: how they are begun, how it is known that they are ready, which of them ended, and that both
-end when this process does, however it ends. Must not know: configurations, what the two do.
+Owns: starting them, waiting until they are ready, which of them ended, and that both end when this
+process does, however it ends. Must not know: configurations, what the two do.
 
-A part reports that it is ready as it does to systemd: with a datagram to NOTIFY_SOCKET. Its
+A part reports that it is ready with a datagram to NOTIFY_SOCKET, as it does to systemd. Its
 standard input is a pipe that is never written: when this process ends, even by `kill -9`, the pipe
-ends, and the part ends itself.
+closes, and the part ends itself.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _DYING_S = 1.0
 
 
 class Part:
-    """One child process. `arguments` are those of `etd run`, without `--part`; what it says goes
-    to this process's standard error, or into `log`.
+    """One child process. `arguments` are those of `etd run`, without `--part`; its output goes to
+    this process's standard error, or into `log`.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Part:
         environment = {
             key: value for key, value in os.environ.items() if not key.startswith("WATCHDOG_")
         }
-        # Ctrl-C must reach this process alone, which then ends both: hence a group of their own.
+        # A process group of their own: Ctrl-C must reach this process only, which then ends both.
         self.process = subprocess.Popen(
             [sys.executable, "-m", "etd", "run", "--part", name, "--lifeline", *arguments],
             stdin=subprocess.PIPE,
@@ -75,7 +75,7 @@ class Part:
         """The error of a part that has ended."""
         code = self.process.wait()
         if self._had_to_be_killed:
-            return PartEnded(self.name, f"killed: it hung for {_END_WITHIN_S:g} s", 1)
+            return PartEnded(self.name, f"killed: it did not end within {_END_WITHIN_S:g} s", 1)
         if code < 0:
             return PartEnded(self.name, f"killed by {signal.Signals(-code).name}", 1)
         return PartEnded(self.name, f"exit status {code}", code or 1)
@@ -151,7 +151,7 @@ class ProcessPair:
                 return
 
     def check_dying(self) -> None:
-        """As `check`, for when a client was told that a part is gone: it may be dying just now."""
+        """As `check`, after a client found a part gone: its process may not have ended yet."""
         self._look(_DYING_S)
         self.check()
 
@@ -162,7 +162,7 @@ class ProcessPair:
                 raise part.error()
 
     def not_ended_well(self) -> tuple[PartEnded, ...]:
-        """Of those that have ended: by a signal, or with a status that is not 0; engine first."""
+        """The parts that ended by a signal or with a status other than 0; the engine first."""
         return tuple(part.error() for part in self._parts if part.process.poll())
 
     def end(self) -> None:
@@ -175,7 +175,7 @@ class ProcessPair:
             part.end()
 
     def _look(self, timeout_s: float | None, wakeup: socket.socket | None = None) -> bool:
-        """Wait for a datagram, an end or `wakeup`; True if that was it."""
+        """Wait for a datagram, the end of a part, or `wakeup`; True for `wakeup`."""
         with selectors.DefaultSelector() as selector:
             for part in self._parts:
                 selector.register(part.pidfd, selectors.EVENT_READ)
@@ -189,8 +189,8 @@ class ProcessPair:
         return wakeup is not None and wakeup in found
 
     def _wait_for_link(self, deadline_ns: int) -> None:
-        """The gateway looks for its engine a few times a second. Only listened to: a request now
-        would be refused, and counted.
+        """Wait for the gateway to connect to its engine. By telemetry: a request would be refused
+        meanwhile, and counted.
         """
         telemetry = sibling_address(self.address, TELEMETRY)
         with zmq.Context() as context, Telemetry(context, telemetry, ("state",)) as reports:
@@ -198,7 +198,7 @@ class ProcessPair:
                 if getattr(item[1], "engine", None) == "there":
                     return
                 self.check()
-        raise DaemonGone(self.address, "the gateway has not found its engine")
+        raise DaemonGone(self.address, "the gateway could not connect to its engine")
 
 
 def _left_s(deadline_ns: int) -> float:

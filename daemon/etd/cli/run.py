@@ -39,9 +39,9 @@ NAME = "run"
 HELP = "run the daemon: engine and gateway, until Ctrl-C"
 EPILOG = """
 examples:
-  etd run --board fake                    no hardware: write a program against it
-  etd run --board fake --trace bus.jsonl  and record everything that crosses its buses
-  etd run --config my.toml                a board of yours, without installing a service
+  etd run --board fake                    without hardware, for writing programs
+  etd run --board fake --trace bus.jsonl  also records all traffic on its buses
+  etd run --config my.toml                your own board, without installing a service
 
 As a service (systemd), each part is a unit: etd run --part engine, etd run --part gateway.
 """
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--board",
         type=options.fake_board,
         metavar="fake[:BOARD]",
-        help="a fake board in place of hardware, with a configuration of its own",
+        help="a fake board instead of hardware, with a configuration of its own",
     )
     parser.add_argument(
         "--array", help="with --board fake: a shipped array, or a file (eTactileKit's layouts too)"
@@ -74,22 +74,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--timeout-factor",
         type=options.timeout_factor,
         metavar="N",
-        help="on the fake, for a busy machine: a frame's ttl, the lease and the gateway's silence"
-        " last N times as long; `etd status` says so",
+        help="with --board fake, on a busy machine: a frame's ttl, the lease and the gateway's"
+        " time-out last N times as long; `etd status` shows it",
     )
     parser.add_argument("--part", choices=PARTS, help="run one part in the foreground")
     parser.add_argument(
         "--folder", type=Path, metavar="DIR", help="keep sockets and calibrations in DIR"
     )
     parser.add_argument(
-        "--selftest", type=Path, metavar="FILE", help="the self-test's report that arming looks at"
+        "--selftest", type=Path, metavar="FILE", help="the self-test report that arming requires"
     )
     parser.add_argument(
         "--wait",
         type=options.positive,
         default=0.0,
         metavar="S",
-        help="with --part engine: so long for devices that are not there, or not permitted, yet",
+        help="with --part engine: wait up to S seconds for devices that are missing or not yet"
+        " permitted",
     )
     parser.add_argument("--lifeline", action="store_true", help="end when standard input ends")
     options.add_seconds(parser)
@@ -100,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     loaded = loaded_config(args)
     _check_fake_only(args, loaded)
     if args.wait and args.part != "engine":
-        args.misused("--wait goes with --part engine: as a service it may be started early")
+        args.misused("--wait needs --part engine: only a service can start before its devices")
     folder = args.folder if args.folder is not None else runtime_folder(args.name)
     prepare_runtime(folder)
     if args.part is None:
@@ -117,35 +118,35 @@ def loaded_config(args: argparse.Namespace) -> LoadedConfig:
     if args.board is not None:
         return fake_config(args.board.board, args.array)
     if args.array is not None:
-        args.misused("--array goes with --board fake: otherwise the configuration names it")
+        args.misused("--array needs --board fake: otherwise the configuration names the array")
     path = args.config or CONFIG_FOLDER / f"{args.name}.toml"
     if not path.is_file():
         raise FileError(
             str(path),
             "",
             "there is no such configuration",
-            "without hardware: etd run --board fake; with hardware: `sudo make install` makes one,"
-            " or name yours with --config",
+            "without hardware: etd run --board fake; with hardware: `sudo make install` writes it,"
+            " or name another with --config",
         )
     return load_config(path)
 
 
 def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
     if args.trace is not None and args.board_socket is not None:
-        args.misused("a board process writes its own trace: give --trace to that process")
+        args.misused("--trace: a board process writes its own trace; give the option to it")
     if loaded.config.backend == "linux" and (args.trace or args.board_socket):
         raise FileError(
             "--trace" if args.trace else "--board-socket",
             "",
             "real buses cannot be recorded or replaced",
-            "leave it out, or run with --board fake",
+            "omit it, or use --board fake",
         )
     if loaded.config.backend == "linux" and args.timeout_factor is not None:
         raise FileError(
             "--timeout-factor",
             "",
-            "with a real board nothing lengthens a timeout",
-            "leave it out, or run with --board fake",
+            "time-outs cannot be lengthened with a real board",
+            "omit it, or use --board fake",
         )
 
 
@@ -153,15 +154,15 @@ def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
 
 
 def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
-    # Here and below: no part loads what only another one needs. The engine holds no ZeroMQ.
+    # Imported here: no process loads what only another part needs. The engine has no ZeroMQ.
     from etd.cli.process_pair import ProcessPair
 
     if why_unreachable(folder / CONTROL) is None:
-        raise AlreadyRunning(args.name, f"it answers at {folder / CONTROL}")
+        raise AlreadyRunning(args.name, f"a daemon answers at {folder / CONTROL}")
     for sentence in loaded.mended:
         print(f"mended: {sentence}", file=sys.stderr)
     both = ProcessPair(_arguments(args, loaded, folder), folder)
-    # A second Ctrl-C, too, finds the handlers of `_endings`: nothing breaks off the way to safety.
+    # The handlers of `_endings` also take a second Ctrl-C: it must not interrupt making it safe.
     with _endings() as wakeup:
         try:
             with both:
@@ -177,7 +178,7 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
 
 
 def _arguments(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> list[str]:
-    """The arguments of the parts: the same again."""
+    """The arguments for the parts."""
     arguments = ["--name", args.name, "--folder", str(folder)]
     arguments += ["--selftest", str(_selftest_file(args, loaded))]
     if args.board is not None:
@@ -198,7 +199,7 @@ def _ready_line(name: str, loaded: LoadedConfig, address: str) -> str:
 
 @contextmanager
 def _endings() -> Iterator[socket.socket]:
-    """A socket that can be read once this process has been told to end."""
+    """A socket that becomes readable when a signal asks this process to end."""
     reading, writing = socket.socketpair()
     writing.setblocking(False)
     with reading, writing:
@@ -251,7 +252,7 @@ def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) ->
 
 
 def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
-    """A fake in a folder of its own has its own report; a board has one report for all users."""
+    """A fake with `--folder` has its own report; a board has one report for all users."""
     if args.selftest is not None:
         return Path(args.selftest)
     if args.folder is not None and loaded.config.backend == "fake":
@@ -260,7 +261,7 @@ def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
 
 
 def kept_selftest(name: str, loaded: LoadedConfig) -> Path:
-    """Where the last self-test of this configuration is. Raises: FileError."""
+    """The report file of this configuration's last self-test. Raises: FileError."""
     backend = loaded.config.backend
     return selftest_file(name, backend, subject_of(loaded, backend, "").configuration)
 

@@ -1,8 +1,8 @@
-"""`etd safe`: the board into its safe state, without a daemon.
+"""`etd safe`: put the board into its safe state, without a daemon.
 
-Owns: finding the board file, and printing what was done. Must not know: anything beyond the HAL; it
-imports the HAL, the shipped files' folder and the standard library, so that it works after anything
-that may have gone wrong.
+Owns: finding the board file, and printing what was done. Must not know: anything beyond the HAL. It
+imports only the HAL, the folder of shipped files and the standard library, so that it works after
+most failures.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ examples:
   etd safe                                      the board of /etc/etd/main.toml
   etd safe --board reference-hv507 --machine pi4
 
-Outputs off, supply off, DAC at zero, nothing selected; each step is tried, and checked. systemd
-runs it after every end of the engine. While an engine runs, the lines are its: use `etd stop`.
+Switches outputs and supply off, sets the DAC to zero, and deselects all electrodes. Every step is
+tried and checked, even if another fails. systemd runs it whenever the engine has ended. While an
+engine runs it holds the lines: use `etd stop`.
 
-exit status: 0 safe, 1 something did not work, 3 the hardware is not there or is in use
+exit status: 0 safe, 1 a step failed, 3 the hardware is missing or in use
 """
 
 _CONFIG_FOLDER = Path("/etc/etd")
@@ -51,13 +52,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drives the lines, whatever else is missing.
+    """Drives the lines, even if other devices are missing.
 
     Raises: FileError (no board file), HardwareMissing (no lines), BusError (a board process).
     """
     settings = _settings(args)
     if settings.backend == "fake" and args.board_socket is None:
-        return _answer(args, "fake", "", (), "the fake board ended with its engine: nothing to do")
+        return _answer(args, "fake", "", (), "nothing to do: the fake board ended with its engine")
     board = load_board(settings.path("boards", settings.board))
     machine = _machine(settings)
     backend, missing = _open(board, args.board_socket)
@@ -96,7 +97,7 @@ def _settings(args: argparse.Namespace) -> _Settings:
     said = _read(path)
     for key in ("backend", "board"):
         if not isinstance(said.get(key), str):
-            raise FileError(str(path), key, "it is missing", "`etd check` tells what is wrong")
+            raise FileError(str(path), key, "it is missing", "run `etd check` on this file")
     return _Settings(
         backend if args.board_socket is not None else said["backend"],
         said["board"],
@@ -116,13 +117,13 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _machine(settings: _Settings) -> MachineFile:
-    """The machine's file, or another's where there is none: the safe state fires nothing, so no
-    time in the file matters, and its lack must not keep the board from being made safe.
+    """The machine file, or a shipped one if it cannot be used: nothing is fired, so its times do
+    not matter, and the board must be made safe without it.
     """
     try:
         return load_machine(settings.path("machines", settings.machine))
     except FileError as error:
-        print(f"the machine's file is of no use, and not needed here: {error}", file=sys.stderr)
+        print(f"the machine file is ignored, and not needed here: {error}", file=sys.stderr)
         return load_machine(find("machines", _ANY_MACHINE))
 
 
@@ -136,7 +137,7 @@ def _open(board: BoardFile, board_socket: Path | None) -> tuple[Backend, tuple[s
     except BusError as error:
         if error.kind != "busy":
             raise
-        advice = f"{error.detail}; an engine is running: `etd stop` makes it silent"
+        advice = f"{error.detail}; an engine is running: use `etd stop`"
         raise BusError("busy", error.device, error.operation, advice) from error
 
 
@@ -149,7 +150,7 @@ def _answer(
     elif problems:
         for problem in problems:
             print(f"NOT SAFE: {problem}", file=sys.stderr)
-        print("cut the supply by hand; every other step was carried out", file=sys.stderr)
+        print("cut the supply by hand; all other steps succeeded", file=sys.stderr)
     else:
         print(f"safe ({backend}): {done}")
     return 1 if problems else 0

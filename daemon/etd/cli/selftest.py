@@ -1,7 +1,7 @@
-"""`etd selftest`: may this board be put on a person?
+"""`etd selftest`: test a board before it is connected to a person.
 
-Owns: the instructions to the operator, what is printed, and where the report goes. Must not know:
-what is checked (etd.selftest).
+Owns: the instructions to the operator, the printed result, and where the report is stored. Must not
+know: what is checked (etd.selftest).
 """
 
 from __future__ import annotations
@@ -29,33 +29,34 @@ from etd_hal.bench import Operator, StopName
 from etd_hal.compose import open_fake_bench, open_linux_bench, wall_time
 
 NAME = "selftest"
-HELP = "prove the board in stages of growing risk, before it meets a person"
+HELP = "test the board in stages of growing risk, before it is connected to a person"
 EPILOG = """
 examples:
   etd selftest                                                the board of /etc/etd/main.toml
   etd selftest --dummy-load 47000 --second-load 10000 --load-electrodes 0,1
-                                                              all of it, with two resistors
+                                                              all checks, with two resistors
   etd selftest --board fake --dummy-load 47000 --second-load 10000 --load-electrodes 0,1
 
-Without --dummy-load nothing stronger than an imperceptible probe is asked for, and what needs a
-load is skipped. A source up to 24 times too strong is found within a probe's bound; of one that is
-stronger, or that jumps between two pulses, one pulse is above it: keep fingers off the array.
+Without --dummy-load only imperceptible probe pulses are fired, and checks that need a load are
+skipped. A source up to 24 times too strong is detected within the bound of a probe; if it is
+stronger, or jumps between two pulses, one pulse exceeds the bound: keep fingers off the array.
 
-With --dummy-load you say that NO PERSON is connected: the resistor is between the two electrodes,
-and nothing else touches the array. Every electrode is touched with the resistor when it is asked
-for, then all again with the second one. The daemon must not run. docs/bring-up.md goes through it.
+With --dummy-load you confirm that NO PERSON is connected: the resistor is between the two
+electrodes, and nothing else touches the array. The test then asks for the resistor at every
+electrode in turn, and again with the second resistor. The daemon must not run. docs/bring-up.md
+describes the procedure.
 
-A board is armed only after a self-test without a failure and without a skip.
+A board can be armed only after a self-test in which no check failed or was skipped.
 
-exit status: 0 all passed, 1 a check failed or was skipped, 2 used wrongly, or a file cannot be read
-or kept, 3 the hardware is not there or is in use
+exit status: 0 all passed, 1 a check failed or was skipped, 2 wrong usage, or a file cannot be read
+or written, 3 the hardware is missing or in use
 """
 
-#: Below, the ADC resolves too little at a probe; above, the leak takes too much.
+#: Lower: the ADC resolves too little at a probe. Higher: the leakage is too large a part.
 LOAD_OHM = (10_000, 100_000)
-#: Two loads that are nearer to each other could be taken for one another.
+#: Loads nearer to each other than this could be confused.
 LEAST_RATIO = 1.5
-#: No one-shot; what an oscilloscope may show of a broken one.
+#: The largest value accepted; a working one-shot is far shorter.
 LONGEST_ONE_SHOT_US = 1_000_000
 
 
@@ -64,26 +65,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--config", type=Path, metavar="FILE", help="default: /etc/etd/NAME.toml")
     what.add_argument(
-        "--board", type=options.fake_board, metavar="fake[:BOARD]", help="a fake board on a bench"
+        "--board",
+        type=options.fake_board,
+        metavar="fake[:BOARD]",
+        help="a fake board with a fake operator",
     )
     parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
     parser.add_argument(
-        "--dummy-load", type=_load_ohm, metavar="OHM", help="no person is connected, a resistor is"
+        "--dummy-load", type=_load_ohm, metavar="OHM", help="a resistor is connected, and no person"
     )
     parser.add_argument(
         "--second-load",
         type=_load_ohm,
         metavar="OHM",
-        help=f"another resistor, {LEAST_RATIO} times larger or smaller, for every switch again",
+        help=f"a second resistor, at least {LEAST_RATIO} times larger or smaller: repeats the test"
+        " of every electrode",
     )
     parser.add_argument(
-        "--load-electrodes", type=_pair, metavar="A,B", help="the two electrodes it is between"
+        "--load-electrodes",
+        type=_pair,
+        metavar="A,B",
+        help="the two electrodes that the resistor connects",
     )
     parser.add_argument(
         "--one-shot-us",
         type=_one_shot_us,
         metavar="US",
-        help="what an oscilloscope showed of the one-shot: software cannot see it",
+        help="the one-shot's time, measured with an oscilloscope: software cannot measure it",
     )
     parser.add_argument(
         "--no-operator", action="store_true", help="skip the checks that need a person at the board"
@@ -92,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--report",
         type=Path,
         metavar="FILE",
-        help="keep the report there too, for your records: a new file",
+        help="also write the report to this new file, for your records",
     )
     options.add_json(parser)
 
@@ -162,14 +170,14 @@ def _asked(args: argparse.Namespace, loaded: LoadedConfig) -> SelftestOptions:
     _check_reach(args, loaded, ohm)
     if second_ohm is not None and max(ohm, second_ohm) < LEAST_RATIO * min(ohm, second_ohm):
         args.misused(
-            f"--second-load: {second_ohm} ohm is too near to {ohm} ohm to be told from it; take one"
-            f" that is at least {LEAST_RATIO} times larger or smaller"
+            f"--second-load: {second_ohm} ohm is too close to {ohm} ohm; use a resistor at least"
+            f" {LEAST_RATIO} times larger or smaller"
         )
     count = loaded.array.count
     if max(pair) >= count:
         args.misused(f"--load-electrodes: {loaded.array.name} has electrodes 0 to {count - 1}")
     if count < 3:
-        args.misused("a load needs an array with a third electrode, that stays open")
+        args.misused("--dummy-load needs an array with a third electrode, which stays open")
     second = None if second_ohm is None else DummyLoad(second_ohm, *pair)
     return SelftestOptions(DummyLoad(ohm, *pair), args.one_shot_us, second)
 
@@ -180,8 +188,8 @@ def _check_reach(args: argparse.Namespace, loaded: LoadedConfig, ohm: int) -> No
     largest = largest_ohm(loaded.board.source, most_ua)
     if largest is not None and ohm > largest:
         args.misused(
-            f"--dummy-load: {loaded.board.name} cannot make {most_ua} uA into {ohm} ohm, and what"
-            f" is not tested may not go to a person; take at most {largest} ohm"
+            f"--dummy-load: {loaded.board.name} cannot drive {most_ua} uA into {ohm} ohm, and the"
+            f" highest allowed current must be tested; use at most {largest} ohm"
         )
 
 
@@ -199,11 +207,11 @@ def _open(loaded: LoadedConfig, asked: SelftestOptions) -> Bench:
 def _tested(
     args: argparse.Namespace, loaded: LoadedConfig, bench: Bench, asked: SelftestOptions, kept: Path
 ) -> Report:
-    """Raises: FileError before anything is done, if a report could not be kept."""
+    """Raises: FileError, before the test begins, if a report cannot be stored."""
     table = table_of(is_quiet=args.json)
     operator = None if args.no_operator else _Operator(table, bench.operator)
     fixture = Fixture(loaded, bench, operator, asked)
-    # The last report is replaced only at the end.
+    # Until the end the stored report says that the test was cut short.
     for path in (*_copies(args), kept):
         save(cut_short(fixture, wall_time()), path)
     return run_stages(fixture, wall_time(), table.check, table.stage)
@@ -226,7 +234,7 @@ class _Operator:
             self._fake.press(stop)
 
     def hold(self, stop: StopName) -> None:
-        self._table.ask(f"press the {stop.replace('_', ' ')}, and HOLD it until you are told")
+        self._table.ask(f"press the {stop.replace('_', ' ')}, and HOLD it until asked to release")
         if self._fake is not None:
             self._fake.hold(stop)
 
@@ -236,20 +244,20 @@ class _Operator:
             self._fake.let_go(stop)
 
     def clip(self, load_ohm: int, first: int, second: int) -> None:
-        self._table.ask(f"{load_ohm} ohm between electrode {first} and electrode {second}")
+        self._table.ask(f"connect {load_ohm} ohm between electrodes {first} and {second}")
         if self._fake is not None:
             self._fake.clip(load_ohm, first, second)
 
     def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
-        who = "electrode " + ", ".join(map(str, found[:8]))
+        where = "electrode " + ", ".join(map(str, found[:8]))
         self._table.ask(
-            f"{who} answers where {asked} was asked for: the wrong place, or wires swapped"
+            f"the resistor was found at {where} instead of {asked}: move it, or check the wiring"
         )
         if self._fake is not None:
             self._fake.misplaced(asked, found)
 
     def stand_back(self) -> None:
-        self._table.ask("HANDS OFF the board: strong pulses go into the load now")
+        self._table.ask("HANDS OFF the board: strong pulses are fired into the load now")
         if self._fake is not None:
             self._fake.stand_back()
 
@@ -266,19 +274,19 @@ def _print_report(args: argparse.Namespace, report: Report, kept: Path) -> None:
     for advice, names in _skipped(bad).items():
         print(f"SKIP {', '.join(names)}\n     {advice}")
     if report.absent_guards:
-        print(f"this board has no {', '.join(report.absent_guards)}")
+        print(f"absent guards: {', '.join(report.absent_guards)}")
     for sentence in report.not_seen:
-        print(f"not seen by any check: {sentence}")
+        print(f"not covered by any check: {sentence}")
     subject = report.subject
     passed = "passed" if report.passed else f"NOT PASSED: {len(bad)} failed or were skipped"
     print(
         f"{subject.board} on {subject.machine} (backend: {subject.backend}): {passed};"
-        f" kept in {kept}"
+        f" report in {kept}"
     )
 
 
 def _skipped(checks: list[Check]) -> dict[str, list[str]]:
-    """What to do, and the checks that were skipped without it."""
+    """For each advice, the checks that were skipped for lack of it."""
     found: dict[str, list[str]] = {}
     for check in checks:
         if check.result == "skip":

@@ -1,13 +1,12 @@
 """How a self-test is interrupted: by the first signal, and only once.
 
-Owns: what the signals do while a self-test runs, and for how long a further one has to wait. Must
-not know: how a board is made safe.
+Owns: what signals do while a self-test runs. Must not know: how a board is made safe.
 
-The first signal raises KeyboardInterrupt, and whoever is broken off by that makes the board safe.
-From then on no signal does anything: two that follow each other, as Ctrl-C pressed twice or a
-service that is stopped, would leave the supply on. That is bounded: the way to the safe state takes
-milliseconds, and after `MOST_S` an alarm breaks off whatever it hangs in. Nothing is printed from
-within a signal handler: a slow terminal would make the board wait.
+The first signal raises KeyboardInterrupt; the code it interrupts makes the board safe. Further
+signals are ignored: a second one, from Ctrl-C pressed twice or a service that is stopped, would
+interrupt that and leave the supply on. Making the board safe takes milliseconds; after `MOST_S` an
+alarm interrupts it, in case it hangs. Signal handlers print nothing: a slow terminal would delay
+the safe state.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from types import FrameType
 
 #: Ctrl-C, a service manager or a kill, a terminal that is gone, Ctrl-\ and Ctrl-Z.
 _ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
-#: For the way to the safe state.
+#: The most that making the board safe may take.
 MOST_S = 10.0
 
 
@@ -43,12 +42,13 @@ class _Ending:
 
     def tell(self) -> None:
         if self.is_overdue:
-            said = f"not ended {MOST_S:.0f} s after it was asked to: unless it says above that the"
-            said += " board is in its safe state, cut the supply by hand"
-            print(f"etd selftest: {said}", file=sys.stderr)
+            print(
+                f"etd selftest: it did not end within {MOST_S:.0f} s of the signal: cut the supply"
+                " by hand, unless a line above says that the board is in its safe state",
+                file=sys.stderr,
+            )
         elif self.came > 1:
-            said = f"{self.came - 1} more signals came meanwhile, and waited for that"
-            print(f"etd selftest: {said}", file=sys.stderr)
+            print(f"etd selftest: {self.came - 1} more signals were ignored", file=sys.stderr)
 
 
 @contextmanager

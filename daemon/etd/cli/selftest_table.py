@@ -1,4 +1,4 @@
-"""The printed self-test: a table that grows, in colors on a terminal.
+"""The printed self-test: a line for each check, in colors on a terminal.
 
 Owns: drawing. Must not know: what is checked.
 """
@@ -16,7 +16,7 @@ _COLORS = {"pass": "green", "fail": "bold red", "skip": "yellow", "absent": "dim
 
 
 class Table:
-    """One line a check, as it is made; with colors where there are any."""
+    """Prints a line for each check."""
 
     def __init__(self, has_colors: bool) -> None:
         self._has_colors = has_colors

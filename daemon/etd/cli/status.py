@@ -1,6 +1,6 @@
 """`etd status`: the daemon's state, its missing guards, its counters.
 
-Owns: the printed answer. Must not know: how the state came about.
+Owns: the printed answer. Must not know: what the state depends on.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from etd.protocol.errors import Refused
 from etd.protocol.messages import HelloReply, StateReport
 
 NAME = "status"
-HELP = "show what the daemon is doing, and what it lacks"
+HELP = "show the daemon's state, board, missing guards and counters"
 EPILOG = """
 example:
   etd status          state, holder of the lease, board, absent guards, counters
@@ -77,7 +77,10 @@ def _state(report: StateReport) -> str:
         return "the engine is gone, so nothing is driven (systemctl status etd-engine@NAME)"
     if report.halt is not None:
         halt = report.halt
-        return f"HALTED by {halt.cause} ({halt.source}: {halt.detail}); look, then `etd clear`"
+        return (
+            f"HALTED by {halt.cause} ({halt.source}: {halt.detail}); check the cause, then"
+            " `etd clear`"
+        )
     return report.state
 
 
@@ -108,6 +111,6 @@ def _rows_of_facts(facts: HelloReply) -> list[tuple[str, str]]:
 
 def _supply(report: StateReport) -> str:
     if "hv_enable" in report.absent_guards:
-        return "on whenever the board has power (it has no hv_enable)"
+        return "on while the board has power (it has no hv_enable)"
     rail = "" if report.rail_v is None else f", rail {report.rail_v:.0f} V"
     return f"{'on' if report.supply_on else 'off'}{rail}"

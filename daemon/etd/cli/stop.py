@@ -1,7 +1,7 @@
-"""`etd stop`: silence, at once, latched; all daemons of this machine unless one is named.
+"""`etd stop`: stop stimulation at once and latch it, in all daemons of this machine or in one.
 
-Owns: finding the daemons, trying each even if others fail, and printing what is known of the skin
-where a daemon does not answer. Must not know: how a daemon falls silent.
+Owns: finding the daemons, trying each even if others fail, and the advice where a daemon does not
+answer. Must not know: how a daemon stops.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from etd.files.paths import (
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 
 NAME = "stop"
-HELP = "make the skin silent at once, and latch it until `etd clear`"
+HELP = "stop stimulation at once; it stays stopped until `etd clear`"
 EPILOG = """
-example:
-  etd stop               every daemon that you can reach; with sudo, every user's
-  etd stop --name left   that one
+examples:
+  etd stop               all daemons that you can reach; with sudo, those of every user
+  etd stop --name left   only this daemon
 
-It needs no lease and no operate rights, and never waits behind other requests. It is no
-replacement for a hardware stop: see docs/hardware.md.
+No lease and no operate rights are needed, and other requests do not delay it. It does not replace
+a hardware stop (docs/hardware.md).
 """
 _TIMEOUT_S = 1.0
 _LEFT_OVER = "no daemon listens any more"
@@ -49,7 +49,7 @@ class Stopped(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--name", help="this daemon alone (default: all)")
+    parser.add_argument("--name", help="only this daemon (default: all)")
     options.add_json(parser)
 
 
@@ -122,8 +122,7 @@ def _line(stopped: Stopped, called: str) -> str:
         return f"{called}: silent, HALTED until `etd clear`"
     return (
         f"{called}: NOT STOPPED: {stopped.error}\n"
-        "  What the skin is then: without a gateway the engine is silent after 250 ms; without an\n"
-        "  engine nothing is fired any more. If anything is still felt: the hardware stop, the\n"
-        f"  supply's plug; then `systemctl stop etd-engine@{stopped.name}` and"
-        f" `etd safe --name {stopped.name}`."
+        "  Without a gateway the engine stops within 250 ms; without an engine nothing is fired.\n"
+        "  If anything is still felt: press the hardware stop or unplug the supply, then run\n"
+        f"  `systemctl stop etd-engine@{stopped.name}` and `etd safe --name {stopped.name}`."
     )

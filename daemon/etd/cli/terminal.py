@@ -28,8 +28,8 @@ def check_rich() -> None:
 
 @contextmanager
 def progress_of(total: int, is_quiet: bool) -> Iterator[Callable[[int], None]]:
-    """A function to be called with the number that is done: a bar on a terminal, elsewhere a line
-    for the first and for each tenth, nothing when quiet.
+    """A function to call with the number done: a bar on a terminal, otherwise a line for the first
+    and for each tenth; nothing when quiet.
     """
     if is_quiet:
         yield lambda _: None

@@ -1,10 +1,10 @@
-"""The same display for asyncio.
+"""The display for asyncio.
 
-Owns: carrying each request of `Session` to the daemon and awaiting the answer.
-Must not know: the order of requests (session), what a frame may say (options).
+Owns: sending each request of `Session` to the daemon and awaiting the answer.
+Must not know: the order of requests (session), the options of a frame (options).
 
-Requests of one display go one after another; `stop` has a connection of its own and waits for
-nobody.
+Requests of one display are sent one after another; `stop` has its own connection and never waits
+for another request.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class AsyncDisplay:
     def facts(self) -> HelloReply:
         """Board, array with positions, maxima, calibrations. Raises: Refused (`engine_gone`)."""
         if self._session.facts is None:
-            raise Refused("engine_gone", "there are no facts yet: await connect(), or greet()")
+            raise Refused("engine_gone", "the facts are not known yet: await connect() or greet()")
         return self._session.facts
 
     @property

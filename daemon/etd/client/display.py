@@ -1,7 +1,7 @@
-"""The display, as an application sees it: levels in, sensation out.
+"""The display, as an application uses it.
 
-Owns: carrying each request of `Session` to the daemon and waiting, blocking, for the answer.
-Must not know: the order of requests (session), what a frame may say (options).
+Owns: sending each request of `Session` to the daemon and blocking until the answer comes.
+Must not know: the order of requests (session), the options of a frame (options).
 
     with Display() as display:
         display.arm()
@@ -38,11 +38,11 @@ from etd.protocol.messages import (
 class Display:
     """One connection to one daemon. Blocking; for one thread at a time.
 
-    `name` is the daemon's; `address` goes past the search for it. What the person may get comes
-    from `calibration` (a name the daemon knows), or from `max_current_ua` (50..10000) with
-    `width_us` (20..200), or else from the daemon's default calibration. Nothing is felt before
-    `arm()`, and nothing is sent again behind the caller's back: a frame that is not renewed
-    expires, and a lease that is not renewed for a second disarms.
+    `name` is the daemon's; `address` replaces it. The limits come from `calibration` (a name the
+    daemon knows), or from `max_current_ua` (50..10000) with `width_us` (20..200), or else from the
+    daemon's default calibration. Nothing is felt before `arm()`. Nothing is repeated in the
+    background: a frame that is not renewed expires, and a lease that is not renewed for a second
+    ends, which disarms.
 
     Raises, from every method: DaemonGone (no daemon answers), Refused (code, reason, electrode).
     """
@@ -119,14 +119,14 @@ class Display:
         self._run(self._session.keep())
 
     def show(self, levels: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
-        """One frame of levels, 0..1 for each electrode: 0 is silent, above it threshold to
-        comfortable. Returns when it is accepted, with what its limits take away.
+        """One frame of levels for all electrodes: 0 is silent, 0..1 from threshold to comfortable.
+        Returns when it is accepted, with the clamps of its limits.
         """
         return self._run(self._session.frame(frame_fields("level", levels, options)))
 
     def show_current(self, current_ua: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
-        """One frame of currents, in uA for each electrode: an upper bound of what passes, whatever
-        laws the body site has. Wider pulses than it leaves as they are (`narrow`) are refused.
+        """One frame of currents, in uA for each electrode: an upper bound, whatever stabilizers the
+        body site has. Widths that `strength_duration` would change are refused.
         """
         return self._run(self._session.frame(frame_fields("current_ua", current_ua, options)))
 
@@ -156,7 +156,7 @@ class Display:
         return self._run(self._session.measure(timeout_s))
 
     def mark(self, tag: int | None = None) -> MarkReply:
-        """A remark in the records, and an edge on SYNC where the board has it."""
+        """Mark this time in telemetry, with an edge on SYNC if the board has that line."""
         return self._run(self._session.mark(tag))
 
     def stop(self) -> None:

@@ -1,4 +1,4 @@
-"""The options of a frame, and the frame they make together with levels or currents.
+"""The options of a frame, and the frame made from them and levels or currents.
 
 Owns: the names that Python callers use, the same as on the wire. Must not know: lease, seq,
 sockets.
@@ -19,12 +19,13 @@ Kind = Literal["level", "current_ua"]
 
 
 class FrameOptions(TypedDict, total=False):
-    """What a frame may say besides its values; each as in the protocol's `frame`.
+    """The options of a frame; each as in the protocol's `frame`.
 
     width_us 20..200, polarity and rate_hz (0.1..200): one value, or one per electrode.
     returns: "all", {"ring_mm": r}, or one list of electrodes for each electrode.
-    ttl_ms 1..1000, pulses: that many per electrode, then silence. strict: refuse what would be
-    clamped. thin: slow down what does not fit. tag: comes back in telemetry. sync: an edge on SYNC.
+    ttl_ms 1..1000. pulses: that many per electrode, then silence. strict: refuse what would be
+    clamped. allow_slower: slow down what does not fit. tag: repeated in telemetry. sync: an edge on
+    SYNC.
     """
 
     width_us: int | Sequence[int]
@@ -55,10 +56,10 @@ def frame_fields(kind: Kind, numbers: values.Numbers, options: FrameOptions) -> 
 
 
 def held_ns(seconds: float) -> int:
-    """How long a frame is held. Raises: Refused (`bad_frame`) for what is no duration."""
+    """The time for which a frame is held. Raises: Refused (`bad_frame`)."""
     is_number = isinstance(seconds, Real) and not isinstance(seconds, bool)
     if not is_number or not isfinite(seconds) or seconds <= 0:
-        raise Refused("bad_frame", f"seconds={seconds!r}: say how long, as a number above 0")
+        raise Refused("bad_frame", f"seconds={seconds!r}: a number above 0 is needed")
     return int(seconds * 1e9)
 
 

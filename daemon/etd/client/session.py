@@ -1,11 +1,11 @@
-"""One application's conversation with the daemon, without any input or output.
+"""The client's side of the protocol, without input or output.
 
-Owns: the order of things (greet, open the lease, number the frames, keep the lease while
-waiting), requests as bytes, replies matched by id, and refusals as `Refused`.
+Owns: the order of requests (hello, open, numbered frames, keep while waiting), requests as bytes,
+replies matched by id, and refusals as `Refused`.
 Must not know: sockets, clocks, whether the caller blocks or awaits.
 
 Each method is a generator: it yields an `Ask`, is sent the reply, and returns the result. `Display`
-and `AsyncDisplay` differ only in how they carry an `Ask` to the daemon and back.
+and `AsyncDisplay` differ only in how they send an `Ask` and receive its reply.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ KEEP_S = 0.3
 class Ask:
     """A request to be sent, and how to wait for its reply.
 
-    `keep` makes the request that renews the lease, to be sent a few times a second meanwhile.
+    `keep` makes the request that renews the lease, to be sent a few times a second while waiting.
     """
 
     op: str
@@ -66,7 +66,7 @@ _failure_decoder = msgspec.json.Decoder(Failure)
 
 
 class Session:
-    """What one client knows: the daemon's facts, its lease, and the last seq it used."""
+    """A client's state: the daemon's facts, its lease, and the last seq it used."""
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class Session:
         self._last_seq = 0
 
     def greet(self) -> Flow[HelloReply]:
-        """Learn the facts. Raises: Refused (`engine_gone`) while there is nothing to drive."""
+        """Read the facts. Raises: Refused (`engine_gone`) while no engine runs."""
         self.facts = yield self._ask("hello")
         return self.facts
 
@@ -106,7 +106,7 @@ class Session:
         self.lease = None
 
     def arm(self, timeout_s: float) -> Flow[None]:
-        """Open the lease if none stands, then arm it, keeping it meanwhile."""
+        """Open a lease if there is none, then arm it; it is renewed while arming lasts."""
         yield from self._standing_lease()
         yield self._ask("arm", timeout_s=timeout_s, keep=self._keep_data)
 
@@ -122,7 +122,7 @@ class Session:
         yield self._ask("keep", {"lease": self._held_lease()})
 
     def close(self) -> Flow[None]:
-        """Give the lease back. One that no longer stands is as good as closed."""
+        """Give the lease back. A lease that has already ended counts as closed."""
         if self.lease is None:
             return
         lease, self.lease = self.lease, None
@@ -191,7 +191,7 @@ class Session:
         raise Refused(failure.error, failure.reason, failure.electrode, failure.achievable_hz)
 
     def _standing_lease(self) -> Flow[None]:
-        """A lease that stands now: the one there is, or a new one if that has lapsed."""
+        """Renew the lease, or open a new one if it has lapsed."""
         if self.lease is not None:
             try:
                 yield self._ask("keep", {"lease": self.lease})
@@ -210,7 +210,7 @@ class Session:
         self._last_seq = 0
 
     def _limits(self) -> Flow[dict[str, object]]:
-        """What bounds the person: given here, or else the daemon's own calibration."""
+        """The limits of the lease: given here, or else the daemon's default calibration."""
         if self._calibration is not None:
             return {"calibration": self._calibration}
         if self._max_current_ua is not None:
@@ -248,8 +248,8 @@ class Session:
 
 
 _TEACH_LIMITS = (
-    "nothing says how much this person may get: Display(calibration='NAME'), or"
-    " Display(max_current_ua=..., width_us=...), or default_calibration in the daemon's"
+    "no limits are given for this person: use Display(calibration='NAME'), or"
+    " Display(max_current_ua=..., width_us=...), or set default_calibration in the daemon's"
     " configuration"
 )
 
@@ -259,9 +259,9 @@ def _check_limits(
 ) -> None:
     if (max_current_ua is None) != (width_us is None):
         missing = "width_us" if width_us is None else "max_current_ua"
-        raise Refused("limits_missing", f"{missing} is missing: a limit is a current and a width")
+        raise Refused("limits_missing", f"{missing} is missing: limits are a current and a width")
     if calibration is not None and max_current_ua is not None:
-        raise Refused("bad_message", "give a calibration or limits, one of the two")
+        raise Refused("bad_message", "give either calibration, or max_current_ua and width_us")
 
 
 def _encoded(message: dict[str, object]) -> bytes:
@@ -270,8 +270,7 @@ def _encoded(message: dict[str, object]) -> bytes:
         code: ErrorCode = "too_large"
         raise Refused(
             code,
-            f"this {message['op']} would be {len(data)} bytes, a message has at most"
-            f" {MAX_MESSAGE_BYTES}: give one value where all electrodes have the same, and a ring"
-            " instead of explicit returns",
+            f"this {message['op']} has {len(data)} bytes, and {MAX_MESSAGE_BYTES} are allowed: give"
+            " one value where all electrodes have the same, and a ring instead of explicit returns",
         )
     return data

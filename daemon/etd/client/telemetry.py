@@ -3,8 +3,8 @@
 Owns: the subscription, blocking (`Telemetry`) and awaited (`AsyncTelemetry`).
 Must not know: requests, leases.
 
-Both also subscribe to `state` while they begin: the daemon answers a new subscription with one,
-and from then on nothing that it publishes is missed.
+Both first subscribe to `state` as well: the daemon sends one to each new subscriber, which shows
+that the subscription is complete.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _decoders: dict[bytes, tuple[Topic, msgspec.json.Decoder[Any]]] = {
 class Telemetry:
     """Iterate, in a `with`, over (topic, report). No topics: all of them.
 
-    With `timeout_s`, silence for that long ends the iteration with `DaemonGone`; without, it waits
-    for ever.
+    With `timeout_s`, the iteration raises `DaemonGone` after that long without a report; without,
+    it waits for ever.
     """
 
     def __init__(

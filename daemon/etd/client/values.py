@@ -1,7 +1,7 @@
-"""What a caller may pass for "one number per electrode", turned into a list that JSON can carry.
+"""Converts a caller's "one number per electrode" into a list for JSON.
 
-Owns: lists, tuples, iterables and numpy arrays (without importing numpy), and the sentences for
-what is none of them. Must not know: the array's size and the limits; the daemon checks those.
+Owns: lists, tuples, iterables and numpy arrays (without importing numpy), and the errors for other
+values. Must not know: the array's size and the limits; the daemon checks those.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from etd.protocol.errors import Refused
 
 @runtime_checkable
 class ArrayLike(Protocol):
-    """A numpy array, or whatever else can say itself as a list."""
+    """A numpy array, or another object with `tolist`."""
 
     def tolist(self) -> object: ...
 
@@ -25,7 +25,7 @@ Numbers: TypeAlias = Iterable[float] | ArrayLike
 
 
 def levels(values: Numbers) -> list[float]:
-    """One finite number per electrode. Raises: Refused (`bad_frame`) that says which is none."""
+    """One finite number per electrode. Raises: Refused (`bad_frame`), with the electrode."""
     return [_finite("level", index, value) for index, value in enumerate(_items("level", values))]
 
 

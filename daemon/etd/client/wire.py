@@ -1,7 +1,7 @@
-"""ZeroMQ as the client uses it: which address, which socket options.
+"""ZeroMQ as the client uses it: addresses and socket options.
 
-Owns: refusing addresses that cannot be used, and sockets that keep nothing for later.
-Must not know: what is said over them.
+Owns: refusing addresses that cannot be used, and sockets that queue nothing for a later daemon.
+Must not know: messages.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ S = TypeVar("S", bound="zmq.Socket[Any]")
 
 
 def resolve(name: str, address: str | None) -> str:
-    """The control address to use. Raises: Refused for a transport that is not there."""
+    """The control address. Raises: Refused for an unsupported transport."""
     if address is None:
         return control_address(name)
     if address.startswith("tcp://"):
         raise Refused(
             "not_permitted",
-            f"{address}: this version has no keys, and a display is not driven over a network"
-            " without them; use the daemon's Unix socket (ipc://), through ssh if need be",
+            f"{address}: connections over a network are not supported, because they would not be"
+            " authenticated; use the daemon's Unix socket (ipc://), through ssh if need be",
         )
     if not address.startswith("ipc://"):
         raise Refused(
-            "bad_message", f"{address!r} is no address: ipc:///run/etd/NAME/control.sock is one"
+            "bad_message",
+            f"{address!r} is not an address: use one like ipc:///run/etd/NAME/control.sock",
         )
     return address
 
@@ -44,7 +45,7 @@ def check_there(address: str) -> None:
 
 
 def configure(socket: S, address: str) -> S:
-    """Connect so that nothing waits in a queue for a daemon that comes back later."""
+    """Connect so that no message waits in a queue for a daemon that starts later."""
     socket.setsockopt(zmq.LINGER, 0)
     socket.setsockopt(zmq.IMMEDIATE, 1)
     socket.setsockopt(zmq.SNDHWM, 8)
@@ -54,5 +55,5 @@ def configure(socket: S, address: str) -> S:
 
 
 def program_name() -> str:
-    """What this program is called, for the daemon's status."""
+    """This program's name, for the daemon's status."""
     return Path(sys.argv[0]).stem if sys.argv and sys.argv[0] else "python"

@@ -1,5 +1,5 @@
-"""The figures of the paper that the display follows, from the very model that the fake feels with.
+"""Figures of Kajimoto's paper, computed with the fake's body model.
 
-A figure is made by a function without arguments, listed in `FIGURES`; it carries its curves, and
-what of them has a closed form is checked against that.
+A figure is made by a function without arguments, listed in `FIGURES`. It has curves, and checks of
+the model against closed forms.
 """

@@ -33,10 +33,10 @@ def activating_function_figure() -> Figure:
     """Figure 3."""
     return Figure(
         "activating-function",
-        "What a cathode does to a fibre that runs along the skin",
-        "Activating function along the fibre, 1 mA out of one point. Under the cathode it is"
-        " positive: the fibre is depolarized there. It falls with the cube of the depth, and its"
-        " flanks are negative.",
+        "Effect of a cathode on a fibre parallel to the skin",
+        "Activating function along the fibre, for 1 mA at one point. Under the cathode it is"
+        " positive: the fibre is depolarized. It falls with the cube of the depth, and is negative"
+        " on both sides.",
         Axis("along the fibre (mm)", least=-4.0, most=4.0),
         Axis("activating function (mV/mm2)"),
         tuple(_along(depth_mm) for depth_mm in _DEPTHS_MM),
@@ -68,9 +68,9 @@ def concentric() -> Figure:
     )
     return Figure(
         "concentric",
-        "A wider ring of returns stimulates more, and deeper",
-        "Activating function under the middle of a concentric electrode, by the ring's radius. The"
-        " ring is an anode, and takes back part of what the middle does: the nearer, the more.",
+        "A wider ring of returns stimulates more strongly and deeper",
+        "Activating function under the center of a concentric electrode, by the ring's radius. The"
+        " ring is an anode and cancels part of the center's effect: the nearer, the more.",
         Axis("depth (mm)"),
         Axis("activating function (mV/mm2)", "log", least=1.0),
         (*(_down(ring) for ring in _RINGS_MM), alone),

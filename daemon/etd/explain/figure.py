@@ -1,6 +1,6 @@
-"""A figure: curves, and numbers that are known otherwise as well.
+"""A figure: curves, and checks against closed forms.
 
-Owns: the types, and how they are told as JSON. Must not know: how curves are made, or drawn.
+Owns: the types, and their JSON. Must not know: how curves are computed or drawn.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """`least` and `most` cut the curves off; without them they reach as far as the curves do."""
+    """`least` and `most` are the axis's ends; by default those of the curves."""
 
     label: str
     scale: Scale = "linear"
@@ -48,7 +48,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """`says` is what is to be seen, in a sentence or two."""
+    """`says` describes what the figure shows."""
 
     name: str
     title: str
@@ -74,5 +74,5 @@ class Figure:
 
 
 def floats(values: Iterable[SupportsFloat]) -> tuple[float, ...]:
-    """Plain numbers, whatever sort of them came."""
+    """Plain floats, of numpy's or any numbers."""
     return tuple(float(supports_float) for supports_float in values)

@@ -48,10 +48,10 @@ def strength_duration() -> Figure:
     curves.append(Curve("one node (eq. 16)", floats(_WIDTHS_US), floats(simple), dashed=True))
     return Figure(
         "strength-duration",
-        "The shorter the pulse, the higher it must be",
-        "Threshold over its own rheobase. For short pulses it goes with 1/width, charge being what"
-        " counts; for long ones it stops at the rheobase. Fibres under the fake's electrodes need"
-        " more than one node alone does, and thin ones most.",
+        "Shorter pulses need more current",
+        "Threshold divided by the rheobase. For short pulses it is proportional to 1/width (equal"
+        " charge); for long pulses it approaches the rheobase. Fibres under the fake's electrodes"
+        " need more than a single node does, thin ones most.",
         Axis("pulse width (us)", "log"),
         Axis("threshold / rheobase", "log"),
         tuple(curves),
@@ -80,12 +80,12 @@ def optimal_width() -> Figure:
     return Figure(
         "optimal-width",
         "The pulse of least energy",
-        "Energy of a pulse that is just felt, over the least there is. The exponential nerve has"
-        " its optimum at 1.4 times the rheobase, the hyperbola at twice the rheobase; the width"
-        " there is the chronaxie of the hyperbola. No nerve of one time constant is a hyperbola: a"
-        " membrane whose rates are spread exponentially is one, and stands for it here. The fake's"
-        f" fibre for touch lies between: {touch.best_height:.2f} times, at {touch.best_us:.0f} us."
-        " Displays use shorter ones: pain counts more.",
+        "Energy of a pulse at threshold, divided by its minimum. The exponential nerve has its"
+        " optimum at 1.4 times the rheobase, the hyperbola at twice the rheobase, where the width"
+        " is its chronaxie. A nerve with one time constant is not a hyperbola; a membrane with"
+        " exponentially distributed rates is, and is used here. The fake's touch fibre lies"
+        f" between: {touch.best_height:.2f} times, at {touch.best_us:.0f} us. Displays use shorter"
+        " pulses, to avoid pain.",
         Axis("pulse width (us)", "log"),
         Axis("energy / least energy", "linear", most=4.0),
         (
@@ -139,9 +139,9 @@ def thickness() -> Figure:
 
     return Figure(
         "thickness",
-        "Thick fibres before thin ones, and with narrow pulses the more so",
-        f"Threshold over that of a fibre of {DIAMETER_UM:g} um. Pain comes by thin fibres: a narrow"
-        " pulse leaves more room between what is felt and what hurts.",
+        "Thick fibres are excited before thin ones, most clearly by narrow pulses",
+        f"Threshold divided by that of a fibre of {DIAMETER_UM:g} um. Pain is carried by thin"
+        " fibres: with narrow pulses the thresholds of touch and pain are further apart.",
         Axis("diameter (um)", "log"),
         Axis(f"threshold / that of {DIAMETER_UM:g} um", "log"),
         tuple(
@@ -238,8 +238,8 @@ class _Energy:
         return long_us
 
     def at_fitted_hyperbola(self) -> float:
-        """Energy, over the least, at the width that equation 21 has for it: equation 19 times T is
-        a straight line, fitted to the threshold's charges at all widths shown.
+        """Energy divided by its minimum, at the width given by equation 21: equation 19 times T is
+        a straight line, fitted to the threshold charges at all widths shown.
         """
         charges = [self._threshold(float(width_us)) * float(width_us) for width_us in _WIDTHS_US]
         c, d = np.polyfit(_WIDTHS_US, charges, 1)
@@ -252,11 +252,11 @@ class _Energy:
 
 
 def spread_rates(chronaxie_us: float, diameter_um: float) -> tuple[Membrane, Floats]:
-    """Nodes side by side whose rates are spread exponentially, and what a unit drives them with.
+    """Independent nodes with exponentially distributed rates, and their drive by a unit current.
 
     The mean of 1 - exp(-sT) over rates s of density d exp(-s d) is T / (T + d): the response of
-    equation 19's hyperbola, whose chronaxie is d. No fibre of the fake's is such a one. The mean is
-    taken at the nodes of Gauss and Laguerre; all together come to equation 17's rheobase.
+    equation 19's hyperbola, whose chronaxie is d. The mean is computed by Gauss-Laguerre
+    quadrature; the sum has equation 17's rheobase.
     """
     rates, weights = np.polynomial.laguerre.laggauss(_SPREAD_OVER)
     conductance_us = rates / chronaxie_us

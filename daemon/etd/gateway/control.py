@@ -1,7 +1,7 @@
-"""From a request to a command for the engine, and from its answer to a reply.
+"""Turns a request into a command for the engine, and the engine's answer into a reply.
 
-Owns: what each op needs (a lease, operate rights, SAFE) and what it is answered with.
-Must not know: sockets, time beyond the `now_ns` it is given, what the engine will decide.
+Owns: what each op requires (a lease, operate rights, SAFE), and its reply.
+Must not know: sockets, time beyond the given `now_ns`, what the engine decides.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ from etd.protocol.messages import (
 
 
 class ControlHandler:
-    """Handles one request at a time. A reply that has to wait for the engine is None for now."""
+    """Handles one request at a time. None: the reply follows when the engine has answered."""
 
     def __init__(
         self,
@@ -115,14 +115,14 @@ class ControlHandler:
         return StatusReply(ok=True, now_ns=now_ns, id=request.id, status=status)
 
     def _stop(self, request: Stop, inbound: InboundMessage, now_ns: int) -> None:
-        """Sent even if no client can get the answer any more."""
-        who = request.client or f"user {inbound.uid}"
+        """Sent even if too many requests wait for an answer already."""
+        client = request.client or f"user {inbound.uid}"
         try:
             ref = self._pending.next_ref(is_stop=True)
         except Refused:
-            self._engine.stop(StopNow(ref=0, client=who))
+            self._engine.stop(StopNow(ref=0, client=client))
             raise
-        self._engine.stop(StopNow(ref=ref, client=who))
+        self._engine.stop(StopNow(ref=ref, client=client))
         self._await(ref, request, inbound, now_ns, replies.done(request.id), is_stop=True)
 
     def _open(self, request: Open, inbound: InboundMessage, now_ns: int) -> None:
@@ -130,8 +130,7 @@ class ControlHandler:
         if (request.calibration is None) == (request.limits is None):
             raise Refused(
                 "limits_missing" if request.limits is None else "bad_message",
-                "open needs a calibration or limits (max_current_ua and width_us), one of the two:"
-                " nobody is stimulated without a limit",
+                "open needs either a calibration or limits (max_current_ua and width_us)",
             )
         token = secrets.token_hex(16)
         name = request.calibration
@@ -228,13 +227,13 @@ class ControlHandler:
         self._check_operator(inbound)
         engine_hello = self._engine.engine_hello()
         if request.calibration is None:
-            raise Refused("bad_message", "calibration set needs the key calibration")
+            raise Refused("bad_message", "calibration with do = set needs the key calibration")
         state = self._engine.state
         if state is None or state.state != "SAFE":
             raise Refused(
                 "wrong_state",
-                f"a calibration is set in SAFE only, and this is {state.state if state else '?'}:"
-                " disarm first",
+                f"a calibration can be set in SAFE only; the state is"
+                f" {state.state if state else 'not known'}: disarm first",
             )
         replies.check_fits(request.calibration, engine_hello)
         self._store.put(_name_of(request), request.calibration)
@@ -273,15 +272,16 @@ class ControlHandler:
         if self._operators is not None and inbound.uid not in self._operators:
             raise Refused(
                 "not_permitted",
-                f"user {inbound.uid} may not operate: the configuration's operators may",
+                f"user {inbound.uid} has no operate rights: only users listed as operators in the"
+                " configuration have them",
             )
 
     def _offers_shipped(self) -> bool:
-        """The shipped calibrations belong to the fake's own body: they are no person's limits."""
+        """The shipped calibrations are for the fake's body: never for a real board."""
         return self._engine.is_there and self._engine.engine_hello().board.backend == "fake"
 
 
 def _name_of(request: GetCalibration) -> str:
     if request.name is None:
-        raise Refused("bad_message", f"calibration {request.do} needs the key name")
+        raise Refused("bad_message", f"calibration with do = {request.do} needs the key name")
     return request.name

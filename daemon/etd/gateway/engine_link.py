@@ -1,6 +1,6 @@
-"""The gateway's end of the link: finding the engine, staying alive to it, losing it.
+"""The gateway's end of the link to the engine: connecting, keeping it alive, losing it.
 
-Owns: connecting, the facts of the greeting, and what is said when there is no engine.
+Owns: the two channels, the facts in the engine's hello, and the errors when there is no engine.
 Must not know: clients, requests.
 """
 
@@ -19,17 +19,17 @@ from etd.protocol.messages import StateReport
 MESSAGES_A_TURN = 256
 
 _GONE = (
-    "the engine, which drives the board, is not there: nothing is being felt, and it comes back in"
-    " SAFE; look at its log"
+    "the engine, which drives the board, is not running, so nothing is stimulated; a new engine"
+    " starts in SAFE; see the engine's log"
 )
 _STOP_CUT = (
-    "the engine did not take the stop, so the link to it was cut: the skin is silent within"
-    " 250 ms; the engine is not HALTED, but nothing fires without a new arming"
+    "the engine did not accept the stop, so its link was closed: stimulation ends within 250 ms;"
+    " the engine is not HALTED, but it must be armed again before anything is fired"
 )
 
 
 class EngineLink:
-    """There, once it has been greeted; gone, once either socket has ended."""
+    """There once the engine has sent its hello; gone once either socket has ended."""
 
     def __init__(self, folder: Path, counters: Counter[str]) -> None:
         self._folder = folder
@@ -67,7 +67,7 @@ class EngineLink:
             self._channels = link.connect(self._folder)
 
     def hang_up(self) -> None:
-        """Forget the engine; idempotent."""
+        """Close the link and discard the engine's facts; idempotent."""
         for channel in self._channels or ():
             channel.close()
         self._channels = None
@@ -75,7 +75,7 @@ class EngineLink:
         self.state = None
 
     def stay_alive(self) -> None:
-        """One sign of life; one that does not fit is counted, and the engine will miss it."""
+        """Send one sign of life; one that does not fit into the socket is counted."""
         if self._channels is not None and not self._channels[0].send(Alive()):
             self._counters["alive_not_sent"] += 1
 
@@ -91,8 +91,8 @@ class EngineLink:
         self.engine_hello()
         channel = self._open_channel(which)
         if not channel.send(message):
-            self._open_channel(which)  # it may have found out just now that the engine is gone
-            raise Refused("busy", f"the engine has not taken earlier {kind} yet: send again")
+            self._open_channel(which)  # the send may have detected that the engine is gone
+            raise Refused("busy", f"the engine has not read earlier {kind} yet: send again")
 
     def _open_channel(self, which: int) -> Channel[link.ToGateway]:
         """Raises: Refused (`engine_gone`), also between the engine's end and `hang_up`."""
@@ -101,7 +101,7 @@ class EngineLink:
         return self._channels[which]
 
     def stop(self, stop: StopNow) -> None:
-        """Get it through, or cut the link: the engine falls silent without its gateway.
+        """Send it, or close the link: without its gateway the engine stops stimulating.
 
         Raises: Refused (`engine_gone`).
         """
@@ -112,7 +112,7 @@ class EngineLink:
             raise Refused("engine_gone", _STOP_CUT)
 
     def receive(self) -> Iterator[link.ToGateway]:
-        """What the engine has said, a greeting and a state taken note of on the way."""
+        """The engine's messages; its hello and its state are also stored."""
         for _ in range(MESSAGES_A_TURN):
             message = self._next()
             if message is None:

@@ -1,7 +1,7 @@
 """One gateway for one name.
 
-Owns: the lock that a second one runs into before it binds anything: ZeroMQ would bind over a live
-Unix socket without a word, and take it over. Must not know: sockets.
+Owns: the lock that refuses a second one before it binds anything: ZeroMQ would silently take over
+the Unix socket of the first. Must not know: sockets.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class NameLock:
         os.write(self._fd, f"{os.getpid()}\n".encode())
 
     def close(self) -> None:
-        """Idempotent. The file stays: removing it would let two hold different ones."""
+        """Idempotent. The file stays: otherwise two gateways could lock different files."""
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None

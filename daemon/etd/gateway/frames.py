@@ -1,7 +1,7 @@
-"""From a client's frame to the engine's: lease, seq and shape are checked before it is passed on.
+"""Checks lease, seq and shape of a client's frame, then passes it on to the engine.
 
-Owns: the order of these checks, and that seq counts as used once a frame is on its way.
-Must not know: limits, currents, whether the engine will accept it.
+Owns: the order of these checks; seq counts as used once the frame has been sent.
+Must not know: limits, currents, whether the engine accepts it.
 """
 
 from __future__ import annotations

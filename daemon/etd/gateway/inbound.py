@@ -1,7 +1,7 @@
 """A message that arrives at a socket: its reply address, its sender, and its content.
 
-Owns: strict reading of strangers' bytes, and the sentences for what cannot be read.
-Must not know: leases, the engine, what is done about a request.
+Owns: strict decoding of untrusted bytes, and the errors for what cannot be decoded.
+Must not know: leases, the engine, how a request is handled.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import zmq
 from etd.protocol.errors import Refused
 from etd.protocol.messages import REPLY_OF_OP, FrameRequest, Id, Request
 
-#: The order in which a reader may look for an op.
+#: The order in which an error lists the ops.
 OPS = tuple(REPLY_OF_OP)
 
 _PER_ELECTRODE = re.compile(r"(?:level|current_ua|width_us|polarity|rate_hz|returns)\[(\d+)\]")
@@ -33,7 +33,7 @@ class InboundMessage:
 
 
 class Unreadable(Refused):
-    """A message that says nothing that can be done. Fields: those of Refused, and id."""
+    """A message that cannot be decoded. Fields: those of Refused, and id."""
 
     def __init__(self, refusal: Refused, id: Id | None) -> None:  # noqa: A002 (the wire's word)
         self.id = id
@@ -44,10 +44,10 @@ R = TypeVar("R", bound=Refused)
 
 
 def without_frames(refusal: R) -> R:
-    """The refusal, to be kept for the rest of a turn.
+    """The refusal, to be stored for the rest of a turn.
 
-    Its traceback, and that of the error before it, lead to the frame that keeps it. Such a circle
-    holds the bytes of a whole turn until the garbage collector comes by: a flood fills memory so.
+    Its traceback, and that of its context, refer to the frame that stores it. Such a cycle would
+    hold the bytes of a whole turn until a garbage collection: a flood would fill the memory.
     """
     refusal.__context__ = None
     return refusal.with_traceback(None)
@@ -78,7 +78,8 @@ def read_request(inbound: InboundMessage) -> Request:
     """A request from the control socket. Raises: Unreadable."""
     if any(inbound.route[1:]) or len(inbound.route) > 2:
         raise Unreadable(
-            Refused("bad_message", "a message is one part, or an empty part and one more"), None
+            Refused("bad_message", "a request must be one part, or an empty part and one more"),
+            None,
         )
     request: Request = _read(inbound.data, _request_decoder)
     return request
@@ -87,7 +88,7 @@ def read_request(inbound: InboundMessage) -> Request:
 def read_frame(inbound: InboundMessage) -> FrameRequest:
     """A frame from the frames socket. Raises: Unreadable."""
     if inbound.route:
-        raise Unreadable(Refused("bad_message", "a streamed frame is one part"), None)
+        raise Unreadable(Refused("bad_message", "a streamed frame must be one part"), None)
     frame: FrameRequest = _read(inbound.data, _frame_decoder)
     return frame
 
@@ -95,7 +96,7 @@ def read_frame(inbound: InboundMessage) -> FrameRequest:
 def _read(data: bytes, decoder: msgspec.json.Decoder[Any]) -> Any:
     try:
         if not data.startswith(b"{"):
-            raise Refused("bad_message", "a message is one JSON object in UTF-8 and begins with {")
+            raise Refused("bad_message", "a message must be one JSON object in UTF-8, from { on")
         return decoder.decode(data)
     except Refused as refusal:
         raise Unreadable(refusal, None) from None
@@ -105,12 +106,12 @@ def _read(data: bytes, decoder: msgspec.json.Decoder[Any]) -> Any:
         raise Unreadable(_why_no_json(data, error), _id_of(data)) from None
 
 
-def _why_invalid(data: bytes, told: str) -> Refused:
-    """From "Expected `float`, got `str` - at `$.level[3]`" to a sentence that names the place."""
+def _why_invalid(data: bytes, error: str) -> Refused:
+    """`error`: of msgspec, like "Expected `float`, got `str` - at `$.level[3]`"."""
     op = _op_of(data)
     if op is not None and op not in OPS:
         return Refused("unknown_op", f"there is no op {op!r:.40}; there are {', '.join(OPS)}")
-    what, _, path = told.partition(" - at `$.")
+    what, _, path = error.partition(" - at `$.")
     place = path.removesuffix("`")
     found = _PER_ELECTRODE.match(place)
     reason = f"{place}: {what[:1].lower()}{what[1:]}" if place else what
@@ -120,9 +121,9 @@ def _why_invalid(data: bytes, told: str) -> Refused:
 def _why_no_json(data: bytes, error: Exception) -> Refused:
     if _NO_NUMBER.search(data):
         return Refused(
-            "bad_message", f"NaN and infinity are no numbers in JSON, and no levels: {error}"
+            "bad_message", f"NaN and infinity are not valid in JSON: send finite numbers ({error})"
         )
-    return Refused("bad_message", f"the message is no JSON object in UTF-8: {error}")
+    return Refused("bad_message", f"the message is not a JSON object in UTF-8: {error}")
 
 
 def _op_of(data: bytes) -> str | None:
@@ -133,7 +134,7 @@ def _op_of(data: bytes) -> str | None:
 
 
 def _id_of(data: bytes) -> Id | None:
-    """The id, if it can be read at all, so that the reply finds its request."""
+    """The request's id if it can be decoded, for the reply."""
     try:
         return _envelope_decoder.decode(data).id
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -141,7 +142,7 @@ def _id_of(data: bytes) -> Id | None:
 
 
 def _uid_of(part: zmq.Frame) -> int | None:
-    """From the kernel's credentials of the Unix socket's other end: `localhost:uid:gid:pid`."""
+    """From the kernel's credentials of the peer: `localhost:uid:gid:pid`."""
     try:
         address = str(part.get("Peer-Address"))
     except zmq.ZMQError:

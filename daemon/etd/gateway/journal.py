@@ -1,10 +1,10 @@
-"""The log: holders of the lease, states of the board, causes of silence, refusals.
+"""The log: holders of the lease, states of the board, causes of disarming, refusals.
 
-Owns: which events are worth a line, and lines that never block a turn: they go through a bounded
-queue to a thread that writes, and what does not fit is counted and reported. Must not know:
-sockets.
+Owns: which events are logged, and that logging never blocks a turn: lines go through a bounded
+queue to a thread that writes them, and lines that do not fit are counted and reported. Must not
+know: sockets.
 
-The engine itself writes nothing: its scan thread must not wait for a disk or a full pipe.
+The engine itself logs nothing: its scan thread must not wait for a disk or a full pipe.
 """
 
 from __future__ import annotations
@@ -21,26 +21,27 @@ from etd.protocol.link import EngineHello
 from etd.protocol.messages import StateReport
 
 _QUEUE_LENGTH = 1_000
-#: Counters of the engine's that are each worth a line, once they begin: what is no longer believed,
-#: so that stabilizers leave the pulse as the frame has it.
+#: Counters of the engine, each logged once it begins to count: measurements that are rejected, so
+#: that stabilizers leave the pulse as the frame has it.
 _REJECTED = {
-    "rejected_adc": "the ADC stood still, or the source's node was not at rest before a pulse",
-    "rejected_compliance": "the source was at its end, so no resistance is known",
-    "rejected_implausible": "a resistance that no skin has was read",
+    "rejected_adc": "the ADC's samples did not change, or the source's node was not at rest before"
+    " a pulse",
+    "rejected_compliance": "the source was at its compliance limit, so no resistance is known",
+    "rejected_implausible": "a measured resistance is out of the range of skin",
     "rejected_flicker": "resistances flicker (a noisy ADC, a shaking hand)",
-    "rejected_bound": "a law wanted its widest pulse for 10 s on one electrode, which skin"
-    " seldom asks for so long, and a reading that is off does: etd selftest measures the gain",
-    "rejected_common": "a law by resistance has wanted wider pulses on all electrodes alike for"
-    " many seconds: a gain of the ADC does that (etd selftest measures it), or skin that is another"
-    " one everywhere than when it was calibrated; what they have in common widens no pulse",
-    "rejected_old": "nothing was told of an electrode for a second: a silence, or a slow rate",
-    "rejected_probe": "the ADC stood still in the probe before a pulse, or the node was not at"
-    " rest",
+    "rejected_bound": "a law has requested its widest pulse for 10 s on one electrode, which is"
+    " rare on skin and typical of a wrong ADC gain: etd selftest measures the gain",
+    "rejected_common": "a law by resistance has requested wider pulses on all electrodes alike for"
+    " many seconds: the ADC's gain is wrong (etd selftest measures it), or all of the skin has"
+    " changed since the calibration; the common part of the change widens no pulse",
+    "rejected_old": "an electrode was not measured for a second: a silence, or a slow rate",
+    "rejected_probe": "the ADC's samples did not change in the probe before a pulse, or the node"
+    " was not at rest",
 }
 _WITHHELD = "probes_alone"
-#: Doubted, and followed all the same.
+#: Suspicious, but still in use.
 _NARROW = "rejected_narrow"
-#: A sensor that has been well for so long begins a new episode when it is not.
+#: After so long without a problem, a sensor's next problem is logged again.
 _EPISODE_NS = 10_000_000_000
 #: Refusals are summed up at most this often.
 SUM_UP_NS = 10_000_000_000
@@ -62,12 +63,12 @@ class _Writer(logging.handlers.QueueListener):
     """Writes in a thread of its own."""
 
     def enqueue_sentinel(self) -> None:
-        # At the end there is time to wait for room.
+        # At the end it may block until the queue has room.
         self.queue.put(self._sentinel)  # type: ignore[attr-defined]
 
 
 class Journal:
-    """One line an event, to `stream`; under systemd that is the journal."""
+    """Writes a line for each event to `stream`; under systemd that is the journal."""
 
     def __init__(self, name: str, stream: TextIO = sys.stderr) -> None:
         room: queue.Queue[logging.LogRecord] = queue.Queue(_QUEUE_LENGTH)
@@ -113,11 +114,11 @@ class Journal:
     def engine_lost(self) -> None:
         self._state = ""
         self._silent_ns.clear()
-        self._log.error("engine gone: nothing is felt; a new one comes up in SAFE")
+        self._log.error("engine gone: nothing is stimulated; a new engine starts in SAFE")
 
     def state(self, report: StateReport) -> None:
-        """Every change of state, with its cause; what is not believed, once a live board; and each
-        sensor that says nothing, when that begins and when it is over.
+        """Log each change of state with its cause, each kind of rejected measurement once while
+        the board is live, and the beginning and end of each sensor's problems.
         """
         if report.engine == "there":
             self._log_sensors(report)
@@ -144,13 +145,13 @@ class Journal:
                 self._log.warning("not stabilized for a while: %s", why)
         if self._has_begun(_NARROW, counters):
             self._log.warning(
-                "one electrode has had next to nothing for 10 s, by a law that goes by its"
-                " resistance: an edge of skin reads so high, and so does a wrong gain (etd selftest"
-                " measures it), or skin that has dried since it was calibrated"
+                "a law by resistance has given one electrode almost nothing for 10 s: its"
+                " resistance is high at the edge of the skin, on skin that has dried since the"
+                " calibration, or by a wrong ADC gain (etd selftest measures it)"
             )
         if self._has_begun(_WITHHELD, counters):
             self._log.info(
-                "a pulse was withheld: the probe before it found nobody, or came too late"
+                "a pulse was withheld: the probe before it found no contact, or was too late"
             )
         known = (*_REJECTED, _NARROW, _WITHHELD)
         self._counted = {key: counters.get(key, 0) for key in known}
@@ -158,11 +159,11 @@ class Journal:
     def _log_sensors(self, report: StateReport) -> None:
         for name, why in report.sensor_problems.items():
             if name not in self._silent_ns:
-                self._log.warning("%s of the array says nothing: %s", name, why)
+                self._log.warning("%s of the array gives no readings: %s", name, why)
             self._silent_ns[name] = report.now_ns
-        for name, told_ns in list(self._silent_ns.items()):
-            if report.now_ns - told_ns > _EPISODE_NS:
-                self._log.info("%s of the array is well again, for 10 s", name)
+        for name, silent_ns in list(self._silent_ns.items()):
+            if report.now_ns - silent_ns > _EPISODE_NS:
+                self._log.info("%s of the array has worked again for 10 s", name)
                 del self._silent_ns[name]
 
     def _has_begun(self, key: str, counters: dict[str, int]) -> bool:
@@ -173,7 +174,7 @@ class Journal:
         return True
 
     def lease(self, standing: StandingLease | None) -> None:
-        """Whoever holds it now; only a change is a line."""
+        """Log a change of the holder."""
         if standing is self._holder:
             return
         before, self._holder = self._holder, standing
@@ -190,8 +191,10 @@ class Journal:
         news = counters - self._refused
         self._refused = Counter(counters)
         if news:
-            told = ", ".join(f"{count} {what}" for what, count in sorted(news.items()))
-            self._log.info("since the last summary: %s", told)
+            counts = ", ".join(f"{count} {what}" for what, count in sorted(news.items()))
+            self._log.info("since the last summary: %s", counts)
         if self._queue.dropped:
-            self._log.warning("%d lines of this log did not fit", self._queue.dropped)
+            self._log.warning(
+                "%d lines of this log were lost: the queue was full", self._queue.dropped
+            )
             self._queue.dropped = 0

@@ -1,7 +1,7 @@
-"""The lease as the gateway sees it: a first look, so that a stranger's frames end here.
+"""The lease as the gateway knows it: a first check, which refuses other clients' frames.
 
 Owns: token, holder, and the last seq passed on. Must not know: when a lease lapses; the engine
-counts that, and says so.
+decides that, and reports it.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ class LeaseView:
 
     def __init__(self) -> None:
         self.standing: StandingLease | None = None
-        self._why_none = "none was opened yet"
+        self._why_none = "none has been opened"
 
     def begin(self, token: str, client: str, uid: int | None) -> None:
         """The engine has granted it."""
         self.standing = StandingLease(token, client, uid)
 
     def end(self, token: str, why: str) -> None:
-        """The engine says that this one stands no longer. Another one is not touched."""
+        """The engine has ended this lease. Another lease is not affected."""
         if self.standing is not None and self.standing.token == token:
             self.standing = None
             self._why_none = f"the last one ended: {why}"
@@ -49,9 +49,9 @@ class LeaseView:
         """
         lease = self.standing
         if lease is None:
-            raise Refused("no_lease", f"no lease stands ({self._why_none}): open one")
+            raise Refused("no_lease", f"there is no lease ({self._why_none}): open one")
         if not hmac.compare_digest(lease.token.encode(), token.encode()):
-            raise Refused("other_lease", f"the lease belongs to {lease.client!r} now")
+            raise Refused("other_lease", f"the lease is now held by {lease.client!r}")
         if lease.uid != uid:
             raise Refused("other_lease", "the lease was opened by another user of this machine")
         return lease
@@ -60,5 +60,5 @@ class LeaseView:
         """Raises: Refused (`old_seq`)."""
         if seq <= lease.last_seq:
             raise Refused(
-                "old_seq", f"seq {seq} came after {lease.last_seq}: it must rise within a lease"
+                "old_seq", f"seq {seq} follows {lease.last_seq}: seq must increase within a lease"
             )

@@ -15,15 +15,15 @@ from etd.protocol.messages import Id, Success
 
 #: More than these under way are refused.
 MAX_REQUESTS = 32
-#: Stops have places of their own, so that they are answered when everything else is full.
+#: Stops are counted separately, so that they are answered while other requests are refused.
 MAX_STOPS = 32
-#: Arming may take seconds; an engine that says nothing for this long does not answer at all.
+#: Arming may take seconds; after this long an answer is not expected any more.
 MAX_WAIT_NS = 15_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class PendingRequest:
-    """`done` makes the reply out of an answer without an error."""
+    """`done` makes the reply from an answer without an error."""
 
     inbound: InboundMessage
     id: Id | None
@@ -33,7 +33,7 @@ class PendingRequest:
 
 
 class PendingRequests:
-    """Numbered from 1; 0 would ask the engine for no answer."""
+    """Numbered from 1; the engine does not answer ref 0."""
 
     def __init__(self) -> None:
         self._pending: dict[int, PendingRequest] = {}
@@ -43,25 +43,25 @@ class PendingRequests:
         """A ref to send along. Raises: Refused (`busy`) if too many wait already."""
         same = sum(request.is_stop == is_stop for request in self._pending.values())
         if same >= (MAX_STOPS if is_stop else MAX_REQUESTS):
-            raise Refused("busy", f"{same} requests wait for the engine already: send again")
+            raise Refused("busy", f"{same} requests are waiting for the engine: send again")
         self._last_ref += 1
         return self._last_ref
 
     def add(self, ref: int, pending: PendingRequest) -> None:
-        """Once the command with this ref is on its way."""
+        """Call after the command with this ref has been sent."""
         self._pending[ref] = pending
 
     def take(self, ref: int) -> PendingRequest | None:
-        """The client that waits for this, or None if it waits no more."""
+        """The request with this ref, or None if it is not pending any more."""
         return self._pending.pop(ref, None)
 
     def take_all(self) -> list[PendingRequest]:
-        """Everybody: the engine is gone."""
-        everybody = list(self._pending.values())
+        """All of them: the engine is gone."""
+        requests = list(self._pending.values())
         self._pending.clear()
-        return everybody
+        return requests
 
     def take_late(self, now_ns: int) -> list[PendingRequest]:
-        """Those whose time is up."""
+        """Those past their deadline."""
         late = [ref for ref, request in self._pending.items() if request.deadline_ns <= now_ns]
         return [self._pending.pop(ref) for ref in late]

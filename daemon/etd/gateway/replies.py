@@ -1,4 +1,4 @@
-"""The replies that carry more than "done", each made from what the engine said.
+"""The replies, each made from the engine's answer.
 
 Owns: their fields. Must not know: sockets, leases, which client waits. (`now_ns` is filled in when
 a reply is sent.)
@@ -72,7 +72,7 @@ def granted(id: Id | None, lease: str) -> LeaseReply:  # noqa: A002
 
 
 def framed(id: Id | None, seq: int, answer: Answer) -> FrameReply:  # noqa: A002
-    """Raises: Refused (`engine_gone`) for an answer that lacks what it must say."""
+    """Raises: Refused (`engine_gone`) for an incomplete answer."""
     if answer.rate_hz is None:
         raise _incomplete("rate_hz")
     return FrameReply(
@@ -87,7 +87,7 @@ def framed(id: Id | None, seq: int, answer: Answer) -> FrameReply:  # noqa: A002
 
 
 def measured(id: Id | None, answer: Answer) -> MeasureReply:  # noqa: A002
-    """Raises: Refused (`engine_gone`) for an answer that lacks what it must say."""
+    """Raises: Refused (`engine_gone`) for an incomplete answer."""
     if answer.contact is None:
         raise _incomplete("contact")
     return MeasureReply(
@@ -102,15 +102,15 @@ def measured(id: Id | None, answer: Answer) -> MeasureReply:  # noqa: A002
 
 
 def marked(id: Id | None, answer: Answer) -> MarkReply:  # noqa: A002
-    """Raises: Refused (`engine_gone`) for an answer that lacks what it must say."""
+    """Raises: Refused (`engine_gone`) for an incomplete answer."""
     if answer.marked_ns is None:
         raise _incomplete("marked_ns")
     return MarkReply(ok=True, now_ns=0, id=id, marked_ns=answer.marked_ns, sync=answer.sync)
 
 
 def check_fits(calibration: Calibration, engine_hello: EngineHello) -> None:
-    """A calibration that could never be opened here is not kept here. The maxima are the engine's
-    to check, when it is opened. Raises: Refused (`bad_calibration`).
+    """A calibration for another array or body site is not stored. The engine checks the maxima when
+    it is opened. Raises: Refused (`bad_calibration`).
     """
     electrodes = engine_hello.array.electrodes
     for what, given, here in (
@@ -119,11 +119,15 @@ def check_fits(calibration: Calibration, engine_hello: EngineHello) -> None:
         ("number of electrodes", len(calibration.electrode), electrodes),
     ):
         if given != here:
-            raise Refused("bad_calibration", f"its {what} is {given}, here it is {here}")
+            raise Refused(
+                "bad_calibration",
+                f"the calibration's {what} is {given}, this daemon's is {here}: use a calibration"
+                " made with this configuration",
+            )
 
 
 def _incomplete(what: str) -> Refused:
     return Refused(
         "engine_gone",
-        f"the engine's answer lacks {what}: engine and gateway are not of one version",
+        f"the engine's answer lacks {what}: engine and gateway differ in version; restart both",
     )

@@ -1,6 +1,6 @@
-"""The gateway's loop: one turn reads every socket, stops first, and never waits on a client.
+"""The gateway's loop: one step reads every socket, stops first, and never waits for a client.
 
-Owns: the order of a turn, what is due when, and that every request is answered once.
+Owns: the order within a step, what is due when, and that every request is answered once.
 Must not know: what an op means (control), what a frame is (frames).
 """
 
@@ -46,7 +46,7 @@ def _read(inbound: InboundMessage) -> Request | Unreadable:
 
 
 class Gateway:
-    """Bound when made; `turn` after `turn` until `close`. One thread.
+    """Bound when made; call `step` until `close`. One thread.
 
     Raises, when made: AlreadyRunning, FileError (configuration), HardwareMissing (libzmq).
     """
@@ -84,7 +84,7 @@ class Gateway:
         self._connect_due_ns = 0
 
     def step(self, timeout_ms: int = 50) -> None:
-        """Wait for something to arrive, at most `timeout_ms`, and deal with all of it."""
+        """Wait at most `timeout_ms` for a message, then handle all that arrived."""
         self._wait(timeout_ms)
         self._stay_in_touch()
         self._answer_requests()
@@ -131,7 +131,7 @@ class Gateway:
             self._engine.stay_alive()
 
     def _answer_requests(self) -> None:
-        """Every stop of this turn goes out before anything else is even refused."""
+        """The stops that arrived are sent before any other request is handled or refused."""
         requests = self._read_requests()
         for is_stop in (True, False):
             for request, inbound in requests:

@@ -20,7 +20,7 @@ from etd.protocol.messages import MAX_MESSAGE_BYTES, Endpoints
 
 Socket: TypeAlias = zmq.Socket[bytes]
 
-#: Earlier ones have flaws that a stranger can use (CVE-2019-13132, CVE-2020-15166, CVE-2021-20236).
+#: Earlier ones have remotely usable flaws (CVE-2019-13132, CVE-2020-15166, CVE-2021-20236).
 OLDEST_LIBZMQ = (4, 3, 4)
 #: What a telemetry subscriber may send: one subscription, a byte and a topic.
 MAX_SUBSCRIPTION_BYTES = 64
@@ -91,12 +91,12 @@ class Sockets:
         ):
             socket.setsockopt(option, value)
         if kind == zmq.ROUTER:
-            socket.setsockopt(zmq.ROUTER_MANDATORY, 1)  # tell what cannot be delivered
+            socket.setsockopt(zmq.ROUTER_MANDATORY, 1)  # report undeliverable replies
             self._control_events = socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         elif kind == zmq.PULL:
             self._frames_events = socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         else:
-            socket.setsockopt(zmq.XPUB_VERBOSE, 1)  # every newcomer is greeted with `state`
+            socket.setsockopt(zmq.XPUB_VERBOSE, 1)  # every new subscriber is sent `state`
         with _group_only():
             socket.bind(f"ipc://{self._folder / name}")
         return socket

@@ -1,7 +1,7 @@
-"""Calibrations on disk, each a TOML file under its name.
+"""Calibrations on disk, each a TOML file with the calibration's name.
 
-Owns: names, reading, and writing so that a file is whole or not there. Must not know: what a
-calibration allows; the engine checks that when one is opened.
+Owns: names, reading, and atomic writing. Must not know: what a calibration allows; the engine
+checks that when one is opened.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from etd.protocol.errors import FileError, Refused
 class CalibrationStore:
     """The state directory's calibrations, and the shipped ones beneath them, read-only.
 
-    `with_shipped` is the caller's to say: the shipped ones are those of the fake's own body, and
-    nobody else's.
+    The caller decides `with_shipped`: the shipped ones are for the fake's body only.
     """
 
     def __init__(self, state_dir: Path, shipped: Path | None) -> None:
@@ -39,9 +38,11 @@ class CalibrationStore:
             raise Refused("bad_calibration", str(error)) from error
 
     def put(self, name: str, calibration: Calibration) -> None:
-        """Keep it under `name`, in place of what was there. Raises: Refused (`bad_calibration`)."""
+        """Store it as `name`, replacing an earlier one. Raises: Refused (`bad_calibration`)."""
         if self._is_shipped(name):
-            raise Refused("bad_calibration", f"{name!r} is a shipped one: choose another name")
+            raise Refused(
+                "bad_calibration", f"{name!r} is a shipped calibration: choose another name"
+            )
         try:
             check_order(calibration, name)
         except FileError as error:
@@ -51,22 +52,24 @@ class CalibrationStore:
             write_atomically(self._own / f"{name}.toml", to_toml(calibration).encode(), mode=0o640)
         except OSError as error:
             raise Refused(
-                "bad_calibration", f"{name!r} could not be kept in {self._own}: {error.strerror}"
+                "bad_calibration", f"{name!r} could not be stored in {self._own}: {error.strerror}"
             ) from error
 
     def delete(self, name: str) -> None:
-        """Forget it. A lease that was opened with it keeps its limits until it ends.
+        """A lease that was opened with it keeps its limits until it ends.
 
         Raises: Refused (`not_found`, `bad_calibration`).
         """
         if self._is_shipped(name):
-            raise Refused("bad_calibration", f"{name!r} is a shipped one: it stays")
+            raise Refused(
+                "bad_calibration", f"{name!r} is a shipped calibration: it cannot be deleted"
+            )
         path = self._own / f"{name}.toml"
         if not path.is_file():
             own = ", ".join(self.names(with_shipped=False)) or "none"
             raise Refused(
                 "not_found",
-                f"no calibration {name!r} is kept here; kept are: {own} (what is shipped stays)",
+                f"there is no calibration {name!r}; those that can be deleted: {own}",
             )
         try:
             path.unlink()

@@ -1,9 +1,9 @@
-"""Streamed frames: drained to the newest, and the newest passed on.
+"""Streamed frames: of those that arrived, the newest is passed on.
 
-Owns: what becomes of the others: superseded ones are counted, refused ones counted and reported.
-Must not know: requests with an answer.
+Owns: counting the superseded ones, counting and reporting the refused ones. Must not know: requests
+with an answer.
 
-The newest is the holder's newest: what others send is refused, and supersedes nothing.
+The newest is that of the lease's holder: other clients' frames are refused and supersede nothing.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ Refusals = list[tuple[int | None, Refused]]
 class Streams:
     """One PULL socket."""
 
-    def __init__(self, socket: Socket, desk: FrameHandler, counters: Counter[str]) -> None:
+    def __init__(self, socket: Socket, handler: FrameHandler, counters: Counter[str]) -> None:
         self._socket = socket
-        self._handler = desk
+        self._handler = handler
         self._counters = counters
 
     def drain(self) -> Refusals:

@@ -1,6 +1,6 @@
-"""What everybody may hear: two parts, a topic and an object.
+"""Publishes telemetry: messages of two parts, a topic and a JSON object.
 
-Owns: publishing, repeating `state`, greeting new subscribers with it, and the counts in it.
+Owns: publishing, repeating `state`, sending it to new subscribers, and the counts in it.
 Must not know: requests, leases.
 """
 
@@ -37,9 +37,9 @@ class Publisher:
         self._refused_by_engine = 0
 
     def state(self, now_ns: int) -> StateReport:
-        """The engine's last word with this process's counts added; SAFE and gone without one.
+        """The engine's last report with this process's counts added; without one, SAFE and `gone`.
 
-        `now_ns` in it is the engine's time of saying so: a stale report can be seen to be stale.
+        `now_ns` is the time of the engine's report, so a stale report can be recognized.
         """
         said = self._engine.state
         if said is None:
@@ -58,7 +58,7 @@ class Publisher:
             self.publish_state(now_ns)
 
     def pass_on(self, report: Report, now_ns: int) -> None:
-        """What the engine reports, as it came, except for the counts."""
+        """Publish the engine's report unchanged, except for the counts."""
         if report.state is not None:
             self.publish_state(now_ns)
         if report.refused is not None:
@@ -88,7 +88,7 @@ class Publisher:
             self._publish("refused", report)
 
     def drop_engine(self) -> None:
-        """A new engine counts anew; what the old one refused stays refused."""
+        """A new engine counts from 0; the old one's refusals stay in the sum."""
         self._refused_here += self._refused_by_engine
         self._refused_by_engine = 0
 

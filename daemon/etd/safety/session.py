@@ -1,13 +1,12 @@
 """The session of a person: one person and one calibration, from the first current on.
 
-Owns: when a session begins and ends, and whether the wearer's stop was tried for it. Must not know:
-states, hardware, clocks: time comes in, on the machine's clock. Why it is so: decision 0039.
+Owns: when a session begins and ends, and whether the wearer's stop was tested for it. Must not
+know: states, hardware, clocks: time is passed in, on the machine's clock. Decision 0039 has the
+reasons.
 
-A session begins when the board goes live for a lease, and stands for the leases of the same
-calibration that follow. A lease of another calibration ends it, and so do ten minutes in which the
-board is not live. A lease with limits and no calibration does not say who it is for: it is a
-session of its own. What is remembered for a person (the wearer's stop was tried) is remembered for
-a session.
+A session begins when the board goes live for a lease, and continues for later leases of the same
+calibration. A lease of another calibration ends it, and so do ten minutes in which the board is not
+live. A lease with limits and no calibration does not identify a person: it is a session of its own.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ from dataclasses import dataclass
 
 from etd.protocol.calibration import Calibration
 
-#: A session that is not used for so long has ended, and a try of the wearer's stop is as old as
-#: that at most. Longer than the breaks of a study, shorter than a visit: after it there may be
-#: another person under the same file, and cable and button may have been moved.
+#: An unused session ends after this time, and a test of the wearer's stop expires. Longer than the
+#: breaks of a study, shorter than a visit: afterwards there may be another person under the same
+#: file, and cable and button may have been moved.
 UNUSED_NS = 600_000_000_000
 _UNUSED_MINUTES = UNUSED_NS // 60_000_000_000
 
@@ -54,12 +53,12 @@ class Session:
 
 
 class Sessions:
-    """The session that stands, if one does, and the tries of the wearer's stop."""
+    """The current session, if there is one, and the tests of the wearer's stop."""
 
     def __init__(self, *, has_wearer_stop: bool) -> None:
         self._has_wearer_stop = has_wearer_stop
         self._session: Session | None = None
-        self._why_none = "it has not been since the engine started"
+        self._why_none = "there was none since the engine started"
         self._is_pressed = False
         self._tried_ns: int | None = None
 
@@ -76,20 +75,19 @@ class Sessions:
     # --- leases and states -------------------------------------------------------------------
 
     def opened(self, subject: Subject, now_ns: int) -> None:
-        """A lease for `subject`: the session of another one is over."""
+        """A lease for `subject`: ends the session of another subject."""
         session = self.standing(now_ns)
         if session is None or session.subject == subject:
             return
         if subject.calibration is None:
             self._end(
-                f"this lease has no calibration, so whether it is for the person of {session} is"
-                " not known"
+                f"this lease has no calibration, so it may be for another person than {session}"
             )
         else:
             self._end(f"this lease is for another person or calibration than {session}")
 
     def went_live(self, subject: Subject, now_ns: int) -> None:
-        """Current may flow to `subject` from now on. A try of the stop is used up by that."""
+        """Current may flow to `subject` from now on. This uses up a test of the stop."""
         self.opened(subject, now_ns)
         if self._session is None:
             self._session = Session(subject, now_ns)
@@ -104,8 +102,8 @@ class Sessions:
     # --- the wearer's stop -------------------------------------------------------------------
 
     def stop_moved(self, *, is_open: bool, is_live: bool, now_ns: int) -> None:
-        """An edge of the wearer's stop. Pressed and released is a try, unless the board was live:
-        then it was pressed to stop something.
+        """An edge of the wearer's stop. Press and release count as a test, unless the board was
+        live: then it was pressed to stop stimulation.
         """
         if is_open:
             self._is_pressed = not is_live
@@ -113,8 +111,8 @@ class Sessions:
             self._is_pressed, self._tried_ns = False, now_ns
 
     def why_untried(self, subject: Subject, now_ns: int) -> str | None:
-        """Why the wearer's stop is to be tried before the board goes live for `subject`, with what
-        to do; None if it need not be.
+        """Why the wearer's stop must be tested before the board goes live for `subject`, with what
+        to do; None if no test is needed.
         """
         self.opened(subject, now_ns)
         if not self._has_wearer_stop or self._session is not None:
@@ -123,8 +121,8 @@ class Sessions:
         if self._tried_ns is not None:
             if now_ns - self._tried_ns < UNUSED_NS:
                 return None
-            why = f"the last try was more than {_UNUSED_MINUTES} minutes ago"
+            why = f"the last test was more than {_UNUSED_MINUTES} minutes ago"
         return (
-            f"the wearer's stop has not been tried in this session ({why}): press and release it"
+            f"the wearer's stop has not been tested in this session ({why}): press and release it"
             " once, then arm"
         )

@@ -1,17 +1,17 @@
-"""Bursts: one electrode gets a few pulses in quick succession, several times a second.
+"""Bursts: an electrode gets several pulses in quick succession, several times a second.
 
-Owns: how many pulses, how fast, and which electrodes take turns in one burst. Must not know:
+Owns: the number of pulses, their rate, and which electrodes alternate in one burst. Must not know:
 limits, hardware, clocks, what a pulse is.
 
-Why: at the most current without discomfort, 6 pulses in a burst at 350 Hz, 15 bursts a second,
-were felt strongest, about twice as strong as single ones (Kajimoto, Electro-tactile Display,
-section 4.2; Kaczmarek, Webster and Radwin 1992, who tried 1 to 20 pulses at 200 to 1500 Hz,
+Why: at the highest current without discomfort, bursts of 6 pulses at 350 Hz, 15 bursts a second,
+were felt strongest, about twice as strong as single pulses (Kajimoto, Electro-tactile Display,
+section 4.2; Kaczmarek, Webster and Radwin 1992, who tested 1 to 20 pulses at 200 to 1500 Hz,
 balanced biphasic with 150 us a phase).
 
-A burst is several visits, each with its own message, rest, limits and ledger entry. Between the
-pulses of one electrode others have theirs: as many as fit into the interval share a burst, the
-next group comes after it. Who shares one is spread over the chain (every third of the electrodes,
-say), so that no jump of the selection takes longer than the rest, and neighbors are apart in time.
+Each pulse of a burst has its own message, rest, limits and ledger entry. The pulses of several
+electrodes alternate: as many as fit into the interval share a burst, the next group follows. A
+group is spread over the chain (every third electrode, for example), so that shifting the selection
+never takes longer than the rest, and neighbors are apart in time.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ T = TypeVar("T")
 
 
 class Bursts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """`pulses` in each burst, `rate_hz` inside it. How often a burst comes is the frame's rate."""
+    """`pulses` in each burst, `rate_hz` within it. The frame's rate is that of the bursts."""
 
     pulses: Annotated[int, Meta(ge=2, le=20)]
     rate_hz: Annotated[float, Meta(ge=50.0, le=1_500.0)]
 
     @property
     def interval_us(self) -> float:
-        """From the start of a pulse to that of the next one of the same burst."""
+        """From the start of a pulse to the start of the next one in the burst."""
         return 1e6 / self.rate_hz
 
 
 def groups(
     items: Sequence[T], interval_us: float, round_us: Callable[[Sequence[T]], float]
 ) -> tuple[tuple[T, ...], ...] | None:
-    """The fewest groups such that a round of each fits into the interval; None if none does.
+    """The fewest groups of which one pulse of each member fits into the interval; None if none.
 
-    `round_us` is the time that one pulse of each of a group takes, the way back included.
+    `round_us` is the time for one pulse of each member, including the shift back to the first.
     """
     for count in range(1, len(items) + 1):
         found = tuple(tuple(items[first::count]) for first in range(count))

@@ -1,18 +1,17 @@
-"""A prepulse: the pulse comes in two steps, the first too weak to be felt.
+"""A prepulse: the pulse has two steps, the first too weak to be felt.
 
-Owns: how strong and how long the first step is. Must not know: limits, hardware, clocks.
+Owns: current and width of the first step. Must not know: limits, hardware, clocks.
 
-Why: a weak depolarization before the pulse raises the threshold of pain more than that of touch,
-and the more the stronger it is (Kajimoto, Electro-tactile Display, section 4.2; Poletto and Van
-Doren 2002: 1 mm electrodes on fingertips, prepulses 2 to 10 dB below the pulse).
+Why: a weak depolarization before the pulse raises the threshold of pain more than that of touch;
+the stronger it is, the more (Kajimoto, Electro-tactile Display, section 4.2; Poletto and Van Doren
+2002: 1 mm electrodes on fingertips, prepulses 2 to 10 dB below the pulse).
 
-What is out of reach: those prepulses were long, by the words of their abstract, which does not say
-how long; and the ones that weaken a startle come 40 to 60 ms before (Blumenthal 2001). Here the
-two steps are one SPI message, so that nothing can come between them, and share the width of one
-pulse: at most 200 us in all. What so short a prepulse does to pain nobody has published: it is for
-studies to find out, and this gives them the means.
+Limitation: those prepulses were "long" (the abstract gives no figure), and those that weaken a
+startle precede it by 40 to 60 ms (Blumenthal 2001). Here both steps are one SPI message, so that
+nothing can come between them, of at most 200 us in all. No published study has tested the effect of
+so short a prepulse on pain.
 
-Both phases of a biphasic pulse have one, so that their charges stay equal.
+Both phases of a biphasic pulse have one, so that their charges are equal.
 """
 
 from __future__ import annotations
@@ -39,16 +38,16 @@ class Prepulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     @property
     def max_gain(self) -> MaxGain:
-        """The pulse itself stays what it is; what comes before it has its own room."""
+        """The pulse itself is unchanged; the prepulse is budgeted separately."""
         return NO_GAIN
 
     def reset(self) -> None:
-        """It remembers nothing."""
+        """It has no state."""
 
     def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:  # noqa: ARG002 - others look at it
         return self.of(request)
 
     def of(self, request: PulseRequest) -> PulseRequest:
-        """The same, led into."""
+        """The request with a prepulse."""
         prepulse_ua = int(request.current_ua * self.part)
         return replace(request, prepulse_ua=prepulse_ua, prepulse_us=self.width_us)

@@ -1,23 +1,21 @@
-"""What part of a pulse a contact gets that touched again, until it has settled.
+"""The part of the requested current for a contact that touches again, until it has settled.
 
-Owns: the memory of how firm each contact was of late, when a return has settled, and the part.
-Must not know: how contact is told from none, how a touch begins softly, limits.
+Owns: the lowest recent resistance of each contact, when a contact has settled, and the part.
+Must not know: how contact is detected, the soft start of a touch, limits.
 
-What touches again lies on with a part of its area and is then pressed as the finger happens to
-come down; the fewer square millimeters carry the current, the more is felt of it (Kajimoto,
-Electro-tactile Display, sections 3.1 and 4). Resistance goes with the inverse of that area, and so
-tells it. No rule is in print; this one is by design:
+A finger that touches again first lies on with a part of its area; the same current through a
+smaller area is felt more strongly (Kajimoto, Electro-tactile Display, sections 3.1 and 4). The
+resistance is inversely proportional to the area. No rule is published; this one is by design:
 
-    part = (R_firm / R)^0.6, of that 0.8 for the first 3 s, and all of it after 4 s more
+    part = (R_firm / R)^0.6, times 0.8 for the first 3 s, rising to 1 within 4 s more
 
-until R has come down to R_firm. R_firm is the lowest that this contact resisted of late when it was
-firm, by two pulses in a row, and at first the calibration's; it is forgotten upward with a time
-constant of 20 s, since a finger that stays lighter must come to its strength in the end. The part
-is never less than 0.4, so that what is left is enough to measure by. It falls at once and rises
-slowly: a part that ends at once is a step as well, only later. Where a law by resistance follows in
-the order, that law answers the area, and the part goes by the time alone. Without a calibration
-there is no part: whoever calibrates gets what is asked for. Exponent, bounds and times were tuned
-on modelled fingers.
+until R has fallen to R_firm. R_firm is the lowest recent resistance of firm contact, confirmed by
+two pulses in a row; at first the calibration's. It rises toward the present resistance with a time
+constant of 20 s, so that a finger that stays lighter gets its full strength in the end. The part is
+at least 0.4, which is enough to measure by. It falls at once and rises slowly, to avoid a step. If
+a law by resistance follows in the order, that law compensates for the area, and the part depends on
+time only. Without a calibration the part is 1, so that a calibration presents what it requests.
+Exponent, bounds and times were tuned on modelled fingers.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.reference import BEND_UA
 from etd.stabilize.slew import SlewLimiter
 
-#: For how long a touch is new, and when it has risen to all.
+#: For how long a touch is new, and after how long the part by time is 1.
 NEW_NS, SETTLED_NS = 3_000_000_000, 7_000_000_000
 NEW_PART, LEAST_PART = 0.8, 0.4
 _EXPONENT = 0.6
@@ -40,7 +38,7 @@ _RISE_PER_S = 0.5
 
 @dataclass(slots=True)
 class _SettlingContact:
-    """Logarithms of resistance, as it would be at no current."""
+    """Logarithms of the resistance, extrapolated to no current."""
 
     firm_log_ohm: float
     last_log_ohm: float = math.inf
@@ -49,22 +47,22 @@ class _SettlingContact:
     touched_ns: int | None = None
 
     def remember(self, log_ohm: float, now_ns: int) -> None:
-        """The lowest of late: down with the second pulse that says so, since one may be wrong, and
-        up slowly.
+        """Update the lowest recent resistance: down when two pulses agree, since one may be wrong,
+        and up slowly.
         """
-        told_twice = max(log_ohm, self.last_log_ohm)
+        confirmed = max(log_ohm, self.last_log_ohm)
         self.last_log_ohm = log_ohm
         elapsed_ns = min(max(0, now_ns - self.then_ns), MAX_AGE_NS)
         self.then_ns = now_ns
-        if told_twice <= self.firm_log_ohm:
-            self.firm_log_ohm = told_twice
+        if confirmed <= self.firm_log_ohm:
+            self.firm_log_ohm = confirmed
         elif log_ohm > self.firm_log_ohm:
             rise = log_ohm - self.firm_log_ohm
             self.firm_log_ohm -= rise * math.expm1(-elapsed_ns / _FORGOTTEN_NS)
 
 
 class Settling:
-    """One an electrode. `goes_by_resistance`: False where another law does."""
+    """`goes_by_resistance`: False if another law by resistance follows."""
 
     def __init__(self, *, goes_by_resistance: bool) -> None:
         self._goes_by_resistance = goes_by_resistance
@@ -76,7 +74,7 @@ class Settling:
         self._part.reset()
 
     def part(self, estimate: ElectrodeEstimate) -> float:
-        """Of what is wanted; 1 where the contact has settled, or without a calibration."""
+        """0.4..1 of the request; 1 where the contact has settled, or without a calibration."""
         if not estimate.reference_ohm or estimate.reference_at_ua is None:
             return 1.0
         contact = self._contacts.get(estimate.electrode)
@@ -105,13 +103,13 @@ class Settling:
 
 
 def _new_part(since_ns: int) -> float:
-    """By the time since the touch alone."""
+    """The part by the time since the touch."""
     risen = (since_ns - NEW_NS) / (SETTLED_NS - NEW_NS)
     return NEW_PART + (1.0 - NEW_PART) * min(max(0.0, risen), 1.0)
 
 
 def _log_ohm(estimate: ElectrodeEstimate) -> float | None:
-    """Like the reference: by the beginning of pulses, where that is all that the reference has."""
+    """Measured like the reference: at the beginning of pulses if the reference was."""
     ohm = estimate.higher_early_ohm if estimate.is_reference_early else estimate.higher_ohm
     if ohm is None or estimate.state not in ("soft", "closed"):
         return None
@@ -119,5 +117,5 @@ def _log_ohm(estimate: ElectrodeEstimate) -> float | None:
 
 
 def _at_no_current(ohm: float, at_ua: int) -> float:
-    """Skin resists weak currents more, see `reference`."""
+    """The resistance of skin falls with the current, see `reference`."""
     return math.log(ohm * (at_ua + BEND_UA) / BEND_UA)
