@@ -144,7 +144,7 @@ def test_an_opening_that_does_not_rise_is_refused() -> None:
     one = heard(standing(), report(1, ceiling_ua=500, fired_ms=0.5, is_clamped=True))
     heard(one, report(14_000, ceiling_ua=600, fired_ms=13_000, is_clamped=True))
     heard(one, report(28_000, ceiling_ua=600, fired_ms=27_000, is_clamped=True))
-    with pytest.raises(Refused, match="stays at 600 uA, and frame 3 asks for 2000 uA"):
+    with pytest.raises(Refused, match="stays at 600 uA, below the 2000 uA of frame 3"):
         heard(one, report(29_100, ceiling_ua=600, fired_ms=29_000, is_clamped=True))
 
 

@@ -167,14 +167,14 @@ def test_the_picture_shows_what_is_done_without_a_current(
     quiet.found()
     told = capsys.readouterr()
     assert told.out == "", "there the answer comes, in JSON"
-    assert [line.split(",")[0] for line in told.err.splitlines()] == [
-        "by limits",
+    assert [line.split(":")[0].split(",")[0] for line in told.err.splitlines()] == [
+        "method limits",
         "2 of 4 electrodes",
     ]
 
     screen = Screen(facts, progress, is_quiet=False)
     screen.begin()
-    assert "by limits, 2 electrodes to come" in capsys.readouterr().out
+    assert "method limits: 2 electrodes to do" in capsys.readouterr().out
     screen.ask(Question("strength", 2))
 
     said = capsys.readouterr().out
@@ -185,7 +185,7 @@ def test_the_picture_shows_what_is_done_without_a_current(
     for answer in ("not_felt", None, "pause"):
         screen.heard(answer)
     heard = capsys.readouterr().out
-    assert heard == "   not felt; now the next\n   that key is no answer here\n"
+    assert heard == "   not felt; next presentation\n   this key is not one of the answers\n"
 
 
 def test_the_picture_shows_where_something_was_too_strong(
@@ -208,7 +208,7 @@ def test_the_picture_shows_where_something_was_too_strong(
     *_, heard, asked, first, second = said.splitlines()
     assert heard == "   too strong", "it is asked which one, and nothing is presented"
     assert asked == f"Which one was too strong?   {legend('which')}"
-    assert (first, second) == ("   first", "   second; now the next")
+    assert (first, second) == ("   first", "   second; next presentation")
 
 
 @pytest.mark.parametrize(
@@ -236,7 +236,7 @@ def test_what_does_not_go_together_is_used_wrongly(
     [
         (["P 1", "--max-current-ua", "2000"], "the code, or --as: 'P 1'"),
         (["P1", "--as", "../x", "--max-current-ua", "2000"], "the code, or --as: '../x'"),
-        (["P1", "--max-current-ua", "20000"], "--max-current-ua: it says 20000"),
+        (["P1", "--max-current-ua", "20000"], "--max-current-ua: 20000 uA"),
         (["P1", "--max-current-ua", "3001"], "at most 3000 uA is allowed without a calibration"),
         (["P1", "--max-current-ua", "7"], "--max-current-ua: it says 7"),
         (["P1", "--max-current-ua", "2000", "--width-us", "500"], "--width-us: it says 500"),
@@ -244,11 +244,14 @@ def test_what_does_not_go_together_is_used_wrongly(
         (["P1", "--max-current-ua", "2000", "--rate-hz", "500"], "--rate-hz: it says 500"),
         (["P1", "--max-current-ua", "2000", "--pulses", "90"], "90 pulses at 60 Hz last 1.50 s"),
         (["P1", "--max-current-ua", "2000", "--out", "/none/P1.toml"], "there is no such folder"),
-        (["P1", "--max-current-ua", "2000", "--out", "/"], "/: it is there already"),
-        (["P1", "--max-current-ua", "2000", "--out", "/proc/P1.toml"], "nothing can be written"),
+        (["P1", "--max-current-ua", "2000", "--out", "/"], "/: it exists"),
+        (
+            ["P1", "--max-current-ua", "2000", "--out", "/proc/P1.toml"],
+            "the folder is not writable",
+        ),
         (["P1", "--max-current-ua", "2000", "--leave-out", "8"], "--leave-out: there is no elec"),
         (["P1", "--max-current-ua", "2000", "--reference", "-1"], "--reference: there is no elec"),
-        (["P1", "--max-current-ua", "2000", "--returns", "ring:5"], '"all": leave it out'),
+        (["P1", "--max-current-ua", "2000", "--returns", "ring:5"], '"all" is possible'),
     ],
 )
 def test_what_cannot_be_is_told_by_the_name_it_has_on_the_command_line(

@@ -67,7 +67,7 @@ def test_without_a_terminal_there_is_a_line_for_each_electrode_and_none_on_stand
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.splitlines() == [
-        "by limits, 3 electrodes to come, about half a minute each at the quickest",
+        "method limits: 3 electrodes to do, at least half a minute each",
         "2 of 4 electrodes, 43 presentations",
     ]
 
@@ -78,7 +78,7 @@ def test_a_terminal_shows_every_presentation_and_how_long_it_takes(
     with terminal(monkeypatch) as lines:
         play(Watch(progress), progress)
         first, *drawn = lines()
-    assert first.startswith("by limits, 3 electrodes to come")
+    assert first.startswith("method limits: 3 electrodes to do")
     for count in (40, 41, 42, 43):
         assert any(f"1 of 4 electrodes, {count} presentations" in line for line in drawn)
     assert "2 of 4 electrodes, 43 presentations" in drawn[-1]

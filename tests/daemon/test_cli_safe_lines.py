@@ -71,7 +71,7 @@ def test_without_spi_and_on_any_machine_the_lines_are_driven_to_the_safe_state(
     assert "NOT SAFE" in told.err
     assert "/dev/spidev0.0" in told.err
     assert "cut the supply by hand" in told.err
-    assert ("the machine's file is of no use" in told.err) is (machine == "no-such-machine")
+    assert ("the machine file is ignored" in told.err) is (machine == "no-such-machine")
     assert "safe (" not in told.out
 
 

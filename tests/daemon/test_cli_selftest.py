@@ -134,9 +134,9 @@ def test_a_touch_in_the_wrong_place_is_told_live(
 
     monkeypatch.setattr(FakeOperator, "clip", clip_wrongly)
     assert cli.main([*FULL, *LOAD]) == 1
-    asked, told = capsys.readouterr().out.split("-> 47000 ohm between electrode 0 and electrode 7")
-    assert "wrong place" not in asked
-    said = "-> electrode 9 answers where 7 was asked for: the wrong place, or wires swapped\n"
+    asked, told = capsys.readouterr().out.split("-> connect 47000 ohm between electrodes 0 and 7")
+    assert "instead of" not in asked
+    said = "-> the resistor was found at electrode 9 instead of 7: move it, or check the wiring\n"
     assert told.count(said) == 1
     assert told.index(said) < told.index("fail   every_switch ")
 
@@ -170,7 +170,7 @@ def test_a_report_is_never_written_over_and_needs_a_folder(
     (tmp_path / "nowhere.json").symlink_to(tmp_path / "nothing")
     for there in (tmp_path, tmp_path / "nowhere.json"):
         reason = refused([*FULL, *LOAD, "--report", str(there)], capsys)
-        assert "it is there already" in reason
+        assert "it exists" in reason
     for where in ("no-folder/r.json", "study.json/r.json"):
         reason = refused([*FULL, *LOAD, "--report", str(tmp_path / where)], capsys)
         assert "there is no such folder" in reason
@@ -196,7 +196,7 @@ def test_a_copy_that_cannot_be_written_is_told_before_anything_is_tested(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     reason = refused([*FULL, *LOAD, "--report", "/proc/r.json"], capsys)
-    assert "nothing can be written there" in reason
+    assert "the folder is not writable" in reason
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ def test_where_the_report_cannot_be_kept_nothing_is_tested(
     state: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     state.parent.parent.write_text("a file where the folder should be")
-    assert "cannot be kept" in refused([*FULL, *LOAD], capsys)
+    assert "cannot be written" in refused([*FULL, *LOAD], capsys)
 
 
 @pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGHUP])
@@ -340,8 +340,8 @@ def test_no_further_signal_breaks_off_the_way_to_the_safe_state(ending: signal.S
         process.wait()
     assert process.returncode == 130
     assert said == (
-        "etd selftest: broken off; the board is in its safe state\n"
-        f"etd selftest: {len(further)} more signals came meanwhile, and waited for that\n"
+        "etd selftest: interrupted; the board is in its safe state\n"
+        f"etd selftest: {len(further)} more signals were ignored\n"
     )
 
 

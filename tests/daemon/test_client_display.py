@@ -137,7 +137,7 @@ def test_an_unknown_option_is_refused_by_name(rig: ServedRig) -> None:
 
 def test_a_message_over_the_size_limit_is_refused_with_a_sentence(rig: ServedRig) -> None:
     sets = [[other for other in range(256) if other != electrode] for electrode in range(256)]
-    with display(rig) as d, pytest.raises(Refused, match=f"at most {MAX_MESSAGE_BYTES}") as refused:
+    with display(rig) as d, pytest.raises(Refused, match=str(MAX_MESSAGE_BYTES)) as refused:
         d.show([0] * 256, returns=sets)
     assert refused.value.code == "too_large"
 
@@ -296,11 +296,11 @@ def test_without_an_engine_status_and_stop_still_answer(rig: ServedRig) -> None:
         rig.engine.close()
         while d.status().engine != "gone":
             pass
-        with pytest.raises(Refused, match="nothing is being felt"):
+        with pytest.raises(Refused, match="nothing is stimulated"):
             d.stop()
     with display(rig) as d:
         assert d.status().state == "SAFE"
-        with pytest.raises(Refused, match="is not there") as refused:
+        with pytest.raises(Refused, match="is not running") as refused:
             _ = d.electrodes
         assert refused.value.code == "engine_gone"
 
@@ -337,9 +337,9 @@ def test_nobody_there_is_told_at_once_and_how(tmp_path: Path) -> None:
 
 
 def test_tcp_is_refused_until_there_are_keys() -> None:
-    with pytest.raises(Refused, match="no keys"):
+    with pytest.raises(Refused, match="authenticated"):
         Display(address="tcp://10.0.0.1:5560")
-    with pytest.raises(Refused, match="no address"):
+    with pytest.raises(Refused, match="is not an address"):
         Display(address="/run/etd/main/control.sock")
 
 

@@ -154,9 +154,9 @@ def test_the_log_names_the_sensor_and_why_once_an_episode(rig: EngineRig) -> Non
     journal.close()
     told = [line for line in stream.getvalue().splitlines() if "pressure[" in line]
     assert told == [
-        f"etd main: {LEFT_NAME} of the array says nothing: it reads 3.10 V, not 0.3 to 2.9 V",
-        f"etd main: {LEFT_NAME} of the array is well again, for 10 s",
-        f"etd main: {LEFT_NAME} of the array says nothing: it reads 0.00 V, not 0.3 to 2.9 V",
+        f"etd main: {LEFT_NAME} of the array gives no readings: it reads 3.10 V, not 0.3 to 2.9 V",
+        f"etd main: {LEFT_NAME} of the array has worked again for 10 s",
+        f"etd main: {LEFT_NAME} of the array gives no readings: it reads 0.00 V, not 0.3 to 2.9 V",
     ]
     ended(rig)
 

@@ -290,7 +290,7 @@ def test_the_ending_of_a_plot_may_be_in_capitals(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"), [([], "no figure is named"), (["nope", "--json"], "there is no 'nope'")]
+    ("given", "said"), [([], "no figure is named"), (["nope", "--json"], "unknown figure 'nope'")]
 )
 def test_where_no_figure_is_named_all_are(
     given: list[str], said: str, capsys: pytest.CaptureFixture[str]

@@ -93,7 +93,7 @@ def test_a_stop_that_the_engine_does_not_take_cuts_the_link() -> None:
         reply = rig.call(op="stop")
 
         assert reply["error"] == "engine_gone"
-        assert "link to it was cut" in reply["reason"]
+        assert "its link was closed" in reply["reason"]
         rig.engine.is_reading = True
         rig.until(lambda: not rig.engine.is_connected)
 
@@ -113,7 +113,7 @@ def test_what_is_asked_in_the_turn_in_which_the_engine_ends_is_told_that_it_is_g
 
         reply = rig.reply()
         assert reply["error"] == "engine_gone"
-        assert "nothing is being felt" in reply["reason"]
+        assert "nothing is stimulated" in reply["reason"]
 
 
 def test_when_the_engine_ends_everybody_is_told_at_once() -> None:
@@ -148,7 +148,7 @@ def test_a_stop_without_an_engine_is_answered_with_what_that_means_for_the_skin(
         reply = rig.call(op="stop")
 
         assert reply["error"] == "engine_gone"
-        assert "nothing is being felt" in reply["reason"]
+        assert "nothing is stimulated" in reply["reason"]
 
 
 def test_an_engine_that_comes_back_is_found_and_the_old_lease_is_not() -> None:

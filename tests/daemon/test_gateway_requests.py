@@ -246,9 +246,12 @@ def test_a_calibration_is_deleted_and_a_shipped_one_stays(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"array": "grid-8x8"}, "its array is grid-8x8, here it is row-4"),
-        ({"body_site": "forearm"}, "its body_site is forearm"),
-        ({"electrode": CALIBRATION["electrode"][:3]}, "number of electrodes is 3, here it is 4"),
+        ({"array": "grid-8x8"}, "array is grid-8x8, this daemon's is row-4"),
+        ({"body_site": "forearm"}, "body_site is forearm"),
+        (
+            {"electrode": CALIBRATION["electrode"][:3]},
+            "number of electrodes is 3, this daemon's is 4",
+        ),
         (
             {"electrode": [{"threshold_ua": 9, "comfortable_ua": 8, "cap_ua": 7}] * 4},
             "do not rise",

@@ -56,7 +56,7 @@ def test_next_to_nothing_for_long_is_told_once_and_not_as_if_it_were_given_up() 
     journal = Journal("main", stream)
     for count in (0, 1, 2):
         journal.state(report("ARMED", counters={"rejected_narrow": count}))
-    (told,) = [line for line in lines_of(journal, stream) if "next to nothing" in line]
+    (told,) = [line for line in lines_of(journal, stream) if "almost nothing" in line]
     assert "not stabilized" not in told
 
 

@@ -180,4 +180,4 @@ def test_pressure_is_a_panel_where_there_are_sensors_and_unknown_when_nobody_tel
     )
     panel = next(panel for panel in heard.panels() if panel.title == "pressure")
     assert panel.bright == [None] * 4
-    assert "pressure[1] (0x49, channel 2) says nothing" in heard.line()
+    assert "no readings from pressure[1] (0x49, channel 2)" in heard.line()

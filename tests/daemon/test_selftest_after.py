@@ -22,10 +22,10 @@ def test_relays_have_no_polarity_to_say_anything_of() -> None:
     ("kind", "lasts", "said"),
     [
         ("hot", True, "84 C, hot"),
-        ("throttled", True, "52 C, slowed down, slowed down meanwhile"),
-        ("under_voltage", True, "52 C, under-voltage, under-voltage meanwhile"),
-        ("was_throttled", True, "52 C, slowed down meanwhile"),
-        ("was_under_voltage", True, "52 C, under-voltage meanwhile"),
+        ("throttled", True, "52 C, slowed down, slowed down during the test"),
+        ("under_voltage", True, "52 C, under-voltage, under-voltage during the test"),
+        ("was_throttled", True, "52 C, slowed down during the test"),
+        ("was_under_voltage", True, "52 C, under-voltage during the test"),
         ("hot", False, None),
     ],
 )

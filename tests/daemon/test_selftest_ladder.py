@@ -43,7 +43,7 @@ def test_a_source_that_is_wrong_never_comes_to_its_strongest(
     assert bad(report) == [("source", name)]
     assert rig.watch.most_code == code_of(step * STEP_UA)
     said = next(check.measured for check in report.checks if check.result == "fail")
-    assert f"at step {step} of 16: nothing stronger was fired" in said
+    assert f"at step {step} of 16; nothing stronger was fired" in said
 
 
 def test_a_source_in_order_is_climbed_to_the_top() -> None:

@@ -61,7 +61,7 @@ def bed_after_rail(rig: SelftestRig, log: CheckLog) -> tuple[Fixture, Prober]:
 def test_nothing_strong_is_fired_before_the_load_was_found() -> None:
     rig = selftest_rig()
     fixture, prober = bed_after_rail(rig, CheckLog())
-    with pytest.raises(GuardRefusal, match="no load was found"):
+    with pytest.raises(GuardRefusal, match="the load is not confirmed"):
         prober.into_load(1, 301)
     assert rig.most_charge_nc == 0.0
     fixture.board.safe_off()

@@ -56,7 +56,7 @@ def test_the_engines_user_can_read_what_the_operator_wrote(passed: Report, tmp_p
 
 def test_a_report_that_cannot_be_kept_says_what_to_do(passed: Report, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a folder")
-    with pytest.raises(FileError, match="cannot be kept"):
+    with pytest.raises(FileError, match="cannot be written"):
         save(passed, tmp_path / "file" / "r.json")
 
 
@@ -133,7 +133,7 @@ def test_a_pass_of_something_else_is_no_pass_of_a_board(
     reason = arming_refusal(tmp_path / "r.json", now(**changes))
     assert reason is not None
     assert f"was of another {what} " in reason
-    assert "run etd selftest, with the daemon stopped" in reason
+    assert "stop the daemon and run etd selftest" in reason
 
 
 @pytest.mark.parametrize(("what", "changes"), OTHERS, ids=lambda entry: str(entry))
@@ -166,7 +166,7 @@ def test_a_fake_that_did_not_pass_says_how_it_passes(passed: Report, tmp_path: P
     reason = arming_refusal(tmp_path / "r.json", now("fake"))
     assert reason is not None
     assert f"--board fake:{BOARD} --array {now().array} --dummy-load 47000 --second-load" in reason
-    assert f"removing {tmp_path / 'r.json'}" in reason
+    assert f"or remove {tmp_path / 'r.json'}" in reason
 
 
 def test_the_fakes_pass_is_no_pass_of_a_board(passed: Report, tmp_path: Path) -> None:
@@ -179,4 +179,4 @@ def test_a_report_that_cannot_be_read_forbids_arming(tmp_path: Path, backend: An
     (tmp_path / "r.json").write_text('{"passed": true}')
     reason = arming_refusal(tmp_path / "r.json", now(backend))
     assert reason is not None
-    assert "not a report" in reason
+    assert "not a self-test report" in reason

@@ -50,8 +50,8 @@ def test_any_load_in_the_range_will_do(load_ohm: int) -> None:
 def test_a_stack_is_walked_as_well() -> None:
     report = selftest_rig("etactilekit-hv513-x2", None).run()
     assert (bad(report), report.passed) == ([], True)
-    assert by_name(report)["every_switch"].measured == "64 electrodes found on 47000 ohm"
-    assert by_name(report)["every_switch_again"].measured == "64 electrodes found on 10000 ohm"
+    assert by_name(report)["every_switch"].measured == "64 electrodes read 47000 ohm"
+    assert by_name(report)["every_switch_again"].measured == "64 electrodes read 10000 ohm"
 
 
 @pytest.mark.parametrize("board", BOARDS)

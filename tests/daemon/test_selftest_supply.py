@@ -56,7 +56,7 @@ def test_the_level_that_holds_a_gate_on_is_told(board: str, level: Literal[0, 1]
     report = selftest_rig(board, file=file, faults=[HeartbeatByLevel(level)]).run()
     found = [check for check in report.checks if check.result == "fail"]
     assert [check.name for check in found] == ["heartbeat"]
-    assert found[0].measured.endswith(f"the line standing at {level}")
+    assert found[0].measured.endswith(f"with the line at {level}")
 
 
 class Undead(ChangedUnderstudy):

@@ -79,8 +79,8 @@ def test_a_strong_source_that_cannot_reach_its_top_is_told_a_load_that_will_do()
     report = selftest_rig(board, faults=[strong]).run()
     assert bad(report) == [("source", "steps")]
     advice = next(check.advice for check in report.checks if check.result == "fail")
-    assert advice.startswith("begin again with at most ")
-    most_ohm = int(advice.split()[5])
+    assert advice.startswith("test again with a --dummy-load of at most ")
+    most_ohm = int(advice.split()[8])
     assert most_ohm < LOAD_OHM < largest(board)
     assert selftest_rig(board, faults=[strong], load_ohm=most_ohm).run().passed
 

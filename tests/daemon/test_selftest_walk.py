@@ -109,7 +109,7 @@ def test_swapped_wires_are_told_at_once_and_named_both_when_time_is_over(board: 
     said = measured(rig, "every_switch")
     assert operator.told == [(5, (9,))]
     assert said.startswith("electrode 5 reads ")
-    assert said.endswith("; 9 answers in its place")
+    assert said.endswith("; 9 reads the load instead")
 
 
 class Bridging(Operator):
@@ -203,7 +203,7 @@ def test_a_touch_that_is_over_too_soon_is_asked_for_until_time_is_over() -> None
     rig.operator.for_s = 31.0
     said = measured(rig, "every_switch")
     assert said.startswith("electrode 6 reads ")
-    assert "in its place" not in said
+    assert "instead" not in said
 
 
 class Flickering(Hasty):
@@ -221,7 +221,7 @@ class Flickering(Hasty):
 def test_a_tip_that_slides_off_again_and_again_is_said_to_be_let_go_of() -> None:
     rig = selftest_rig()
     rig.operator = Flickering(rig)
-    assert "let go of before all others" in measured(rig, "every_switch")
+    assert "released before all others" in measured(rig, "every_switch")
 
 
 def test_without_a_second_load_the_second_walk_is_a_skip_that_says_what_to_add() -> None:

@@ -112,7 +112,7 @@ class Daemon:
 
 def arm(display: Display, chips: Chips) -> None:
     """The wearer's stop is pressed and released first, as in every session."""
-    with pytest.raises(Refused, match="wearer's stop has not been tried"):
+    with pytest.raises(Refused, match="wearer's stop has not been tested"):
         display.arm()
     for level in (0, 1):
         chips.knock(wire.Press("wearer_stop", level))

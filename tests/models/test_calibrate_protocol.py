@@ -174,9 +174,7 @@ def test_pulses_of_another_width_than_asked_for_are_no_presentation() -> None:
         for _ in range(8):
             stimulating.present(3, 800)
         daemon.fake.ask_body(lambda: daemon.body.touch(daemon.now_ns(), 3, skin(2e3, 4e4, 0.3)))
-        with pytest.raises(
-            NotDelivered, match="us were fired, 100 us were asked for: a stabilizer"
-        ):
+        with pytest.raises(NotDelivered, match="us were fired instead of 100 us: a stabilizer"):
             stimulating.present(3, 800)
         display.close()
 

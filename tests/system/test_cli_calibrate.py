@@ -44,7 +44,7 @@ class AtTerminal:
     def answer(self, keys: str) -> None:
         """A key for each question."""
         for key in keys:
-            self.command.line_with("Did you feel it", "stdout")
+            self.command.line_with("How strong was it", "stdout")
             os.write(self._keys, key.encode())
 
     def press(self, key: bytes) -> None:
@@ -78,7 +78,7 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
     others = "1,2,3,4,5,6,7"
     done = rig.run(*ARGUMENTS, "--leave-out", others, "--out", str(out), "--json")
     assert done.status == 0, done.err
-    assert "going on: 1 electrodes are done" in done.err
+    assert "continuing: 1 electrodes are done" in done.err
     assert done.answer["presentations"] >= 17
     assert done.answer["too_strong"] == [0]
     made = load_calibration(out)
@@ -98,7 +98,7 @@ def test_a_daemon_that_is_not_armed_is_waited_for(rig: CommandRig) -> None:
             said = at.command.ended()
         finally:
             at.close()
-        assert "paused; nothing was found yet; the same command begins anew" in said.err
+        assert "paused; no electrode has a result yet: the same command starts again" in said.err
         assert rig.run("status", "--json").answer["status"]["state"] == "SAFE"
         missing = rig.run("calibrate", "P02", "--method", "equalize", "--baseline", "P01")
         assert missing.status == 1
@@ -109,7 +109,7 @@ def test_what_was_too_strong_is_kept_though_the_command_is_killed(rig: CommandRi
     at = AtTerminal(rig, *ARGUMENTS)
     try:
         at.answer("nt")
-        at.command.line_with("Did you feel it", "stdout")
+        at.command.line_with("How strong was it", "stdout")
     finally:
         at.close()
     at = AtTerminal(rig, *ARGUMENTS)
@@ -118,8 +118,10 @@ def test_what_was_too_strong_is_kept_though_the_command_is_killed(rig: CommandRi
         said = at.command.ended()
     finally:
         at.close()
-    assert "what was too strong does not come again: electrodes 0" in said.err
-    assert "paused; nothing was found yet, but what was too strong is kept: the same" in said.err
+    assert "currents that were too strong are not repeated: electrodes 0" in said.err
+    assert (
+        "paused; no electrode has a result yet; what was too strong is saved: the same" in said.err
+    )
 
     at = AtTerminal(rig, *ARGUMENTS, "--restart")
     try:
@@ -127,8 +129,8 @@ def test_what_was_too_strong_is_kept_though_the_command_is_killed(rig: CommandRi
         anew = at.command.ended()
     finally:
         at.close()
-    assert "does not come again" not in anew.err
-    assert "paused; nothing was found yet; the same command begins anew" in anew.err
+    assert "are not repeated" not in anew.err
+    assert "paused; no electrode has a result yet: the same command starts again" in anew.err
     assert not list(rig.folder.glob("state/etd/fake/calibrating/*")), "it is forgotten"
 
 
@@ -174,21 +176,21 @@ def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Sig
         finally:
             at.close()
         assert said.status == 130, said.err
-        assert "nothing was found yet; the same command begins anew" in said.err
+        assert "no electrode has a result yet: the same command starts again" in said.err
         assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
 
 
 def test_a_stop_is_told_as_json_where_the_answer_is_to_be(rig: CommandRig) -> None:
     at = AtTerminal(rig, *ARGUMENTS, "--json")
     try:
-        at.command.line_with("8 electrodes to come")
+        at.command.line_with("8 electrodes to do")
         at.press(b" ")
         said = at.command.ended()
     finally:
         at.close()
     assert said.status == 1, said.err
     assert (said.answer["ok"], said.answer["error"]) == (False, "stopped")
-    assert "nothing was found yet; the same command begins anew" in said.answer["reason"]
+    assert "no electrode has a result yet: the same command starts again" in said.answer["reason"]
 
 
 def test_a_simulated_person_is_waited_for_with_a_bar_on_the_terminal(rig: CommandRig) -> None:
@@ -209,9 +211,9 @@ def test_a_simulated_person_is_waited_for_with_a_bar_on_the_terminal(rig: Comman
     finally:
         process.kill()
         process.wait(WITHIN_S)
-    assert "by limits, 8 electrodes to come, about half a minute each" in drawn
+    assert "method limits: 8 electrodes to do, at least half a minute each" in drawn
     assert "0 of 8 electrodes, 1 presentations" in drawn
-    assert "nothing was found yet; the same command" in drawn_until(terminal, "begins anew")
+    assert "no electrode has a result yet" in drawn_until(terminal, "starts again")
     assert (process.returncode, out) == (130, b"")
     os.close(terminal)
 

@@ -66,7 +66,7 @@ def test_what_does_not_fit_or_is_there_already_is_refused_in_a_sentence(rig: Com
             "calibration", "export", "fake-fingertip-pad-8", str(written(rig.folder, "P03.toml"))
         )
         assert there.status == 1
-        assert "it is there already" in there.err
+        assert "it exists" in there.err
         shipped = rig.run("calibration", "delete", "fake-fingertip-pad-8")
         assert shipped.status == 1
         assert "shipped" in shipped.err

@@ -89,7 +89,7 @@ def is_full(told: str) -> None:
     """One line, with what to do about it."""
     assert told.count("\n") == 1
     assert told.startswith("etd: standard output")
-    assert "cannot be written (No space left on device): make room, or send it elsewhere" in told
+    assert "cannot be written (No space left on device)" in told
 
 
 def test_a_closed_standard_output_does_not_keep_it_from_being_done(rig: CommandRig) -> None:
@@ -97,7 +97,7 @@ def test_a_closed_standard_output_does_not_keep_it_from_being_done(rig: CommandR
         status, told = shell(rig, "stop >&-")
         assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
     assert status == 1
-    assert told == "etd: standard output is closed, so the answer went nowhere\n"
+    assert told == "etd: standard output is closed: the answer could not be printed\n"
 
 
 def test_what_is_opened_next_does_not_become_a_closed_standard_output(rig: CommandRig) -> None:

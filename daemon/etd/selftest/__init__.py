@@ -1,5 +1,5 @@
-"""Whether this board may be put on a person: stages of growing risk, a report, and what follows.
+"""The self-test of a board, before it may be armed: stages of growing risk, and a report.
 
 Must not know: ZeroMQ, frames, calibrations of persons. It drives the board through the same guard,
-limits and ledger as the engine does, and while no engine has it.
+limits and ledger as the engine, and only while no engine runs.
 """

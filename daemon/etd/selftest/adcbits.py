@@ -1,13 +1,12 @@
-"""Stage 8, into the dummy load: each of the ADC's low bits stands at 0 at times, and at 1 at times.
+"""Stage 8, into the dummy load: each of the ADC's low bits must read both 0 and 1.
 
-Owns: which currents bring a bit that did not move yet to both its levels. Must not know: what the
-readings say of the source.
+Owns: which currents bring a bit to both levels. Must not know: what the readings say of the source.
 
-The ladder's equal steps may all read near multiples of 64 codes: then a low bit stands still on a
-board that is in order. So whoever stood still is looked for at currents of its own: eight readings
-over the bit's period, which leaves both halves of it at least three whatever the constants are
-within their tolerances; and for the two lowest, whose period is no wider than the DAC's steps may
-be, codes of the DAC one after another, into the load and into an open electrode.
+The ladder's equal steps may all read near multiples of 64 codes, so that a low bit is constant on a
+good board. Such a bit gets currents of its own: eight readings over the bit's period, of which each
+half has at least three, whatever the constants are within their tolerances. For the two lowest
+bits, whose period may be below a step of the DAC: successive codes of the DAC, into the load and
+into an open electrode.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from etd.selftest.prober import Prober
 _BITS = 6
 #: Of a bit's period, and of the DAC's codes.
 _READINGS, _NEIGHBORS = 8, 16
-#: A bit whose period is at least a reading's uncertainty times the readings is looked for by it.
+#: From this bit on the period is long enough for readings by period.
 _BY_PERIOD = 2
-#: Where the codes one after another begin, and the periods: weak, and above the ADC's first codes.
+#: The lowest of these currents: weak, and above the ADC's first codes.
 _FROM_UA = 500
 _SECOND_MS, _MARGIN = 1_000, 1.2
 
@@ -74,12 +73,12 @@ def check(
     log.judge(
         "adc_bits",
         not still,
-        f"bits {still} never moved, {seen.readings} readings"
+        f"bits {still} constant in {seen.readings} readings"
         if still
-        else f"bits 0 to {_BITS - 1} move, {seen.readings} readings",
+        else f"bits 0 to {_BITS - 1} change, {seen.readings} readings",
         "each of the low bits at 0 and at 1",
-        "the ADC's word comes moved by a bit: use SPI mode 1, and look at the clock's edges; a"
-        " higher bit that stands still is the ADC's own",
+        "bit 0: the ADC's word is shifted by a bit: use SPI mode 1, and check the clock's edges;"
+        " a higher bit: replace the ADC",
     )
 
 

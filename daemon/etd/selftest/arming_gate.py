@@ -1,7 +1,7 @@
-"""Whether the last self-test lets a board be armed now, asked again and again.
+"""Whether the last self-test allows arming now.
 
-Owns: reading the report only when it is another than the last time. Must not know: who asks, what
-a report must say.
+Owns: reading the report again only when its file has changed. Must not know: what a report must
+contain.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from pathlib import Path
 from etd.selftest.report import arming_refusal
 from etd.selftest.subject import Subject
 
-#: What tells a file from the one before it: reports are replaced, never written into.
+#: Identifies a version of the file: reports are replaced, never modified.
 _FileState = tuple[int, int, int] | int
 
 
 class SelftestGate:
-    """Called, it answers the sentence for which arming is refused; None where nothing is."""
+    """Called, it returns the reason for which arming is refused, or None."""
 
     def __init__(self, path: Path, now: Subject) -> None:
         self._path = path
@@ -27,13 +27,13 @@ class SelftestGate:
     def __call__(self) -> str | None:
         seen = self._look()
         if seen != self._seen:
-            # Looked at before it is read: what comes in between is seen the next time.
+            # The state is taken before reading: a change in between is detected the next time.
             self._seen = seen
             self._why = arming_refusal(self._path, self._now)
         return self._why
 
     def _look(self) -> _FileState:
-        """The file as it lies there; the error's number where there is none, or no way to it."""
+        """The file's state; the error number if it cannot be accessed."""
         try:
             found = self._path.stat()
         except OSError as error:

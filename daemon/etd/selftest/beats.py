@@ -1,7 +1,7 @@
-"""The heartbeat's edges while a board is tested, and the account of them.
+"""The heartbeat's edges while a board is tested.
 
-Owns: when an edge is due, and the longest time without one: a supply that went in such a time
-proves no guard. Must not know: waiting, what is looked at meanwhile.
+Owns: when an edge is due, and the longest gap between edges: a supply that fell in such a gap
+proves no guard. Must not know: waiting, what is measured meanwhile.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ _BEATS_PER_WINDOW = 4
 
 
 class Beats:
-    """See the module. On a board without a heartbeat none is ever due, or missed."""
+    """On a board without a heartbeat no edge is ever due, or missed."""
 
     def __init__(self, board: Board, clock: Clock) -> None:
         self._board = board
         self._clock = clock
         heartbeat = board.file.guards.heartbeat
         self._window_ns = None if heartbeat == "absent" else heartbeat.window_ms * _NS_PER_MS
-        #: Go on beating without the supply: so the enable line's end is seen alone.
+        #: Continue without the supply, so that the heartbeat is not what switched it off.
         self.go_on_when_off = False
         #: The time of the last edge.
         self.last_ns = 0
@@ -51,16 +51,13 @@ class Beats:
         self._board.beat()
 
     def begin(self) -> None:
-        """The account begins anew, with an edge."""
+        """Restart the measurement of gaps, with an edge."""
         self.last_ns = self._clock.now_ns()
         self._longest_gap_ns = 0
         self._board.beat()
 
     def missed_ms(self) -> float | None:
-        """The longest time without an edge since the account began, if a gate may have acted in it.
-
-        A heartbeat that is absent is never missed.
-        """
+        """The longest gap since `begin`, if the gate may have acted in it; otherwise None."""
         if self._window_ns is None:
             return None
         gap_ns = max(self._longest_gap_ns, self._clock.now_ns() - self.last_ns)

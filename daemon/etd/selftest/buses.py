@@ -1,6 +1,6 @@
 """Stage 2, supply off where it can be: the lines, the chips on SPI and I2C, the stop lines.
 
-Owns: that everything answers and nothing is on. Must not know: pulses.
+Owns: the checks that all devices answer and all outputs are off. Must not know: pulses.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from etd_hal.boardfile import HalfBridgeLines
 from etd_hal.chips import ads1115, mcp4725
 from etd_hal.errors import BoardFault, BusError
 
-#: The node with the DAC at zero: the ADC's offset, and no more.
+#: The node with the DAC at zero: no more than the ADC's offset.
 IDLE_V = 1.0
 _ECHOES = 8
 _OPERATOR_WITHIN_MS = 20_000
@@ -27,9 +27,9 @@ def check(fixture: Fixture, log: CheckLog) -> None:
     log.judge(
         "safe_state",
         not problems,
-        "; ".join(problems) or "told, and the node is at rest",
+        "; ".join(problems) or "commanded, and the node is at rest",
         "outputs off, DAC at zero, nothing selected",
-        "look at the first thing that did not work; leave the supply off",
+        "check the first item listed; leave the supply off",
     )
     if log.stage_failed:
         return
@@ -42,7 +42,7 @@ def check(fixture: Fixture, log: CheckLog) -> None:
 
 def _check_echo(fixture: Fixture, log: CheckLog) -> bool:
     """The ADC answers each word with two zeros, twelve bits, two zeros."""
-    advice = "MISO, chip select and SPI mode: 0xffff is a MISO that floats high or is cut"
+    advice = "check MISO, chip select and SPI mode: 0xffff means that MISO floats high or is cut"
     try:
         codes = _echoes(fixture)
     except BoardFault as fault:
@@ -62,7 +62,7 @@ def check_idle(fixture: Fixture, log: CheckLog, name: str) -> None:
         idle_v <= IDLE_V,
         f"{idle_v:.2f} V with the DAC at zero",
         f"at most {IDLE_V} V",
-        "the DAC does not go to zero, or the source has an offset: cut the supply",
+        "cut the supply: the DAC does not go to zero, or the source has an offset",
     )
 
 
@@ -72,9 +72,9 @@ def _check_lines(fixture: Fixture, log: CheckLog) -> None:
     log.judge(
         "lines",
         not wrong,
-        f"{', '.join(dict.fromkeys(wrong))} did not follow" if wrong else "each follows",
+        f"{', '.join(dict.fromkeys(wrong))} did not follow" if wrong else "all follow",
         "each output reads back as it is driven",
-        "something else drives this line, or it is shorted: take the board off and look again",
+        "something else drives this line, or it is shorted: test again without the board",
     )
 
 
@@ -127,7 +127,7 @@ def _check_setpoint(fixture: Fixture, log: CheckLog) -> None:
     setpoint = fixture.file.rail_setpoint
     if setpoint == "absent":
         return
-    expected = "an MCP4725 that starts at 0 and holds what it is given"
+    expected = "an MCP4725 with power-up code 0 that accepts a code"
     try:
         stored = mcp4725.read_power_up(fixture.i2c, setpoint.address)
         mcp4725.write(fixture.i2c, setpoint.address, setpoint.code)
@@ -139,11 +139,11 @@ def _check_setpoint(fixture: Fixture, log: CheckLog) -> None:
         stored == 0,
         f"code {stored} at power-up, {setpoint.code} now",
         expected,
-        "write 0 into its EEPROM: the rail comes up at that code before any program runs",
+        "write 0 into its EEPROM: at power-up the rail is set by that code",
     )
 
 
-_I2C_ADVICE = "SDA, SCL, their pulls and the chip's supply; i2cdetect shows who answers"
+_I2C_ADVICE = "check SDA, SCL, their pull-ups and the chip's supply; i2cdetect lists the chips"
 
 
 def _check_stop(fixture: Fixture, log: CheckLog, name: StopName) -> None:
@@ -154,14 +154,14 @@ def _check_stop(fixture: Fixture, log: CheckLog, name: StopName) -> None:
         return
     if stops[name]:
         log.judge(
-            name, False, "open", "closed", "release it, or plug it in: an open loop is a stop"
+            name, False, "open", "closed", "release it, or plug it in: an open loop means stop"
         )
         return
     if fixture.operator is None:
-        log.skip(name, "closed; nobody is there to press it", "run it without --no-operator")
+        log.skip(name, "closed; no operator to press it", "run it without --no-operator")
         return
     is_seen, is_closed = _pressed_and_released(fixture, fixture.operator, name)
-    measured = "pressed and released" if is_closed else "pressed, and it stays open"
+    measured = "pressed and released" if is_closed else "pressed, but not seen to close again"
     log.judge(
         name,
         is_closed,

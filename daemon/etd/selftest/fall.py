@@ -1,13 +1,12 @@
 """How a rail falls, by its monitor: when it was cut, and when it was gone.
 
-Owns: both moments, how well the first can be estimated, and that a fall which the test itself may
-have caused proves nothing. Must not know: why it falls.
+Owns: both times, the tolerance of the first, and that a fall which the test itself may have caused
+proves nothing. Must not know: why it falls.
 
-A store falls slowly: its end says what the bleeder does, its beginning when the supply was cut.
-That moment is estimated from the readings between a fiftieth and a tenth down, back along the line
-that their logarithms make. It is exact for a bleeder; a load that takes the same current at every
-voltage makes it late by less than a five-hundredth of the fall. Of a fall too fast for three such
-readings, the first one is the moment.
+The storage capacitor discharges slowly. The time of the cut is estimated from the readings between
+2 % and 10 % down, by a line through their logarithms. The estimate is exact for a bleeder; a load
+of constant current makes it late by less than 0.2 % of the fall. If a fall is too fast for three
+such readings, the first one counts.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ from etd_hal.boardfile import RailMonitor
 #: A reading: after how many ms, how many volts.
 Reading = tuple[float, float]
 
-#: Of the rail before: what the readings lie between that the cut is reckoned from.
+#: The cut is estimated from readings between these parts of the rail before.
 _SEEN, _DEEP = 0.98, 0.9
 _LEAST_READINGS = 3
-#: Of the time until `off_v`, by which a steady fall's cut is reckoned too late at most.
+#: The most by which the cut is estimated too late, as a part of the time until `off_v`.
 _RECKONED_LATE = 0.002
 #: A monostable's own tolerance, and a few readings.
 _TOLERANCE = 1.2
@@ -38,29 +37,27 @@ _LATER_MS = 10
 
 @dataclass(frozen=True, slots=True)
 class Fall:
-    """In ms after whatever should make it fall; None for what did not come in time."""
+    """In ms after what should make it fall; None for what did not happen in time."""
 
     cut_ms: float | None
     gone_ms: float | None
 
     def is_cut_within(self, most_ms: float) -> bool:
-        """A fall that was not seen was not cut in time."""
+        """False if no fall was measured."""
         return self.cut_ms is not None and self.cut_ms <= most_ms
 
     @property
-    def told_cut(self) -> str:
-        return (
-            "is not seen to fall" if self.cut_ms is None else f"is cut after {self.cut_ms:.0f} ms"
-        )
+    def cut_text(self) -> str:
+        return "does not fall" if self.cut_ms is None else f"is cut after {self.cut_ms:.0f} ms"
 
 
 def reckoned_within_ms(monitor: RailMonitor, guard_ms: float) -> float:
-    """The latest cut that may be estimated, if the guard acts within `guard_ms`."""
+    """The latest estimate of a cut by a guard that acts within `guard_ms`."""
     return guard_ms * _TOLERANCE + monitor.fall_ms * _RECKONED_LATE + _READINGS_MS
 
 
 def reckon_cut(readings: Sequence[Reading], from_v: float) -> float | None:
-    """When a rail at `from_v` was cut, by how it fell then; None if it did not."""
+    """When a rail at `from_v` was cut, estimated from its fall; None if it did not fall."""
     begun_ms = next((ms for ms, volts in readings if volts < _SEEN * from_v), None)
     if begun_ms is None:
         return None
@@ -97,8 +94,8 @@ def watch_fall(
 
 
 _BEAT_ADVICE = (
-    "what else runs on this machine kept the test from beating in time, so that the supply may have"
-    " gone for that alone: end that, and begin again"
+    "other programs on this machine delayed the test's heartbeat, which may have cut the supply:"
+    " end them, and test again"
 )
 
 
@@ -111,13 +108,13 @@ def judge_fall(
     expected: str,
     advice: str,
 ) -> bool:
-    """As `Log.judge`; with a beat missed by the test (`Beats.missed_ms`) it never passes."""
+    """As `CheckLog.judge`; never a pass if the test missed a beat (`Beats.missed_ms`)."""
     if missed_ms is None:
         return log.judge(name, is_good, measured, expected, advice)
     return log.judge(
         name,
         False,
-        f"the test itself missed a beat: {missed_ms:.0f} ms; {measured}",
+        f"the test missed a heartbeat for {missed_ms:.0f} ms; {measured}",
         expected,
         _BEAT_ADVICE if is_good else advice,
     )

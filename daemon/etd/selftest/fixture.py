@@ -1,6 +1,6 @@
-"""The board under test: what is known of it, its ports, its load, who stands beside it.
+"""The board under test: its figures, its ports, its load, its operator.
 
-Owns: waiting (with the heartbeat beating and, while the supply is on, the stop lines watched), and
+Owns: waiting (with the heartbeat running and, while the supply is on, the stop lines watched), and
 reading the rail. Must not know: what is checked, reports, what is printed.
 """
 
@@ -23,7 +23,7 @@ MS = 1_000_000
 _TICK_NS = 5 * MS
 
 
-#: What to add to the command where a load was missed.
+#: Options named in the advice of skipped checks.
 SECOND_LOAD_OPTION = "--second-load OHM"
 LOAD_OPTIONS = f"--dummy-load OHM {SECOND_LOAD_OPTION} --load-electrodes A,B"
 
@@ -41,17 +41,17 @@ class DummyLoad:
 
 @dataclass(frozen=True, slots=True)
 class SelftestOptions:
-    """What the operator said when starting the test."""
+    """The operator's options."""
 
     load: DummyLoad | None = None
-    #: What an oscilloscope showed of the one-shot; software cannot see it.
+    #: The one-shot's time by an oscilloscope; software cannot measure it.
     one_shot_us: int | None = None
-    #: Another resistor, that takes the first one's place when it is asked for.
+    #: A second resistor, which replaces the first one when the operator is asked to.
     second_load: DummyLoad | None = None
 
 
 class Fixture:
-    """See the module. `operator` None: no person is at the board."""
+    """`operator` None: no person is at the board."""
 
     def __init__(
         self, loaded: LoadedConfig, bench: Bench, operator: Operator | None, asked: SelftestOptions
@@ -71,15 +71,15 @@ class Fixture:
             loaded.board, loaded.machine, backend.codec, backend.spi, backend.gpio, self.clock
         )
         self.beats = Beats(self.board, self.clock)
-        #: Set when the load was found where it should be, and nothing else anywhere.
+        #: The load was measured at its electrodes, and all others are open.
         self.is_load_confirmed = False
         #: The stop that the operator is asked to hold open now.
         self.held_stop: StopName | None = None
-        #: The leak as measured beside the load; the board file's until then.
+        #: As measured with the load; the board file's until then.
         self.leak_ohm = float(loaded.board.source.leak_ohm)
-        #: What the source makes of what it is told, as measured there.
+        #: Measured over commanded current, as measured with the load.
         self.gain = 1.0
-        #: The machine's, before anything was moved.
+        #: The machine's, before anything was switched.
         self.health_before: Health | None = None
         self._i2c = backend.i2c
         #: Another process holds the lines: this process cannot read a stop.
@@ -87,27 +87,27 @@ class Fixture:
 
     @property
     def free(self) -> list[int]:
-        """The electrodes that nothing should be connected to."""
+        """The electrodes without the load."""
         load = self.options.load
         taken = () if load is None else (load.first, load.second)
         return [electrode for electrode in range(self.loaded.array.count) if electrode not in taken]
 
     @property
     def i2c(self) -> I2c:
-        """Raises: BoardFault on a board without; the board file's rules keep it from happening."""
+        """Raises: BoardFault without one; the rules of board files exclude that."""
         if self._i2c is None:
             raise BoardFault("I2C", "not open", "a bus for the chips that the board file names")
         return self._i2c
 
     def end_beats(self, level: int) -> None:
-        """The last edge leaves the line at `level`; wait without beating from now on."""
+        """End with the line at `level`; wait without beats from now on."""
         if self.beats.every_ms is not None and self.board.heartbeat_level == level:
             self.beats.beat()
             self.wait_ms(self.beats.every_ms, is_beating=False)
         self.beats.beat()
 
     def supply_on(self) -> None:
-        """With the first edge; a gate that cuts it from now on stays so until it was off."""
+        """With the first beat."""
         self.board.supply_on()
         self.beats.begin()
 
@@ -124,7 +124,7 @@ class Fixture:
     def wait_until(
         self, is_done: Callable[[], bool], within_ms: float, is_beating: bool = True
     ) -> bool:
-        """Look again and again; False when it has not come true in time.
+        """Poll `is_done`; False if it was not true in time.
 
         Raises: BoardFault as `watch_stops`, within a tick, while the supply is on.
         """
@@ -144,7 +144,7 @@ class Fixture:
         """A fresh reading of the rail's monitor. Raises: BusError, BoardFault without a monitor."""
         monitor = self.file.guards.rail_monitor
         if monitor == "absent":
-            raise BoardFault("rail monitor", "absent", "one, to be asked")
+            raise BoardFault("rail monitor", "absent", "a rail monitor")
         volts = ads1115.convert_v(
             self.i2c,
             monitor.address,

@@ -1,6 +1,6 @@
-"""The supply's two gates, the enable line and the heartbeat: what is tried of the second, in order.
+"""The supply's two gates: the checks of the heartbeat's, and the advice for both.
 
-Owns: the order, and what to do when a gate does not act. Must not know: how a supply is looked at.
+Owns: the order, and the advice when a gate does not act. Must not know: how a supply is measured.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ from collections.abc import Callable
 
 from etd.selftest.fixture import Fixture
 
-#: Where the heartbeat stops: a gate that one of them holds on must not pass.
+#: The heartbeat is stopped at both levels: neither may keep the supply on.
 _LEVELS = (0, 1)
 ENABLE_ADVICE = (
-    "the enable line does not switch the supply, or its store has no bleeder: cut the supply"
+    "cut the supply: the enable line does not switch it, or its capacitor has no bleeder"
 )
 GATE_ADVICE = (
-    "the gate does not act: the monostable, its coupling, and the way from it to the supply. If it"
-    " acts with the line at the other level, the line is not AC-coupled"
+    "check the monostable, its coupling, and its connection to the supply. If it acts with the line"
+    " at the other level, the line is not AC-coupled"
 )
 LATCH_ADVICE = (
-    "the gate needs a latch that the enable's end clears: a program that hung and goes on would"
-    " have its supply back unasked"
+    "the gate needs a latch that only the enable line clears: otherwise a program that hangs and"
+    " continues switches the supply on again"
 )
 
 
@@ -30,10 +30,10 @@ def check_heartbeat(
     stays_away: Callable[[], bool],
     rises: Callable[[str], bool],
 ) -> None:
-    """With the supply on, and on again at its end if all is good.
+    """Starts with the supply on, and ends so if all is good.
 
-    `goes`: the beats end at this level, and the supply with them. `stays_away`: it does not come
-    back with new beats. `rises`: it is switched on, and judged under this name.
+    `goes`: ends the beats at this level and checks that the supply falls. `stays_away`: checks that
+    new beats do not restore it. `rises`: switches it on and checks it, under this name.
     """
     for level in _LEVELS:
         if level != _LEVELS[0] and not _rises_anew(fixture, rises, "rise_between_heartbeats"):
@@ -46,12 +46,12 @@ def check_heartbeat(
 
 
 def _rises_anew(fixture: Fixture, rises: Callable[[str], bool], name: str) -> bool:
-    """By way of the enable line, which clears the gate's latch."""
+    """Off and on with the enable line, which clears the gate's latch."""
     fixture.board.supply_off()
     fixture.wait_ms(1)
     return rises(name)
 
 
 def standing(level: int) -> str:
-    """At which level the beats ended, for people."""
-    return f"the line standing at {level}"
+    """At which level the beats ended, for reports."""
+    return f"with the line at {level}"

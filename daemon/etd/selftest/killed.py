@@ -1,11 +1,12 @@
-"""Stage 5: the process that drives the board is killed: what pulls and gates then do to the board.
+"""Stage 5: the process that drives the board is killed; pulls and gates must make the board safe.
 
-Owns: what the lines and the supply must do then, and within which time. Must not know: what a
-process is (`etd_hal.bench.Understudy`).
+Owns: what the lines and the supply must do then, and within which time. Must not know: the process
+(`etd_hal.bench.KillTestProcess`).
 
-No program can make a board safe after its own `kill -9`: `etd safe` takes most of a second to
-start. So the board must do it. The kernel lets go of the lines, and their pulls say safe; the
-heartbeat's monostable says so too, where pins stay driven or a process is stopped, not killed.
+No program can make a board safe right after its own `kill -9`: `etd safe` takes most of a second to
+start. So the board must do it. The kernel releases the lines, and their pulls set them to safe
+levels; where pins stay driven, or a process is stopped but not killed, the heartbeat's monostable
+cuts the supply.
 """
 
 from __future__ import annotations
@@ -44,15 +45,15 @@ def check(fixture: Fixture, log: CheckLog, rises: Callable[[str], bool]) -> None
         rises("rise_after_kill")
 
 
-_NOT_SAFE_ADVICE = "look at the first thing that did not work; cut the supply by hand"
+_NOT_SAFE_ADVICE = "cut the supply by hand; check the first item listed"
 _ADVICE = (
-    "fit the pull that this line needs (docs/bring-up.md, Wires and pulls): it is what says safe"
-    " while nobody drives it"
+    "fit the pull resistor that this line needs (docs/bring-up.md, Wires and pulls): it sets the"
+    " safe level while no program drives the line"
 )
 
 
 def _check_watched(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> None:
-    """The rail is up and beaten for by the other process, which is then killed."""
+    """The other process raises the rail and beats for it, then it is killed."""
     if not _comes_up(fixture, log, monitor):
         return
     from_v = fixture.rail_v(is_beating=False)
@@ -72,9 +73,9 @@ def _check_watched(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> Non
     log.judge(
         "killed_supply",
         fall.is_cut_within(within_ms) and fall.gone_ms is not None,
-        f"{fall.told_cut}, {gone}",
-        f"cut within {guard_ms:.0f} ms of the kill, so reckoned to be at most {within_ms:.0f} ms,"
-        f" and below {monitor.off_v} V within {monitor.fall_ms} ms",
+        f"{fall.cut_text}, {gone}",
+        f"cut within {guard_ms:.0f} ms of the kill (estimate at most {within_ms:.0f} ms), and below"
+        f" {monitor.off_v} V within {monitor.fall_ms} ms",
         "the enable's pull and the heartbeat's gate must each cut the supply without any program",
     )
 
@@ -97,12 +98,12 @@ def _comes_up(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> bool:
         False,
         f"{rail_v:.0f} V while another process held the board",
         f"at least {monitor.low_v} V",
-        "what else runs on this machine kept it from beating in time: end that",
+        "other programs on this machine delayed its heartbeat: end them",
     )
 
 
 def _check_lines(fixture: Fixture, log: CheckLog, took_ms: float) -> None:
-    """By their own levels, while no process drives them."""
+    """The lines' levels while no process drives them."""
     levels = fixture.kill_test_process.levels()
     wanted = _safe_levels(fixture)
     wrong = [f"{name} {levels[line]}" for name, line, level in wanted if levels[line] != level]
@@ -111,9 +112,9 @@ def _check_lines(fixture: Fixture, log: CheckLog, took_ms: float) -> None:
     log.judge(
         "killed_lines",
         not wrong and is_in_time,
-        f"{', '.join(wrong) or listed}; let go of after {took_ms:.1f} ms",
+        f"{', '.join(wrong) or listed}; released after {took_ms:.1f} ms",
         f"{listed}, by the pulls alone, within {_SAFE_WITHIN_MS:.0f} ms of the kill",
-        _ADVICE if wrong else "end what else runs; fit a heartbeat's gate (docs/hardware.md)",
+        _ADVICE if wrong else "end other programs; fit a heartbeat gate (docs/hardware.md)",
     )
 
 

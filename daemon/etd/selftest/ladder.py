@@ -1,7 +1,7 @@
-"""A ladder of ever stronger pulses into the dummy load; each must agree before the next is fired.
+"""Pulses of rising strength into the dummy load; each must agree before the next is fired.
 
-Owns: how far a step may be off, and where the climb ends: a source that is wrong never comes to its
-strongest. Must not know: what the steps together say; who is near.
+Owns: the tolerance of a step, and the end of the climb: a wrong source never fires its strongest
+pulse. Must not know: what the steps together say.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from etd_hal.board import PulseResult
 from etd_hal.boardfile import Source
 
 _STEPS = 16
-#: Off the line, of a step's own current.
+#: The deviation from the line, as a part of a step's own current.
 LINEARITY = 0.03
 SATURATES = (
-    "the source saturates: look at its mirror, and at the rail under load; if it comes further with"
-    " a smaller first resistor it is the rail"
+    "the source saturates: check its mirror, and the rail under load; if a smaller first resistor"
+    " gives more current, it is the rail"
 )
-#: Of the compliance: what the top may take of it by the board file, and on this board. The second
-#: is more because the leak may be larger than the file says.
+#: The part of the compliance that the strongest pulse may need, by the board file and as measured.
+#: The second is larger because the leak may be larger than the file says.
 _HEADROOM_NAMED, _HEADROOM = 0.9, 0.95
 
 
 @dataclass(frozen=True, slots=True)
 class Rung:
-    """What the source was told, and what it made of it by the node's voltage."""
+    """The commanded current, and the one measured by the node's voltage."""
 
     commanded_ua: int
     made_ua: float
@@ -38,7 +38,7 @@ class Rung:
 
 
 def largest_ohm(source: Source, strongest_ua: int) -> int | None:
-    """Into a larger load the source cannot make its strongest; None where it can into any."""
+    """The largest load into which the source can drive this current; None: any load."""
     return _largest_ohm(source, strongest_ua, source.leak_ohm)
 
 
@@ -55,7 +55,7 @@ def _largest_ohm(source: Source, most_ua: float, leak_ohm: float) -> int | None:
 
 
 def reachable_ua(fixture: Fixture, beside_ohm: float) -> int:
-    """What the source may be told, and surely makes into a load and its leak."""
+    """The current that this source can certainly drive into a load and its leak."""
     return int(fixture.file.source.compliance_v * _HEADROOM / (beside_ohm * fixture.gain) * 1e6)
 
 
@@ -67,7 +67,7 @@ def climb(
     beside_ohm: float,
     most_ua: int,
 ) -> list[Rung]:
-    """All steps up to `most_ua`, or those until one was off: that is judged a failure.
+    """All steps up to `most_ua`, or those up to the first one that disagrees, which fails.
 
     Raises: BusError, BoardFault, GuardRefusal.
     """
@@ -84,22 +84,21 @@ def climb(
 
 
 def _slack_ua(fixture: Fixture, rung: Rung, beside_ohm: float) -> float:
-    """Gain and line, what a node at rest may show already, and a step of the ADC."""
+    """The tolerances of gain and linearity, the idle voltage allowed, and a step of the ADC."""
     reading_v = IDLE_V + fixture.file.source.node_uv_per_code / 1e6
     return (TOLERANCE + LINEARITY) * rung.commanded_ua + reading_v / beside_ohm * 1e6
 
 
 def _judge_off(log: CheckLog, rung: Rung, step: int, slack_ua: float) -> None:
-    """Too little after steps that agreed is a source that saturates; all else is its gain."""
+    """Too little current after good steps means saturation; anything else a wrong gain."""
     is_saturated = step > 1 and rung.made_ua < rung.commanded_ua
     log.judge(
         "linearity" if is_saturated else "steps",
         False,
-        f"{rung.made_ua:.0f} uA where {rung.commanded_ua} uA were told, at step {step} of {_STEPS}:"
+        f"{rung.made_ua:.0f} uA instead of {rung.commanded_ua} uA at step {step} of {_STEPS};"
         " nothing stronger was fired",
         f"{rung.commanded_ua} +-{slack_ua:.0f} uA",
         SATURATES
         if is_saturated
-        else "the source makes something else than it is told: look at the DAC's reference, and at"
-        " the mirror",
+        else "the source does not follow its command: check the DAC's reference and the mirror",
     )

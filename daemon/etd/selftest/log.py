@@ -1,6 +1,6 @@
 """The checks of a self-test as they are made, passed to the display of progress.
 
-Owns: how a check is written down. Must not know: boards, files.
+Owns: recording a check. Must not know: boards, files.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class CheckLog:
         self._add(name, "skip", why, "", advice)
 
     def absent(self, name: str, why: str = "the board file says absent") -> None:
-        """A guard that the board file declares absent, or what this kind of board has not."""
+        """A guard that the board file declares absent, or that does not apply to this board."""
         self._add(name, "absent", why, "", "")
 
     def _add(self, name: str, result: Result, measured: str, expected: str, advice: str) -> None:

@@ -1,5 +1,4 @@
-"""Stage 1, no risk: the machine and its software, before anything on the board is moved; and how
-the machine is after the last pulse.
+"""Stage 1, no risk: the machine and its software; and the machine's health after the last pulse.
 
 Owns: what is expected of a machine. Must not know: the board.
 """
@@ -10,7 +9,7 @@ from etd.selftest import realtime
 from etd.selftest.fixture import Fixture
 from etd.selftest.log import CheckLog
 
-#: The firmware slows a Raspberry Pi down at 80 C (a Pi 3 B+ at 60 C, softly).
+#: The firmware slows a Raspberry Pi down at 80 C (a Pi 3 B+ slightly from 60 C on).
 _HOTTEST_C = 80.0
 #: The engine takes some 60 MiB, the gateway as much.
 _LEAST_FREE_MIB = 128
@@ -28,42 +27,42 @@ def check(fixture: Fixture, log: CheckLog) -> None:
         "pins_after_exit",
         not fixture.host.keeps_pins(),
         "they stay driven" if fixture.host.keeps_pins() else "they become inputs",
-        "they become inputs, so that the pulls decide",
-        "put dtparam=strict_gpiod into /boot/firmware/config.txt, and boot again",
+        "they become inputs, so that the pulls set their levels",
+        "put dtparam=strict_gpiod into /boot/firmware/config.txt, and reboot",
     )
     _check_health(fixture, log)
 
 
 def check_after(fixture: Fixture, log: CheckLog) -> None:
-    """After the last pulse: supply and heat as they are then, and what the firmware has noted since
-    the test began. What it had noted before says nothing of the test. Raises: nothing.
+    """After the last pulse: temperature and supply, and the flags that the firmware has set since
+    the test began. Raises: nothing.
     """
     before, now = fixture.health_before, fixture.host.health()
     temperature_c = now.temperature_c
     wrong = [
-        told
-        for told, is_so in (
+        text
+        for text, is_so in (
             ("hot", temperature_c is not None and temperature_c >= _HOTTEST_C),
             ("slowed down", now.is_throttled),
             ("under-voltage", now.is_under_voltage),
             (
-                "slowed down meanwhile",
+                "slowed down during the test",
                 now.was_throttled and before is not None and before.was_throttled is False,
             ),
             (
-                "under-voltage meanwhile",
+                "under-voltage during the test",
                 now.was_under_voltage and before is not None and before.was_under_voltage is False,
             ),
         )
         if is_so
     ]
-    told_c = "" if temperature_c is None else f"{temperature_c:.0f} C, "
+    at_c = "" if temperature_c is None else f"{temperature_c:.0f} C, "
     log.judge(
         "machine_after",
         not wrong,
-        told_c + (", ".join(wrong) or "in order"),
+        at_c + (", ".join(wrong) or "in order"),
         f"below {_HOTTEST_C:.0f} C, and neither slowed down nor under-voltage during the test",
-        "the Raspberry Pi's own supply, a short cable, air: it has to bear the board as well",
+        "use the Raspberry Pi's own supply, a short cable and cooling: it also supplies the board",
     )
 
 
@@ -85,15 +84,15 @@ def _check_software(fixture: Fixture, log: CheckLog) -> None:
 def _check_memory(fixture: Fixture, log: CheckLog) -> None:
     free_kb = fixture.host.free_memory_kb()
     if free_kb is None:
-        log.skip("free_memory", "this kernel does not tell it", "look at it by hand: free -m")
+        log.skip("free_memory", "this kernel does not report it", "check it by hand: free -m")
         return
     free_mib = free_kb // 1_024
     log.judge(
         "free_memory",
         free_mib >= _LEAST_FREE_MIB,
-        f"{free_mib} MiB can be had",
-        f"at least {_LEAST_FREE_MIB} MiB: the engine locks what it uses",
-        "end what else runs; a kernel without memory ends programs, the engine among them",
+        f"{free_mib} MiB available",
+        f"at least {_LEAST_FREE_MIB} MiB: the engine locks its memory",
+        "end other programs: a kernel without memory kills processes, maybe the engine",
     )
 
 
@@ -103,10 +102,10 @@ def _check_clocks(fixture: Fixture, log: CheckLog) -> None:
         "clock",
         found.least_step_ns >= 0 and found.resolution_ns <= _COARSEST_NS,
         f"{found.source}, resolution {found.resolution_ns} ns, "
-        + ("goes back at times" if found.least_step_ns < 0 else "never goes back"),
+        + ("sometimes goes back" if found.least_step_ns < 0 else "never goes back"),
         f"CLOCK_MONOTONIC to {_COARSEST_NS} ns or better, never back",
-        "pulses and rests are timed by it: use a kernel with high-resolution timers, and the"
-        " processor's own counter as clock source",
+        "use a kernel with high-resolution timers, and the processor's own counter as clock source:"
+        " pulses and rests are timed by it",
     )
     synchronized = {True: "synchronized", False: "not synchronized", None: "not known whether"}
     log.judge(
@@ -114,29 +113,29 @@ def _check_clocks(fixture: Fixture, log: CheckLog) -> None:
         found.now >= found.not_before,
         f"{found.now:%Y-%m-%d %H:%M} UTC, {synchronized[found.is_synchronized]} (NTP)",
         f"not before {found.not_before:%Y-%m-%d}, when this program was installed",
-        "set the date (timedatectl), or let it reach a time server: reports and calibrations bear"
-        " it",
+        "set the date (timedatectl), or connect to a time server: reports and calibrations are"
+        " dated",
     )
 
 
 def _check_health(fixture: Fixture, log: CheckLog) -> None:
     fixture.health_before = health = fixture.host.health()
     if health.temperature_c is None:
-        log.skip("temperature", "this kernel does not tell it", "measure it by hand")
+        log.skip("temperature", "this kernel does not report it", "measure it by hand")
     else:
         log.judge(
             "temperature",
             health.temperature_c < _HOTTEST_C,
             f"{health.temperature_c:.0f} C",
             f"below {_HOTTEST_C:.0f} C",
-            "let it cool; give it a heat sink and air",
+            "let it cool; add a heat sink or a fan",
         )
     _check_flag(
         log,
         "throttling",
         health.is_throttled,
         "slowed down",
-        "cool it, and look at its supply: messages take longer than calibrated",
+        "cool it, and check its supply: messages take longer than calibrated",
     )
     _check_flag(
         log,
@@ -149,6 +148,6 @@ def _check_health(fixture: Fixture, log: CheckLog) -> None:
 
 def _check_flag(log: CheckLog, name: str, is_wrong: bool | None, wrong: str, advice: str) -> None:
     if is_wrong is None:
-        log.skip(name, "this kernel does not tell it", "only a Raspberry Pi's firmware knows")
+        log.skip(name, "this kernel does not report it", "only a Raspberry Pi's firmware does")
         return
     log.judge(name, not is_wrong, wrong if is_wrong else "in order", "in order", advice)

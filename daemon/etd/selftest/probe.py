@@ -1,12 +1,11 @@
-"""Stage 6, imperceptible probes: the source's signature, what is connected, and whether the load
-that was named is the one that is there.
+"""Stage 6, imperceptible probes: the source, what is connected, and whether the load is the one
+that was named.
 
-Owns: what is concluded from probes. Must not know: how they are fired (`prober.py`), how sure a
-reading is (`readings.py`).
+Owns: what is concluded from probes. Must not know: how they are fired (`prober.py`), the
+uncertainty of a reading (`readings.py`).
 
-With nothing connected the node rises to current x leak. Beside a known load the same current
-makes less, and the two together give leak and current apart: that is how a wrong gain and a wrong
-leak are told from each other.
+With nothing connected the node rises to current x leak; with a known load it rises less. The two
+readings together give leak and current, so that a wrong gain and a wrong leak can be distinguished.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from etd.selftest.readings import (
 )
 from etd_hal.boardfile import Relays
 
-#: Of what the named load would read; a short is no load, and says nothing of the constants.
+#: Of the named load's reading: a short circuit says nothing about the constants.
 _LEAST_OF_LOAD = 0.5
 
 
@@ -45,13 +44,13 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
         found.baseline_v <= IDLE_V,
         f"{found.baseline_v:.2f} V before a pulse",
         f"at most {IDLE_V} V",
-        "the source has an offset, or the rest after a pulse is too short",
+        "check the source for an offset; the rest after a pulse may be too short",
     )
     _check_open(fixture, log, prober, found, free)
     is_alone = check_alone(fixture, log, found, free, "nothing_else")
     if load is None:
         for name in ("load_agrees", "leak", "ua_per_code", "blanked", "latch_holds"):
-            log.skip(name, "no load was named", LOAD_OPTIONS)
+            log.skip(name, "no dummy load", LOAD_OPTIONS)
     elif is_alone:
         _check_load(fixture, log, prober, load, free[0])
 
@@ -59,14 +58,14 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
 def check_ramp(
     fixture: Fixture, log: CheckLog, prober: Prober, name: str, is_supplied: bool = True
 ) -> bool:
-    """Before the first probe with a supply that may be there. Raises: as `check`."""
+    """Before the first probe while the supply may be on. Raises: as `check`."""
     ramp = prober.ramp(fixture.free[0], is_supplied)
     return log.judge(name, ramp.is_good, ramp.measured, ramp.expected, _OPEN_ADVICE)
 
 
 _OPEN_ADVICE = (
-    "take everything off the electrodes; if nothing is there, full_scale_ua, leak_ohm or"
-    " node_uv_per_code of the board file is not this board's, or the rail is not there"
+    "disconnect everything from the electrodes; if nothing was connected, check full_scale_ua,"
+    " leak_ohm and node_uv_per_code in the board file, and the rail"
 )
 
 
@@ -85,7 +84,7 @@ def _check_open(
 
 
 def check_alone(fixture: Fixture, log: CheckLog, found: Map, free: list[int], name: str) -> bool:
-    """All electrodes but the load's are open, as open as the most of them."""
+    """All electrodes without the load read alike: open."""
     node_v = statistics.median(found.voltage_v[electrode] for electrode in free)
     source = fixture.file.source
     others = [
@@ -99,17 +98,15 @@ def check_alone(fixture: Fixture, log: CheckLog, found: Map, free: list[int], na
         not others,
         f"{len(others)} differ: {listed}" if others else f"{len(free)} electrodes are open",
         f"{node_v:.2f} V at each electrode without a load",
-        "take everything off; a reading near 0 is a bridge of solder, one that is shared by many"
-        " is a latch or a chain that does not follow",
+        "disconnect everything; a reading near 0 is a solder bridge, the same reading at many"
+        " electrodes a latch or a chain that does not work",
     )
 
 
 def _check_load(
     fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad, free: int
 ) -> None:
-    """Still with the weak probe, since the load is only said to be there: open, then from either
-    end of it.
-    """
+    """With the weak probe, since the load is not confirmed yet: open, then from both its ends."""
     commanded_ua, open_v = mean_v(prober, free)
     ends_v = [mean_v(prober, electrode)[1] for electrode in (load.first, load.second)]
     ohm = load.resistance_ohm
@@ -123,8 +120,8 @@ def _check_load(
             "open" if part is None else f"{part.times(leak_ohm).value:.0f} ohm" for part in parts
         ),
         f"{ohm} ohm +-{TOLERANCE:.0%} at electrodes {load.first} and {load.second}",
-        "measure the resistor and look where it is; if both are right, the leak in the board file"
-        " is not this board's",
+        "measure the resistor and check its place; if both are right, leak_ohm in the board file is"
+        " wrong for this board",
     )
     volts = statistics.mean(ends_v)
     part = Part.of(volts, open_v, left)
@@ -150,8 +147,8 @@ def _check_blanked(
         all(is_near_v(volts, open_v, fixture.file.source) for volts in ends_v),
         " and ".join(f"{volts:.2f} V" for volts in ends_v),
         f"{open_v:.2f} V with the load's electrodes selected and the outputs blanked: open",
-        "nothing switches the electrodes off: BL stands at its level beyond the pin (a level"
-        " shifter, a shorted wire), or a relay sticks",
+        "the electrodes are not switched off: BL is stuck beyond the pin (a level shifter, a"
+        " shorted wire), or a relay sticks",
     )
 
 
@@ -163,13 +160,13 @@ def _check_latch(
     free: int,
     means_v: tuple[float, float],
 ) -> None:
-    """An end of the load in the latch, an open electrode in the chain behind it. A latch that stays
-    open shows each word while it is shifted, and a glitch of the clock is a selection at once.
+    """With an end of the load latched, an open electrode is shifted in. A latch that is stuck open
+    would pass every word while it is shifted, and any glitch of the clock.
 
-    `means_v`: of the load, and open, of somewhat weaker probes.
+    `means_v`: of the load, and open, by slightly weaker probes.
     """
     if isinstance(fixture.file.switch, Relays):
-        log.absent("latch_holds", "relays copy at an edge of LE: it has no open state")
+        log.absent("latch_holds", "relay drivers latch at an edge of LE: there is no open state")
         return
     ends = (load.first, load.second)
     held_v = [prober.latched(end, behind=free)[1].voltage_v for end in ends]
@@ -180,7 +177,7 @@ def _check_latch(
         " and ".join(f"{volts:.2f} V" for volts in held_v),
         f"nearer to {means_v[0]:.2f} than to {means_v[1]:.2f} V with the load's electrodes latched"
         f" and electrode {free} shifted in behind",
-        "LE stands at its open level beyond the pin (a level shifter, a shorted wire)",
+        "LE is stuck at its open level beyond the pin (a level shifter, a shorted wire)",
     )
 
 
@@ -195,16 +192,16 @@ def _check_constants(
         leak_ohm.is_near(source.leak_ohm),
         f"{leak_ohm.value:.0f} ohm",
         f"{source.leak_ohm} ohm +-{TOLERANCE:.0%}",
-        "put the measured figure into leak_ohm of a board file of yours",
+        "put the measured figure into leak_ohm of your own board file",
     )
     log.judge(
         "ua_per_code",
         made_ua.is_near(commanded_ua),
-        f"{made_ua.value:.0f} uA, where {commanded_ua:.0f} uA were told",
+        f"{made_ua.value:.0f} uA where {commanded_ua:.0f} uA were commanded",
         f"+-{TOLERANCE:.0%}",
         f"if the divider (node_uv_per_code) is right, full_scale_ua of this board is about"
-        f" {source.full_scale_ua * made_ua.value / commanded_ua:.0f}: put that into a board file of"
-        " yours",
+        f" {source.full_scale_ua * made_ua.value / commanded_ua:.0f}: put that into your own board"
+        " file",
     )
     fixture.leak_ohm = leak_ohm.value
     fixture.gain = made_ua.value / commanded_ua

@@ -1,21 +1,21 @@
-"""One pulse at one electrode, within maxima, ledger and guard, and what the node said of it.
+"""One pulse at one electrode, within maxima, ledger and guard, and the node's voltage in it.
 
-Owns: every pulse of a self-test; how strong a probe is; the ramp up to it.
+Owns: every pulse of a self-test; the strength of a probe; the ramp up to it.
 Must not know: what is concluded from a pulse.
 
-Nobody says that no person is on the board, so a probe asks for a third of the board file's probe
-bound: a source that makes three times what it is told still stays within it. The ramp up to it
-begins at an eighth of that, where a source 24 times too strong would still be within the bound, and
-goes on only while the node reads as with nothing connected. Skin of 50 k takes so much of the
-current that only a source twice to three times too strong could pass for an open electrode.
+A person may be on the board, so a probe commands a third of the board file's probe bound: a source
+three times too strong stays within it. The ramp up to it starts at an eighth of that, where a
+source 24 times too strong is still within the bound, and continues only while the node reads as
+with nothing connected. Skin of 50 k takes so much of the current that only a source two to three
+times too strong could be taken for an open electrode.
 
-So the bound holds for a source that is the same number of times too strong from the ramp's first
-step on, and no more than 24 times. One that is stronger, or that becomes much too strong between
-two pulses, gives one pulse above the bound: no program knows of it before. That pulse is the last.
+So the bound holds for a source that is constantly too strong, by at most 24 times. A stronger one,
+or one that becomes much too strong between two pulses, fires one pulse above the bound before it is
+detected. That pulse is the last.
 
-The node is sampled twice in a pulse, 10 us after it began and near its end. Nothing passive is
-higher at first than in the end, so that a source that begins too strong is seen in the first pulse
-that shows it. What it makes before, between and after the two samples is not (`UNPROVED`).
+The node is sampled twice in a pulse, 10 us after its start and near its end. With a passive load
+the first sample is never higher, so a source that starts too strong is detected in the first such
+pulse. What it does before, between and after the samples is not (`UNPROVED`).
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ from etd_hal.board import PulseResult
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.errors import BoardFault, CannotSelect, GuardRefusal
 
-#: Told, of the bound.
+#: A probe is the bound divided by this.
 _PART = 3
 #: The ramp's steps, as divisors of the probe.
 _RAMP = (8, 4, 2, 1)
-#: What the node may be of its open voltage while the ramp goes on; the ADC's steps are added. Below
-#: is where a finger shows at the first step, of some nine codes.
+#: The range of the node, relative to its open voltage, in which the ramp continues; the ADC's steps
+#: are added. A finger reads below it at the first step, of some nine codes.
 _LEAST, _MOST = 0.6, 1.2
 _LEAST_CODES, _MOST_CODES = 2, 3
-#: What the node may be early in a pulse, of what it is in the end; two readings' noise is added.
+#: The most of the early sample relative to the last; the noise of two readings is added.
 _MOST_EARLY, _EARLY_CODES = 1.2, 8
 
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """How far it came, and what the node read there."""
+    """The reading at the last step."""
 
     is_good: bool
     measured: str
@@ -54,18 +54,18 @@ class Ramp:
 
 
 class Prober:
-    """See the module. One a self-test: the ledger remembers."""
+    """One for a whole self-test, since it has the ledger."""
 
     def __init__(self, fixture: Fixture) -> None:
         self._fixture = fixture
         self._maxima = maxima_of(fixture.file, fixture.loaded.body_site)
-        #: Of this test: each return as if it alone carried the current.
+        #: Each return is charged as if it alone carried the current.
         self.ledger = Ledger(fixture.loaded.array.count, Bounds.of(self._maxima))
         self._firing = Firing(fixture.board, self.ledger, fixture.clock)
         self._outputs = fixture.loaded.array.outputs()
         self._step_v = fixture.file.source.node_uv_per_code / 1e6
         self._is_chain_known = False
-        #: By how many us the longest message was over its plan: of probes, of pulses into a load.
+        #: The longest excess over the plan in us: of probes, of pulses into a load.
         self.over_us = {"probes": 0.0, "into the load": 0.0}
 
     @property
@@ -88,7 +88,7 @@ class Prober:
 
     @property
     def strongest_ua(self) -> int:
-        """Into a confirmed load, at `width_us`: what anybody may get here."""
+        """Into a confirmed load, at `width_us`: the highest current allowed for a person."""
         return self._fixture.subject.strongest_ua
 
     def open_v(self, commanded_ua: float, leak_ohm: float | None = None) -> float:
@@ -97,10 +97,8 @@ class Prober:
         return min(commanded_ua * (leak_ohm or source.leak_ohm) / 1e6, float(source.compliance_v))
 
     def ramp(self, electrode: int, is_supplied: bool = True) -> Ramp:
-        """Up to the probe at an open electrode, as far as the node reads what it should.
-
-        Without a supply nothing lifts the node: then only too much counts.
-        Raises: BusError, BoardFault, GuardRefusal.
+        """Up to the probe at an open electrode, while the node is in range; without a supply only
+        the upper bound counts. Raises: BusError, BoardFault, GuardRefusal.
         """
         for divisor in _RAMP:
             commanded_ua, result = self._fire(electrode, self.probe_ua // divisor, True)
@@ -116,21 +114,21 @@ class Prober:
     def probe(
         self, electrode: int, is_anodic: bool = True, current_ua: int | None = None
     ) -> tuple[int, PulseResult]:
-        """(commanded_ua, shot) of the weak probe, or of one that is weaker.
+        """(commanded_ua, result) of the weak probe, or of a weaker one.
 
-        Raises: BusError, GuardRefusal; BoardFault, among others for a node above what the current
-        makes with nothing connected: a source that became too strong since the ramp.
+        Raises: BusError, GuardRefusal, BoardFault (also for a node above its open voltage: the
+        source has become too strong since the ramp).
         """
         weaker_ua = self.probe_ua if current_ua is None else min(current_ua, self.probe_ua)
         return self._checked(*self._fire(electrode, weaker_ua, is_anodic))
 
     def blanked(self, electrode: int) -> tuple[int, PulseResult]:
-        """The same with this electrode in the chain, but nothing connected. Raises: as `probe`."""
+        """A probe with this electrode selected and the outputs blanked. Raises: as `probe`."""
         return self._checked(*self._fire(electrode, self.probe_ua, True, is_blanked=True))
 
     def latched(self, electrode: int, behind: int) -> tuple[int, PulseResult]:
-        """The same with this electrode in the latch, and another one in the chain behind it; of
-        half-bridges. Raises: as `probe`.
+        """A probe with this electrode latched and another one shifted in; half-bridges only.
+        Raises: as `probe`.
         """
         self.reset_chain()
         return self._checked(*self._fire(electrode, self.probe_ua, True, behind=behind))
@@ -146,10 +144,10 @@ class Prober:
         return commanded_ua, result
 
     def into_load(self, electrode: int, current_ua: int) -> tuple[int, PulseResult]:
-        """(commanded_ua, shot), into a confirmed load only. Raises: as `probe`."""
+        """(commanded_ua, result), into a confirmed load only. Raises: as `probe`."""
         if not self._fixture.is_load_confirmed:
             raise GuardRefusal(
-                "self-test", f"{current_ua} uA", f"{self.probe_ua} uA: no load was found"
+                "self-test", f"{current_ua} uA", f"{self.probe_ua} uA: the load is not confirmed"
             )
         return self._fire(electrode, min(current_ua, self.strongest_ua), True)
 
@@ -157,7 +155,7 @@ class Prober:
         return self.open_v(commanded_ua) * _MOST + _MOST_CODES * self._step_v
 
     def reset_chain(self) -> None:
-        """After the chain was used for something else: the next pulse writes it whole."""
+        """After other use of the chain: the next pulse writes it completely."""
         self._is_chain_known = False
 
     def _fire(
@@ -183,7 +181,7 @@ class Prober:
             fixture.board.release()
         else:
             fixture.board.connect(selection, is_anodic)
-        # Relays have moved by now: a supply that comes back with a beat is not there yet.
+        # Relays have moved by now: a supply that returns with a beat has not risen yet.
         fixture.beats.beat_if_due()
         ready = ReadyPulse(
             entry, selection, pulse, PulseRequest(current_ua, self.width_us), is_blanked
@@ -198,11 +196,11 @@ class Prober:
     def _shift_behind(self, electrode: int) -> None:
         switch = self._fixture.board.switch
         if not isinstance(switch, HalfBridgeSwitch):
-            raise CannotSelect(electrode, "behind the latch", "of half-bridges alone")
+            raise CannotSelect(electrode, "shifted in behind the latch", "half-bridges only")
         switch.shift_behind(self._fixture.board.selection(self._outputs[electrode], None))
 
     def _entry_that_fits(self, electrode: int, current_ua: int) -> Entry:
-        """With every return as if it alone carried the current. Raises: GuardRefusal."""
+        """Each return as if it alone carried the current. Raises: GuardRefusal."""
         self._fixture.clock.sleep_until_ns(self.ledger.rested_ns(electrode))
         entry = Entry(electrode, current_ua * self.width_us, self.width_us, None, 1.0)
         reason = self.ledger.first_violation(entry, self._fixture.clock.now_ns())
@@ -212,7 +210,7 @@ class Prober:
 
     def _check_course(self, result: PulseResult, commanded_ua: int) -> None:
         if result.excess_ns > self._fixture.loaded.machine.spread_us * 1_000:
-            return  # A stall between the two samples: a one-shot may have ended the pulse by then.
+            return  # A stall between the samples: a one-shot may have ended the pulse.
         slack_v = _EARLY_CODES * self._fixture.file.source.node_uv_per_code / 1e6
         most_v = result.voltage_v * _MOST_EARLY + slack_v
         if result.early_v > most_v:
@@ -220,7 +218,7 @@ class Prober:
                 "course of a pulse",
                 f"{result.early_v:.2f} V after 10 us and {result.voltage_v:.2f} V at the end, at"
                 f" {commanded_ua} uA",
-                f"at most {most_v:.2f} V after 10 us: the source begins too strong",
+                f"at most {most_v:.2f} V after 10 us: the source starts too strong",
             )
 
     def _note_excess(self, result: PulseResult, current_ua: int) -> None:

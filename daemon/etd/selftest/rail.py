@@ -1,10 +1,10 @@
-"""Stage 5, no electrode connected: the supply comes, goes, and goes by itself without a heartbeat.
+"""Stage 5, no electrode connected: the supply switches on, off, and off without a heartbeat.
 
-Owns: who looks at the supply, and what comes after its gates. Must not know: how it is looked at
-(`rail_by_monitor.py`, `rail_by_node.py`).
+Owns: how the supply is measured, and what follows the checks of its gates. Must not know: the
+checks (`rail_by_monitor.py`, `rail_by_node.py`).
 
-Where a monitor watches the rail it is asked. Where the supply can be switched and nobody watches
-it, the node tells: a probe lifts it only while the supply is there.
+A rail monitor is used if there is one. Otherwise the node shows a supply that can be switched: a
+probe raises it only while the supply is on.
 """
 
 from __future__ import annotations

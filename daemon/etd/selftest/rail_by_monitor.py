@@ -1,6 +1,6 @@
-"""Stage 5 where a monitor watches the rail: its volts, and how they rise and fall.
+"""Stage 5 with a rail monitor: the rail's voltage, its rise and its fall.
 
-Owns: the order in which the supply's guards are proved there. Must not know: stops, the node.
+Owns: the order in which the supply's guards are checked. Must not know: stops, the node.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from etd_hal.boardfile import Heartbeat, RailMonitor
 #: Of the least rail: a stop's two contacts may open some ms apart.
 _NEARLY = 0.9
 _WINDOW_ADVICE = (
-    "the monostable's time is not window_ms of the board file: look at its resistor and capacitor"
+    "the monostable's time differs from window_ms of the board file: check its resistor and"
+    " capacitor"
 )
-_RAIL_ADVICE = "look at the supply, its set-point and the monitor's divider"
+_RAIL_ADVICE = "check the supply, its set-point and the monitor's divider"
 
 
 def watch(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> SupplyWatch:
-    """By what the monitor reads, each reading kept."""
+    """By the monitor; all readings are kept."""
     readings: list[Reading] = []
 
     def read_v() -> float:
@@ -40,10 +41,10 @@ def watch(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> SupplyWatch:
     def rises(name: str) -> bool:
         return _check_rise(fixture, log, monitor, name)
 
-    def told() -> str:
+    def reading() -> str:
         return f"{readings[-1][1]:.0f} V"
 
-    return SupplyWatch(is_there, is_gone, told, monitor.fall_ms, rises, readings)
+    return SupplyWatch(is_there, is_gone, reading, monitor.fall_ms, rises, readings)
 
 
 def check(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> None:
@@ -59,7 +60,7 @@ def check(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> None:
         rail_v < monitor.off_v,
         f"{rail_v:.1f} V",
         f"below {monitor.off_v} V with the supply off",
-        "the supply is on although its enable is off, or the monitor's divider is another one",
+        "the supply is on although its enable is off, or the monitor's divider is wrong",
     )
     if is_off and _check_rise(fixture, log, monitor) and _check_enable(fixture, log, monitor):
         _check_gate(fixture, log, monitor)
@@ -70,7 +71,7 @@ def _range(monitor: RailMonitor) -> str:
 
 
 def _settled_off(fixture: Fixture, monitor: RailMonitor) -> float:
-    """What is left of a rail that may have been on before the test."""
+    """The rail after waiting for its fall: it may have been on before the test."""
     _wait_for(fixture, lambda rail_v: rail_v < monitor.off_v, monitor.fall_ms)
     return fixture.rail_v()
 
@@ -78,7 +79,7 @@ def _settled_off(fixture: Fixture, monitor: RailMonitor) -> float:
 def _wait_for(
     fixture: Fixture, is_there: Callable[[float], bool], within_ms: float
 ) -> float | None:
-    """After how many ms the rail was where it should be; None if it was not in time."""
+    """After how many ms the rail was in range; None if it was not in time."""
     begun_ns = fixture.clock.now_ns()
     while not is_there(fixture.rail_v()):
         if fixture.clock.now_ns() - begun_ns > within_ms * MS:
@@ -92,7 +93,7 @@ def _check_rise(fixture: Fixture, log: CheckLog, monitor: RailMonitor, name: str
     took_ms = _wait_for(fixture, lambda rail_v: rail_v >= monitor.low_v, monitor.rise_ms)
     fixture.wait_ms(monitor.rise_ms)
     rail_v = fixture.rail_v()
-    # An open stop takes the supply away: that is then the reason.
+    # An open stop cuts the supply: then that is the fault to report.
     fixture.watch_stops()
     is_right = took_ms is not None and monitor.low_v <= rail_v <= monitor.high_v
     took = "not in time" if took_ms is None else f"after {took_ms:.0f} ms"
@@ -106,7 +107,7 @@ def _check_rise(fixture: Fixture, log: CheckLog, monitor: RailMonitor, name: str
 
 
 def _check_enable(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> bool:
-    """Off by its line alone: the heartbeat goes on."""
+    """Off by the enable line alone: the heartbeat continues."""
     fixture.board.supply_off()
     took_ms = _wait_falling(fixture, monitor, monitor.fall_ms)
     is_good = judge_fall(
@@ -157,7 +158,7 @@ def _stays_away(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> bool:
         "heartbeat_latch",
         rail_v < monitor.off_v,
         f"{rail_v:.0f} V after beating again for {monitor.rise_ms} ms",
-        "it stays off until the enable line was off",
+        "it stays off until the enable line has been off",
         LATCH_ADVICE,
     )
 
@@ -165,7 +166,7 @@ def _stays_away(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> bool:
 def _goes(
     fixture: Fixture, log: CheckLog, monitor: RailMonitor, heartbeat: Heartbeat, level: int
 ) -> bool:
-    """The supply, and within the heartbeat's window."""
+    """Whether the supply falls, within the heartbeat's window."""
     within_ms = heartbeat.window_ms + monitor.fall_ms
     from_v = fixture.rail_v()
     fixture.end_beats(level)
@@ -187,7 +188,7 @@ def _goes(
     return log.judge(
         "heartbeat_window",
         fall.is_cut_within(most_ms),
-        f"the rail {fall.told_cut} without a beat, as reckoned from its fall, {standing(level)}",
-        f"{heartbeat.window_ms} ms, so reckoned to be at most {most_ms:.0f} ms",
+        f"the rail {fall.cut_text} without a beat (estimated), {standing(level)}",
+        f"{heartbeat.window_ms} ms (estimate at most {most_ms:.0f} ms)",
         _WINDOW_ADVICE,
     )

@@ -1,7 +1,7 @@
-"""Stage 5 where the supply can be switched and nobody watches its rail: the node tells.
+"""Stage 5 without a rail monitor, where the supply can be switched: measured by the node.
 
-Owns: the order in which the supply's guards are proved there. A probe of an open electrode lifts
-the node only while the supply is there. Must not know: stops, volts of a rail.
+Owns: the order in which the supply's guards are checked. A probe of an open electrode raises the
+node only while the supply is on. Must not know: stops, volts of a rail.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
 from etd.selftest.stopgate import SupplyWatch
 
-#: An unmonitored supply gets this long to come up, and to go down.
+#: The time for an unmonitored supply to fall, and to rise.
 _GONE_WITHIN_MS = 10_000
 _RISE_MS = 500
 _LOOK_EVERY_MS = 50
-#: Of the node's open voltage: below the one the supply is gone, above the other it is there.
+#: As parts of the node's open voltage: below the first the supply is off, above the second on.
 _NODE_GONE = 0.1
 _NODE_THERE = 0.5
 
 
 def watch(fixture: Fixture, log: CheckLog, prober: Prober) -> SupplyWatch:
-    """By what a probe of an open electrode lifts the node to."""
+    """By a probe of an open electrode."""
     read_v = 0.0
 
     def is_gone() -> bool:
@@ -40,13 +40,13 @@ def watch(fixture: Fixture, log: CheckLog, prober: Prober) -> SupplyWatch:
         voltage_v = prober.probe(fixture.free[0])[1].voltage_v
         return voltage_v >= prober.open_v(prober.probe_ua) * _NODE_THERE
 
-    def told() -> str:
+    def reading() -> str:
         return f"{read_v:.2f} V at {prober.probe_ua} uA"
 
     def rises(name: str) -> bool:
         return _check_rise(fixture, log, prober, name)
 
-    return SupplyWatch(is_there, is_gone, told, _GONE_WITHIN_MS, rises, None)
+    return SupplyWatch(is_there, is_gone, reading, _GONE_WITHIN_MS, rises, None)
 
 
 def _gone_v(prober: Prober) -> float:
@@ -91,7 +91,7 @@ def _check_gate(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
 
 
 def _goes(fixture: Fixture, log: CheckLog, prober: Prober, level: int) -> bool:
-    """Silent until any store has run down; each look afterwards beats again, in vain."""
+    """Without beats until the capacitors are discharged; probes afterwards beat again."""
     fixture.end_beats(level)
     missed_ms = fixture.beats.missed_ms()
     fixture.wait_ms(_GONE_WITHIN_MS, is_beating=False)
@@ -102,7 +102,7 @@ def _goes(fixture: Fixture, log: CheckLog, prober: Prober, level: int) -> bool:
         "heartbeat",
         GATE_ADVICE,
         missed_ms=lambda: missed_ms,
-        told=f", {standing(level)}",
+        suffix=f", {standing(level)}",
     )
 
 
@@ -120,7 +120,7 @@ def _stays_away(fixture: Fixture, log: CheckLog, prober: Prober) -> bool:
 
 
 def _check_rise(fixture: Fixture, log: CheckLog, prober: Prober, name: str) -> bool:
-    """Nothing is connected before the node was seen idle with the supply behind it."""
+    """No electrode is connected before the node was measured idle with the supply on."""
     fixture.board.release()
     fixture.supply_on()
     fixture.wait_ms(_RISE_MS)
@@ -137,11 +137,11 @@ def _judge_gone(
     *,
     missed_ms: Callable[[], float | None] = lambda: None,
     within_ms: int = _GONE_WITHIN_MS,
-    told: str = "",
+    suffix: str = "",
 ) -> bool:
-    """A probe of the open node again and again, until it lifts it no more, or time is over.
+    """Repeat a probe of an open electrode until it does not raise the node, or time is over.
 
-    `missed_ms`: see `judge_fall`; asked at the end. `told`: what else is to be said of it.
+    `missed_ms`: see `judge_fall`; called at the end. `suffix`: added to what was measured.
     """
     bound_v = _gone_v(prober)
     read_v = 0.0
@@ -158,7 +158,7 @@ def _judge_gone(
         missed_ms(),
         name,
         is_good,
-        f"{read_v:.2f} V at {prober.probe_ua} uA{told}",
+        f"{read_v:.2f} V at {prober.probe_ua} uA{suffix}",
         f"below {bound_v:.2f} V within {within_ms} ms",
         advice,
     )

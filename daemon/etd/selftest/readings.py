@@ -1,6 +1,6 @@
-"""What readings of the node say: how sure a mean is, a load as a part of the leak, load or open.
+"""Readings of the node: the uncertainty of a mean, a load relative to the leak, load or open.
 
-Owns: the figures, and how far each may be off. Must not know: checks, stages, what follows of it.
+Owns: the figures and their tolerances. Must not know: checks, stages.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ from etd.selftest.fixture import Fixture
 from etd.selftest.prober import Prober
 from etd_hal.boardfile import Source
 
-#: Of a measured against a named value: half of the 20 % that IEC 60601-2-10 asks of amplitudes.
+#: Between a measured and a named value: half of the 20 % that IEC 60601-2-10 allows amplitudes.
 TOLERANCE = 0.1
-#: Probes that are weaker by such parts, so that they do not all round alike, so often; and what is
-#: left then of the ADC's step, and of a noise of 1.5 codes.
+#: A mean is of 8 strengths, each 1/32 weaker than the one before so that rounding differs, 4 times
+#: each; and what then remains of the ADC's step, and of a noise of 1.5 codes.
 _PARTS, _WEAKER_BY, _TIMES = 8, 32, 4
 _STEP_LEFT = 0.25
-#: What a single reading of an ADC in order may be off by chance.
+#: The noise of a single reading of a good ADC.
 _NOISE_CODES = 6
-#: Rounds over the array for a map: a reading decides alone of none.
+#: Rounds over the array for a map: no single reading decides.
 _ROUNDS = 2
-#: Of the current, that must go through a load.
+#: The part of the current that must pass through a load.
 _LEAST_THROUGH = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """The node's voltage for each electrode alone against all others; all with one current."""
+    """The node's voltage for each electrode, alone against all others; of one current."""
 
     commanded_ua: int
     voltage_v: tuple[float, ...]
@@ -51,27 +51,27 @@ def read_map(fixture: Fixture, prober: Prober) -> Map:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What was measured, and what it may be for the ADC's step."""
+    """A measured value, and its range by the ADC's resolution."""
 
     value: float
     low: float
     high: float
 
     def is_near(self, named: float) -> bool:
-        """Some of what it may be is within the tolerance of what was named."""
+        """The range overlaps the named value's tolerance."""
         return self.low <= named * (1 + TOLERANCE) and self.high >= named * (1 - TOLERANCE)
 
 
 class Part(Measured):
-    """A load as a part of the leak, by two readings of one current, whatever that is: a source
-    that is off within its tolerance must not make another load of it.
+    """A load relative to the leak, from two readings with the same current, so that it does not
+    depend on the current's exact value.
     """
 
     __slots__ = ()
 
     @classmethod
     def of(cls, volts: float, open_v: float, left_v: float) -> Part | None:
-        """Of the node beside the load, and open; None where the load cannot be told from none."""
+        """From the node with the load and open; None if the load cannot be distinguished."""
         through_v = open_v - volts
         if through_v <= max(_LEAST_THROUGH * open_v, 2 * left_v):
             return None
@@ -82,14 +82,14 @@ class Part(Measured):
         )
 
     def times(self, of: float) -> Measured:
-        """The same part of a known leak, in its unit; or of what the leak takes."""
+        """Scaled by a known leak (or the current through it), in its unit."""
         return Measured(self.value * of, self.low * of, self.high * of)
 
 
 @dataclass(frozen=True, slots=True)
 class NearerOf:
-    """Whether one reading is of the load or of an open node, by which it is nearer to: for what
-    asks if a switch followed, and not how large something is.
+    """Whether a reading is of the load or of an open node, by the nearer one: for checks of
+    switches, not of values.
     """
 
     load_v: float
@@ -126,10 +126,10 @@ def mean_v(prober: Prober, electrode: int) -> tuple[float, float]:
 
 
 def is_near_v(volts: float, expected_v: float, source: Source) -> bool:
-    """Within the tolerance, and a step of the ADC."""
+    """Within the tolerance plus a step of the ADC."""
     return abs(volts - expected_v) <= TOLERANCE * expected_v + source.node_uv_per_code / 1e6
 
 
 def left_v(source: Source) -> float:
-    """What may be left of the ADC's step in a mean of `mean_v`."""
+    """The uncertainty of `mean_v` by the ADC's step."""
     return source.node_uv_per_code / 1e6 * _STEP_LEFT

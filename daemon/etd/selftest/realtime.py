@@ -1,4 +1,4 @@
-"""Stage 1: real time, asked for as the engine does, and then seen to be there.
+"""Stage 1: real-time scheduling, requested as the engine does, then verified.
 
 Owns: what counts as obtained. Must not know: how a kernel grants it.
 """
@@ -9,21 +9,21 @@ from etd.selftest.fixture import Fixture
 from etd.selftest.log import CheckLog
 from etd_hal.bench import Obtained
 
-#: Sleeps may end later by this much: what an ordinary thread has.
+#: The timer slack of an ordinary thread.
 _SLACK_NS = 50_000
-#: Locked is all that is mapped (MCL_CURRENT and MCL_FUTURE), but for the few pages that the kernel
-#: itself puts into every process (vdso, vvar: some 30 kB), which it never locks and never swaps.
+#: All mapped memory is locked (MCL_CURRENT and MCL_FUTURE), except the pages of the kernel in every
+#: process (vdso, vvar: some 30 kB), which it never locks and never swaps.
 _UNLOCKED_KB = 1_024
 
 
 def check(fixture: Fixture, log: CheckLog) -> None:
-    """Granted is what was not refused; obtained is what the kernel reports afterwards."""
+    """Checks what was refused, and what the kernel reports afterwards."""
     wanted = fixture.loaded.config.engine
     if wanted.priority == "none" and fixture.backend_name == "linux":
         log.skip(
             "realtime",
             "engine.priority is none in the configuration",
-            "give it a priority: pulses are late under load otherwise",
+            "set a priority: otherwise pulses are late under load",
         )
         return
     priority = 1 if wanted.priority == "none" else wanted.priority
@@ -34,14 +34,14 @@ def check(fixture: Fixture, log: CheckLog) -> None:
     log.judge(
         "realtime",
         not absent,
-        "; ".join(absent) or _told(found),
+        "; ".join(absent) or _described(found),
         "scheduler, core, timer slack and locked memory",
         "run it as root or by systemd, or allow rtprio and memlock in limits.conf",
     )
 
 
 def missing(found: Obtained, priority: int, core: int | None) -> list[str]:
-    """What was granted, and is not there: a sentence each."""
+    """What was not refused but is not in effect: a sentence each."""
     problems = []
     if found.policy != "SCHED_FIFO" or found.priority < priority:
         problems.append(f"the scheduler is {found.policy} {found.priority}, not FIFO {priority}")
@@ -54,7 +54,7 @@ def missing(found: Obtained, priority: int, core: int | None) -> list[str]:
     return problems
 
 
-def _told(found: Obtained) -> str:
+def _described(found: Obtained) -> str:
     return (
         f"{found.policy} {found.priority} on core {_listed(found)},"
         f" {found.locked_kb / 1_024:.0f} MiB locked, timer slack {found.timer_slack_ns} ns"

@@ -1,4 +1,4 @@
-"""Stage 3, outputs blanked: a known word through the whole chain of switches, and back.
+"""Stage 3, outputs blanked: shifts a known word through the whole chain and reads it back.
 
 Owns: which words. Must not know: what the outputs do.
 """
@@ -11,7 +11,7 @@ from etd.selftest.fixture import Fixture
 from etd.selftest.log import CheckLog
 from etd_hal.boardfile import Relays
 
-#: 512 bits without a pattern, so that no shift of them looks like themselves: the longest chain.
+#: 512 pseudo-random bits, the length of the longest chain: no shift of them equals the original.
 _WORD = int.from_bytes(hashlib.sha512(b"a word for the chain").digest(), "big")
 
 
@@ -33,5 +33,5 @@ def check(fixture: Fixture, log: CheckLog) -> None:
         wrong == 0,
         f"{wrong} of {2 * stages} bits came back wrong" if wrong else f"{2 * stages} bits right",
         f"{stages} bits and their complement, as sent",
-        "DATA, CLK, the chain's supply and the read-back line itself",
+        "check DATA, CLK, the chain's supply and the read-back line",
     )

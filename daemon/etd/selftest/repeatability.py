@@ -1,16 +1,15 @@
-"""Rounds over all electrodes without hands and without a second look: a switch that follows nearly
-always.
+"""Rounds over all electrodes without the operator, to find a switch that fails sometimes.
 
-Owns: the order of the rounds, and what is said of those that were off. Must not know: who touches
-what; what is fired next.
+Owns: the order of the rounds, and the report of failures. Must not know: the operator; what is
+fired next.
 
-What the load and the board make of a probe has been measured. Here each single reading says only
-which of the two it is nearer to, so that the noise of an ADC in order is no fault of the switches.
+The readings of load and open electrodes are known. Here each single reading is only compared as to
+which it is nearer to, so that the noise of a good ADC is not taken for a fault.
 
-The walk looks again for as long as a touch may bounce, and so forgives a chain that bounces. Here
-nobody touches anything. An electrode that reads the load comes before and after each one that is
-open, so that a latch that did not follow shows at once; of a lost clock only what moves the load's
-two outputs shows (`UNPROVED`).
+The walk repeats readings while a touch may bounce, and so does not detect a chain that sometimes
+fails. Here nothing is touched. An electrode with the load precedes and follows each open one, so
+that a latch that did not follow is detected at once; a lost clock is only detected if it moves the
+load's two outputs (`UNPROVED`).
 """
 
 from __future__ import annotations
@@ -23,17 +22,17 @@ from etd.selftest.log import CheckLog
 from etd.selftest.prober import Prober
 from etd.selftest.touch import Touch
 
-#: Enough for a fault that comes once in a hundred times to come five times.
+#: Enough for five failures of a switch that fails once in a hundred times.
 _LEAST_SELECTIONS = 500
 _LEAST_ROUNDS = 8
 _MOST_TOLD = 6
 _SECOND_MS = 1_000
-#: The load's ends get a pulse each in so many, no oftener than the body site allows.
+#: Each end of the load gets one of so many pulses, at most at the body site's rate.
 _SELECTIONS_PER_END, _MARGIN = 4, 1.2
 
 
 def check(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad) -> None:
-    """With the load between its two electrodes, and alone. Raises: as all that probes."""
+    """With only the load connected. Raises: BusError, BoardFault, GuardRefusal."""
     touch = Touch(fixture, prober, load)
     nearer = touch.nearer
     rate_hz = maxima_of(fixture.file, fixture.loaded.body_site).rate_hz
@@ -55,11 +54,11 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad) -> N
     log.judge(
         "every_time",
         not off,
-        f"{len(off)} of {done} selections in {took_s:.1f} s were off{where}",
-        "the load at its two electrodes and open at all others, every single time, by which of"
-        f" {nearer.load_v:.2f} and {nearer.open_v:.2f} V is nearer",
-        "the chain of switches does not always follow: look at its clock, data and latch with an"
-        " oscilloscope, at its supply, the level shifter and loose wires",
+        f"{len(off)} of {done} selections in {took_s:.1f} s were wrong{where}",
+        f"every time nearer to {nearer.load_v:.2f} V at the load's electrodes, and nearer to"
+        f" {nearer.open_v:.2f} V at all others",
+        "the chain of switches sometimes fails: check its clock, data and latch with an"
+        " oscilloscope, its supply, the level shifter, and loose wires",
     )
 
 
@@ -68,10 +67,10 @@ def _rounds(fixture: Fixture) -> int:
 
 
 def _round(fixture: Fixture, load: DummyLoad, *, is_load_first: bool) -> Iterator[tuple[int, bool]]:
-    """(electrode, whether it reads the load): the load's ends in turn, each beside an open one.
+    """(electrode, whether it has the load): the load's ends in turn, each with an open one.
 
-    Not always in one order: a latch that misses one edge of so many, a multiple of those of two
-    selections, would miss it at the open ones alone, which read open all the same.
+    The order varies: a latch that misses edges periodically could otherwise miss them at open
+    electrodes only, where it does not show.
     """
     for index, electrode in enumerate(fixture.free):
         loaded, is_open = ((load.first, load.second)[index % 2], True), (electrode, False)

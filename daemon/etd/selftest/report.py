@@ -1,6 +1,6 @@
-"""What a self-test found: each check, the report, its file, and whether it lets a board be armed.
+"""The result of a self-test: its checks, its report, the file, and whether it allows arming.
 
-Owns: the format of a report, keeping it whole, and the sentence why a board may not be armed.
+Owns: the format of a report, writing it atomically, and the reason why arming is refused.
 Must not know: how anything is checked.
 """
 
@@ -19,45 +19,44 @@ from etd_hal.boardfile import BoardFile, HalfBridgeLines
 
 Result = Literal["pass", "fail", "skip", "absent"]
 
-#: What no check can see, whatever the board: a person has to, once (docs/bring-up.md).
+#: What no check covers, on any board: a person must check it once (docs/bring-up.md).
 UNPROVED = (
-    "other pulses than of a probe's width: no other one is fired; the machine's planned times and"
-    " the board file's figures are what longer ones lean on",
-    "the current through the load itself: all figures lean on the load's value and on the divider",
-    "a source that fails short, and what the supply's store holds then",
-    "a pull on the board's side: at the pin, the Raspberry Pi's own pull reads alike",
-    "a clock lost now and then that moves no output of the load: clip it to the outputs that are"
-    " farthest along the chain",
-    "an LE that misses one edge in several hundred: a single miss in the walk looks like a touch"
-    " that bounces",
-    "SPI mode 0 or 2 in place of 1: both chips read alike as long as the cable leaves the DAC its"
+    "pulses of another width than a probe's: none is fired; longer ones rely on the machine's"
+    " planned times and the board file's figures",
+    "the current through the load itself: all figures rely on the load's value and the divider",
+    "a source that fails as a short circuit, and the charge in the supply's capacitor then",
+    "a pull resistor on the board: at the pin, the Raspberry Pi's own pull reads the same",
+    "a clock that is sometimes lost without moving an output with the load: connect the load to the"
+    " outputs farthest along the chain",
+    "an LE that misses one edge in several hundred: a single miss in the walk looks like a bouncing"
+    " contact",
+    "SPI mode 0 or 2 instead of 1: both chips read the same as long as the cable leaves the DAC its"
     " hold time",
-    "a switch that gives way to strong pulses only: all but the load's two were seen with probes",
-    "what a source makes in the first 10 us of a pulse, between its two samples, or for some us"
+    "a switch that fails with strong pulses only: all outputs but the load's two are tested with"
+    " probes",
+    "the source's current in the first 10 us of a pulse, between its two samples, and for some us"
     " after its end: an oscilloscope at the load shows it",
-    "a source more than 24 times too strong, or that jumps between two probes, before it fired one"
-    " pulse: that pulse exceeds the bound, and is the last",
-    "hands that come to the array while stage 8 fires: its strong pulses go to whatever is there",
+    "a source more than 24 times too strong, or one that jumps between two probes, before it has"
+    " fired one pulse: that pulse exceeds the bound, and is the last",
+    "hands on the array while stage 8 fires its strong pulses",
 )
 
 
-_UNWATCHED = (
-    "without a rail_monitor nobody sees when the supply begins to fall, only that it is gone"
-)
+_UNWATCHED = "without a rail_monitor only the end of the supply's fall can be measured"
 
 
 def unproved_of(board: BoardFile) -> tuple[str, ...]:
-    """What no check of this board can see."""
+    """What no check of this board covers."""
     guards = board.guards
     found = list(UNPROVED)
     if isinstance(board.switch.lines, HalfBridgeLines):
         swapped = "" if board.sync_line == "absent" else ", or swapped with SYNC"
         found.append(
-            f"a wire of POL that is cut beyond the pin, or held low there{swapped}: either polarity"
-            " loads the source alike"
+            f"a wire of POL that is cut beyond the pin, or held low there{swapped}: both polarities"
+            " load the source alike"
         )
     if board.sync_line != "absent":
-        found.append("a wire of SYNC that is cut beyond the pin: only what listens to it sees that")
+        found.append("a wire of SYNC that is cut beyond the pin: check it at the receiving end")
     if guards.rail_monitor != "absent":
         return tuple(found)
     if guards.heartbeat != "absent":
@@ -65,12 +64,12 @@ def unproved_of(board: BoardFile) -> tuple[str, ...]:
             f"whether the heartbeat's window is {guards.heartbeat.window_ms} ms: {_UNWATCHED}"
         )
     if guards.stop_cuts_supply and {guards.emergency_stop, guards.wearer_stop} != {"absent"}:
-        found.append(f"how soon a stop cuts the supply: {_UNWATCHED}")
+        found.append(f"the delay from a stop to the cut of the supply: {_UNWATCHED}")
     return tuple(found)
 
 
 class Check(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A check. `advice` is empty where nothing is to be done."""
+    """A check. `advice` is empty unless something is to be done."""
 
     stage: str
     name: str
@@ -81,7 +80,7 @@ class Check(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     @property
     def is_good(self) -> bool:
-        """A skip is never a pass; a guard that the board file declares absent is no failure."""
+        """A skip is not a pass; a guard that the board file declares absent is not a failure."""
         return self.result in ("pass", "absent")
 
     @property
@@ -90,10 +89,9 @@ class Check(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class ProbeBound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What no pulse exceeds while no dummy load was found; a third of it is what is asked for.
+    """No pulse exceeds this before a dummy load is confirmed; a third of it is commanded.
 
-    It holds for a source that is up to 24 times too strong from the first pulse on. One that is
-    stronger, or that becomes so between two pulses, is seen by the pulse that exceeds it.
+    It holds for a source that is constantly too strong, by at most 24 times; see `prober`.
     """
 
     current_ua: int
@@ -102,7 +100,7 @@ class ProbeBound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A whole self-test, to be kept with a study's records. Lists are in the order of checking."""
+    """A whole self-test, for a study's records. Lists are in the order of checking."""
 
     etd_selftest: Literal[3] = 3
     passed: bool
@@ -120,7 +118,7 @@ class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def is_pass(self) -> bool:
-        """It says so, and so do its checks; without any, nothing was looked at."""
+        """`passed` and all checks agree, and there are checks."""
         return self.passed and bool(self.checks) and self.first_bad is None
 
     @property
@@ -135,7 +133,7 @@ def to_json(report: Report) -> bytes:
 
 
 def save(report: Report, path: Path) -> None:
-    """Whole or not at all: a power cut leaves the old one or the new one. Raises: FileError."""
+    """Atomic: a power cut leaves the old file or the new one. Raises: FileError."""
     try:
         path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
         write_atomically(path, to_json(report), mode=0o644)
@@ -143,13 +141,13 @@ def save(report: Report, path: Path) -> None:
         raise FileError(
             str(path),
             "",
-            f"the report cannot be kept ({error.strerror})",
+            f"the report cannot be written ({error.strerror})",
             "run it as the user who owns that folder (sudo on an installed system)",
         ) from error
 
 
 def load(path: Path) -> Report | None:
-    """None where there is none. Raises: FileError for one that cannot be read."""
+    """None if there is none. Raises: FileError if it cannot be read."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=Report)
     except FileNotFoundError:
@@ -158,20 +156,19 @@ def load(path: Path) -> Report | None:
         raise FileError(
             str(path),
             "",
-            f"it is not a report of this version of the program ({error})",
+            f"it is not a self-test report of this version ({error})",
             "run etd selftest",
         ) from error
 
 
 _COMMAND = "etd selftest"
-#: The lines have one holder.
-_AGAIN = f"run {_COMMAND}, with the daemon stopped"
+_AGAIN = f"stop the daemon and run {_COMMAND}"
 
 
 def arming_refusal(path: Path, now: Subject) -> str | None:
-    """The sentence for which arming is refused; None where the last self-test allows it.
+    """Why arming is refused; None if the last self-test allows it.
 
-    A fake needs no self-test, because its skin is nobody's; but one that did not pass counts.
+    A fake needs no self-test, but one that did not pass counts.
     """
     is_fake = now.backend == "fake"
     try:
@@ -187,12 +184,12 @@ def arming_refusal(path: Path, now: Subject) -> str | None:
     if report.is_pass:
         return None
     what = "it was cut short" if bad is None else f"{bad.title} ({bad.result}) {bad.measured}"
-    remedy = f"put that right, {_AGAIN}"
+    remedy = f"correct that, then {_AGAIN}"
     if is_fake:
         remedy = (
-            f"on this fake {_COMMAND} --board fake:{now.board} --array {now.array}"
-            " --dummy-load 47000 --second-load 10000 --load-electrodes 0,1 puts it right, and so"
-            f" does removing {path}"
+            f"for a fake run {_COMMAND} --board fake:{now.board} --array {now.array}"
+            " --dummy-load 47000 --second-load 10000 --load-electrodes 0,1, or remove"
+            f" {path}"
         )
     return f"the self-test of {report.date:%Y-%m-%d %H:%M} did not pass: {what.strip()}: {remedy}"
 

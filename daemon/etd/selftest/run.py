@@ -1,4 +1,4 @@
-"""The stages in order of growing risk, and the way to the safe state after the last one.
+"""The stages in order of growing risk, and making the board safe after the last one.
 
 Owns: the order, when to stop, and the report. Must not know: what a stage checks.
 """
@@ -19,11 +19,11 @@ from etd.selftest.report import Report, unproved_of
 from etd.version import __version__
 from etd_hal.errors import BoardFault, BusError, CannotSelect, GuardRefusal
 
-#: In this order; the second of each tells people what comes.
+#: In this order: name, and description for people.
 STAGES = (
     ("machine", "the machine and its software"),
     ("buses", "lines, chips and stops, supply off"),
-    ("register", "the chain of switches, blanked"),
+    ("register", "the chain of switches, outputs blanked"),
     ("timing", "messages at DAC code 0"),
     ("rail", "the supply, no electrode connected"),
     ("probe", "imperceptible probes: what is connected"),
@@ -41,7 +41,7 @@ def run(
     on_check: OnCheck = lambda _: None,
     on_stage: Callable[[str, str], None] = lambda _name, _what: None,
 ) -> Report:
-    """All stages, or as many as may be; the board is safe afterwards whatever happens."""
+    """All stages, or those up to a failure; the board is made safe afterwards in any case."""
     log = CheckLog(on_check)
     prober = Prober(fixture)
     stages = _stages(fixture, log, prober)
@@ -63,7 +63,7 @@ def run(
     log.judge(
         "safe_state",
         not problems,
-        "; ".join(problems) or "told, and the node is at rest",
+        "; ".join(problems) or "commanded, and the node is at rest",
         "outputs off, supply off, DAC at zero",
         _BY_HAND,
     )
@@ -71,16 +71,16 @@ def run(
 
 
 def _break_off(fixture: Fixture) -> None:
-    """The way to the safe state, from anywhere; told either way."""
+    """Make the board safe, from any state, and print the result."""
     problems = (*_lines_back(fixture), *fixture.board.safe_off())
     for problem in problems:
         print(f"etd selftest: NOT SAFE: {problem}: {_BY_HAND}", file=sys.stderr)  # noqa: T201
     if not problems:
-        print(f"etd selftest: broken off; {_SAFE}", file=sys.stderr)  # noqa: T201
+        print(f"etd selftest: interrupted; {_SAFE}", file=sys.stderr)  # noqa: T201
 
 
 def _lines_back(fixture: Fixture) -> tuple[str, ...]:
-    """From another process, whose end was broken off as well; why not, if it cannot be."""
+    """Take the lines back from the other process; why not, if that fails."""
     if not fixture.is_lent:
         return ()
     try:
@@ -91,7 +91,7 @@ def _lines_back(fixture: Fixture) -> tuple[str, ...]:
 
 
 def cut_short(fixture: Fixture, date: datetime.datetime) -> Report:
-    """What is kept until the test has come to its end: a pass from before must not outlive it."""
+    """The report that is stored until the test ends: an earlier pass must not remain valid."""
     report = _report(fixture, Prober(fixture), CheckLog(lambda _: None), date)
     return msgspec.structs.replace(report, passed=False)
 
@@ -116,16 +116,16 @@ def _strong(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
 
 
 def _run_stage(fixture: Fixture, log: CheckLog, stage: Callable[[], None]) -> None:
-    """An error that a stage does not expect ends it, under the name of what raised it.
+    """An unexpected error ends the stage, as a failed check named after its source.
 
-    The board is made safe before progress is reported: its reader may be slow. What goes wrong with
-    that is told at the end, when it is done again.
+    The board is made safe before progress is printed, which may be slow. Problems with that are
+    reported at the end, when it is done again.
     """
     try:
         stage()
     except (BusError, BoardFault, GuardRefusal, CannotSelect) as error:
         fixture.board.safe_off()
-        log.judge(_name_of(error), False, str(error), "", "see what it says; then begin again")
+        log.judge(_name_of(error), False, str(error), "", "correct what it reports; test again")
 
 
 def _name_of(error: BusError | BoardFault | GuardRefusal | CannotSelect) -> str:
@@ -137,7 +137,7 @@ def _name_of(error: BusError | BoardFault | GuardRefusal | CannotSelect) -> str:
 def _skip_rest(log: CheckLog, failed_at: int) -> None:
     for name, _ in STAGES[failed_at + 1 :]:
         log.stage = name
-        log.skip("all", f"{STAGES[failed_at][0]} failed", "put that right first")
+        log.skip("all", f"{STAGES[failed_at][0]} failed", "correct the failed checks first")
 
 
 def _report(fixture: Fixture, prober: Prober, log: CheckLog, date: datetime.datetime) -> Report:

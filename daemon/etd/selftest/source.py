@@ -1,7 +1,7 @@
-"""Stage 8, strong, into the dummy load alone: the source over its range.
+"""Stage 8, strong pulses into the dummy load only: the source over its range.
 
-Owns: what the steps must look like together. Must not know: persons; without a confirmed load
-nothing here fires.
+Owns: the conditions on all steps together. Must not know: persons. Without a confirmed load nothing
+is fired here.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from etd.selftest.probe import check_alone
 from etd.selftest.prober import Prober
 from etd.selftest.readings import TOLERANCE, is_near_v, mean_v, read_map
 
-#: To be well into the compliance with nothing connected.
+#: The open voltage by the current alone, in compliances: it surely reaches the limit.
 _INTO_COMPLIANCE = 1.3
-#: To read the sentence, and to take the hands away.
+#: For the operator to read the instruction, and to take the hands away.
 _STAND_BACK_MS = 5_000
 #: A one-shot's own tolerance.
 _ONE_SHOT_TOLERANCE = 0.2
@@ -29,7 +29,7 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     load = fixture.options.load
     if load is None or not fixture.is_load_confirmed:
         for name in ("every_time", "steps", "linearity", "zero", "adc_bits", "compliance"):
-            log.skip(name, "no load was found", LOAD_OPTIONS)
+            log.skip(name, "no confirmed dummy load", LOAD_OPTIONS)
     else:
         _clear_the_board(fixture)
         if _is_still_there(fixture, log, prober, load):
@@ -43,14 +43,14 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
 
 
 def _clear_the_board(fixture: Fixture) -> None:
-    """With nobody to be told, whoever is near has the same time."""
+    """Wait in any case, also without an operator to instruct."""
     if fixture.operator is not None:
         fixture.operator.stand_back()
     fixture.wait_ms(_STAND_BACK_MS)
 
 
 def _is_still_there(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad) -> bool:
-    """Hands were at the board meanwhile: once more with the weak probe, before anything strong."""
+    """The operator has touched the board: check again with the weak probe before strong pulses."""
     found = read_map(fixture, prober)
     is_alone = check_alone(fixture, log, found, fixture.free, "still_alone")
     ends = [mean_v(prober, electrode) for electrode in (load.first, load.second)]
@@ -61,14 +61,14 @@ def _is_still_there(fixture: Fixture, log: CheckLog, prober: Prober, load: Dummy
         all(is_near_v(volts, expected_v, fixture.file.source) for volts in ends_v),
         " and ".join(f"{volts:.2f} V" for volts in ends_v),
         f"{expected_v:.2f} V at electrodes {load.first} and {load.second}",
-        "something else is there than was found before: hands off, and begin again",
+        "the load has changed since it was confirmed: hands off, and test again",
     )
     fixture.is_load_confirmed = is_alone and is_there
     return fixture.is_load_confirmed
 
 
 def _check_steps(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad) -> None:
-    """A straight line through equal steps, as told against as measured."""
+    """A line through equal steps: measured over commanded current."""
     beside_ohm = 1 / (1 / load.resistance_ohm + 1 / fixture.leak_ohm)
     source = fixture.file.source
     most_ua = min(prober.strongest_ua, reachable_ua(fixture, beside_ohm))
@@ -82,7 +82,8 @@ def _check_steps(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoa
     made_ua = [rung.made_ua for rung in rungs]
     gain, zero_ua = statistics.linear_regression(commanded_ua, made_ua)
     off_ua = max(
-        abs(made - gain * told - zero_ua) for told, made in zip(commanded_ua, made_ua, strict=True)
+        abs(made - gain * commanded - zero_ua)
+        for commanded, made in zip(commanded_ua, made_ua, strict=True)
     )
     step_ua = source.node_uv_per_code / beside_ohm
     log.judge(
@@ -90,8 +91,8 @@ def _check_steps(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoa
         abs(gain - 1) <= TOLERANCE,
         f"{gain * source.full_scale_ua / (source.codes - 1):.3f} uA a code, up to {most_ua} uA",
         f"{source.full_scale_ua / (source.codes - 1):.3f} uA a code +-{TOLERANCE:.0%}",
-        f"full_scale_ua of this board is about {gain * source.full_scale_ua:.0f}: put that into a"
-        " board file of yours, and test again",
+        f"full_scale_ua of this board is about {gain * source.full_scale_ua:.0f}: put that into"
+        " your own board file, and test again",
     )
     log.judge(
         "linearity",
@@ -105,7 +106,7 @@ def _check_steps(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoa
         abs(zero_ua) <= LINEARITY * most_ua + step_ua,
         f"{zero_ua:.0f} uA at code 0",
         f"0 uA within {LINEARITY:.0%} of {most_ua} uA",
-        "the source has an offset",
+        "check the source for an offset",
     )
     if log.stage_failed:
         return
@@ -118,14 +119,14 @@ def _judge_too_large(fixture: Fixture, log: CheckLog, most_ua: int, strongest_ua
         "steps",
         False,
         f"the source reaches {most_ua} uA into this load: nothing was fired",
-        f"{strongest_ua} uA, the strongest that anybody may get here",
-        f"begin again with at most {largest_here_ohm(fixture, strongest_ua)} ohm as the first one",
+        f"{strongest_ua} uA, the highest current allowed for a person",
+        f"test again with a --dummy-load of at most {largest_here_ohm(fixture, strongest_ua)} ohm",
     )
 
 
 def _check_compliance(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
-    """Into an open electrode: the node stops at the compliance. Where the body site does not allow
-    what leads well into it, it must come as far as the strongest that is allowed takes it.
+    """Into an open electrode: the node stops at the compliance voltage, or, if the body site does
+    not allow enough current for that, at the voltage of the highest allowed current.
     """
     source = fixture.file.source
     wanted_ua = int(source.compliance_v * _INTO_COMPLIANCE / fixture.leak_ohm * 1e6)
@@ -134,7 +135,7 @@ def _check_compliance(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     if expected_v < source.compliance_v * (1 - TOLERANCE):
         log.skip(
             "compliance",
-            f"{wanted_ua} uA are allowed, and take the node to {expected_v:.0f} V only",
+            f"the {wanted_ua} uA that are allowed raise the node to {expected_v:.0f} V only",
             "measure the rail by hand",
         )
         return
@@ -146,12 +147,12 @@ def _check_compliance(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
         and result.voltage_v < full_scale_v,
         f"{result.voltage_v:.0f} V at {wanted_ua} uA with nothing connected",
         f"{expected_v:.0f} V +-{TOLERANCE:.0%} of {source.compliance_v} V",
-        "the rail is not what the board file says; put the measured figure into compliance_v",
+        "check the rail; if it is right, put the measured figure into compliance_v",
     )
 
 
 def _check_one_shot(fixture: Fixture, log: CheckLog) -> None:
-    """No message that the guard lets through lasts as long as a one-shot: a person has to look."""
+    """No message that the guard passes lasts as long as a one-shot: a person must measure it."""
     one_shot = fixture.file.guards.one_shot
     if one_shot == "absent":
         log.absent("one_shot")
@@ -160,15 +161,15 @@ def _check_one_shot(fixture: Fixture, log: CheckLog) -> None:
     if seen_us is None:
         log.skip(
             "one_shot",
-            f"it acts after {one_shot.on_us} us, and no message that may be sent is as long",
-            "hold the source on by hand, into the load, look at it with an oscilloscope, and say"
-            " what it showed: --one-shot-us US (docs/bring-up.md)",
+            f"it acts after {one_shot.on_us} us; no message that may be sent is as long",
+            "hold the source on by hand, into the load, measure it with an oscilloscope, and give"
+            " the time with --one-shot-us US (docs/bring-up.md)",
         )
         return
     log.judge(
         "one_shot",
         abs(seen_us - one_shot.on_us) <= _ONE_SHOT_TOLERANCE * one_shot.on_us,
-        f"{seen_us} us, seen by the operator on an oscilloscope",
+        f"{seen_us} us, measured by the operator with an oscilloscope",
         f"{one_shot.on_us} us +-{_ONE_SHOT_TOLERANCE:.0%}",
-        "put it right: it is the only guard that is fast enough",
+        "repair it: no other guard is fast enough",
     )

@@ -1,12 +1,12 @@
-"""Stage 5: a stop that is held open takes the supply away, as measured, whatever the program does.
+"""Stage 5: a stop that is held open cuts the supply, independently of the program.
 
-Owns: what is asked of the operator, and whose doing the fall is. Must not know: how the supply is
-looked at (`rail_by_monitor.py`, `rail_by_node.py`).
+Owns: the instructions to the operator, and what has caused the fall. Must not know: how the supply
+is measured (`rail_by_monitor.py`, `rail_by_node.py`).
 
-That the line is seen to open was looked at in stage 2. Here the supply is on, the heartbeat goes on
-and the enable line stays on: if the supply falls, the stop's second contact has done it. Where the
-board file says that there is none (`stop_cuts_supply = false`), the program switches off as the
-engine would, and that is what is measured.
+Stage 2 has checked that the line opens. Here the supply is on, heartbeat and enable line continue:
+if the supply falls, the stop's second contact has cut it. If the board file says that there is none
+(`stop_cuts_supply = false`), the program switches the supply off as the engine would, and that is
+measured.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from etd_hal.bench import Operator, StopName
 _STOPS: tuple[StopName, ...] = ("emergency_stop", "wearer_stop")
 _OPERATOR_WITHIN_MS = 20_000
 _LOOK_EVERY_MS = 10
-#: Both contacts of one button, and a few looks.
+#: Between the two contacts of a button, and a few readings.
 _CUT_WITHIN_MS = 50
 
 
@@ -32,11 +32,11 @@ class SupplyWatch:
 
     is_there: Callable[[], bool]
     is_gone: Callable[[], bool]
-    #: What `is_gone` read last, for people.
-    told: Callable[[], str]
+    #: The last reading of `is_gone`, for reports.
+    reading: Callable[[], str]
     #: How long it may take to fall.
     within_ms: int
-    #: Switch it on, and judge that it came, under this name.
+    #: Switches it on and checks it, under this name.
     rises: Callable[[str], bool]
     #: All readings so far, by the clock; None where the rail is not monitored.
     readings: list[Reading] | None
@@ -49,7 +49,7 @@ def check(fixture: Fixture, log: CheckLog, supply: SupplyWatch) -> None:
             continue
         if fixture.operator is None:
             log.skip(
-                _title(fixture, name), "nobody is there to hold it", "run it without --no-operator"
+                _title(fixture, name), "no operator to hold it", "run it without --no-operator"
             )
             continue
         try:
@@ -82,7 +82,7 @@ def _check_one(
         fixture.board.supply_off()
     is_gone, measured = _fall(fixture, name, supply) if is_open else (False, "not seen to open")
     if is_open and not was_there:
-        is_gone, measured = False, f"gone before it was seen to open; {measured}"
+        is_gone, measured = False, f"the supply fell before the stop opened; {measured}"
     late_ms = _cut_ms(supply, opened_ns) if is_gone and cuts else None
     if late_ms is not None:
         is_gone = late_ms <= _CUT_WITHIN_MS
@@ -95,7 +95,7 @@ def _check_one(
         measured,
         ("" if not cuts or supply.readings is None else f"cut within {_CUT_WITHIN_MS} ms and ")
         + f"gone within {supply.within_ms} ms of the opening, "
-        + ("enable and heartbeat going on" if cuts else "switched off by the program"),
+        + ("with enable and heartbeat on" if cuts else "switched off by the program"),
         _GATE_ADVICE if cuts else _OFF_ADVICE,
     )
     fixture.board.supply_off()
@@ -106,19 +106,19 @@ def _check_one(
 
 
 _GATE_ADVICE = (
-    "hold it until you are told to let go. If you did: let its second contact break the supply's"
-    " own current or its enable (docs/hardware.md); a board whose stops are seen by the program"
-    " alone says so: stop_cuts_supply = false"
+    "hold it until asked to release it. If you did: wire its second contact to break the supply's"
+    " current or its enable (docs/hardware.md); for a board whose stops only reach the program, set"
+    " stop_cuts_supply = false in the board file"
 )
-_OFF_ADVICE = "hold it until you are told to let go; if you did, cut the supply by hand"
+_OFF_ADVICE = "hold it until asked to release it; if you did, cut the supply by hand"
 
 
 def _opens(
     fixture: Fixture, name: StopName, supply: SupplyWatch, was_there: bool
 ) -> tuple[bool, bool]:
-    """Whether the stop was seen to open, and whether the supply was there until then.
+    """Whether the stop opened, and whether the supply was on until then.
 
-    Of each look at the supply the stop is asked afterwards: one that was closed then is no reason.
+    The stop is read after the supply: if it is still closed, it did not cause the supply's fall.
     """
     is_there = was_there
 
@@ -132,22 +132,20 @@ def _opens(
 
 
 def _fall(fixture: Fixture, name: StopName, supply: SupplyWatch) -> tuple[bool, str]:
-    """Whether the supply went while the stop was held, and what is to be said of it."""
+    """Whether the supply fell while the stop was held, and the description."""
     begun_ns = fixture.clock.now_ns()
     while not supply.is_gone():
         took_ms = (fixture.clock.now_ns() - begun_ns) / MS
         if not fixture.board.stops()[name]:
-            return False, f"closed again after {took_ms:.0f} ms, {supply.told()}"
+            return False, f"closed again after {took_ms:.0f} ms, {supply.reading()}"
         if took_ms > supply.within_ms:
-            return False, f"still {supply.told()} after {took_ms:.0f} ms"
+            return False, f"still {supply.reading()} after {took_ms:.0f} ms"
         fixture.wait_ms(_LOOK_EVERY_MS)
-    return True, f"{supply.told()} after {(fixture.clock.now_ns() - begun_ns) / MS:.0f} ms"
+    return True, f"{supply.reading()} after {(fixture.clock.now_ns() - begun_ns) / MS:.0f} ms"
 
 
 def _cut_ms(supply: SupplyWatch, opened_ns: int) -> float | None:
-    """How long after the line was seen to open the supply was cut; None where that cannot
-    be seen.
-    """
+    """The time from the opening of the line to the cut; None if it cannot be measured."""
     if not supply.readings:
         return None
     cut_ms = reckon_cut(supply.readings, supply.readings[0][1])
@@ -155,7 +153,7 @@ def _cut_ms(supply: SupplyWatch, opened_ns: int) -> float | None:
 
 
 def _is_closed_again(fixture: Fixture, log: CheckLog, name: StopName) -> bool:
-    """Nothing more is said where it is: a stop that stays open is one."""
+    """A stop that stays open fails."""
     is_closed = fixture.wait_until(lambda: not fixture.board.stops()[name], _OPERATOR_WITHIN_MS)
     if not is_closed:
         log.judge(name, False, "it stays open", "closed again", "release it")

@@ -1,9 +1,10 @@
-"""What a self-test is of: board, machine, array, strength, program; and whether that is still so.
+"""What a self-test has tested: board, machine, array, strength, program.
 
-Owns: what makes a self-test one of something else. Must not know: what is checked, reports' files.
+Owns: whether a self-test is valid for what is used now. Must not know: what is checked, files of
+reports.
 
-Names are for people. What is compared is what a name stands for: all that a file says, which
-machine of its model, which outputs were walked, how strong the strongest pulse was.
+Names are for people. The comparison is of contents: the whole files, the individual machine, the
+outputs that were tested, the strongest pulse.
 """
 
 from __future__ import annotations
@@ -19,27 +20,27 @@ from etd.version import __version__
 
 
 class Subject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """See the module."""
+    """What was tested, or what would be armed."""
 
     backend: Literal["linux", "fake"]
     board: str
-    #: Of all that the board file says: another file is another board.
+    #: Of the content of the board file.
     board_digest: str
     machine: str
     machine_digest: str
-    #: Which one of its model, as a digest; "" where nothing tells them apart.
+    #: A digest of the individual machine's serial; "" if it has none.
     machine_identity: str
     array: str
-    #: Of the switch, one for each electrode.
+    #: The switch's output of each electrode.
     outputs: tuple[int, ...]
     body_site: str
-    #: The most that this body site lets into a load, at the probe's width.
+    #: The highest current that this body site allows, at the probe's width.
     strongest_ua: int
     program: str
 
     @property
     def configuration(self) -> str:
-        """A name for board, machine file, array and strength together, fit for a file's name."""
+        """A file name for board, machine file, array and strength together."""
         parts = (self.board_digest, self.machine_digest, self.outputs, self.strongest_ua)
         return f"{self.board}-{_digest(parts)[:12]}"
 
@@ -47,7 +48,7 @@ class Subject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 def subject_of(
     loaded: LoadedConfig, backend: Literal["linux", "fake"], machine_identity: str
 ) -> Subject:
-    """What would be tested, or armed, now."""
+    """What would be tested or armed now."""
     return Subject(
         backend=backend,
         board=loaded.board.name,
@@ -64,16 +65,16 @@ def subject_of(
 
 
 def strongest_ua(loaded: LoadedConfig) -> int:
-    """The most that anybody may get from this board at this body site, at the probe's width."""
+    """The highest current allowed for this board and body site, at the probe's width."""
     maxima = maxima_of(loaded.board, loaded.body_site)
     return min(maxima.current_ua, maxima.charge_pc // maxima.probe_width_us)
 
 
 def difference(then: Subject, now: Subject) -> str | None:
-    """Why a self-test of `then` says nothing of `now`, as a clause; None if it does.
+    """Why a self-test of `then` is not valid for `now`, as a clause; None if it is.
 
-    An array may have fewer of the electrodes that were walked, a body site may be weaker. Any other
-    version of the program counts as another: it is what makes and bounds the pulses.
+    An array may have fewer electrodes, and a body site may be weaker. Any other version of the
+    program counts as a difference, because the program makes and bounds the pulses.
     """
     checks = (
         (then.backend == now.backend, "backend", then.backend, now.backend),
@@ -106,6 +107,6 @@ def _named(identity: str) -> str:
     return identity or "unknown"
 
 
-def _digest(said: object) -> str:
-    """Of everything that a file says, comments and order of keys apart."""
-    return hashlib.sha256(msgspec.json.encode(said, order="deterministic")).hexdigest()
+def _digest(content: object) -> str:
+    """Of the whole content, without comments and the order of keys."""
+    return hashlib.sha256(msgspec.json.encode(content, order="deterministic")).hexdigest()

@@ -1,11 +1,12 @@
-"""Stage 7, imperceptible probes: every electrode's switch on two known loads, and nothing with it.
+"""Stage 7, imperceptible probes: every electrode's switch, alone, on two known loads.
 
-Owns: who is asked to touch what, how long, and what is concluded. Must not know: how a touch is
-read (`touch.py`); how a person or a fake moves the load.
+Owns: the instructions to the operator, their time limits, and the conclusions. Must not know: how a
+touch is read (`touch.py`); how a person or a fake moves the load.
 
-One end of the load stays on its first electrode. The other end touches every other electrode when
-it is asked for, and that one must answer, alone. Then the same with the second load. Whoever else
-may answer is looked at on the source in the first walk, and on ground in the second.
+One end of the load stays on its first electrode. The operator touches every other electrode with
+the other end when asked to; that electrode, and no other, must read the load. Then the same with
+the second load. The other electrodes are probed on the source in the first walk, on ground in the
+second.
 """
 
 from __future__ import annotations
@@ -27,16 +28,17 @@ _FIRST, _ALONE, _CHANGE, _SECOND = _ALL = (
     "second_load",
     "every_switch_again",
 )
-#: For each electrode, from when it was asked for.
+#: For each electrode, from the instruction on.
 _WITHIN_MS = 30_000
-#: To put one resistor in the place of another.
+#: For changing the resistor.
 _CHANGE_WITHIN_MS = 60_000
 _LOOK_EVERY_MS = 100
 #: After a round that was not good.
 _ROUND_EVERY_MS = 300
-#: Of either end of a second load, in one look.
+#: Of each end of a second load, at a time.
 _READINGS = 4
-#: A hand on its way is still where it was: who else answers is asked after this, and so often.
+#: While the hand moves, the load is still at the last electrode: other electrodes are probed after
+#: this time, and then this often.
 _ON_ITS_WAY_MS = 3_000
 _OTHERS_EVERY_MS = 1_000
 
@@ -45,21 +47,21 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     """Raises: BusError, BoardFault, GuardRefusal."""
     load, second = fixture.options.load, fixture.options.second_load
     if load is None or not fixture.is_load_confirmed:
-        _skip(log, _ALL, "no load was found", LOAD_OPTIONS)
+        _skip(log, _ALL, "no confirmed dummy load", LOAD_OPTIONS)
         return
     if fixture.operator is None:
-        _skip(log, _ALL, "nobody is there to move the load", "run it without --no-operator")
+        _skip(log, _ALL, "no operator to move the load", "run it without --no-operator")
         return
     fixture.is_load_confirmed = False
     touch = Touch(fixture, prober, load)
     _Walk(fixture, log, fixture.operator, touch, load).over_all(_FIRST)
     if second is None:
-        _skip(log, (_CHANGE, _SECOND), "no second load was named", SECOND_LOAD_OPTION)
+        _skip(log, (_CHANGE, _SECOND), "no second load", SECOND_LOAD_OPTION)
     elif not log.stage_failed:
         fixture.operator.clip(second.resistance_ohm, second.first, second.second)
         expected_v = touch.load_v * _beside_ohm(fixture, second) / _beside_ohm(fixture, load)
         if _is_changed(fixture, log, prober, second, expected_v):
-            # Who is taken along in one polarity alone shows in one of the two walks.
+            # A crosstalk of one polarity only shows in one of the two walks.
             on_ground = Touch(fixture, prober, second, others_anodic=False)
             _Walk(fixture, log, fixture.operator, on_ground, second).over_all(_SECOND)
     if not log.stage_failed:
@@ -77,7 +79,7 @@ def _beside_ohm(fixture: Fixture, load: DummyLoad) -> float:
 
 
 class _Walk:
-    """With one load, over every electrode but its fixed end's."""
+    """With one load, over every electrode except that of its fixed end."""
 
     def __init__(
         self, fixture: Fixture, log: CheckLog, operator: Operator, touch: Touch, load: DummyLoad
@@ -89,7 +91,7 @@ class _Walk:
         self._load = load
 
     def over_all(self, name: str) -> None:
-        """Ends at the first electrode that does not answer as it should."""
+        """Ends at the first electrode that fails."""
         count = self._fixture.loaded.array.count
         for asked in range(count):
             if asked == self._load.first:
@@ -102,21 +104,21 @@ class _Walk:
         self._log.judge(
             name,
             True,
-            f"{count} electrodes found on {self._load.resistance_ohm} ohm",
-            "the load, where it was asked for and in both polarities",
+            f"{count} electrodes read {self._load.resistance_ohm} ohm",
+            "the load at the electrode that was asked for, in both polarities",
         )
-        self._log.judge(_ALONE, True, f"{count - 1} rounds over all others", self._nobody())
+        self._log.judge(_ALONE, True, f"{count - 1} rounds over all others", self._alone())
 
-    def _nobody(self) -> str:
+    def _alone(self) -> str:
         side = "the source" if self._touch.others_anodic else "ground"
-        return f"nobody else answers, each alone on {side}"
+        return f"no other electrode reads the load, each alone on {side}"
 
     def _wait_for(self, asked: int) -> Look:
-        """The look that is good, or the last one when time is over."""
+        """The first good look, or the last one when time is over."""
         begun_ns = self._fixture.clock.now_ns()
-        told: tuple[int, ...] = ()
+        reported: tuple[int, ...] = ()
         others_after_ms = float(_ON_ITS_WAY_MS)
-        # However fast the hand, no electrode is probed oftener than its rate.
+        # No electrode may be probed more often than its rate.
         again_ms = _LOOK_EVERY_MS
         while True:
             self._fixture.wait_ms(again_ms)
@@ -126,53 +128,53 @@ class _Walk:
             if not look.answers and (is_over or took_ms >= others_after_ms):
                 others_after_ms = took_ms + _OTHERS_EVERY_MS
                 look = replace(look, others=self._touch.answering(asked))
-                if look.others and look.others != told:
+                if look.others and look.others != reported:
                     self._operator.misplaced(asked, look.others)
-                told = look.others
+                reported = look.others
             if look.is_good or is_over:
                 return look
             again_ms = _ROUND_EVERY_MS if look.answers else _LOOK_EVERY_MS
 
     def _judge(self, asked: int, look: Look, name: str) -> None:
-        """What was wrong with the last look at an electrode."""
+        """Report the failure that the last look at an electrode shows."""
         listed = ", ".join(map(str, look.others[:8]))
         if look.answers and look.others:
             self._log.judge(
                 _ALONE,
                 False,
                 f"with electrode {asked}: {listed}",
-                f"{self._nobody()}, but the load's fixed end",
+                f"{self._alone()}, except the load's fixed end",
                 _ALONE_ADVICE,
             )
             return
-        said = f"electrode {asked} reads {look.read_v[0]:.2f} V and {look.read_v[1]:.2f} V"
+        measured = f"electrode {asked} reads {look.read_v[0]:.2f} V and {look.read_v[1]:.2f} V"
         if look.answers:
-            said = f"electrode {asked} was let go of before all others were looked at"
+            measured = f"electrode {asked} was released before all others were probed"
         elif look.others:
-            said += f"; {listed} answers in its place"
+            measured += f"; {listed} reads the load instead"
         self._log.judge(
             name,
             False,
-            said,
+            measured,
             f"{self._touch.load_v:.2f} V in both polarities within {_WITHIN_MS // 1_000} s",
             _FOUND_ADVICE,
         )
 
 
 _FOUND_ADVICE = (
-    "touch it longer. If another one answers, look for the right place, then for swapped wires and"
-    " the array file's outputs; else this output or its wire is dead, or half dead"
+    "touch it longer. If another electrode reads the load, check the place, then for swapped wires,"
+    " and the outputs in the array file; otherwise this output or its wire is defective"
 )
 _ALONE_ADVICE = (
-    "let the tip touch one pin only. If it does, these outputs switch together, or their wires"
-    " touch; if the load's fixed end is among them, its wire is another one's"
+    "touch one pin only. If you did, these outputs switch together, or their wires touch; if the"
+    " load's fixed end is among them, its wire is connected to the wrong output"
 )
 
 
 def _is_changed(
     fixture: Fixture, log: CheckLog, prober: Prober, second: DummyLoad, expected_v: float
 ) -> bool:
-    """The second load is in the first one's place, and is what it is said to be."""
+    """Whether the second load has replaced the first one, and has the named value."""
     ends_v: list[float] = []
 
     def look() -> bool:
@@ -186,7 +188,7 @@ def _is_changed(
         " and ".join(f"{volts:.2f} V" for volts in ends_v),
         f"{expected_v:.2f} V, {second.resistance_ohm} ohm, at electrodes {second.first} and"
         f" {second.second} within {_CHANGE_WITHIN_MS // 1_000} s",
-        "measure this resistor, too, and look where it is",
+        "measure this resistor, and check its place",
     )
 
 
@@ -197,7 +199,7 @@ def _steady_v(prober: Prober, electrode: int) -> float:
 def _check_back(
     fixture: Fixture, log: CheckLog, prober: Prober, touch: Touch, load: DummyLoad
 ) -> None:
-    """The load between its two electrodes and nothing else: what comes next is strong."""
+    """The load must be back at its two electrodes, and alone: strong pulses follow."""
 
     def look() -> bool:
         fixture.wait_ms(_LOOK_EVERY_MS)
@@ -207,9 +209,9 @@ def _check_back(
     is_back = log.judge(
         "load_back",
         is_there,
-        "it is back" if is_there else f"not seen there within {_CHANGE_WITHIN_MS // 1_000} s",
+        "it is back" if is_there else f"not there within {_CHANGE_WITHIN_MS // 1_000} s",
         f"{load.resistance_ohm} ohm between electrodes {load.first} and {load.second} again",
-        "put it back, and begin again",
+        "connect it again, and restart the test",
     )
     is_alone = check_alone(fixture, log, read_map(fixture, prober), fixture.free, "nothing_else")
     fixture.is_load_confirmed = is_back and is_alone

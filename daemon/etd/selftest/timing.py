@@ -1,6 +1,6 @@
-"""Stage 4, DAC at code 0: how long messages take on this machine, and how much that spreads.
+"""Stage 4, DAC at code 0: the duration of messages on this machine, and its spread.
 
-Owns: the names of the constants. Must not know: how they are found (`etd_hal.timing`).
+Owns: the names of the constants. Must not know: how they are measured (`etd_hal.timing`).
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from etd_hal.errors import BoardFault
 
 _PREFIX = "timing calibration, "
 _ADVICE = (
-    "the machine file is for another machine, or something else takes the core: look at the model,"
-    " at throttling, and at what else runs"
+    "the machine file is for another machine, or another program uses the core: check the model,"
+    " throttling, and other programs"
 )
 
 
@@ -47,28 +47,28 @@ def check(fixture: Fixture, log: CheckLog) -> None:
 
 
 def check_longest(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
-    """After all pulses: how much longer than planned the kernel made the longest of each kind.
+    """After all pulses: the longest excess of a message over its plan, for each kind.
 
-    One above `halt_excess_us` has ended the test before.
+    An excess above `halt_excess_us` has ended the test before.
     """
-    told = ", ".join(f"{what} {over_us:.0f} us" for what, over_us in prober.over_us.items())
+    listed = ", ".join(f"{what} {over_us:.0f} us" for what, over_us in prober.over_us.items())
     most_us, why = _most_over_us(fixture)
     log.judge(
         "longest_message",
         max(prober.over_us.values()) <= most_us,
-        f"over the plan: {told}",
+        f"over the plan: {listed}",
         f"at most {most_us:.0f} us: {why}",
-        "something takes the processor in the middle of a pulse, and no one_shot ends it: look at"
-        " isolcpus, at real time, and at what else runs",
+        "another program interrupts pulses, and no one_shot ends them: check isolcpus, real-time"
+        " scheduling, and other programs",
     )
 
 
 def _most_over_us(fixture: Fixture) -> tuple[float, str]:
-    """What a message under way may last longer, and for what reason.
+    """The most that a message may exceed its plan, and the reason.
 
-    The strongest that a person may get goes on as long. With the largest charge of the body site
-    that must not be more than the board file's, which nothing may exceed; a one-shot sees to it by
-    itself. What the calibration lets a message spread is no stall.
+    The strongest current allowed for a person flows during the excess. Together with the body
+    site's largest charge it must not exceed the board file's charge, unless a one-shot ends the
+    pulse. The spread allowed by the calibration is always allowed.
     """
     machine, one_shot = fixture.loaded.machine, fixture.file.guards.one_shot
     if one_shot != "absent":
@@ -77,5 +77,5 @@ def _most_over_us(fixture: Fixture) -> tuple[float, str]:
     most_nc = fixture.file.maxima.charge_nc
     spare_us = (most_nc * PC_PER_NC - maxima.charge_pc) / maxima.current_ua
     most_us = min(machine.halt_excess_us, max(machine.spread_us, spare_us))
-    why = f"more at {maxima.current_ua} uA on top of {maxima.charge_pc // PC_PER_NC} nC"
-    return most_us, f"{why} is above the board's {most_nc} nC"
+    why = f"longer at {maxima.current_ua} uA in addition to {maxima.charge_pc // PC_PER_NC} nC"
+    return most_us, f"{why} would exceed the board's {most_nc} nC"

@@ -1,11 +1,11 @@
-"""One touch of the load: what reads as the load, what reads as open, and what as neither.
+"""One touch of the load: which electrodes read the load, open, or neither.
 
-Owns: the figures that a reading is compared with, and the round over all others while the touch is
-held. Must not know: who is asked to touch what, checks.
+Owns: the figures that a reading is compared with, and the round over all other electrodes while the
+touch is held. Must not know: instructions to the operator, checks.
 
-The load's fixed end is on its first electrode. Whoever else it touches reads the load, alone on the
-source and alone on ground; the fixed end reads it too, and everybody else reads open. The others
-are looked at in one polarity: a walk with another load has the other one.
+The load's fixed end is on its first electrode. The electrode that the other end touches must read
+the load, on the source and on ground; the fixed end reads it too, all others read open. The others
+are probed in one polarity; a walk with another load has the other one.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from etd.selftest.fixture import DummyLoad, Fixture
 from etd.selftest.prober import Prober
 from etd.selftest.readings import NearerOf, is_near_v
 
-#: Both polarities, so often: of the load before the walk, and of what answers while it is touched.
-#: A second load may be ten codes of the ADC: what is a switch's resistance there is its noise here.
+#: Readings in both polarities: of the load before the walk, and during a touch. A second load may
+#: be ten codes of the ADC: so many readings average the noise.
 _READINGS_BEFORE, _READINGS = 8, 4
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """At the electrode that was asked for and, if it answers, at all others."""
+    """The readings at the electrode asked for and, if it reads the load, at all others."""
 
     #: It reads the load in both polarities.
     answers: bool
-    #: (source, ground): what it reads.
+    #: (source, ground)
     read_v: tuple[float, float]
-    #: Who else does not read as it should, if the touch was held while they were looked at.
+    #: The other electrodes with a wrong reading, if the touch was held during their round.
     others: tuple[int, ...] = ()
-    #: It still answered after the round over the others.
+    #: It still read the load after that round.
     is_held: bool = False
 
     @property
@@ -41,14 +41,14 @@ class Look:
 
 
 class Touch:
-    """See the module. Made while the load is between its two electrodes, and alone."""
+    """Made while only the load is connected, between its two electrodes."""
 
     def __init__(
         self, fixture: Fixture, prober: Prober, load: DummyLoad, *, others_anodic: bool = True
     ) -> None:
-        """`others_anodic`: the others are looked at alone on the source, or else alone on ground.
+        """`others_anodic`: whether the others are probed on the source, or else on ground.
 
-        Raises: BusError, BoardFault, GuardRefusal, as all that probes.
+        Raises: BusError, BoardFault, GuardRefusal, as all methods.
         """
         self._prober = prober
         self.others_anodic = others_anodic
@@ -61,7 +61,7 @@ class Touch:
         self._open_v = statistics.median(self._in_round_v(electrode) for electrode in fixture.free)
 
     def look(self, asked: int) -> Look:
-        """One probe from either side; some more, and a round over all others, if it answers."""
+        """One probe in each polarity; if it reads the load, more, and a round over all others."""
         read_v = self._once_v(asked)
         if any(self.nearer.is_open(volts) for volts in read_v):
             return Look(False, read_v)
@@ -76,7 +76,7 @@ class Touch:
         return Look(True, read_v, others, is_held=True)
 
     def answering(self, but: int) -> tuple[int, ...]:
-        """All that are not open, but this one and the fixed end."""
+        """All that are not open, except this one and the fixed end."""
         return tuple(
             electrode
             for electrode in self._electrodes
@@ -96,7 +96,7 @@ class Touch:
         return self.read_v(electrode, is_anodic=True), self.read_v(electrode, is_anodic=False)
 
     def _mean_v(self, first_v: tuple[float, float], electrode: int) -> tuple[float, float]:
-        """Of all readings of one look, with these first ones."""
+        """The mean of one look's readings, including the first ones."""
         more = [self._once_v(electrode) for _ in range(_READINGS - 1)]
         source_v, ground_v = zip(first_v, *more, strict=True)
         return statistics.mean(source_v), statistics.mean(ground_v)
