@@ -45,7 +45,7 @@ def test_frames_that_come_too_late_are_counted_and_do_not_end_it() -> None:
             told = running.summary()
         sent = len(rig.engine.frames)
     assert sent > 3
-    assert told.startswith(f"{sent} frames (2 came too late to be felt) and")
+    assert told.startswith(f"{sent} frames (2 too late to be shown) and")
 
 
 def test_any_other_refusal_ends_it() -> None:

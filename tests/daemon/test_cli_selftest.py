@@ -42,7 +42,7 @@ def test_all_passed_is_status_0_and_absent_guards_are_named(
     for number, (name, what) in enumerate(STAGES, start=1):
         assert f"{number}/{len(STAGES)} {name}: {what}" in told
     assert "this board has no emergency_stop, wearer_stop, hv_enable" in told
-    assert f"kajimoto-hv507 on pi4 (backend: fake): passed; kept in {state}" in told
+    assert f"kajimoto-hv507 on pi4 (backend: fake): passed; report in {state}" in told
 
 
 def test_a_skip_is_status_1_and_says_what_to_do(
@@ -67,8 +67,8 @@ def test_with_json_the_answer_is_one_object_and_prompts_go_elsewhere(
     answer = json.loads(told.out)
     assert (answer["ok"], answer["kept"]) == (True, str(state))
     assert answer["report"]["checks"][0]["stage"] == "machine"
-    assert "47000 ohm between electrode 0 and electrode 15" in told.err
-    assert "10000 ohm between electrode 0 and electrode 15" in told.err
+    assert "47000 ohm between electrodes 0 and 15" in told.err
+    assert "10000 ohm between electrodes 0 and 15" in told.err
     assert kept.read_bytes() == state.read_bytes()
 
 

@@ -107,7 +107,7 @@ def test_broken_off_anywhere_in_a_test_it_says_that_the_board_is_safe(
         with pytest.raises(KeyboardInterrupt):
             run(fixture, DATE)
         told = capsys.readouterr().err
-        assert told == "etd selftest: broken off; the board is in its safe state\n", at_call
+        assert told == "etd selftest: interrupted; the board is in its safe state\n", at_call
         assert is_at_rest(rig)
         assert board == BARE or rig.rail_v_after_a_while() < 30
 

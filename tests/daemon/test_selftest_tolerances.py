@@ -128,7 +128,7 @@ def test_a_low_bit_that_stands_still_is_named_with_its_number(
     stuck = AdcBitStuck(bit, 1 if level else 0)
     check, _ = bits_check(board, 33_000, 1.0, [stuck])
     assert (check.name, check.result) == ("adc_bits", "fail")
-    assert check.measured.startswith(f"bits [{bit}] never moved")
+    assert check.measured.startswith(f"bits [{bit}] constant")
 
 
 def test_the_largest_load_of_a_board_as_measured_follows_its_source_and_leak() -> None:

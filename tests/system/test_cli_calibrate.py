@@ -70,7 +70,7 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
     finally:
         at.close()
     assert said.status == 1, said.err
-    assert "halted; what was found is kept; the same command goes on with it" in said.err
+    assert "halted; the results are saved: the same command continues" in said.err
     kept = list(rig.folder.glob("state/etd/fake/calibrating/P01.json"))
     assert len(kept) == 1
 
@@ -141,7 +141,7 @@ def test_what_goes_on_with_it_is_the_command_without_restart(rig: CommandRig) ->
         said = at.command.ended()
     finally:
         at.close()
-    assert "what was found is kept; the same command without --restart goes on with it" in said.err
+    assert "the results are saved: the same command without --restart continues" in said.err
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ def test_a_calibration_is_imported_shown_exported_and_deleted(rig: CommandRig) -
         assert (gone.status, gone.answer["error"]) == (1, "not_found")
         again = rig.run("calibration", "delete", "P01")
         assert again.status == 1
-        assert "no calibration 'P01' is kept here; kept are: none" in again.err
+        assert "no calibration 'P01'; those that can be deleted: none" in again.err
 
 
 def test_what_does_not_fit_or_is_there_already_is_refused_in_a_sentence(rig: CommandRig) -> None:
@@ -104,7 +104,7 @@ def test_a_file_of_another_kind_is_called_what_it_is(rig: CommandRig) -> None:
     told = rig.run("calibration", "import", str(site), "--json")
     assert told.status == 1
     assert told.answer["error"] == "file_error"
-    assert "it is a body site file, no calibration; name one that" in told.answer["reason"]
+    assert "it is a body site file, not a calibration; name a file that" in told.answer["reason"]
 
 
 def test_a_shipped_calibration_is_listed_with_what_it_holds_for(rig: CommandRig) -> None:

@@ -87,7 +87,7 @@ def test_a_hung_engine_is_killed_at_the_end_and_the_board_is_made_safe_after_it(
         command.signal(signal.SIGINT if ending == "Ctrl-C" else signal.SIGTERM)
     said = command.ended()
     assert said.status == 1
-    assert "the engine ended (killed: it hung for 5 s): `etd safe` makes" in said.err
+    assert "the engine ended (killed: it did not end within 5 s): `etd safe` makes" in said.err
     assert "safe (fake): kajimoto-hv507: outputs off" in said.out
     assert not board.state().held
 
