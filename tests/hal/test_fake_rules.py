@@ -169,9 +169,11 @@ class TestFaults:
         self, board: str, name: str
     ) -> None:
         rig = stepped_board(board)
-        with pytest.raises(ValueError, match=f"nothing is behind '{name}' here: one of POL, "):
+        with pytest.raises(
+            ValueError, match=f"'{name}' cannot be stuck beyond its pin: name POL, "
+        ):
             rig.fake.world.put_in(StuckBehind(name, 1))
-        with pytest.raises(ValueError, match=f"nothing is behind '{name}' here"):
+        with pytest.raises(ValueError, match=f"'{name}' cannot be stuck"):
             stepped_board(board, faults=[StuckBehind(name, 0)])
 
     @pytest.mark.parametrize("kind", ["absent", "io", "timeout"])

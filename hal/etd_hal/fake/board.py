@@ -1,6 +1,6 @@
 """The fake board in this process: the four ports, on a clock.
 
-Owns: who may call when, and the time that calls take. Must not know: what a call does
+Owns: the lock on calls, and waiting for the time they take. Must not know: what a call does
 (`circuit.py`), how long it takes (`pi4.py`).
 """
 
@@ -70,7 +70,7 @@ class FakeBoard:
 
     @property
     def violations(self) -> list[str]:
-        """What was done to the board that must never be done; a test asserts that it is empty."""
+        """The rules that were broken; a test asserts that it is empty."""
         return self._circuit.violations
 
     @property
@@ -104,12 +104,12 @@ class FakeBoard:
             return question()
 
     def release(self) -> None:
-        """Let go of the lines: they keep their levels, and can be requested again."""
+        """Release the lines: they keep their levels, and can be requested again."""
         with self._lock:
             self._circuit.release()
 
     def let_float(self) -> None:
-        """Whoever held the outputs is gone: the pulls have them."""
+        """The process that held the outputs is gone: the pulls set their levels."""
         with self._lock:
             self._circuit.let_float(self._clock.now_ns())
 

@@ -1,7 +1,7 @@
-"""What can be wrong with a board, as data.
+"""Faults of a board, as data.
 
 Owns: the kinds of fault. Must not know: when one is due (`faults_due.py`); how a bus or a chip
-carries one out. All counts begin when the fault is put in: 1 is the next one.
+carries one out. All counts start when the fault is added: 1 is the next event.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ class _Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SpiError(_Fault, frozen=True, tag=True):
-    """A transfer fails: what comes after it is not sent, chip select goes inactive."""
+    """A transfer fails: the rest of the message is not sent, chip select goes inactive."""
 
     at_message: int = 1
     at_transfer: int = 0
@@ -34,33 +34,33 @@ class SpiStall(_Fault, frozen=True, tag=True):
 
 
 class SpiShort(_Fault, frozen=True, tag=True):
-    """All is sent, but the kernel reports fewer bytes than that."""
+    """All bytes are sent, but the kernel reports fewer."""
 
     at_message: int = 1
 
 
 class DacGain(_Fault, frozen=True, tag=True):
-    """The current source makes this multiple of what it is told."""
+    """The source's current is this multiple of the commanded one."""
 
     factor: float
 
 
 class GainAbove(_Fault, frozen=True, tag=True):
-    """Above this code the source makes this multiple of what it is told."""
+    """Above this code the source's current is this multiple of the commanded one."""
 
     code: int
     factor: float
 
 
 class Overshoot(_Fault, frozen=True, tag=True):
-    """For the first so many us of each pulse the source makes this multiple of what it is told."""
+    """Until `until_us` of each pulse the current is this multiple of the commanded one."""
 
     factor: float
     until_us: float
 
 
 class Saturation(_Fault, frozen=True, tag=True):
-    """The source makes no more than this, whatever it is told."""
+    """The source's current is at most this."""
 
     current_ua: float
 
@@ -72,7 +72,7 @@ class MisoStuck(_Fault, frozen=True, tag=True):
 
 
 class I2cFailure(_Fault, frozen=True, tag=True):
-    """Transactions with `address` fail, `times` times; None is for ever."""
+    """Transactions with `address` fail, `times` times; None: always."""
 
     address: int
     kind: Literal["absent", "timeout", "io"]
@@ -80,15 +80,15 @@ class I2cFailure(_Fault, frozen=True, tag=True):
 
 
 class StuckLine(_Fault, frozen=True, tag=True):
-    """The board sees `level` on this line whatever is driven; `name` as in the board file."""
+    """The board reads `level` on this line always; `name` as in the board file."""
 
     name: str
     level: Literal[0, 1]
 
 
 class StuckBehind(_Fault, frozen=True, tag=True):
-    """Beyond the pin, from its next change on, the board sees `level`; the pin reads right. Of the
-    lines in `SEEN_BEHIND` (`faults_due.py`).
+    """Stuck beyond the pin: from the next change on the board reads `level`, while the pin reads
+    correctly. Of the lines in `SEEN_BEHIND` (`faults_due.py`).
     """
 
     name: str
@@ -96,113 +96,109 @@ class StuckBehind(_Fault, frozen=True, tag=True):
 
 
 class LostClock(_Fault, frozen=True, tag=True):
-    """The chain does not see one rising edge of CLK; or one of so many, again and again."""
+    """The chain misses one rising edge of CLK; or every so many edges one."""
 
     at_edge: int = 1
     every: int | None = None
 
 
 class LostSync(_Fault, frozen=True, tag=True):
-    """The DAC does not see one rise of its chip select: it keeps the code of the word before; or
-    one of so many, again and again.
-    """
+    """The DAC misses one rise of its chip select, and keeps the code before; or every so many."""
 
     at_edge: int = 1
     every: int | None = None
 
 
 class LatchIgnored(_Fault, frozen=True, tag=True):
-    """The chain does not see one rising edge of LE; or one of so many, again and again."""
+    """The chain misses one rising edge of LE; or every so many edges one."""
 
     at_edge: int = 1
     every: int | None = None
 
 
 class RailOff(_Fault, frozen=True, tag=True):
-    """The rail is this multiple of what it should be: over or under voltage."""
+    """The rail's voltage is this multiple of the nominal one."""
 
     factor: float
 
 
 class DacOffset(_Fault, frozen=True, tag=True):
-    """The source makes so much more than it is told, at every code, zero included."""
+    """The source's current is higher by this, at every code, also at zero."""
 
     offset_ua: float
 
 
 class DacStuck(_Fault, frozen=True, tag=True):
-    """The DAC's output stands at `code`, whatever is sent."""
+    """The DAC's output stays at `code`."""
 
     code: int
 
 
 class AdcScale(_Fault, frozen=True, tag=True):
-    """The divider in front of the ADC is another one: readings are this multiple."""
+    """The divider before the ADC is wrong: readings are this multiple."""
 
     factor: float
 
 
 class AdcStuck(_Fault, frozen=True, tag=True):
-    """The ADC gives this code, whatever the node is at."""
+    """The ADC always reads this code."""
 
     code: int
 
 
 class AdcBitStuck(_Fault, frozen=True, tag=True):
-    """One bit of every conversion stands at `level`; bit 0 is the lowest."""
+    """A bit of every conversion is `level`; bit 0 is the lowest."""
 
     bit: int
     level: Literal[0, 1]
 
 
 class AdcNoise(_Fault, frozen=True, tag=True):
-    """Every conversion is off by chance: normal, with a standard deviation of so many codes. Up to
-    1.5 the board is in order.
-    """
+    """Normal noise of every conversion, `sigma` in codes. Up to 1.5 the board is good."""
 
     sigma: float
     seed: int = 0
 
 
 class SpiMode(_Fault, frozen=True, tag=True):
-    """The bus runs in this mode, whatever was set."""
+    """The bus always runs in this mode."""
 
     mode: Literal[0, 1, 2, 3]
 
 
 class HoldShort(_Fault, frozen=True, tag=True):
-    """Where data changes on the very edge that the DAC samples, it takes what comes, not what was:
-    cable and level shifter make its clock late.
+    """The DAC's clock is late by cable and level shifter: data that changes on the sampled edge is
+    read with its new value.
     """
 
 
 class SlowWords(_Fault, frozen=True, tag=True):
-    """Each word takes so much longer."""
+    """Each word takes longer."""
 
     extra_us: int
 
 
 class SpiJitter(_Fault, frozen=True, tag=True):
-    """Every so many messages the kernel comes late, before the first word."""
+    """Every so many messages the first word is late."""
 
     every: int
     late_us: int
 
 
 class MonitorStuck(_Fault, frozen=True, tag=True):
-    """The rail monitor's input stands at what `rail_v` would make."""
+    """The rail monitor always reads `rail_v`."""
 
     rail_v: float
 
 
 class SetpointAtPowerUp(_Fault, frozen=True, tag=True):
-    """The set-point's EEPROM holds this code, given when the board is made."""
+    """The set-point's EEPROM holds this code; add it when the board is made."""
 
     code: int
 
 
 class EnableStuck(_Fault, frozen=True, tag=True):
-    """The supply is on whatever its enable line says."""
+    """The supply is always on, whatever its enable line."""
 
 
 class RailStays(_Fault, frozen=True, tag=True):
@@ -210,61 +206,60 @@ class RailStays(_Fault, frozen=True, tag=True):
 
 
 class HeartbeatIgnored(_Fault, frozen=True, tag=True):
-    """The gate lets the supply through without any beat."""
+    """The gate does not cut the supply without beats."""
 
 
 class HeartbeatRearms(_Fault, frozen=True, tag=True):
-    """The gate has no latch: the supply comes back by itself with the next beat."""
+    """The gate has no latch: the next beat restores the supply."""
 
 
 class PullMissing(_Fault, frozen=True, tag=True):
-    """This line goes the wrong way when nobody drives it; `name` as in the board file."""
+    """The undriven line takes the wrong level; `name` as in the board file."""
 
     name: str
 
 
 class HeartbeatByLevel(_Fault, frozen=True, tag=True):
-    """The gate counts this level of the line as life, for as long as it lasts."""
+    """The gate keeps the supply on while the line is at this level."""
 
     level: Literal[0, 1]
 
 
 class HeartbeatSlow(_Fault, frozen=True, tag=True):
-    """The monostable takes so much longer than the board file says."""
+    """The monostable takes longer than the board file says."""
 
     extra_ms: int
 
 
 class StopCutsNothing(_Fault, frozen=True, tag=True):
-    """The second contact of this stop is bridged: only the program sees that it is open."""
+    """The second contact of this stop is bridged: it does not cut the supply."""
 
     stop: Literal["emergency_stop", "wearer_stop"]
 
 
 class StopCutsLate(_Fault, frozen=True, tag=True):
-    """Its second contact, or what that switches, takes so long to break the supply."""
+    """Its second contact cuts the supply late."""
 
     stop: Literal["emergency_stop", "wearer_stop"]
     late_ms: int
 
 
 class LineCut(_Fault, frozen=True, tag=True):
-    """The wire beyond the pin is cut: the pin moves, the board sees nothing; `name` as above."""
+    """The wire beyond the pin is cut: the pin moves, the board does not; `name` as above."""
 
     name: str
 
 
 class SwitchOutput(_Fault, frozen=True, tag=True):
-    """An output of the chain stays where it is: connected to nothing, the source or ground."""
+    """An output of the chain is stuck: open, on the source, or on ground."""
 
     output: int
     side: Literal["open", "source", "ground"]
 
 
 class AlsoSwitches(_Fault, frozen=True, tag=True):
-    """Whatever selects `output` of the chain selects `also` with it, in one polarity or (None) in
-    either; of a relay board, what closes its relay to the source (`cathodic`: to ground) closes the
-    other's.
+    """Selecting `output` of the chain also selects `also`, in one polarity or (None) both; on a
+    relay board, for the relay to the source (`cathodic`: to ground).
     """
 
     output: int
@@ -280,21 +275,21 @@ class OutputsSwapped(_Fault, frozen=True, tag=True):
 
 
 class OutputSeries(_Fault, frozen=True, tag=True):
-    """A switch that is half dead: so much in the way to whatever is put on its electrode next."""
+    """A series resistance in a switch, from the next contact on its electrode on."""
 
     output: int
     resistance_ohm: float
 
 
 class Bridge(_Fault, frozen=True, tag=True):
-    """A drop of solder between two electrodes: on opposite sides they short the source."""
+    """A solder bridge between two electrodes: on opposite sides they short the source."""
 
     first: int
     second: int
 
 
 class MachineTrouble(_Fault, frozen=True, tag=True):
-    """Something is wrong with the machine that the board hangs on."""
+    """A problem of the machine that drives the board."""
 
     kind: Literal[
         "clock_back",

@@ -1,7 +1,7 @@
 """Which faults are in a board, and when each is due.
 
-Owns: the counting of what a fault waits for, an ADC's chance, and which lines have something behind
-them. Must not know: how a bus or a chip carries a fault out.
+Owns: counting events until a fault is due, an ADC's noise, and which lines can be stuck beyond the
+pin. Must not know: how a bus or a chip carries a fault out.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SEEN_BEHIND = ("POL", "DATA", "LE", "BL", "CLK", "HV", "HEARTBEAT")
 
 
 class Faults:
-    """The faults that are in, and how often what they wait for has happened.
+    """The active faults, each with its count of events.
 
     `lines`: the board's, by name.
     """
@@ -40,21 +40,21 @@ class Faults:
         self._counts: dict[Fault, int] = {}
         self._lines = lines
         self._noise: dict[AdcNoise, Random] = {}
-        #: Those of each kind that was asked for: that happens at every edge of a line.
+        #: By kind, cached: it is read at every edge of a line.
         self._of: dict[type, tuple[Any, ...]] = {}
-        #: Whether any is in: a board without faults is asked for them at every edge of a line.
+        #: Whether there is any: read at every edge of a line.
         self.are_there = False
-        #: How often a fault was put in or taken out.
+        #: How often a fault was added or removed.
         self.changes = 0
         for fault in faults:
             self.add(fault)
 
     def add(self, fault: Fault) -> None:
-        """Raises: ValueError for a line that this board has nothing behind."""
+        """Raises: ValueError for a line that cannot be stuck beyond its pin on this board."""
         if isinstance(fault, StuckBehind):
             there = [name for name in SEEN_BEHIND if name in self._lines]
             if fault.name not in there:
-                what = f"nothing is behind {fault.name!r} here: one of {', '.join(there)}"
+                what = f"{fault.name!r} cannot be stuck beyond its pin: name {', '.join(there)}"
                 raise ValueError(what)
         self._counts[fault] = 0
         self._of.clear()
@@ -64,20 +64,20 @@ class Faults:
             self._noise[fault] = Random(fault.seed)
 
     def remove(self, fault: Fault) -> None:
-        """Raises: KeyError when it is not in."""
+        """Raises: KeyError if it is not active."""
         del self._counts[fault]
         self._of.clear()
         self.are_there = bool(self._counts)
         self.changes += 1
 
     def clear(self) -> None:
-        """Take all out."""
+        """Remove all."""
         self._counts.clear()
         self.are_there = False
         self.changes += 1
 
     def of(self, kind: type[_F]) -> tuple[_F, ...]:
-        """All faults of a kind that are in."""
+        """The active faults of a kind."""
         if not self._counts:
             return ()
         found = self._of.get(kind)
@@ -87,7 +87,7 @@ class Faults:
         return found
 
     def spi_message(self) -> tuple[SpiError | SpiStall | SpiShort, ...]:
-        """Count a message, and say which faults fall on it."""
+        """Count a message; return the faults that are due."""
         if not self._counts:
             return ()
         return tuple(
@@ -97,7 +97,7 @@ class Faults:
         )
 
     def spi_late_us(self) -> int:
-        """Count a message for those faults that come again and again."""
+        """Count a message; return the delay of the periodic faults that are due."""
         if not self._counts:
             return 0
         return sum(
@@ -105,18 +105,18 @@ class Faults:
         )
 
     def edge_is_lost(self, kind: type[_LostEdge]) -> bool:
-        """Count a rising edge, and say whether a fault falls on it."""
+        """Count a rising edge; return whether a fault is due."""
         if not self._counts:
             return False
         due = [fault for fault in self.of(kind) if _is_due(fault, self._count(fault))]
         return bool(due)
 
     def adc_noise(self) -> float:
-        """By how many codes the next conversion is off."""
+        """The error of the next conversion, in codes."""
         return sum(self._noise[noise].gauss(0.0, noise.sigma) for noise in self.of(AdcNoise))
 
     def i2c(self, address: int) -> I2cFailure | None:
-        """Count a transaction, and say what is wrong with it."""
+        """Count a transaction; return the fault that is due."""
         for fault in self.of(I2cFailure):
             if fault.address == address:
                 times = self._count(fault)

@@ -1,6 +1,6 @@
-"""The hand at a fake board: it presses at once what is asked for, and moves resistors about.
+"""The operator of a fake board, who follows every instruction at once.
 
-Owns: how long a press lasts, and which electrodes the resistor is on. Must not know: who asks.
+Owns: how long a press lasts, and which electrodes the resistor is on. Must not know: the test.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _PRESSES_NS = 200_000_000
 
 
 class FakeOperator:
-    """See `bench.Hand`. `really_ohm`: of resistors that are not what is printed on them."""
+    """See `bench.Operator`. `really_ohm`: true values of resistors that are not as named."""
 
     def __init__(
         self, world: World, clock: Clock, really_ohm: Mapping[int, float] = MappingProxyType({})
@@ -40,7 +40,7 @@ class FakeOperator:
         self._world.release(stop, self._clock.now_ns() + _REACTS_NS)
 
     def clip(self, load_ohm: int, first: int, second: int) -> None:
-        """Half of the resistance at each of the two: what flows in at one leaves by the other."""
+        """Half of the resistance at each electrode: the current passes through both."""
         for electrode in self._on:
             self._world.lift(electrode)
         self._on = (first, second)
@@ -49,7 +49,7 @@ class FakeOperator:
             self._world.touch(electrode, load(resistance_ohm / 2))
 
     def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
-        """It was never anywhere else."""
+        """It connects the load correctly."""
 
     def stand_back(self) -> None:
         """It never touches an electrode."""

@@ -1,9 +1,9 @@
-"""The wearer of a live fake board, who tries the stop before current flows, as every wearer must.
+"""The wearer of a live fake board, who tests the stop before current flows, as every wearer must.
 
 Owns: when the stop is pressed and released. Must not know: sessions, states.
 
-It is tried when the stop lines are first read, and again when they are first read after the supply
-has gone off: an engine may take the next wearer for another person.
+The stop is tested when the stop lines are first read, and again when they are first read after the
+supply was switched off: the next wearer may count as another person.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The second door: what happens to a board from outside the wires. For tests and demonstrations.
+"""The fake board's second interface: contacts, stops, sensors and faults, for tests and demos.
 
-Owns: the verbs of that door. Must not know: buses, words.
+Owns: its methods. Must not know: buses, words.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Touchable(Body, Protocol):
 
 
 class World:
-    """Everything that people, sweat, cables and time do to a board."""
+    """Changes a board from outside its ports."""
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ class World:
         self._move_line = move_line
         self._now_ns = now_ns
         self._pressed = pressed
-        #: The machine that the board hangs on.
+        #: The machine that drives the board.
         self.host = FakeHost(faults)
 
     def press(self, stop: StopLine, at_ns: int | None = None) -> None:

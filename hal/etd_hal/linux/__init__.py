@@ -1,6 +1,6 @@
 """The kernel's drivers behind the ports. The only package that knows gpiod, spidev, smbus2, time.
 
-Owns: opening all that a board needs, or saying in one go everything that stands in the way.
+Owns: opening all devices that a board needs, or reporting all problems at once.
 Must not know: what the board is for.
 
 The packages are imported when hardware is opened: the clock works where they are not installed.
@@ -61,10 +61,10 @@ def open_ports(board: BoardFile, machine: MachineFile, lines: LineSetup) -> Port
 def open_to_make_safe(
     board: BoardFile, lines: LineSetup
 ) -> tuple[LinuxGpio, LinuxSpi | None, tuple[str, ...]]:
-    """The outputs first, which drives them; then what else can be had, and a sentence for each
-    thing that cannot. No I2C, and no look at the machine: nothing will be fired.
+    """The outputs first, which drives them; then the other devices, and a sentence for each that is
+    missing. No I2C, and no check of the machine: nothing will be fired.
 
-    Raises: HardwareMissing (the outputs cannot be had, and so nothing can be done).
+    Raises: HardwareMissing if the outputs cannot be requested.
     """
     problems: list[_Problem] = []
     gpio = _opened(problems, lambda: open_lines(board, lines), _OTHER_CHIP)

@@ -1,4 +1,4 @@
-"""CLOCK_MONOTONIC, and a sleep that is awake again before its deadline.
+"""CLOCK_MONOTONIC, and a sleep that ends exactly at its deadline.
 
 Owns: the only place that reads a clock. Must not know: what is waited for.
 """
@@ -56,7 +56,7 @@ def wall_time() -> datetime.datetime:
 
 
 def timekeeping(source: str) -> Timekeeping:
-    """What this machine's clocks are worth; takes some milliseconds."""
+    """Measures this machine's clocks; takes some milliseconds."""
     readings = [time.monotonic_ns() for _ in range(_READINGS)]
     installed_s = Path(__file__).stat().st_mtime
     return Timekeeping(

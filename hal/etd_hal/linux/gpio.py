@@ -112,7 +112,7 @@ class LinuxGpio:
         return tuple(found)
 
     def close(self) -> None:
-        """Give the lines back; what the pins do then is up to kernel and pulls. Idempotent."""
+        """Release the lines; kernel and pulls then set the pins. Idempotent."""
         for held in (self._outputs, self._inputs):
             if held is not None:
                 held.release()
@@ -193,10 +193,10 @@ def open_gpio(chip: Path, setup: LineSetup) -> LinuxGpio:
 
 
 def keeps_driving(chip: Path, setup: LineSetup) -> bool:
-    """Request the lines, let go of them, and look whether an output is still one.
+    """Request the lines, release them, and check whether an output is still one.
 
-    Of a free line the kernel only tells how it was last used. It asks the pin itself when the line
-    is requested, so the lines are requested once more, as they are.
+    For a free line the kernel only reports its last use. It reads the pin itself when the line is
+    requested, so the lines are requested once more, as they are.
     Raises: BusError.
     """
     open_gpio(chip, setup).close()
@@ -214,7 +214,7 @@ def keeps_driving(chip: Path, setup: LineSetup) -> bool:
 
 
 def levels_as_they_are(chip: Path, setup: LineSetup) -> dict[int, int]:
-    """What the outputs of `setup` read while nobody drives them, pulls as they are.
+    """The levels of the outputs of `setup` while no process drives them, pulls unchanged.
 
     Raises: BusError.
     """

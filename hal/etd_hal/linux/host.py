@@ -1,7 +1,7 @@
 """The machine under a real board: its packages, its health, its pins, its rights.
 
-Owns: asking the kernel and the firmware of a Raspberry Pi for each. Must not know: boards, tests.
-`root` stands before every path, so that a test can lay out a machine.
+Owns: reading each from the kernel and the firmware of a Raspberry Pi. Must not know: boards, tests.
+`root` is prepended to every path, so that a test can provide a machine's files.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""A process in the program's place that holds the board's outputs, and is there to be killed.
+"""A process that holds the board's outputs instead of the program, to be killed by the self-test.
 
-Owns: its life: it never outlives its parent, nor a few seconds. Must not know: why it is killed.
+Owns: its life time: it never outlives its parent, nor a few seconds. Must not know: the test.
 
-What is killed is a process like the engine: the kernel closes what it held, and from then on pulls
-and the heartbeat's gate have the board. It inherits no line, because they are given up before.
+It dies as the engine would: the kernel closes its files, and then pulls and the heartbeat's gate
+determine the board's state. It inherits no line, because they are released before.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class LentGpio:
 
 
 class LinuxKillTestProcess:
-    """See `bench.Understudy`."""
+    """See `bench.KillTestProcess`."""
 
     def __init__(self, board: BoardFile, setup: LineSetup, lent: LentGpio) -> None:
         self._board = board

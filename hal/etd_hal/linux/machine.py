@@ -1,7 +1,7 @@
 """Which machine this is, whether its SPI can time a pulse, and how its kernel is set.
 
 Owns: reading the model and the few kernel settings that matter to a pulse or to the pins.
-Must not know: boards. `root` stands before every path, so that a test can lay out a machine.
+Must not know: boards. `root` is prepended to every path, for tests.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def model(root: Path = ROOT) -> str:
 
 
 def identity(root: Path = ROOT) -> str:
-    """Which one it is of its model: a digest of the serial number in the device tree, or of the
-    system's own number where there is no tree. "" if neither is there.
+    """A digest of the serial number in the device tree, or of the system's own identifier if there
+    is no tree; "" if neither exists.
     """
     number = _read(root / _DEVICE_TREE / "serial-number") or _read(root / _MACHINE_ID)
     return hashlib.sha256(number.encode()).hexdigest()[:16] if number else ""
@@ -56,7 +56,7 @@ def problem(machine: MachineFile, root: Path = ROOT) -> str | None:
 
 
 def facts(root: Path = ROOT) -> tuple[str, ...]:
-    """One sentence for each setting that somebody who looks for a cause wants to see."""
+    """A sentence for each setting that helps to find a cause."""
     return (
         f"model: {model(root) or 'unknown'}",
         f"kernel: {_read(root / 'proc/sys/kernel/osrelease') or 'unknown'}",

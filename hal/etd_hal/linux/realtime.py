@@ -1,8 +1,9 @@
-"""What the scan thread asks of the kernel and of Python, to be on time.
+"""Real-time settings of the scan thread, in the kernel and in Python.
 
-Owns: asking, and telling in sentences what was not granted. Must not know: what the thread does.
+Owns: requesting them, and a sentence for each that was not granted. Must not know: what the thread
+does.
 
-systemd may have granted some of it before; what stands already is not asked for again.
+Settings already granted by systemd are not requested again.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _MCL_CURRENT = 1
 _MCL_FUTURE = 2
 #: Lock pages when they are touched: locking all that is mapped takes five times the memory.
 _MCL_ONFAULT = 4
-#: A busy thread of ours gives the interpreter away after this, in place of 5 ms.
+#: A busy thread releases the interpreter after this, instead of 5 ms.
 _SWITCH_INTERVAL_S = 0.000_5
 
 
@@ -54,7 +55,7 @@ def set_up(priority: int, core: int | None) -> tuple[str, ...]:
 
 
 def obtained() -> Obtained:
-    """What the calling thread and its process have now, by the kernel's own account."""
+    """The settings of the calling thread and its process, as the kernel reports them."""
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
     status = Path("/proc/self/status").read_text(encoding="ascii")
     return Obtained(
@@ -96,7 +97,7 @@ def perish_with(parent: int) -> None:
 
 
 def ordinary() -> None:
-    """On every core that there is, at no priority: a child of a thread that was set up."""
+    """On every core, at no priority: for a child of a real-time thread."""
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.sched_setaffinity(0, range(os.cpu_count() or 1))
 
