@@ -63,8 +63,6 @@ class SkinNow:
 
 
 class Course:
-    """See the module."""
-
     def __init__(
         self, script: Script, positions_mm: Sequence[tuple[float, float]], *, seed: int
     ) -> None:

@@ -46,8 +46,6 @@ class Question:
 
 
 class Answerer(Protocol):
-    """See the module."""
-
     def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
         """One of ANSWERS, `stop` (stop at once) or `pause` (continue another time). While waiting
         for the answer, call `keep` at least three times a second: it renews the lease, and raises

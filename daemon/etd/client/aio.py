@@ -18,11 +18,11 @@ import zmq
 import zmq.asyncio
 
 from etd.client import clock, wire
+from etd.client.connection import Connection
 from etd.client.options import FrameOptions, Kind, frame_fields, held_ns, renewal_s, silent_fields
-from etd.client.session import KEEP_S, Ask, Flow, R, Session
+from etd.client.session import KEEP_S, Ask, Flow, R
 from etd.client.telemetry import AsyncTelemetry
 from etd.client.values import Numbers
-from etd.files.paths import DEFAULT_NAME, FRAMES, TELEMETRY, sibling_address
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import (
@@ -36,36 +36,14 @@ from etd.protocol.messages import (
 )
 
 
-class AsyncDisplay:
-    """`async with AsyncDisplay() as display:`; the methods of `Display`, awaited.
+class AsyncDisplay(Connection[zmq.asyncio.Socket]):
+    """`async with AsyncDisplay() as display:`; the methods of `Display`, awaited."""
 
-    Raises, from every method: DaemonGone (no daemon answers), Refused (code, reason, electrode).
-    """
+    def _new_context(self) -> zmq.asyncio.Context:
+        return zmq.asyncio.Context()
 
-    def __init__(
-        self,
-        name: str = DEFAULT_NAME,
-        *,
-        address: str | None = None,
-        client: str | None = None,
-        calibration: str | None = None,
-        max_current_ua: int | None = None,
-        width_us: int | None = None,
-        timeout_s: float = 2.0,
-    ) -> None:
-        self._session = Session(
-            client or wire.program_name(),
-            calibration=calibration,
-            max_current_ua=max_current_ua,
-            width_us=width_us,
-            timeout_s=timeout_s,
-        )
-        self.address = wire.resolve(name, address)
-        self._timeout_s = timeout_s
-        self._context = zmq.asyncio.Context()
+    def _begin(self) -> None:
         self._turn = asyncio.Lock()
-        self._control: zmq.asyncio.Socket | None = None
-        self._frames: zmq.asyncio.Socket | None = None
 
     async def __aenter__(self) -> Self:
         try:
@@ -192,8 +170,7 @@ class AsyncDisplay:
 
     def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> AsyncTelemetry:
         """`async with display.telemetry("scan") as reports: async for topic, report in reports`"""
-        facts = self._session.facts
-        address = facts.endpoints.telemetry if facts else sibling_address(self.address, TELEMETRY)
+        address = self._telemetry_address()
         return AsyncTelemetry(self._context, address, topics, timeout_s, join_s=self._timeout_s)
 
     async def close(self) -> None:
@@ -229,13 +206,10 @@ class AsyncDisplay:
     async def _stream(self, fields: dict[str, object]) -> None:
         await self._run(self._session.opened())
         data = self._session.streamed(fields)
-        if self._frames is None:
-            facts = self._session.facts
-            address = facts.endpoints.frames if facts else sibling_address(self.address, FRAMES)
-            self._frames = wire.configure(self._context.socket(zmq.PUSH), address)
-        if not await _is_writable(self._frames, self._timeout_s):
+        frames = self._frames_socket()
+        if not await _is_writable(frames, self._timeout_s):
             raise DaemonGone(self.address, f"no frame was taken within {self._timeout_s:g} s")
-        await self._frames.send(data)
+        await frames.send(data)
 
     async def _run(self, flow: Flow[R]) -> R:
         """Drive one of the session's generators to its end, one caller after another."""
@@ -271,22 +245,6 @@ class AsyncDisplay:
                 elif ask.keep is not None:
                     await socket.send(ask.keep())
         raise DaemonGone(self.address, f"no answer to {ask.op} within {ask.timeout_s:g} s")
-
-    def _connected(self) -> zmq.asyncio.Socket:
-        if self._context.closed:
-            raise DaemonGone(self.address, "this display was closed, so nothing can be said")
-        if self._control is None:
-            self._control = wire.configure(self._context.socket(zmq.DEALER), self.address)
-        return self._control
-
-    def _drop_control(self) -> None:
-        """What was not answered must not reach a daemon that comes back later."""
-        if self._control is not None:
-            self._control.close()
-            self._control = None
-
-    def _hang_up(self) -> None:
-        self._context.destroy(linger=0)
 
 
 async def _is_writable(socket: Any, timeout_s: float) -> bool:

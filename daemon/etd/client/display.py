@@ -17,11 +17,11 @@ from typing import Self, Unpack
 import zmq
 
 from etd.client import clock, wire
+from etd.client.connection import Connection
 from etd.client.options import FrameOptions, Kind, frame_fields, held_ns, renewal_s, silent_fields
-from etd.client.session import KEEP_S, Ask, Flow, R, Session
+from etd.client.session import KEEP_S, Ask, Flow, R
 from etd.client.telemetry import Telemetry
 from etd.client.values import Numbers
-from etd.files.paths import DEFAULT_NAME, FRAMES, TELEMETRY, sibling_address
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import (
@@ -35,43 +35,15 @@ from etd.protocol.messages import (
 )
 
 
-class Display:
-    """One connection to one daemon. Blocking; for one thread at a time.
+class Display(Connection["zmq.Socket[bytes]"]):
+    """Blocking; for one thread at a time. `Connection` describes the arguments."""
 
-    `name` is the daemon's; `address` replaces it. The limits come from `calibration` (a name the
-    daemon knows), or from `max_current_ua` (50..10000) with `width_us` (20..200), or else from the
-    daemon's default calibration. Nothing is felt before `arm()`. Nothing is repeated in the
-    background: a frame that is not renewed expires, and a lease that is not renewed for a second
-    ends, which disarms.
+    def _new_context(self) -> zmq.Context[zmq.Socket[bytes]]:
+        return zmq.Context()
 
-    Raises, from every method: DaemonGone (no daemon answers), Refused (code, reason, electrode).
-    """
-
-    def __init__(
-        self,
-        name: str = DEFAULT_NAME,
-        *,
-        address: str | None = None,
-        client: str | None = None,
-        calibration: str | None = None,
-        max_current_ua: int | None = None,
-        width_us: int | None = None,
-        timeout_s: float = 2.0,
-    ) -> None:
-        self._session = Session(
-            client or wire.program_name(),
-            calibration=calibration,
-            max_current_ua=max_current_ua,
-            width_us=width_us,
-            timeout_s=timeout_s,
-        )
-        self.address = wire.resolve(name, address)
-        self._timeout_s = timeout_s
-        wire.check_there(self.address)
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._control: zmq.Socket[bytes] | None = None
-        self._frames: zmq.Socket[bytes] | None = None
+    def _begin(self) -> None:
         try:
+            wire.check_there(self.address)
             self._greet()
         except BaseException:
             self._hang_up()
@@ -185,8 +157,7 @@ class Display:
 
     def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> Telemetry:
         """`with display.telemetry("scan") as reports: for topic, report in reports: ...`"""
-        facts = self._session.facts
-        address = facts.endpoints.telemetry if facts else sibling_address(self.address, TELEMETRY)
+        address = self._telemetry_address()
         return Telemetry(self._context, address, topics, timeout_s, join_s=self._timeout_s)
 
     def close(self) -> None:
@@ -220,13 +191,10 @@ class Display:
     def _stream(self, fields: dict[str, object]) -> None:
         self._run(self._session.opened())
         data = self._session.streamed(fields)
-        if self._frames is None:
-            facts = self._session.facts
-            address = facts.endpoints.frames if facts else sibling_address(self.address, FRAMES)
-            self._frames = wire.configure(self._context.socket(zmq.PUSH), address)
-        if not self._frames.poll(int(self._timeout_s * 1000), zmq.POLLOUT):
+        frames = self._frames_socket()
+        if not frames.poll(int(self._timeout_s * 1000), zmq.POLLOUT):
             raise DaemonGone(self.address, f"no frame was taken within {self._timeout_s:g} s")
-        self._frames.send(data)
+        frames.send(data)
 
     def _greet(self) -> None:
         """Learn the facts; without an engine there are none, and `status` and `stop` still work."""
@@ -267,19 +235,3 @@ class Display:
                     socket.send(ask.keep())
         self._drop_control()
         raise DaemonGone(self.address, f"no answer to {ask.op} within {ask.timeout_s:g} s")
-
-    def _connected(self) -> zmq.Socket[bytes]:
-        if self._context.closed:
-            raise DaemonGone(self.address, "this display was closed, so nothing can be said")
-        if self._control is None:
-            self._control = wire.configure(self._context.socket(zmq.DEALER), self.address)
-        return self._control
-
-    def _drop_control(self) -> None:
-        """What was not answered must not reach a daemon that comes back later."""
-        if self._control is not None:
-            self._control.close()
-            self._control = None
-
-    def _hang_up(self) -> None:
-        self._context.destroy(linger=0)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Iterator
 from types import TracebackType
-from typing import Any, TypeAlias
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import msgspec
 import zmq
@@ -23,22 +23,19 @@ from etd.protocol.messages import TELEMETRY_OF_TOPIC, TOPICS, Topic
 from etd.protocol.messages import Telemetry as Report
 
 Item: TypeAlias = tuple[Topic, Report]
+S = TypeVar("S", bound="zmq.Socket[Any]")
 
 _decoders: dict[bytes, tuple[Topic, msgspec.json.Decoder[Any]]] = {
     topic.encode(): (topic, msgspec.json.Decoder(TELEMETRY_OF_TOPIC[topic])) for topic in TOPICS
 }
 
 
-class Telemetry:
-    """Iterate, in a `with`, over (topic, report). No topics: all of them.
-
-    With `timeout_s`, the iteration raises `DaemonGone` after that long without a report; without,
-    it waits for ever.
-    """
+class _Subscription(Generic[S]):
+    """What both share; no topics: all of them."""
 
     def __init__(
         self,
-        context: zmq.Context[zmq.Socket[bytes]],
+        context: zmq.Context[S],
         address: str,
         topics: tuple[Topic, ...] = (),
         timeout_s: float | None = None,
@@ -51,14 +48,36 @@ class Telemetry:
         self._socket = _subscribe(context.socket(zmq.SUB), address, self._wanted)
         self._first: Item | None = None
 
-    def __enter__(self) -> Telemetry:
-        """Returns when the subscription stands. Raises: DaemonGone if it does not come to."""
-        item = self._receive(self._join_s)
+    def close(self) -> None:
+        """Idempotent."""
+        self._socket.close()
+
+    def _joined(self, item: Item | None) -> None:
+        """`item`: the first one. Raises: DaemonGone if there is none."""
         if item is None:
             self.close()
             raise DaemonGone(self._address, f"no telemetry within {self._join_s:g} s")
         self._first = item if item[0] in self._wanted else None
         _narrow(self._socket, self._wanted)
+
+    def _silent(self) -> DaemonGone:
+        return DaemonGone(self._address, f"no telemetry for {self._timeout_s:g} s")
+
+    def _take_first(self) -> Item | None:
+        first, self._first = self._first, None
+        return first
+
+
+class Telemetry(_Subscription["zmq.Socket[bytes]"]):
+    """Iterate, in a `with`, over (topic, report). No topics: all of them.
+
+    With `timeout_s`, the iteration raises `DaemonGone` after that long without a report; without,
+    it waits for ever.
+    """
+
+    def __enter__(self) -> Telemetry:
+        """Returns when the subscription stands. Raises: DaemonGone if it does not come to."""
+        self._joined(self._receive(self._join_s))
         return self
 
     def __exit__(
@@ -73,13 +92,12 @@ class Telemetry:
         while True:
             item = self.receive(self._timeout_s)
             if item is None:
-                raise DaemonGone(self._address, f"no telemetry for {self._timeout_s:g} s")
+                raise self._silent()
             yield item
 
     def receive(self, timeout_s: float | None = 0.0) -> Item | None:
         """The next (topic, report), or None if there is none within `timeout_s` (None: wait)."""
-        if self._first is not None:
-            first, self._first = self._first, None
+        if (first := self._take_first()) is not None:
             return first
         deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
         while True:
@@ -87,10 +105,6 @@ class Telemetry:
             item = self._receive(left)
             if item is None or item[0] in self._wanted:
                 return item
-
-    def close(self) -> None:
-        """Idempotent."""
-        self._socket.close()
 
     def _receive(self, timeout_s: float | None) -> Item | None:
         while self._socket.poll(_ms(timeout_s)):
@@ -100,32 +114,12 @@ class Telemetry:
         return None
 
 
-class AsyncTelemetry:
+class AsyncTelemetry(_Subscription[zmq.asyncio.Socket]):
     """The same for asyncio: `async with`, `async for`."""
-
-    def __init__(
-        self,
-        context: zmq.asyncio.Context,
-        address: str,
-        topics: tuple[Topic, ...] = (),
-        timeout_s: float | None = None,
-        join_s: float = 2.0,
-    ) -> None:
-        self._address = address
-        self._wanted = topics or TOPICS
-        self._timeout_s = timeout_s
-        self._join_s = join_s
-        self._socket = _subscribe(context.socket(zmq.SUB), address, self._wanted)
-        self._first: Item | None = None
 
     async def __aenter__(self) -> AsyncTelemetry:
         """Returns when the subscription stands. Raises: DaemonGone if it does not come to."""
-        item = await self._receive(self._join_s)
-        if item is None:
-            self.close()
-            raise DaemonGone(self._address, f"no telemetry within {self._join_s:g} s")
-        self._first = item if item[0] in self._wanted else None
-        _narrow(self._socket, self._wanted)
+        self._joined(await self._receive(self._join_s))
         return self
 
     async def __aexit__(
@@ -140,13 +134,12 @@ class AsyncTelemetry:
         while True:
             item = await self.receive(self._timeout_s)
             if item is None:
-                raise DaemonGone(self._address, f"no telemetry for {self._timeout_s:g} s")
+                raise self._silent()
             yield item
 
     async def receive(self, timeout_s: float | None = 0.0) -> Item | None:
         """The next (topic, report), or None if there is none within `timeout_s` (None: wait)."""
-        if self._first is not None:
-            first, self._first = self._first, None
+        if (first := self._take_first()) is not None:
             return first
         deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
         while True:
@@ -154,10 +147,6 @@ class AsyncTelemetry:
             item = await self._receive(left)
             if item is None or item[0] in self._wanted:
                 return item
-
-    def close(self) -> None:
-        """Idempotent."""
-        self._socket.close()
 
     async def _receive(self, timeout_s: float | None) -> Item | None:
         while await self._socket.poll(_ms(timeout_s)):
@@ -167,7 +156,7 @@ class AsyncTelemetry:
         return None
 
 
-def _subscribe(socket: Any, address: str, topics: tuple[Topic, ...]) -> Any:
+def _subscribe(socket: S, address: str, topics: tuple[Topic, ...]) -> S:
     """`state` comes last: when it arrives, the subscriptions before it stand."""
     socket.setsockopt(zmq.LINGER, 0)
     for topic in (*(topic for topic in topics if topic != "state"), "state"):

@@ -35,8 +35,6 @@ class PlanRules:
 
 
 class Headroom:
-    """See the module."""
-
     def __init__(self, rules: PlanRules) -> None:
         self._rules = rules
         self._max_gain_of_sources = replace(rules.max_gain, current=1.0)

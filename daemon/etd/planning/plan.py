@@ -71,8 +71,6 @@ class Plan:
 
 
 class Planner:
-    """See the module."""
-
     def __init__(self, board: Selector, rules: PlanRules, cost: CostModel) -> None:
         self._board = board
         self._rules = rules

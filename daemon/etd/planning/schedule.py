@@ -77,8 +77,6 @@ class _ScanSlot(msgspec.Struct, frozen=True):
 
 
 class Schedule:
-    """See the module."""
-
     def __init__(
         self, plan: Plan, expires_host_ns: int, now_ns: int, before: Schedule | None = None
     ) -> None:

@@ -141,8 +141,6 @@ class _Window:
 
 
 class Ledger:
-    """See the module."""
-
     def __init__(self, electrodes: int, bounds: Bounds) -> None:
         self._bounds = bounds
         self._charge_pc = bounds.mean_current_ua * _PC_PER_UC

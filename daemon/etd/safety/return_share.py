@@ -31,8 +31,6 @@ _WHOLE = 1e9
 
 
 class ReturnShare:
-    """See the module."""
-
     def __init__(self, electrodes: int, meter: PathMeter) -> None:
         self._electrodes = electrodes
         self._meter = meter

@@ -17,8 +17,6 @@ from etd.protocol.messages import Halt, State
 
 
 class StateMachine:
-    """See the module."""
-
     def __init__(self) -> None:
         self.state: State = "SAFE"
         self.halt: Halt | None = None

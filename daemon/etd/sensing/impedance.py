@@ -130,8 +130,6 @@ class Samples(msgspec.Struct, frozen=True):
 
 
 class ImpedanceMap:
-    """See the module."""
-
     def __init__(self, electrodes: int, source: Source) -> None:
         self._leak_ohm = float(source.leak_ohm)
         self._compliance_v = source.compliance_v

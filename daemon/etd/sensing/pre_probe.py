@@ -46,8 +46,6 @@ class _ProbeSample:
 
 
 class PreProbe:
-    """See the module."""
-
     def __init__(self, electrodes: int, contact: ContactMap, impedance: ImpedanceMap) -> None:
         self._electrodes = electrodes
         self._contact = contact

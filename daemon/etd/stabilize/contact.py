@@ -49,8 +49,6 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 
 class Contact:
-    """See the module."""
-
     max_gain = MaxGain()
 
     def __init__(

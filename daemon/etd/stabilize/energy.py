@@ -42,8 +42,6 @@ class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 class Energy:
-    """See the module."""
-
     def __init__(
         self, law: EnergySettings, leak_ohm: float, on_rejected: OnRejected = ignore_rejection
     ) -> None:

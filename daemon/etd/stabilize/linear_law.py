@@ -54,8 +54,6 @@ class LinearLawSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 
 
 class LinearLaw:
-    """See the module."""
-
     def __init__(
         self, law: LinearLawSettings, leak_ohm: float, on_rejected: OnRejected = ignore_rejection
     ) -> None:

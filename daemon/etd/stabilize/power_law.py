@@ -41,8 +41,6 @@ class PowerLawSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 class PowerLaw:
-    """See the module."""
-
     def __init__(self, law: PowerLawSettings, on_rejected: OnRejected = ignore_rejection) -> None:
         self._law = law
         self._tracker = RatioTracker(law.max_widening, law.rise_per_s, on_rejected)

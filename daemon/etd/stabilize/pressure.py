@@ -36,8 +36,6 @@ class PressureSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 class Pressure:
-    """See the module."""
-
     max_gain = MaxGain()
 
     def __init__(self, law: PressureSettings) -> None:
