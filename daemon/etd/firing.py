@@ -35,7 +35,7 @@ from etd_hal.switch_shadow import Prepulse
 _DRIFT_WEIGHT = 0.02
 
 
-class ReadyPulse(msgspec.Struct, frozen=True):
+class ReadyPulse(msgspec.Struct, frozen=True, gc=False):
     """A pulse that limits and ledger let through, and its electrodes."""
 
     #: Of all its phases.

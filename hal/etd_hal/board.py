@@ -55,7 +55,7 @@ class Pulse:
     prepulse_ua: int = 0
 
 
-class PulseResult(msgspec.Struct, frozen=True):
+class PulseResult(msgspec.Struct, frozen=True, gc=False):
     """The result of a phase.
 
     `baseline_v` is the node's voltage before the pulse, `early_v` 10 us after its beginning,

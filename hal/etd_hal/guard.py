@@ -213,9 +213,8 @@ class Guard:
 
     def _check_steps(self, steps: tuple[Step, ...], approval: Approval) -> None:
         """Check each step against its own current and width, so that the sums fit as well."""
-        *prepulses, pulse = steps
-        self._check_step(pulse, approval.current_ua, approval.width_us)
-        for step in prepulses:
+        self._check_step(steps[-1], approval.current_ua, approval.width_us)
+        for step in steps[:-1]:
             if approval.prepulse is None:
                 raise GuardRefusal("approval", "a prepulse", "a pulse of one level")
             self._check_step(step, approval.prepulse.current_ua, approval.prepulse.width_us)
@@ -289,7 +288,8 @@ class GuardedSpi:
         """
         self._make_ready(message)
         cut = self._cut
-        cut.check()
+        if cut.is_cut:
+            cut.check()
         self.begun_ns = begun_ns = self._clock.now_ns()
         cut.message_due_ns = begun_ns + planned_ns
         try:
@@ -324,9 +324,7 @@ class GuardedGpio:
         """
         if self._cut.is_cut:
             self._heed_cut()
-        # In the order in which the lines will change.
-        for line, value in sorted(changes) if len(changes) > 1 else changes:
-            self._switch.change(line, value)
+        self._switch.follow(changes)
         self._gpio.set(changes)
         if self._cut.is_cut:
             self._heed_cut()

@@ -6,7 +6,7 @@ words, lines, currents.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from etd_hal.boardfile import BoardFile, Relays
@@ -22,10 +22,11 @@ class Selection:
 
     output: int
     returns: int
+    #: The selected output's own bit.
+    alone: int = field(init=False)
 
-    @property
-    def alone(self) -> int:
-        return 1 << self.output
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "alone", 1 << self.output)
 
     def source(self, is_anodic: bool) -> int:
         return self.alone if is_anodic else self.returns

@@ -18,14 +18,14 @@ from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Changes, Clock
 
 
-class Prepulse(msgspec.Struct, frozen=True):
+class Prepulse(msgspec.Struct, frozen=True, gc=False):
     """A weaker step directly before a pulse, in the same message."""
 
     current_ua: int
     width_us: int
 
 
-class Approval(msgspec.Struct, frozen=True):
+class Approval(msgspec.Struct, frozen=True, gc=False):
     """What the limits let through for the next pulse, step by step.
 
     `source` and `ground` are bit sets of outputs; for half-bridges all others are on the side
@@ -58,6 +58,8 @@ class HalfBridgeShadow:
         self.switched_by_flip = 1
         self._watched = {self._data, self._clk, self._le, self._bl, self._pol}
         self._level: dict[int, int] = {}
+        #: By call, its changes in the order of lines: the drivers repeat a few.
+        self._ordered: dict[Changes, list[tuple[int, int]]] = {}
         if hv is not None:
             self._watched.add(hv[0])
             self._level[hv[0]] = 1 - hv[1]
@@ -82,21 +84,31 @@ class HalfBridgeShadow:
         """How often what is connected may have changed: each move of a line counts."""
         return self.edge_count
 
-    def change(self, line: int, value: int) -> None:
-        """One line changes. Raises: GuardRefusal before anything is sent."""
-        was = self._level.get(line)
-        if was is None:
-            return
-        self.edge_count += value != was
-        self._level[line] = value
-        if line == self._clk:
-            if value and not was:
-                self._shift()
-        elif line == self._le:
-            if value and not was:
-                self._open_latch()
-        elif line != self._data:
-            self._check_blanking(line, was)
+    def follow(self, changes: Changes) -> None:
+        """The changes of one call, in the order in which the lines will change.
+
+        Raises: GuardRefusal before anything is sent.
+        """
+        level = self._level
+        for line, value in self._ordered.get(changes) or self._order(changes):
+            was = level.get(line)
+            if was is None:
+                continue
+            level[line] = value
+            if value != was:
+                self.edge_count += 1
+                if line == self._clk:
+                    if value:
+                        self._shift()
+                elif line == self._le:
+                    if value:
+                        self._open_latch()
+                elif line != self._data:
+                    self._check_blanking(line, was)
+
+    def _order(self, changes: Changes) -> list[tuple[int, int]]:
+        ordered = self._ordered[changes] = sorted(changes)
+        return ordered
 
     def _shift(self) -> None:
         if self._level[self._bl] and self._level[self._le]:
@@ -181,20 +193,22 @@ class RelayShadow:
         self._latch: int | None = None
         self._copied_ns = self._clock.now_ns()
 
-    def change(self, line: int, value: int) -> None:
-        """One line changes. Raises: GuardRefusal before anything is sent."""
-        was = self._level.get(line)
-        if was is None or was == value:
-            return
-        self._level[line] = value
-        self.edge_count += 1
-        if not value:
-            return
-        if line == self._clk:
-            self._register = (self._register << 1 | self._level[self._data]) & self._full
-            self._unknown_stages = max(0, self._unknown_stages - 1)
-        elif line == self._le:
-            self._copy()
+    def follow(self, changes: Changes) -> None:
+        """The changes of one call, in the order in which the lines will change.
+
+        Raises: GuardRefusal before anything is sent.
+        """
+        for line, value in sorted(changes):
+            was = self._level.get(line)
+            if was is None or was == value:
+                continue
+            self._level[line] = value
+            self.edge_count += 1
+            if value and line == self._clk:
+                self._register = (self._register << 1 | self._level[self._data]) & self._full
+                self._unknown_stages = max(0, self._unknown_stages - 1)
+            elif value and line == self._le:
+                self._copy()
 
     def _copy(self) -> None:
         word = self._register

@@ -139,8 +139,10 @@ class VisitRule:
         alone, other = approval.source, approval.ground
         if alone.bit_count() != 1:
             alone, other = other, alone
-        if alone.bit_count() != 1:
-            raise GuardRefusal("visit", "no output alone on its side", "one against its returns")
+            if alone.bit_count() != 1:
+                raise GuardRefusal(
+                    "visit", "no output alone on its side", "one against its returns"
+                )
         begun_ns = self._with_room(alone, now_ns)
         if other.bit_count() == 1:
             self._with_room(other, now_ns).append(now_ns)

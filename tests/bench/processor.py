@@ -131,7 +131,10 @@ def measure(scans: int, stabilize: Settings = NO_STABILIZERS) -> ProcessorFigure
         gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
         gateway[0].send(Alive())
         spi.begun_ns.clear()
-        while len(spi.begun_ns) < ELECTRODES or engine.components.active.schedule is not None:
+        engine.components.stopper.check()
+        while len(spi.begun_ns) < ELECTRODES * messages:
+            engine.step()
+        while engine.components.active.schedule is not None:
             _turn(engine)
             _drain(gateway[0])
         if seq >= _FIRST_SEQ + _WARM_UP:

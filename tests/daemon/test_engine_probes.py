@@ -121,7 +121,7 @@ class Narrows:
     max_gain = NO_GAIN
 
     def adapt(self, pulse_request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
-        return dataclasses.replace(pulse_request, width_us=SHORTEST_US)
+        return msgspec.structs.replace(pulse_request, width_us=SHORTEST_US)
 
     def reset(self) -> None:
         pass

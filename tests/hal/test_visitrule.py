@@ -35,13 +35,13 @@ class Wires:
         self.lines = switch.lines
         self.watch = HalfBridgeShadow(switch, None)
         self.rule = VisitRule(RATE_HZ, FLIP_NS, self.watch)
-        self.watch.change(self.lines.BL, 1)
+        self.watch.follow(((self.lines.BL, 1),))
         self.now_ns = 7 * SECOND_NS
         self.pol = 1
 
     def flip(self) -> None:
         self.pol = 1 - self.pol
-        self.watch.change(self.lines.POL, self.pol)
+        self.watch.follow(((self.lines.POL, self.pol),))
 
     def let_go(self) -> None:
         """Blanked, and un-blanked again as it was."""
@@ -49,7 +49,7 @@ class Wires:
             *((self.lines.POL, 1), (self.lines.BL, 0)),
             *((self.lines.BL, 1), (self.lines.POL, self.pol)),
         ):
-            self.watch.change(line, value)
+            self.watch.follow(((line, value),))
 
     def send(
         self, source: int, ground: int, *, is_probe: bool = False, is_blanked: bool = False

@@ -22,8 +22,9 @@ class ActiveSchedule:
         self._reporter = reporter
         #: None: no frame stands.
         self.schedule: Schedule | None = None
-        #: The schedule of the scan under way; differs from `schedule` once that was dropped.
-        self._scanning: Schedule | None = None
+        #: The schedule of the scan under way; differs from `schedule` once that was dropped: then
+        #: nothing more of the scan may be fired.
+        self.scanning: Schedule | None = None
         #: The plan that came while a scan was under way, and when its frame expires.
         self._coming: tuple[Plan, int] | None = None
 
@@ -31,7 +32,7 @@ class ActiveSchedule:
         """Shows the plan from the next scan on (at once when no frame stands). Currents that it
         lowers fall at once.
         """
-        if self._scanning is not None:
+        if self.scanning is not None:
             if self._coming is not None:
                 self._reporter.superseded()
             self._coming = plan, expires_host_ns
@@ -72,7 +73,7 @@ class ActiveSchedule:
         schedule = self.schedule
         if schedule is None:
             return
-        has_expired = schedule.has_expired(host_ns)
+        has_expired = host_ns >= schedule.expires_host_ns
         if has_expired and not schedule.is_begun:
             self._reporter.never_shown(schedule.plan.frame, self._clock.now_ns())
         if has_expired or schedule.has_had_its_pulses:
@@ -81,19 +82,9 @@ class ActiveSchedule:
     # --- the scan under way ------------------------------------------------------------------
 
     @property
-    def is_scanning(self) -> bool:
-        """Whether a scan is under way, interrupted or not."""
-        return self._scanning is not None
-
-    @property
-    def scanning(self) -> Schedule | None:
-        """The schedule of the scan under way, interrupted or not."""
-        return self._scanning
-
-    @property
     def is_interrupted(self) -> bool:
         """Whether the scan under way has lost its schedule: nothing more of it may be fired."""
-        return self._scanning is not None and self._scanning is not self.schedule
+        return self.scanning is not None and self.scanning is not self.schedule
 
     def begin_scan(self, schedule: Schedule, now_ns: int) -> None:
         """Begins a scan of `schedule`."""
@@ -102,11 +93,11 @@ class ActiveSchedule:
             self._reporter.frame_begun(frame, now_ns)
         self._reporter.scan_begun()
         schedule.begin_scan(now_ns)
-        self._scanning = schedule
+        self.scanning = schedule
 
     def leave_scan(self) -> None:
         """The scan is over or was interrupted: the plan that came meanwhile is shown."""
-        self._scanning = None
+        self.scanning = None
         coming, self._coming = self._coming, None
         if coming is not None:
             self.show(*coming)

@@ -16,7 +16,7 @@ from etd.planning.schedule import DuePulse
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.messages import Clamp
 from etd.safety.ledger import Entry, Ledger
-from etd.safety.limits import Path, clamp_to_limits
+from etd.safety.limits import clamp_to_limits
 from etd.safety.maxima import MaximaInForce
 from etd.safety.soft_start import SoftStart
 from etd.sensing.contact import ContactMap
@@ -24,7 +24,7 @@ from etd.stabilize.pipeline import PulseRequest
 from etd_hal.board import Board
 
 
-class Cleared(ReadyPulse, frozen=True, kw_only=True):
+class Cleared(ReadyPulse, frozen=True, kw_only=True, gc=False):
     """A pulse that limits and ledger let through, with its request and the clamp to report, if any.
     `leads`: the pulse is the probe before another, and leaves the electrode connected.
     """
@@ -61,7 +61,17 @@ class Clearance:
         """The pulse that may be fired; None where that is nothing, and the reason is reported."""
         scheduled, is_reported = due.scheduled, due.purpose != "contact_poll"
         path, share = self._returns.of(scheduled, now_ns)
-        current_ua, clamp = self._clamped(scheduled, path, request, ceiling_ua, now_ns)
+        electrode = scheduled.electrode
+        current_ua, clamp = clamp_to_limits(
+            path,
+            request,
+            self._maxima.now,
+            ceiling_ua,
+            self._soft_start.recontact_ua(electrode, now_ns),
+            self._contact.is_touched[electrode] is False,
+            scheduled.bounds,
+            scheduled.probe_pc,
+        )
         given = request.at(current_ua)
         pulse = self._board.pulse(current_ua, given.width_us, prepulse_of(given))
         if pulse.code == 0:
@@ -93,26 +103,6 @@ class Clearance:
         )
         selection = scheduled.selection
         return Cleared(alone, selection, pulse, probe, request=cleared.request, leads=True)
-
-    def _clamped(
-        self,
-        scheduled: ScheduledPulse,
-        path: Path,
-        request: PulseRequest,
-        ceiling_ua: int,
-        now_ns: int,
-    ) -> tuple[int, Clamp | None]:
-        electrode = scheduled.electrode
-        return clamp_to_limits(
-            path,
-            request,
-            self._maxima.now,
-            ceiling_ua,
-            self._soft_start.recontact_ua(electrode, now_ns),
-            self._contact.is_touched[electrode] is False,
-            scheduled.bounds,
-            scheduled.probe_pc,
-        )
 
     def _report_nothing(
         self, scheduled: ScheduledPulse, request: PulseRequest, clamp: Clamp | None

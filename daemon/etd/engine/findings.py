@@ -51,7 +51,7 @@ class Findings:
         self, due: DuePulse, cleared: Cleared, first: PulseResult, last: PulseResult
     ) -> None:
         """Stores what the first and the last phase of a pulse measured."""
-        electrode, pulse = due.electrode, cleared.pulse
+        electrode, pulse = due.scheduled.electrode, cleared.pulse
         if due.purpose != "contact_poll":
             given_ua = cleared.given.current_ua
             self._soft_start.fired(electrode, given_ua, pulse.commanded_ua, last.ended_ns)
@@ -74,7 +74,8 @@ class Findings:
         if due.purpose == "contact_poll":
             self._reporter.counters["contact_polls"] += 1
             return
-        contact, electrode, pulse = self._contact, due.electrode, cleared.pulse
+        contact, pulse = self._contact, cleared.pulse
+        electrode = due.scheduled.electrode
         skin_ohm, capacitance_nf = self._adapter.reported_ohm_nf(electrode, begun_ns)
         self._reporter.fired(
             FiredPulse(

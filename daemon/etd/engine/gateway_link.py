@@ -7,7 +7,6 @@ Must not know: what any message means, states, hardware. Time comes in.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TypeVar
 
 from etd.engine.frame_queue import FrameQueue
@@ -30,7 +29,9 @@ class GatewayLink:
         self._frames: Channel[NewFrame] | None = None
         self.queue = FrameQueue()
         self._heard_host_ns = 0
-        self._undecodable: Undecodable | None = None
+        #: The message of the gateway that could not be decoded, if any: the connection is to be
+        #: closed.
+        self.undecodable: Undecodable | None = None
         #: The channel of an undecodable message: nothing more is read from it.
         self._garbled: object = None
 
@@ -42,7 +43,7 @@ class GatewayLink:
         """A gateway has connected."""
         self._commands, self._frames = commands, frames
         self._heard_host_ns = host_ns
-        self._undecodable = self._garbled = None
+        self.undecodable = self._garbled = None
 
     def hang_up(self) -> None:
         """Idempotent."""
@@ -50,14 +51,16 @@ class GatewayLink:
             if channel is not None:
                 channel.close()
         self._commands = self._frames = None
+        self.undecodable = self._garbled = None
         self.queue.clear()
 
-    @property
-    def undecodable(self) -> Undecodable | None:
-        """The message of the gateway that could not be decoded, if any: the connection is to be
-        closed.
-        """
-        return self._undecodable if self.is_attached else None
+    def is_well(self, host_ns: int) -> bool:
+        """Whether nothing is to be done: neither undecodable nor gone nor silent."""
+        commands = self._commands
+        if commands is None:
+            return True
+        is_heard = host_ns - self._heard_host_ns <= self._silence_ns
+        return is_heard and commands.is_open and self.undecodable is None
 
     @property
     def is_gone(self) -> bool:
@@ -68,14 +71,12 @@ class GatewayLink:
         """The gateway has sent nothing for `silence_ns`, although it sends every ALIVE_NS."""
         return self.is_attached and host_ns - self._heard_host_ns > self._silence_ns
 
-    def commands(self, host_ns: int) -> Iterator[ToEngine]:
-        """All commands waiting now; each counts as received at `host_ns`."""
-        while self._commands is not None:
-            command = self._received(self._commands)
-            if command is None:
-                return
+    def command(self, host_ns: int) -> ToEngine | None:
+        """The next command that waits, received at `host_ns`; None if there is none."""
+        command = None if self._commands is None else self._received(self._commands)
+        if command is not None:
             self._heard_host_ns = host_ns
-            yield command
+        return command
 
     def read_frames(self, came_host_ns: int) -> bool:
         """Reads some of the waiting frames into the queue; True if these were all. The caller polls
@@ -101,7 +102,7 @@ class GatewayLink:
         try:
             return channel.receive()
         except Undecodable as error:
-            self._undecodable, self._garbled = error, channel
+            self.undecodable, self._garbled = error, channel
             return None
 
     def send(self, message: EngineHello | Answer | LeaseEnded | Report) -> bool:

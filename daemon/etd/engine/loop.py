@@ -122,12 +122,13 @@ class Engine:
         parts, now_ns = self.components, self.components.clock.now_ns()
         self._polled_ns = now_ns
         self._poller.poll(now_ns)
-        if self.is_between_scans:
+        active = parts.active
+        if active.scanning is None and self.is_between_scans:
             return now_ns
         parts.reporter.scan_report(now_ns, parts.soft_start.ceiling_ua)
         if self.supervisor.states.state == "PROBE":
             self._ceiling_ua = self.supervisor.maxima.probe_current_ua
-        elif parts.active.schedule is not None:
+        elif active.schedule is not None:
             self._ceiling_ua = parts.soft_start.due(now_ns)
         return now_ns
 
@@ -155,6 +156,6 @@ class Engine:
         if parts.board.switch.can_choose_returns:
             self._poll()
         schedule = parts.active.schedule
-        if schedule is None or parts.active.is_interrupted:
+        if schedule is None or schedule is not parts.active.scanning:
             return False
-        return not schedule.has_expired(parts.host_clock.now_ns())
+        return parts.host_clock.now_ns() < schedule.expires_host_ns

@@ -9,7 +9,6 @@ what is due, how a pulse is fired, ZeroMQ, files.
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import islice
 
 from etd.engine import commands
 from etd.engine.components import Components
@@ -43,7 +42,6 @@ class Poller:
         supervisor: Supervisor,
         feed_watchdog: Callable[[int], None] = lambda _: None,
     ) -> None:
-        self._loaded = components.loaded
         self._backend = components.backend
         self._clock = components.clock
         self._host_clock = components.host_clock
@@ -54,6 +52,8 @@ class Poller:
         self._reporter = components.reporter
         self._active = components.active
         self._gateway_link = components.gateway_link
+        self._rail_monitor = components.loaded.board.guards.rail_monitor
+        self._heartbeat = components.loaded.board.guards.heartbeat
         self._supervisor = supervisor
         self._feed_watchdog = feed_watchdog
         self._beaten_ns = 0
@@ -76,7 +76,8 @@ class Poller:
         if self._supervisor.lease is not None and self._supervisor.lease.has_lapsed(host_ns):
             self._supervisor.end_lease("lapsed")
         self._active.expire(host_ns)
-        self._watch_gateway(host_ns)
+        if not self._gateway_link.is_well(host_ns):
+            self._watch_gateway(host_ns)
         self._watch_stops(host_ns)
         self._watch_rail(now_ns)
         self._execute_commands(host_ns)
@@ -114,7 +115,8 @@ class Poller:
         """Ends the connection to a gateway whose message could not be decoded. A stop that waits in
         the queue is still executed; no other command is.
         """
-        for command in islice(self._gateway_link.commands(host_ns), _COMMANDS_A_POLL):
+        for _ in range(_COMMANDS_A_POLL):
+            command = self._gateway_link.command(host_ns)
             if isinstance(command, StopNow):
                 commands.execute(self._supervisor, command, host_ns)
         why = f"the gateway sent {undecodable}"
@@ -123,8 +125,8 @@ class Poller:
         self._gateway_link.hang_up()
 
     def _watch_stops(self, host_ns: int) -> None:
-        is_live = self._supervisor.states.state in ("PROBE", "ARMED")
         for name, is_open in self._board.stop_edges():
+            is_live = self._supervisor.states.state in ("PROBE", "ARMED")
             if name == "wearer_stop":
                 self._supervisor.sessions.stop_moved(
                     is_open=is_open, is_live=is_live, now_ns=host_ns
@@ -141,7 +143,7 @@ class Poller:
                 return
 
     def _watch_rail(self, now_ns: int) -> None:
-        monitor = self._loaded.board.guards.rail_monitor
+        monitor = self._rail_monitor
         if monitor == "absent" or self._supervisor.states.state != "ARMED":
             return
         rail_v = self._rail.rail_v(now_ns)
@@ -155,7 +157,10 @@ class Poller:
             )
 
     def _execute_commands(self, host_ns: int) -> None:
-        for command in islice(self._gateway_link.commands(host_ns), _COMMANDS_A_POLL):
+        for _ in range(_COMMANDS_A_POLL):
+            command = self._gateway_link.command(host_ns)
+            if command is None:
+                return
             commands.execute(self._supervisor, command, host_ns)
 
     def take_frames(self) -> None:
@@ -202,7 +207,7 @@ class Poller:
             self._may_plan_ns = now_ns + _PLANS_REST * (now_ns - begun_ns)
 
     def beat(self, now_ns: int) -> None:
-        heartbeat = self._loaded.board.guards.heartbeat
+        heartbeat = self._heartbeat
         if heartbeat == "absent" or self._supervisor.states.state not in ("PROBE", "ARMED"):
             return
         if now_ns - self._beaten_ns >= heartbeat.window_ms * 1_000_000 // _BEATS_PER_WINDOW:

@@ -70,7 +70,7 @@ class _Pending:
     scans: int = 0
 
 
-class FiredPulse(msgspec.Struct, frozen=True, kw_only=True):
+class FiredPulse(msgspec.Struct, frozen=True, kw_only=True, gc=False):
     """The last pulse of an electrode, as reported: a row with the columns of `Fired`."""
 
     electrode: int = -1

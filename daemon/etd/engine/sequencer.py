@@ -42,7 +42,7 @@ class Sequencer:
     def is_between_scans(self) -> bool:
         """Neither a scan nor a measurement of contact is under way."""
         power_up = self._supervisor.power_up
-        return not self._active.is_scanning and (power_up is None or not power_up.is_measuring)
+        return self._active.scanning is None and (power_up is None or not power_up.is_measuring)
 
     def leave(self) -> None:
         """Leaves the scan under way after a fault."""
@@ -51,13 +51,14 @@ class Sequencer:
 
     def next_due(self, now_ns: int) -> DuePulse | None:
         """None: no pulse is due yet; the call has waited, or begun or left a scan."""
-        if self._active.is_interrupted:
+        schedule = self._active.scanning
+        if schedule is not None:
+            if schedule is self._active.schedule:
+                return self._next_of_scan(schedule, now_ns)
             self._board.release()
             self._active.leave_scan()
             return None
-        schedule, power_up = self._active.schedule, self._supervisor.power_up
-        if schedule is not None and self._active.is_scanning:
-            return self._next_of_scan(schedule, now_ns)
+        power_up = self._supervisor.power_up
         if power_up is not None and power_up.is_measuring:
             return power_up.next_due()
         self._poller.take_frames()
@@ -71,7 +72,7 @@ class Sequencer:
                 if self._active.is_interrupted:
                     # Frames are read with polls in between, and a poll may have ended the scan.
                     return None
-            if self._wait_for_burst(schedule.earliest_ns(), now_ns):
+            if schedule.plan.pulses > 1 and self._wait_for_burst(schedule.earliest_ns(), now_ns):
                 return None
         pause_ns = self._clock.pause_until_ns(now_ns)
         if pause_ns is not None:
@@ -147,8 +148,9 @@ class Sequencer:
 
     def fired(self, due: DuePulse, begun_ns: int) -> None:
         """The pulse began at `begun_ns`: go on to the next."""
-        if due.purpose == "stimulus" and self._active.scanning is not None:
-            self._active.scanning.was_fired(due, begun_ns)
+        schedule = self._active.scanning
+        if due.purpose == "stimulus" and schedule is not None:
+            schedule.was_fired(due, begun_ns)
         self._pass_on(due)
 
     def not_fired(self, due: DuePulse) -> None:
@@ -166,8 +168,9 @@ class Sequencer:
         if schedule is None:
             return
         schedule.advance()
-        if schedule.upcoming is not None:
-            self._board.prepare(schedule.upcoming.selection)
+        upcoming = schedule.upcoming
+        if upcoming is not None:
+            self._board.prepare(upcoming.selection)
         else:
             self._wind_up(schedule)
 

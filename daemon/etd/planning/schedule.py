@@ -39,7 +39,7 @@ _LONG_NS = 50_000_000
 Purpose = Literal["stimulus", "contact_poll", "measurement"]
 
 
-class AfterProbe(msgspec.Struct, frozen=True):
+class AfterProbe(msgspec.Struct, frozen=True, gc=False):
     """The request for a pulse before its own probe, its time and ceiling; and the current of that
     probe.
     """
@@ -50,7 +50,7 @@ class AfterProbe(msgspec.Struct, frozen=True):
     ceiling_ua: int
 
 
-class DuePulse(msgspec.Struct, frozen=True):
+class DuePulse(msgspec.Struct, frozen=True, gc=False):
     """A pulse that is due now.
 
     `place` is its place in the plan (-1: no pulse of a frame). `rewrites_chain`: the whole chain is
@@ -69,7 +69,7 @@ class DuePulse(msgspec.Struct, frozen=True):
         return self.scheduled.electrode
 
 
-class _ScanSlot(msgspec.Struct, frozen=True):
+class _ScanSlot(msgspec.Struct, frozen=True, gc=False):
     """A pulse of the scan under way, by its place; `is_again` after the first of a burst."""
 
     place: int
@@ -112,6 +112,8 @@ class Schedule:
         ]
         pulses = plan.frame.pulses
         self._left = None if pulses is None else [pulses] * len(plan.schedule)
+        #: The sum of these.
+        self._all_left = (pulses or 0) * len(plan.schedule)
         #: When the last pulse of each place began.
         self._begun_ns = [now_ns] * len(plan.schedule)
 
@@ -132,7 +134,7 @@ class Schedule:
 
     @property
     def has_had_its_pulses(self) -> bool:
-        return self.is_begun and self._left is not None and not any(self._left)
+        return self.is_begun and self._left is not None and not self._all_left
 
     def lower(self, newer: Plan) -> None:
         """A newer plan follows the scan under way: what it lowers is lowered now."""
@@ -287,6 +289,7 @@ class Schedule:
         """The stimulus `due` began at `begun_ns`."""
         self._begun_ns[due.place] = begun_ns
         if self._scanned_ns is not None:
-            self._fired_ns[due.electrode] = self._scanned_ns
+            self._fired_ns[due.scheduled.electrode] = self._scanned_ns
         if self._left is not None:
             self._left[due.place] -= 1
+            self._all_left -= 1

@@ -15,7 +15,7 @@ from etd.stabilize.pipeline import PulseBounds, PulseRequest
 from etd_hal.selection import Selection
 
 
-class ScheduledPulse(msgspec.Struct, frozen=True):
+class ScheduledPulse(msgspec.Struct, frozen=True, gc=False):
     """The pulse of one electrode of a frame, fired once a scan or less often.
 
     `returns` None means all others; then what these allow is decided at each pulse.
@@ -37,7 +37,7 @@ class ScheduledPulse(msgspec.Struct, frozen=True):
     @property
     def probe_pc(self) -> int:
         """The charge of the probe before each pulse."""
-        return pc_of(self.probe)
+        return 0 if self.probe is None else pc_of(self.probe)
 
     @property
     def current_ua(self) -> int:

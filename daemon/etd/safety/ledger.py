@@ -204,7 +204,9 @@ class Ledger:
         total_pc = self._carried_pc(entry.electrode) + entry.charge_pc
         if entry.pulses and begun_ns is not None and now_ns < begun_ns + self._interval_ns:
             return "interval"
-        if own.pulses + entry.pulses > bounds.pulses or not self._lone_return_fits(entry, now_ns):
+        if own.pulses + entry.pulses > bounds.pulses:
+            return "pulses"
+        if entry.returns is not None and not self._lone_return_fits(entry, now_ns):
             return "pulses"
         if total_pc > self._charge_pc:
             return "charge"

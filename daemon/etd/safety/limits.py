@@ -114,7 +114,7 @@ def _check_narrowest(what: str, width_us: int, maxima: Maxima) -> None:
         )
 
 
-class Path(msgspec.Struct, frozen=True):
+class Path(msgspec.Struct, frozen=True, gc=False):
     """The caps in the way of one electrode's current, those of its returns included.
 
     `return_ua` is the current at which the first return may reach its cap, and `return_electrode`
@@ -185,6 +185,6 @@ def _within_cap(cap_ua: float, request: PulseRequest, bounds: PulseBounds | None
     in those that the cap was accepted with. A wider pulse, or one with a prepulse that was not
     there then, gets no more charge.
     """
-    if bounds is None:
+    if bounds is None or (request.width_us <= bounds.cap_us and not request.prepulse_us):
         return int(cap_ua)
     return min(int(cap_ua), request.current_of(bounds.capped_pc(cap_ua)))

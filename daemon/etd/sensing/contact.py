@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from etd.files.body_site import SiteContact
 from etd.protocol.messages import ContactState
-from etd.stabilize.max_age import CONTACT_POLL_NS, is_stale
+from etd.stabilize.max_age import CONTACT_POLL_NS, MAX_AGE_NS
 from etd_hal.boardfile import Source
 
 #: Fractions of the compliance: above the first a pulse was not delivered, below the second it was.
@@ -78,7 +78,7 @@ class ContactMap:
     def _let_go(self, electrode: int, now_ns: int) -> None:
         """Reset an electrode whose measurement has expired."""
         told_ns = self._measured_ns[electrode]
-        if told_ns is not None and is_stale(told_ns, now_ns):
+        if told_ns is not None and now_ns - told_ns >= MAX_AGE_NS:
             self._reset_one(electrode)
 
     def state(self, electrode: int, now_ns: int) -> ContactState:

@@ -117,7 +117,7 @@ class _Skin:
         self.is_flickering = self.flicker > _FLICKER or (self.is_flickering and not is_calm)
 
 
-class Samples(msgspec.Struct, frozen=True):
+class Samples(msgspec.Struct, frozen=True, gc=False):
     """The samples of a pulse; `end_v` is None where the pulse was too short."""
 
     commanded_ua: int
@@ -220,8 +220,10 @@ class ImpedanceMap:
         zero, it only shows no skin), or from a node that was not at rest, beyond the voltage of a
         probe directly before.
         """
+        if resting_v <= 0.0:
+            return False
         moved_v = max(abs(early_v - resting_v), abs(last_v - resting_v))
-        stands_still = resting_v > 0.0 and moved_v < self._resting_tolerance_v
+        stands_still = moved_v < self._resting_tolerance_v
         most_v = min(max(_OFFSET_V, _RESTING_PART * last_v), _RESTING_V)
         return stands_still or resting_v > max(most_v, probed_v)
 

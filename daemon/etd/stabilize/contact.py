@@ -23,11 +23,11 @@ that the contact is not yet what it was. It never asks for more than was wanted.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
 from etd.stabilize.settling import Settling

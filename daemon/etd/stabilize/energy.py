@@ -21,11 +21,11 @@ get none.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from etd.stabilize.pipeline import ElectrodeEstimate, PulseRequest
 from etd.stabilize.ratio_tracker import RatioTracker

@@ -28,11 +28,11 @@ once; a soft contact gets no more than that.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from etd.stabilize.pipeline import ElectrodeEstimate, PulseRequest
 from etd.stabilize.ratio_tracker import RatioTracker

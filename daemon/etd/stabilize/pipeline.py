@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import msgspec
@@ -23,11 +22,10 @@ SHORTEST_US = 20
 WIDTH_STEP_US = 5
 
 
-@dataclass(frozen=True, slots=True)
-class PulseRequest:
+class PulseRequest(msgspec.Struct, frozen=True, gc=False):
     """A requested pulse, and its prepulse, if any.
 
-    To change a part and keep the others: `dataclasses.replace`.
+    To change a part and keep the others: `msgspec.structs.replace`.
     """
 
     current_ua: int
@@ -149,7 +147,7 @@ class MaxGain(msgspec.Struct, frozen=True):
 NO_GAIN = MaxGain()
 
 
-class PulseBounds(msgspec.Struct, frozen=True):
+class PulseBounds(msgspec.Struct, frozen=True, gc=False):
     """The bounds of a frame for an electrode: no stabilizer's request goes beyond.
 
     `cap_us` is the width that a cap's current is taken for: the frame's, or that of the pulses that

@@ -16,11 +16,11 @@ Both phases of a biphasic pulse have one, so that their charges are equal.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from etd.stabilize.pipeline import NO_GAIN, SHORTEST_US, ElectrodeEstimate, MaxGain, PulseRequest
 

@@ -14,11 +14,11 @@ tell levels apart best at about 100 kPa, which is p1; p0 of 10 kPa is by design.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
 from etd.stabilize.slew import SlewLimiter

@@ -5,7 +5,7 @@ Owns: the rounding that the laws by width share. Must not know: why a width is a
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from etd.stabilize.pipeline import PulseRequest, stepped_up_us
 

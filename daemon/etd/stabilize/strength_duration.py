@@ -17,11 +17,11 @@ What is assumed: one tau for all electrodes. 151 us were found at the median ner
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from etd.stabilize.pipeline import SHORTEST_US, ElectrodeEstimate, MaxGain, PulseRequest
 
