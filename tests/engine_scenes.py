@@ -192,3 +192,12 @@ def config(
         body_site=site,
         machine=msgspec.structs.replace(loaded.machine, **(machine or {})),
     )
+
+
+def unchecked(loaded: LoadedConfig) -> LoadedConfig:
+    """With probes too weak to check source and ADC with, which the board's state then says: what
+    laws make of a wrong reading is asked here. On other boards it halts within a second.
+    """
+    weak = msgspec.structs.replace(loaded.board.maxima, probe_current_ua=100)
+    board = msgspec.structs.replace(loaded.board, maxima=weak)
+    return dataclasses.replace(loaded, board=board)

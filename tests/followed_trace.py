@@ -37,10 +37,17 @@ class FollowedTrace:
 
     def phases(self) -> list[Phase]:
         """What flowed, as `trace_decoder.decode` says; not to be changed."""
+        return self._followed().phases
+
+    def unloaded(self) -> list[Phase]:
+        """What went into the node alone, as `trace_decoder` says; not to be changed."""
+        return self._followed().unloaded
+
+    def _followed(self) -> Decoder:
         records = self.records()
         if self._decoder is None:
             self._decoder = Decoder(Facts.of(records[0]))
         for record in records[self._decoded :]:
             self._decoder.take(record)
         self._decoded = len(records)
-        return self._decoder.phases
+        return self._decoder

@@ -173,6 +173,12 @@ class Wires:
         source = frozenset(electrode for electrode in everybody if high >> electrode & 1)
         return source, frozenset(everybody) - source
 
+    def is_isolated(self, t_ns: int) -> bool:
+        """Nothing is connected to the source, and no output is selected, by latch or relay."""
+        if self.is_relays:
+            return self.latch == 0 and t_ns - self.copied_ns >= self.facts.toff_ns
+        return self.latch == 0 and self.level.get("BL") == 0 and self.level.get("POL") == 1
+
     def _relay_sides(self) -> tuple[frozenset[int], frozenset[int]] | None:
         if self.latch is None:
             return None
@@ -208,13 +214,16 @@ class Dac:
 
 
 class Decoder:
-    """Fed with the events of a trace in order; `phases` grows."""
+    """Fed with the events of a trace in order; `phases` grows, and `unloaded` by what is weak and
+    goes into the node alone.
+    """
 
     def __init__(self, facts: Facts) -> None:
         self.facts = facts
         self.wires = Wires(facts)
         self.dac = Dac()
         self.phases: list[Phase] = []
+        self.unloaded: list[Phase] = []
         self._electrode_of = {
             output: electrode for electrode, output in enumerate(facts.electrodes)
         }
@@ -253,7 +262,9 @@ class Decoder:
         output, is_anodic = _odd_one_out(source, ground)
         electrode = None if output is None else self._electrode_of.get(output)
         seq, tag = self._frame
-        self.phases.append(
+        is_weak = self.facts.current_ua(code) <= self.facts.probe_ua
+        is_unloaded = is_weak and self.wires.is_isolated(since_ns)
+        (self.unloaded if is_unloaded else self.phases).append(
             Phase(
                 electrode,
                 source,
@@ -267,7 +278,7 @@ class Decoder:
                 tag,
                 self._scan,
                 self._moves,
-                self.facts.current_ua(code) <= self.facts.probe_ua,
+                is_weak,
             )
         )
 

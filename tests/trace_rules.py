@@ -46,6 +46,8 @@ class Rules:
         self._has_moved = False
         self._is_led = False
         self._steps = 0
+        #: What flows goes into the node alone: no rest follows.
+        self._is_unloaded = False
         #: Relays: when each stage was last told to open.
         self._opened_ns: dict[int, int] = {}
 
@@ -181,6 +183,8 @@ class Rules:
             self._steps += 1
             if code < code_before or self._steps > 1:
                 self._broken(t_ns, f"current steps from code {code_before} to {code}")
+        elif self._is_unloaded:
+            self._is_unloaded = bool(code)
         elif code_before and not code:
             self._code_before, self._has_moved = code_before, False
             self._zero_ns, self._zero_sides = t_ns, self._wires.sides()
@@ -203,6 +207,10 @@ class Rules:
             self._broken(t_ns, "current into outputs of which nobody knows the state")
             return
         source, ground = sides
+        is_weak = self.facts.current_ua(self._dac.code) <= self.facts.probe_ua
+        self._is_unloaded = is_weak and self._wires.is_isolated(t_ns)
+        if self._is_unloaded:
+            return
         if not source or not ground or min(len(source), len(ground)) != 1:
             self._broken(t_ns, "current with no output alone on its side")
         if self._wires.level.get("LE") == 1:

@@ -91,6 +91,14 @@ class Firing:
             last = self._send_next(booking, ready, is_anodic)
         return first, last
 
+    def fire_unloaded(self, pulse: Pulse, given: PulseRequest) -> PulseResult:
+        """Send a probe into the node alone, after `Board.isolate`. Nothing is booked, because
+        nothing is selected behind outputs that are blanked: see docs/decisions/0038.
+        """
+        result = self._board.fire_unloaded(pulse, given.current_ua, given.width_us)
+        self._check_excess(result.excess_ns, "with nothing connected")
+        return result
+
     def _book(self, ready: ReadyPulse, messages: int) -> Booking:
         excess_pc = messages * ready.given.current_ua * self._most_excess_us
         return self._ledger.book(ready.entry, self._now_ns(), ready.entry.charge_pc + excess_pc)
@@ -151,10 +159,13 @@ class Firing:
         if excess_ns > 0:
             charge_pc += _flowed_pc(ready.given, excess_ns)
         self._ledger.correct(booking, charge_pc, begun_ns)
+        self._check_excess(excess_ns, f"at electrode {ready.entry.electrode}")
+
+    def _check_excess(self, excess_ns: int, where: str) -> None:
         if excess_ns > self._halt_excess_ns:
             raise BoardFault(
                 "length of a message",
-                f"{excess_ns / 1_000:.0f} us over its plan at electrode {ready.entry.electrode}",
+                f"{excess_ns / 1_000:.0f} us over its plan {where}",
                 f"at most {self._halt_excess_ns / 1_000:.0f} us",
             )
 

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import msgspec
 
@@ -26,7 +27,7 @@ from etd_hal.errors import BoardFault
 from etd_hal.guard import Guard
 from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
 from etd_hal.selection import Selection, Selections, Switch
-from etd_hal.source_rules import SourceRules
+from etd_hal.source_rules import IDLE_MOST_V, SourceRules
 from etd_hal.switch_shadow import Approval, Prepulse
 from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
 
@@ -35,8 +36,6 @@ OVERDUE_NS = 1_000_000
 #: How many pulses are kept, each with all that was made of its message (some 5 kB); beyond that the
 #: oldest is dropped.
 _MAX_REMEMBERED = 2_048
-#: With the DAC at zero the node drains through the leak within microseconds.
-_IDLE_NODE_V = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,13 +228,9 @@ class Board:
         if not self.switch.can_choose_returns:
             return
         self.switch.release()
-        node_v, most_v = self.node_v(), self.rules.idle_v
-        if node_v > most_v:
-            raise BoardFault(
-                "node with the DAC at zero",
-                f"{node_v:.1f} V with all relays open",
-                f"at most {most_v:.1f} V: a current flows that was not commanded",
-            )
+        fault = self.rules.idle_fault(self.node_v(), "with all relays open")
+        if fault is not None:
+            raise fault
 
     def node_v(self) -> float:
         """What the node reads now, with the DAC at zero. Raises: BusError, BoardFault."""
@@ -263,16 +258,16 @@ class Board:
         Raises: GuardRefusal (nothing was sent); BusError (make safe at once); BoardFault (what
         came back is no sample; or the outputs are cut off, and nothing was sent).
         """
-        self.guard.approve(
-            Approval(
-                selection.source(is_anodic),
-                selection.ground(is_anodic),
-                current_ua,
-                width_us,
-                prepulse,
-                is_blanked,
-            )
-        )
+        source, ground = selection.source(is_anodic), selection.ground(is_anodic)
+        approval = Approval(source, ground, current_ua, width_us, prepulse, is_blanked)
+        return self._send(pulse, approval)
+
+    def fire_unloaded(self, pulse: Pulse, current_ua: int, width_us: int) -> PulseResult:
+        """Send a probe after `isolate`: into the node alone. Raises: as `fire`."""
+        return self._send(pulse, Approval(0, 0, current_ua, width_us, is_blanked=True))
+
+    def _send(self, pulse: Pulse, approval: Approval) -> PulseResult:
+        self.guard.approve(approval)
         received = self.guard.spi.fire(pulse.message, pulse.planned_ns)
         begun_ns, ended_ns = self.guard.spi.begun_ns, self.guard.spi.ended_ns
         code_of = self._codec.code_of
@@ -295,6 +290,14 @@ class Board:
         if self.switch.can_choose_returns:
             self._clock.sleep_until_ns(self._rest_until_ns)
         self.switch.release()
+
+    def isolate(self, whole: bool = False) -> None:
+        """The same, with no output selected either: the node has its leak alone as a load. With
+        `whole` the whole chain is rewritten for it. Raises: BusError, BoardFault.
+        """
+        if self.switch.can_choose_returns:
+            self._clock.sleep_until_ns(self._rest_until_ns)
+        self.switch.isolate(whole)
 
     # --- supply, heartbeat, lines ----------------------------------------------------------
 
@@ -410,8 +413,8 @@ class Board:
 
     def _check_node(self) -> None:
         node_v = self._codec.code_of(self._bare_spi.transfer(self._zero)[0]) * self._node_v
-        if node_v > _IDLE_NODE_V:
-            raise BoardFault("node with the DAC at zero", f"{node_v:.0f} V", f"{_IDLE_NODE_V} V")
+        if node_v > IDLE_MOST_V:
+            raise BoardFault("node with the DAC at zero", f"{node_v:.0f} V", f"{IDLE_MOST_V} V")
 
 
 def _tried(step: Callable[[], None]) -> str | None:
@@ -430,12 +433,11 @@ def _switch(file: BoardFile, gpio: Gpio, clock: Clock) -> Switch:
 
 
 def _stop_lines(guards: Guards) -> dict[StopName, int]:
-    found: dict[StopName, int] = {}
-    if guards.emergency_stop != "absent":
-        found["emergency_stop"] = guards.emergency_stop
-    if guards.wearer_stop != "absent":
-        found["wearer_stop"] = guards.wearer_stop
-    return found
+    lines: dict[StopName, int | Literal["absent"]] = {
+        "emergency_stop": guards.emergency_stop,
+        "wearer_stop": guards.wearer_stop,
+    }
+    return {name: line for name, line in lines.items() if line != "absent"}
 
 
 def _safe_changes(file: BoardFile) -> Changes:

@@ -102,8 +102,12 @@ class Switch(Protocol):
         """After the rest, without a next pulse: nothing stays connected."""
         ...
 
+    def isolate(self, whole: bool) -> None:
+        """After the rest: nothing connected, and no output selected. `whole`: see `prepare`."""
+        ...
+
     def clear(self) -> None:
-        """Nothing selected in the register either."""
+        """Nothing selected, from a register of which nothing is known."""
         ...
 
     def reset(self) -> None:

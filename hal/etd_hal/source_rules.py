@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from etd_hal.boardfile import Source
+from etd_hal.errors import BoardFault
 
 #: At code 0 with nothing connected. 50 uA is the baseline at which a Digitimer DS5 disables its
 #: output; 5 V is the bound of an idle node in the FMEA of the design, whatever the leak.
@@ -29,6 +30,9 @@ RESTED_V = 5.0
 _TOLERANCE = 0.2
 #: What one reading of an ADC in order may be off by chance: noise of 1.5 codes, four times.
 _NOISE_CODES = 6
+#: Noise up to this part of what an unloaded node comes to leaves a gain of 0.6 or 1.5 outside the
+#: bounds, whatever one reading is off by.
+_MOST_NOISE = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,8 @@ class SourceRules:
     """In volts of the node; see the module."""
 
     leak_ohm: int
+    #: The node cannot come higher, or the ADC cannot read it.
+    reach_v: float
     #: At most, at code 0 with nothing connected.
     idle_v: float
     #: Two readings of the same voltage differ by at most this.
@@ -49,6 +55,7 @@ class SourceRules:
         idle_v = max(_IDLE_UA * source.leak_ohm / 1e6, _OFFSET_V + noise_v)
         return cls(
             leak_ohm=source.leak_ohm,
+            reach_v=min(float(source.compliance_v), (source.adc_codes - 1) * step_v),
             idle_v=min(idle_v, IDLE_MOST_V),
             noise_v=2 * noise_v,
         )
@@ -58,3 +65,44 @@ class SourceRules:
         there before, because charge that is left in skin adds to it.
         """
         return commanded_ua * self.leak_ohm / 1e6 * (1.0 + _TOLERANCE) + baseline_v + self.noise_v
+
+    def idle_fault(self, node_v: float, how: str) -> BoardFault | None:
+        """What is wrong at code 0 with nothing connected; `how` it is that nothing is."""
+        if node_v <= self.idle_v:
+            return None
+        return BoardFault(
+            "node with the DAC at zero",
+            f"{node_v:.1f} V {how}",
+            f"at most {self.idle_v:.1f} V: a current flows that was not commanded",
+        )
+
+    def why_untold(self, commanded_ua: int) -> str | None:
+        """Why a pulse with nothing connected would not tell a wrong gain; None if it does."""
+        node_v, noise_v = commanded_ua * self.leak_ohm / 1e6, self.noise_v / 2
+        told = f"{commanded_ua} uA into the leak of {self.leak_ohm} ohm make {node_v:.1f} V, and"
+        if noise_v > _MOST_NOISE * node_v:
+            return f"{told} one reading may be off by {noise_v:.1f} V"
+        if node_v * (1.0 + _TOLERANCE) + noise_v > self.reach_v:
+            return f"{told} no more than {self.reach_v:.1f} V can be read"
+        return None
+
+    def unloaded_fault(
+        self, commanded_ua: int, baseline_v: float, early_v: float, voltage_v: float
+    ) -> BoardFault | None:
+        """What is wrong by the samples of a pulse with nothing connected: at code 0 before it,
+        early in it, near its end.
+        """
+        standing = self.idle_fault(baseline_v, "with nothing connected")
+        if standing is not None:
+            return standing
+        node_v, noise_v = commanded_ua * self.leak_ohm / 1e6, self.noise_v / 2
+        least_v, most_v = node_v * (1 - _TOLERANCE) - noise_v, node_v * (1 + _TOLERANCE) + noise_v
+        if least_v <= voltage_v <= most_v and early_v <= most_v:
+            return None
+        return BoardFault(
+            f"node at {commanded_ua} uA with nothing connected",
+            f"{early_v:.1f} V, then {voltage_v:.1f} V",
+            f"{least_v:.1f} to {most_v:.1f} V, current x leak: full_scale_ua, leak_ohm or"
+            " node_uv_per_code of the board file is not this board's now, or the supply is not"
+            " there; test it with etd selftest",
+        )

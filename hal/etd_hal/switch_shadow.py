@@ -38,7 +38,7 @@ class Approval(msgspec.Struct, frozen=True, gc=False):
     width_us: int
     prepulse: Prepulse | None = None
     #: A probe while nothing is connected, which must reach no electrode: `source` and `ground` are
-    #: the outputs that would get it if the switches failed to open.
+    #: the outputs that would get it if the switches failed to open. 0: no output is selected.
     is_blanked: bool = False
 
 
@@ -153,11 +153,13 @@ class HalfBridgeShadow:
             )
 
     def _check_blanked(self, approval: Approval) -> None:
-        """Check: all outputs on ground, and behind the blanking exactly the approved one."""
+        """Check: all outputs on ground, and behind the blanking exactly the approved one, or none
+        if none was approved.
+        """
         if self._level[self._bl] or not self._level[self._pol]:
             raise GuardRefusal("switch", "not blanked to ground", "BL 0 with POL 1")
-        is_one = self._latch.bit_count() == 1 and self._latch == approval.source
-        if not self._is_latch_known or not is_one:
+        is_approved = self._latch.bit_count() <= 1 and self._latch == approval.source
+        if not self._is_latch_known or not is_approved:
             raise GuardRefusal(
                 "switch", f"{self._latch:x} behind the blanking", f"{approval.source:x} alone"
             )

@@ -8,7 +8,8 @@ phase of a pulse. Visits are counted, so a message that continues a visit must f
 
 | state      | message                       | next state | counts                       |
 |------------|-------------------------------|------------|------------------------------|
-| any        | a probe, the outputs blanked  | `idle`     | a visit                      |
+| any        | a probe, the outputs blanked  | `idle`     | a visit; with none selected, |
+|            |                               |            | nothing                      |
 | `idle`     | one within the probe's bounds | `probed`   | a visit                      |
 | `idle`     | any other                     | `fired`    | a visit                      |
 | `probed`   | the same way, nothing moved   | `fired`    | its charge, with the probe's |
@@ -99,7 +100,8 @@ class VisitRule:
         Raises: GuardRefusal, if it begins one visit too many.
         """
         if approval.is_blanked:
-            self._begin(approval, now_ns)
+            if approval.source:
+                self._begin(approval, now_ns)
             self.state = "idle"
             return
         if self.state != "idle" and self._is_reverse(approval, now_ns):

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from engine_rig import EngineRig
-from engine_scenes import fully_open, only, phases
+from engine_scenes import fully_open, only, phases, unchecked
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.stabilize.contact import ContactSettings
 from etd.stabilize.energy import EnergySettings
@@ -115,7 +115,7 @@ def _resting(rest_us: int) -> BoardFile:
 def test_an_adc_that_goes_wrong_gives_the_frames_own_pulse_and_is_counted_once(
     make_rig: MakeRig,
 ) -> None:
-    rig = standing(make_rig(loaded=with_laws(energy=EnergySettings())))
+    rig = standing(make_rig(loaded=unchecked(with_laws(energy=EnergySettings()))))
     rig.fake.world.touch(4, skin(2_000.0, 48_000.0, 0.3))
     hold(rig, 300)
     rig.fake.world.put_in(AdcScale(0.01))
@@ -134,7 +134,7 @@ def test_an_adc_that_goes_wrong_gives_the_frames_own_pulse_and_is_counted_once(
 def test_an_adc_that_stands_still_gives_the_frames_own_pulse_and_is_counted_once(
     make_rig: MakeRig, laws: dict[str, Any], volts: float, commanded_ua: int
 ) -> None:
-    rig = standing(make_rig(loaded=with_laws(**laws)))
+    rig = standing(make_rig(loaded=unchecked(with_laws(**laws))))
     frame = {"current_ua": only(N, e4=commanded_ua), "width_us": WIDTH_US, "rate_hz": 50.0}
     rig.hold(300, **frame)
     node_v = fake_config(electrodes=N).board.source.node_uv_per_code / 1e6

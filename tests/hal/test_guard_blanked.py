@@ -80,3 +80,51 @@ def test_it_is_counted_and_is_no_first_phase(boards: Boards) -> None:
     rig.board.connect(selection, False)
     with pytest.raises(GuardRefusal, match="rate"):
         fire(rig, is_blanked=False, is_anodic=False)
+
+
+# --- nothing selected -----------------------------------------------------------------------------
+
+
+def fire_unloaded(rig: BoardRig, what: tuple[int, int] = PROBE) -> float:
+    """What the node comes to."""
+    return rig.board.fire_unloaded(rig.board.pulse(*what), *what).voltage_v
+
+
+@pytest.mark.parametrize("is_whole", [False, True])
+@pytest.mark.parametrize("name", BOARDS)
+def test_a_probe_may_go_into_the_node_alone_as_often_as_anybody_likes(
+    boards: Boards, name: str, is_whole: bool
+) -> None:
+    rig = boards(board=changed(shipped_board(name), "maxima", rate_hz=1))
+    rig.board.supply_on()
+    rig.clock.sleep_until_ns(rig.clock.now_ns() + 1_000_000_000)
+    rig.board.isolate(is_whole)
+    for _ in range(3):
+        assert fire_unloaded(rig) == pytest.approx(300e-6 * 66_000, rel=0.02)
+    rig = connected(rig)
+    fire(rig, is_blanked=False)
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_a_pulse_may_not(boards: Boards, name: str) -> None:
+    rig = boards(name)
+    rig.board.isolate()
+    with pytest.raises(GuardRefusal, match="a pulse while blanked"):
+        fire_unloaded(rig, PULSE)
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_no_probe_that_is_said_to_be_unloaded_goes_into_an_electrode(
+    boards: Boards, name: str
+) -> None:
+    rig = connected(boards(name))
+    with pytest.raises(GuardRefusal, match=r"not blanked|not all open"):
+        fire_unloaded(rig)
+
+
+def test_no_output_may_be_selected_behind_the_blanking(boards: Boards) -> None:
+    rig = prepared(boards("kajimoto-hv507"), output=4)
+    with pytest.raises(GuardRefusal, match="behind the blanking"):
+        fire_unloaded(rig)
+    rig.board.isolate()
+    fire_unloaded(rig)

@@ -18,6 +18,7 @@ from etd.engine.node_check import NodeCheck
 from etd.engine.reporting import Reporter
 from etd.engine.requests import Requests
 from etd.engine.returns import Returns
+from etd.engine.source_check import SourceCheck
 from etd.engine.stimulus_adapter import StimulusAdapter
 from etd.engine.stopper import Stopper, StopperLiveness
 from etd.engine.timeouts import Timeouts
@@ -71,6 +72,7 @@ class Components:
     requests: Requests
     # What becomes of a pulse.
     firing: Firing
+    source_check: SourceCheck
     findings: Findings
 
 
@@ -96,6 +98,7 @@ def components_of(
     if stabilizers is None:
         stabilizers = pipeline(loaded.body_site.stabilize, source, reporter.rejected)
     adapter = StimulusAdapter(stabilizers, contact, impedance, pressure, reporter)
+    firing = Firing(board, ledger, clock, NodeCheck(board).check)
     is_quick = not board.switch.can_choose_returns
     return Components(
         loaded=loaded,
@@ -121,6 +124,7 @@ def components_of(
         pre_probe=ahead,
         adapter=adapter,
         requests=Requests(adapter, ahead, contact, returns, reporter, is_quick=is_quick),
-        firing=Firing(board, ledger, clock, NodeCheck(board).check),
+        firing=firing,
+        source_check=SourceCheck(board, maxima, firing),
         findings=Findings(maxima, soft_start, contact, returns, adapter, ahead, reporter),
     )

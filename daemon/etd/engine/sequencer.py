@@ -10,6 +10,7 @@ from etd.engine.components import Components
 from etd.engine.poller import Poller
 from etd.engine.supervisor import Supervisor
 from etd.planning.schedule import DuePulse, Schedule
+from etd_hal.selection import Selection
 
 #: Between two polls when nothing is due; the heartbeat's monostable needs edges then too.
 TICK_NS = 1_000_000
@@ -32,6 +33,7 @@ class Sequencer:
         self._soft_start = components.soft_start
         self._firing = components.firing
         self._requests = components.requests
+        self._source_check = components.source_check
         self._supervisor = supervisor
         self._poller = poller
         self._is_pausing = False
@@ -99,8 +101,11 @@ class Sequencer:
         power_up = self._supervisor.power_up
         if power_up is not None and self._supervisor.step_power_up(power_up, now_ns):
             return
-        schedule = self._active.schedule
-        if schedule is None or self._supervisor.states.state != "ARMED":
+        schedule, is_armed = self._active.schedule, self._supervisor.states.state == "ARMED"
+        if is_armed and self._source_check.is_due(now_ns):
+            self._check_source(now_ns)
+            return
+        if schedule is None or not is_armed:
             self._doze_until(now_ns + TICK_NS)
             return
         if now_ns < schedule.next_ns:
@@ -111,6 +116,12 @@ class Sequencer:
         self._poller.poll_stop_levels()
         if self._active.schedule is not None:
             self._begin_scan(self._active.schedule)
+
+    def _check_source(self, now_ns: int) -> None:
+        """Raises: BusError, GuardRefusal, BoardFault."""
+        fault = self._source_check.check(now_ns)
+        if fault is not None:
+            raise fault
 
     def _wait_for(self, next_ns: int, tick_ns: int) -> None:
         """A scan begins on time; a poll between two scans may be late by half a tick."""
@@ -185,9 +196,16 @@ class Sequencer:
         if not schedule.is_over(now_ns, _CONTACT_POLL_NS):
             return
         if schedule.plan.schedule:
-            self._board.prepare(schedule.plan.schedule[0].selection, whole=True)
-            self._is_rewritten = True
-            self._board.release()
+            self._rewrite(schedule.plan.schedule[0].selection)
         if schedule.end_scan(self._clock.now_ns()):
             self._reporter.not_fired(None, "overrun")
         self._active.leave_scan()
+
+    def _rewrite(self, first: Selection) -> None:
+        """For the next scan; where the source is checked before it, for that."""
+        if self._source_check.is_due(self._clock.now_ns()):
+            self._board.isolate(whole=True)
+        else:
+            self._board.prepare(first, whole=True)
+            self._board.release()
+        self._is_rewritten = True

@@ -102,7 +102,12 @@ class Supervisor:
     @property
     def limitations(self) -> tuple[str, ...]:
         """Failed calibration attempts, and what this machine cannot do."""
-        return (*self._failed_calibrations, *self._components.maxima.limitations)
+        parts = self._components
+        return (
+            *self._failed_calibrations,
+            *parts.maxima.limitations,
+            *parts.source_check.limitations,
+        )
 
     def end(self) -> tuple[str, ...]:
         """Leave the board safe, whatever its state. Returns what did not work, as sentences."""
@@ -230,6 +235,7 @@ class Supervisor:
         """True once the rail is there: from then on current can flow."""
         try:
             if power_up.is_rail_there(now_ns) and self.lease is not None:
+                self._check_source()
                 self.sessions.went_live(self._subject(self.lease), self.host_clock.now_ns())
                 return True
             return False
@@ -238,6 +244,12 @@ class Supervisor:
             self.make_safe(refusal.reason)
             self.answer(Answer.refusing(power_up.ref, refusal))
             return False
+
+    def _check_source(self) -> None:
+        """Before the first pulse at a person. Raises: Refused; BusError, BoardFault."""
+        fault = self._components.source_check.check(self.clock.now_ns())
+        if fault is not None:
+            raise Refused("arm_failed", str(fault))
 
     def pass_on_measuring(self, due: DuePulse) -> None:
         """Go on to the next electrode; after the last probe the board is armed, or safe again."""

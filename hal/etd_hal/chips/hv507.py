@@ -53,7 +53,13 @@ class HalfBridgeSwitch:
 
     def prepare(self, selection: Selection, whole: bool) -> None:
         """With the outputs blanked: put the word into the chain and open the latch to it."""
-        word = selection.alone
+        self._put(selection.alone, whole)
+
+    def isolate(self, whole: bool) -> None:
+        """With the outputs blanked: the same, with no output selected."""
+        self._put(0, whole)
+
+    def _put(self, word: int, whole: bool) -> None:
         if self._chain.held == word and not whole:
             # The latch holds it as well: every write ends with the latch open.
             return

@@ -73,6 +73,11 @@ class RelaySwitch:
         """All relays open."""
         self._open_all()
 
+    def isolate(self, whole: bool) -> None:
+        """All relays open."""
+        self._is_whole = self._is_whole or whole
+        self._open_all()
+
     def clear(self) -> None:
         """All relays open, from a register of which nothing is known."""
         self.reset()
