@@ -149,3 +149,17 @@ def test_what_was_left_on_the_node_before_a_pulse_is_taken_off_the_least() -> No
     assert left is not None
     assert left.least_ohm < clean.least_ohm
     assert left.most_ohm == clean.most_ohm
+
+
+@settings(deadline=None)
+@given(contacts, pulses, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_noise_that_reads_the_rise_backwards_is_no_error(
+    contact: Contact, pulse: tuple[int, int], early_by_v: float, last_by_v: float
+) -> None:
+    samples = sampled([contact, *[EVEN] * 3], 0, *pulse)
+    noisy = msgspec.structs.replace(
+        samples, early_v=samples.early_v + early_by_v, last_v=samples.last_v + last_by_v
+    )
+    reading = METER.read(noisy, None)
+    if reading is not None:
+        assert METER.most_ohm(reading, 4e3) <= reading.most_ohm

@@ -170,8 +170,11 @@ class PathMeter:
         end_v = whole.end_v
         for _ in range(_STEPS):
             # The rest of the rise grows with its end: from an upper bound, each step is one too.
-            left = (end_v - whole.early_v) / (end_v - at_once_v)
-            end_v = min(end_v, whole.last_v + (end_v - whole.early_v) * left**whole.spans)
+            rise_v = end_v - whole.early_v
+            if rise_v <= 0.0:
+                break  # Noise: the early sample read above the end.
+            left = rise_v / (end_v - at_once_v)
+            end_v = min(end_v, whole.last_v + rise_v * left**whole.spans)
         return min(most_ohm, self._ohm(whole.current_ua, end_v) * reading.scale)
 
     def _ohm(self, current_ua: float, node_v: float) -> float:
