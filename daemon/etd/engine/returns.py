@@ -104,13 +104,15 @@ class Returns:
         reading = share.reading(electrode)
         if reading is None or not share.is_known(electrode, now_ns):
             return None
-        return Known(share.least_s[electrode], share.most_s[electrode], reading.current_ua)
+        touches = share.last_touch(electrode) is not None
+        least_s, most_s = share.least_s[electrode], share.most_s[electrode]
+        return Known(least_s, most_s, reading.current_ua, touches)
 
     def _known_when_probed(self) -> list[Known | None]:
         """By the last measurement of each, however old."""
         share = self.share
         found: list[Known | None] = [
-            None if share.reading(electrode) is None else Known(0.0, 0.0, 0.0)
+            None if share.reading(electrode) is None else Known(0.0, 0.0, 0.0, touches=False)
             for electrode in self._electrodes
         ]
         touching = [
@@ -120,7 +122,8 @@ class Returns:
         ]
         own = own_bounds(self._meter, [reading for _, reading in touching], 0.0)
         for place, (electrode, reading) in enumerate(touching):
-            found[electrode] = Known(own.least_s[place], own.most_s[place], reading.current_ua)
+            least_s, most_s = own.least_s[place], own.most_s[place]
+            found[electrode] = Known(least_s, most_s, reading.current_ua, touches=True)
         return found
 
 

@@ -11,6 +11,9 @@ known one carries at most
 The stimulated electrode counts as the best of the others, so that one figure holds for the pulses
 of all electrodes. Where all are alike, nothing is lost by that.
 
+That is so once the capacitances of the skin are charged. Until then each return that touches
+carries about as much as any other, however it resists: none counts for less than an equal part.
+
 Skin resists less at higher currents, and a return carries another current than the one it was
 measured with. So the others are taken to conduct as at no current, and the return itself as at its
 cap: by the law of docs/body.md, in which R x (I + 8 mA) is constant.
@@ -31,11 +34,12 @@ ReturnBound = tuple[float, int]
 
 
 class Known(msgspec.Struct, frozen=True, gc=False):
-    """What one electrode conducts, in S, measured at `read_ua`. `least_s` 0: it is open."""
+    """What one electrode conducts, in S, measured at `read_ua`."""
 
     least_s: float
     most_s: float
     read_ua: float
+    touches: bool
 
     @property
     def as_other_s(self) -> float:
@@ -58,10 +62,11 @@ class ReturnCaps:
         best = max(range(len(known)), key=others_s.__getitem__)
         best_s = others_s[best]
         next_s = max((own_s for place, own_s in enumerate(others_s) if place != best), default=0.0)
+        returns = max(1, sum(it is not None and it.touches for it in known) - 1)
         bounds: list[ReturnBound] = []
         for electrode, (cap_ua, it) in enumerate(zip(caps_ua, known, strict=True)):
             beside_s = whole_s - others_s[electrode] - (next_s if electrode == best else best_s)
-            bounds.append((_bound_ua(cap_ua, it, max(0.0, beside_s)), electrode))
+            bounds.append((_bound_ua(cap_ua, it, max(0.0, beside_s), returns), electrode))
         #: The second counts where the first is stimulated.
         self._first, self._second = sorted(bounds)[:2]
 
@@ -70,10 +75,11 @@ class ReturnCaps:
         return self._second if self._first[1] == electrode else self._first
 
 
-def _bound_ua(cap_ua: int, known: Known | None, beside_s: float) -> float:
+def _bound_ua(cap_ua: int, known: Known | None, beside_s: float, returns: int) -> float:
     if known is None:
         return float(cap_ua)
     return_s = known.as_return_s(cap_ua)
     if return_s == 0.0:
         return _NO_BOUND_UA
-    return min(_NO_BOUND_UA, cap_ua * (1.0 + beside_s / return_s))
+    bound_ua = min(_NO_BOUND_UA, cap_ua * (1.0 + beside_s / return_s))
+    return min(bound_ua, float(cap_ua * returns)) if known.touches else bound_ua
