@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -26,9 +27,11 @@ PACKAGES = sorted(
 )
 
 
+@cache
 def marks(path: Path) -> list[str]:
     """What a file as a whole is marked as."""
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    text = path.read_text(encoding="utf-8")
+    for node in ast.parse(text).body if "pytestmark" in text else ():
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "pytestmark":
             return re.findall(r"pytest\.mark\.(\w+)", ast.unparse(node.value))
     return []

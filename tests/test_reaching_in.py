@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -119,6 +120,7 @@ def _is_ours(module: str) -> bool:
     return module.split(".")[0] in OURS
 
 
+@cache
 def reached() -> dict[str, set[str]]:
     found: defaultdict[str, set[str]] = defaultdict(set)
     for path in TESTS.rglob("test_*.py"):

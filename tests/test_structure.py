@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,10 +24,15 @@ def name(path: Path) -> str:
     return str(path.relative_to(CLONE))
 
 
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def imported(path: Path) -> set[str]:
     """The top-level names that a module imports, wherever in it the import stands."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name.partition(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
@@ -35,7 +41,7 @@ def imported(path: Path) -> set[str]:
 
 
 def docstring(path: Path) -> str:
-    return ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return ast.get_docstring(tree(path)) or ""
 
 
 def test_only_the_linux_package_knows_devices_and_clocks() -> None:
@@ -83,8 +89,8 @@ def test_no_module_is_named_after_nothing() -> None:
 
 
 def test_nothing_is_mocked() -> None:
-    found = {name(path): imported(path) & {"mock", "unittest"} for path in ALL_PYTHON}
-    assert {path: names for path, names in found.items() if names} == {}
+    mock = re.compile(r"^\s*(import|from) (mock|unittest)\b", re.MULTILINE)
+    assert [name(path) for path in ALL_PYTHON if mock.search(path.read_text("utf-8"))] == []
 
 
 @pytest.mark.parametrize("folder", ["config", "systemd"])

@@ -34,6 +34,8 @@ from etd.stabilize.shape import Shape
 from etd.stabilize.strength_duration import StrengthDuration
 from noisy_skin import NoisySkin, resistance_ohm
 
+pytestmark = pytest.mark.slow
+
 BURSTS = Bursts(pulses=6, rate_hz=350.0)
 TODAY = datetime.date(2025, 3, 4)
 NEXT_DAY = datetime.date(2025, 3, 5)

@@ -17,6 +17,8 @@ from engine_scenes import config, fully_open
 from etd.stabilize.settings import Settings
 from etd_hal.fake.faults import Fault, MisoStuck, SpiError, SpiShort, SpiStall
 
+pytestmark = pytest.mark.slow
+
 KAJIMOTO, RELAY = "kajimoto-hv507", "feetthrough-relay"
 ELECTRODES = {KAJIMOTO: 16, RELAY: 32}
 #: The electrode that is stimulated; where returns are named, those two.

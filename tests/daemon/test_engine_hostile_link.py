@@ -40,6 +40,8 @@ from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.shape import Shape
 from etd.stabilize.strength_duration import StrengthDuration
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 8
 ALL = (1_000,) * N

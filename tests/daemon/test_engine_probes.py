@@ -22,6 +22,8 @@ from etd.stabilize.settings import Settings
 from etd_hal.fake.faults import AdcNoise, Fault
 from trace_decoder import Phase, is_led, visits
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 #: Of the board file.

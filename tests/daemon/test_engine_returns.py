@@ -34,6 +34,8 @@ from etd_body.electrode import OPEN_CONTACT, Contact, load, skin
 from etd_body.minimal import MinimalBody
 from trace_decoder import Phase
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 DRY, WET = load(152_000), load(2_000)

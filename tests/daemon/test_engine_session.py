@@ -57,7 +57,7 @@ def test_the_same_person_is_not_asked_again(rig: EngineRig) -> None:
     ("before", "after", "said"),
     [
         ("P01", "P02", "another person or calibration than the session of P01"),
-        ("P01", None, "the person of the session of P01"),
+        ("P01", None, "the session of P01"),
         (None, "P01", "another person or calibration than the session of a lease without"),
         (None, None, "no calibration"),
     ],

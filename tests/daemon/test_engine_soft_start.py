@@ -29,6 +29,8 @@ from etd_hal.fake.faults import SpiError
 from rise_witness import Rise
 from trace_decoder import Phase
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 ALL = (3_000,) * N

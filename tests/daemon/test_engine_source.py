@@ -19,6 +19,8 @@ from etd_body.electrode import Contact
 from etd_hal.boardfile import Relays
 from etd_hal.fake.faults import AdcNoise, DacGain, DacOffset, DacStuck, Fault, LostSync
 
+pytestmark = pytest.mark.slow
+
 Armed = Callable[[str | LoadedConfig], EngineRig]
 BOARDS = names("boards")
 WITH_ONE_SHOT = "reference-hv507"

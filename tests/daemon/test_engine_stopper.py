@@ -26,6 +26,8 @@ from etd.engine.stopper import SILENT_NS
 from etd.protocol.link import ArmBoard, ClearHalt, CloseLease, DisarmBoard, KeepLease
 from etd_hal.fake.faults import SpiStall
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 REFERENCE, KIT, RELAYS = "reference-hv507", "kajimoto-hv507", "feetthrough-relay"
 BOARDS = [REFERENCE, KIT, RELAYS]
