@@ -54,7 +54,8 @@ class ReturnShare:
         self.least_s = [0.0] * count
         self.most_s = [math.inf] * count
         self._known_s = 0.0
-        self._best_s = 0.0
+        #: The best that was measured, and the best before a contact was lost.
+        self._best_s = self._best_before_s = 0.0
         #: The least own resistance, and the least path when it was found.
         self._own_ohm = [(-math.inf, 0.0)] * count
         self._is_changed = True
@@ -94,6 +95,10 @@ class ReturnShare:
             self._looked_ns[:] = [None] * self._electrodes
             self.least_s[:] = [0.0] * self._electrodes
             self._known_s = 0.0
+            # What moved one contact may have changed the others: their paths from before bound
+            # nothing any more. The best of them still stands for those that are unknown.
+            self._own_ohm = [(-math.inf, 0.0)] * self._electrodes
+            self._best_before_s = self._best_s
             self._is_changed, self._refresh_ns = True, 0
         self._touches[electrode] = False
 
@@ -166,7 +171,8 @@ class ReturnShare:
         for electrode, seen in enumerate(self._readings):
             if seen is not None and self._known_s > 0.0 and self._is_open(electrode, now_ns):
                 self._bound_own(electrode, seen.least_ohm, 1.0 / self._known_s)
-        self._best_s = max((1.0 / ohm for ohm, _ in self._own_ohm if ohm > 0.0), default=0.0)
+        best_s = max((1.0 / ohm for ohm, _ in self._own_ohm if ohm > 0.0), default=0.0)
+        self._best_s = max(best_s, self._best_before_s)
 
     def _bound_own(self, electrode: int, path_ohm: float, back_ohm: float) -> None:
         """By the way back as it is known now, or as it was before; the closer bound counts."""
@@ -190,12 +196,17 @@ class ReturnShare:
         return self._best_s / others_s
 
     def weights(self, now_ns: int) -> list[float]:
-        """By electrode: the most that it conducts, divided by the best that was measured."""
+        """By electrode: the most that it conducts, divided by the best that was measured. One that
+        touches counts for an equal part at least: it carries that until the capacitances of the
+        skin are charged (`return_caps.py`).
+        """
         best_s = self._best_s
         if best_s <= 0.0:
             return [1.0] * self._electrodes
+        equal_s = self._known_s / max(1, len(self._known))
         found = []
-        for electrode, most_s in enumerate(self.most_s):
+        for electrode, own_s in enumerate(self.most_s):
+            most_s = max(own_s, equal_s) if electrode in self._known else own_s
             is_read = self._readings[electrode] is not None
             weight = min(most_s / best_s, _WHOLE) if is_read else 1.0
             found.append(weight if self.is_known(electrode, now_ns) else max(1.0, weight))
