@@ -103,7 +103,8 @@ class SteppedClock:
             due_ns, _, action = heapq.heappop(self._actions)
             self._now_ns = max(self._now_ns, due_ns)
             action()
-        self._now_ns = max(self._now_ns, t_ns)
+        if self._now_ns < t_ns:
+            self._now_ns = t_ns
 
 
 class LiveClock:

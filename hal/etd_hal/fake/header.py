@@ -50,6 +50,10 @@ class Header:
         self._names = {line: name for name, line in self._line_of.items()}
         self._lines = Lines(self._levels_at_power_up())
         self._presses: list[tuple[int, int, int]] = []
+        #: The level that the board sees of a line whatever is driven; None: no change of it. As of
+        #: the faults' count of changes.
+        self._altered: dict[str, int | None] = {}
+        self._altered_at = -1
         timeline.before_call.append(self._follow_world)
 
     def _levels_at_power_up(self) -> dict[int, int]:
@@ -157,9 +161,13 @@ class Header:
     def _tell(self, t_ns: int, name: str, value: int, exempt: bool) -> None:
         level = value
         if self._faults.are_there:
-            if any(cut.name == name for cut in self._faults.of(LineCut)):
-                return
-            level = self._behind(name, self._stuck(name, value))
+            if self._altered_at != self._faults.changes:
+                self._find_altered()
+            if name in self._altered:
+                seen = self._altered[name]
+                if seen is None:
+                    return
+                level = seen
         if name in _SWITCH_LINES:
             if self._path.code and not exempt:
                 what = f"{name} changed with the DAC at code {self._path.code}"
@@ -179,14 +187,13 @@ class Header:
                 return fault.level
         return level
 
-    def _behind(self, name: str, level: int) -> int:
-        """What the board sees of a line."""
-        stuck = [
-            stuck_behind.level
-            for stuck_behind in self._faults.of(StuckBehind)
-            if stuck_behind.name == name
-        ]
-        return stuck[0] if stuck else level
+    def _find_altered(self) -> None:
+        """What is stuck beyond the pin counts before the pin, and a line that is cut before both."""
+        self._altered_at = self._faults.changes
+        pins, behind = self._faults.of(StuckLine), self._faults.of(StuckBehind)
+        self._altered = {fault.name: fault.level for fault in reversed(pins)}
+        self._altered |= {fault.name: fault.level for fault in reversed(behind)}
+        self._altered |= dict.fromkeys(cut.name for cut in self._faults.of(LineCut))
 
     def _is_safe_off(self, changes: Changes) -> bool:
         """All on ground and the supply off: the one call that may come while current flows."""

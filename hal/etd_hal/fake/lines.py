@@ -24,6 +24,8 @@ class Lines:
         self._requested: frozenset[int] = frozenset()
         self._consumer: str | None = None
         self._edges: list[Edge] = []
+        #: Calls of this request that were checked, in order: drivers repeat a few.
+        self._ascending: dict[Changes, list[tuple[int, int]]] = {}
 
     def request(self, setup: LineSetup) -> None:
         """Take the lines. Raises: BusError (`busy` while somebody holds one of them)."""
@@ -34,6 +36,7 @@ class Lines:
         if taken:
             held = f"line {taken[0]} is held by {self._consumer}"
             raise BusError("busy", _DEVICE, "request", held)
+        self._ascending.clear()
         self._outputs = frozenset(line for line, _ in setup.outputs)
         self._watched = frozenset(entry.line for entry in setup.inputs if entry.edges)
         self._requested = frozenset(wanted)
@@ -47,6 +50,7 @@ class Lines:
         return tuple(sorted(self._outputs))
 
     def release(self) -> None:
+        self._ascending.clear()
         self._outputs = self._watched = self._requested = frozenset()
         self._consumer = None
         self._edges.clear()
@@ -56,13 +60,17 @@ class Lines:
 
         Raises: BusError (`invalid` unless all are outputs of the request; nothing changed).
         """
+        ordered = self._ascending.get(changes)
+        if ordered is not None:
+            return ordered
         for line, value in changes:
             if line not in self._outputs:
                 detail = f"line {line} was not requested as an output"
                 raise BusError("invalid", _DEVICE, "set", detail)
             if value not in (0, 1):
                 raise BusError("invalid", _DEVICE, "set", f"line {line} cannot be {value}")
-        return sorted(changes)
+        ordered = self._ascending[changes] = sorted(changes)
+        return ordered
 
     def level(self, line: int) -> int:
         return self._levels.get(line, 0)

@@ -25,9 +25,14 @@ class Timeline:
 
     def start(self, t_ns: int) -> int:
         """When a call that comes at `t_ns` really starts: never before what already happened."""
-        t_ns = max(t_ns, self.now_ns)
+        # Comparisons: this is called for every line that changes, and `max` takes three times as
+        # long.
+        if t_ns < self.now_ns:
+            t_ns = self.now_ns
         for reached_ns in self.reached:
-            t_ns = max(t_ns, reached_ns())
+            own_ns = reached_ns()
+            if t_ns < own_ns:
+                t_ns = own_ns
         for follow in self.before_call:
             follow(t_ns)
         self.now_ns = t_ns
@@ -35,7 +40,8 @@ class Timeline:
 
     def end(self, t_ns: int) -> int:
         """The call is over at `t_ns`; its events go on file."""
-        self.now_ns = max(self.now_ns, t_ns)
+        if self.now_ns < t_ns:
+            self.now_ns = t_ns
         self._trace.write()
         return t_ns
 
