@@ -48,7 +48,7 @@ EXCEPTIONS = {
     "daemon/test_gateway_engine.py": {"gateway._engine", "_engine._channels", "gateway._sockets"},
     "daemon/test_gateway_streams.py": {"gateway._engine", "_engine._channels"},
     # A signal may come behind any step of a call, also within the fake.
-    "daemon/test_selftest_interrupted.py": {"*place"},
+    "models/test_selftest_interrupted.py": {"*place"},
     # What is published must fall with the model, and with the engine's softening.
     "daemon/test_explain.py": {"Membrane.step_response", "Membrane.final"},
     "models/test_steady_bodies.py": {"SoftStart.touched_again"},

@@ -188,7 +188,7 @@ class Header:
         return level
 
     def _find_altered(self) -> None:
-        """What is stuck beyond the pin counts before the pin, and a line that is cut before both."""
+        """Stuck beyond the pin counts before stuck at it, and a line that is cut before both."""
         self._altered_at = self._faults.changes
         pins, behind = self._faults.of(StuckLine), self._faults.of(StuckBehind)
         self._altered = {fault.name: fault.level for fault in reversed(pins)}

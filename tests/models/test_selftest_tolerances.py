@@ -17,8 +17,6 @@ from etd.selftest.subject import strongest_ua
 from etd_hal.fake.faults import AdcBitStuck, DacGain, Fault
 from selftest_rig import ARRAY, LOAD_OHM, bad, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 BOARDS = ("kajimoto-hv507", "etactilekit-hv513")
 #: They have their current paths from these, and take longer: one corner each.
 OTHERS = ("reference-hv507", "feetthrough-relay", "etactilekit-hv513-x2", "etactilekit-hv513-x8")

@@ -18,8 +18,6 @@ from etd_hal.fake.timeline import Timeline
 from selftest_cases import ALL, BARE, RELAY
 from selftest_rig import DATE, ChangedUnderstudy, SelftestRig, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 #: What a call goes through; a signal may come behind each of them.
 PLACES = [
     (MinimalBody, "_advance"),

@@ -15,8 +15,6 @@ from etd_hal.fake.faults import DacGain, Fault, GainAbove, Overshoot
 from selftest_cases import ALL, BARE, CASES, RELAY, Case, case_id, rig_of
 from selftest_rig import LOAD_OHM, SelftestRig, bad, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 #: Pulses are fired, and none of them can reach an electrode.
 NOTHING_FLOWS = {
     "the rail does not come, relays",

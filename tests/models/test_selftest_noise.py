@@ -7,8 +7,6 @@ import pytest
 from etd_hal.fake.faults import AdcNoise, Fault, LatchIgnored, OutputSeries
 from selftest_rig import LOAD_OHM, SECOND_OHM, bad, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay")
 #: Several times what a twelve-bit ADC of this kind has by itself.
 CODES = 1.5
