@@ -10,7 +10,7 @@ import datetime
 import re
 import tomllib
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -36,15 +36,29 @@ _KINDS = {
 
 def load_toml(path: Path, kind: type[T]) -> T:
     """Read `path` into `kind`. Raises: FileError, naming file, key, value and what is allowed."""
+    data = read_toml(path)
     try:
-        data = tomllib.loads(_text_of(path))
+        return convert(data, kind, str(path))
+    except RecursionError as error:
+        raise _too_deep(path) from error
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What the file says, unchecked. Raises: FileError, for all that is no TOML file."""
+    try:
+        return tomllib.loads(_text_of(path))
     except FileNotFoundError:
         raise FileError(str(path), "", "there is no such file", "name one that exists") from None
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(str(path), "", f"it cannot be read ({error})", "check it") from error
     except tomllib.TOMLDecodeError as error:
         raise FileError(str(path), "", f"it is not TOML ({error})", "correct the line") from error
-    return convert(data, kind, str(path))
+    except RecursionError as error:
+        raise _too_deep(path) from error
+
+
+def _too_deep(path: Path) -> FileError:
+    return FileError(str(path), "", "it is nested too deep", "see docs/files.md")
 
 
 def _text_of(path: Path) -> str:

@@ -228,6 +228,17 @@ def test_a_calibration_is_kept_given_back_and_opened(tmp_path: Path) -> None:
         assert [path.name for path in (rig.state_dir / "calibrations").iterdir()] == ["p01.toml"]
 
 
+def test_a_calibration_that_is_nested_too_deep_is_refused_and_the_gateway_goes_on() -> None:
+    with GatewayRig() as rig:
+        folder = rig.state_dir / "calibrations"
+        folder.mkdir(parents=True)
+        (folder / "deep.toml").write_text("x = " + "[" * 5_000, encoding="utf-8")
+        for request in ({"op": "calibration", "do": "get", "name": "deep"},
+                        {"op": "open", "client": "a", "calibration": "deep"}):  # fmt: skip
+            assert rig.call(**request)["error"] == "bad_calibration"
+        assert rig.call(op="calibration", do="list")["names"] == ["deep"]
+
+
 def test_a_calibration_is_deleted_and_a_shipped_one_stays(tmp_path: Path) -> None:
     shipped = Path(__file__).parents[2] / "config" / "calibrations"
     with GatewayRig(shipped_calibrations=shipped) as rig:

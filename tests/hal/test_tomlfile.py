@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -10,7 +11,7 @@ import pytest
 from msgspec import Meta
 
 from etd_hal.errors import FileError
-from etd_hal.tomlfile import convert
+from etd_hal.tomlfile import convert, load_toml
 
 
 class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -128,3 +129,15 @@ def test_a_key_that_is_wrong_or_missing_is_told_with_those_that_there_are(
 )
 def test_what_the_file_says_is_told_as_it_stands_there(content: dict[str, Any], said: str) -> None:
     assert refused(content).value == said
+
+
+@pytest.mark.parametrize(
+    "text", ["x = " + "[" * 5_000, "x = " + "{a=" * 5_000, "part" + ".a" * 2_000 + " = 1"]
+)
+def test_a_file_that_is_nested_too_deep_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(FileError) as told:
+        load_toml(path, Example)
+    assert told.value.file == str(path)
+    assert "nested" in told.value.value

@@ -54,6 +54,25 @@ def test_a_trace_that_cannot_be_written_is_told(
     assert "Traceback" not in told.err
 
 
+@pytest.mark.parametrize(
+    "verb",
+    [
+        ("run", "--config"),
+        ("selftest", "--config"),
+        ("safe", "--config"),
+        ("run", "--board", "fake", "--array"),
+    ],
+    ids=" ".join,
+)
+def test_a_file_that_is_nested_too_deep_is_told(rig: CommandRig, verb: tuple[str, ...]) -> None:
+    path = rig.folder / "deep.toml"
+    path.write_text("x = " + "[" * 5_000, encoding="utf-8")
+    told = rig.run(*verb, str(path))
+    assert told.status in (1, 2)
+    assert str(path) in told.err
+    assert "Traceback" not in told.err
+
+
 def test_a_runtime_folder_that_cannot_be_made_is_told(rig: CommandRig) -> None:
     rig.environment["XDG_RUNTIME_DIR"] = "/proc/nope"
     told = rig.run("run", "--board", "fake")

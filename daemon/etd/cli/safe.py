@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from etd_hal.backend import Backend
 from etd_hal.board import Board
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.compose import open_fake, open_linux_safe
+from etd_hal.tomlfile import read_toml
 
 NAME = "safe"
 HELP = "put the board into its safe state, without a daemon"
@@ -108,12 +108,10 @@ def _settings(args: argparse.Namespace) -> _Settings:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else str(error)
-        raise FileError(
-            str(path), "", f"it cannot be read ({why})", "name the board: --board and --machine"
-        ) from error
+        return read_toml(path)
+    except FileError as error:
+        allowed = "name the board: --board and --machine"
+        raise FileError(error.file, error.key, error.value, allowed) from error
 
 
 def _machine(settings: _Settings) -> MachineFile:

@@ -7,7 +7,6 @@ themselves (each kind's own module has them), how the answer is printed.
 from __future__ import annotations
 
 import codecs
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from etd.protocol.errors import EtdError
 from etd.stabilize.settings import Settings
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.errors import FileError
+from etd_hal.tomlfile import read_toml
 
 
 class Checked(msgspec.Struct, frozen=True, kw_only=True):
@@ -90,14 +90,7 @@ def _recognize_json(path: Path) -> tuple[str, Callable[[], Answer]]:
 
 def _recognize_toml(path: Path) -> tuple[str, Callable[[], Answer]]:
     """By the keys at the top, so that a file with a typo is still known for what it is."""
-    try:
-        keys = set(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(str(path), "", f"it cannot be read ({error})", "check it") from error
-    except tomllib.TOMLDecodeError as error:
-        raise FileError(str(path), "", f"it is not TOML ({error})", "correct the line") from error
-    except RecursionError as error:
-        raise FileError(str(path), "", "it is nested too deep", "see docs/files.md") from error
+    keys = set(read_toml(path))
     scores = {kind: len(keys & _own_keys(struct)) for kind, (struct, _) in _TOML_KINDS.items()}
     best = sorted(scores, key=lambda kind: scores[kind], reverse=True)
     if scores[best[0]] == scores[best[1]]:
