@@ -19,9 +19,9 @@ from etd.planning.plan import Planner
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.errors import CannotSelect
 from etd.protocol.frame import Frame
+from etd.pulse.request import NO_GAIN, MaxGain
 from etd.safety.limits import PersonLimits, limits_of_calibration
 from etd.safety.maxima import Maxima, maxima_of
-from etd.stabilize.pipeline import NO_GAIN, MaxGain
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.cost import CostModel
 from etd_hal.selection import Selection

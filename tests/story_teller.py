@@ -28,7 +28,8 @@ from etd.protocol.link import (
     OpenLease,
     StopNow,
 )
-from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
+from etd.pulse.request import MaxGain, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 from etd_hal.fake.faults import RailOff

@@ -24,8 +24,8 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
+from etd.pulse.request import PulseRequest
 from etd.safety.ledger import Booking, Entry, Ledger
-from etd.stabilize.pipeline import PulseRequest
 from etd_hal.board import Board, Pulse, PulseResult
 from etd_hal.ports import Clock
 from etd_hal.selection import Selection

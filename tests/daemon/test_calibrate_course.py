@@ -27,8 +27,8 @@ from etd.calibrate.stimulator import Delivered, NotDelivered
 from etd.calibrate.trial import Stopped, run
 from etd.protocol.calibration import Calibration, ElectrodeLimits, Method, check_order
 from etd.protocol.errors import FileError, HardwareMissing, Refused
+from etd.pulse.request import PulseRequest
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.pipeline import PulseRequest
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.shape import Shape
 from etd.stabilize.strength_duration import StrengthDuration

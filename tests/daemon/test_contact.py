@@ -6,8 +6,8 @@ import msgspec
 import pytest
 
 from engine_parts import board_file, body_site
+from etd.pulse.measured import MAX_AGE_NS
 from etd.sensing.contact import ContactMap
-from etd.stabilize.max_age import MAX_AGE_NS
 
 MS = 1_000_000
 SOFTEN_MS = 300

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine_parts import board_file
+from etd.pulse.request import SHORTEST_US, PulseRequest
 from etd.stabilize.bursts import Bursts, groups
-from etd.stabilize.pipeline import SHORTEST_US, ElectrodeEstimate, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings, check_settings, pipeline
 from etd.stabilize.strength_duration import StrengthDuration, strength

@@ -12,7 +12,8 @@ import pytest
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, armed, config, fully_open, halts, longest_gap_ns, moves, shortfalls
 from etd.protocol.link import ArmBoard, DisarmBoard, StopNow
-from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
+from etd.pulse.request import MaxGain, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd_hal.backend import Backend
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import SpiStall

@@ -21,7 +21,8 @@ from engine_scenes import (
     phases,
     shortfalls,
 )
-from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest, adapt_all
+from etd.pulse.request import MaxGain, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate, adapt_all
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,8 @@ import pytest
 
 from engine_rig import EngineRig
 from engine_scenes import config, fully_open, only, phases
-from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
+from etd.pulse.request import MaxGain, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 
 MakeRig = Callable[..., EngineRig]
 N = 16

@@ -14,7 +14,8 @@ from engine_scenes import calibration, clamps, config, only, open_calibrated, op
 from etd.files.body_site import BodySite, check_body_site
 from etd.files.configuration import LoadedConfig
 from etd.protocol.errors import Refused
-from etd.stabilize.pipeline import NO_GAIN, ElectrodeEstimate, MaxGain, PulseRequest
+from etd.pulse.request import NO_GAIN, MaxGain, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
 from etd.stabilize.strength_duration import StrengthDuration

@@ -17,8 +17,8 @@ from engine_rig import EngineRig
 from engine_scenes import calibration, clamps, config, only, open_calibrated, opened_to, phases
 from etd.planning.headroom import Headroom, PlanRules
 from etd.protocol.calibration import Calibration
+from etd.pulse.request import NO_GAIN, PulseRequest
 from etd.safety.limits import Path, PersonLimits, clamp_to_limits
-from etd.stabilize.pipeline import NO_GAIN, PulseRequest
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
 from etd.stabilize.strength_duration import StrengthDuration

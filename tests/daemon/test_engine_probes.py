@@ -16,8 +16,9 @@ import engine_rig
 from engine_rig import LEASE, EngineRig
 from engine_scenes import calibration, config, only, open_calibrated, phases
 from etd.protocol.link import MeasureContact
+from etd.pulse.request import NO_GAIN, SHORTEST_US, PulseRequest
 from etd.stabilize.contact import ContactSettings
-from etd.stabilize.pipeline import NO_GAIN, SHORTEST_US, ElectrodeEstimate, PulseRequest, Stabilizer
+from etd.stabilize.pipeline import ElectrodeEstimate, Stabilizer
 from etd.stabilize.settings import Settings
 from etd_hal.fake.faults import AdcNoise, Fault
 from trace_decoder import Phase, is_led, visits

@@ -14,7 +14,7 @@ from engine_oracle import Oracle
 from etd.files.body_site import SiteMaxima
 from etd.planning.plan import PHASES
 from etd.protocol.frame import Ring
-from etd.stabilize.pipeline import PulseRequest
+from etd.pulse.request import PulseRequest
 from story_teller import Setting, Teller
 from trace_rules import violations
 

@@ -16,10 +16,10 @@ from engine_rig import LEASE, EngineRig
 from engine_scenes import fully_open, only, phases
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.link import KeepLease
+from etd.pulse.measured import MAX_AGE_NS
 from etd.stabilize.contact import ContactSettings
 from etd.stabilize.energy import EnergySettings
 from etd.stabilize.linear_law import LinearLawSettings
-from etd.stabilize.max_age import MAX_AGE_NS
 from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.settings import Settings
 from etd_body.electrode import OPEN_CONTACT, Contact, skin

@@ -19,7 +19,8 @@ from engine_scenes import (
 )
 from etd.protocol.link import ArmBoard, CloseLease, DisarmBoard, EngineHello, OpenLease
 from etd.protocol.messages import Limits, RefusedReport
-from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
+from etd.pulse.request import MaxGain, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd_hal.fake.faults import SlowWords
 
 MakeRig = Callable[..., EngineRig]

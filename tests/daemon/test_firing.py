@@ -10,11 +10,11 @@ from charge_witness import even_skin
 from engine_parts import body_site
 from etd.firing import Firing, ReadyPulse
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
+from etd.pulse.request import PulseRequest
 from etd.safety.ledger import WINDOW_NS, Bounds, Entry, Ledger
 from etd.safety.maxima import maxima_of
 from etd.selftest.fixture import Fixture
 from etd.selftest.prober import Prober
-from etd.stabilize.pipeline import PulseRequest
 from etd_hal.fake.faults import Fault, MisoStuck, SpiError, SpiShort, SpiStall
 from etd_hal.ports import Clock
 from selftest_rig import SelftestRig, selftest_rig

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from engine_parts import board_file
 from etd.protocol.calibration import ElectrodeLimits, resisted_as_skin
+from etd.pulse.measured import MAX_AGE_NS, MAX_SKIN_OHM, MIN_SKIN_OHM
 from etd.safety.conductance import BEFORE_END_US, EARLY_US
 from etd.sensing.impedance import ImpedanceMap, Samples
-from etd.stabilize.max_age import MAX_AGE_NS, MAX_SKIN_OHM, MIN_SKIN_OHM
 
 LEAK_OHM, COMPLIANCE_V = 66_000.0, 300.0
 

@@ -17,6 +17,7 @@ from engine_parts import (
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.errors import Refused
 from etd.protocol.messages import Limits
+from etd.pulse.request import PulseRequest
 from etd.safety.limits import (
     Path,
     clamp_to_limits,
@@ -25,7 +26,6 @@ from etd.safety.limits import (
     path_of,
 )
 from etd.safety.maxima import maxima_of
-from etd.stabilize.pipeline import PulseRequest
 
 HIGH = 10_000
 

@@ -22,7 +22,7 @@ from etd.protocol.messages import (
     Shown,
     StateReport,
 )
-from etd.stabilize.max_age import MAX_AGE_NS
+from etd.pulse.measured import MAX_AGE_NS
 from scripted_engine import engine_hello
 
 COMMANDS = (Path(__file__).parents[2] / "docs" / "commands.md").read_text(encoding="utf-8")

@@ -8,10 +8,10 @@ import pytest
 
 from engine_parts import board_file, body_site
 from engine_rig import EngineRig
+from etd.pulse.measured import MAX_AGE_NS
 from etd.sensing.contact import ContactMap
 from etd.sensing.impedance import ImpedanceMap, Samples
 from etd.sensing.pre_probe import PreProbe
-from etd.stabilize.max_age import MAX_AGE_NS
 from etd_hal.board import Pulse, PulseResult
 
 MakeRig = Callable[..., EngineRig]

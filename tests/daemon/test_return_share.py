@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from etd.pulse.measured import CONTACT_POLL_NS, MAX_AGE_NS
 from etd.safety.return_share import REFRESH_NS, ReturnShare
-from etd.stabilize.max_age import CONTACT_POLL_NS, MAX_AGE_NS
 from etd_body.electrode import Contact, load
 from path_readings import METER, exact, paths_ohm
 

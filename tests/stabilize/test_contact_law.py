@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from etd.protocol.messages import ContactState
+from etd.pulse.request import PulseRequest
 from etd.stabilize.contact import Contact, ContactSettings
-from etd.stabilize.pipeline import ElectrodeEstimate, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 
 MS = 1_000_000
 FRAME = PulseRequest(3_000, 100)

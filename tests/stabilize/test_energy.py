@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from etd.pulse.request import PulseRequest
 from etd.stabilize.energy import Energy, EnergySettings
-from etd.stabilize.pipeline import ElectrodeEstimate, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 
 LEAK_OHM = 66_000.0
 MS = 1_000_000

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from msgspec.structs import replace
 
-from etd.stabilize.pipeline import ElectrodeEstimate, PulseRequest
+from etd.pulse.request import PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.pressure import Pressure, PressureSettings
 
 MS = 1_000_000

@@ -7,7 +7,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etd.stabilize.max_age import MAX_AGE_NS
+from etd.pulse.measured import MAX_AGE_NS
 from etd.stabilize.slew import LONGEST_STEP_NS, SlewLimiter
 
 MS = 1_000_000

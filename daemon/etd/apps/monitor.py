@@ -22,7 +22,7 @@ from etd.protocol.messages import (
     Scan,
     StateReport,
 )
-from etd.stabilize.max_age import is_stale
+from etd.pulse.measured import is_stale
 
 #: One sign for each kind of contact, in the order of the legend.
 CONTACT_SIGNS: dict[ContactState, str] = {

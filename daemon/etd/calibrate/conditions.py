@@ -17,7 +17,7 @@ from etd.files.calibration import to_toml
 from etd.protocol.calibration import Calibration, Method
 from etd.protocol.errors import FileError, Refused
 from etd.protocol.frame import Polarity, Returns
-from etd.stabilize.pipeline import PulseRequest
+from etd.pulse.request import PulseRequest
 from etd.stabilize.shape import PLAIN, Shape
 
 #: A presentation ends well before its frame would expire.

@@ -15,12 +15,12 @@ from etd.firing import ReadyPulse, prepulse_of
 from etd.planning.schedule import DuePulse
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.messages import Clamp
+from etd.pulse.request import PulseRequest
 from etd.safety.ledger import Entry, Ledger
 from etd.safety.limits import clamp_to_limits
 from etd.safety.maxima import MaximaInForce
 from etd.safety.soft_start import SoftStart
 from etd.sensing.contact import ContactMap
-from etd.stabilize.pipeline import PulseRequest
 from etd_hal.board import Board
 
 

@@ -16,10 +16,10 @@ from etd.engine.stimulus_adapter import StimulusAdapter
 from etd.planning.schedule import DuePulse, Schedule
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.messages import Clamp
+from etd.pulse.measured import MAX_AGE_NS
+from etd.pulse.request import PulseRequest
 from etd.sensing.contact import ContactMap
 from etd.sensing.pre_probe import PreProbe
-from etd.stabilize.max_age import MAX_AGE_NS
-from etd.stabilize.pipeline import PulseRequest
 
 #: Where looks are wanted, each silent electrode has one in so long.
 _ALL_WITHIN_NS = MAX_AGE_NS * 4 // 5

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from etd.firing import Firing
 from etd.protocol.errors import BoardFault
+from etd.pulse.request import PulseRequest
 from etd.safety.maxima import MaximaInForce
-from etd.stabilize.pipeline import PulseRequest
 from etd_hal.board import Board
 
 PERIOD_NS = 1_000_000_000

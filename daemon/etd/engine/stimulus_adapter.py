@@ -14,17 +14,11 @@ from msgspec import structs
 from etd.engine.reporting import Reporter
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.calibration import Calibration
+from etd.pulse.request import PulseRequest
 from etd.sensing.contact import ContactMap
 from etd.sensing.impedance import ImpedanceMap, Samples
 from etd.stabilize.contact import Contact
-from etd.stabilize.pipeline import (
-    ElectrodeEstimate,
-    PulseRequest,
-    Stabilizer,
-    adapt_all,
-    higher,
-    max_gain_of,
-)
+from etd.stabilize.pipeline import ElectrodeEstimate, Stabilizer, adapt_all, higher, max_gain_of
 
 
 class PressureSource(Protocol):

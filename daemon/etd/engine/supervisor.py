@@ -22,12 +22,12 @@ from etd.protocol.calibration import Calibration
 from etd.protocol.errors import BoardFault, Refused
 from etd.protocol.link import Answer, LeaseEnded
 from etd.protocol.messages import Halt, SessionFacts, StateReport
+from etd.pulse.request import PulseRequest
 from etd.safety.lease import Lease
 from etd.safety.limits import PersonLimits
 from etd.safety.maxima import Maxima
 from etd.safety.session import Sessions, Subject
 from etd.safety.state import StateMachine
-from etd.stabilize.pipeline import PulseRequest
 from etd_hal.cost import CostModel
 
 

@@ -15,9 +15,9 @@ from msgspec.structs import replace
 from etd.files.array import Array
 from etd.files.body_site import BodySite
 from etd.protocol.errors import Refused
+from etd.pulse.request import NO_GAIN, MaxGain, PulseBounds, PulseRequest
 from etd.safety.limits import PersonLimits
 from etd.safety.maxima import PC_PER_NC, Maxima
-from etd.stabilize.pipeline import NO_GAIN, MaxGain, PulseBounds, PulseRequest
 
 
 @dataclass(frozen=True, slots=True)

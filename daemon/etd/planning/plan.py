@@ -25,8 +25,8 @@ from etd.protocol.calibration import (
 from etd.protocol.errors import CannotSelect, Refused
 from etd.protocol.frame import Frame, Polarity, Returns, Ring, per_electrode
 from etd.protocol.messages import Clamp, Shortfall
+from etd.pulse.request import PulseRequest
 from etd.safety.limits import Path, clamp_to_limits, path_of
-from etd.stabilize.pipeline import PulseRequest
 from etd_hal.cost import CostModel
 from etd_hal.selection import Selection
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from etd.files.array import Array
 from etd.planning.plan import Selector
 from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.pulse.request import PulseBounds, PulseRequest
 from etd.safety.limits import PersonLimits, path_of
 from etd.safety.maxima import Maxima
-from etd.stabilize.pipeline import PulseBounds, PulseRequest
 
 
 def probes_of(

@@ -24,8 +24,8 @@ import msgspec
 from etd.planning.plan import Plan
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.errors import Refused
+from etd.pulse.request import PulseRequest
 from etd.safety.maxima import Maxima
-from etd.stabilize.pipeline import PulseRequest
 
 #: Rounding of rates may leave a pulse this little short of due.
 _ALMOST = 1e-9

@@ -10,8 +10,8 @@ import msgspec
 from msgspec.structs import replace
 
 from etd.planning.headroom import pc_of
+from etd.pulse.request import PulseBounds, PulseRequest
 from etd.safety.limits import Path
-from etd.stabilize.pipeline import PulseBounds, PulseRequest
 from etd_hal.selection import Selection
 
 

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Polarity, Returns
-from etd.stabilize.max_age import MAX_SKIN_OHM, MIN_SKIN_OHM
+from etd.pulse.measured import MAX_SKIN_OHM, MIN_SKIN_OHM
 from etd.stabilize.shape import PLAIN, Shape
 from etd_hal.errors import FileError
 

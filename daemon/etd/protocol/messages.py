@@ -16,7 +16,7 @@ from msgspec import Meta
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode
 from etd.protocol.frame import Frame, Int64, Polarity
-from etd.stabilize.pipeline import ContactState as ContactState
+from etd.pulse.measured import ContactState as ContactState
 from etd.stabilize.shape import PLAIN, Shape
 
 VERSION = 1

@@ -18,8 +18,8 @@ import msgspec
 from etd.protocol.calibration import Calibration, check_order
 from etd.protocol.errors import FileError, Refused
 from etd.protocol.messages import Clamp, ClampReason, Limits
+from etd.pulse.request import PulseBounds, PulseRequest
 from etd.safety.maxima import Maxima
-from etd.stabilize.pipeline import PulseBounds, PulseRequest
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from etd.files import body_site
 from etd.files.body_site import BodySite
-from etd.stabilize.pipeline import SHORTEST_US
+from etd.pulse.request import SHORTEST_US
 from etd_hal.boardfile import BoardFile
 
 #: uA x us = pC: charge is an integer throughout.

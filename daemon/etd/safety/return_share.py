@@ -20,8 +20,8 @@ from __future__ import annotations
 import math
 from collections import deque
 
+from etd.pulse.measured import CONTACT_POLL_NS, MAX_AGE_NS, is_stale
 from etd.safety.conductance import PathMeter, Reading, own_bounds
-from etd.stabilize.max_age import CONTACT_POLL_NS, MAX_AGE_NS, is_stale
 
 #: The shortest time between two readings of a path, and between two updates of what follows from
 #: them; the second number holds where an electrode has become known or unknown.

@@ -23,11 +23,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from etd.firing import Firing, ReadyPulse
+from etd.pulse.request import PulseRequest
 from etd.safety.ledger import Bounds, Entry, Ledger
 from etd.safety.maxima import PC_PER_NC, maxima_of
 from etd.selftest.fixture import Fixture
 from etd.selftest.report import ProbeBound
-from etd.stabilize.pipeline import PulseRequest
 from etd_hal.board import PulseResult
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.errors import BoardFault, CannotSelect, GuardRefusal

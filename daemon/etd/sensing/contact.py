@@ -7,7 +7,7 @@ hardware beyond its constants.
 With nothing connected the node rises to I x leak, or to the compliance: the open-circuit signature.
 A touched electrode holds it well below. Both thresholds are fractions of that signature, from the
 body-site file. The contact of an electrode is unknown before its first pulse, and again without a
-pulse for MAX_AGE_NS (`etd.stabilize.max_age`): the finger may have left and come back. An electrode
+pulse for MAX_AGE_NS (`etd.pulse.measured`): the finger may have left and come back. An electrode
 found open stays open until a measurement shows contact; less current is sent meanwhile.
 
 States: `open`; `soft`, for a while after a contact was made anew (after an open or unknown one) or
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from etd.files.body_site import SiteContact
 from etd.protocol.messages import ContactState
-from etd.stabilize.max_age import CONTACT_POLL_NS, MAX_AGE_NS
+from etd.pulse.measured import CONTACT_POLL_NS, MAX_AGE_NS
 from etd_hal.boardfile import Source
 
 #: Fractions of the compliance: above the first a pulse was not delivered, below the second it was.

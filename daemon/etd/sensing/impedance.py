@@ -20,7 +20,7 @@ flickers. Flicker goes back and forth: an edge that comes off and lies down agai
 one down, which the contact law handles; it takes some 80 ms each way, so three reversals in a row
 come from the ADC [design]. A flickering value is accepted again after a second without a reversal.
 
-A resistance that no pulse has measured for MAX_AGE_NS (`etd.stabilize.max_age`) is unknown: the
+A resistance that no pulse has measured for MAX_AGE_NS (`etd.pulse.measured`) is unknown: the
 next pulse begins anew. Flicker is remembered, since it comes from the ADC rather than the skin.
 """
 
@@ -32,8 +32,8 @@ from typing import Literal
 
 import msgspec
 
+from etd.pulse.measured import MAX_SKIN_OHM, MIN_SKIN_OHM, is_stale
 from etd.safety.conductance import ASSUMED_TAU_US, BEFORE_END_US, EARLY_US
-from etd.stabilize.max_age import MAX_SKIN_OHM, MIN_SKIN_OHM, is_stale
 from etd_hal.boardfile import Source
 
 Quality = Literal["adc", "compliance", "implausible", "flicker"]

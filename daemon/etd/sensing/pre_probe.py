@@ -25,10 +25,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.pulse.measured import MAX_SKIN_OHM
+from etd.pulse.request import PulseRequest
 from etd.sensing.contact import PEELED, ContactMap
 from etd.sensing.impedance import ImpedanceMap
-from etd.stabilize.max_age import MAX_SKIN_OHM
-from etd.stabilize.pipeline import PulseRequest
 from etd_hal.board import Pulse, PulseResult
 
 #: A smaller rise has no effect before the pulse has confirmed it.

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from statistics import median
 
-from etd.stabilize.max_age import MAX_AGE_NS, is_stale
+from etd.pulse.measured import MAX_AGE_NS, is_stale
 from etd.stabilize.rejection import OnRejected
 
 #: The least number of electrodes with a pulse within a second.

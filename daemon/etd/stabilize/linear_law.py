@@ -34,7 +34,8 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
-from etd.stabilize.pipeline import ElectrodeEstimate, PulseRequest
+from etd.pulse.request import PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.ratio_tracker import RatioTracker
 from etd.stabilize.rejection import OnRejected, ignore_rejection
 from etd.stabilize.rounding import as_charge

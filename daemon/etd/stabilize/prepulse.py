@@ -22,7 +22,8 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
-from etd.stabilize.pipeline import NO_GAIN, SHORTEST_US, ElectrodeEstimate, MaxGain, PulseRequest
+from etd.pulse.request import NO_GAIN, SHORTEST_US, MaxGain, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 
 
 class Prepulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

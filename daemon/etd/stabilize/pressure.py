@@ -20,7 +20,8 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
-from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain, PulseRequest
+from etd.pulse.request import MaxGain, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.slew import SlewLimiter
 
 

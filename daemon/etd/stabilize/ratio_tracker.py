@@ -6,7 +6,8 @@ a law makes of a resistance, which part of a pulse it changes, limits.
 
 from __future__ import annotations
 
-from etd.stabilize.pipeline import ElectrodeEstimate, MaxGain
+from etd.pulse.request import MaxGain
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.plausibility import Plausibility
 from etd.stabilize.reference import References
 from etd.stabilize.rejection import OnRejected

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from etd.stabilize.pipeline import PulseRequest, stepped_up_us
+from etd.pulse.request import PulseRequest, stepped_up_us
 
 
 def held_us(request: PulseRequest, exact_us: float, min_width_us: int, max_widening: float) -> int:

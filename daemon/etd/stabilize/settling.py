@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from etd.stabilize.max_age import MAX_AGE_NS
+from etd.pulse.measured import MAX_AGE_NS
 from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.reference import BEND_UA
 from etd.stabilize.slew import SlewLimiter

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import msgspec
 
+from etd.pulse.request import PulseRequest
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.pipeline import PulseRequest
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.strength_duration import StrengthDuration
 

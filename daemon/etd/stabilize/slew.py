@@ -7,7 +7,7 @@ A factor is knowledge too: when nobody has asked for longer than it is believed,
 
 from __future__ import annotations
 
-from etd.stabilize.max_age import is_stale
+from etd.pulse.measured import is_stale
 
 #: Between two pulses no more than this counts: a pause must not show as a step.
 LONGEST_STEP_NS = 100_000_000

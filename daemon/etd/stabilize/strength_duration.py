@@ -23,7 +23,8 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
-from etd.stabilize.pipeline import SHORTEST_US, ElectrodeEstimate, MaxGain, PulseRequest
+from etd.pulse.request import SHORTEST_US, MaxGain, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate
 
 
 def strength(width_us: float, tau_us: float) -> float:

@@ -14,6 +14,10 @@ between.
 
 from __future__ import annotations
 
+from typing import Literal
+
+ContactState = Literal["unknown", "open", "soft", "closed", "saturated", "shorted"]
+
 MAX_AGE_NS = 1_000_000_000
 #: Time between contact polls: two fit into MAX_AGE_NS, so that one may be missed.
 CONTACT_POLL_NS = 500_000_000

@@ -1,0 +1,135 @@
+"""A requested pulse, the bounds of a frame for it, and how far a stabilizer may go beyond.
+
+Owns: these three, and the steps of a width. Must not know: who requests it, limits, hardware.
+"""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+
+#: No pulse is shorter.
+SHORTEST_US = 20
+#: Widths are requested in steps of this: prepared pulses stay few, and a width is compared with the
+#: same width before (`safety/return_share.py`).
+WIDTH_STEP_US = 5
+
+
+class PulseRequest(msgspec.Struct, frozen=True, gc=False):
+    """A requested pulse, and its prepulse, if any.
+
+    To change a part and keep the others: `msgspec.structs.replace`.
+    """
+
+    current_ua: int
+    width_us: int
+    #: Directly before the pulse, in the same message, the same way; both 0: none.
+    prepulse_ua: int = 0
+    prepulse_us: int = 0
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether it is a pulse; anything else is an error of the stabilizer."""
+        return (
+            self.current_ua >= 0
+            and self.width_us >= SHORTEST_US
+            and 0 <= self.prepulse_ua <= self.current_ua
+            and self.prepulse_us >= 0
+        )
+
+    @property
+    def whole_us(self) -> int:
+        """Both steps together."""
+        return self.width_us + self.prepulse_us
+
+    @property
+    def charge_pc(self) -> int:
+        """The charge of both steps."""
+        return self.current_ua * self.width_us + self.prepulse_ua * self.prepulse_us
+
+    def current_of(self, charge_pc: int) -> int:
+        """The current, in uA, at which both steps together have this charge and no more."""
+        if not self.current_ua or not self.prepulse_us:
+            return charge_pc // self.width_us
+        return charge_pc * self.current_ua // self.charge_pc
+
+    def not_above(self, other: PulseRequest) -> PulseRequest:
+        """This request with no part above the other's."""
+        return PulseRequest(
+            min(self.current_ua, other.current_ua),
+            min(self.width_us, other.width_us),
+            min(self.prepulse_ua, other.prepulse_ua),
+            min(self.prepulse_us, other.prepulse_us),
+        )
+
+    def at(self, current_ua: int) -> PulseRequest:
+        """The same at a lower current: the prepulse falls with it."""
+        if current_ua == self.current_ua:
+            return self
+        prepulse_ua = self.prepulse_ua * current_ua // max(1, self.current_ua)
+        return PulseRequest(current_ua, self.width_us, prepulse_ua, self.prepulse_us)
+
+
+class MaxGain(msgspec.Struct, frozen=True):
+    """The largest factors of a stabilizer on a frame's pulse; 1: no more than the frame's."""
+
+    current: float = 1.0
+    width: float = 1.0
+    charge: float = 1.0
+
+    def then(self, other: MaxGain) -> MaxGain:
+        """The factors of two stabilizers in a row."""
+        return MaxGain(
+            self.current * other.current, self.width * other.width, self.charge * other.charge
+        )
+
+
+NO_GAIN = MaxGain()
+
+
+class PulseBounds(msgspec.Struct, frozen=True, gc=False):
+    """The bounds of a frame for an electrode: no stabilizer's request goes beyond.
+
+    `cap_us` is the width that a cap's current is taken for: the frame's, or that of the pulses that
+    the cap was accepted with, if it is less. `width_us` is how wide its slot in the scan is, beside
+    the `prepulse_us` that the body site leaves for a prepulse. `cap_led_part`: of a cap's current,
+    what led into the pulses that it was accepted with; 0: they were plain ones. Current and charge
+    are clamped, and reported, together with the limits (`safety/limits.py`).
+    """
+
+    current_ua: int
+    cap_us: int
+    width_us: int
+    charge_pc: int
+    prepulse_us: int = 0
+    cap_led_part: float = 0.0
+
+    def capped_pc(self, cap_ua: float) -> int:
+        """The charge of a cap, with the prepulse of the pulses it was accepted with."""
+        return int(cap_ua * self.cap_us) + int(cap_ua * self.cap_led_part) * self.prepulse_us
+
+    def not_above(self, other: PulseBounds) -> PulseBounds:
+        """These bounds, current, width and charge not above the other's."""
+        return msgspec.structs.replace(
+            self,
+            current_ua=min(self.current_ua, other.current_ua),
+            width_us=min(self.width_us, other.width_us),
+            charge_pc=min(self.charge_pc, other.charge_pc),
+        )
+
+    def in_slot(self, request: PulseRequest) -> PulseRequest:
+        """The request with no step wider than its slot."""
+        if request.width_us <= self.width_us and request.prepulse_us <= self.prepulse_us:
+            return request
+        return PulseRequest(
+            request.current_ua,
+            min(request.width_us, self.width_us),
+            request.prepulse_ua,
+            min(request.prepulse_us, self.prepulse_us),
+        )
+
+
+def stepped_up_us(width_us: float) -> int:
+    """The step at or above."""
+    return math.ceil(width_us / WIDTH_STEP_US - 1e-9) * WIDTH_STEP_US
