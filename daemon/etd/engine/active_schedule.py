@@ -81,11 +81,6 @@ class ActiveSchedule:
 
     # --- the scan under way ------------------------------------------------------------------
 
-    @property
-    def is_interrupted(self) -> bool:
-        """Whether the scan under way has lost its schedule: nothing more of it may be fired."""
-        return self.scanning is not None and self.scanning is not self.schedule
-
     def begin_scan(self, schedule: Schedule, now_ns: int) -> None:
         """Begins a scan of `schedule`."""
         frame = schedule.plan.frame

@@ -85,9 +85,14 @@ class Engine:
         """The life of a pulse, in its order."""
         due, self._follow_up = self._follow_up, None
         if due is None:
-            due = self._sequencer.next_due(self._poll())
-        if due is None:
-            return
+            now_ns = self._poll()
+            if self._sequencer.holds(now_ns):
+                return
+            due = self._sequencer.next_due()
+            if due is None:
+                if self._sequencer.go_on():
+                    self._check_source()
+                return
         parts, board = self.components, self.components.board
         scheduled, is_connected = due.scheduled, due.after is not None
         asked_ns, ceiling_ua = self._polled_ns, self._ceiling_ua
@@ -131,6 +136,14 @@ class Engine:
         elif active.schedule is not None:
             self._ceiling_ua = parts.soft_start.due(now_ns)
         return now_ns
+
+    def _check_source(self) -> None:
+        """Raises: BoardFault, for a source that makes another current than it is told; BusError and
+        GuardRefusal.
+        """
+        fault = self.components.source_check.check(self.components.clock.now_ns())
+        if fault is not None:
+            raise fault
 
     def _cleared(self, due: DuePulse, ceiling_ua: int, now_ns: int) -> Cleared | None:
         """The pulse that may be fired now; its probe first, where it has one."""

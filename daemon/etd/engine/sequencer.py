@@ -1,7 +1,8 @@
 """Which pulse is due next, and what happens where none is: waits, pauses, the end of a scan.
 
 Owns: the way through scans and measurements, from the schedule's next pulse to the call that waits
-for it. Must not know: how much of a pulse may be fired, what a pulse measures, sockets.
+for it. `next_due` only looks; `holds` and `go_on` act. Must not know: how much of a pulse may be
+fired, what a pulse measures, sockets.
 """
 
 from __future__ import annotations
@@ -51,44 +52,59 @@ class Sequencer:
         self._is_pausing = False
         self._active.leave_scan()
 
-    def next_due(self, now_ns: int) -> DuePulse | None:
-        """None: no pulse is due yet; the call has waited, or begun or left a scan."""
-        schedule = self._active.scanning
+    def next_due(self) -> DuePulse | None:
+        """The next pulse of the scan or the measurement under way; it changes nothing. None: there
+        is none, and `go_on` is to be called.
+        """
+        schedule, power_up = self._active.scanning, self._supervisor.power_up
         if schedule is not None:
-            if schedule is self._active.schedule:
-                return self._next_of_scan(schedule, now_ns)
-            self._board.release()
-            self._active.leave_scan()
-            return None
-        power_up = self._supervisor.power_up
-        if power_up is not None and power_up.is_measuring:
-            return power_up.next_due()
-        self._poller.take_frames()
-        self._between_scans(self._clock.now_ns())
-        return None
+            return schedule.next_due() if schedule is self._active.schedule else None
+        return None if power_up is None else power_up.next_due()
 
-    def _next_of_scan(self, schedule: Schedule, now_ns: int) -> DuePulse | None:
+    def holds(self, now_ns: int) -> bool:
+        """Called before each pulse, after the poll. In a long scan it reads frames; it waits
+        between the pulses of a burst, and where the kernel would throttle the thread. True: it has
+        waited, or the scan was interrupted, and a poll is due first.
+        """
+        schedule = self._active.scanning
+        if schedule is None or schedule is not self._active.schedule:
+            return False
         if not self._is_pausing:
             if schedule.is_long(now_ns):
                 self._poller.take_frames_within()
-                if self._active.is_interrupted:
+                if schedule is not self._active.schedule:
                     # Frames are read with polls in between, and a poll may have ended the scan.
-                    return None
+                    return True
             if schedule.plan.pulses > 1 and self._wait_for_burst(schedule.earliest_ns(), now_ns):
-                return None
+                return True
+        return self._pauses(schedule, now_ns)
+
+    def _pauses(self, schedule: Schedule, now_ns: int) -> bool:
         pause_ns = self._clock.pause_until_ns(now_ns)
-        if pause_ns is not None:
-            if not self._is_pausing:
-                self._reporter.not_fired(None, "processor")
-            self._is_pausing = True
-            self._clock.sleep_until_ns(min(pause_ns, now_ns + _POLL_NS))
-            schedule.was_paused(self._clock.now_ns() - now_ns)
-            return None
-        self._is_pausing = False
-        due = schedule.next_due()
-        if due is None:
+        if pause_ns is None:
+            self._is_pausing = False
+            return False
+        if not self._is_pausing:
+            self._reporter.not_fired(None, "processor")
+        self._is_pausing = True
+        self._clock.sleep_until_ns(min(pause_ns, now_ns + _POLL_NS))
+        schedule.was_paused(self._clock.now_ns() - now_ns)
+        return True
+
+    def go_on(self) -> bool:
+        """Nothing is due: ends the scan under way, begins the next one, or waits. True: the source
+        is to be checked now, with nothing connected.
+        """
+        schedule = self._active.scanning
+        if schedule is None:
+            self._poller.take_frames()
+            return self._between_scans(self._clock.now_ns())
+        if schedule is self._active.schedule:
             self._wind_up(schedule)
-        return due
+        else:
+            self._board.release()
+            self._active.leave_scan()
+        return False
 
     def _wait_for_burst(self, earliest_ns: int, now_ns: int) -> bool:
         """True if the next pulse of a burst is not due yet; then some of the time is slept."""
@@ -97,31 +113,27 @@ class Sequencer:
         self._clock.sleep_until_ns(min(earliest_ns, now_ns + _POLL_NS))
         return True
 
-    def _between_scans(self, now_ns: int) -> None:
+    def _between_scans(self, now_ns: int) -> bool:
         power_up = self._supervisor.power_up
         if power_up is not None and self._supervisor.step_power_up(power_up, now_ns):
-            return
+            return False
         schedule, is_armed = self._active.schedule, self._supervisor.states.state == "ARMED"
         if is_armed and self._source_check.is_due(now_ns):
-            self._check_source(now_ns)
-            return
+            return True
         if schedule is None or not is_armed:
             self._doze_until(now_ns + TICK_NS)
-            return
-        if now_ns < schedule.next_ns:
+        elif now_ns < schedule.next_ns:
             self._wait_for(schedule.next_ns, now_ns + TICK_NS)
-            return
+        else:
+            self._begin_next()
+        return False
+
+    def _begin_next(self) -> None:
         if self._firing.has_drifted:
             self._calibrate_again()
         self._poller.poll_stop_levels()
         if self._active.schedule is not None:
             self._begin_scan(self._active.schedule)
-
-    def _check_source(self, now_ns: int) -> None:
-        """Raises: BusError, GuardRefusal, BoardFault."""
-        fault = self._source_check.check(now_ns)
-        if fault is not None:
-            raise fault
 
     def _wait_for(self, next_ns: int, tick_ns: int) -> None:
         """A scan begins on time; a poll between two scans may be late by half a tick."""
