@@ -49,7 +49,7 @@ def limits(draw: st.DrawFn) -> ElectrodeLimits:
     )
 
 
-TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+TEXT = st.text(st.characters(exclude_categories=["Cc", "Cf", "Cs", "Zl", "Zp"]), max_size=20)
 #: The last one is for the four electrodes of `CALIBRATIONS`.
 RETURNS = st.one_of(
     st.just("all"),

@@ -250,6 +250,7 @@ def test_safe_needs_the_hal_and_the_standard_library_only() -> None:
         "etd.files",
         "etd.protocol",
         "etd.protocol.errors",
+        "etd.protocol.text",
         "etd.files.resources",
         "etd.version",
     }

@@ -14,6 +14,7 @@ import zmq
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from etd.protocol.link import Alive
 from etd.protocol.messages import MAX_MESSAGE_BYTES
 from gateway_rig import GatewayRig
 
@@ -111,6 +112,26 @@ def test_what_is_no_request_is_refused_and_counted(rig: GatewayRig, data: bytes,
     assert (reply["ok"], reply["error"]) == (False, "bad_message")
     assert said in reply["reason"]
     assert rig.counter("malformed") == before + 1
+
+
+@pytest.mark.parametrize("unshown", ["\n", "\x1b[31m", "\x7f", "\x9b", "\u2028", "\u202e"])
+def test_text_that_forges_what_is_shown_is_refused_and_never_reaches_the_engine(
+    rig: GatewayRig, unshown: str
+) -> None:
+    limits = {"max_current_ua": 900, "width_us": 50}
+    for request in (
+        {"op": "stop", "client": f"x{unshown}etd main: ARMED"},
+        {"op": "stop", "client": f"x{unshown}"},
+        {"op": "open", "client": f"x{unshown}", "limits": limits},
+        {"op": "open", "client": "x", "calibration": f"x{unshown}"},
+        {"op": "calibration", "do": "get", "name": f"x{unshown}"},
+        {"op": "hello", f"x{unshown}": 1},
+    ):
+        rig.engine.heard.clear()
+        reply = rig.call(**request)
+        assert reply["error"] == "bad_message"
+        assert reply["reason"].isprintable()
+        assert not [said for said in rig.engine.heard if not isinstance(said, Alive)]
 
 
 def test_the_electrode_is_a_field_of_the_refusal(rig: GatewayRig, lease: str) -> None:

@@ -40,6 +40,18 @@ def test_each_change_of_state_is_one_line_with_its_cause() -> None:
     ]
 
 
+def test_an_event_is_one_line_whatever_text_it_quotes() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    forged = "x\n\x1b[31metd main: ARMED"
+    halt = Halt(cause="stop", source=forged, detail="asked to stop", t_ns=1)
+    journal.state(report("HALTED", halt=halt))
+    journal.state(report("SAFE", last_disarm=forged, not_granted=(forged,)))
+    lines = lines_of(journal, stream)
+    assert len(lines) == 3
+    assert all(line.isprintable() for line in lines)
+
+
 def test_what_is_not_believed_is_told_once_while_a_board_is_live() -> None:
     stream = io.StringIO()
     journal = Journal("main", stream)

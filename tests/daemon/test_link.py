@@ -21,6 +21,7 @@ from etd.protocol.link import (
     KeepLease,
     Listener,
     NewFrame,
+    StopNow,
     ToEngine,
     ToGateway,
     command_path,
@@ -196,3 +197,12 @@ def test_a_socket_left_by_a_dead_engine_is_taken_over(tmp_path: Path) -> None:
     listener.close()
     for channel in mine:
         channel.close()
+
+
+@pytest.mark.parametrize("client", ["x\n", "x\x1b[31m", "\u2028"])
+def test_a_name_that_forges_what_is_shown_is_no_message(pair: Pair, client: str) -> None:
+    engine, gateway = pair
+    assert gateway.send(StopNow(client=client))
+    with pytest.raises(Undecodable) as told:
+        engine.receive()
+    assert told.value.reason.isprintable()

@@ -16,7 +16,7 @@ from msgspec import Meta
 from etd.files.calibration import to_toml
 from etd.protocol.calibration import Calibration, Method
 from etd.protocol.errors import FileError, Refused
-from etd.protocol.frame import Polarity, Returns
+from etd.protocol.frame import Name, Polarity, Returns
 from etd.pulse.request import PulseRequest
 from etd.stabilize.shape import PLAIN, Shape
 
@@ -34,7 +34,7 @@ _SAME_AS_BASELINE = (
 class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """All that a threshold depends on. `cap_ua` is the highest current that is presented."""
 
-    participant: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
+    participant: Name
     method: Method
     body_site: str
     array: str

@@ -21,6 +21,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from etd.protocol.errors import BusError, DaemonGone, EtdError, HardwareMissing, PartEnded, Refused
+from etd.protocol.text import escaped
 from etd.version import __version__
 
 VERBS = (
@@ -198,7 +199,7 @@ def _tell(error: EtdError | OSError, as_json: bool) -> None:
     if as_json:
         print(json.dumps({"ok": False, "error": code_of(error), "reason": _sentence(error)}))
     else:
-        print(f"etd: {_sentence(error)}", file=sys.stderr)
+        print(f"etd: {escaped(_sentence(error))}", file=sys.stderr)
 
 
 def _sentence(error: EtdError | OSError) -> str:

@@ -10,6 +10,7 @@ import json
 
 from etd.cli import options
 from etd.client import Display
+from etd.protocol.text import escaped
 
 NAME = "arm"
 HELP = "check the board, and enable the supply for the application that holds the lease"
@@ -36,5 +37,5 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"ok": True, "holder": holder}))
     else:
-        print(f"armed; {holder or 'no client'} drives")
+        print(f"armed; {escaped(holder or 'no client')} drives")
     return 0

@@ -13,6 +13,7 @@ from etd.cli import options
 from etd.client import Display
 from etd.protocol.errors import Refused
 from etd.protocol.messages import HelloReply, StateReport
+from etd.protocol.text import escaped
 
 NAME = "status"
 HELP = "show the daemon's state, board, missing guards and counters"
@@ -21,6 +22,9 @@ example:
   etd status          state, holder of the lease, board, absent guards, counters
   etd status --json   the same as one JSON object: {"ok", "status", "facts"}
 """
+
+#: A board's clock that is less behind than this is as good as the machine's.
+_SHOWN_LAG_US = 1_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(msgspec.json.encode({"ok": True, "status": report, "facts": facts}).decode())
     else:
-        print("\n".join(_lines(args.name, report, facts)))
+        print("\n".join(lines_of(args.name, report, facts)))
     return 0 if report.engine == "there" else 3
 
 
@@ -47,7 +51,8 @@ def _facts(display: Display) -> HelloReply | None:
         return None
 
 
-def _lines(name: str, report: StateReport, facts: HelloReply | None) -> list[str]:
+def lines_of(name: str, report: StateReport, facts: HelloReply | None) -> list[str]:
+    """The answer as it is printed; without facts while the engine is gone."""
     rows = [("daemon", f"{name}: {_state(report)}")]
     if facts is not None:
         rows += _rows_of_facts(facts)
@@ -62,6 +67,9 @@ def _lines(name: str, report: StateReport, facts: HelloReply | None) -> list[str
     ]
     if report.timeout_factor != 1:
         rows.append(("timeouts", f"{report.timeout_factor} times as long as on a real board"))
+    if report.clock_lag_us >= _SHOWN_LAG_US:
+        lag_ms = report.clock_lag_us // 1_000
+        rows.append(("clock", f"{lag_ms} ms behind the machine's (a fake board on a busy machine)"))
     if report.arming_refused:
         rows.append(("arm is refused", report.arming_refused))
     if report.last_disarm:
@@ -69,7 +77,7 @@ def _lines(name: str, report: StateReport, facts: HelloReply | None) -> list[str
     if report.counters:
         counts = ", ".join(f"{key} {count}" for key, count in sorted(report.counters.items()))
         rows.append(("counted", counts))
-    return [f"{label:14} {text}" for label, text in rows]
+    return [f"{label:14} {escaped(text)}" for label, text in rows]
 
 
 def _state(report: StateReport) -> str:

@@ -24,6 +24,7 @@ from etd.files.paths import (
     why_unreachable,
 )
 from etd.protocol.errors import DaemonGone, EtdError, Refused
+from etd.protocol.text import escaped
 
 NAME = "stop"
 HELP = "stop stimulation at once; it stays stopped until `etd clear`"
@@ -121,7 +122,7 @@ def _line(stopped: Stopped, called: str) -> str:
     if stopped.error is None:
         return f"{called}: silent, HALTED until `etd clear`"
     return (
-        f"{called}: NOT STOPPED: {stopped.error}\n"
+        f"{called}: NOT STOPPED: {escaped(stopped.error)}\n"
         "  Without a gateway the engine stops within 250 ms; without an engine nothing is fired.\n"
         "  If anything is still felt: press the hardware stop or unplug the supply, then run\n"
         f"  `systemctl stop etd-engine@{stopped.name}` and `etd safe --name {stopped.name}`."

@@ -33,6 +33,7 @@ from etd.protocol.messages import (
     StatusReply,
     Success,
 )
+from etd.protocol.text import escaped
 
 #: While a slow request is under way, the lease is renewed this often.
 KEEP_S = 0.3
@@ -80,7 +81,7 @@ class Session:
         _check_limits(calibration, max_current_ua, width_us)
         self.facts: HelloReply | None = None
         self.lease: str | None = None
-        self._client = client[:64] or "client"
+        self._client = escaped(client)[:64] or "client"
         self._calibration = calibration
         self._max_current_ua = max_current_ua
         self._width_us = width_us

@@ -19,6 +19,7 @@ from etd.files.array import ARRAY_FOR_COUNT, Array, array_for_count, check_fits,
 from etd.files.body_site import BodySite, load_body_site
 from etd.files.etactilekit import read_layout
 from etd.files.resources import Kind, find
+from etd.protocol.frame import Name
 from etd_hal.boardfile import GUARDS, BoardFile, MachineFile, load_board, load_machine
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import load_toml
@@ -63,7 +64,7 @@ class EtdConfig(_Strict, frozen=True):
     #: Refused while there are no keys.
     tcp: str | None = None
     #: Offered to clients as the calibration to open with.
-    default_calibration: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] | None = None
+    default_calibration: Name | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ import zmq
 
 from etd.protocol.errors import Refused
 from etd.protocol.messages import REPLY_OF_OP, FrameRequest, Id, Request
+from etd.protocol.text import PLAIN_PATTERN, escaped
 
 #: The order in which an error lists the ops.
 OPS = tuple(REPLY_OF_OP)
@@ -111,7 +112,9 @@ def _why_invalid(data: bytes, error: str) -> Refused:
     op = _op_of(data)
     if op is not None and op not in OPS:
         return Refused("unknown_op", f"there is no op {op!r:.40}; there are {', '.join(OPS)}")
-    what, _, path = error.partition(" - at `$.")
+    what, _, path = escaped(error).partition(" - at `$.")
+    if PLAIN_PATTERN in what:
+        what = "control characters, line breaks and marks of direction are not accepted in text"
     place = path.removesuffix("`")
     found = _PER_ELECTRODE.match(place)
     reason = f"{place}: {what[:1].lower()}{what[1:]}" if place else what

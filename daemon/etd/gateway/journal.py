@@ -19,6 +19,7 @@ from typing import TextIO
 from etd.gateway.lease import StandingLease
 from etd.protocol.link import EngineHello
 from etd.protocol.messages import StateReport
+from etd.protocol.text import escaped
 
 _QUEUE_LENGTH = 1_000
 #: Counters of the engine, each logged once it begins to count: measurements that are rejected, so
@@ -47,6 +48,13 @@ _EPISODE_NS = 10_000_000_000
 SUM_UP_NS = 10_000_000_000
 
 
+class _OneLine(logging.Formatter):
+    """An event is a single line, whatever text it quotes."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return escaped(super().format(record))
+
+
 class _Queue(logging.handlers.QueueHandler):
     """Drops what does not fit, and counts it."""
 
@@ -73,7 +81,7 @@ class Journal:
     def __init__(self, name: str, stream: TextIO = sys.stderr) -> None:
         room: queue.Queue[logging.LogRecord] = queue.Queue(_QUEUE_LENGTH)
         writing = logging.StreamHandler(stream)
-        writing.setFormatter(logging.Formatter(f"etd {name}: %(message)s"))
+        writing.setFormatter(_OneLine(f"etd {name}: %(message)s"))
         self._queue = _Queue(room)
         self._writer = _Writer(room, writing)
         self._log = logging.Logger("etd.journal", logging.INFO)

@@ -18,7 +18,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from etd.protocol.errors import Refused
-from etd.protocol.frame import Polarity, Returns
+from etd.protocol.frame import Name, PlainText, Polarity, Returns
 from etd.pulse.measured import MAX_SKIN_OHM, MIN_SKIN_OHM
 from etd.stabilize.shape import PLAIN, Shape
 from etd_hal.errors import FileError
@@ -47,15 +47,15 @@ class ElectrodeLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A person's electrodes under stated conditions (DESIGN section 7)."""
 
-    participant: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
-    body_site: str
-    array: str
+    participant: Name
+    body_site: PlainText
+    array: PlainText
     polarity: Polarity
     width_us: Annotated[int, Meta(ge=20, le=200)]
     rate_hz: Annotated[float, Meta(ge=0.1, le=200)]
     returns: Returns
     date: datetime.date
-    program: str
+    program: PlainText
     electrode: tuple[ElectrodeLimits, ...]
     #: How thresholds were found, and the number of pulses in a presentation.
     method: Method | None = None

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+from etd.protocol.text import escaped
 from etd_hal.errors import (
     BoardFault,
     BusError,
@@ -113,6 +114,7 @@ class Undecodable(EtdError):
 
     def __init__(self, reason: str) -> None:
         # The reason may quote the message, and stays in every state report.
+        reason = escaped(reason)
         self.reason = reason if len(reason) <= 200 else f"{reason[:200]} (cut short)"
         super().__init__(f"a message that could not be decoded: {self.reason}")
 

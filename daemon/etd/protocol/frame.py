@@ -1,7 +1,7 @@
 """A frame: the stimulation that a client requests.
 
-Owns: the fields of a frame with the bounds that hold everywhere, and what one value for all or N
-values means. Must not know: boards, states, time, sockets.
+Owns: the types of what clients send, a frame's fields with the bounds that hold everywhere, and
+what one value for all or N values means. Must not know: boards, states, time, sockets.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.protocol.errors import Refused
+from etd.protocol.text import NAME_PATTERN, PLAIN_PATTERN
 
 Polarity = Literal["anodic", "cathodic", "biphasic", "biphasic_cathodic_first"]
 
@@ -22,6 +23,10 @@ RateHz = Annotated[float, Meta(ge=0.1, le=200.0)]
 TtlMs = Annotated[int, Meta(ge=1, le=1_000)]
 #: Any number that a client chooses; larger ones cannot be sent to the engine.
 Int64 = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
+Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
+PlainText = Annotated[str, Meta(pattern=PLAIN_PATTERN)]
+#: As a client calls itself.
+ClientName = Annotated[str, Meta(max_length=64, pattern=PLAIN_PATTERN)]
 
 #: How long a frame without a ttl is shown.
 DEFAULT_TTL_MS = 200

@@ -22,7 +22,7 @@ from msgspec import Meta
 
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, Undecodable
-from etd.protocol.frame import Frame, Int64, Polarity
+from etd.protocol.frame import ClientName, Frame, Int64, Name, Polarity
 from etd.protocol.messages import (
     ArrayFacts,
     BoardFacts,
@@ -45,8 +45,9 @@ SILENCE_NS = 250_000_000
 #: A datagram is never larger: a frame of 256 electrodes with explicit returns fits.
 MAX_DATAGRAM_BYTES = 192 * 1024
 
-#: Client names and lease tokens, at the protocol's length, so that every report has room.
-Text64 = Annotated[str, Meta(max_length=64)]
+#: A lease's token. Its length, and that of a client's name, is bounded so that every report has
+#: room.
+Token = Annotated[str, Meta(max_length=64)]
 
 
 class _Message(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -66,23 +67,23 @@ class Alive(Command, frozen=True, kw_only=True):
 class OpenLease(Command, frozen=True, kw_only=True):
     """A new lease with the limits of the person; enters in SAFE only."""
 
-    lease: Text64
-    client: Text64
-    calibration_name: Text64 | None = None
+    lease: Token
+    client: ClientName
+    calibration_name: Name | None = None
     calibration: Calibration | None = None
     limits: Limits | None = None
 
 
 class KeepLease(Command, frozen=True, kw_only=True):
-    lease: Text64
+    lease: Token
 
 
 class CloseLease(Command, frozen=True, kw_only=True):
-    lease: Text64
+    lease: Token
 
 
 class DisarmBoard(Command, frozen=True, kw_only=True):
-    lease: Text64
+    lease: Token
 
 
 class ArmBoard(Command, frozen=True, kw_only=True):
@@ -94,15 +95,15 @@ class ClearHalt(Command, frozen=True, kw_only=True):
 
 
 class StopNow(Command, frozen=True, kw_only=True):
-    client: Text64
+    client: ClientName
 
 
 class MeasureContact(Command, frozen=True, kw_only=True):
-    lease: Text64
+    lease: Token
 
 
 class SetMark(Command, frozen=True, kw_only=True):
-    lease: Text64
+    lease: Token
     tag: Int64 | None = None
 
 

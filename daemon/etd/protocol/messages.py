@@ -15,7 +15,7 @@ from msgspec import Meta
 
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode
-from etd.protocol.frame import Frame, Int64, Polarity
+from etd.protocol.frame import ClientName, Frame, Int64, Name, Polarity
 from etd.pulse.measured import ContactState as ContactState
 from etd.stabilize.shape import PLAIN, Shape
 
@@ -30,7 +30,6 @@ MAX_TELEMETRY_HZ = 30
 MODELLED_HZ = 10
 
 Id = Annotated[str, Meta(max_length=64)] | Int64
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
 State = Literal["SAFE", "PROBE", "ARMED", "HALTED"]
 Lease = Annotated[str, Meta(max_length=64)]
 Topic = Literal["state", "scan", "contact", "refused", "halt", "modelled"]
@@ -61,13 +60,13 @@ class Status(_Request, frozen=True, tag="status"):
 class Stop(_Request, frozen=True, tag="stop"):
     """Silence at once; HALTED until `clear`. Needs nothing but access."""
 
-    client: Annotated[str, Meta(max_length=64)] = ""
+    client: ClientName = ""
 
 
 class Open(_Request, frozen=True, tag="open"):
     """Request the lease, with the limits of the stimulated person."""
 
-    client: Annotated[str, Meta(min_length=1, max_length=64)]
+    client: Annotated[ClientName, Meta(min_length=1)]
     calibration: Name | None = None
     limits: Limits | None = None
 

@@ -1,0 +1,24 @@
+r"""Text that crosses the protocol and is shown in logs and on terminals.
+
+Owns: which characters such text may have: others are refused where it comes in (the types are in
+`frame.py`), and escaped where it is shown. Must not know: who sends it, where it is shown.
+
+A line break would forge a line of the log, an escape sequence act on the terminal, and a mark of
+direction reorder what is read. The patterns hold in Python and in JSON Schema alike: in Python `$`
+alone would accept a line break at the end.
+"""
+
+from __future__ import annotations
+
+import re
+
+_UNSHOWN = r"\u0000-\u001f\u007f-\u009f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069"
+PLAIN_PATTERN = rf"^[^{_UNSHOWN}]*(?!\n)$"
+NAME_PATTERN = r"^[A-Za-z0-9_-]{1,32}(?!\n)$"
+
+_unshown = re.compile(f"[{_UNSHOWN}]")
+
+
+def escaped(text: str) -> str:
+    r"""The text with each such character as an escape: a line break becomes \n."""
+    return _unshown.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
