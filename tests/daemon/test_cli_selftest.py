@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import signal
 import subprocess
 import sys
@@ -56,6 +57,18 @@ def test_a_skip_is_status_1_and_says_what_to_do(
     report = load(state)
     assert report is not None
     assert not report.passed
+
+
+@pytest.mark.parametrize("board", ["kajimoto-hv507", "reference-hv507", "feetthrough-relay"])
+def test_a_fake_that_did_not_pass_is_told_the_command_that_passes(
+    board: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    test = ["selftest", "--board", f"fake:{board}", "--array", "pad-8", "--json"]
+    assert cli.main(test) == 1
+    refused = json.loads(capsys.readouterr().out)["arming_refused"]
+    command = refused[refused.index("etd selftest") : refused.index(", or remove")]
+    assert cli.main([*shlex.split(command)[1:], "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["arming_refused"] is None
 
 
 def test_with_json_the_answer_is_one_object_and_prompts_go_elsewhere(

@@ -20,7 +20,7 @@ from etd.files.configuration import LoadedConfig
 from etd.protocol.errors import FileError
 from etd.selftest.fixture import DummyLoad, Fixture, SelftestOptions
 from etd.selftest.ladder import largest_ohm
-from etd.selftest.report import Check, Report, save
+from etd.selftest.report import Check, Report, arming_refusal, save
 from etd.selftest.run import cut_short
 from etd.selftest.run import run as run_stages
 from etd.selftest.subject import strongest_ua
@@ -46,7 +46,8 @@ electrodes, and nothing else touches the array. The test then asks for the resis
 electrode in turn, and again with the second resistor. The daemon must not run. docs/bring-up.md
 describes the procedure.
 
-A board can be armed only after a self-test in which no check failed or was skipped.
+A board can be armed only after a self-test in which no check failed or was skipped. A fake board
+can be armed without any, but not after one that did not pass: use the loads of the last example.
 
 exit status: 0 all passed, 1 a check failed or was skipped, 2 wrong usage, or a file cannot be read
 or written, 3 the hardware is missing or in use
@@ -263,8 +264,14 @@ class _Operator:
 
 
 def _print_report(args: argparse.Namespace, report: Report, kept: Path) -> None:
+    refused = arming_refusal(kept, report.subject)
     if args.json:
-        answer = {"ok": report.passed, "kept": str(kept), "report": report}
+        answer = {
+            "ok": report.passed,
+            "kept": str(kept),
+            "arming_refused": refused,
+            "report": report,
+        }
         print(msgspec.json.encode(answer).decode())
         return
     bad = [check for check in report.checks if not check.is_good]
@@ -283,6 +290,8 @@ def _print_report(args: argparse.Namespace, report: Report, kept: Path) -> None:
         f"{subject.board} on {subject.machine} (backend: {subject.backend}): {passed};"
         f" report in {kept}"
     )
+    if refused is not None:
+        print(f"this board is not armed until it passes: {refused}")
 
 
 def _skipped(checks: list[Check]) -> dict[str, list[str]]:

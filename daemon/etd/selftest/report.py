@@ -186,9 +186,10 @@ def arming_refusal(path: Path, now: Subject) -> str | None:
     what = "it was cut short" if bad is None else f"{bad.title} ({bad.result}) {bad.measured}"
     remedy = f"correct that, then {_AGAIN}"
     if is_fake:
+        one_shot = "" if "one_shot" in report.absent_guards else " --one-shot-us 250"
         remedy = (
             f"for a fake run {_COMMAND} --board fake:{now.board} --array {now.array}"
-            " --dummy-load 47000 --second-load 10000 --load-electrodes 0,1, or remove"
+            f" --dummy-load 47000 --second-load 10000 --load-electrodes 0,1{one_shot}, or remove"
             f" {path}"
         )
     return f"the self-test of {report.date:%Y-%m-%d %H:%M} did not pass: {what.strip()}: {remedy}"
