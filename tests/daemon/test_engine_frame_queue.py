@@ -171,3 +171,29 @@ def test_what_one_look_leaves_after_a_stall_is_as_old_as_the_stall(make_rig: Mak
     rig.run_ms(60)
     assert phases(rig, since_ns) == []
     assert rig.state == "ARMED"
+
+
+def test_what_is_read_last_of_many_is_as_old_as_the_first_read(make_rig: MakeRig) -> None:
+    """On a machine that takes half a millisecond for each: no poll is late, but the last frame has
+    waited for 300 ms, and its ttl is 200 ms.
+    """
+    rig = make_rig(electrodes=N)
+    reading, gateway = flooded(rig, 0, small)
+    fully_open(rig, 600)
+    rig.run_ms(250)
+
+    def meanwhile() -> None:
+        rig.commands.send(Alive())
+        rig.clock.spend(MS // 2)
+
+    reading.meanwhile = meanwhile
+    for seq in range(1_000, 1_600):
+        assert rig.frames.send(frame(seq, ttl_ms=200))
+    since_ns = rig.clock.now_ns()
+    rig.run_ms(400)
+    assert phases(rig, since_ns) == []
+    assert rig.state == "ARMED"
+    rig.frames.send(frame(1_600, ttl_ms=200))
+    rig.run_ms(50)
+    assert phases(rig, since_ns) != []
+    gateway.close()

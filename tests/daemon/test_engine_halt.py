@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import pytest
@@ -15,11 +16,21 @@ from engine_scenes import (
     fully_open,
     halts,
     moves,
+    only,
     phases,
     states,
 )
-from etd.protocol.link import ArmBoard, ClearHalt, DisarmBoard, MeasureContact, OpenLease, StopNow
+from etd.protocol.link import (
+    ArmBoard,
+    ClearHalt,
+    DisarmBoard,
+    MeasureContact,
+    OpenLease,
+    StopNow,
+)
 from etd.protocol.messages import Limits
+from etd_hal.backend import Backend
+from etd_hal.ports import Changes, Edge, Gpio
 
 MakeRig = Callable[..., EngineRig]
 N = 16
@@ -177,6 +188,48 @@ def test_a_stop_line_in_probe_halts_and_the_arm_is_answered(make_rig: MakeRig, l
     assert line in answer.reason
     assert rig.state == "HALTED"
     assert moves(rig, "HV")[-1][1] == 0
+
+
+class WithoutEdges:
+    """Lines of which the kernel has lost every edge: their levels are as they are."""
+
+    def __init__(self, gpio: Gpio) -> None:
+        self._gpio = gpio
+        self.is_losing = False
+
+    def set(self, changes: Changes) -> None:
+        self._gpio.set(changes)
+
+    def get(self, line: int) -> int:
+        return self._gpio.get(line)
+
+    def edges(self) -> tuple[Edge, ...]:
+        found = self._gpio.edges()
+        return () if self.is_losing else found
+
+
+@pytest.mark.parametrize("line", ["emergency_stop", "wearer_stop"])
+def test_a_stop_line_whose_edge_was_lost_halts_before_the_next_scan(
+    make_rig: MakeRig, line: str
+) -> None:
+    lines: list[WithoutEdges] = []
+
+    def wrap(backend: Backend) -> Backend:
+        lines.append(WithoutEdges(backend.gpio))
+        return dataclasses.replace(backend, gpio=lines[0])
+
+    rig = armed(make_rig(REFERENCE, wrap=wrap))
+    rig.show(current_ua=only(64, e3=500, e40=500), rate_hz=20.0, ttl_ms=1_000)
+    rig.run_ms(60)
+    lines[0].is_losing = True
+    pressed_ns = rig.clock.now_ns()
+    rig.fake.world.press(line)  # type: ignore[arg-type]
+    assert len(phases(rig)) >= 4
+    rig.run_ms(51)
+    (halt,) = halts(rig)
+    assert (halt.cause, halt.source) == (line, line)
+    rig.run_ms(60)
+    assert phases(rig, pressed_ns) == []
 
 
 def test_a_press_that_is_over_at_once_still_halts(make_rig: MakeRig) -> None:

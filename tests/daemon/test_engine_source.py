@@ -16,8 +16,10 @@ from engine_scenes import config, first_fault, fully_open, halts, only, scans
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.files.resources import names
 from etd_body.electrode import Contact
+from etd_hal.backend import Backend
 from etd_hal.boardfile import Relays
 from etd_hal.fake.faults import AdcNoise, DacGain, DacOffset, DacStuck, Fault, LostSync
+from etd_hal.ports import Message, Spi
 
 pytestmark = pytest.mark.slow
 
@@ -166,6 +168,50 @@ def test_what_a_probe_has_left_in_the_skin_is_no_current(armed: Armed, board: st
     assert pulses_until_halted(rig) >= N
     assert rig.state == "ARMED"
     assert max(shown_probes_ua(rig)) > 0
+
+
+class Happens:
+    """A bus on which something happens right behind a message with current."""
+
+    def __init__(self, spi: Spi) -> None:
+        self._spi = spi
+        #: How many messages had current since `then` was set.
+        self.messages = 0
+        self.then: Callable[[], object] | None = None
+
+    def prepare(self, message: Message) -> None:
+        self._spi.prepare(message)
+
+    def transfer(self, message: Message) -> tuple[bytes, ...]:
+        received = self._spi.transfer(message)
+        if self.then is not None and any(part.tx.strip(b"\0") for part in message.transfers):
+            self.messages += 1
+            if self.messages == 1:
+                self.then()
+        return received
+
+
+@pytest.mark.parametrize("polarity", ["anodic", "cathodic"])
+def test_a_current_that_stands_since_the_probe_ends_in_the_pulse_behind_it(polarity: str) -> None:
+    """It does not pass for what the probe has left in the skin."""
+    buses: list[Happens] = []
+
+    def wrap(backend: Backend) -> Backend:
+        buses.append(Happens(backend.spi))
+        return replace(backend, spi=buses[0])
+
+    loaded = config("kajimoto-hv507", N)
+    probing = msgspec.structs.replace(loaded.body_site.stabilize, probe_first=True)
+    loaded = replace(loaded, body_site=msgspec.structs.replace(loaded.body_site, stabilize=probing))
+    rig = fully_open(engine_rig.make(loaded=loaded, wrap=wrap, is_traced=False), PULSE_UA)
+    buses[0].then = lambda: rig.fake.world.put_in(DacOffset(3_000))
+    assert pulses_until_halted(rig, polarity=polarity) == 0
+    assert first_fault(rig) == "BoardFault"
+    detail = halts(rig)[0].detail
+    assert "before the pulse at electrode 0, with the DAC at zero" in detail
+    assert buses[0].messages == 2, "the probe, and its pulse"
+    rig.fake.world.mend()
+    assert [text for text in rig.close() if "with the DAC at code" not in text] == []
 
 
 @pytest.mark.parametrize("polarity", ["anodic", "cathodic"])

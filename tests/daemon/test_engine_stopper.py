@@ -24,7 +24,7 @@ from engine_scenes import (
 )
 from etd.engine.stopper import SILENT_NS
 from etd.protocol.link import ArmBoard, ClearHalt, CloseLease, DisarmBoard, KeepLease
-from etd_hal.fake.faults import SpiStall
+from etd_hal.fake.faults import DacGain, SpiStall
 
 pytestmark = pytest.mark.slow
 
@@ -111,6 +111,32 @@ def test_a_command_in_the_same_look_hides_no_cut(way: type[DisarmBoard | CloseLe
     assert rig.state == "HALTED"
     assert halts(rig)[0].source == "stopper"
     assert_works_again(rig)
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_a_cut_is_a_halt_also_where_the_board_is_safe_again_before_the_next_poll(
+    board: str,
+) -> None:
+    """The check of the source stalls and tells a wrong gain, which ends the arming in SAFE. A cut
+    that were not seen there would keep the stopper from cutting ever again.
+    """
+    machine: dict[str, Any] = {"halt_excess_us": 5e6, "drift_us": 5e6}
+    rig = engine_rig.make(loaded=config(board, machine=machine))
+    rig.open()
+    if rig.engine.components.loaded.board.guards.wearer_stop != "absent":
+        rig.try_wearer_stop()
+    for fault in (DacGain(1.5), SpiStall(20_000)):
+        rig.fake.world.put_in(fault)
+    assert "with nothing connected" in rig.ask(ArmBoard).reason
+    rig.run_ms(5)
+    assert rig.state == "HALTED"
+    (halt,) = halts(rig)
+    assert halt.source == "stopper"
+    assert "cut off" in halt.detail
+    rig.fake.world.mend()
+    assert rig.ask(ClearHalt).error is None
+    assert not rig.engine.components.stopper.has_acted
+    assert rig.close() == ()
 
 
 # --- whether it looks -----------------------------------------------------------------------------

@@ -223,6 +223,27 @@ def test_a_board_that_does_not_become_safe_after_an_error_is_told_with_it() -> N
     scene.check_all()
 
 
+@pytest.mark.parametrize("board", [KAJIMOTO, RELAY])
+@pytest.mark.parametrize("stall_us", [250, 400])
+def test_a_check_with_nothing_connected_that_takes_too_long_is_a_fault(
+    board: str, stall_us: int
+) -> None:
+    scene = Scene(board)
+    live = scene.rig.board
+    live.discharge()
+    live.isolate()
+    given = PulseRequest(300, WIDTH_US // 2)
+    scene.rig.fake.world.put_in(SpiStall(stall_us))
+    if stall_us < HALT_EXCESS_US:
+        scene.firing.fire_unloaded(live.pulse(given.current_ua, given.width_us), given)
+    else:
+        with pytest.raises(BoardFault, match="with nothing connected"):
+            scene.firing.fire_unloaded(live.pulse(given.current_ua, given.width_us), given)
+    assert scene.booked_pc == 0
+    assert scene.rig.fake.dac_code == 0
+    scene.check_all()
+
+
 # --- what was not sent ----------------------------------------------------------------------------
 
 
