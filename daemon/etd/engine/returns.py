@@ -38,7 +38,7 @@ class Returns:
     def reset(self) -> None:
         """The supply was off: any contact may have changed."""
         self.share.reset()
-        self._caps = ReturnCaps(self._caps_ua, [None] * len(self._caps_ua))
+        self._take(ReturnCaps(self._caps_ua, [None] * len(self._caps_ua)))
         self._caps_when_probed: ReturnCaps | None = None
 
     # --- before a pulse --------------------------------------------------------------------------
@@ -50,8 +50,10 @@ class Returns:
         share, electrode = self.share, scheduled.electrode
         if share.refresh(now_ns):
             self._keep_in_step(now_ns)
-        return_ua, other = self._caps.of(electrode)
-        return scheduled.path.with_returns(return_ua, other), share.share(electrode)
+        path = self._paths.get(electrode)
+        if path is None:
+            path = self._paths[electrode] = scheduled.path.with_returns(*self._caps.of(electrode))
+        return path, share.share(electrode)
 
     def when_probed(self, path: Path) -> Path:
         """The path of a pulse through all others once every contact is measured anew and none is
@@ -95,9 +97,14 @@ class Returns:
 
     def _keep_in_step(self, now_ns: int) -> None:
         known = [self._known(electrode, now_ns) for electrode in self._electrodes]
-        self._caps = ReturnCaps(self._caps_ua, known)
+        self._take(ReturnCaps(self._caps_ua, known))
         self._caps_when_probed = self._caps if all(known) else None
         self._ledger.set_weights(self.share.weights(now_ns), now_ns)
+
+    def _take(self, caps: ReturnCaps) -> None:
+        self._caps = caps
+        #: By electrode, the caps on the path of its pulses through all others, until others hold.
+        self._paths: dict[int, Path] = {}
 
     def _known(self, electrode: int, now_ns: int) -> Known | None:
         share = self.share

@@ -77,19 +77,19 @@ class Sequencer:
                     return True
             if schedule.plan.pulses > 1 and self._wait_for_burst(schedule.earliest_ns(), now_ns):
                 return True
-        return self._pauses(schedule, now_ns)
-
-    def _pauses(self, schedule: Schedule, now_ns: int) -> bool:
         pause_ns = self._clock.pause_until_ns(now_ns)
         if pause_ns is None:
             self._is_pausing = False
             return False
+        self._pause(schedule, pause_ns, now_ns)
+        return True
+
+    def _pause(self, schedule: Schedule, pause_ns: int, now_ns: int) -> None:
         if not self._is_pausing:
             self._reporter.not_fired(None, "processor")
         self._is_pausing = True
         self._clock.sleep_until_ns(min(pause_ns, now_ns + _POLL_NS))
         schedule.was_paused(self._clock.now_ns() - now_ns)
-        return True
 
     def go_on(self) -> bool:
         """Nothing is due: ends the scan under way, begins the next one, or waits. True: the source
