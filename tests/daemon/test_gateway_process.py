@@ -47,6 +47,7 @@ def process(folder: Path) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(
         [sys.executable, "-c", _SCRIPT, str(folder)],
         stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
         env=environment,
     ) as running:
@@ -88,3 +89,27 @@ def test_a_killed_gateway_is_seen_by_its_engine_at_once(folder: Path) -> None:
         engine.step()
         assert not engine.is_connected
     engine.close()
+
+
+@pytest.mark.parametrize("is_asked", [True, False])
+def test_the_end_of_the_engine_is_logged_unless_the_daemon_was_asked_to_end(
+    folder: Path, is_asked: bool
+) -> None:
+    engine = ScriptedEngine(folder)
+    with process(folder) as running:
+        while not engine.alive:
+            engine.step()
+        # Stopped, it hears of both at once.
+        running.send_signal(signal.SIGSTOP)
+        if is_asked:
+            running.send_signal(signal.SIGTERM)
+        engine.close()
+        running.send_signal(signal.SIGCONT)
+        if not is_asked:
+            with Display(address=address_of(folder)) as display:
+                while display.status().engine == "there":
+                    pass
+            running.terminate()
+        _, log = running.communicate(timeout=WITHIN_S)
+    assert ("engine gone" in log) is not is_asked
+    assert log.splitlines()[-1] == "etd p: asked to end"

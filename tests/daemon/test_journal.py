@@ -29,6 +29,8 @@ def test_each_change_of_state_is_one_line_with_its_cause() -> None:
         report("SAFE"),
         report("ARMED"),
         report("HALTED", halt=halt),
+        report("SAFE", last_disarm="halted by stop: asked to stop"),
+        report("ARMED"),
         report("SAFE", last_disarm="lapsed"),
     ):
         journal.state(said)
@@ -36,8 +38,22 @@ def test_each_change_of_state_is_one_line_with_its_cause() -> None:
         "etd main: SAFE",
         "etd main: ARMED",
         "etd main: HALTED by stop (operator): asked to stop",
+        "etd main: SAFE: the halt was cleared",
+        "etd main: ARMED",
         "etd main: SAFE: lapsed",
     ]
+
+
+def test_what_was_not_granted_is_told_once_for_each_engine() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    for _ in range(2):
+        for state in ("SAFE", "ARMED", "SAFE"):
+            journal.state(report(state, not_granted=("no real time",)))
+        journal.engine_lost()
+    assert [line for line in lines_of(journal, stream) if "no real time" in line] == [
+        "etd main: no real time"
+    ] * 2
 
 
 def test_an_event_is_one_line_whatever_text_it_quotes() -> None:

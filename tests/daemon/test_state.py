@@ -90,9 +90,12 @@ def test_clearing_forgets_the_cause() -> None:
     assert machine.halt is None
 
 
-def test_a_refusal_in_halted_tells_the_cause() -> None:
-    with pytest.raises(Refused, match=r"stop \(asked to stop\)"):
+def test_a_refusal_in_halted_tells_the_cause_and_the_commands_in_their_order() -> None:
+    with pytest.raises(Refused) as told:
         machine_in("HALTED").need("ARMED")
+    reason = told.value.reason
+    assert all(said in reason for said in (HALT.cause, HALT.source, HALT.detail))
+    assert 0 < reason.find("`etd status`") < reason.find("`etd clear`")
 
 
 def test_what_needs_armed_is_told_to_arm() -> None:

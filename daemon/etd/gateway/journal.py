@@ -87,6 +87,8 @@ class Journal:
         self._log = logging.Logger("etd.journal", logging.INFO)
         self._log.addHandler(self._queue)
         self._state = ""
+        #: Of what was not granted, what this engine's log has already.
+        self._told: set[str] = set()
         self._rejections: set[str] = set()
         self._counted: dict[str, int] = {}
         #: When each reported sensor last had a problem.
@@ -122,11 +124,16 @@ class Journal:
     def engine_lost(self) -> None:
         self._state = ""
         self._silent_ns.clear()
-        self._log.error("engine gone: nothing is stimulated; a new engine starts in SAFE")
+        self._told.clear()
+        self._log.error("engine gone: nothing is stimulated, and no lease stands")
+
+    def asked_to_end(self) -> None:
+        self._log.info("asked to end")
 
     def state(self, report: StateReport) -> None:
-        """Log each change of state with its cause, each kind of rejected measurement once while
-        the board is live, and the beginning and end of each sensor's problems.
+        """Log each change of state with its cause, what was not granted once for each engine, each
+        kind of rejected measurement once while the board is live, and the beginning and end of each
+        sensor's problems.
         """
         if report.engine == "there":
             self._log_sensors(report)
@@ -136,16 +143,20 @@ class Journal:
             self._log_rejections(report.counters)
         if report.state == self._state:
             return
-        self._state = report.state
+        before, self._state = self._state, report.state
         if report.halt is not None:
             halt = report.halt
             self._log.error("HALTED by %s (%s): %s", halt.cause, halt.source, halt.detail)
+        elif before == "HALTED":
+            self._log.info("%s: the halt was cleared", report.state)
         elif report.state == "SAFE" and report.last_disarm:
             self._log.info("SAFE: %s", report.last_disarm)
         else:
             self._log.info("%s", report.state)
-        for sentence in report.not_granted if report.state == "SAFE" else ():
-            self._log.warning("%s", sentence)
+        for sentence in report.not_granted:
+            if sentence not in self._told:
+                self._told.add(sentence)
+                self._log.warning("%s", sentence)
 
     def _log_rejections(self, counters: dict[str, int]) -> None:
         for key, why in _REJECTED.items():

@@ -24,17 +24,16 @@ def run_gateway(
     `on_ready` is called once the sockets are bound. Raises: AlreadyRunning, FileError,
     HardwareMissing, before anything is served.
     """
-    asked_to_end: list[int] = []
-
-    def note(number: int, _: FrameType | None) -> None:
-        asked_to_end.append(number)
-
     gateway = Gateway(config, clock)
+
+    def note(_number: int, _frame: FrameType | None) -> None:
+        gateway.is_asked_to_end = True
+
     before = {ending: signal.signal(ending, note) for ending in _ENDINGS}
     try:
         if on_ready is not None:
             on_ready()
-        while not asked_to_end:
+        while not gateway.is_asked_to_end:
             gateway.step()
     finally:
         gateway.close()

@@ -56,6 +56,8 @@ class Gateway:
         operators = operator_uids(config.operators)
         prepare_runtime(config.runtime_folder)
         self._clock = clock
+        #: Then the engine's end is no event: as a rule it was asked as well.
+        self.is_asked_to_end = False
         self._lock = NameLock(config.runtime_folder, config.name)
         try:
             self._sockets = Sockets(config.runtime_folder)
@@ -102,6 +104,8 @@ class Gateway:
         self._engine.hang_up()
         self._sockets.close()
         self._lock.close()
+        if self.is_asked_to_end:
+            self._journal.asked_to_end()
         self._journal.close()
 
     def _wait(self, timeout_ms: int) -> None:
@@ -206,7 +210,7 @@ class Gateway:
             self._publisher.refused_stream(refusals, self._clock.now_ns())
 
     def _lose_engine(self, now_ns: int) -> None:
-        if self._engine.is_there:
+        if self._engine.is_there and not self.is_asked_to_end:
             self._journal.engine_lost()
         self._engine.hang_up()
         self._leases.reset()

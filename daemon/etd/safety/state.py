@@ -27,7 +27,9 @@ class StateMachine:
             return
         if self.halt is not None:
             raise Refused(
-                "halted", f"halted by {self.halt.cause} ({self.halt.detail}): look, then clear"
+                "halted",
+                f"halted by {self.halt.cause} ({self.halt.source}: {self.halt.detail}): see that"
+                " the cause is gone (`etd status` shows it), then run `etd clear`",
             )
         if allowed == ("ARMED",):
             raise Refused("not_armed", f"the state is {self.state}: arm first")
