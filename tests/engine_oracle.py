@@ -306,7 +306,7 @@ class Oracle:
         return self.states[place][0]
 
     def check_stops(self) -> None:
-        """After a stop line opened, the pulse under way is the last until the next way up."""
+        """After a stop line opened, the pulse under way is the last until the next power-up."""
         for pressed_ns in self.story.presses:
             after = [visit for visit in self.visits if visit.begun_ns > pressed_ns]
             if after and after[0].begun_ns > pressed_ns + self.story.bounds.slot_ns:

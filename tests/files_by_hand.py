@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from etd.files.pattern import Pattern, PatternFrame
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 CONFIG = REPOSITORY / "config"
 #: Real files of another kit; they lie beside the checkout and do not travel with it.
@@ -82,6 +84,27 @@ def kit_frame(pattern: list[int], **changes: object) -> list[dict[str, object]]:
 
 def kit_pattern(*frames: list[dict[str, object]]) -> str:
     return json.dumps({"Execution": True, "Simulation": True, "Pattern_Data": list(frames)})
+
+
+def pattern_to_json(pattern: Pattern) -> str:
+    """The file that `load_pattern` reads the same pattern from, one frame a line."""
+    frames = ",\n".join(f"    {json.dumps(_frame_in_file(frame))}" for frame in pattern.frames)
+    return f'{{"etd_pattern": 1, "electrodes": {pattern.electrodes}, "frames": [\n{frames}\n]}}\n'
+
+
+def _frame_in_file(frame: PatternFrame) -> dict[str, object]:
+    content: dict[str, object] = {"duration_ms": frame.duration_ms}
+    if frame.off_ms:
+        content["off_ms"] = frame.off_ms
+    if set(frame.level) <= {0.0, 1.0}:
+        content["active"] = frame.active
+    else:
+        content["level"] = frame.level
+    if frame.rate_hz is not None:
+        content["rate_hz"] = frame.rate_hz
+    if frame.polarity is not None:
+        content["polarity"] = frame.polarity
+    return content
 
 
 def write(folder: Path, name: str, text: str) -> Path:

@@ -147,7 +147,6 @@ def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int
         OpenLease,
         lease=engine_rig.LEASE,
         client="bench",
-        calibration_name="modelled",
         # It was made with plain pulses all the same: what narrow ones and prepulses change shows.
         calibration=msgspec.structs.replace(finger.calibration, shape=settings.shape),
     )

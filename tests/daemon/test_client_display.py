@@ -161,7 +161,7 @@ def test_the_daemons_default_calibration_is_what_opens_a_bare_display() -> None:
         d.set_calibration("me", calibration())
         d.arm()
         (opened,) = rig.engine.leases
-        assert opened.calibration_name == "me"
+        assert opened.calibration == calibration()
         assert d.calibrations() == ("me",)
         assert d.calibration("me") == calibration()
 

@@ -1,4 +1,4 @@
-"""The way up: what is checked, what is waited for, and how it ends when it is cut short."""
+"""The power-up: what is checked, what is waited for, and how it ends when it is cut short."""
 
 from __future__ import annotations
 

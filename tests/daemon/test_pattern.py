@@ -12,9 +12,18 @@ from hypothesis import strategies as st
 from etd.files.array import Array
 from etd.files.etactilekit import read_layout
 from etd.files.json_file import MAX_BYTES
-from etd.files.pattern import Pattern, PatternFrame, load_pattern, pattern_to_json
+from etd.files.pattern import Pattern, PatternFrame, load_pattern
 from etd.protocol.errors import FileError, PatternError
-from files_by_hand import ETACTILEKIT_DATA, LAYOUT, PATTERN, kit_frame, kit_pattern, spoiled, write
+from files_by_hand import (
+    ETACTILEKIT_DATA,
+    LAYOUT,
+    PATTERN,
+    kit_frame,
+    kit_pattern,
+    pattern_to_json,
+    spoiled,
+    write,
+)
 
 real_files = pytest.mark.skipif(
     not ETACTILEKIT_DATA.is_dir(), reason="the real files of that kit do not lie beside this clone"

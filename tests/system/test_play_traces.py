@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from etd.files.array import load_array
-from etd.files.pattern import Pattern, PatternFrame, load_pattern, pattern_to_json
+from etd.files.pattern import Pattern, PatternFrame, load_pattern
+from files_by_hand import pattern_to_json
 from trace_agreement import WIDTH_TOLERANCE_US, check_body, check_what_passes, is_look, one_code_ua
 from trace_decoder import Facts, Phase, Record, decode, read, visits
 from trace_rules import violations

@@ -26,9 +26,6 @@ class Notifier:
     def ready(self, status: str) -> None:
         self._send(f"READY=1\nSTATUS={status}")
 
-    def status(self, text: str) -> None:
-        self._send(f"STATUS={text}")
-
     def alive(self) -> None:
         """Feed the watchdog: at least twice in `watchdog_ns` (None: there is no watchdog)."""
         self._send("WATCHDOG=1")

@@ -1,13 +1,12 @@
 """Patterns: frames one after another, each for its time, for an array of so many electrodes.
 
-Owns: the project's own pattern file, its reader and writer, and the recognition of eTactileKit's.
+Owns: the project's own pattern file, its reader, and the recognition of eTactileKit's.
 Must not know: currents (a pattern says how strongly, relative to what the player is told), boards,
 the daemon.
 """
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -106,27 +105,6 @@ def pattern_of(data: object, mended: tuple[str, ...], file: str) -> tuple[Patter
     raise PatternError(
         file, None, "it is no pattern file: neither etd_pattern nor Pattern_Data is in it"
     )
-
-
-def pattern_to_json(pattern: Pattern) -> str:
-    """The file that `load_pattern` reads the same pattern from, one frame a line."""
-    frames = ",\n".join(f"    {json.dumps(_in_file(frame))}" for frame in pattern.frames)
-    return f'{{"etd_pattern": 1, "electrodes": {pattern.electrodes}, "frames": [\n{frames}\n]}}\n'
-
-
-def _in_file(frame: PatternFrame) -> dict[str, object]:
-    content: dict[str, object] = {"duration_ms": frame.duration_ms}
-    if frame.off_ms:
-        content["off_ms"] = frame.off_ms
-    if set(frame.level) <= {0.0, 1.0}:
-        content["active"] = frame.active
-    else:
-        content["level"] = frame.level
-    if frame.rate_hz is not None:
-        content["rate_hz"] = frame.rate_hz
-    if frame.polarity is not None:
-        content["polarity"] = frame.polarity
-    return content
 
 
 def _pattern(data: object, file: str) -> Pattern:

@@ -138,7 +138,6 @@ class ControlHandler:
             ref=self._pending.next_ref(),
             lease=token,
             client=request.client,
-            calibration_name=name,
             calibration=self._store.get(name, self._offers_shipped()) if name else None,
             limits=request.limits,
         )

@@ -87,8 +87,6 @@ class Schedule:
         self.expires_host_ns = expires_host_ns
         #: Whether a scan of it has begun.
         self.is_begun = False
-        #: Whether a scan of it is under way.
-        self.is_scanning = False
         self._turns: Sequence[_ScanSlot] = ()
         self._polls: Sequence[ScheduledPulse] | None = None
         self._polls_owed = 0
@@ -181,7 +179,7 @@ class Schedule:
         self.next_ns = (now_ns if late_ns > _LATE_NS else self.next_ns) + self.plan.period_ns
         self._turns, self._at = self._due_turns(), 0
         self._polls = None
-        self.is_begun = self.is_scanning = True
+        self.is_begun = True
 
     def _due_turns(self) -> list[_ScanSlot]:
         """The pulses of the scan that begins now, burst after burst."""
@@ -261,7 +259,6 @@ class Schedule:
         """Returns True if the scan ended too late for the next one, which then begins now; after a
         stall it begins a period from now, because electrodes may just have been fired.
         """
-        self.is_scanning = False
         late_ns = now_ns - self.next_ns
         if late_ns <= 0:
             return False

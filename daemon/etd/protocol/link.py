@@ -22,7 +22,7 @@ from msgspec import Meta
 
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, Undecodable
-from etd.protocol.frame import ClientName, Frame, Int64, Name, Polarity
+from etd.protocol.frame import ClientName, Frame, Int64, Polarity
 from etd.protocol.messages import (
     ArrayFacts,
     BoardFacts,
@@ -69,7 +69,6 @@ class OpenLease(Command, frozen=True, kw_only=True):
 
     lease: Token
     client: ClientName
-    calibration_name: Name | None = None
     calibration: Calibration | None = None
     limits: Limits | None = None
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from etd.protocol.calibration import Calibration
 
 #: An unused session ends after this time, and a test of the wearer's stop expires. Longer than the
-#: breaks of a study, shorter than a visit: afterwards there may be another person under the same
-#: file, and cable and button may have been moved.
+#: breaks of a study, shorter than a participant's appointment: afterwards there may be another
+#: person under the same file, and cable and button may have been moved.
 UNUSED_NS = 600_000_000_000
 _UNUSED_MINUTES = UNUSED_NS // 60_000_000_000
 

@@ -95,7 +95,7 @@ class SoftStart:
 
     def restart(self) -> None:
         """Called with every silence (the end of a lease is one), and once armed, since the probes
-        on the way up were fired like a frame's pulses.
+        of the power-up were fired like a frame's pulses.
         """
         self._array.restart()
         self._recontacts.clear()
