@@ -10,6 +10,7 @@ import platform
 import socket
 import statistics
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 from bench.modelled import CURRENT_UA, ELECTRODES, WIDTH_US, loaded_with, messages_of
@@ -30,6 +31,9 @@ _REST_US = 200
 _WORD_NS, _DELAY_NS, _MESSAGE_NS = 16_000, 300, 10_000
 #: What a touched electrode of a fingertip answers: about 10 V at 400 uA.
 ADC_CODES_PER_DAC_CODE = 112 / 163
+#: The check of the source is a third of a probe, 100 uA, with nothing connected; nothing else is
+#: below this code.
+_LOWEST_LOADED_CODE = 60
 #: Probes first need room as well.
 _RATE_HZ = 20.0
 #: Above those of the opening.
@@ -74,28 +78,48 @@ class FreeSpi:
     def __init__(self, clock: FreeClock) -> None:
         self._clock = clock
         self.begun_ns: list[int] = []
-        #: By message, as the engine prepares few: time and answer.
-        self._answers: dict[Message, tuple[int, tuple[bytes, ...]]] = {}
+        #: By message, as the engine prepares few: time, answer, and whether skin is in its way.
+        self._answers: dict[Message, tuple[int, tuple[bytes, ...], bool]] = {}
 
     def prepare(self, message: Message) -> None:
         pass
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
-        self.begun_ns.append(real_clock.now_ns())
         known = self._answers.get(message)
         if known is None:
-            known = self._answers[message] = (message_ns(message), answer(message))
+            of_skin = not is_unloaded(message)
+            known = self._answers[message] = message_ns(message), answer(message), of_skin
+        if known[2]:
+            self.begun_ns.append(real_clock.now_ns())
         self._clock.t_ns += known[0]
         return known[1]
 
 
-def answer(message: Message) -> tuple[bytes, ...]:
-    """A touched electrode holds the node in proportion to the current."""
-    words = [
+def codes_of(message: Message) -> list[int]:
+    """The DAC code of each word."""
+    return [
         int.from_bytes(transfer.tx, "big") >> 2 for transfer in message.transfers if transfer.tx
     ]
-    sample = (int(max(words) * ADC_CODES_PER_DAC_CODE) << 2).to_bytes(2, "big")
-    return (b"\0\0", *(sample,) * (len(words) - 1))
+
+
+def is_unloaded(message: Message) -> bool:
+    """Whether it is a check of the source."""
+    return 0 < max(codes_of(message)) < _LOWEST_LOADED_CODE
+
+
+@cache
+def unloaded_ratio() -> float:
+    """ADC codes for a DAC code where the leak alone takes the current."""
+    source = loaded_with(_REST_US).board.source
+    return source.current_of(1) * source.leak_ohm / source.node_uv_per_code
+
+
+def answer(message: Message) -> tuple[bytes, ...]:
+    """A touched electrode holds the node in proportion to the current, and so does the leak."""
+    codes = codes_of(message)
+    ratio = unloaded_ratio() if is_unloaded(message) else ADC_CODES_PER_DAC_CODE
+    sample = (int(max(codes) * ratio) << 2).to_bytes(2, "big")
+    return (b"\0\0", *(sample,) * (len(codes) - 1))
 
 
 def message_ns(message: Message) -> int:
