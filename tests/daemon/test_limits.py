@@ -17,7 +17,7 @@ from engine_parts import (
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.errors import Refused
 from etd.protocol.messages import Limits
-from etd.pulse.request import PulseRequest
+from etd.pulse.request import PulseBounds, PulseRequest
 from etd.safety.limits import (
     Path,
     clamp_to_limits,
@@ -101,6 +101,7 @@ def test_a_calibration_gives_each_electrode_its_own_cap() -> None:
         "fingertip",
     )
     assert person.caps_ua == tuple(range(100, 116))
+    assert (person.width_us, person.accepted_us) == (200, 100)
     assert person.calibration is not None
 
 
@@ -108,6 +109,7 @@ def test_numbers_cap_all_electrodes_alike() -> None:
     person = limits_of_numbers(Limits(max_current_ua=3_000, width_us=150), maxima_with(), 4)
     assert person.caps_ua == (3_000,) * 4
     assert person.width_us == 150
+    assert person.accepted_us == 150
     assert person.calibration is None
 
 
@@ -189,6 +191,45 @@ def test_of_several_bounds_the_smallest_is_named() -> None:
     assert got == 300
     assert clamp is not None
     assert clamp.reason == "contact_open"
+
+
+def test_the_charge_of_the_probe_before_counts_to_that_of_the_pulse() -> None:
+    """500 nC at the most, 15 of which the probe has."""
+    found = clamp_to_limits(
+        path(), PulseRequest(4_000, 200), maxima_with(), HIGH, None, False, before_pc=15_000
+    )
+    assert found[0] == 2_425
+
+
+#: A frame of 2 mA for 100 us, and caps that were accepted at that width.
+FRAME = PulseBounds(current_ua=2_000, cap_us=100, width_us=200, charge_pc=200_000)
+
+
+@pytest.mark.parametrize(
+    ("cap_ua", "request_", "allowed_ua", "reason"),
+    [
+        (HIGH, PulseRequest(3_000, 50), 2_000, "frame"),
+        (HIGH, PulseRequest(2_000, 160), 1_250, "frame"),
+        (1_000, PulseRequest(2_000, 100), 1_000, "cap"),
+        (1_000, PulseRequest(2_000, 160), 625, "cap"),
+        # No wider, but with a prepulse that was not there when the cap was accepted.
+        (1_000, PulseRequest(2_000, 100, 1_000, 50), 800, "cap"),
+    ],
+)
+def test_a_stabilizers_pulse_has_no_more_current_and_no_more_charge_than_its_frame_and_its_cap(
+    cap_ua: int, request_: PulseRequest, allowed_ua: int, reason: str
+) -> None:
+    got, clamp = clamp_to_limits(path(cap_ua), request_, maxima_with(), HIGH, None, False, FRAME)
+    assert got == allowed_ua
+    assert clamp is not None
+    assert clamp.reason == reason
+
+
+def test_a_wider_pulse_of_a_stabilizer_gets_no_more_charge_through_a_return_either() -> None:
+    found = clamp_to_limits(
+        path(return_ua=1_000.0), PulseRequest(2_000, 160), maxima_with(), HIGH, None, False, FRAME
+    )
+    assert found[0] == 625
 
 
 def test_what_its_returns_allow_is_rounded_down() -> None:

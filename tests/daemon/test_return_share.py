@@ -55,6 +55,12 @@ def test_those_that_conduct_better_carry_more() -> None:
     assert carried(sharing, 15, START_NS + 1) == pytest.approx([0.38] * 15, rel=0.05)
 
 
+def test_an_equal_part_is_one_of_those_that_touch() -> None:
+    """Open electrodes take no part of it."""
+    parts = carried(seen(*[load(152e3)] * 7, load(2e3), *[None] * 8), 0, START_NS + 1)
+    assert parts[:6] == pytest.approx([1 / 7] * 6, rel=0.1)
+
+
 def test_one_that_is_known_to_be_open_carries_next_to_nothing() -> None:
     assert carried(seen(EVEN, EVEN, EVEN, None), 0, START_NS + 1)[-1] < 0.01
 
@@ -98,6 +104,27 @@ def test_when_one_is_lost_no_look_from_before_counts(is_through_chosen: bool) ->
     # Three of 50 k are known again. One of four is not, so nothing bounds their way back closely,
     # and what bounded them before was another array.
     assert carried(sharing, 0, START_NS + 3)[:3] == pytest.approx([2 / 3] * 3, rel=0.05)
+
+
+def test_when_one_is_lost_what_follows_is_found_anew_before_the_next_pulse() -> None:
+    sharing = seen(EVEN, EVEN, EVEN, None)
+    assert sharing.is_known(3, START_NS + 1)
+    assert not sharing.refresh(START_NS + 1)
+    sharing.lose(0)
+    assert sharing.refresh(START_NS + 1)
+    # One that was open may touch now: what moved one contact may have moved it.
+    assert [sharing.is_known(electrode, START_NS + 1) for electrode in (1, 2, 3)] == [False] * 3
+
+
+def test_when_one_is_lost_the_best_from_before_still_stands_for_those_that_are_unknown() -> None:
+    sharing = seen(load(5e3), *[load(100e3)] * 6)
+    sharing.lose(6)
+    for electrode in range(1, 6):
+        sharing.update(electrode, True, START_NS + 1, exact(120e3))
+    assert sharing.refresh(START_NS + 1)
+    assert carried(sharing, 1, START_NS + 1)[0] == 1.0
+    # 5 k beside four of some 120 k.
+    assert sharing.share(1) == pytest.approx(120 / 5 / 4, rel=0.2)
 
 
 def test_one_that_never_touched_is_not_lost() -> None:

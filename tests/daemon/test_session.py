@@ -52,6 +52,16 @@ def test_it_stands_while_the_board_is_live_and_ten_minutes_longer() -> None:
     assert UNUSED_NS == 600 * S
 
 
+def test_a_session_that_is_used_again_stands_for_as_long_as_the_board_is_live() -> None:
+    one = used(FIRST, 0, S)
+    one.went_live(FIRST, 2 * S)
+    assert one.standing(2 * S + 2 * UNUSED_NS) is not None
+    one.went_safe(3 * UNUSED_NS)
+    one.went_safe(4 * UNUSED_NS - S)
+    assert one.standing(4 * UNUSED_NS - 1) is not None
+    assert one.standing(4 * UNUSED_NS) is None
+
+
 def test_the_same_calibration_goes_on_with_its_session_whatever_the_lease() -> None:
     sessions = used(FIRST, 10 * S, 20 * S)
     again = Subject(calibration(participant="P01"))
