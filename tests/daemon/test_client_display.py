@@ -291,6 +291,14 @@ def test_control_c_ends_a_hold_silent(rig: ServedRig) -> None:
         assert rig.engine.frames[-1].frame.current_ua == (0, 0, 0, 0)
 
 
+def test_a_client_whose_name_has_control_characters_can_stop(rig: ServedRig) -> None:
+    with display(rig, client="me\n\x1b[31m") as named:
+        named.stop()
+    (stop,) = [said for said in rig.engine.heard if isinstance(said, StopNow)]
+    assert stop.client.startswith("me")
+    assert stop.client.isprintable()
+
+
 def test_without_an_engine_status_and_stop_still_answer(rig: ServedRig) -> None:
     with display(rig) as d:
         rig.engine.close()

@@ -131,6 +131,7 @@ def test_text_that_forges_what_is_shown_is_refused_and_never_reaches_the_engine(
         reply = rig.call(**request)
         assert reply["error"] == "bad_message"
         assert reply["reason"].isprintable()
+        assert "2066" not in reply["reason"], "words, not the pattern"
         assert not [said for said in rig.engine.heard if not isinstance(said, Alive)]
 
 

@@ -113,7 +113,7 @@ def _why_invalid(data: bytes, error: str) -> Refused:
     if op is not None and op not in OPS:
         return Refused("unknown_op", f"there is no op {op!r:.40}; there are {', '.join(OPS)}")
     what, _, path = escaped(error).partition(" - at `$.")
-    if PLAIN_PATTERN in what:
+    if repr(PLAIN_PATTERN) in what:
         what = "control characters, line breaks and marks of direction are not accepted in text"
     place = path.removesuffix("`")
     found = _PER_ELECTRODE.match(place)
