@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from board_rig import pulse_words
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, armed, config, felt_ua, halts, moves, phases, states
 from etd.files.resources import find
@@ -24,9 +25,10 @@ from etd.protocol.link import (
 )
 from etd_hal.backend import Backend
 from etd_hal.boardfile import GUARDS, load_board
-from etd_hal.errors import FileError
+from etd_hal.errors import FileError, GuardRefusal
 from etd_hal.fake.faults import I2cFailure, RailOff, SpiStall
 from etd_hal.ports import Changes, Edge, Gpio
+from etd_hal.switch_shadow import Approval
 
 pytestmark = pytest.mark.slow
 
@@ -398,3 +400,23 @@ def test_a_board_with_every_guard_needs_none_accepted() -> None:
     loaded = config(REFERENCE, None)
     assert loaded.unaccepted_guards == ()
     assert msgspec.structs.asdict(loaded.config)["accept_absent_guards"] == ()
+
+
+def test_on_the_way_up_the_last_guard_lets_nothing_through_that_is_more_than_a_probe(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig(REFERENCE)
+    ref = begin_arming(rig)
+    guard = rig.engine.components.board.guard
+
+    def send() -> None:
+        guard.approve(Approval(1, 2**64 - 2, 1_000, 100))
+        guard.spi.transfer(pulse_words(400))
+
+    with pytest.raises(GuardRefusal) as refused:
+        send()
+    assert refused.value.rule == "state"
+    assert rig.wait_for(ref).error is None
+    with pytest.raises(GuardRefusal) as refused:
+        send()
+    assert refused.value.rule == "switch", "armed, it may be one"

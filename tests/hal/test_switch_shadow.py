@@ -53,6 +53,21 @@ def assert_no_pulse(rig: BoardRig, rule: str, source: int, ground: int) -> Guard
     return caught.value
 
 
+def probe_blanked(rig: BoardRig, source: int = 0, ground: int = 0) -> None:
+    """A probe while the outputs are blanked, with these, or none, selected behind that."""
+    rig.board.guard.approve(Approval(source, ground, 300, 50, is_blanked=True))
+    rig.board.guard.spi.transfer(pulse_words(100))
+
+
+def assert_no_probe(rig: BoardRig, source: int = 0, ground: int = 0) -> GuardRefusal:
+    before = len(rig.records())
+    with pytest.raises(GuardRefusal) as caught:
+        probe_blanked(rig, source, ground)
+    assert caught.value.rule == "switch"
+    assert rig.since(before) == []
+    return caught.value
+
+
 class TestBlanking:
     def test_inverting_blanked_outputs_lifts_them_all_and_is_refused(self, boards: Boards) -> None:
         refused = assert_refused(boards(), "blanking", POL=0)
@@ -167,6 +182,46 @@ class TestHalfBridgeSelection:
         rig.board.guard.reset(((4, 1), (23, 0)))
         self.select(rig, 1, stages=63)
         assert_no_pulse(rig, "switch", 1, self.OTHERS)
+
+    def test_what_was_latched_before_the_safe_state_does_not_count(self, boards: Boards) -> None:
+        rig = boards()
+        self.select(rig, 1)
+        rig.board.guard.reset(((4, 1), (23, 0)))
+        lines(rig, BL=1)
+        refused = assert_no_pulse(rig, "switch", 1, self.OTHERS)
+        assert refused.value == "register not wholly written"
+
+    def test_all_others_are_approved_as_well(self, boards: Boards) -> None:
+        rig = boards()
+        self.select(rig, 1)
+        assert_no_pulse(rig, "switch", 1, self.OTHERS - 2)
+
+    def test_outputs_that_are_blanked_and_inverted_are_not_on_ground(self, boards: Boards) -> None:
+        """Which only a supply that is off lets through."""
+        rig = boards("reference-hv507", begun=False)
+        rig.board.guard.permit(10_000)
+        rig.board.isolate(whole=True)
+        lines(rig, POL=0)
+        refused = assert_no_probe(rig)
+        assert refused.value == "not blanked to ground"
+        lines(rig, POL=1)
+        probe_blanked(rig)
+
+    def test_behind_the_blanking_is_one_output_at_most(self, boards: Boards) -> None:
+        rig = boards()
+        self.select(rig, 0b11)
+        lines(rig, BL=0)
+        refused = assert_no_probe(rig, 0b11, 2**64 - 4)
+        assert refused.value == "3 behind the blanking"
+
+    def test_behind_the_blanking_an_unknown_register_is_none_that_is_empty(
+        self, boards: Boards
+    ) -> None:
+        rig = boards()
+        rig.board.isolate(whole=True)
+        probe_blanked(rig)
+        rig.board.guard.reset(((4, 1), (23, 0)))
+        assert_no_probe(rig)
 
     def test_a_rise_that_was_perhaps_none_does_not_count(self, boards: Boards) -> None:
         rig = boards(begun=False)

@@ -169,13 +169,32 @@ def test_what_is_refused_changes_nothing() -> None:
     assert wires.room(1) == RATE_HZ
 
 
-def test_a_safe_state_ends_a_visit_and_keeps_the_count() -> None:
+@pytest.mark.parametrize("is_probe", [False, True])
+def test_a_safe_state_ends_a_visit_and_keeps_the_count(is_probe: bool) -> None:
     wires = Wires()
-    wires.send(ONE, OTHERS)
+    wires.send(ONE, OTHERS, is_probe=is_probe)
     wires.rule.reset()
-    wires.flip()
-    wires.send(OTHERS, ONE)
+    if not is_probe:
+        wires.flip()
+    wires.send(*((ONE, OTHERS) if is_probe else (OTHERS, ONE)))
     assert wires.room(0) == RATE_HZ - 2
+
+
+@pytest.mark.parametrize(("source", "ground"), [(1 << 5, OTHERS), (ONE, OTHERS - 0b10)])
+def test_behind_a_probe_other_outputs_begin_a_visit_though_nothing_has_moved(
+    source: int, ground: int
+) -> None:
+    wires = Wires()
+    wires.send(ONE, OTHERS, is_probe=True)
+    wires.send(source, ground)
+    assert wires.room(0) + wires.room(5) == 2 * RATE_HZ - 2
+
+
+def test_the_charge_of_a_probe_counts_to_no_blanked_one() -> None:
+    wires = Wires()
+    wires.send(ONE, OTHERS, is_probe=True)
+    assert wires.rule.probe_nc(Approval(ONE, OTHERS, 1_000, 100)) == 100.0
+    assert wires.rule.probe_nc(Approval(ONE, OTHERS, 1_000, 100, is_blanked=True)) == 0.0
 
 
 def test_of_one_against_one_both_are_counted() -> None:
