@@ -86,11 +86,10 @@ def test_what_a_file_says_does_not_write_over_the_terminal(rig: CommandRig) -> N
     path = written(rig.folder, "P01.toml")
     path.write_text(path.read_text().replace('program = "', 'program = "\\u001b[2J'))
     with rig.daemon("--array", "pad-8"):
-        assert rig.run("calibration", "import", str(path)).status == 0
-        shown = rig.run("calibration", "show", "P01").out
-        assert "\x1b" not in shown
-        assert "'\\x1b[2J" in shown
-        assert "method         limits" in shown
+        refused = rig.run("calibration", "import", str(path))
+    assert refused.status == 1
+    assert "program: it says" in refused.err
+    assert "\x1b" not in refused.err
 
 
 def test_what_to_do_with_calibrations_must_be_said(rig: CommandRig) -> None:

@@ -23,6 +23,7 @@ from etd.files.paths import check_name
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import FileError
 from etd.protocol.frame import Returns, Ring
+from etd.protocol.text import escaped
 
 NAME = "calibration"
 HELP = "list, show, export, import and delete the daemon's calibrations"
@@ -114,7 +115,7 @@ def _show(args: argparse.Namespace) -> int:
         _print_json({"ok": True, "name": args.which, "calibration": calibration})
         return 0
     for key, value in _conditions(calibration).items():
-        print(f"{key:<14} {_printable(value)}")
+        print(f"{key:<14} {'not given' if value is None else escaped(str(value))}")
     if calibration.array == array.name and len(calibration.electrode) == array.electrodes:
         signs = _signs([limits.threshold_ua for limits in calibration.electrode])
         print("thresholds, low to high from 0 to 9:")
@@ -142,12 +143,6 @@ def _conditions(calibration: Calibration) -> dict[str, object]:
         "electrodes": len(calibration.electrode),
         "largest_cap_ua": max((limits.cap_ua for limits in calibration.electrode), default=0),
     }
-
-
-def _printable(value: object) -> str:
-    """Text of a file must not control the terminal."""
-    text = "not given" if value is None else str(value)
-    return text if text.isprintable() else repr(text)
 
 
 def _returns(returns: Returns) -> str:
