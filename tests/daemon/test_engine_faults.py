@@ -197,6 +197,25 @@ def test_lines_that_are_gone_halt_and_the_dac_is_zeroed_all_the_same(operation: 
     assert rig.close() == ()
 
 
+def test_a_halted_board_that_could_not_be_made_safe_is_made_so_with_the_next_fault() -> None:
+    failing: list[FailingGpio] = []
+
+    def wrap(backend: Backend) -> Backend:
+        failing.append(FailingGpio(backend.gpio))
+        return dataclasses.replace(backend, gpio=failing[0])
+
+    rig = armed(engine_rig.make(REFERENCE, wrap=wrap))
+    failing[0].fails = {"set", "edges"}
+    turn(rig.engine)
+    assert rig.state == "HALTED"
+    assert moves(rig, "HV")[-1][1] == 1
+    failing[0].fails = {"edges"}
+    turn(rig.engine)
+    assert moves(rig, "HV")[-1][1] == 0
+    failing[0].fails = set()
+    assert rig.close() == ()
+
+
 def test_a_board_that_is_gone_for_good_keeps_no_core_busy() -> None:
     failing: list[FailingGpio] = []
 

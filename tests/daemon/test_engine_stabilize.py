@@ -9,11 +9,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from engine_rig import EngineRig
+from engine_rig import LEASE, EngineRig
 from engine_scenes import fully_open, only, phases, unchecked
 from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.link import DisarmBoard, StopNow
+from etd.pulse.request import NO_GAIN, PulseRequest
 from etd.stabilize.contact import ContactSettings
 from etd.stabilize.energy import EnergySettings
+from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
@@ -178,3 +181,33 @@ def test_peeling_is_answered_with_the_next_pulse(make_rig: MakeRig) -> None:
     felt_ua = felt_there_ua(rig, since_ns)
     assert felt_ua[0] == pytest.approx(CURRENT_UA, abs=5), "nobody can know before it was fired"
     assert felt_ua[1] == pytest.approx(CURRENT_UA / 2, rel=0.1)
+
+
+class Counts:
+    """A stabilizer that changes nothing."""
+
+    max_gain = NO_GAIN
+
+    def __init__(self) -> None:
+        self.resets = 0
+
+    def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        return request
+
+    def reset(self) -> None:
+        self.resets += 1
+
+
+@pytest.mark.parametrize("end", [DisarmBoard(ref=0, lease=LEASE), StopNow(ref=0, client="test")])
+def test_with_the_supply_goes_all_that_was_known_of_the_skin(
+    make_rig: MakeRig, end: DisarmBoard | StopNow
+) -> None:
+    counts = Counts()
+    rig = fully_open(make_rig(electrodes=N, stabilizers=[counts]), 500)
+    parts, before = rig.engine.components, counts.resets
+    assert parts.returns.share.reading(0) is not None
+    rig.commands.send(end)
+    rig.run_ms(5)
+    assert counts.resets > before
+    assert parts.returns.share.reading(0) is None
+    assert parts.contact.is_touched == [None] * N

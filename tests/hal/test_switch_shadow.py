@@ -59,11 +59,13 @@ def probe_blanked(rig: BoardRig, source: int = 0, ground: int = 0) -> None:
     rig.board.guard.spi.transfer(pulse_words(100))
 
 
-def assert_no_probe(rig: BoardRig, source: int = 0, ground: int = 0) -> GuardRefusal:
+def assert_no_probe(
+    rig: BoardRig, source: int = 0, ground: int = 0, rule: str = "switch"
+) -> GuardRefusal:
     before = len(rig.records())
     with pytest.raises(GuardRefusal) as caught:
         probe_blanked(rig, source, ground)
-    assert caught.value.rule == "switch"
+    assert caught.value.rule == rule
     assert rig.since(before) == []
     return caught.value
 
@@ -339,6 +341,17 @@ class TestRelays:
         assert assert_no_pulse(rig, "relays", 0b01, 0b10).value == "not settled"
         rig.clock.sleep_until_ns(closed_ns + 1_000 * US)
         fire(rig, 0b01, 0b10)
+
+    def test_a_probe_of_nobody_waits_for_the_slowest_relay_to_break(self, rig: BoardRig) -> None:
+        self.copy(rig, 0b10_01)
+        rig.clock.spend(1_000 * US)
+        assert_no_probe(rig, rule="relays")
+        self.copy(rig, 0)
+        opened_ns = rig.times("LE", 1)[-1] - 3_000
+        rig.clock.sleep_until_ns(opened_ns + 1_000 * US - 1)
+        assert_no_probe(rig, rule="relays")
+        rig.clock.sleep_until_ns(opened_ns + 1_000 * US)
+        probe_blanked(rig)
 
     def test_open_relays_get_no_pulse(self, rig: BoardRig) -> None:
         self.copy(rig, 0)
