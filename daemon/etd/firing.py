@@ -84,7 +84,9 @@ class Firing:
         """Book, then send one message for each phase (True: anodic). The electrodes stay connected.
         Returns the results of the first and the last phase.
         """
-        booking = self._book(ready, len(phases))
+        excess_pc = len(phases) * ready.given.current_ua * self._most_excess_us
+        worst_pc = ready.entry.charge_pc + excess_pc
+        booking = self._ledger.book(ready.entry, self._now_ns(), worst_pc)
         first = last = self._send_first(booking, ready, phases[0])
         for is_anodic in phases[1:]:
             self._board.flip(ready.selection, is_anodic)
@@ -98,10 +100,6 @@ class Firing:
         result = self._board.fire_unloaded(pulse, given.current_ua, given.width_us)
         self._check_excess(result.excess_ns, "with nothing connected")
         return result
-
-    def _book(self, ready: ReadyPulse, messages: int) -> Booking:
-        excess_pc = messages * ready.given.current_ua * self._most_excess_us
-        return self._ledger.book(ready.entry, self._now_ns(), ready.entry.charge_pc + excess_pc)
 
     def _send_first(self, booking: Booking, ready: ReadyPulse, is_anodic: bool) -> PulseResult:
         try:

@@ -268,9 +268,9 @@ class Board:
 
     def _send(self, pulse: Pulse, approval: Approval) -> PulseResult:
         self.guard.approve(approval)
-        received = self.guard.spi.fire(pulse.message, pulse.planned_ns)
-        begun_ns, ended_ns = self.guard.spi.begun_ns, self.guard.spi.ended_ns
-        code_of = self._codec.code_of
+        spi, code_of = self.guard.spi, self._codec.code_of
+        received = spi.fire(pulse.message, pulse.planned_ns)
+        begun_ns, ended_ns = spi.begun_ns, spi.ended_ns
         return PulseResult(
             begun_ns,
             ended_ns,
@@ -352,13 +352,10 @@ class Board:
     def stop_edges(self) -> tuple[tuple[StopName, bool], ...]:
         """(which, whether it opened) since the last call, oldest first. Never blocks."""
         names = self._stop_names
-        if not names:
+        edges = self._bare_gpio.edges() if names else ()
+        if not edges:
             return ()
-        return tuple(
-            (names[edge.line], edge.value == 0)
-            for edge in self._bare_gpio.edges()
-            if edge.line in names
-        )
+        return tuple((names[edge.line], edge.value == 0) for edge in edges if edge.line in names)
 
     # --- the safe state --------------------------------------------------------------------
 

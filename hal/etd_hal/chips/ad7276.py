@@ -7,13 +7,16 @@ Datasheet rev. C: samples on the falling edge of CS; two leading zeros, 12 bits 
 
 from __future__ import annotations
 
+from functools import cache
+
 from etd_hal.errors import BoardFault
 
 _NOT_DATA = 0xC003
 
 
+@cache
 def code_of(received: bytes) -> int:
-    """The sample in a received word, 0..4095.
+    """The sample in a received word, 0..4095. There are as many, so each is decoded once.
 
     Raises: BoardFault if the leading or trailing bits are not zero: a floating MISO reads 0xFFFF,
     and a wrong SPI mode moves the word by one bit.
