@@ -23,7 +23,7 @@ LOAD_OHM, SECOND_OHM = 47_000, 10_000
 _FIRST, _SECOND = 1, 2
 _STOP = re.compile(r"(press|release) the (emergency|wearer) stop(, and (release|HOLD) it.*)?")
 _NAMES: dict[str, StopLine] = {"emergency": "emergency_stop", "wearer": "wearer_stop"}
-_CLIP = re.compile(r"(\d+) ohm between electrodes (\d+) and (\d+)")
+_CLIP = re.compile(r"connect (\d+) ohm between electrodes (\d+) and (\d+)")
 _PRESSES_NS = 200_000_000
 _CLOCK = LinuxClock()
 

@@ -27,7 +27,7 @@ from etd.protocol.messages import StateReport
 from etd.selftest.report import save
 from etd_hal.boardfile import load_board
 from etd_hal.linux.clock import LinuxClock
-from guest_board import IS_VIRTUAL_TIME, TREE, WITHIN_S
+from guest_board import IS_VIRTUAL_TIME, TREE, WITHIN_S, unchecked_board
 
 T = TypeVar("T")
 
@@ -46,7 +46,7 @@ PERSON, STRANGER = "person", "stranger"
 
 SETTINGS = f"""
 backend = "linux"
-board = "{BOARD.name}"
+board = "./board.toml"
 machine = "./{MACHINE.name}"
 array = "grid-8x8"
 body_site = "fingertip"
@@ -97,8 +97,9 @@ def set_up() -> None:
         said_by("useradd", "--no-create-home", *groups, name)
     settings = Path("/etc/etd/main.toml")
     settings.write_text(SETTINGS)
-    # Beside it, as an operator's own file: a service does not see every folder.
+    # Beside it, as an operator's own files: a service does not see every folder.
     shutil.copy(MACHINE, settings.parent)
+    unchecked_board(settings.parent / "board.toml")
     save(passed_selftest(load_config(settings)), Path("/var/lib/etd/main.selftest.json"))
 
 

@@ -29,6 +29,7 @@ from guest_board import (
     report,
     running_chips,
     set_parameter,
+    unchecked_board,
 )
 
 
@@ -83,9 +84,10 @@ def traced() -> Sequence[str]:
 
 
 @pytest.fixture(scope="session")
-def lone_gateway() -> Iterator[Daemon]:
+def lone_gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
     """A daemon without an engine: importing it takes an emulated processor ten seconds."""
-    with running_daemon(BARE_BOARD.name, MACHINE_PATH, BARE_BOARD.absent_guards) as running:
+    board = unchecked_board(tmp_path_factory.mktemp("board") / "board.toml")
+    with running_daemon(str(board), MACHINE_PATH, BARE_BOARD.absent_guards) as running:
         yield running
 
 
