@@ -6,6 +6,7 @@ Owns: the table of bad input, and the property that no bytes at all get through 
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,7 +15,7 @@ import zmq
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from etd.protocol.link import Alive
+from etd.protocol.link import Alive, StopNow
 from etd.protocol.messages import MAX_MESSAGE_BYTES
 from gateway_rig import GatewayRig
 
@@ -120,8 +121,6 @@ def test_text_that_forges_what_is_shown_is_refused_and_never_reaches_the_engine(
 ) -> None:
     limits = {"max_current_ua": 900, "width_us": 50}
     for request in (
-        {"op": "stop", "client": f"x{unshown}etd main: ARMED"},
-        {"op": "stop", "client": f"x{unshown}"},
         {"op": "open", "client": f"x{unshown}", "limits": limits},
         {"op": "open", "client": "x", "calibration": f"x{unshown}"},
         {"op": "calibration", "do": "get", "name": f"x{unshown}"},
@@ -133,6 +132,26 @@ def test_text_that_forges_what_is_shown_is_refused_and_never_reaches_the_engine(
         assert reply["reason"].isprintable()
         assert "2066" not in reply["reason"], "words, not the pattern"
         assert not [said for said in rig.engine.heard if not isinstance(said, Alive)]
+
+
+@pytest.mark.parametrize(
+    "spoiled",
+    [
+        {"client": "x\n\x1b[31metd main: ARMED"},
+        {"client": "x" * 65},
+        {"client": 7},
+        {"clients": ""},
+    ],
+)
+def test_a_stop_stops_whatever_else_is_wrong_with_it_and_names_the_sender_by_the_kernel(
+    rig: GatewayRig, spoiled: dict[str, Any]
+) -> None:
+    rig.engine.heard.clear()
+
+    assert rig.call(op="stop", id="x", **spoiled)["ok"]
+
+    (stop,) = [said for said in rig.engine.heard if isinstance(said, StopNow)]
+    assert stop.client == f"user {os.getuid()}"
 
 
 def test_the_electrode_is_a_field_of_the_refusal(rig: GatewayRig, lease: str) -> None:

@@ -14,7 +14,7 @@ import msgspec
 import zmq
 
 from etd.protocol.errors import Refused
-from etd.protocol.messages import REPLY_OF_OP, FrameRequest, Id, Request
+from etd.protocol.messages import REPLY_OF_OP, FrameRequest, Id, Request, Stop
 from etd.protocol.text import PLAIN_PATTERN, escaped
 
 #: The order in which an error lists the ops.
@@ -76,13 +76,21 @@ def inbound_of(parts: list[zmq.Frame]) -> InboundMessage:
 
 
 def read_request(inbound: InboundMessage) -> Request:
-    """A request from the control socket. Raises: Unreadable."""
+    """A request from the control socket. Raises: Unreadable.
+
+    A stop is a stop whatever else is wrong with the message: then it names no client.
+    """
     if any(inbound.route[1:]) or len(inbound.route) > 2:
         raise Unreadable(
             Refused("bad_message", "a request must be one part, or an empty part and one more"),
             None,
         )
-    request: Request = _read(inbound.data, _request_decoder)
+    try:
+        request: Request = _read(inbound.data, _request_decoder)
+    except Unreadable as unreadable:
+        if _op_of(inbound.data) != "stop":
+            raise
+        return Stop(id=unreadable.id)
     return request
 
 
