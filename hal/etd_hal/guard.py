@@ -192,7 +192,7 @@ class Guard:
         if longest_us > maxima.width_us * _TOLERANCE:
             raise GuardRefusal("width", f"{longest_us:.0f} us", f"{maxima.width_us} us")
         charge_nc, approval = decoded.longest_nc, self._approval
-        if approval is not None:
+        if approval is not None and self._visits.state == "probed":
             charge_nc += self._visits.probe_nc(approval)
         if charge_nc > maxima.charge_nc * _TOLERANCE:
             raise GuardRefusal("charge", f"{charge_nc:.0f} nC", f"{maxima.charge_nc} nC")

@@ -11,8 +11,6 @@ from etd_hal.fake.faults import LatchIgnored
 from selftest_cases import BARE, RELAY
 from selftest_rig import DATE, SelftestRig, bad, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 
 def run_with(rig: SelftestRig, every: int, at_pulse: int) -> list[tuple[str, str]]:
     """What fails when the fault comes at such a pulse of the rounds, and not before them."""

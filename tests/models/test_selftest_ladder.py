@@ -11,8 +11,6 @@ from etd_hal.fake.faults import Fault, GainAbove, Saturation
 from selftest_rig import ARRAY, bad, selftest_rig
 from stepped_board import shipped_board
 
-pytestmark = pytest.mark.slow
-
 #: Half a milliampere a step, up to what the body site allows.
 STEP_UA, MOST_UA = 500, 8_000
 
