@@ -33,8 +33,9 @@ REST_US = BOARD.rest_us - 1
 #: A scan takes a tenth of a second here: asked for oftener than that, one follows upon the other,
 #: and no moment lies between two. At 5 Hz one kill in twelve would find nothing to interrupt.
 RATE_HZ = 40
-#: The longest that two messages of such scans lie apart is some 30 ms.
-QUIET_US = 50_000
+#: The longest that two messages of such scans lie apart is some 30 ms, and 70 ms where a report and
+#: the weights of the returns, four times a second, fall between two scans.
+QUIET_US = 90_000
 
 
 def scan_until_killed(daemon: Daemon, after_ns: int) -> int:
