@@ -166,3 +166,25 @@ def test_whatever_becomes_of_a_message_the_ledger_never_has_less_than_the_body_g
         rate_hz=20.0,
     )
     scene.end()
+
+
+@pytest.mark.parametrize("polarity", POLARITIES)
+def test_a_pulse_that_went_well_is_in_the_ledger_with_all_its_phases(polarity: str) -> None:
+    scene = Scene()
+    scene.show(polarity=polarity)
+    phases = 2 if polarity.startswith("biphasic") else 1
+    most_us = WIDTH_US + HALT_EXCESS_US // 10
+    assert CURRENT_UA * WIDTH_US * phases <= scene.added_pc <= CURRENT_UA * most_us * phases
+    scene.end()
+
+
+def test_a_probe_and_its_pulse_are_in_the_ledger_of_their_named_returns() -> None:
+    scene = Scene(RELAY, is_probe_first=True)
+    ledger, clock = scene.rig.engine.components.ledger, scene.rig.clock
+    before_pc = ledger.charge_pc(RETURNS[0], clock.now_ns())
+    scene.show(returns=to_named_returns(scene.count))
+    maxima = scene.rig.engine.components.maxima.now
+    probe_pc = maxima.probe_current_ua * maxima.probe_width_us
+    added_pc = ledger.charge_pc(RETURNS[0], clock.now_ns()) - before_pc
+    assert added_pc >= CURRENT_UA * WIDTH_US + probe_pc
+    scene.end()

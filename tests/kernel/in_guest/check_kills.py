@@ -35,7 +35,7 @@ REST_US = BOARD.rest_us - 1
 RATE_HZ = 40
 #: The longest that two messages of such scans lie apart is some 30 ms, and 70 ms where a report and
 #: the weights of the returns, four times a second, fall between two scans.
-QUIET_US = 90_000
+QUIET_US = 100_000
 
 
 def scan_until_killed(daemon: Daemon, after_ns: int) -> int:
