@@ -30,9 +30,9 @@ RESTED_V = 5.0
 _TOLERANCE = 0.2
 #: What one reading of an ADC in order may be off by chance: noise of 1.5 codes, four times.
 _NOISE_CODES = 6
-#: Noise up to this part of what an unloaded node comes to leaves a gain of 0.6 or 1.5 outside the
-#: bounds, whatever one reading is off by.
-_MOST_NOISE = 0.2
+#: Noise up to this part of what an unloaded node comes to leaves a gain below 0.6 or above 1.4
+#: outside the bounds, whatever one reading is off by.
+_MOST_NOISE = 0.1
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from etd.files.resources import names
@@ -28,6 +28,7 @@ def step_v(source: Source) -> float:
     gain=st.floats(0.0, 4.0),
     noise=st.floats(-NOISE_CODES, NOISE_CODES),
 )
+@example(source=SOURCES[0], leak_ohm=2_680, current_ua=1_000, gain=0.5, noise=4.0)
 def test_a_gain_within_a_tenth_is_let_pass_and_one_off_by_four_tenths_or_more_is_not(
     source: Source, leak_ohm: int, current_ua: int, gain: float, noise: float
 ) -> None:
