@@ -8,6 +8,7 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from etd.safety.conductance import OwnBounds, Reading, own_bounds
 from etd_body.electrode import Contact, load, skin
@@ -163,3 +164,17 @@ def test_noise_that_reads_the_rise_backwards_is_no_error(
     reading = METER.read(noisy, None)
     if reading is not None:
         assert METER.most_ohm(reading, 4e3) <= reading.most_ohm
+
+
+def test_readings_differ_where_neither_bounds_nor_their_currents_can_explain_them() -> None:
+    before = replace(exact(100e3, current_ua=1.0), most_ohm=110e3)
+    assert not before.differs(before)
+    assert not before.differs(replace(before, least_ohm=109e3, most_ohm=150e3))
+    assert not before.differs(replace(before, least_ohm=50e3, most_ohm=101e3))
+    assert before.differs(replace(before, least_ohm=111e3, most_ohm=150e3))
+    assert before.differs(replace(before, least_ohm=50e3, most_ohm=99e3))
+    # Skin resists half as much at 8 mA as at none.
+    assert not before.differs(exact(51e3, current_ua=8_000.0))
+    assert before.differs(exact(49e3, current_ua=8_000.0))
+    assert not exact(50e3, current_ua=8_000.0).differs(exact(99e3, current_ua=1.0))
+    assert exact(50e3, current_ua=8_000.0).differs(exact(101e3, current_ua=1.0))

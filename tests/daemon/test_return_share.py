@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
+from msgspec.structs import replace
 
 from etd.pulse.measured import CONTACT_POLL_NS, MAX_AGE_NS
+from etd.safety.conductance import Reading
 from etd.safety.return_share import REFRESH_NS, ReturnShare
 from etd_body.electrode import Contact, load
 from path_readings import METER, exact, paths_ohm
@@ -164,15 +166,31 @@ def test_what_a_contact_conducts_at_the_most_stays_bound_when_the_others_are_not
     assert sharing.most_s[0] == pytest.approx(EVEN.conductance_s, rel=0.01)
 
 
+def loosely(least_ohm: float) -> Reading:
+    """Of a path that may resist twice that."""
+    return replace(exact(least_ohm), most_ohm=2.0 * least_ohm)
+
+
 def test_a_path_that_falls_lowers_the_own_resistance_and_one_that_rises_does_not_raise_it() -> None:
     sharing = seen(*[EVEN] * 16)
     path_ohm, later_ns = paths_ohm([EVEN] * 16)[0], START_NS + 2 * MAX_AGE_NS
     for step, ohm in enumerate((path_ohm - 20e3, path_ohm, path_ohm + 20e3)):
         now_ns = later_ns + step * REFRESH_NS
-        sharing.update(0, True, now_ns, exact(ohm))
+        sharing.update(0, True, now_ns, loosely(ohm))
         assert sharing.refresh(now_ns)
         least_ohm = 1.0 / sharing.most_s[0]
         assert least_ohm == pytest.approx(50e3 - max(0.0, path_ohm - ohm), rel=0.01)
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.6])
+def test_a_path_that_cannot_be_the_one_of_before_drops_what_was_kept_of_all(factor: float) -> None:
+    sharing = seen(*[EVEN] * 16)
+    path_ohm, later_ns = paths_ohm([EVEN] * 16)[0], START_NS + 2 * MAX_AGE_NS
+    sharing.update(0, True, later_ns, exact(factor * path_ohm))
+    for electrode in (0, 1):
+        sharing.update(electrode, True, later_ns, exact(factor * path_ohm))
+        sharing.refresh(later_ns + electrode * REFRESH_NS)
+        assert sharing.most_s[electrode] == math.inf
 
 
 def test_one_that_nothing_bounds_may_carry_all_however_long_ago_it_was_read() -> None:
@@ -205,3 +223,16 @@ def test_the_next_look_is_due_half_a_second_after_the_last() -> None:
     assert sharing.looked_ns(1) == MAX_AGE_NS
     assert not sharing.is_due(1, MAX_AGE_NS + CONTACT_POLL_NS - 1)
     assert sharing.is_due(1, MAX_AGE_NS + CONTACT_POLL_NS)
+
+
+def test_nothing_is_kept_of_paths_from_before_and_after_a_change() -> None:
+    """One of 50 k becomes one of 3.5 k, and a path through it is read before its own."""
+    changed = [load(6e3), load(3.5e3), *[EVEN] * 6]
+    sharing, paths = seen(changed[0], *[EVEN] * 7), paths_ohm(changed)
+    for step, electrodes in enumerate(([0], [1], range(8))):
+        now_ns = START_NS + (1 + step) * REFRESH_NS
+        for electrode in electrodes:
+            sharing.update(electrode, True, now_ns, exact(paths[electrode]))
+        sharing.refresh(now_ns)
+    for electrode, contact in enumerate(changed):
+        assert sharing.most_s[electrode] >= contact.conductance_s * 0.999

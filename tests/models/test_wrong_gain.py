@@ -14,8 +14,8 @@ import pytest
 from bench.steady_laws import LAWS
 from bench.steady_skin import body_of, calibrated, seen_ohm
 from etd.files.configuration import fake_config
+from etd.pulse.measured import BEND_UA
 from etd.stabilize.plausibility import Plausibility
-from etd.stabilize.reference import BEND_UA
 from etd.stabilize.rejection import ignore_rejection
 from etd_body.living import LivingBody
 from etd_body.tissue import Floats

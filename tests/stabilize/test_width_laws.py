@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from etd.protocol.messages import ContactState
+from etd.pulse.measured import BEND_UA
 from etd.pulse.request import PulseRequest
 from etd.stabilize.energy import Energy, EnergySettings
 from etd.stabilize.linear_law import LinearLaw, LinearLawSettings
 from etd.stabilize.pipeline import ElectrodeEstimate, Stabilizer
 from etd.stabilize.power_law import PowerLaw, PowerLawSettings
-from etd.stabilize.reference import BEND_UA
 
 pytestmark = pytest.mark.slow
 

@@ -23,6 +23,8 @@ MAX_AGE_NS = 1_000_000_000
 CONTACT_POLL_NS = 500_000_000
 #: A resistance outside of these is none of skin.
 MIN_SKIN_OHM, MAX_SKIN_OHM = 1_000.0, 2_000_000.0
+#: Skin resists less at higher currents: R x (I + 8 mA) is constant (docs/body.md).
+BEND_UA = 8_000.0
 
 
 def is_stale(told_ns: int | None, now_ns: int) -> bool:

@@ -38,6 +38,7 @@ from collections.abc import Sequence
 
 import msgspec
 
+from etd.pulse.measured import BEND_UA
 from etd_hal.boardfile import Source
 
 #: When the samples of a pulse are taken, after its beginning and before its end, in us.
@@ -98,6 +99,12 @@ class Reading(msgspec.Struct, frozen=True, gc=False):
     most_ohm: float
     whole: Whole
     scale: float = 1.0
+
+    def differs(self, later: Reading) -> bool:
+        """Whether no path has both readings, at whatever their currents make of its skin."""
+        bend = (BEND_UA + self.current_ua) / (BEND_UA + later.current_ua)
+        least_ohm, most_ohm = self.least_ohm * min(1.0, bend), self.most_ohm * max(1.0, bend)
+        return later.most_ohm < least_ohm or later.least_ohm > most_ohm
 
 
 class PathMeter:

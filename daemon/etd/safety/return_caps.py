@@ -25,7 +25,8 @@ from collections.abc import Sequence
 
 import msgspec
 
-_BEND_UA = 8_000.0
+from etd.pulse.measured import BEND_UA
+
 #: No source makes as much.
 _NO_BOUND_UA = 1e6
 
@@ -44,11 +45,11 @@ class Known(msgspec.Struct, frozen=True, gc=False):
     @property
     def as_other_s(self) -> float:
         """The least that it conducts at a small current."""
-        return self.least_s * _BEND_UA / (_BEND_UA + self.read_ua)
+        return self.least_s * BEND_UA / (BEND_UA + self.read_ua)
 
     def as_return_s(self, cap_ua: int) -> float:
         """The most that it conducts at the current of its cap."""
-        return self.most_s * max(1.0, (_BEND_UA + cap_ua) / (_BEND_UA + self.read_ua))
+        return self.most_s * max(1.0, (BEND_UA + cap_ua) / (BEND_UA + self.read_ua))
 
 
 class ReturnCaps:

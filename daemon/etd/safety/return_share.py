@@ -74,6 +74,10 @@ class ReturnShare:
         it was read.
         """
         if reading is not None:
+            # Between two of its readings a contact changed: this one, or one of its way back.
+            before = self._readings[electrode]
+            if before is not None and before.differs(reading):
+                self._drop_bounds()
             self._readings[electrode], self._read_ns[electrode] = reading, now_ns
             self.read_from_ns[electrode] = now_ns + REFRESH_NS
             self._is_changed = True
@@ -95,12 +99,16 @@ class ReturnShare:
             self._looked_ns[:] = [None] * self._electrodes
             self.least_s[:] = [0.0] * self._electrodes
             self._known_s = 0.0
-            # What moved one contact may have changed the others: their paths from before bound
-            # nothing any more. The best of them still stands for those that are unknown.
-            self._own_ohm = [(-math.inf, 0.0)] * self._electrodes
-            self._best_before_s = self._best_s
+            self._drop_bounds()
             self._is_changed, self._refresh_ns = True, 0
         self._touches[electrode] = False
+
+    def _drop_bounds(self) -> None:
+        """A contact has changed, and what moved it may have changed the others: paths from before
+        bound nothing any more. The best of them still stands for those that are unknown.
+        """
+        self._own_ohm = [(-math.inf, 0.0)] * self._electrodes
+        self._best_before_s = self._best_s
 
     def is_known(self, electrode: int, now_ns: int) -> bool:
         """Whether its conductance is known; an open electrode conducts next to nothing."""

@@ -22,11 +22,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from etd.pulse.measured import BEND_UA
 from etd.stabilize.pipeline import ElectrodeEstimate
 
 #: During the soft start the current is not the wanted one.
 _NEARLY = 0.9
-BEND_UA = 8_000.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,9 +23,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from etd.pulse.measured import MAX_AGE_NS
+from etd.pulse.measured import BEND_UA, MAX_AGE_NS
 from etd.stabilize.pipeline import ElectrodeEstimate
-from etd.stabilize.reference import BEND_UA
 from etd.stabilize.slew import SlewLimiter
 
 #: For how long a touch is new, and after how long the part by time is 1.
