@@ -7,6 +7,9 @@ Owns: the words that the guard's tests share. On the machine file of the Pi 4 th
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import pytest
 
 from board_rig import ZERO_WORD, BoardRig
@@ -46,13 +49,26 @@ def send(rig: BoardRig, message: Message, approved: Approval | None = None) -> N
     rig.board.guard.spi.transfer(message)
 
 
+class Refused:
+    """What the guard said."""
+
+    error: GuardRefusal
+
+
+@contextmanager
+def refused(rig: BoardRig, rule: str) -> Iterator[Refused]:
+    """What stands in the block is refused by this rule, and nothing crosses the wire."""
+    before, told = len(rig.records()), Refused()
+    with pytest.raises(GuardRefusal) as caught:
+        yield told
+    told.error = caught.value
+    assert told.error.rule == rule
+    assert rig.since(before) == []
+
+
 def assert_refused(
     rig: BoardRig, rule: str, message: Message, approved: Approval | None = None
 ) -> GuardRefusal:
-    """It is refused by this rule, and nothing crosses the wire."""
-    before = len(rig.records())
-    with pytest.raises(GuardRefusal) as caught:
+    with refused(rig, rule) as told:
         send(rig, message, approved)
-    assert caught.value.rule == rule
-    assert rig.since(before) == []
-    return caught.value
+    return told.error

@@ -213,7 +213,7 @@ class Stimulator:
     # --- telemetry ---------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """Process all reports that have arrived, and a wish to stop."""
+        """Process all reports that have arrived, and whether the person asked to stop."""
         while self._receive(0.0) is not None:
             pass
 

@@ -6,6 +6,7 @@ a reply is waited for.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any, Generic, TypeVar
 
 import zmq
@@ -18,7 +19,7 @@ from etd.protocol.errors import DaemonGone
 S = TypeVar("S", bound="zmq.Socket[Any]")
 
 
-class Connection(Generic[S]):
+class Connection(ABC, Generic[S]):
     """One connection to one daemon.
 
     `name` is the daemon's; `address` replaces it. The limits come from `calibration` (a name the
@@ -55,8 +56,9 @@ class Connection(Generic[S]):
         self._frames: S | None = None
         self._begin()
 
+    @abstractmethod
     def _new_context(self) -> zmq.Context[S]:
-        raise NotImplementedError
+        """Whose sockets block, or are awaited."""
 
     def _begin(self) -> None:
         """Called when made."""
