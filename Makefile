@@ -24,7 +24,7 @@ help: ## Show this list
 demo: $(VENV)/ready-daemon ## A moving pattern on the fake board, live in the terminal (SECONDS=10: for so long)
 	$(BIN)/etd demo $(if $(SECONDS),--seconds $(SECONDS))
 
-# On every core, and whoever is done helps the others. In any order, as always.
+# On every core; an idle worker takes over tests of another. In any order, as always.
 PYTEST := $(BIN)/pytest -q --numprocesses auto --dist worksteal
 MODELS := tests/models
 
