@@ -58,7 +58,7 @@ class HalfBridgeShadow:
         self.switched_by_flip = 1
         self._watched = {self._data, self._clk, self._le, self._bl, self._pol}
         self._level: dict[int, int] = {}
-        #: By call, its changes in the order of lines: the drivers repeat a few.
+        #: By call, its changes of watched lines in the order of lines: the drivers repeat a few.
         self._ordered: dict[Changes, list[tuple[int, int]]] = {}
         if hv is not None:
             self._watched.add(hv[0])
@@ -89,33 +89,37 @@ class HalfBridgeShadow:
 
         Raises: GuardRefusal before anything is sent.
         """
-        level = self._level
-        for line, value in self._ordered.get(changes) or self._order(changes):
-            was = level.get(line)
-            if was is None:
+        level, ordered = self._level, self._ordered.get(changes)
+        if ordered is None:
+            ordered = self._order(changes)
+        for line, value in ordered:
+            if level[line] == value:
                 continue
             level[line] = value
-            if value != was:
-                self.edge_count += 1
-                if line == self._clk:
-                    if value:
-                        self._shift()
-                elif line == self._le:
-                    if value:
-                        self._open_latch()
-                elif line != self._data:
-                    self._check_blanking(line, was)
+            self.edge_count += 1
+            if line == self._clk:
+                if value:
+                    self._shift()
+            elif line == self._le:
+                if value:
+                    self._open_latch()
+            elif line != self._data:
+                self._check_blanking(line, 1 - value)
 
     def _order(self, changes: Changes) -> list[tuple[int, int]]:
-        ordered = self._ordered[changes] = sorted(changes)
+        watched = [change for change in changes if change[0] in self._watched]
+        ordered = self._ordered[changes] = sorted(watched)
         return ordered
 
     def _shift(self) -> None:
-        if self._level[self._bl] and self._level[self._le]:
+        level = self._level
+        is_open = level[self._le]
+        if is_open and level[self._bl]:
             raise GuardRefusal("shift", "clock with latch open and outputs live", "blank first")
-        self._register = (self._register << 1 | self._level[self._data]) & self._full
-        self._unknown_stages = max(0, self._unknown_stages - 1)
-        if self._level[self._le]:
+        self._register = (self._register << 1 | level[self._data]) & self._full
+        if self._unknown_stages:
+            self._unknown_stages -= 1
+        if is_open:
             self._open_latch()
 
     def _open_latch(self) -> None:

@@ -2,6 +2,9 @@
 
 Owns: their order, which safety depends on: they come after the stabilizers, and nothing after them
 increases anything. What they take away is reported here.
+
+A pulse that is as the electrode's pulse before, and that no limit has lowered, is not made again
+while nothing has changed that it was made of. The ledger looks at each.
 Must not know: what is due when, what a stabilizer does, states, sockets.
 """
 
@@ -17,11 +20,12 @@ from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.messages import Clamp
 from etd.pulse.request import PulseRequest
 from etd.safety.ledger import Entry, Ledger
-from etd.safety.limits import clamp_to_limits
-from etd.safety.maxima import MaximaInForce
+from etd.safety.limits import Path, clamp_to_limits
+from etd.safety.maxima import Maxima, MaximaInForce
 from etd.safety.soft_start import SoftStart
 from etd.sensing.contact import ContactMap
 from etd_hal.board import Board
+from etd_hal.timing import Timing
 
 
 class Cleared(ReadyPulse, frozen=True, kw_only=True, gc=False):
@@ -32,6 +36,28 @@ class Cleared(ReadyPulse, frozen=True, kw_only=True, gc=False):
     request: PulseRequest
     clamp: Clamp | None = None
     leads: bool = False
+
+
+class _Repeatable:
+    """A cleared pulse that no limit has lowered, and all that it was made of."""
+
+    __slots__ = ("cleared", "maxima", "path", "scheduled", "share", "timing")
+
+    def __init__(
+        self,
+        cleared: Cleared,
+        scheduled: ScheduledPulse,
+        path: Path,
+        share: float,
+        maxima: Maxima,
+        timing: Timing,
+    ) -> None:
+        self.cleared = cleared
+        self.scheduled = scheduled
+        self.path = path
+        self.share = share
+        self.maxima = maxima
+        self.timing = timing
 
 
 class Clearance:
@@ -54,6 +80,8 @@ class Clearance:
         self._contact = contact
         self._returns = returns
         self._reporter = reporter
+        #: By electrode, of its last pulse; see the module.
+        self._repeatable: dict[int, _Repeatable] = {}
 
     def clear(
         self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int
@@ -61,11 +89,66 @@ class Clearance:
         """The pulse that may be fired; None where that is nothing, and the reason is reported."""
         scheduled, is_reported = due.scheduled, due.purpose != "contact_poll"
         path, share = self._returns.of(scheduled, now_ns)
+        cleared = self._again(due, request, path, share, ceiling_ua, now_ns)
+        if cleared is None:
+            cleared = self._limited(due, request, path, share, ceiling_ua, now_ns)
+            if cleared is None:
+                return None
+        if is_reported:
+            self._returns.watch(scheduled, request.current_ua, cleared.entry)
+        if self._ledger.first_violation(cleared.entry, now_ns) is None:
+            return cleared
+        if is_reported:
+            self._reporter.not_fired(scheduled.electrode, "ledger")
+        return None
+
+    def _again(
+        self,
+        due: DuePulse,
+        request: PulseRequest,
+        path: Path,
+        share: float,
+        ceiling_ua: int,
+        now_ns: int,
+    ) -> Cleared | None:
+        """The electrode's last pulse, if this one is the same and no limit lowers it now."""
+        electrode = due.scheduled.electrode
+        last = self._repeatable.get(electrode)
+        if (
+            last is None
+            or last.scheduled is not due.scheduled
+            or last.path is not path
+            or last.share != share
+            or last.maxima is not self._maxima.now
+            or last.timing is not self._board.timing
+            or due.after is not None
+        ):
+            return None
+        cleared = last.cleared
+        if cleared.request is not request and cleared.request != request:
+            return None
+        if request.current_ua > ceiling_ua or self._contact.is_touched[electrode] is False:
+            return None
+        if self._soft_start.recontact_ua(electrode, now_ns) is not None:
+            return None
+        return cleared
+
+    def _limited(
+        self,
+        due: DuePulse,
+        request: PulseRequest,
+        path: Path,
+        share: float,
+        ceiling_ua: int,
+        now_ns: int,
+    ) -> Cleared | None:
+        """What the limits leave of the request; None where that is nothing."""
+        scheduled, maxima = due.scheduled, self._maxima.now
         electrode = scheduled.electrode
         current_ua, clamp = clamp_to_limits(
             path,
             request,
-            self._maxima.now,
+            maxima,
             ceiling_ua,
             self._soft_start.recontact_ua(electrode, now_ns),
             self._contact.is_touched[electrode] is False,
@@ -75,15 +158,16 @@ class Clearance:
         given = request.at(current_ua)
         pulse = self._board.pulse(current_ua, given.width_us, prepulse_of(given))
         if pulse.code == 0:
-            if is_reported:
+            if due.purpose != "contact_poll":
                 self._report_nothing(scheduled, request, clamp)
             return None
         entry = _entry_of(scheduled, given, share, pulses=0 if due.after is not None else 1)
-        if is_reported:
-            self._returns.watch(scheduled, request.current_ua, entry)
-        if not self._fits(scheduled, entry, now_ns, is_reported=is_reported):
-            return None
-        return Cleared(entry, scheduled.selection, pulse, given, request=request, clamp=clamp)
+        cleared = Cleared(entry, scheduled.selection, pulse, given, request=request, clamp=clamp)
+        if clamp is None and due.after is None:
+            self._repeatable[electrode] = _Repeatable(
+                cleared, scheduled, path, share, maxima, self._board.timing
+            )
+        return cleared
 
     def led_by(
         self, due: DuePulse, cleared: Cleared, probe: PulseRequest, now_ns: int
@@ -95,7 +179,8 @@ class Clearance:
             charge_pc=entry.charge_pc + probe.charge_pc,
             on_us=entry.on_us + probe.width_us,
         )
-        if not self._fits(scheduled, both, now_ns, is_reported=True):
+        if self._ledger.first_violation(both, now_ns) is not None:
+            self._reporter.not_fired(scheduled.electrode, "ledger")
             return None
         pulse = self._board.pulse(probe.current_ua, probe.width_us)
         alone = Entry(
@@ -111,15 +196,6 @@ class Clearance:
             self._reporter.clamped(clamp)
         elif request.current_ua > 0:
             self._reporter.not_fired(scheduled.electrode, "resolution")
-
-    def _fits(
-        self, scheduled: ScheduledPulse, entry: Entry, now_ns: int, *, is_reported: bool
-    ) -> bool:
-        if self._ledger.first_violation(entry, now_ns) is None:
-            return True
-        if is_reported:
-            self._reporter.not_fired(scheduled.electrode, "ledger")
-        return False
 
 
 def _entry_of(

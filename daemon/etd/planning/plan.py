@@ -34,6 +34,9 @@ T = TypeVar("T")
 #: Work done in steps: everything else is polled where it yields.
 Steps = Generator[None, None, T]
 
+#: Current, width, phases and rate of a pulse, and whether a level asked for it.
+_MadeOf = tuple[int, int, tuple[bool, ...], float, bool]
+
 #: Anodic phases are True.
 PHASES: dict[Polarity, tuple[bool, ...]] = {
     "anodic": (True,),
@@ -80,6 +83,10 @@ class Planner:
         self._count = rules.array.count
         caps_ua = rules.person.caps_ua
         self._by_cap = sorted(range(self._count), key=lambda electrode: caps_ua[electrode])[:2]
+        #: By electrode, the pulse of the frame before and what it was made of: a pulse that is the
+        #: same is the same object, and what depends on it alone need not be decided again.
+        self._before: dict[int, tuple[_MadeOf, ScheduledPulse]] = {}
+        self._returns_before: Returns | None = None
 
     def plan(self, frame: Frame, returns: Callable[[Path], Path] | None = None) -> Plan:
         """All of `steps` at once. Raises: Refused."""
@@ -131,20 +138,20 @@ class Planner:
         widths_us = self._values("width_us", frame.width_us, default.width_us)
         rates_hz = self._values("rate_hz", frame.rate_hz, default.rate_hz)
         polarities = self._values("polarity", frame.polarity, default.polarity)
-        schedule = []
+        if frame.returns != self._returns_before:
+            self._before.clear()
+            self._returns_before = frame.returns
+        is_level, schedule, before = frame.level is not None, [], self._before
         for electrode, current_ua in enumerate(wanted_ua):
             if current_ua > 0:
+                width_us, rate_hz = widths_us[electrode], rates_hz[electrode]
                 phases = PHASES[polarities[electrode]]
-                schedule.append(
-                    self._visit(
-                        frame,
-                        electrode,
-                        current_ua,
-                        widths_us[electrode],
-                        phases,
-                        rates_hz[electrode],
-                    )
-                )
+                made_of = current_ua, width_us, phases, rate_hz, is_level
+                known = before.get(electrode)
+                if known is None or known[0] != made_of:
+                    visit = self._visit(frame, electrode, current_ua, width_us, phases, rate_hz)
+                    known = before[electrode] = made_of, visit
+                schedule.append(known[1])
             yield
         schedule.sort(key=lambda scheduled: scheduled.selection.output)
         return tuple(schedule)

@@ -58,8 +58,8 @@ class ScheduledPulse(msgspec.Struct, frozen=True, gc=False):
         request more than for the newer pulse. None, no pulse, where the newer one is lower in one
         part and not in all: the two cannot be combined.
         """
-        if newer is None:
-            return None
+        if newer is None or newer is self:
+            return newer
         falls = newer.current_ua < self.current_ua or newer.width_us < self.width_us
         rises = newer.current_ua > self.current_ua or newer.width_us > self.width_us
         if not falls:

@@ -154,22 +154,28 @@ def clamp_to_limits(
     are the frame's own, for requests of stabilizers. `before_pc` is the charge of the probe that
     goes before. A prepulse falls with its pulse, and its charge counts.
     """
-    bounds_ua: dict[ClampReason, int] = {"cap": _within_cap(path.cap_ua, request, bounds)}
+    reason: ClampReason = "cap"
+    bound_ua = _within_cap(path.cap_ua, request, bounds)
     if path.return_ua < path.cap_ua:
         # Otherwise the own cap is the smaller bound.
-        bounds_ua["return_cap"] = _within_cap(path.return_ua, request, bounds)
-    bounds_ua["charge"] = request.current_of(maxima.charge_pc - before_pc)
-    bounds_ua["soft_start"] = soft_start_ua
+        return_ua = _within_cap(path.return_ua, request, bounds)
+        if return_ua < bound_ua:
+            bound_ua, reason = return_ua, "return_cap"
+    charge_ua = request.current_of(maxima.charge_pc - before_pc)
+    if charge_ua < bound_ua:
+        bound_ua, reason = charge_ua, "charge"
+    if soft_start_ua < bound_ua:
+        bound_ua, reason = soft_start_ua, "soft_start"
     if bounds is not None:
-        bounds_ua["frame"] = min(bounds.current_ua, bounds.charge_pc // request.width_us)
-    if recontact_ua is not None:
-        bounds_ua["recontact"] = recontact_ua
-    if is_open:
-        bounds_ua["contact_open"] = maxima.probe_current_ua
-    bound_ua = min(bounds_ua.values())
+        frame_ua = min(bounds.current_ua, bounds.charge_pc // request.width_us)
+        if frame_ua < bound_ua:
+            bound_ua, reason = frame_ua, "frame"
+    if recontact_ua is not None and recontact_ua < bound_ua:
+        bound_ua, reason = recontact_ua, "recontact"
+    if is_open and maxima.probe_current_ua < bound_ua:
+        bound_ua, reason = maxima.probe_current_ua, "contact_open"
     if request.current_ua <= bound_ua:
         return request.current_ua, None
-    reason = min(bounds_ua, key=bounds_ua.__getitem__)
     clamp = Clamp(
         electrode=path.electrode,
         wanted_ua=request.current_ua,

@@ -1,0 +1,120 @@
+"""A clearance that keeps what it cleared last clears what one without a memory does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import product
+
+import pytest
+
+import engine_rig
+from engine_parts import currents, frame, planner
+from etd.engine.clearance import Clearance
+from etd.engine.components import Components
+from etd.planning.schedule import AfterProbe, DuePulse
+from etd.pulse.request import PulseRequest
+from etd.safety.conductance import Reading, Whole
+
+N = 16
+ELECTRODE = 3
+REQUEST = PulseRequest(800, 100)
+AGAIN = PulseRequest(800, 100)
+WEAKER = PulseRequest(700, 100)
+STRONG, WEAK = (
+    planner().plan(frame(current_ua=currents(e3=ua), width_us=100, rate_hz=20.0)).schedule[0]
+    for ua in (800, 600)
+)
+Change = Callable[[Components], object]
+
+
+def touches(node_v: float) -> Change:
+    return lambda parts: parts.contact.update_touch(ELECTRODE, 400, node_v, parts.clock.now_ns())
+
+
+def share_falls(parts: Components) -> None:
+    """Two more contacts become known, between two updates of what follows from them."""
+    share, now_ns = parts.returns.share, parts.clock.now_ns()
+    whole = Whole(400.0, 8.0, 8.0, 8.0, 0.0, 19_000.0)
+    for electrode in (5, 6, 7):
+        share.update(electrode, True, now_ns, Reading(400.0, 19_000.0, 21_000.0, whole))
+    share.refresh(now_ns + 10_000_000)
+
+
+def low_charge(parts: Components) -> None:
+    parts.maxima.now = replace(parts.maxima.now, charge_pc=50_000)
+
+
+CHANGES: dict[str, Change] = {
+    "nothing": lambda parts: None,
+    "it is open": touches(120.0),
+    "a re-contact": lambda parts: parts.soft_start.touched_again(ELECTRODE),
+    "low caps": lambda parts: parts.returns.set_caps((3_000, 300, *(3_000,) * (N - 2))),
+    "another share": share_falls,
+    "low maxima": low_charge,
+    "a calibration": lambda parts: parts.board.calibrate(),
+}
+
+
+def unbound(parts: Components) -> None:
+    """Nothing but the request and the ceiling bounds a pulse then."""
+    parts.returns.set_caps((3_000,) * N)
+    parts.maxima.follow(20, 200)
+    parts.soft_start.restart()
+    touches(3.0)(parts)
+
+
+PULSES = [
+    (DuePulse(scheduled, "stimulus", 0, after=after), request, ceiling_ua)
+    for scheduled, request, ceiling_ua, after in product(
+        (STRONG, WEAK),
+        (REQUEST, AGAIN, WEAKER),
+        (5_000, 750),
+        (None, AfterProbe(REQUEST, 100, 0, 5_000)),
+    )
+]
+
+
+@pytest.fixture(scope="module")
+def parts() -> Iterator[Components]:
+    rig = engine_rig.make(electrodes=N)
+    rig.open()
+    rig.arm()
+    yield rig.engine.components
+    rig.close()
+
+
+def new_clearance(parts: Components) -> Clearance:
+    return Clearance(
+        parts.board,
+        parts.maxima,
+        parts.ledger,
+        parts.soft_start,
+        parts.contact,
+        parts.returns,
+        parts.reporter,
+    )
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_is_cleared_does_not_depend_on_what_was_cleared_before(
+    parts: Components, change: str
+) -> None:
+    now_ns = parts.clock.now_ns()
+    for before, asked in product(PULSES, PULSES):
+        unbound(parts)
+        clearance = new_clearance(parts)
+        assert clearance.clear(*before, now_ns) is not None
+        CHANGES[change](parts)
+        found, fresh = (each.clear(*asked, now_ns) for each in (clearance, new_clearance(parts)))
+        assert found == fresh
+        assert (found and found.pulse) is (fresh and fresh.pulse)
+
+
+def test_a_pulse_as_the_one_before_is_not_made_again(parts: Components) -> None:
+    unbound(parts)
+    clearance, now_ns = new_clearance(parts), parts.clock.now_ns()
+    due = DuePulse(STRONG, "stimulus", 0)
+    first = clearance.clear(due, REQUEST, 5_000, now_ns)
+    assert first is not None
+    assert clearance.clear(due, AGAIN, 5_000, now_ns) is first
