@@ -36,6 +36,8 @@ from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import LiveClock, SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
+from etd_hal.fake.machines import PI4, MachineModel
+from etd_hal.fake.processor import Processor
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable
 from etd_hal.linesetup import line_setup, spi_setup
@@ -238,13 +240,16 @@ def make(
     untested: Callable[[], str | None] = lambda: None,
     tell: Callable[[str], object] = lambda _: None,
     machine_clock: SteppedClock | None = None,
+    processor: Processor | None = None,
+    machine: MachineModel = PI4,
 ) -> EngineRig:
     """An engine that has begun, with a gateway attached. `wrap` may put something before a port;
     without a `body` of the caller's the skin is a dry fingertip that only conducts. With a
-    `machine_clock` the board has a clock of its own beside it, as `etd run --board fake` has.
+    `machine_clock` the board has a clock of its own beside it, as `etd run --board fake` has. With
+    a `processor` computing takes time.
     """
     loaded = loaded or fake_config(board=board, array=array, electrodes=electrodes)
-    clock = machine_clock or SteppedClock()
+    clock = machine_clock or SteppedClock(processor=processor)
     board_clock = clock if machine_clock is None else LiveClock(clock)
     sink = io.BytesIO()
     outputs = loaded.array.outputs()
@@ -256,12 +261,13 @@ def make(
         trace=Trace(sink if is_traced else None),
         faults=faults,
         sensors=loaded.array.pressure,
+        machine=machine,
     )
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
     backend = Backend(
         "fake",
         *(ports.spi, ports.gpio, ports.i2c, board_clock, ports.marker, ports.close),
-        host_clock=clock,
+        host_clock=board_clock.host,
         codec=codec_of(loaded.board.source),
     )
     engine = Engine(loaded, wrap(backend), stabilizers=stabilizers, untested=untested)

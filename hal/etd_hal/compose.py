@@ -25,8 +25,13 @@ from etd_hal.ports import Clock, Gpio, I2c, Message, Spi
 if TYPE_CHECKING:
     from etd_hal.fake.board import FakePorts
     from etd_hal.fake.clock import BoardClock
+    from etd_hal.fake.machines import MachineModel
     from etd_hal.fake.pressure_sensors import SensorUnderArray
     from etd_hal.fake.remote import RemotePorts
+
+#: The machines that a fake board can be on; the shipped machine files of these names belong to
+#: them.
+MODELLED_MACHINES = ("pi4", "pi3", "zero2w")
 
 _WORDS = {"AD5452": ad5452.word}
 _SAMPLES = {"AD7276": ad7276.code_of}
@@ -126,6 +131,7 @@ def open_fake(
     stepped: bool = False,
     sensors: Sequence[SensorUnderArray] = (),
     timeout_factor: int = 1,
+    machine: str | None = None,
 ) -> Backend:
     """A fake board with a fingertip on it, in this process or behind a board process's socket.
 
@@ -134,19 +140,31 @@ def open_fake(
     `stepped` time passes only by being spent or slept, in one thread and without sockets; otherwise
     it follows the real clock. A board process writes its own trace. `timeout_factor` lengthens a
     frame's ttl, the lease and the gateway's silence, for a busy machine. `sensors` under the array
-    measure the fingertip's pressure; a board process has those that it was started with. Raises:
-    BusError (`absent` without a board process, `busy` while another client has it).
+    measure the fingertip's pressure; a board process has those that it was started with. With a
+    `machine` of MODELLED_MACHINES its calls, and computing, take the time that they would take
+    there; without, calls take that of a pi4, and computing none. Raises: BusError (`absent` without
+    a board process, `busy` while another client has it).
     """
     from etd_hal.fake.clock import LiveClock, SteppedClock
-    from etd_hal.linux.clock import LinuxClock
+    from etd_hal.fake.machines import MACHINES, PI4
+    from etd_hal.fake.processor import StagedTime, ThreadTime
+    from etd_hal.linux.clock import LinuxClock, thread_time_ns
 
     if board_socket is not None:
-        if stepped or trace is not None:
-            raise ValueError("a board process has live time and its own trace")
+        if stepped or trace is not None or machine is not None:
+            raise ValueError("a board process has live time, its own trace and its own times")
         backend = _open_board_process(board, board_socket, LiveClock(LinuxClock()))
     else:
-        clock = SteppedClock() if stepped else LiveClock(LinuxClock())
-        backend = _open_in_process(board, electrodes, positions_mm, trace, clock, sensors)
+        model, staged, live = PI4, None, None
+        if machine is not None:
+            model = MACHINES[machine]
+            staged = StagedTime(model.slowness)
+            live = ThreadTime(model.slowness, thread_time_ns)
+        clock = SteppedClock(processor=staged) if stepped else LiveClock(LinuxClock(), live)
+        backend = _open_in_process(board, electrodes, positions_mm, trace, clock, sensors, model)
+    if machine is not None:
+        fact = f"modelled: {machine}, on which computing takes {model.slowness:g} times as long"
+        backend = dataclasses.replace(backend, facts=(fact,))
     return dataclasses.replace(backend, timeout_factor=timeout_factor)
 
 
@@ -204,6 +222,7 @@ def _open_in_process(
     trace: Path | None,
     clock: BoardClock,
     sensors: Sequence[SensorUnderArray],
+    machine: MachineModel,
 ) -> Backend:
     from etd_hal.fake.board import FakeBoard
     from etd_hal.fake.fingertip import fingertip_body, living_fingertip
@@ -220,6 +239,7 @@ def _open_in_process(
         trace=Trace.to(trace) if trace is not None else None,
         sensors=sensors,
         pressing=lying if living is None else living.pressure_kpa,
+        machine=machine,
     )
     ports = fake.request(line_setup(board), spi_setup(board))
 

@@ -23,11 +23,11 @@ from etd.protocol.messages import Limits
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
 from etd_hal.compose import NoMarker, codec_of
-from etd_hal.ports import Changes, Edge, Message
+from etd_hal.ports import Changes, Clock, Edge, Message
 
 #: A Pi 4 core beside one of the machines that run tests: assumed, from published benchmarks.
 PI4_FACTOR = 4.0
-_REST_US = 200
+REST_US = 200
 _WORD_NS, _DELAY_NS, _MESSAGE_NS = 16_000, 300, 10_000
 #: What a touched electrode of a fingertip answers: about 10 V at 400 uA.
 ADC_CODES_PER_DAC_CODE = 112 / 163
@@ -35,11 +35,14 @@ ADC_CODES_PER_DAC_CODE = 112 / 163
 #: below this code.
 _LOWEST_LOADED_CODE = 60
 #: Probes first need room as well.
-_RATE_HZ = 20.0
+RATE_HZ = 20.0
 #: Above those of the opening.
-_FIRST_SEQ = 10_000
+FIRST_SEQ = 10_000
 #: Half a second: contacts are firm then.
-_WARM_UP = 20
+WARM_UP = 20
+
+
+Ends = tuple[Channel[ToGateway], Channel[ToGateway]]
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ def is_unloaded(message: Message) -> bool:
 @cache
 def unloaded_ratio() -> float:
     """ADC codes for a DAC code where the leak alone takes the current."""
-    source = loaded_with(_REST_US).board.source
+    source = loaded_with(REST_US).board.source
     return source.current_of(1) * source.leak_ohm / source.node_uv_per_code
 
 
@@ -147,25 +150,18 @@ def measure(scans: int, stabilize: Settings = NO_STABILIZERS) -> ProcessorFigure
     """Pulses of `scans` scans of 64 electrodes, the first of them left out to warm up."""
     clock = FreeClock()
     spi = FreeSpi(clock)
-    engine, gateway, ends = _armed(clock, spi, stabilize)
+    engine, gateway, ends = armed(clock, spi, FreeGpio(), stabilize)
     spi.begun_ns.clear()
     periods_us: list[float] = []
     messages = messages_of(stabilize)
-    for seq in range(_FIRST_SEQ, _FIRST_SEQ + _WARM_UP + scans):
-        gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
-        gateway[0].send(Alive())
+    for seq in range(FIRST_SEQ, FIRST_SEQ + WARM_UP + scans):
         spi.begun_ns.clear()
-        engine.components.stopper.check()
-        while len(spi.begun_ns) < ELECTRODES * messages:
-            engine.step()
-        while engine.components.active.schedule is not None:
-            _turn(engine)
-            _drain(gateway[0])
-        if seq >= _FIRST_SEQ + _WARM_UP:
+        play_one(engine, gateway, seq)
+        if seq >= FIRST_SEQ + WARM_UP:
             assert len(spi.begun_ns) == ELECTRODES * messages
             between = pairwise(spi.begun_ns[::messages])
             periods_us += [(after - before) / 1_000 for before, after in between]
-        clock.t_ns += int(1e9 / _RATE_HZ)
+        clock.t_ns += int(1e9 / RATE_HZ)
     engine.supervisor.end()
     for channel in ends:
         channel.close()
@@ -175,29 +171,42 @@ def measure(scans: int, stabilize: Settings = NO_STABILIZERS) -> ProcessorFigure
     return ProcessorFigures(name, statistics.median(periods_us), p99_us, len(periods_us))
 
 
+def play_one(engine: Engine, gateway: Ends, seq: int) -> None:
+    """A frame of one scan."""
+    gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
+    gateway[0].send(Alive())
+    engine.components.stopper.check()
+    while engine.components.active.schedule is None:
+        engine.step()
+    while engine.components.active.schedule is not None:
+        _turn(engine)
+        _drain(gateway[0])
+
+
 def _frame(seq: int) -> Frame:
     return Frame(
         lease="bench",
         seq=seq,
         current_ua=(CURRENT_UA,) * ELECTRODES,
         width_us=WIDTH_US,
-        rate_hz=_RATE_HZ,
+        rate_hz=RATE_HZ,
         pulses=1,
         ttl_ms=1_000,
     )
 
 
-Ends = tuple[Channel[ToGateway], Channel[ToGateway]]
-
-
-def _armed(
-    clock: FreeClock, spi: FreeSpi, stabilize: Settings
+def armed(
+    clock: FreeClock,
+    spi: FreeSpi,
+    gpio: FreeGpio,
+    stabilize: Settings,
+    host_clock: Clock | None = None,
 ) -> tuple[Engine, Ends, tuple[Channel[ToEngine] | Channel[NewFrame] | Channel[ToGateway], ...]]:
-    loaded = loaded_with(_REST_US, stabilize=stabilize)
+    loaded = loaded_with(REST_US, stabilize=stabilize)
     backend = Backend(
         "fake",
-        *(spi, FreeGpio(), None, clock, NoMarker(), lambda: None),
-        host_clock=clock,
+        *(spi, gpio, None, clock, NoMarker(), lambda: None),
+        host_clock=host_clock or clock,
         codec=codec_of(loaded.board.source),
     )
     engine = Engine(loaded, backend)

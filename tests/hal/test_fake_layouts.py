@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from board_hand import PAUSE, pulse
 from board_process import running_board
 from counted_readings import CountedTransfers
-from etd_hal.fake import pi4
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.layouts import lay_out
+from etd_hal.fake.machines import PI4
 from etd_hal.fake.remote import open_remote
 from etd_hal.linesetup import line_setup, spi_setup
 from etd_hal.linux.spi import LinuxSpi
@@ -52,12 +52,12 @@ def took_ns(driver: Driver, send: Callable[[Message], object]) -> int:
 
 def test_the_first_sending_takes_longer_by_the_laying_out(driver: Driver) -> None:
     first_ns, second_ns = (took_ns(driver, driver[0].transfer) for _ in range(2))
-    assert first_ns - second_ns == pi4.layout_ns(10)
+    assert first_ns - second_ns == PI4.laying_out_ns(10)
 
 
 def test_a_message_that_is_prepared_takes_the_same_each_time(driver: Driver) -> None:
     spi = driver[0]
-    assert took_ns(driver, spi.prepare) == pi4.layout_ns(10)
+    assert took_ns(driver, spi.prepare) == PI4.laying_out_ns(10)
     assert took_ns(driver, spi.transfer) == took_ns(driver, spi.transfer)
     assert took_ns(driver, spi.prepare) == 0
 
@@ -78,5 +78,5 @@ def test_the_fake_lays_out_the_messages_that_the_driver_lays_out(
         before = counted[number].readings
         spi.prepare(messages[number])
         is_laid_out = counted[number].readings > before
-        took_ns = lay_out(messages[number], fake, "/dev/spidev0.0")
+        took_ns = lay_out(messages[number], fake, "/dev/spidev0.0", PI4)
         assert is_laid_out == (took_ns > 0)

@@ -13,8 +13,8 @@ from board_rig import BoardRig, changed, machine_file
 from etd_hal.boardfile import Bounds, MachineFile
 from etd_hal.compose import codec_of
 from etd_hal.errors import BoardFault
-from etd_hal.fake import pi4
 from etd_hal.fake.faults import SpiError, SpiStall
+from etd_hal.fake.machines import PI4
 from etd_hal.ports import Message, Transfer
 from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
 from stepped_board import shipped_board
@@ -169,8 +169,8 @@ class TestCalibration:
     def test_on_the_fake_it_finds_the_cost_model(self, boards: Boards) -> None:
         timing = boards(begun=False).board.calibrate()
         assert timing.word_us == pytest.approx(FAKE_WORD_US, abs=0.002)
-        assert timing.delay_extra_us == pytest.approx(pi4.EMPTY_TRANSFER_NS / 1_000, abs=0.002)
-        around_us = (pi4.MESSAGE_BEFORE_NS + pi4.MESSAGE_AFTER_NS) / 1_000
+        assert timing.delay_extra_us == pytest.approx(PI4.empty_transfer_ns / 1_000, abs=0.002)
+        around_us = (PI4.message_before_ns + PI4.message_after_ns) / 1_000
         assert timing.message_us == pytest.approx(around_us + FAKE_WORD_US - 10.0, abs=0.002)
         assert timing.spread_us == 0.0
 

@@ -1,7 +1,8 @@
 """Options that several verbs share.
 
-Owns: `--name`, `--json`, `--seconds`, `--returns`, the value of `--board fake[:BOARD]`, and how a
-verb reports a failure that is not an exception. Must not know: verbs.
+Owns: `--name`, `--json`, `--seconds`, `--returns`, `--machine`, the value of
+`--board fake[:BOARD]`, and how a verb reports a failure that is not an exception. Must not know:
+verbs.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import sys
 from typing import NamedTuple
 
 from etd.files.paths import DEFAULT_NAME
+from etd_hal.compose import MODELLED_MACHINES
 
 #: A frame on the fake is shown for at most 100 s after its client has died.
 MAX_TIMEOUT_FACTOR = 100
@@ -96,6 +98,16 @@ def fake_board(text: str) -> FakeBoard:
             " in the configuration"
         )
     return FakeBoard(board or None)
+
+
+def add_machine(parser: argparse.ArgumentParser) -> None:
+    """With `--board fake`; what the fake charges for computing follows from it."""
+    parser.add_argument(
+        "--machine",
+        choices=MODELLED_MACHINES,
+        help="with --board fake: show what this machine would do; its calls, messages and computing"
+        " take as long as is modelled (default: calls as on a pi4, computing as fast as here)",
+    )
 
 
 def any_board_faked(text: str) -> FakeBoard:

@@ -69,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="play on a fake board, with a daemon that ends with this command",
     )
     parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
+    options.add_machine(parser)
     parser.add_argument(
         "--trace", type=Path, metavar="FILE", help="with --board fake: record its buses"
     )
@@ -131,8 +132,10 @@ class _Teller:
 
 def _check_combinations(args: argparse.Namespace) -> None:
     """Options that do not go together end with status 2."""
-    if args.board is None and (args.array or args.trace):
-        args.misused("--array and --trace go with --board fake: a running daemon has its own")
+    if args.board is None and (args.array or args.machine or args.trace):
+        args.misused(
+            "--array, --machine and --trace go with --board fake: a running daemon has its own"
+        )
     if (args.current_ua is None) != (args.width_us is None):
         args.misused("--current-ua and --width-us go together: a current needs a width")
     if args.current_ua is not None and (args.level or args.calibration):
@@ -146,7 +149,7 @@ def _address(args: argparse.Namespace, pattern: Pattern) -> Iterator[str | None]
         yield None
         return
     loaded = fake_config(args.board.board, args.array, pattern.electrodes)
-    with private_daemon("play", loaded, args.trace) as address:
+    with private_daemon("play", loaded, args.trace, args.machine) as address:
         yield address
 
 

@@ -25,8 +25,11 @@ _TIMEOUT_FACTOR = 20
 
 
 @contextmanager
-def private_daemon(name: str, loaded: LoadedConfig, trace: Path | None = None) -> Iterator[str]:
-    """The control address of a daemon that is ready. `loaded` comes from `fake_config`.
+def private_daemon(
+    name: str, loaded: LoadedConfig, trace: Path | None = None, machine: str | None = None
+) -> Iterator[str]:
+    """The control address of a daemon that is ready. `loaded` comes from `fake_config`; `machine`
+    is that of `etd run --machine`.
 
     The output of the two processes is shown only if one of them ends.
     Raises: PartEnded then (also in place of the client's error), DaemonGone if it does not become
@@ -35,7 +38,7 @@ def private_daemon(name: str, loaded: LoadedConfig, trace: Path | None = None) -
     with termination_as_ctrl_c(), tempfile.TemporaryDirectory(prefix="etd-") as temporary:
         folder = Path(temporary)
         prepare_runtime(folder)
-        arguments = _arguments(name, loaded, folder, trace)
+        arguments = _arguments(name, loaded, folder, trace, machine)
         with open(folder / "log", "w+", encoding="utf-8") as log:
             try:
                 with ProcessPair(arguments, folder, log) as both:
@@ -74,9 +77,13 @@ def _death_explains(both: ProcessPair) -> Iterator[None]:
         raise
 
 
-def _arguments(name: str, loaded: LoadedConfig, folder: Path, trace: Path | None) -> list[str]:
+def _arguments(
+    name: str, loaded: LoadedConfig, folder: Path, trace: Path | None, machine: str | None
+) -> list[str]:
     config = loaded.config
     arguments = ["--name", name, "--folder", str(folder)]
     arguments += ["--board", f"fake:{config.board}", "--array", config.array]
     arguments += ["--timeout-factor", str(_TIMEOUT_FACTOR)]
+    if machine is not None:
+        arguments += ["--machine", machine]
     return arguments if trace is None else [*arguments, "--trace", str(trace)]

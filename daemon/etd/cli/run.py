@@ -64,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--array", help="with --board fake: a shipped array, or a file (eTactileKit's layouts too)"
     )
+    options.add_machine(parser)
     parser.add_argument(
         "--trace", type=Path, metavar="FILE", help="record the fake's buses, as JSON lines"
     )
@@ -116,7 +117,9 @@ def run(args: argparse.Namespace) -> int:
 def loaded_config(args: argparse.Namespace) -> LoadedConfig:
     """Raises: FileError; for a missing configuration it names the fake board."""
     if args.board is not None:
-        return fake_config(args.board.board, args.array)
+        return fake_config(args.board.board, args.array, machine=args.machine or "pi4")
+    if args.machine is not None:
+        args.misused("--machine needs --board fake: otherwise the configuration names the machine")
     if args.array is not None:
         args.misused("--array needs --board fake: otherwise the configuration names the array")
     path = args.config or CONFIG_FOLDER / f"{args.name}.toml"
@@ -134,6 +137,8 @@ def loaded_config(args: argparse.Namespace) -> LoadedConfig:
 def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
     if args.trace is not None and args.board_socket is not None:
         args.misused("--trace: a board process writes its own trace; give the option to it")
+    if args.machine is not None and args.board_socket is not None:
+        args.misused("--machine: a board process has the times of a pi4")
     if loaded.config.backend == "linux" and (args.trace or args.board_socket):
         raise FileError(
             "--trace" if args.trace else "--board-socket",
@@ -183,7 +188,7 @@ def _arguments(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> 
     arguments += ["--selftest", str(_selftest_file(args, loaded))]
     if args.board is not None:
         arguments += ["--board", f"fake:{args.board.board or ''}"]
-    for key in ("config", "array", "trace", "board_socket", "timeout_factor"):
+    for key in ("config", "array", "machine", "trace", "board_socket", "timeout_factor"):
         value = getattr(args, key)
         if value is not None:
             arguments += [f"--{key.replace('_', '-')}", str(value)]
@@ -283,6 +288,7 @@ def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
         board_socket=args.board_socket,
         sensors=loaded.array.pressure,
         timeout_factor=args.timeout_factor or 1,
+        machine=args.machine,
     )
 
 

@@ -94,7 +94,10 @@ def load_config(path: Path) -> LoadedConfig:
 
 
 def fake_config(
-    board: str | None = None, array: str | None = None, electrodes: int | None = None
+    board: str | None = None,
+    array: str | None = None,
+    electrodes: int | None = None,
+    machine: str = "pi4",
 ) -> LoadedConfig:
     """The fake's own configuration; `electrodes` (a pattern's, say) choose what is not named.
 
@@ -107,7 +110,7 @@ def fake_config(
     config = EtdConfig(
         backend="fake",
         board=board_name,
-        machine="pi4",
+        machine=machine,
         array=array_name,
         body_site="fingertip",
         accept_absent_guards=board_file.absent_guards,

@@ -1,7 +1,7 @@
 """The fake board in this process: the four ports, on a clock.
 
 Owns: the lock on calls, and waiting for the time they take. Must not know: what a call does
-(`circuit.py`), how long it takes (`pi4.py`).
+(`circuit.py`), how long it takes (`machines.py`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.clock import BoardClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.layouts import lay_out
+from etd_hal.fake.machines import PI4, MachineModel
 from etd_hal.fake.pressure_sensors import PressureModel, SensorUnderArray, lying
 from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
@@ -47,10 +48,12 @@ class FakeBoard:
         seed: int = 1,
         sensors: Sequence[SensorUnderArray] = (),
         pressing: PressureModel = lying,
+        machine: MachineModel = PI4,
     ) -> None:
         if len(electrodes) != body.electrode_count:
             raise ValueError(f"{len(electrodes)} electrodes on a body of {body.electrode_count}")
         self._clock = clock
+        self._machine = machine
         self._lock = threading.Lock()
         self._circuit = Circuit(
             board,
@@ -62,6 +65,7 @@ class FakeBoard:
             seed=seed,
             sensors=sensors,
             pressing=pressing,
+            machine=machine,
         )
 
     @property
@@ -84,12 +88,12 @@ class FakeBoard:
 
     def request(self, lines: LineSetup, spi: SpiSetup) -> FakePorts:
         """Take the lines and the SPI device. Raises: BusError (`busy` while they are held)."""
-        start_ns = self._clock.begin_call()
+        start_ns = self._clock.begin_call("line")
         with self._lock:
             end_ns = self._circuit.request(start_ns, lines, spi)
         self._clock.end_call(end_ns)
         has_i2c = self._circuit.board.i2c != "absent"
-        calls = _Calls(self._circuit, self._clock, self._lock)
+        calls = _Calls(self._circuit, self._clock, self._lock, self._machine)
         return FakePorts(
             FakeSpi(calls, spi.device),
             FakeGpio(calls),
@@ -124,6 +128,7 @@ class _Calls:
     circuit: Circuit
     clock: BoardClock
     lock: threading.Lock
+    machine: MachineModel
 
 
 class FakeSpi:
@@ -133,14 +138,14 @@ class FakeSpi:
 
     def prepare(self, message: Message) -> None:
         """See `ports.Spi`."""
-        layout_ns = lay_out(message, self, self._device)
+        layout_ns = lay_out(message, self, self._device, self._calls.machine)
         if layout_ns:
-            self._calls.clock.end_call(self._calls.clock.begin_call() + layout_ns)
+            self._calls.clock.end_call(self._calls.clock.begin_call("prepare") + layout_ns)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         """See `ports.Spi`. The lock is free while the message waits: a stopper can get in."""
         calls = self._calls
-        layout_ns = lay_out(message, self, self._device)
+        layout_ns = lay_out(message, self, self._device, self._calls.machine)
         steps = calls.circuit.play(calls.clock.begin_message() + layout_ns, message)
         try:
             while True:
@@ -162,14 +167,16 @@ class FakeGpio:
 
     def set(self, changes: Changes) -> None:
         calls = self._calls
-        start_ns = calls.clock.begin_call()
+        start_ns = calls.clock.begin_call(
+            "switch" if calls.circuit.moves_switch(changes) else "line"
+        )
         with calls.lock:
             end_ns = calls.circuit.set_lines(start_ns, changes)
         calls.clock.end_call(end_ns)
 
     def get(self, line: int) -> int:
         calls = self._calls
-        start_ns = calls.clock.begin_call()
+        start_ns = calls.clock.begin_call("line")
         with calls.lock:
             level, end_ns = calls.circuit.get_line(start_ns, line)
         calls.clock.end_call(end_ns)
@@ -177,7 +184,7 @@ class FakeGpio:
 
     def edges(self) -> tuple[Edge, ...]:
         calls = self._calls
-        start_ns = calls.clock.begin_call()
+        start_ns = calls.clock.begin_call("line")
         with calls.lock:
             edges, end_ns = calls.circuit.take_edges(start_ns)
         calls.clock.end_call(end_ns)
@@ -190,7 +197,7 @@ class FakeI2c:
 
     def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
         calls = self._calls
-        start_ns = calls.clock.begin_call()
+        start_ns = calls.clock.begin_call("line")
         with calls.lock:
             answer, end_ns = calls.circuit.i2c_transfer(start_ns, address, write, read_length)
         calls.clock.end_side_call(end_ns)
@@ -205,8 +212,9 @@ class FakeMarker:
 
     def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
         calls = self._calls
+        start_ns = calls.clock.begin_call("mark")
         with calls.lock:
-            calls.circuit.mark(calls.clock.now_ns(), event, seq, tag)
+            calls.circuit.mark(start_ns, event, seq, tag)
 
 
 @dataclass(frozen=True, slots=True)

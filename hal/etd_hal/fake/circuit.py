@@ -18,6 +18,7 @@ from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.header import Header
 from etd_hal.fake.i2cbus import I2cBus
+from etd_hal.fake.machines import PI4, MachineModel
 from etd_hal.fake.pressure_sensors import (
     FakePressureSensors,
     PressureModel,
@@ -53,6 +54,7 @@ class Circuit:
         seed: int,
         sensors: Sequence[SensorUnderArray] = (),
         pressing: PressureModel = lying,
+        machine: MachineModel = PI4,
     ) -> None:
         self.board = board
         self._trace = trace
@@ -67,14 +69,14 @@ class Circuit:
         self._timeline.before_call.append(self._path.settle)
         self._timeline.reached.append(lambda: self._path.reached_ns)
         self._header = Header(
-            board, self._switch, self._path, self._rail, faulty, self._timeline, trace
+            board, self._switch, self._path, self._rail, faulty, self._timeline, trace, machine
         )
-        self._spi = SpiBus(board.source, self._path, faulty, self._timeline, trace)
+        self._spi = SpiBus(board.source, self._path, faulty, self._timeline, trace, machine)
         pressed = FakePressureSensors(sensors, pressing)
         self.world = World(
             body, electrodes, self._rail, faulty, pressed, self._header.move_stop, self.now_ns
         )
-        self._i2c = I2cBus(board, self._rail, faulty, pressed, self._timeline, trace)
+        self._i2c = I2cBus(board, self._rail, faulty, pressed, self._timeline, trace, machine)
         trace.begin(board, electrodes)
 
     @property
@@ -117,6 +119,10 @@ class Circuit:
 
     def set_lines(self, t_ns: int, changes: Changes) -> int:
         return self._header.set(t_ns, changes)
+
+    def moves_switch(self, changes: Changes) -> bool:
+        """Whether the switch has any of the lines."""
+        return self._header.moves_switch(changes)
 
     def let_float(self, t_ns: int) -> None:
         """See `Header.let_float`."""

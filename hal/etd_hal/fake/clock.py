@@ -1,6 +1,7 @@
 """The fake's time.
 
-Owns: how the fake's clock moves, stepped and live. Must not know: what takes time (`pi4.py`).
+Owns: how the fake's clock moves, stepped and live. Must not know: how long a call takes
+(`machines.py`), and computing (`processor.py`).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Callable
 from itertools import count
 from typing import Protocol
 
+from etd_hal.fake.processor import Call, Processor
 from etd_hal.ports import Clock
 
 #: An arbitrary start well above zero, so that a forgotten "0 means never" shows.
@@ -34,8 +36,8 @@ class BoardClock(Protocol):
         """The clock of the machine that the fake runs on."""
         ...
 
-    def begin_call(self) -> int:
-        """The time at which a port call starts."""
+    def begin_call(self, call: Call) -> int:
+        """The time at which a port call starts: when what was computed before it is over."""
         ...
 
     def begin_message(self) -> int:
@@ -56,27 +58,42 @@ class SteppedClock:
 
     `at` puts an action on the way: it runs when time comes to it, also in the middle of a call
     that takes long (a stalled SPI message), as another thread would.
+
+    With a `processor` computing takes time too; otherwise it takes none.
     """
 
-    def __init__(self, start_ns: int = START_NS) -> None:
+    def __init__(self, start_ns: int = START_NS, processor: Processor | None = None) -> None:
         self._now_ns = start_ns
+        self._processor = processor
+        #: An action is under way: it runs beside the thread that computes.
+        self._is_beside = False
         self._actions: list[tuple[int, int, Callable[[], object]]] = []
         self._order = count()
 
     def now_ns(self) -> int:
+        if self._processor is not None:
+            self.compute("now")
         return self._now_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
+        self.compute("sleep")
         self._move_to(deadline_ns)
 
     def doze_until_ns(self, deadline_ns: int) -> None:
         """Nothing is late here."""
+        self.compute("doze")
         self._move_to(deadline_ns)
 
     @property
     def host(self) -> Clock:
-        """The same: there is no other time."""
-        return self
+        """The same: there is no other time. Reading it is a call of its own to a processor."""
+        return self if self._processor is None else _HostClock(self, self)
+
+    def compute(self, call: Call) -> None:
+        """What the processor has done until `call` takes its time."""
+        if self._processor is not None and not self._is_beside:
+            self._move_to(self._now_ns + self._processor.cost_ns(call))
+            self._processor.resume()
 
     def spend(self, duration_ns: int) -> None:
         """Let time pass, as computing does."""
@@ -86,11 +103,12 @@ class SteppedClock:
         """Run `action` when time comes to `t_ns`; actions of one time run in the order given."""
         heapq.heappush(self._actions, (t_ns, next(self._order), action))
 
-    def begin_call(self) -> int:
+    def begin_call(self, call: Call) -> int:
+        self.compute(call)
         return self._now_ns
 
     def begin_message(self) -> int:
-        return self._now_ns
+        return self.begin_call("message")
 
     def end_call(self, end_ns: int) -> None:
         self._move_to(end_ns)
@@ -102,7 +120,9 @@ class SteppedClock:
         while self._actions and self._actions[0][0] <= t_ns:
             due_ns, _, action = heapq.heappop(self._actions)
             self._now_ns = max(self._now_ns, due_ns)
+            was_beside, self._is_beside = self._is_beside, True
             action()
+            self._is_beside = was_beside
         if self._now_ns < t_ns:
             self._now_ns = t_ns
 
@@ -119,10 +139,13 @@ class LiveClock:
 
     Time follows the thread that plays SPI messages. Others read the same time, but their sleeps
     do not move it: a sensor's thread must not make a message look longer.
+
+    With a `processor` what that thread computes moves time as well.
     """
 
-    def __init__(self, real: Clock) -> None:
+    def __init__(self, real: Clock, processor: Processor | None = None) -> None:
         self._real = real
+        self._processor = processor
         self._now_ns = real.now_ns()
         #: The lag that stays.
         self._behind_ns = 0
@@ -132,10 +155,21 @@ class LiveClock:
 
     @property
     def host(self) -> Clock:
-        return self._real
+        return self._real if self._processor is None else _HostClock(self, self._real)
+
+    def compute(self, call: Call) -> None:
+        """What the processor has done until `call` takes its time."""
+        if self._processor is None or self._player != threading.get_ident():
+            return
+        with self._lock:
+            self._now_ns += self._processor.cost_ns(call)
+        self._real.sleep_until_ns(self._now_ns + self._behind_ns)
+        self._keep_lag()
+        self._processor.resume()
 
     def now_ns(self) -> int:
         """While a call waits for its end, the others see time go on; never ahead of the real."""
+        self.compute("now")
         with self._lock:
             paced_ns = self._real.now_ns() - self._behind_ns
             until_ns = self._asleep_until_ns
@@ -146,6 +180,7 @@ class LiveClock:
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         if self._is_player():
+            self.compute("sleep")
             self._sleep_as_player(deadline_ns)
             return
         while (left_ns := deadline_ns - self.now_ns()) > 0:
@@ -155,12 +190,15 @@ class LiveClock:
         """Time that is played lags behind: only the exact sleep catches up with it."""
         self.sleep_until_ns(deadline_ns)
 
-    def begin_call(self) -> int:
+    def begin_call(self, call: Call) -> int:
+        self.compute(call)
         return self.now_ns()
 
     def begin_message(self) -> int:
-        self._player = threading.get_ident()
-        return self.now_ns()
+        if self._player != threading.get_ident():
+            self._player = threading.get_ident()
+            self._resume()
+        return self.begin_call("message")
 
     def end_call(self, end_ns: int) -> None:
         with self._lock:
@@ -168,6 +206,7 @@ class LiveClock:
         self._real.sleep_until_ns(end_ns + self._behind_ns)
         if self._is_player():
             self._keep_lag()
+            self._resume()
 
     def end_side_call(self, end_ns: int) -> None:
         self._real.sleep_until_ns(end_ns + self._behind_ns)
@@ -184,6 +223,11 @@ class LiveClock:
             self._asleep_until_ns = None
             self._now_ns = max(self._now_ns, deadline_ns)
         self._keep_lag()
+        self._resume()
+
+    def _resume(self) -> None:
+        if self._processor is not None:
+            self._processor.resume()
 
     def _keep_lag(self) -> None:
         """Of a lag that is too long to be made up for nothing is."""
@@ -191,3 +235,21 @@ class LiveClock:
             lag_ns = self._real.now_ns() - self._behind_ns - self._now_ns
             if lag_ns > _MADE_UP_NS:
                 self._behind_ns += lag_ns
+
+
+class _HostClock:
+    """The machine's clock, which a program reads between two calls of the board."""
+
+    def __init__(self, board: SteppedClock | LiveClock, real: Clock) -> None:
+        self._board = board
+        self._real = real
+
+    def now_ns(self) -> int:
+        self._board.compute("host")
+        return self._real.now_ns()
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        self._real.sleep_until_ns(deadline_ns)
+
+    def doze_until_ns(self, deadline_ns: int) -> None:
+        self._real.doze_until_ns(deadline_ns)

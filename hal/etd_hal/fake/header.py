@@ -7,12 +7,12 @@ Must not know: SPI, I2C, what the current does.
 from __future__ import annotations
 
 from etd_hal.boardfile import BoardFile, Relays
-from etd_hal.fake import pi4
 from etd_hal.fake.currentpath import CurrentPath
 from etd_hal.fake.faults import LineCut, PullMissing, StuckBehind, StuckLine
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.lines import Lines
+from etd_hal.fake.machines import MachineModel
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.relays import RelayChain
 from etd_hal.fake.timeline import Timeline
@@ -38,6 +38,7 @@ class Header:
         faults: Faults,
         timeline: Timeline,
         trace: Trace,
+        machine: MachineModel,
     ) -> None:
         self._board = board
         self._switch = switch
@@ -46,6 +47,7 @@ class Header:
         self._faults = faults
         self._timeline = timeline
         self._trace = trace
+        self._machine = machine
         self._line_of = board.used_lines()
         self._names = {line: name for name, line in self._line_of.items()}
         self._lines = Lines(self._levels_at_power_up())
@@ -73,8 +75,8 @@ class Header:
         t_ns = self._timeline.start(t_ns)
         for line, value in setup.outputs:
             self._put(t_ns, line, value, exempt=False)
-            t_ns += pi4.GPIO_NEXT_LINE_NS
-        return self._timeline.end(t_ns + pi4.GPIO_CALL_NS)
+            t_ns += self._machine.gpio_next_line_ns
+        return self._timeline.end(t_ns + self._machine.gpio_call_ns)
 
     def release(self) -> None:
         """Let go of the lines; outputs keep their levels."""
@@ -86,11 +88,14 @@ class Header:
         t_ns = self._timeline.start(t_ns)
         # Asked only while current flows.
         exempt = bool(self._path.code) and self._is_safe_off(changes)
-        at_ns = t_ns + pi4.GPIO_FIRST_LINE_NS
+        at_ns = t_ns + self._machine.gpio_first_line_ns
         for line, value in ordered:
             self._put(at_ns, line, value, exempt)
-            at_ns += pi4.GPIO_NEXT_LINE_NS
-        return self._timeline.end(t_ns + pi4.GPIO_CALL_NS)
+            at_ns += self._machine.gpio_next_line_ns
+        return self._timeline.end(t_ns + self._machine.gpio_call_ns)
+
+    def moves_switch(self, changes: Changes) -> bool:
+        return any(self._names.get(line) in _SWITCH_LINES for line, _ in changes)
 
     def let_float(self, t_ns: int) -> None:
         """Nobody drives the outputs: the pulls do, as at power-up."""
@@ -109,14 +114,14 @@ class Header:
         if name == "READBACK":
             self._lines.put(line, self._switch.data_out)
         level = self._stuck(name, self._lines.read(line))
-        self._trace.gpio(t_ns + pi4.GPIO_FIRST_LINE_NS, line, level)
-        return level, self._timeline.end(t_ns + pi4.GPIO_CALL_NS)
+        self._trace.gpio(t_ns + self._machine.gpio_first_line_ns, line, level)
+        return level, self._timeline.end(t_ns + self._machine.gpio_call_ns)
 
     def take_edges(self, t_ns: int) -> tuple[tuple[Edge, ...], int]:
         """The edges since the last call, and when this one ends. Raises: BusError."""
         t_ns = self._timeline.start(t_ns)
         edges = self._lines.take_edges()
-        return edges, self._timeline.end(t_ns + pi4.GPIO_CALL_NS)
+        return edges, self._timeline.end(t_ns + self._machine.gpio_call_ns)
 
     def drive(self, t_ns: int, line: int, value: int) -> None:
         """One output changes on a bus that is not ours: a kernel's, which orders them itself."""

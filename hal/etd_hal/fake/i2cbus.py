@@ -10,10 +10,10 @@ from typing import Literal
 
 from etd_hal.boardfile import BoardFile, RailMonitor
 from etd_hal.errors import BusError
-from etd_hal.fake import pi4
 from etd_hal.fake.faults import MonitorStuck, SetpointAtPowerUp
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.i2cchips import Ads1115, I2cChip, Mcp4725
+from etd_hal.fake.machines import MachineModel
 from etd_hal.fake.pressure_sensors import FakePressureSensors
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.timeline import Timeline
@@ -32,11 +32,13 @@ class I2cBus:
         pressed: FakePressureSensors,
         timeline: Timeline,
         trace: Trace,
+        machine: MachineModel,
     ) -> None:
         self._device = board.i2c
         self._faults = faults
         self._timeline = timeline
         self._trace = trace
+        self._machine = machine
         monitor = board.guards.rail_monitor
         addresses = set(pressed.addresses)
         if monitor != "absent":
@@ -61,7 +63,7 @@ class I2cBus:
         chip = self._chips.get(address)
         if fault is not None or chip is None:
             kind = "absent" if fault is None else fault.kind
-            lasts_ns = _TIMEOUT_NS if kind == "timeout" else pi4.i2c_ns(0, 0)
+            lasts_ns = _TIMEOUT_NS if kind == "timeout" else self._machine.i2c_ns(0, 0)
             self._timeline.end(t_ns)
             device = f"{self._device}, address 0x{address:02x}"
             return BusError(kind, device, "transfer"), t_ns + lasts_ns
@@ -70,7 +72,7 @@ class I2cBus:
         read = chip.read(t_ns, read_length) if read_length else b""
         self._trace.i2c(t_ns, address, write, read)
         self._timeline.end(t_ns)
-        return read, t_ns + pi4.i2c_ns(len(write), read_length)
+        return read, t_ns + self._machine.i2c_ns(len(write), read_length)
 
 
 class _Inputs:

@@ -11,7 +11,7 @@ The limits are those of spidev on 64-bit Raspberry Pi OS: each transfer with dat
 from __future__ import annotations
 
 from etd_hal.errors import BusError
-from etd_hal.fake import pi4
+from etd_hal.fake.machines import MachineModel
 from etd_hal.ports import Message
 
 _BUFFER_BYTES = 4_096
@@ -19,7 +19,7 @@ _ROUNDED_TO = 128
 _WRAPS_AT = 512
 
 
-def lay_out(message: Message, port: object, device: str) -> int:
+def lay_out(message: Message, port: object, device: str, machine: MachineModel) -> int:
     """Note that `port` has laid the message out. Returns the ns it takes: 0 if it was noted before.
 
     Raises: BusError (invalid, too_long).
@@ -28,7 +28,7 @@ def lay_out(message: Message, port: object, device: str) -> int:
         return 0
     check_size(message, device)
     message.made[port] = None
-    return pi4.layout_ns(len(message.transfers))
+    return machine.laying_out_ns(len(message.transfers))
 
 
 def check_size(message: Message, device: str) -> None:

@@ -20,6 +20,7 @@ from etd_hal.errors import BusError
 from etd_hal.fake import wire
 from etd_hal.fake.clock import BoardClock
 from etd_hal.fake.layouts import lay_out
+from etd_hal.fake.machines import PI4
 from etd_hal.ports import Changes, Edge, LineSetup, Message, SpiSetup
 
 
@@ -85,12 +86,12 @@ class RemoteSpi:
 
     def prepare(self, message: Message) -> None:
         """See `ports.Spi`. It is the client that computes, and not the board process."""
-        layout_ns = lay_out(message, self, self._device)
+        layout_ns = lay_out(message, self, self._device, PI4)
         if layout_ns:
-            self._line.clock.end_call(self._line.clock.begin_call() + layout_ns)
+            self._line.clock.end_call(self._line.clock.begin_call("prepare") + layout_ns)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
-        layout_ns = lay_out(message, self, self._device)
+        layout_ns = lay_out(message, self, self._device, PI4)
         transfers = tuple(
             (entry.tx, entry.delay_us, entry.cs_change) for entry in message.transfers
         )
@@ -103,13 +104,13 @@ class RemoteGpio:
         self._line = line
 
     def set(self, changes: Changes) -> None:
-        self._line.call(wire.SetLines(self._line.clock.begin_call(), changes))
+        self._line.call(wire.SetLines(self._line.clock.begin_call("line"), changes))
 
     def get(self, line: int) -> int:
-        return self._line.call(wire.GetLine(self._line.clock.begin_call(), line)).value
+        return self._line.call(wire.GetLine(self._line.clock.begin_call("line"), line)).value
 
     def edges(self) -> tuple[Edge, ...]:
-        done = self._line.call(wire.TakeEdges(self._line.clock.begin_call()))
+        done = self._line.call(wire.TakeEdges(self._line.clock.begin_call("line")))
         return tuple(Edge(*edge) for edge in done.edges)
 
 
@@ -118,7 +119,7 @@ class RemoteI2c:
         self._line = line
 
     def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
-        start_ns = self._line.clock.begin_call()
+        start_ns = self._line.clock.begin_call("line")
         call = wire.TransferI2c(start_ns, address, write, read_length)
         return self._line.side_call(call).reads[0]
 
@@ -156,7 +157,7 @@ def open_remote(
     try:
         line.call(
             wire.TakeLines(
-                clock.begin_call(),
+                clock.begin_call("line"),
                 board.name,
                 lines.outputs,
                 inputs,

@@ -10,7 +10,6 @@ from collections.abc import Generator
 
 from etd_hal.boardfile import Source
 from etd_hal.errors import BusError
-from etd_hal.fake import pi4
 from etd_hal.fake.ad5452 import Ad5452
 from etd_hal.fake.ad7276 import Ad7276
 from etd_hal.fake.currentpath import CurrentPath
@@ -26,6 +25,7 @@ from etd_hal.fake.faults import (
 )
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.layouts import check_size
+from etd_hal.fake.machines import MachineModel
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
 from etd_hal.ports import Message, SpiSetup, Transfer
@@ -36,13 +36,20 @@ Played = tuple[tuple[bytes, ...], int]
 
 class SpiBus:
     def __init__(
-        self, source: Source, path: CurrentPath, faults: Faults, timeline: Timeline, trace: Trace
+        self,
+        source: Source,
+        path: CurrentPath,
+        faults: Faults,
+        timeline: Timeline,
+        trace: Trace,
+        machine: MachineModel,
     ) -> None:
         self._device = source.spi
         self._path = path
         self._faults = faults
         self._timeline = timeline
         self._trace = trace
+        self._machine = machine
         self._setup: SpiSetup | None = None
         self._dac = Ad5452(path.set_code, timeline.complain)
         self._adc = Ad7276()
@@ -74,7 +81,7 @@ class SpiBus:
         sent_bytes = 0
         last = len(message.transfers) - 1
         t_ns += self._faults.spi_late_us() * 1_000
-        t_ns = self._select(t_ns + pi4.MESSAGE_BEFORE_NS)
+        t_ns = self._select(t_ns + self._machine.message_before_ns)
         for index, transfer in enumerate(message.transfers):
             for fault in faults:
                 if isinstance(fault, SpiStall) and fault.at_transfer == index:
@@ -84,18 +91,18 @@ class SpiBus:
             if failed is not None and failed.at_transfer == index:
                 break
             read, t_ns = self._clock(t_ns, transfer, setup)
-            t_ns += pi4.delay_ns(transfer.delay_us)
+            t_ns += self._machine.delay_ns(transfer.delay_us)
             sent_bytes += len(transfer.tx)
             if transfer.tx:
                 reads.append(read)
             if transfer.cs_change and index != last:
-                t_ns = self._select(self._deselect(t_ns) + pi4.CS_CHANGE_NS)
+                t_ns = self._select(self._deselect(t_ns) + self._machine.cs_change_ns)
         if message.transfers and message.transfers[-1].cs_change and failed is None:
             self._timeline.complain(t_ns, "cs_change on the last transfer: its word is not taken")
         else:
             t_ns = self._deselect(t_ns)
         self._trace.spi_done(t_ns, sent_bytes)
-        end_ns = self._timeline.end(t_ns + pi4.MESSAGE_AFTER_NS)
+        end_ns = self._timeline.end(t_ns + self._machine.message_after_ns)
         self._raise_failure(failed, any(isinstance(fault, SpiShort) for fault in faults))
         return tuple(reads), end_ns
 
@@ -114,7 +121,7 @@ class SpiBus:
 
     def _select(self, t_ns: int) -> int:
         """Chip select falls: the ADC samples."""
-        t_ns += pi4.CS_FALL_NS
+        t_ns += self._machine.cs_fall_ns
         self._trace.spi_cs(t_ns, True)
         self._dac.select()
         self._adc.select(self._path.node_code(t_ns))
@@ -123,7 +130,9 @@ class SpiBus:
     def _clock(self, t_ns: int, transfer: Transfer, setup: SpiSetup) -> tuple[bytes, int]:
         read = b""
         if transfer.tx:
-            t_ns += pi4.CS_TO_CLOCK_NS + pi4.clocking_ns(len(transfer.tx), setup.speed_hz)
+            t_ns += self._machine.cs_to_clock_ns + self._machine.clocking_ns(
+                len(transfer.tx), setup.speed_hz
+            )
             mode = setup.mode
             if self._faults.are_there:
                 t_ns += sum(slow.extra_us * 1_000 for slow in self._faults.of(SlowWords))
@@ -133,13 +142,13 @@ class SpiBus:
             for stuck in self._faults.of(MisoStuck):
                 read = (b"\xff" if stuck.level else b"\x00") * len(transfer.tx)
         else:
-            t_ns += pi4.EMPTY_TRANSFER_NS
+            t_ns += self._machine.empty_transfer_ns
         self._trace.spi_transfer(t_ns, transfer.tx, read, transfer.delay_us, transfer.cs_change)
         return read, t_ns
 
     def _deselect(self, t_ns: int) -> int:
         """Chip select rises: the DAC executes its word."""
-        t_ns += pi4.CS_RISE_NS
+        t_ns += self._machine.cs_rise_ns
         self._trace.spi_cs(t_ns, False)
         if not self._faults.edge_is_lost(LostSync):
             self._dac.deselect(t_ns)

@@ -1,4 +1,4 @@
-"""CLOCK_MONOTONIC, and a sleep that ends exactly at its deadline.
+"""CLOCK_MONOTONIC, processor time of the calling thread, and a sleep that ends at its deadline.
 
 Owns: the only place that reads a clock. Must not know: what is waited for.
 """
@@ -48,6 +48,11 @@ class LinuxClock:
         """Sleep, and wake up as late as the system likes."""
         while (remaining_ns := deadline_ns - self.now_ns()) > 0:
             self._sleep_s(remaining_ns / 1e9)
+
+
+def thread_time_ns() -> int:
+    """What the calling thread has had of the processor."""
+    return time.thread_time_ns()
 
 
 def wall_time() -> datetime.datetime:

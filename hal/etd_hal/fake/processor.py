@@ -1,0 +1,120 @@
+"""What computing costs the modelled machine, between two calls of its ports and clock.
+
+Owns: which stage of a pulse the engine has computed when it calls a port or a clock, the cost of
+each stage for stepped time, and the processor time measured for live time. Must not know: how time
+moves (`clock.py`), engines, schedules.
+
+The engine is not told. The calls of a pulse come in an order of their own: the machine's clock is
+read by the poll, the outputs are un-blanked, the message is sent, the outputs are blanked, the next
+selection is shifted in. So each call says what was computed before it. Reading the machine's clock
+again and again is planning, where each step asks whether a poll is due.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Literal, Protocol
+
+#: The calls of ports and clocks. `host`: the machine's clock is read; `now`: the board's; `switch`:
+#: lines of the switch are set; `line`: any other line is set or read.
+Call = Literal["host", "now", "sleep", "doze", "switch", "line", "message", "prepare", "mark"]
+
+Stage = Literal["idle_poll", "plan_step", "clear", "fire", "judge", "report"]
+
+#: What each stage takes on a PC, in ns; a machine's `slowness` multiplies it. `clear`: the poll
+#: before a pulse, the request, limits and ledger. `fire`: still valid, booked, approved, decoded by
+#: the guard. `judge`: after the message, until the outputs are blanked. `report`: what the pulse
+#: told, until the next selection is shifted in. `plan_step`: each electrode of a frame takes two.
+STAGES_NS: Mapping[Stage, int] = {
+    "idle_poll": 15_000,
+    "plan_step": 6_000,
+    "clear": 20_000,
+    "fire": 7_500,
+    "judge": 5_500,
+    "report": 15_500,
+}
+
+#: What a pulse has come to, by its calls.
+State = Literal["idle", "shifted", "cleared", "connected", "ready", "sent", "discharged"]
+_Move = tuple[tuple[Stage, ...], State]
+
+#: By the state and the call: what was computed before the call, and the state after it. A probe
+#: before its pulse leaves the electrodes connected: then all up to the pulse comes at once.
+_MOVES: Mapping[tuple[State, Call], _Move] = {
+    ("idle", "host"): (("idle_poll",), "idle"),
+    ("shifted", "host"): (("clear",), "cleared"),
+    ("cleared", "switch"): ((), "connected"),
+    ("connected", "host"): (("fire",), "ready"),
+    ("connected", "message"): (("fire",), "sent"),
+    ("ready", "switch"): ((), "shifted"),
+    ("sent", "switch"): (("judge",), "discharged"),
+    ("sent", "host"): (("judge", "clear", "fire"), "ready"),
+    ("discharged", "switch"): (("report",), "shifted"),
+    ("discharged", "host"): (("report", "clear"), "cleared"),
+}
+#: The same whatever the state.
+_ANYWHERE: Mapping[Call, _Move] = {
+    "message": ((), "sent"),
+    "mark": ((), "shifted"),
+    "doze": ((), "idle"),
+}
+
+
+class Processor(Protocol):
+    """What a fake clock asks before each call of the thread that plays messages."""
+
+    def cost_ns(self, call: Call) -> int:
+        """What has been computed since the call before takes so long."""
+        ...
+
+    def resume(self) -> None:
+        """The call is over: from here on the caller computes."""
+        ...
+
+
+class Stages:
+    """Tells which stages lie behind each call."""
+
+    def __init__(self) -> None:
+        self.state: State = "idle"
+        self._before: Call = "now"
+
+    def behind(self, call: Call) -> tuple[Stage, ...]:
+        """The stages that were computed between the call before and this one."""
+        before, self._before = self._before, call
+        if before == call == "host":
+            return ("plan_step",)
+        move = _MOVES.get((self.state, call)) or _ANYWHERE.get(call)
+        if move is None:
+            return ()
+        self.state = move[1]
+        return move[0]
+
+
+class StagedTime:
+    """A cost for each stage, the same in every run."""
+
+    def __init__(self, slowness: float, stages_ns: Mapping[Stage, int] = STAGES_NS) -> None:
+        self._stages = Stages()
+        self._costs_ns = {stage: round(slowness * cost) for stage, cost in stages_ns.items()}
+
+    def cost_ns(self, call: Call) -> int:
+        return sum(self._costs_ns[stage] for stage in self._stages.behind(call))
+
+    def resume(self) -> None:
+        """A stage costs the same whenever it begins."""
+
+
+class ThreadTime:
+    """What the thread really computes, times a factor: for live time."""
+
+    def __init__(self, slowness: float, thread_time_ns: Callable[[], int]) -> None:
+        self._slowness = slowness
+        self._thread_time_ns = thread_time_ns
+        self._since_ns = thread_time_ns()
+
+    def cost_ns(self, call: Call) -> int:  # noqa: ARG002
+        return round(self._slowness * (self._thread_time_ns() - self._since_ns))
+
+    def resume(self) -> None:
+        self._since_ns = self._thread_time_ns()
