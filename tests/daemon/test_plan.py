@@ -23,7 +23,6 @@ from etd.planning.plan import Plan
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Ring
-from etd.pulse.request import MaxGain
 from etd.safety.limits import Path
 
 N = 16
@@ -446,37 +445,3 @@ def test_a_calibration_s_weak_electrode_caps_its_neighbor_s_ring() -> None:
 def test_less_than_one_step_of_the_source_is_refused_and_not_dropped() -> None:
     assert plan_or_code(current_ua=(2,) + (0,) * (N - 1)) == "bad_frame"
     assert isinstance(plan_or_code(current_ua=(3,) + (0,) * (N - 1)), Plan)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"current_ua": currents(e3=900)},
-        {"width_us": 90},
-        {"polarity": "cathodic"},
-        {"rate_hz": 15.0},
-        {"returns": ((0,),) * 16},
-    ],
-    ids=lambda change: next(iter(change)),
-)
-def test_a_pulse_that_is_as_in_the_frame_before_is_the_same_and_any_other_is_new(
-    change: dict[str, Any],
-) -> None:
-    """So that what depends on it alone is decided once."""
-    asked = {"current_ua": currents(e3=800), "width_us": 100, "rate_hz": 20.0}
-    plans = planner()
-    (first,), (same,) = (plans.plan(frame(**asked)).schedule for _ in range(2))
-    assert same is first
-    (other,) = plans.plan(frame(**{**asked, **change})).schedule
-    assert other == planner().plan(frame(**{**asked, **change})).schedule[0]
-    assert other != first
-
-
-def test_a_level_is_planned_anew_after_a_current_that_is_the_same() -> None:
-    """Its stabilizers may request more."""
-    plans = planner(calibrated=calibration(), max_gain=MaxGain(2.0, 1.0, 2.0))
-    current_ua = plans.plan(frame(level=(0.5,) + (0.0,) * 15)).schedule[0].current_ua
-    (named,) = plans.plan(frame(current_ua=currents(e0=current_ua))).schedule
-    assert named.bounds.current_ua == current_ua
-    (level,) = plans.plan(frame(level=(0.5,) + (0.0,) * 15)).schedule
-    assert level.bounds.current_ua == 2 * current_ua
