@@ -94,6 +94,19 @@ def test_a_return_that_conducts_better_than_the_others_is_held_to_its_cap(
     assert max(phase.current_ua for phase in phases(rig) if phase.electrode == 5) > 90
 
 
+def test_an_open_one_that_is_touched_is_held_to_its_cap_before_a_poll_tells_the_touch(
+    make_rig: MakeRig,
+) -> None:
+    contacts = [OPEN_CONTACT if electrode > 4 else EVEN for electrode in range(N)]
+    caps_ua = [50 if electrode == 7 else 4_000 for electrode in range(N)]
+    rig = calibrated(make_rig(electrodes=N), contacts, caps_ua)
+    rig.hold(1_500, current_ua=only(N, e2=3_000), rate_hz=50.0)
+    since_ns = rig.clock.now_ns()
+    rig.fake.world.touch(7, EVEN)
+    rig.hold(1_500, current_ua=only(N, e2=3_000), rate_hz=50.0)
+    assert 25 < carried_ua(rig, since_ns)[7] <= 50
+
+
 def test_the_return_that_comes_to_its_cap_first_is_named_and_not_the_one_with_the_smallest(
     make_rig: MakeRig,
 ) -> None:

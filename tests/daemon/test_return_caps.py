@@ -49,10 +49,11 @@ def test_one_that_conducts_better_comes_to_a_larger_cap_before_others() -> None:
     assert found.of(15)[0] == pytest.approx(400 * 15, rel=0.1)
 
 
-def test_one_that_is_open_never_comes_to_its_cap() -> None:
-    found = bounds([100, 4_000, 4_000], OPEN, EVEN, EVEN)
-    assert found.of(1)[0] >= 4_000
-    assert bounds([100, 100], *[OPEN] * 2).of(0)[0] >= 50_000
+def test_one_that_is_open_counts_for_an_equal_part_once_it_is_touched() -> None:
+    assert bounds([100, 4_000, 4_000], OPEN, EVEN, EVEN).of(1) == (200.0, 0)
+    # It would be the only return.
+    assert bounds([100, 4_000, 4_000], OPEN, EVEN, OPEN).of(1) == (100.0, 0)
+    assert bounds([100, 100], *[OPEN] * 2).of(0) == (100.0, 1)
 
 
 def test_skin_is_taken_to_conduct_better_at_its_cap_and_worse_beside_it_than_it_was_read() -> None:

@@ -84,9 +84,13 @@ class Player:
         """Blocks until the last frame has ended; then nothing is stimulated."""
         with self._display.telemetry("scan", "halt") as reports:
             begun_ns = clock.now_ns()
-            for _ in range(repeat):
-                for step in self._steps:
-                    self._finish(reports, self._stand(step))
+            try:
+                for _ in range(repeat):
+                    for step in self._steps:
+                        self._finish(reports, self._stand(step))
+            except Refused:
+                self._raise_halted()
+                raise
             self.summary.played_s = (clock.now_ns() - begun_ns) / 1e9 - self.summary.soft_start_s
             self._send(silent(self._steps[-1], 0), SLACK_MS)
         return self.summary
@@ -139,7 +143,7 @@ class Player:
 
     def _hear(self, report: object, standing: Standing) -> None:
         if isinstance(report, Halt):
-            raise Refused("halted", f"halted by {report.cause} ({report.source}: {report.detail})")
+            raise _halted(report)
         if isinstance(report, Scan):
             self._lag_ns = max(0, clock.now_ns() - report.now_ns)
             standing.hear(report, clock.now_ns())
@@ -152,6 +156,12 @@ class Player:
                 self.summary.clamped_frames.add(-1 if scan.tag is None else scan.tag)
         for shortfalls in scan.not_fired:
             self.summary.not_fired[shortfalls.reason] += shortfalls.pulses
+
+    def _raise_halted(self) -> None:
+        """A frame may be refused before the halt that ended the lease is reported."""
+        halt = self._display.status().halt
+        if halt is not None:
+            raise _halted(halt)
 
     def _raise_not_shown(self, step: Step) -> None:
         report = self._display.status()
@@ -192,6 +202,10 @@ class Player:
         if step.kind == "level":
             return self._display.show(step.numbers, **options)
         return self._display.show_current(step.numbers, **options)
+
+
+def _halted(halt: Halt) -> Refused:
+    return Refused("halted", f"halted by {halt.cause} ({halt.source}: {halt.detail})")
 
 
 def _named(refusal: Refused, step: Step) -> Refused:

@@ -12,7 +12,8 @@ The stimulated electrode counts as the best of the others, so that one figure ho
 of all electrodes. Where all are alike, nothing is lost by that.
 
 That is so once the capacitances of the skin are charged. Until then each return that touches
-carries about as much as any other, however it resists: none counts for less than an equal part.
+carries about as much as any other, however it resists: none counts for less than an equal part. Nor
+does one that is open: until it is polled again, a touch of it is not known.
 
 Skin resists less at higher currents, and a return carries another current than the one it was
 measured with. So the others are taken to conduct as at no current, and the return itself as at its
@@ -26,9 +27,6 @@ from collections.abc import Sequence
 import msgspec
 
 from etd.pulse.measured import BEND_UA
-
-#: No source makes as much.
-_NO_BOUND_UA = 1e6
 
 #: The current at which the first return reaches its cap, and that return.
 ReturnBound = tuple[float, int]
@@ -63,11 +61,11 @@ class ReturnCaps:
         best = max(range(len(known)), key=others_s.__getitem__)
         best_s = others_s[best]
         next_s = max((own_s for place, own_s in enumerate(others_s) if place != best), default=0.0)
-        returns = max(1, sum(it is not None and it.touches for it in known) - 1)
+        touching = sum(it is not None and it.touches for it in known)
         bounds: list[ReturnBound] = []
         for electrode, (cap_ua, it) in enumerate(zip(caps_ua, known, strict=True)):
             beside_s = whole_s - others_s[electrode] - (next_s if electrode == best else best_s)
-            bounds.append((_bound_ua(cap_ua, it, max(0.0, beside_s), returns), electrode))
+            bounds.append((_bound_ua(cap_ua, it, max(0.0, beside_s), touching), electrode))
         #: The second counts where the first is stimulated.
         self._first, self._second = sorted(bounds)[:2]
 
@@ -76,11 +74,10 @@ class ReturnCaps:
         return self._second if self._first[1] == electrode else self._first
 
 
-def _bound_ua(cap_ua: int, known: Known | None, beside_s: float, returns: int) -> float:
+def _bound_ua(cap_ua: int, known: Known | None, beside_s: float, touching: int) -> float:
     if known is None:
         return float(cap_ua)
     return_s = known.as_return_s(cap_ua)
-    if return_s == 0.0:
-        return _NO_BOUND_UA
-    bound_ua = min(_NO_BOUND_UA, cap_ua * (1.0 + beside_s / return_s))
-    return min(bound_ua, float(cap_ua * returns)) if known.touches else bound_ua
+    # One of those that touch is the stimulated one; an open one would be one more return.
+    equal_ua = float(cap_ua * max(1, touching - known.touches))
+    return equal_ua if return_s == 0.0 else min(equal_ua, cap_ua * (1.0 + beside_s / return_s))

@@ -204,9 +204,8 @@ class ReturnShare:
         return self._best_s / others_s
 
     def weights(self, now_ns: int) -> list[float]:
-        """By electrode: the most that it conducts, divided by the best that was measured. One that
-        touches counts for an equal part at least: it carries that until the capacitances of the
-        skin are charged (`return_caps.py`).
+        """By electrode: the most that it conducts, divided by the best that was measured. None
+        counts for less than an equal part (`return_caps.py`).
         """
         best_s = self._best_s
         if best_s <= 0.0:
@@ -214,9 +213,8 @@ class ReturnShare:
         equal_s = self._known_s / max(1, len(self._known))
         found = []
         for electrode, own_s in enumerate(self.most_s):
-            most_s = max(own_s, equal_s) if electrode in self._known else own_s
             is_read = self._readings[electrode] is not None
-            weight = min(most_s / best_s, _WHOLE) if is_read else 1.0
+            weight = min(max(own_s, equal_s) / best_s, _WHOLE) if is_read else 1.0
             found.append(weight if self.is_known(electrode, now_ns) else max(1.0, weight))
         return found
 
