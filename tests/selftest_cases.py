@@ -27,6 +27,8 @@ from etd_hal.fake.faults import (
     I2cFailure,
     LatchIgnored,
     LineCut,
+    LineInverted,
+    LinesSwapped,
     LostClock,
     MachineTrouble,
     MisoStuck,
@@ -181,35 +183,51 @@ RAIL = [
     Case("an offset behind a supply", ALL, [DacOffset(60.0)], "rail", "idle_node_live"),
     Case("a stuck DAC before relays", RELAY, [DacStuck(200)], "rail", "rise_idle"),
 ]
+TABLE = [
+    *(
+        Case(f"{fault}, {board}", board, [fault], "table", "truth_table")
+        for board in (ALL, BARE)
+        for fault in (
+            LinesSwapped("BL", "POL"),
+            LineInverted("POL"),
+            LineInverted("BL"),
+            StuckBehind("POL", 0),
+            StuckBehind("POL", 1),
+            StuckBehind("BL", 0),
+            StuckBehind("BL", 1),
+        )
+    ),
+    Case("POL is cut", BARE, [LineCut("POL")], "table", "truth_table"),
+    Case("LE is cut", BARE, [LineCut("LE")], "table", "truth_table"),
+    Case("BL is cut", BARE, [LineCut("BL")], "table", "truth_table"),
+    Case("DATA is cut, nobody reads back", BARE, [LineCut("DATA")], "table", "truth_table"),
+    Case("the load's output is dead", ALL, [SwitchOutput(1, "open")], "table", "truth_table"),
+    Case("an output on ground", ALL, [SwitchOutput(2, "ground")], "table", "load_back"),
+    Case("the latch stays shut", ALL, [StuckBehind("LE", 0)], "table", "truth_table"),
+    *(
+        Case(f"solder at the load, {board}", board, [Bridge(1, 2)], "table", "truth_table")
+        for board in (ALL, BARE)
+    ),
+    Case("the fixed end's wire on another", ALL, [OutputsSwapped(1, 2)], "table", "truth_table"),
+]
 PROBE = [
-    Case("MISO is stuck low", ALL, [MisoStuck(0)], "probe", "ramp"),
-    Case("four times the current", ALL, [DacGain(4.1)], "probe", "ramp"),
-    Case("a third more current", ALL, [DacGain(1.3)], "probe", "ramp"),
-    Case("another divider", ALL, [AdcScale(1.3)], "probe", "ramp"),
-    Case("no rail, nobody sees it", BARE, [RailOff(0.0)], "probe", "ramp"),
+    Case("MISO is stuck low", ALL, [MisoStuck(0)], "array", "ramp"),
+    Case("four times the current", ALL, [DacGain(4.1)], "array", "ramp"),
+    Case("a third more current", ALL, [DacGain(1.3)], "array", "ramp"),
+    Case("another divider", ALL, [AdcScale(1.3)], "array", "ramp"),
+    Case("no rail, nobody sees it", BARE, [RailOff(0.0)], "array", "ramp"),
     Case("too much current", ALL, [DacGain(1.15)], "probe", "ua_per_code"),
     Case("too little current", ALL, [DacGain(0.75)], "probe", "ua_per_code"),
     Case("too small a leak", ALL, [], "probe", "leak", {"leak_factor": 0.75}),
     Case("too large a leak", ALL, [], "probe", "leak", {"leak_factor": 1.15}),
     Case("another load", ALL, [], "probe", "load_agrees", {"really_ohm": {LOAD_OHM: 30_000}}),
-    Case("a finger on the array", ALL, [], "probe", "ramp", {"on_skin": True}),
-    Case("LE is cut", BARE, [LineCut("LE")], "probe", "load_agrees"),
-    Case("BL is cut", BARE, [LineCut("BL")], "probe", "load_agrees"),
-    Case("DATA is cut, nobody reads back", BARE, [LineCut("DATA")], "probe", "load_agrees"),
-    Case("the load's output is dead", ALL, [SwitchOutput(1, "open")], "probe", "load_agrees"),
-    Case("an output on ground", ALL, [SwitchOutput(2, "ground")], "probe", "load_agrees"),
-    Case("nothing can blank", ALL, [StuckBehind("BL", 1)], "probe", "blanked"),
-    Case("nothing can blank, bare", BARE, [StuckBehind("BL", 1)], "probe", "blanked"),
+    Case("a finger on the array", ALL, [], "array", "ramp", {"on_skin": True}),
     Case("the latch stays open", ALL, [StuckBehind("LE", 1)], "probe", "latch_holds"),
     Case("the latch stays open, bare", BARE, [StuckBehind("LE", 1)], "probe", "latch_holds"),
-    Case("the latch stays shut", ALL, [StuckBehind("LE", 0)], "probe", "load_agrees"),
     Case("nothing is copied, relays", RELAY, [StuckBehind("LE", 1)], "probe", "load_agrees"),
-    Case("solder between two", ALL, [Bridge(5, 6)], "probe", "nothing_else"),
-    Case("solder between two, relays", RELAY, [Bridge(5, 6)], "probe", "nothing_else"),
-    *(
-        Case(f"solder at the load, {board}", board, [Bridge(1, 2)], "probe", "load_agrees")
-        for board in (ALL, BARE, RELAY)
-    ),
+    Case("solder between two", ALL, [Bridge(5, 6)], "array", "nothing_else"),
+    Case("solder between two, relays", RELAY, [Bridge(5, 6)], "array", "nothing_else"),
+    Case("solder at the load, relays", RELAY, [Bridge(1, 2)], "probe", "load_agrees"),
     *(
         Case(
             f"a short for a load, {ohm} ohm",
@@ -225,15 +243,15 @@ PROBE = [
         "the kernel holds a pulse up",
         ALL,
         [SpiStall(500, at_message=150)],
-        "probe",
+        "array",
         "length_of_a_message",
     ),
-    Case("two relays at once", RELAY, [AlsoSwitches(5, 6)], "probe", "nothing_else"),
-    Case("two relays to ground", RELAY, [AlsoSwitches(5, 6, "cathodic")], "probe", "nothing_else"),
-    Case("the load's wire on another", ALL, [OutputsSwapped(1, 9)], "probe", "nothing_else"),
-    Case("SPI mode 0, and its edge late", ALL, [SpiMode(0), HoldShort()], "probe", "ramp"),
-    Case("SPI mode 3, and its edge late", BARE, [SpiMode(3), HoldShort()], "probe", "ramp"),
-    Case("SPI says short", ALL, [SpiShort(at_message=160)], "probe", "bus"),
+    Case("two relays at once", RELAY, [AlsoSwitches(5, 6)], "array", "nothing_else"),
+    Case("two relays to ground", RELAY, [AlsoSwitches(5, 6, "cathodic")], "array", "nothing_else"),
+    Case("the load's wire on another", ALL, [OutputsSwapped(1, 9)], "array", "nothing_else"),
+    Case("SPI mode 0, and its edge late", ALL, [SpiMode(0), HoldShort()], "array", "ramp"),
+    Case("SPI mode 3, and its edge late", BARE, [SpiMode(3), HoldShort()], "array", "ramp"),
+    Case("SPI says short", ALL, [SpiShort(at_message=160)], "array", "bus"),
 ]
 STRONG = [
     Case("a dead output", ALL, [SwitchOutput(9, "open")], "switches", "every_switch"),
@@ -243,9 +261,6 @@ STRONG = [
     *(
         Case(f"{what}, {board}", board, [OutputsSwapped(5, 9)], "switches", "every_switch")
         for what, board in (("swapped wires", ALL), ("swapped wires", RELAY))
-    ),
-    Case(
-        "the fixed end's wire on another", ALL, [OutputsSwapped(1, 2)], "switches", "one_at_a_time"
     ),
     Case("two outputs at once", ALL, [AlsoSwitches(5, 6)], "switches", "one_at_a_time"),
     Case("the other way about", BARE, [AlsoSwitches(6, 5)], "switches", "one_at_a_time"),
@@ -270,7 +285,7 @@ STRONG = [
         for board, fault in (
             (BARE, LatchIgnored(every=103)),
             (ALL, LatchIgnored(every=199)),
-            (RELAY, LatchIgnored(every=307)),
+            (RELAY, LatchIgnored(every=331)),
             (RELAY, LostClock(every=9_973)),
         )
     ),
@@ -278,7 +293,7 @@ STRONG = [
     Case("too strong above probes", RELAY, [GainAbove(60, 1.5)], "source", "steps"),
     *(
         Case(f"{times} times too strong at first, {board}", board, [fault], stage, course)
-        for board, stage in ((ALL, "probe"), (BARE, "probe"), (RELAY, "rail"))
+        for board, stage in ((ALL, "array"), (BARE, "array"), (RELAY, "rail"))
         for course, times, fault in (
             ("course_of_a_pulse", 1.5, Overshoot(1.5, 12.0)),
             ("course_of_a_pulse", 24, Overshoot(24.0, 30.0)),
@@ -303,7 +318,7 @@ STRONG = [
     ),
     Case("a slow one-shot", ALL, [], "source", "one_shot", {"one_shot_us": 900}),
 ]
-CASES = [*MACHINE, *BUSES, *CHAIN, *RAIL, *PROBE, *STRONG]
+CASES = [*MACHINE, *BUSES, *CHAIN, *RAIL, *TABLE, *PROBE, *STRONG]
 
 
 def case_id(case: Case) -> str:

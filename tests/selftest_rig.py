@@ -51,6 +51,9 @@ class LazyHand:
     def clip(self, load_ohm: int, first: int, second: int) -> None:
         pass
 
+    def ground(self, load_ohm: int, electrode: int) -> None:
+        pass
+
     def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
         pass
 

@@ -11,11 +11,11 @@ section 3.1), of which 1-3 kOhm in series, and 0.2-0.5 nF across the rest.
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, inf
 from typing import Literal
 
-ContactKind = Literal["skin", "open", "shorted", "load"]
+ContactKind = Literal["skin", "open", "shorted", "load", "grounded"]
 
 DRY_SERIES_OHM = 2_000.0
 DRY_PARALLEL_OHM = 48_000.0
@@ -30,6 +30,7 @@ class Contact:
     """One electrode's way into the tissue.
 
     `parallel_ohm` 0 is a plain resistor of `series_ohm`; `series_ohm` inf is no way at all.
+    "grounded" is a resistor to the board's ground, and no way into the tissue.
     """
 
     kind: ContactKind
@@ -44,7 +45,7 @@ class Contact:
 
     @property
     def conductance_s(self) -> float:
-        return 0.0 if self.kind == "open" else 1.0 / self.resistance_ohm
+        return 0.0 if self.kind in ("open", "grounded") else 1.0 / self.resistance_ohm
 
 
 OPEN_CONTACT = Contact("open", inf)
@@ -65,6 +66,11 @@ def load(resistance_ohm: float) -> Contact:
     if not 0 < resistance_ohm < inf:
         raise ValueError(f"a load has a resistance above 0 ohm, not {resistance_ohm}")
     return Contact("load", resistance_ohm)
+
+
+def grounded(resistance_ohm: float) -> Contact:
+    """A known resistor from the electrode to the board's ground."""
+    return replace(load(resistance_ohm), kind="grounded")
 
 
 def dry_fingertip(count: int, *, seed: int, sigma: float = 0.15) -> tuple[Contact, ...]:

@@ -88,7 +88,12 @@ class LivingBody:
         return self.skin.contact(electrode)
 
     def touch(self, t_ns: int, electrode: int, contact: Contact) -> None:
-        """From `t_ns` on this lies under the electrode, whatever the course of time does."""
+        """From `t_ns` on this lies under the electrode, whatever the course of time does.
+
+        Raises: ValueError for a resistor to ground, which belongs on a bench.
+        """
+        if contact.kind == "grounded":
+            raise ValueError(f"a finger at electrode {electrode} has no resistor to ground")
         self._advance(t_ns)
         self._held_v.pop(electrode, None)
         self.skin.put(electrode, contact)

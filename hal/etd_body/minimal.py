@@ -34,7 +34,10 @@ class MinimalBody:
         self, contacts: Sequence[Contact], *, leak_ohm: float, compliance_v: float
     ) -> None:
         self._contacts = list(contacts)
+        self._grounded = _grounded(contacts)
         self._leak_ohm = leak_ohm
+        #: The leak, and beside it the resistors to ground at what is on the source.
+        self._node_ohm = leak_ohm
         self._compliance_v = compliance_v
         self._source_a = 0.0
         self._t_ns = 0
@@ -57,6 +60,7 @@ class MinimalBody:
         self._advance(t_ns)
         self._settle_books()
         self._contacts[electrode] = contact
+        self._grounded = _grounded(self._contacts)
         self._held_v.pop(electrode, None)
         self._network = self._read(self._network.sides)
 
@@ -75,11 +79,11 @@ class MinimalBody:
     def node_voltage_v(self, t_ns: int) -> float:
         self._advance(t_ns)
         network = self._network
-        open_v = min(self._source_a * self._leak_ohm, self._compliance_v)
+        open_v = min(self._source_a * self._node_ohm, self._compliance_v)
         if network.loop_ohm == inf:
             return open_v
         if network.lone is None:
-            return min(open_v, self._source_a * parallel(self._leak_ohm, network.loop_ohm))
+            return min(open_v, self._source_a * parallel(self._node_ohm, network.loop_ohm))
         held_v = self._held_v.get(network.lone, 0.0) * network.direction
         return self._loop(network.lone).node_v(held_v)
 
@@ -118,6 +122,11 @@ class MinimalBody:
             if len(self._networks) >= _CACHED_NETWORKS:
                 self._networks.clear()
             found = self._networks[id(sides)] = self._reader.read(sides)
+        self._node_ohm = self._leak_ohm
+        for electrode in self._grounded:
+            if sides[electrode] is Side.SOURCE:
+                wire_ohm = self._contacts[electrode].resistance_ohm
+                self._node_ohm = parallel(self._node_ohm, wire_ohm)
         return found
 
     def _settle_books(self) -> None:
@@ -177,7 +186,7 @@ class MinimalBody:
     def _flow_between_groups(self, duration_s: float) -> None:
         network = self._network
         node_v = min(
-            self._source_a * parallel(self._leak_ohm, network.loop_ohm), self._compliance_v
+            self._source_a * parallel(self._node_ohm, network.loop_ohm), self._compliance_v
         )
         charge_pc = node_v / network.loop_ohm * duration_s * _PC
         network.sources.share(charge_pc, network.sources.conductance_s)
@@ -201,9 +210,14 @@ class MinimalBody:
         others_s = self._network.connected.conductance_s - contact.conductance_s
         return Loop(
             self._source_a,
-            self._leak_ohm,
+            self._node_ohm,
             self._compliance_v,
             contact.series_ohm + 1.0 / others_s,
             contact.parallel_ohm,
             contact.capacitance_nf * 1e-9,
         )
+
+
+def _grounded(contacts: Sequence[Contact]) -> tuple[int, ...]:
+    """The electrodes with a resistor to the board's ground."""
+    return tuple(i for i, contact in enumerate(contacts) if contact.kind == "grounded")

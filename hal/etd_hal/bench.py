@@ -141,6 +141,12 @@ class Operator(Protocol):
         """
         ...
 
+    def ground(self, load_ohm: int, electrode: int) -> None:
+        """Connect the dummy load of this value between this electrode and the board's ground, and
+        to nothing else; any other goes off.
+        """
+        ...
+
     def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
         """Report that the load was requested at electrode `asked`, and that `found` measure it."""
         ...

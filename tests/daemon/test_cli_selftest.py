@@ -51,9 +51,9 @@ def test_a_skip_is_status_1_and_says_what_to_do(
 ) -> None:
     assert cli.main(FULL) == 1
     told = capsys.readouterr().out
-    assert "SKIP probe: load_agrees, probe: leak" in told
+    assert "SKIP table: truth_table, probe: load_agrees, probe: leak" in told
     assert "     --dummy-load OHM --second-load OHM --load-electrodes A,B\n" in told
-    assert "NOT PASSED: 15 failed or were skipped" in told
+    assert "NOT PASSED: 16 failed or were skipped" in told
     report = load(state)
     assert report is not None
     assert not report.passed
@@ -299,8 +299,8 @@ def test_being_asked_to_end_makes_the_board_safe_first(
     assert made_safe == ["safe"]
 
 
-#: A self-test that says when it is in stage 6, and when it is half way to the safe state; there it
-#: waits for a line.
+#: A self-test that says when it is at its probes, and when it is half way to the safe state; there
+#: it waits for a line.
 _HALF_WAY = """
 import sys
 from etd import cli

@@ -12,9 +12,8 @@ from selftest_rig import bad, selftest_rig
 pytestmark = pytest.mark.slow
 
 
-def test_relays_have_no_polarity_to_say_anything_of() -> None:
+def test_what_no_check_covers_is_in_the_report() -> None:
     report = selftest_rig("feetthrough-relay", load_ohm=None).run()
-    assert not any("POL" in sentence for sentence in report.not_seen)
     assert any("another width than a probe's" in sentence for sentence in report.not_seen)
 
 

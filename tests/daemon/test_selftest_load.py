@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from etd.selftest import buses, probe, rail, switches, timing
+from etd.selftest import array, buses, probe, rail, switches, timing
 from etd.selftest.fixture import Fixture
 from etd.selftest.log import CheckLog
 from etd.selftest.prober import Prober
@@ -58,6 +58,12 @@ def bed_after_rail(rig: SelftestRig, log: CheckLog) -> tuple[Fixture, Prober]:
     return fixture, prober
 
 
+def find_load(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
+    for stage in (array, probe):
+        log.stage = stage.__name__.rpartition(".")[2]
+        stage.check(fixture, log, prober)
+
+
 def test_nothing_strong_is_fired_before_the_load_was_found() -> None:
     rig = selftest_rig()
     fixture, prober = bed_after_rail(rig, CheckLog())
@@ -73,8 +79,7 @@ def test_nothing_strong_is_fired_before_the_load_was_found() -> None:
 def test_a_load_is_confirmed_by_its_resistance(real_load_ohm: float, is_confirmed: bool) -> None:
     rig, log = selftest_rig(really_ohm={LOAD_OHM: real_load_ohm}), CheckLog()
     fixture, prober = bed_after_rail(rig, log)
-    log.stage = "probe"
-    probe.check(fixture, log, prober)
+    find_load(fixture, log, prober)
     assert fixture.is_load_confirmed is is_confirmed
     fixture.board.safe_off()
 
@@ -82,8 +87,7 @@ def test_a_load_is_confirmed_by_its_resistance(real_load_ohm: float, is_confirme
 def test_a_walk_that_did_not_find_every_switch_leaves_no_confirmed_load() -> None:
     rig, log = selftest_rig(faults=[SwitchOutput(9, "open")]), CheckLog()
     fixture, prober = bed_after_rail(rig, log)
-    log.stage = "probe"
-    probe.check(fixture, log, prober)
+    find_load(fixture, log, prober)
     assert fixture.is_load_confirmed
     log.stage = "switches"
     switches.check(fixture, log, prober)
@@ -117,8 +121,7 @@ def test_a_load_that_did_not_come_back_alone_is_not_confirmed(how: str) -> None:
     rig, log = selftest_rig(), CheckLog()
     rig.operator = LeftOff(rig, how)
     fixture, prober = bed_after_rail(rig, log)
-    log.stage = "probe"
-    probe.check(fixture, log, prober)
+    find_load(fixture, log, prober)
     log.stage = "switches"
     switches.check(fixture, log, prober)
     assert log.names("fail") == [("switches", how)]

@@ -59,7 +59,10 @@ def test_every_electrode_is_asked_for_once_with_each_load(board: str) -> None:
     rig.operator = operator = Operator(rig)
     assert rig.run().passed
     others = [electrode for electrode in range(16) if electrode != 1]
+    # Half-bridges have had it on ground before.
+    back = [(LOAD_OHM, 1, 2)] if board == "reference-hv507" else []
     assert operator.clips == [
+        *back,
         *((LOAD_OHM, 1, electrode) for electrode in others),
         (SECOND_OHM, 1, 2),
         *((SECOND_OHM, 1, electrode) for electrode in others),
@@ -147,7 +150,6 @@ def test_two_that_go_on_answering_together_are_named() -> None:
         (AlsoSwitches(5, 6), "with electrode 6: 5"),
         (AlsoSwitches(6, 5), "with electrode 5: 6"),
         (AlsoSwitches(1, 6), "with electrode 6: 1"),
-        (OutputsSwapped(1, 2), "with electrode 0: 2, 1"),
     ],
 )
 def test_who_switches_along_is_found_from_whichever_side_it_can_be(

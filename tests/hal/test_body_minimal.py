@@ -16,6 +16,7 @@ from etd_body.electrode import (
     SHORTED_CONTACT,
     Contact,
     dry_fingertip,
+    grounded,
     load,
     skin,
 )
@@ -240,3 +241,24 @@ def test_the_skin_never_gets_more_than_the_source_was_told(
     body.node_voltage_v(width_ns)
     commanded_pc = source_ua * width_ns / 1_000
     assert -1e-6 <= body.charge_pc(0) <= commanded_pc * (1 + 1e-9) + 1e-6
+
+
+@pytest.mark.parametrize("side", [Side.SOURCE, Side.GROUND])
+def test_a_resistor_to_ground_loads_the_node_from_the_source_alone(side: Side) -> None:
+    """And whatever is on the other side: it has no way into the tissue."""
+    body = body_of(grounded(47_000.0), skin(), OPEN_CONTACT)
+    body.drive(0, 1_000, one_against(3, 0, side))
+    both_ohm = 1 / (1 / 47_000 + 1 / LEAK_OHM)
+    expected_v = both_ohm / 1_000 if side is Side.SOURCE else 66.0
+    assert body.node_voltage_v(50 * US) == pytest.approx(expected_v)
+    assert body.absolute_charges_pc() == [0.0, 0.0, 0.0]
+
+
+def test_a_resistor_to_ground_may_come_and_go_under_a_standing_selection() -> None:
+    body = body_of(OPEN_CONTACT, skin())
+    body.drive(0, 1_000, one_against(2))
+    for contact, volts in ((grounded(66_000.0), 33.0), (OPEN_CONTACT, 66.0)):
+        body.touch(10 * US, 0, contact)
+        assert body.node_voltage_v(20 * US) == pytest.approx(volts)
+        body = body_of(contact, skin())
+        body.drive(0, 1_000, one_against(2))

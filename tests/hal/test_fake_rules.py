@@ -5,11 +5,15 @@ from __future__ import annotations
 import pytest
 
 from board_hand import MS, PAUSE, Hand, pulse, word
+from etd_body.interface import Side
 from etd_hal.boardfile import BoardFile
 from etd_hal.errors import BusError
 from etd_hal.fake.faults import (
     DacGain,
+    Fault,
     I2cFailure,
+    LineInverted,
+    LinesSwapped,
     LostClock,
     MisoStuck,
     SpiError,
@@ -165,16 +169,31 @@ class TestFaults:
         ("board", "name"),
         [("reference-hv507", "SYNC"), ("reference-hv507", "hv"), ("kajimoto-hv507", "HEARTBEAT")],
     )
-    def test_a_line_with_nothing_behind_it_cannot_be_stuck_there(
+    def test_a_line_with_nothing_behind_it_cannot_be_wrong_there(
         self, board: str, name: str
     ) -> None:
         rig = stepped_board(board)
-        with pytest.raises(
-            ValueError, match=f"'{name}' cannot be stuck beyond its pin: name POL, "
-        ):
-            rig.fake.world.put_in(StuckBehind(name, 1))
-        with pytest.raises(ValueError, match=f"'{name}' cannot be stuck"):
-            stepped_board(board, faults=[StuckBehind(name, 0)])
+        said = f"'{name}' cannot be wrong beyond its pin: name POL, "
+        for fault in (StuckBehind(name, 1), LineInverted(name), LinesSwapped("POL", name)):
+            with pytest.raises(ValueError, match=said):
+                rig.fake.world.put_in(fault)
+            with pytest.raises(ValueError, match=said):
+                stepped_board(board, faults=[fault])
+
+    @pytest.mark.parametrize(
+        ("fault", "bl"), [(LinesSwapped("BL", "POL"), 0), (LineInverted("POL"), 1)]
+    )
+    def test_wires_beyond_the_pins_may_be_swapped_or_inverted(self, fault: Fault, bl: int) -> None:
+        """The board sees BL 1 and POL 0, where the pins say POL 1."""
+        rig = stepped_board(faults=[fault])
+        hand = Hand(rig)
+        hand.select(3)
+        for pol in (0, 1):
+            hand.gpio.set(((hand.lines.POL, pol),))
+        hand.gpio.set(((hand.lines.BL, bl),))
+        assert (hand.gpio.get(hand.lines.POL), hand.gpio.get(hand.lines.BL)) == (1, bl)
+        assert rig.fake.sides[3] is Side.GROUND
+        assert rig.fake.sides.count(Side.GROUND) == 1
 
     @pytest.mark.parametrize("kind", ["absent", "io", "timeout"])
     def test_i2c_fails_as_often_as_it_is_told(self, kind: str) -> None:

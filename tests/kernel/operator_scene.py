@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from etd.selftest.report import Report, load
-from etd_body.electrode import OPEN_CONTACT, Contact
+from etd_body.electrode import OPEN_CONTACT, Contact, grounded
 from etd_body.electrode import load as resistor
 from etd_hal.fake import wire
 from etd_hal.fake.world import StopLine
@@ -24,6 +24,7 @@ _FIRST, _SECOND = 1, 2
 _STOP = re.compile(r"(press|release) the (emergency|wearer) stop(, and (release|HOLD) it.*)?")
 _NAMES: dict[str, StopLine] = {"emergency": "emergency_stop", "wearer": "wearer_stop"}
 _CLIP = re.compile(r"connect (\d+) ohm between electrodes (\d+) and (\d+)")
+_GROUND = re.compile(r"connect (\d+) ohm between electrode (\d+) and the board's ground")
 _PRESSES_NS = 200_000_000
 _CLOCK = LinuxClock()
 
@@ -42,6 +43,9 @@ class Operator:
         clip = _CLIP.fullmatch(asked)
         if clip:
             self.clip(int(clip[1]), int(clip[2]), int(clip[3]))
+        ground = _GROUND.fullmatch(asked)
+        if ground:
+            self._put(grounded(int(ground[1])), int(ground[2]))
         stop = _STOP.fullmatch(asked)
         if stop:
             self._move(_NAMES[stop[2]], is_pressed=stop[1] == "press", is_held=stop[4] == "HOLD")
@@ -57,10 +61,13 @@ class Operator:
 
     def clip(self, load_ohm: int, *electrodes: int) -> None:
         """Half of the resistance at each of the two: what flows in at one leaves by the other."""
+        self._put(resistor(load_ohm / 2), *electrodes)
+
+    def _put(self, contact: Contact, *electrodes: int) -> None:
         for electrode in self._on:
             self._touch(electrode, OPEN_CONTACT)
         for electrode in electrodes:
-            self._touch(electrode, resistor(load_ohm / 2))
+            self._touch(electrode, contact)
         self._on = electrodes
 
     def _touch(self, electrode: int, contact: Contact) -> None:

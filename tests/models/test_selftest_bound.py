@@ -11,16 +11,26 @@ from typing import Any
 import pytest
 
 from etd_body.electrode import load
-from etd_hal.fake.faults import DacGain, Fault, GainAbove, Overshoot
+from etd_hal.fake.faults import (
+    DacGain,
+    Fault,
+    GainAbove,
+    LineInverted,
+    Overshoot,
+    StuckBehind,
+)
 from selftest_cases import ALL, BARE, CASES, RELAY, Case, case_id, rig_of
 from selftest_rig import LOAD_OHM, SelftestRig, bad, selftest_rig
 
+#: With BL 1 the outputs stay blanked, and without a load nothing else is commanded.
+NEVER_ON = (StuckBehind("BL", 0), LineInverted("BL"))
 #: Pulses are fired, and none of them can reach an electrode.
 NOTHING_FLOWS = {
     "the rail does not come, relays",
     "a stuck DAC before relays",
     "no rail, nobody sees it",
     "BL is cut",
+    *(f"{fault}, {board}" for board in (ALL, BARE) for fault in NEVER_ON),
     "DATA is cut, nobody reads back",
     "nothing is copied, relays",
 }
@@ -87,7 +97,7 @@ def test_a_source_that_becomes_too_strong_after_the_ramp_has_fired_its_last_puls
         rig.fake.world.put_in(DacGain(factor))
 
     rig.watch.before_pulse = {9: happens}
-    assert bad(rig.run()) == [("probe", "strength_of_a_probe")]
+    assert bad(rig.run()) == [("array", "strength_of_a_probe")]
     assert rig.watch.pulses == 9
 
 

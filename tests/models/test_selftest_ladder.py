@@ -1,4 +1,4 @@
-"""Stage 8 climbs a ladder, and stops at the first step that is off."""
+"""Stage 10 climbs a ladder, and stops at the first step that is off."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def test_a_self_test_that_did_not_pass_keeps_the_supply_off_until_one_does(
     with rig.daemon("--array", "pad-8"):
         refused = rig.run("measure")
         assert refused.status == 1
-        assert "did not pass: probe: load_agrees (skip) no dummy load" in refused.err
+        assert "did not pass: table: truth_table (skip) no dummy load" in refused.err
     assert rig.run(*TEST, *LOAD).status == 0
     with rig.daemon("--array", "pad-8"):
         assert rig.run("measure").status == 0

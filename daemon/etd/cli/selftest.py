@@ -249,6 +249,13 @@ class _Operator:
         if self._fake is not None:
             self._fake.clip(load_ohm, first, second)
 
+    def ground(self, load_ohm: int, electrode: int) -> None:
+        self._table.ask(
+            f"connect {load_ohm} ohm between electrode {electrode} and the board's ground"
+        )
+        if self._fake is not None:
+            self._fake.ground(load_ohm, electrode)
+
     def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
         where = "electrode " + ", ".join(map(str, found[:8]))
         self._table.ask(

@@ -1,4 +1,4 @@
-"""Stage 8, into the dummy load: each of the ADC's low bits must read both 0 and 1.
+"""Stage 10, into the dummy load: each of the ADC's low bits must read both 0 and 1.
 
 Owns: which currents bring a bit to both levels. Must not know: what the readings say of the source.
 

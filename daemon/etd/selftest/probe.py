@@ -1,4 +1,4 @@
-"""Stage 6, imperceptible probes: the source, what is connected, and whether the load is the one
+"""Stage 8, imperceptible probes: the source with nothing connected, and whether the load is the one
 that was named.
 
 Owns: what is concluded from probes. Must not know: how they are fired (`prober.py`), the
@@ -12,13 +12,12 @@ from __future__ import annotations
 
 import statistics
 
-from etd.selftest.buses import IDLE_V
+from etd.selftest.array import OPEN_ADVICE
 from etd.selftest.fixture import LOAD_OPTIONS, DummyLoad, Fixture
 from etd.selftest.log import CheckLog
 from etd.selftest.prober import Prober
 from etd.selftest.readings import (
     TOLERANCE,
-    Map,
     Measured,
     NearerOf,
     Part,
@@ -36,42 +35,16 @@ _LEAST_OF_LOAD = 0.5
 def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     """Raises: BusError, BoardFault, GuardRefusal."""
     load, free = fixture.options.load, fixture.free
-    if not check_ramp(fixture, log, prober, "ramp"):
-        return
-    found = read_map(fixture, prober)
-    log.judge(
-        "baseline",
-        found.baseline_v <= IDLE_V,
-        f"{found.baseline_v:.2f} V before a pulse",
-        f"at most {IDLE_V} V",
-        "check the source for an offset; the rest after a pulse may be too short",
-    )
-    _check_open(fixture, log, prober, found, free)
-    is_alone = check_alone(fixture, log, found, free, "nothing_else")
+    _check_open(fixture, log, prober, free)
     if load is None:
         for name in ("load_agrees", "leak", "ua_per_code", "blanked", "latch_holds"):
             log.skip(name, "no dummy load", LOAD_OPTIONS)
-    elif is_alone:
+    else:
         _check_load(fixture, log, prober, load, free[0])
 
 
-def check_ramp(
-    fixture: Fixture, log: CheckLog, prober: Prober, name: str, is_supplied: bool = True
-) -> bool:
-    """Before the first probe while the supply may be on. Raises: as `check`."""
-    ramp = prober.ramp(fixture.free[0], is_supplied)
-    return log.judge(name, ramp.is_good, ramp.measured, ramp.expected, _OPEN_ADVICE)
-
-
-_OPEN_ADVICE = (
-    "disconnect everything from the electrodes; if nothing was connected, check full_scale_ua,"
-    " leak_ohm and node_uv_per_code in the board file, and the rail"
-)
-
-
-def _check_open(
-    fixture: Fixture, log: CheckLog, prober: Prober, found: Map, free: list[int]
-) -> None:
+def _check_open(fixture: Fixture, log: CheckLog, prober: Prober, free: list[int]) -> None:
+    found = read_map(fixture, prober)
     expected_v = prober.open_v(found.commanded_ua)
     node_v = statistics.median(found.voltage_v[electrode] for electrode in free)
     log.judge(
@@ -79,27 +52,7 @@ def _check_open(
         is_near_v(node_v, expected_v, fixture.file.source),
         f"{node_v:.2f} V at {found.commanded_ua} uA",
         f"{expected_v:.2f} V +-{TOLERANCE:.0%}: current x leak with nothing connected",
-        _OPEN_ADVICE,
-    )
-
-
-def check_alone(fixture: Fixture, log: CheckLog, found: Map, free: list[int], name: str) -> bool:
-    """All electrodes without the load read alike: open."""
-    node_v = statistics.median(found.voltage_v[electrode] for electrode in free)
-    source = fixture.file.source
-    others = [
-        electrode for electrode in free if not is_near_v(found.voltage_v[electrode], node_v, source)
-    ]
-    listed = ", ".join(
-        f"{electrode} ({found.voltage_v[electrode]:.2f} V)" for electrode in others[:8]
-    )
-    return log.judge(
-        name,
-        not others,
-        f"{len(others)} differ: {listed}" if others else f"{len(free)} electrodes are open",
-        f"{node_v:.2f} V at each electrode without a load",
-        "disconnect everything; a reading near 0 is a solder bridge, the same reading at many"
-        " electrodes a latch or a chain that does not work",
+        OPEN_ADVICE,
     )
 
 

@@ -10,10 +10,10 @@ probe raises it only while the supply is on.
 from __future__ import annotations
 
 from etd.selftest import killed, rail_by_monitor, rail_by_node, stopgate
+from etd.selftest.array import check_ramp
 from etd.selftest.buses import check_idle
 from etd.selftest.fixture import Fixture
 from etd.selftest.log import CheckLog
-from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
 
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from etd.selftest.array import check_ramp
 from etd.selftest.buses import check_idle
 from etd.selftest.fall import judge_fall
 from etd.selftest.fixture import Fixture
 from etd.selftest.gates import ENABLE_ADVICE, GATE_ADVICE, LATCH_ADVICE, check_heartbeat, standing
 from etd.selftest.log import CheckLog
-from etd.selftest.probe import check_ramp
 from etd.selftest.prober import Prober
 from etd.selftest.stopgate import SupplyWatch
 

@@ -11,7 +11,18 @@ from collections.abc import Callable
 
 import msgspec
 
-from etd.selftest import buses, machine, probe, rail, register, source, switches, timing
+from etd.selftest import (
+    array,
+    buses,
+    machine,
+    probe,
+    rail,
+    register,
+    source,
+    switches,
+    table,
+    timing,
+)
 from etd.selftest.fixture import Fixture
 from etd.selftest.log import CheckLog, OnCheck
 from etd.selftest.prober import Prober
@@ -26,7 +37,9 @@ STAGES = (
     ("register", "the chain of switches, outputs blanked"),
     ("timing", "messages at DAC code 0"),
     ("rail", "the supply, no electrode connected"),
-    ("probe", "imperceptible probes: what is connected"),
+    ("array", "imperceptible probes: what is connected"),
+    ("table", "imperceptible probes: BL and POL, with the load on ground"),
+    ("probe", "imperceptible probes: the source, and the load"),
     ("switches", "imperceptible probes: every electrode"),
     ("source", "strong pulses into the dummy load"),
 )
@@ -103,6 +116,8 @@ def _stages(fixture: Fixture, log: CheckLog, prober: Prober) -> dict[str, Callab
         "register": lambda: register.check(fixture, log),
         "timing": lambda: timing.check(fixture, log),
         "rail": lambda: rail.check(fixture, log, prober),
+        "array": lambda: array.check(fixture, log, prober),
+        "table": lambda: table.check(fixture, log, prober),
         "probe": lambda: probe.check(fixture, log, prober),
         "switches": lambda: switches.check(fixture, log, prober),
         "source": lambda: _strong(fixture, log, prober),

@@ -1,4 +1,4 @@
-"""Stage 8, strong pulses into the dummy load only: the source over its range.
+"""Stage 10, strong pulses into the dummy load only: the source over its range.
 
 Owns: the conditions on all steps together. Must not know: persons. Without a confirmed load nothing
 is fired here.
@@ -9,10 +9,10 @@ from __future__ import annotations
 import statistics
 
 from etd.selftest import adcbits, repeatability
+from etd.selftest.array import check_alone
 from etd.selftest.fixture import LOAD_OPTIONS, DummyLoad, Fixture
 from etd.selftest.ladder import LINEARITY, SATURATES, climb, largest_here_ohm, reachable_ua
 from etd.selftest.log import CheckLog
-from etd.selftest.probe import check_alone
 from etd.selftest.prober import Prober
 from etd.selftest.readings import TOLERANCE, is_near_v, mean_v, read_map
 

@@ -1,4 +1,4 @@
-"""Stage 7, imperceptible probes: every electrode's switch, alone, on two known loads.
+"""Stage 9, imperceptible probes: every electrode's switch, alone, on two known loads.
 
 Owns: the instructions to the operator, their time limits, and the conclusions. Must not know: how a
 touch is read (`touch.py`); how a person or a fake moves the load.
@@ -14,9 +14,9 @@ from __future__ import annotations
 import statistics
 from dataclasses import replace
 
+from etd.selftest.array import check_alone
 from etd.selftest.fixture import LOAD_OPTIONS, MS, SECOND_LOAD_OPTION, DummyLoad, Fixture
 from etd.selftest.log import CheckLog
-from etd.selftest.probe import check_alone
 from etd.selftest.prober import Prober
 from etd.selftest.readings import is_near_v, read_map
 from etd.selftest.touch import Look, Touch

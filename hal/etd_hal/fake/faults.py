@@ -95,6 +95,21 @@ class StuckBehind(_Fault, frozen=True, tag=True):
     level: Literal[0, 1]
 
 
+class LineInverted(_Fault, frozen=True, tag=True):
+    """Beyond the pin, from the next change on, the board reads the other level; `name` as above."""
+
+    name: str
+
+
+class LinesSwapped(_Fault, frozen=True, tag=True):
+    """Beyond the pins two wires are swapped: from its next change on, each drives the other's
+    input. Names as above.
+    """
+
+    first: str
+    second: str
+
+
 class LostClock(_Fault, frozen=True, tag=True):
     """The chain misses one rising edge of CLK; or every so many edges one."""
 
@@ -323,6 +338,8 @@ Fault = (
     | I2cFailure
     | StuckLine
     | StuckBehind
+    | LineInverted
+    | LinesSwapped
     | LostClock
     | LostSync
     | LatchIgnored

@@ -1,6 +1,6 @@
 """Which faults are in a board, and when each is due.
 
-Owns: counting events until a fault is due, an ADC's noise, and which lines can be stuck beyond the
+Owns: counting events until a fault is due, an ADC's noise, and which lines can be wrong beyond the
 pin. Must not know: how a bus or a chip carries a fault out.
 """
 
@@ -15,6 +15,8 @@ from etd_hal.fake.faults import (
     Fault,
     I2cFailure,
     LatchIgnored,
+    LineInverted,
+    LinesSwapped,
     LostClock,
     LostSync,
     SpiError,
@@ -50,11 +52,11 @@ class Faults:
             self.add(fault)
 
     def add(self, fault: Fault) -> None:
-        """Raises: ValueError for a line that cannot be stuck beyond its pin on this board."""
-        if isinstance(fault, StuckBehind):
-            there = [name for name in SEEN_BEHIND if name in self._lines]
-            if fault.name not in there:
-                what = f"{fault.name!r} cannot be stuck beyond its pin: name {', '.join(there)}"
+        """Raises: ValueError for a line that has nothing behind its pin on this board."""
+        there = [name for name in SEEN_BEHIND if name in self._lines]
+        for name in _lines_behind(fault):
+            if name not in there:
+                what = f"{name!r} cannot be wrong beyond its pin: name {', '.join(there)}"
                 raise ValueError(what)
         self._counts[fault] = 0
         self._of.clear()
@@ -127,6 +129,12 @@ class Faults:
     def _count(self, fault: Fault) -> int:
         self._counts[fault] += 1
         return self._counts[fault]
+
+
+def _lines_behind(fault: Fault) -> tuple[str, ...]:
+    if isinstance(fault, LinesSwapped):
+        return fault.first, fault.second
+    return (fault.name,) if isinstance(fault, StuckBehind | LineInverted) else ()
 
 
 def _is_due(fault: _LostEdge, count: int) -> bool:

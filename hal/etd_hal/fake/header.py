@@ -8,7 +8,14 @@ from __future__ import annotations
 
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.fake.currentpath import CurrentPath
-from etd_hal.fake.faults import LineCut, PullMissing, StuckBehind, StuckLine
+from etd_hal.fake.faults import (
+    LineCut,
+    LineInverted,
+    LinesSwapped,
+    PullMissing,
+    StuckBehind,
+    StuckLine,
+)
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.lines import Lines
@@ -56,6 +63,8 @@ class Header:
         #: the faults' count of changes.
         self._altered: dict[str, int | None] = {}
         self._altered_at = -1
+        #: The input that a line really drives, and 1 where the board reads the other level.
+        self._rewired: dict[str, tuple[str, int]] = {}
         timeline.before_call.append(self._follow_world)
 
     def _levels_at_power_up(self) -> dict[int, int]:
@@ -173,6 +182,9 @@ class Header:
                 if seen is None:
                     return
                 level = seen
+            elif name in self._rewired:
+                name, is_inverted = self._rewired[name]
+                level = value ^ is_inverted
         if name in _SWITCH_LINES:
             if self._path.code and not exempt:
                 what = f"{name} changed with the DAC at code {self._path.code}"
@@ -199,6 +211,9 @@ class Header:
         self._altered = {fault.name: fault.level for fault in reversed(pins)}
         self._altered |= {fault.name: fault.level for fault in reversed(behind)}
         self._altered |= dict.fromkeys(cut.name for cut in self._faults.of(LineCut))
+        self._rewired = {fault.name: (fault.name, 1) for fault in self._faults.of(LineInverted)}
+        for swap in self._faults.of(LinesSwapped):
+            self._rewired |= {swap.first: (swap.second, 0), swap.second: (swap.first, 0)}
 
     def _is_safe_off(self, changes: Changes) -> bool:
         """All on ground and the supply off: the one call that may come while current flows."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from etd_body.electrode import load
+from etd_body.electrode import Contact, grounded, load
 from etd_hal.bench import StopName
 from etd_hal.fake.world import World
 from etd_hal.ports import Clock
@@ -41,12 +41,17 @@ class FakeOperator:
 
     def clip(self, load_ohm: int, first: int, second: int) -> None:
         """Half of the resistance at each electrode: the current passes through both."""
+        self._put(load(self._really_ohm.get(load_ohm, load_ohm) / 2), first, second)
+
+    def ground(self, load_ohm: int, electrode: int) -> None:
+        self._put(grounded(self._really_ohm.get(load_ohm, load_ohm)), electrode)
+
+    def _put(self, contact: Contact, *electrodes: int) -> None:
         for electrode in self._on:
             self._world.lift(electrode)
-        self._on = (first, second)
-        resistance_ohm = self._really_ohm.get(load_ohm, load_ohm)
-        for electrode in self._on:
-            self._world.touch(electrode, load(resistance_ohm / 2))
+        self._on = electrodes
+        for electrode in electrodes:
+            self._world.touch(electrode, contact)
 
     def misplaced(self, asked: int, found: tuple[int, ...]) -> None:
         """It connects the load correctly."""

@@ -59,7 +59,7 @@ def failed(of: Report) -> list[tuple[str, str]]:
 FAULTS = [
     pytest.param(LineCut("DATA"), "register", "readback", id="DATA cut"),
     pytest.param(RailOff(0.8), "rail", "rise", id="low rail"),
-    pytest.param(DacGain(1.3), "probe", "ramp", id="too strong a source"),
+    pytest.param(DacGain(1.3), "array", "ramp", id="too strong a source"),
     pytest.param(SwitchOutput(6, "open"), "switches", "every_switch", id="dead switch"),
     pytest.param(OutputsSwapped(3, 6), "switches", "every_switch", id="swapped wires"),
 ]

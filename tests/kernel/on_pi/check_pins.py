@@ -18,7 +18,7 @@ from etd_hal.linux.gpio import find_chip, keeps_driving
 from pi_board import BOARD, BOARD_PATH, LINES, MACHINE, MACHINE_PATH, TREE
 
 KEEPS = os.environ["ETD_KEEPS_OUTPUTS"] == "1"
-LATER_STAGES = ("register", "timing", "rail", "probe", "switches", "source")
+LATER_STAGES = ("register", "timing", "rail", "array", "table", "probe", "switches", "source")
 Checks = dict[tuple[str, str], str]
 
 
