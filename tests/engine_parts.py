@@ -23,7 +23,7 @@ from etd.pulse.request import NO_GAIN, MaxGain
 from etd.safety.limits import PersonLimits, limits_of_calibration
 from etd.safety.maxima import Maxima, maxima_of
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
-from etd_hal.cost import CostModel
+from etd_hal.cost import CostModel, FiledComputing
 from etd_hal.selection import Selection
 from etd_hal.timing import Timing
 
@@ -121,7 +121,7 @@ def planner(
     return Planner(
         AnySelector(can_choose=can_choose),
         PlanRules(layout, site, maxima, person, 10_000 / 4_095, max_gain),
-        CostModel(board, machine_file(), TIMING),
+        CostModel(board, machine_file(), TIMING, FiledComputing(60.0)),
     )
 
 

@@ -25,6 +25,9 @@ from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.fake.processor import Call, Stage, Stages, State
 from etd_hal.ports import Changes, Message
 
+#: After each frame, so that their median is of polls with nothing to do.
+_IDLE_POLLS = 20
+
 #: What is computed in each state until the next call.
 _STAGE_IN: Mapping[State, Stage] = {
     "idle": "idle_poll",
@@ -124,6 +127,8 @@ def measure(scans: int, stabilize: Settings = NO_STABILIZERS) -> dict[Stage, flo
         if seq == FIRST_SEQ + WARM_UP:
             watch.durations_ns.clear()
         play_one(engine, gateway, seq)
+        for _ in range(_IDLE_POLLS):
+            engine.step()
         clock.t_ns += int(1e9 / RATE_HZ)
     engine.supervisor.end()
     for channel in ends:

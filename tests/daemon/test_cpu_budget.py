@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etd.engine.cpu_budget import WINDOW_NS, CpuBudget
-from etd.planning.scan_rate import MAX_BUSY_FRACTION
+from etd.planning.duty import MAX_BUSY_FRACTION
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.ports import SPIN_NS
 

@@ -86,7 +86,7 @@ def test_the_electrodes_of_a_group_take_turns_and_the_next_group_follows(
     rig.show(current_ua=(800,) * N, width_us=100, ttl_ms=60)
     rig.run_ms(60)
     order = [phase.electrode for phase in phases(rig, since_ns)]
-    groups = [list(range(first, N, 3)) for first in range(3)]
+    groups = [list(range(first, N, 2)) for first in range(2)]
     assert order == [electrode for group in groups for electrode in group * 6]
 
 

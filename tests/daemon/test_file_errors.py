@@ -103,7 +103,7 @@ def test_any_value_of_another_kind_is_told_with_what_is_allowed_there(kind: str)
          "view: it says 'from above'; give \"through-finger\""),
         (KINDS["board"][1], 'chip = "HV507"', 'chip = "HV508"',
          'switch.chip: it says \'HV508\'; give "HV507", "HV513" or "74HC595" (is HV507 meant?)'),
-        (KINDS["machine"][1], "visit_us = 60.0", "visit = 60.0",
+        (KINDS["machine"][1], "visit_us = 180.0", "visit = 60.0",
          "remove it, or correct its name (is visit_us meant?)"),
     ],
     ids=["law", "site", "date", "calibration", "returns", "view", "chip", "machine"],

@@ -9,20 +9,26 @@ import msgspec
 import pytest
 
 from board_rig import BoardRig
-from etd_hal.cost import CostModel
+from etd_hal.cost import FIRING_PART, CostModel, FiledComputing
 from stepped_board import shipped_board
 
 Boards = Callable[..., BoardRig]
 
 
+#: What is computed for a pulse: while the electrode before rests, and beside its message.
+COMPUTING_US = 60.0
+FIRING_US = FIRING_PART * COMPUTING_US
+RESTING_US = COMPUTING_US - FIRING_US
+
+
 def model(rig: BoardRig) -> CostModel:
-    return CostModel(rig.file, rig.board.machine, rig.board.timing)
+    return CostModel(rig.file, rig.board.machine, rig.board.timing, FiledComputing(COMPUTING_US))
 
 
 def taken_us(
     rig: BoardRig, outputs: list[int], phases: tuple[bool, ...] = (True,), width_us: int = 100
 ) -> float:
-    """Mean time from pulse to pulse, each visit's own work done in the rest as the engine does."""
+    """Mean time from pulse to pulse, with the computing where the engine does it."""
     board, begun_ns = rig.board, []
     pulse = board.pulse(1_000, width_us)
     board.prepare(board.selection(outputs[0], None))
@@ -31,12 +37,14 @@ def taken_us(
         first, *others = phases
         board.connect(selection, first)
         begun_ns.append(rig.clock.now_ns())
+        rig.clock.spend(round(FIRING_US * 1_000))
         board.fire(pulse, selection, first, 1_000, width_us)
         for is_anodic in others:
             board.flip(selection, is_anodic)
+            rig.clock.spend(round(FIRING_US * 1_000))
             board.fire(pulse, selection, is_anodic, 1_000, width_us)
         board.discharge()
-        rig.clock.spend(int(board.machine.visit_us * 1_000))
+        rig.clock.spend(round(RESTING_US * 1_000))
         board.prepare(board.selection(following, None))
     return (begun_ns[-1] - begun_ns[0]) / (len(begun_ns) - 1) / 1_000
 
@@ -69,7 +77,7 @@ def test_clocks_within_the_rest_are_free_and_beyond_it_are_not(boards: Boards) -
     costs = model(boards())
     near, still_near, far = (costs.visit(100, 1, clocks).slot_us for clocks in (1, 10, 40))
     assert near == still_near
-    assert far == pytest.approx(near + 2 * 40 * 4.4 + 60.0 - 200.0)
+    assert far == pytest.approx(near + 2 * 40 * 4.4 + RESTING_US - 200.0)
 
 
 @pytest.mark.parametrize("phases", [(True,), (False,), (True, False)])
@@ -81,7 +89,7 @@ def test_relays_cost_their_switching(boards: Boards, phases: tuple[bool, ...]) -
 
 def test_a_visit_is_busy_but_for_what_is_slept_of_the_rest(boards: Boards) -> None:
     cost = model(boards()).visit(100, 1, clocks=1)
-    assert cost.slot_us - cost.busy_us == pytest.approx(200.0 - 2 * 4.4 - 60.0 - 50.0)
+    assert cost.slot_us - cost.busy_us == pytest.approx(200.0 - 2 * 4.4 - RESTING_US - 50.0)
 
 
 def test_a_visit_that_fills_its_rest_with_work_never_sleeps(boards: Boards) -> None:
@@ -113,3 +121,35 @@ def test_a_chain_that_fits_into_the_rest_is_rewritten_for_nothing(boards: Boards
 
 def test_relays_are_rewritten_outside_the_rest(boards: Boards) -> None:
     assert model(boards("feetthrough-relay")).rewrite_us() == pytest.approx(2 * 64 * 4.4)
+
+
+def test_the_parts_of_a_slot_are_its_wire_its_rest_and_what_computing_no_rest_hides(
+    boards: Boards,
+) -> None:
+    rig = boards()
+    message_us = rig.board.timing.message_us + 100 + 2 * 4.4
+    hidden = model(rig).visit(100, 1, clocks=1)
+    assert hidden[:3] == pytest.approx((message_us, 200.0, FIRING_US))
+    slow = CostModel(rig.file, rig.board.machine, rig.board.timing, FiledComputing(400.0))
+    shown_us = 400.0 - 200.0 + 2 * 4.4
+    assert slow.visit(100, 1, clocks=1)[:3] == pytest.approx((message_us, 200.0, shown_us))
+
+
+def test_clocks_that_no_rest_hides_are_the_wires(boards: Boards) -> None:
+    near, far = (model(boards()).visit(100, 1, clocks) for clocks in (1, 40))
+    assert far.wire_us - near.wire_us == pytest.approx(2 * 40 * 4.4 - 200.0)
+    assert far.processor_us == pytest.approx(COMPUTING_US)
+
+
+@pytest.mark.parametrize("pulse_us", [0.0, 60.0, 200.0, 900.0])
+@pytest.mark.parametrize("clocks", [1, 20, 64])
+@pytest.mark.parametrize("board", ["kajimoto-hv507", "feetthrough-relay"])
+def test_no_part_is_negative_and_no_pulse_is_busy_for_longer_than_it_lasts(
+    boards: Boards, board: str, clocks: int, pulse_us: float
+) -> None:
+    rig = boards(board)
+    costs = CostModel(rig.file, rig.board.machine, rig.board.timing, FiledComputing(pulse_us))
+    for phases, probe_us in ((1, 0), (2, 0), (1, 50)):
+        cost = costs.visit(100, phases, clocks, probe_us)
+        assert min(cost) >= 0
+        assert cost.busy_us <= cost.slot_us + 1e-6

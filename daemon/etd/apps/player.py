@@ -16,7 +16,7 @@ from etd.apps.standing import Standing
 from etd.apps.steps import Report, Step, silent
 from etd.client import Display, FrameOptions, Telemetry, clock
 from etd.protocol.errors import DaemonGone, Refused
-from etd.protocol.messages import Clamp, FrameReply, Halt, Scan
+from etd.protocol.messages import Clamp, FrameReply, Halt, Scan, Shortfall
 
 _MS = 1_000_000
 #: A frame's ttl exceeds its duration by this, so that it lasts until the next one.
@@ -155,7 +155,9 @@ class Player:
                 self.summary.clamped[clamp.electrode, clamp.reason] = clamp
                 self.summary.clamped_frames.add(-1 if scan.tag is None else scan.tag)
         for shortfalls in scan.not_fired:
-            self.summary.not_fired[shortfalls.reason] += shortfalls.pulses
+            self._note_rate(shortfalls)
+            if shortfalls.pulses:
+                self.summary.not_fired[shortfalls.reason] += shortfalls.pulses
 
     def _raise_halted(self) -> None:
         """A frame may be refused before the halt that ended the lease is reported."""
@@ -192,10 +194,14 @@ class Player:
             raise _named(refusal, step) from refusal
         self._kept_ns = clock.now_ns()
         for shortfalls in reply.slowed:
-            if shortfalls.rate_hz is not None:
-                lowest_hz = self.summary.slowed_to_hz or shortfalls.rate_hz
-                self.summary.slowed_to_hz = min(lowest_hz, shortfalls.rate_hz)
+            self._note_rate(shortfalls)
         return reply
+
+    def _note_rate(self, shortfalls: Shortfall) -> None:
+        """The lowest rate that frames were slowed to, in a reply or while they were shown."""
+        if shortfalls.rate_hz is not None:
+            lowest_hz = self.summary.slowed_to_hz or shortfalls.rate_hz
+            self.summary.slowed_to_hz = min(lowest_hz, shortfalls.rate_hz)
 
     def _show(self, step: Step, ttl_ms: int) -> FrameReply:
         options: FrameOptions = {**step.options, "ttl_ms": ttl_ms}
@@ -216,4 +222,4 @@ def _named(refusal: Refused, step: Step) -> Refused:
         by_rate = f"--max-rate{lower} or " if step.kind == "current_ua" else ""
         advice = f"; play it with {by_rate}--allow-slower"
     reason = f"frame {step.options.get('tag')}: {refusal.reason}{advice}"
-    return Refused(refusal.code, reason, refusal.electrode, refusal.achievable_hz)
+    return Refused(refusal.code, reason, refusal.electrode, refusal.achievable_hz, refusal.bound_by)

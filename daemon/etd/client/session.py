@@ -189,7 +189,13 @@ class Session:
         failure = _failure_decoder.decode(data)
         if failure.error in ("no_lease", "other_lease"):
             self.lease = None
-        raise Refused(failure.error, failure.reason, failure.electrode, failure.achievable_hz)
+        raise Refused(
+            failure.error,
+            failure.reason,
+            failure.electrode,
+            failure.achievable_hz,
+            failure.bound_by,
+        )
 
     def _standing_lease(self) -> Flow[None]:
         """Renew the lease, or open a new one if it has lapsed."""

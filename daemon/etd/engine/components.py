@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from etd.engine.active_schedule import ActiveSchedule
 from etd.engine.clearance import Clearance
+from etd.engine.computing import MeasuredComputing
 from etd.engine.cpu_budget import CpuBudget
 from etd.engine.findings import Findings
 from etd.engine.gateway_link import GatewayLink
@@ -46,6 +47,8 @@ class Components:
     backend: Backend
     #: The board's clock, which times all that happens on the board.
     clock: CpuBudget
+    #: What this machine computes for a pulse.
+    computing: MeasuredComputing
     #: The machine's clock, on which ttl, lease and the gateway's silence count.
     host_clock: Clock
     timeouts: Timeouts
@@ -104,6 +107,7 @@ def components_of(
         loaded=loaded,
         backend=backend,
         clock=clock,
+        computing=MeasuredComputing(clock, loaded.machine.visit_us),
         host_clock=backend.host_clock,
         timeouts=timeouts,
         board=board,

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections import deque
 
-from etd.planning.scan_rate import MAX_BUSY_FRACTION
+from etd.planning.duty import MAX_BUSY_FRACTION, WINDOW_US
 from etd_hal.ports import SPIN_NS, Clock
 
-WINDOW_NS = 100_000_000
+WINDOW_NS = int(WINDOW_US * 1_000)
 #: The least sleep in any window.
 _SLEEP_NS = round((1.0 - MAX_BUSY_FRACTION) * WINDOW_NS)
 #: A shorter pause would mostly be spun, and would not catch up.
@@ -33,10 +33,13 @@ class CpuBudget:
         # (end, length) of each sleep in the window; before the start it slept.
         self._sleeps: deque[tuple[int, int]] = deque([(clock.now_ns(), WINDOW_NS)])
         self._slept_ns = WINDOW_NS
+        #: All that was waited for so far, what was spun included.
+        self.waited_ns = 0
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         slept_ns = deadline_ns - self._clock.now_ns() - SPIN_NS
         self._clock.sleep_until_ns(deadline_ns)
+        self.waited_ns += max(0, slept_ns + SPIN_NS)
         if slept_ns > 0:
             self._sleeps.append((deadline_ns - SPIN_NS, slept_ns))
             self._slept_ns += slept_ns
@@ -47,6 +50,7 @@ class CpuBudget:
         slept_ns = deadline_ns - self._clock.now_ns()
         self._clock.doze_until_ns(deadline_ns)
         if slept_ns > 0:
+            self.waited_ns += slept_ns
             self._sleeps.append((deadline_ns, slept_ns))
             self._slept_ns += slept_ns
             self._drop_old(deadline_ns)

@@ -68,6 +68,8 @@ class _Pending:
     clamped: dict[tuple[int, str], Clamp] = field(default_factory=dict)
     not_fired: Counter[tuple[int | None, str]] = field(default_factory=Counter)
     scans: int = 0
+    #: The rate to which this machine's lateness has lowered a frame's.
+    slowed_hz: float | None = None
 
 
 class FiredPulse(msgspec.Struct, frozen=True, kw_only=True, gc=False):
@@ -96,6 +98,19 @@ def _columns(rows: Sequence[FiredPulse]) -> Fired:
     """By electrode, a tuple for each column of `Fired`: the fields of a row after its first two."""
     columns = zip(*map(msgspec.structs.astuple, rows), strict=True)
     return Fired(**dict(zip(_COLUMNS, islice(columns, 2, None), strict=True)))
+
+
+def _shortfalls(pending: _Pending) -> tuple[Shortfall, ...]:
+    not_fired = tuple(
+        Shortfall(electrode=electrode, reason=reason, pulses=count)  # type: ignore[arg-type]
+        for (electrode, reason), count in pending.not_fired.items()
+    )
+    if pending.slowed_hz is None:
+        return not_fired
+    slowed = Shortfall(
+        electrode=None, reason="rate", rate_hz=pending.slowed_hz, bound_by="processor"
+    )
+    return (*not_fired, slowed)
 
 
 class BodyFelt(Protocol):
@@ -178,6 +193,12 @@ class Reporter:
         self._pending.not_fired[electrode, reason] += 1
         self.counters[f"not_fired_{reason}"] += 1
 
+    def slowed(self, rate_hz: float) -> None:
+        """Scans came late for a second, and go on at this rate."""
+        self._pending.slowed_hz = rate_hz
+        self._has_news = True
+        self.counters["slowed"] += 1
+
     def rejected(self, what: str) -> None:
         """Counted once, when it begins."""
         self.counters[f"rejected_{what}"] += 1
@@ -197,10 +218,7 @@ class Reporter:
             scans=pending.scans,
             fired=_columns(self._rows),
             clamped=tuple(pending.clamped.values()),
-            not_fired=tuple(
-                Shortfall(electrode=electrode, reason=reason, pulses=count)  # type: ignore[arg-type]
-                for (electrode, reason), count in pending.not_fired.items()
-            ),
+            not_fired=_shortfalls(pending),
             ceiling_ua=ceiling_ua,
             dropped_reports=self.counters["reports_dropped"],
             pressure_kpa=self._pressure(now_ns),
@@ -245,6 +263,7 @@ class Reporter:
             seq=frame.seq,
             electrode=refusal.electrode,
             achievable_hz=refusal.achievable_hz,
+            bound_by=refusal.bound_by,
         )
         self._send_report(Report(refused=report))
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 from etd.engine.components import Components
 from etd.engine.poller import Poller
 from etd.engine.supervisor import Supervisor
+from etd.planning.duty import TICK_US
+from etd.planning.lateness import LATE, Lateness
 from etd.planning.schedule import DuePulse, Schedule
 from etd_hal.selection import Selection
 
 #: Between two polls when nothing is due; the heartbeat's monostable needs edges then too.
-TICK_NS = 1_000_000
+TICK_NS = int(TICK_US * 1_000)
 #: More than a contact poll with half-bridges takes. With relays, a poll may make the next scan
 #: late.
 _CONTACT_POLL_NS = 1_000_000
@@ -37,7 +39,11 @@ class Sequencer:
         self._source_check = components.source_check
         self._supervisor = supervisor
         self._poller = poller
+        self._computing = components.computing
+        self._lateness = Lateness()
         self._is_pausing = False
+        #: Stimuli fired in the scan under way.
+        self._fired = 0
         #: The end of the scan before has rewritten the chain.
         self._is_rewritten = False
 
@@ -121,6 +127,7 @@ class Sequencer:
         if is_armed and self._source_check.is_due(now_ns):
             return True
         if schedule is None or not is_armed:
+            self._lateness.reset()
             self._doze_until(now_ns + TICK_NS)
         elif now_ns < schedule.next_ns:
             self._wait_for(schedule.next_ns, now_ns + TICK_NS)
@@ -157,7 +164,9 @@ class Sequencer:
 
     def _begin_scan(self, schedule: Schedule) -> None:
         frame, is_first = schedule.plan.frame, not schedule.is_begun
-        self._active.begin_scan(schedule, self._clock.now_ns())
+        now_ns = self._clock.now_ns()
+        self._heed_lateness(schedule, now_ns)
+        self._active.begin_scan(schedule, now_ns)
         self._is_pausing = False
         if is_first and frame.sync:
             self._board.sync()
@@ -166,14 +175,29 @@ class Sequencer:
         if upcoming is not None and not self._is_rewritten:
             self._board.prepare(upcoming.selection, whole=True)
         self._is_rewritten = False
+        self._fired = 0
+        self._computing.begin(self._clock.now_ns())
         if upcoming is None:
             self._wind_up(schedule)
+
+    def _heed_lateness(self, schedule: Schedule, now_ns: int) -> None:
+        """What this machine cannot do is slowed down, and told."""
+        ratio = self._lateness.begun(now_ns, schedule.plan.period_ns)
+        if ratio is None:
+            return
+        if ratio <= LATE:
+            self._computing.came_in_time()
+            return
+        self._computing.came_late(ratio)
+        schedule.slow_down(ratio)
+        self._reporter.slowed(schedule.plan.rate_hz)
 
     def fired(self, due: DuePulse, begun_ns: int) -> None:
         """The pulse began at `begun_ns`: go on to the next."""
         schedule = self._active.scanning
         if due.purpose == "stimulus" and schedule is not None:
             schedule.was_fired(due, begun_ns)
+            self._fired += 1
         self._pass_on(due)
 
     def not_fired(self, due: DuePulse) -> None:
@@ -203,6 +227,9 @@ class Sequencer:
         """
         now_ns = self._clock.now_ns()
         if schedule.wants_polls:
+            plan = schedule.plan
+            if self._fired == len(plan.schedule) and plan.pulses == 1:
+                self._computing.end(now_ns, self._fired, plan.wire_us)
             probes = self._supervisor.probes
             schedule.add_polls(*self._requests.polls(probes, schedule, now_ns))
         if not schedule.is_over(now_ns, _CONTACT_POLL_NS):

@@ -180,7 +180,8 @@ class Supervisor:
             source.full_scale_ua / (source.codes - 1),
             self.adapter.max_gain,
         )
-        cost = CostModel(self.loaded.board, self.loaded.machine, self.board.timing)
+        computing, machine = self._components.computing, self.loaded.machine
+        cost = CostModel(self.loaded.board, machine, self.board.timing, computing)
         self._planner = Planner(self.board, rules, cost)
         if has_new_probes:
             self.probes = probes_of(self.board, self.loaded.array, self.maxima, person)
@@ -237,6 +238,7 @@ class Supervisor:
             if power_up.is_rail_there(now_ns) and self.lease is not None:
                 self._check_source()
                 self.sessions.went_live(self._subject(self.lease), self.host_clock.now_ns())
+                self._components.computing.begin(self.clock.now_ns())
                 return True
             return False
         except Refused as refusal:
@@ -259,6 +261,7 @@ class Supervisor:
         power_up.advance()
         if power_up.is_measuring:
             return
+        self._measure_computing()
         self.board.release()
         self.power_up = None
         contact = self.reporter.contact(self.contact, self.clock.now_ns())
@@ -270,6 +273,11 @@ class Supervisor:
             self.board.guard.permit(self.maxima.current_ua)
             self.report_state(self.clock.now_ns())
         self.answer(Answer(ref=power_up.ref, contact=contact))
+
+    def _measure_computing(self) -> None:
+        """All probes were fired: plans reckon with what this machine computed meanwhile."""
+        wire_us = self.planner.wire_us(self.probes) + self.planner.chain_us
+        self._components.computing.end(self.clock.now_ns(), len(self.probes), wire_us)
 
     @property
     def is_powered(self) -> bool:

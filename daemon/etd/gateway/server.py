@@ -191,7 +191,13 @@ class Gateway:
         if pending is None:
             self.counters["answers_too_late"] += 1
         elif answer.error is not None:
-            refusal = Refused(answer.error, answer.reason, answer.electrode, answer.achievable_hz)
+            refusal = Refused(
+                answer.error,
+                answer.reason,
+                answer.electrode,
+                answer.achievable_hz,
+                answer.bound_by,
+            )
             self._refuse(pending.inbound, pending.id, refusal)
         else:
             self._finish(pending, answer)
@@ -232,6 +238,7 @@ class Gateway:
             id=id,
             electrode=refusal.electrode,
             achievable_hz=refusal.achievable_hz,
+            bound_by=refusal.bound_by,
         )
         self._send(inbound, failure)
 

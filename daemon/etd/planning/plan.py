@@ -71,6 +71,8 @@ class Plan:
     groups: Groups
     pulses: int
     interval_ns: int
+    #: What messages and calls of a scan take.
+    wire_us: float
 
 
 class Planner:
@@ -122,7 +124,17 @@ class Planner:
             grouped,
             self._scan_rate.pulses,
             math.ceil(self._scan_rate.interval_us * 1_000),
+            self._scan_rate.wire_us(schedule),
         )
+
+    @property
+    def chain_us(self) -> float:
+        """The calls that rewrite the chain."""
+        return self._scan_rate.chain_us
+
+    def wire_us(self, schedule: Sequence[ScheduledPulse]) -> float:
+        """What messages and calls of these pulses take, one after another."""
+        return self._scan_rate.wire_us(schedule)
 
     # --- pulses ----------------------------------------------------------------------------
 

@@ -1,16 +1,19 @@
 """How fast a frame can be shown: the electrodes that share a burst, and the duration of a scan.
 
-Owns: the time of a round of pulses, the rate that follows, and the refusal of a rate that does not
-fit. Must not know: currents, limits, how a pulse is made, time of day, hardware calls.
+Owns: the time of a round of pulses, the rate that follows, what part of the time binds it, and the
+refusal of a rate that does not fit. Must not know: currents, limits, how a pulse is made, time of
+day, hardware calls.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
+from etd.planning.duty import shortest_period_us
 from etd.planning.headroom import PlanRules
 from etd.planning.scheduled_pulse import ScheduledPulse
-from etd.protocol.errors import Refused
+from etd.protocol.errors import Refused, TimePart
 from etd.protocol.frame import Frame
 from etd.protocol.messages import Shortfall
 from etd.stabilize.bursts import groups
@@ -19,11 +22,34 @@ from etd_hal.cost import Cost, CostModel
 #: Places in the schedule, group by group.
 Groups = tuple[tuple[int, ...], ...]
 
-#: The loop may be busy for at most this part of any 100 ms; see `engine/cpu_budget.py`.
-MAX_BUSY_FRACTION = 0.8
-
 #: A plan uses at most this part of its period; the rest is for heartbeat and reports.
 RESERVE = 0.98
+
+
+class _Fastest(NamedTuple):
+    """A scan at the highest rate, in ms, by what takes its time."""
+
+    wire_ms: float
+    rest_ms: float
+    #: Computing that no rest hides, the pauses in which the kernel must not find it busy, and what
+    #: scans have come late by.
+    processor_ms: float
+
+    @property
+    def rate_hz(self) -> float:
+        return 1e3 / sum(self)
+
+    @property
+    def bound_by(self) -> TimePart:
+        """The part that takes most of it."""
+        parts: tuple[TimePart, ...] = ("wire", "rest", "processor")
+        return max(zip(self, parts, strict=True))[1]
+
+    def __str__(self) -> str:
+        return (
+            f"a scan takes {sum(self):.1f} ms, the wire {self.wire_ms:.1f}, rests"
+            f" {self.rest_ms:.1f}, the processor {self.processor_ms:.1f}"
+        )
 
 
 class ScanRate:
@@ -66,7 +92,8 @@ class ScanRate:
         if not schedule:
             return self._silent_hz, ()
         wanted_hz = max(scheduled.rate_hz for scheduled in schedule)
-        achievable_hz = self._achievable_hz(schedule, grouped)
+        fastest = self._fastest(schedule, grouped)
+        achievable_hz, bound_by = fastest.rate_hz, fastest.bound_by
         if wanted_hz <= achievable_hz:
             return wanted_hz, ()
         if not frame.allow_slower:
@@ -75,32 +102,57 @@ class ScanRate:
             raise Refused(
                 "too_fast",
                 f"{len(schedule)} electrodes at {wanted_hz:g} Hz do not fit: at most"
-                f" {achievable_hz:.1f} Hz{room} (or send allow_slower: true to be slowed down)",
+                f" {achievable_hz:.1f} Hz, as {fastest}{room} (or send allow_slower: true to be"
+                " slowed down)",
                 achievable_hz=achievable_hz,
+                bound_by=bound_by,
             )
-        return achievable_hz, (Shortfall(electrode=None, reason="rate", rate_hz=achievable_hz),)
+        slowed = Shortfall(electrode=None, reason="rate", rate_hz=achievable_hz, bound_by=bound_by)
+        return achievable_hz, (slowed,)
 
-    def _achievable_hz(self, schedule: Sequence[ScheduledPulse], grouped: Groups) -> float:
-        slots_us = busy_us = self._cost.rewrite_us()
+    def _fastest(self, schedule: Sequence[ScheduledPulse], grouped: Groups) -> _Fastest:
+        wire_us, rest_us, processor_us = self._cost.rewrite_us(), 0.0, 0.0
+        busy_us = wire_us
         for group in grouped:
             once = self._round([schedule[place] for place in group], self._bursts is not None)
-            slots_us += once.slot_us + (self.pulses - 1) * self.interval_us
+            # Between the pulses of a burst its interval is waited for.
+            rest_us += once.rest_us + (self.pulses - 1) * self.interval_us
+            wire_us += once.wire_us
+            processor_us += once.processor_us
             busy_us += once.busy_us * self.pulses
-        return RESERVE * min(1e6 / slots_us, MAX_BUSY_FRACTION * 1e6 / busy_us)
+        slots_us = wire_us + rest_us + processor_us
+        period_us = shortest_period_us(slots_us, slots_us - busy_us, self._cost.idle_us)
+        scan_us = self._cost.stretch * period_us / RESERVE
+        return _Fastest(wire_us / 1e3, rest_us / 1e3, (scan_us - wire_us - rest_us) / 1e3)
 
     def _round(self, schedule: Sequence[ScheduledPulse], is_again: bool) -> Cost:
         """The cost of one pulse of each; where they repeat, the step from the last to the first is
         included (after a scan the rewriting of the chain is that step).
         """
-        slot_us = busy_us = 0.0
+        costs = []
         before = schedule[-1].selection.output
         for scheduled in schedule:
             output = scheduled.selection.output
             clocks = self._cost.clocks(before, output) if is_again or output > before else 0
             width_us = scheduled.bounds.width_us + scheduled.bounds.prepulse_us
             probe_us = 0 if scheduled.probe is None else scheduled.probe.width_us
-            cost = self._cost.visit(width_us, len(scheduled.phases), clocks, probe_us)
-            slot_us += cost.slot_us
-            busy_us += cost.busy_us
+            costs.append(self._cost.visit(width_us, len(scheduled.phases), clocks, probe_us))
             before = output
-        return Cost(slot_us, busy_us)
+        return Cost(*map(sum, zip(*costs, strict=True)))
+
+    @property
+    def chain_us(self) -> float:
+        """The calls that rewrite the chain, which a measurement of contact begins with."""
+        return self._cost.chain_us()
+
+    def wire_us(self, schedule: Sequence[ScheduledPulse]) -> float:
+        """What messages and calls of a scan take, with the widths that the frame itself has."""
+        before, found_us = schedule[0].selection.output if schedule else 0, 0.0
+        for scheduled in schedule:
+            output = scheduled.selection.output
+            width_us = scheduled.width_us + scheduled.bounds.prepulse_us
+            probe_us = 0 if scheduled.probe is None else scheduled.probe.width_us
+            found_us += self._cost.wire_us(width_us, len(scheduled.phases), probe_us)
+            found_us += self._cost.shift_us(max(0, output - before))
+            before = output
+        return found_us

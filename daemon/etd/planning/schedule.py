@@ -265,6 +265,12 @@ class Schedule:
         self.next_ns = now_ns + (self.plan.period_ns if late_ns > self.plan.period_ns else 0)
         return True
 
+    def slow_down(self, ratio: float) -> None:
+        """This machine takes so many times the period: the next scans are so far apart."""
+        plan = self.plan
+        period_ns, rate_hz = round(plan.period_ns * ratio), plan.rate_hz / ratio
+        self.plan = dataclasses.replace(plan, period_ns=period_ns, rate_hz=rate_hz)
+
     def was_paused(self, pause_ns: int) -> None:
         """The rest of this scan and the scans after it are `pause_ns` later."""
         self.next_ns += pause_ns

@@ -41,6 +41,7 @@ __all__ = [
     "PartEnded",
     "PatternError",
     "Refused",
+    "TimePart",
     "Undecodable",
 ]
 
@@ -71,10 +72,14 @@ ErrorCode = Literal[
 ]
 
 
+#: What takes the time of a scan: messages and calls; the board's rests; computing.
+TimePart = Literal["wire", "rest", "processor"]
+
+
 class Refused(EtdError):
     """A frame or request was not accepted, and nothing else changed.
 
-    Fields: code, reason, electrode (or None), achievable_hz (with `too_fast`).
+    Fields: code, reason, electrode (or None); with `too_fast` achievable_hz and bound_by.
     """
 
     def __init__(
@@ -83,11 +88,13 @@ class Refused(EtdError):
         reason: str,
         electrode: int | None = None,
         achievable_hz: float | None = None,
+        bound_by: TimePart | None = None,
     ) -> None:
         self.code: ErrorCode = code
         self.reason = reason
         self.electrode = electrode
         self.achievable_hz = achievable_hz
+        self.bound_by = bound_by
         super().__init__(f"{reason} ({code})")
 
 

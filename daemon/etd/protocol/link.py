@@ -21,7 +21,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.protocol.calibration import Calibration
-from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, Undecodable
+from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, TimePart, Undecodable
 from etd.protocol.frame import ClientName, Frame, Int64, Polarity
 from etd.protocol.messages import (
     ArrayFacts,
@@ -152,6 +152,7 @@ class Answer(_Message, frozen=True, kw_only=True):
     reason: str = ""
     electrode: int | None = None
     achievable_hz: float | None = None
+    bound_by: TimePart | None = None
     rate_hz: float | None = None
     clamped: tuple[Clamp, ...] = ()
     slowed: tuple[Shortfall, ...] = ()
@@ -168,6 +169,7 @@ class Answer(_Message, frozen=True, kw_only=True):
             reason=refusal.reason,
             electrode=refusal.electrode,
             achievable_hz=refusal.achievable_hz,
+            bound_by=refusal.bound_by,
         )
 
 

@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.protocol.calibration import Calibration
-from etd.protocol.errors import ErrorCode
+from etd.protocol.errors import ErrorCode, TimePart
 from etd.protocol.frame import ClientName, Frame, Int64, Name, Polarity
 from etd.pulse.measured import ContactState as ContactState
 from etd.stabilize.shape import PLAIN, Shape
@@ -145,6 +145,7 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     id: Id | None = None
     electrode: int | None = None
     achievable_hz: float | None = None
+    bound_by: TimePart | None = None
 
 
 class Success(msgspec.Struct, frozen=True, kw_only=True):
@@ -243,12 +244,15 @@ class Clamp(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
-    """Pulses that were not fired, or a rate that was lowered."""
+    """Pulses that were not fired, or a rate that was lowered. `rate_hz`: the highest rate that is
+    possible, and `bound_by` what takes most of a scan's time.
+    """
 
     electrode: int | None
     reason: Literal["ledger", "rate", "processor", "overrun", "resolution"]
     pulses: int = 0
     rate_hz: float | None = None
+    bound_by: TimePart | None = None
 
 
 class FrameReply(Success, frozen=True, kw_only=True):
@@ -407,6 +411,7 @@ class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):
     seq: int | None = None
     electrode: int | None = None
     achievable_hz: float | None = None
+    bound_by: TimePart | None = None
 
 
 class Modelled(msgspec.Struct, frozen=True, kw_only=True):

@@ -26,7 +26,7 @@ Stage = Literal["idle_poll", "plan_step", "clear", "fire", "judge", "report"]
 #: the guard. `judge`: after the message, until the outputs are blanked. `report`: what the pulse
 #: told, until the next selection is shifted in. `plan_step`: each electrode of a frame takes two.
 STAGES_NS: Mapping[Stage, int] = {
-    "idle_poll": 15_000,
+    "idle_poll": 5_000,
     "plan_step": 6_000,
     "clear": 20_000,
     "fire": 7_500,
@@ -60,6 +60,10 @@ _ANYWHERE: Mapping[Call, _Move] = {
 }
 
 
+#: A poll reads the machine's clock, and once more where it looks for frames; planning goes on.
+_READINGS_A_POLL = 2
+
+
 class Processor(Protocol):
     """What a fake clock asks before each call of the thread that plays messages."""
 
@@ -77,13 +81,16 @@ class Stages:
 
     def __init__(self) -> None:
         self.state: State = "idle"
-        self._before: Call = "now"
+        #: The machine's clock was read so often, with no other call between.
+        self._readings = 0
 
     def behind(self, call: Call) -> tuple[Stage, ...]:
         """The stages that were computed between the call before and this one."""
-        before, self._before = self._before, call
-        if before == call == "host":
+        self._readings = self._readings + 1 if call == "host" else 0
+        if self._readings > _READINGS_A_POLL:
             return ("plan_step",)
+        if self._readings == _READINGS_A_POLL:
+            return ()
         move = _MOVES.get((self.state, call)) or _ANYWHERE.get(call)
         if move is None:
             return ()
@@ -96,10 +103,12 @@ class StagedTime:
 
     def __init__(self, slowness: float, stages_ns: Mapping[Stage, int] = STAGES_NS) -> None:
         self._stages = Stages()
-        self._costs_ns = {stage: round(slowness * cost) for stage, cost in stages_ns.items()}
+        self._stages_ns = stages_ns
+        self.slowness = slowness
 
     def cost_ns(self, call: Call) -> int:
-        return sum(self._costs_ns[stage] for stage in self._stages.behind(call))
+        behind = self._stages.behind(call)
+        return round(self.slowness * sum(self._stages_ns[stage] for stage in behind))
 
     def resume(self) -> None:
         """A stage costs the same whenever it begins."""

@@ -1,0 +1,56 @@
+"""What this machine computes for a pulse, measured from scan to scan; plans reckon with it.
+
+Owns: the measured figure, the machine file's until there is one, and by how much scans still take
+longer than planned. Must not know: what is computed, schedules, the board.
+
+What of a scan is neither waited nor on the wire was computed, whatever it was for: pulses, polls,
+the scan's own beginning. So the figure holds for whole scans. Arming measures it first, by the
+probes.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections import deque
+
+from etd.engine.cpu_budget import CpuBudget
+
+#: Scans of fewer pulses compute more for each: a scan's own work is shared by few.
+_FEWEST_PULSES = 8
+#: The median of so many scans, which no single stall moves.
+_SCANS = 9
+#: What a second without lateness takes back.
+_RELIEF = 0.95
+
+
+class MeasuredComputing:
+    """See the module. Implements `etd_hal.cost.Computing`."""
+
+    def __init__(self, clock: CpuBudget, filed_us: float) -> None:
+        self._clock = clock
+        self.pulse_us = filed_us
+        #: How many times as long as planned scans take.
+        self.stretch = 1.0
+        self._samples_us: deque[float] = deque(maxlen=_SCANS)
+        self._begun_ns = self._waited_ns = 0
+
+    def begin(self, now_ns: int) -> None:
+        """A scan or a measurement begins."""
+        self._begun_ns, self._waited_ns = now_ns, self._clock.waited_ns
+
+    def end(self, now_ns: int, pulses: int, wire_us: float) -> None:
+        """So many pulses were fired since; messages and calls took `wire_us`."""
+        if pulses < _FEWEST_PULSES:
+            return
+        waited_ns = self._clock.waited_ns - self._waited_ns
+        computed_us = (now_ns - self._begun_ns - waited_ns) / 1_000 - wire_us
+        self._samples_us.append(max(0.0, computed_us / pulses))
+        self.pulse_us = statistics.median(self._samples_us)
+
+    def came_late(self, ratio: float) -> None:
+        """For a second scans took so many times as long as planned."""
+        self.stretch *= ratio
+
+    def came_in_time(self) -> None:
+        """For a second they did not."""
+        self.stretch = max(1.0, self.stretch * _RELIEF)
