@@ -244,9 +244,7 @@ class Clamp(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
-    """Pulses that were not fired, or a rate that was lowered. `rate_hz`: the highest rate that is
-    possible, and `bound_by` what takes most of a scan's time.
-    """
+    """Pulses that were not fired, or a rate lowered to `rate_hz`, and what most of a scan is."""
 
     electrode: int | None
     reason: Literal["ledger", "rate", "processor", "overrun", "resolution"]
@@ -400,9 +398,7 @@ class Scan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Telemetry `refused`: a streamed frame that was not accepted. `count` is their number
-    so far.
-    """
+    """Telemetry `refused`: a streamed frame was not accepted. `count`: their number so far."""
 
     now_ns: int
     error: ErrorCode
