@@ -29,7 +29,7 @@ def test_a_scan_that_has_to_pause_within_takes_the_mean() -> None:
 
 
 @given(
-    slots_ms=st.floats(1.0, 78.0),
+    slots_ms=st.floats(5.0, 78.0),
     slept_part=st.floats(0.0, 0.5),
     idle_us=st.floats(0.0, 100.0),
 )
