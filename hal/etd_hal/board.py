@@ -29,7 +29,7 @@ from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
 from etd_hal.selection import Selection, Selections, Switch
 from etd_hal.source_rules import IDLE_MOST_V, SourceRules
 from etd_hal.switch_shadow import Approval, Prepulse
-from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
+from etd_hal.timing import Shape, Timing, calibrate, fitted, pulse_message, zero_message
 
 #: The stopper acts when a message is this much over its plan.
 OVERDUE_NS = 1_000_000
@@ -172,6 +172,10 @@ class Board:
         self._timing = calibrate(duration_ns, self.machine, self._codec)
         self._pulses.clear()
         return self._timing
+
+    def time_messages(self) -> Timing:
+        """What a calibration would find, plausible or not. Raises: BusError, GuardRefusal."""
+        return fitted(self._time_message, self._codec)
 
     @property
     def min_width_us(self) -> int:

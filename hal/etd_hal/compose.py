@@ -307,6 +307,20 @@ def system_clock() -> Clock:
     return LinuxClock()
 
 
+def thread_time_ns() -> int:
+    """What the calling thread has had of the processor."""
+    from etd_hal.linux import clock
+
+    return clock.thread_time_ns()
+
+
+def machine_facts() -> tuple[str, ...]:
+    """A sentence for each setting of this machine that helps to find a cause."""
+    from etd_hal.linux import machine as this_machine
+
+    return this_machine.facts()
+
+
 def wall_time() -> datetime.datetime:
     """The time in UTC, for records with a date."""
     from etd_hal.linux import clock

@@ -136,11 +136,18 @@ def zero_message(codec: Codec) -> Message:
 
 
 def calibrate(duration_ns: Callable[[Message], int], machine: MachineFile, codec: Codec) -> Timing:
-    """Time messages at DAC code 0, fit, and check against the machine file.
+    """Time messages at DAC code 0, and check what is found against the machine file.
 
     `duration_ns` sends a message and returns how long the call took. Raises: BoardFault, naming the
     constant that is not plausible; BusError.
     """
+    timing = fitted(duration_ns, codec)
+    check(timing, machine)
+    return timing
+
+
+def fitted(duration_ns: Callable[[Message], int], codec: Codec) -> Timing:
+    """The constants that fit such messages best, plausible or not. Raises: BusError."""
     zero = codec.word(0)
     by_delays = [_timed(duration_ns, zero, 2, count) for count in _DELAY_COUNTS]
     by_words = [_timed(duration_ns, zero, count, 0) for count in _WORD_COUNTS]
@@ -148,17 +155,20 @@ def calibrate(duration_ns: Callable[[Message], int], machine: MachineFile, codec
     word_us, at_no_word_us = statistics.linear_regression(
         _WORD_COUNTS, [median for median, _ in by_words]
     )
-    timing = Timing(
+    return Timing(
         word_us=word_us,
         delay_extra_us=delay_us - LONGEST_DELAY_US,
         message_us=at_no_word_us + word_us,
         spread_us=max(spread for _, spread in (*by_delays, *by_words)),
     )
+
+
+def check(timing: Timing, machine: MachineFile) -> None:
+    """Raises: BoardFault, naming the first constant that the machine file does not allow."""
     _check("one word", timing.word_us, machine.word_us)
     _check("overhead of a delay", timing.delay_extra_us, machine.delay_extra_us)
     _check("overhead of a message", timing.message_us, machine.message_us)
     _check("spread of a message", timing.spread_us, Bounds(low=0.0, high=machine.spread_us))
-    return timing
 
 
 def _timed(

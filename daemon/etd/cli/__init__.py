@@ -38,6 +38,7 @@ VERBS = (
     "calibrate",
     "calibration",
     "selftest",
+    "bench",
     "check",
     "explain",
     "safe",

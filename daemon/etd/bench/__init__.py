@@ -1,0 +1,1 @@
+"""What this machine takes for a pulse: its processor, its wake-ups, its messages."""

@@ -1,0 +1,54 @@
+"""`etd bench` as a person runs it: without a board, and with files that it must not overwrite."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import msgspec
+import pytest
+
+from command_rig import CommandRig, command_rig
+from etd.bench.result import Result
+from etd_hal.boardfile import load_machine
+
+pytestmark = pytest.mark.slow
+
+SHORT = ("bench", "--seconds", "0.5")
+
+
+@pytest.fixture
+def rig() -> Iterator[CommandRig]:
+    with command_rig() as made:
+        yield made
+
+
+def test_without_a_board_it_measures_the_machine_and_writes_both_files(rig: CommandRig) -> None:
+    report, machine = rig.folder / "bench.json", rig.folder / "mine.toml"
+    said = rig.run(*SHORT, "--report", str(report), "--write-machine", str(machine))
+    assert said.status == 0
+    assert "with a probe first" in said.out
+    assert "no configuration of a real board" in said.out
+    result = msgspec.json.decode(report.read_bytes(), type=Result)
+    assert result.messages is None
+    assert load_machine(machine).visit_us > 1.0
+    assert str(machine) in said.err
+    again = rig.run(*SHORT, "--report", str(report))
+    assert again.status == 2
+    assert "not overwritten" in again.err
+
+
+def test_as_json_it_prints_one_object_and_nothing_else(rig: CommandRig) -> None:
+    said = rig.run(*SHORT, "--machine", "pi3", "--json")
+    assert said.status == 0
+    assert said.err == ""
+    assert said.answer["machine"] == "pi3"
+    assert said.answer["computing"][0]["kind"] == "plain"
+
+
+@pytest.mark.parametrize(
+    "options", [("--machine", "none"), ("--config", "/nonexistent.toml"), ("--seconds", "0")]
+)
+def test_what_cannot_be_measured_is_wrong_use(rig: CommandRig, options: tuple[str, str]) -> None:
+    said = rig.run("bench", *options)
+    assert said.status == 2
+    assert options[1] in said.err
