@@ -15,8 +15,8 @@ from bench.steady_laws import LAWS
 from bench.steady_skin import body_of, calibrated, seen_ohm
 from etd.files.configuration import fake_config
 from etd.pulse.measured import BEND_UA
+from etd.stabilize.pipeline import ignore_rejection
 from etd.stabilize.plausibility import Plausibility
-from etd.stabilize.rejection import ignore_rejection
 from etd_body.living import LivingBody
 from etd_body.tissue import Floats
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etd.stabilize.common_mode import QUORUM, CommonMode
+from etd.stabilize.pipeline import ignore_rejection
 from etd.stabilize.plausibility import Plausibility
-from etd.stabilize.rejection import ignore_rejection
 
 N, SCAN_MS = 16, 100
 Wanted = Callable[[int, float], float]

@@ -4,8 +4,8 @@ Owns: the list of verbs, how an error becomes a message and an exit status, and 
 Must not know: what any verb does. It imports only the standard library and the errors, so that
 `etd safe` works when little else does.
 
-A verb is a module with NAME, HELP, EPILOG (an example), `add_arguments(parser)` and `run(args)`,
-which returns the exit status: 0 done, 1 refused or failed, 2 used wrongly, 3 the hardware or the
+A verb is a module with HELP, EPILOG (an example), `add_arguments(parser)` and `run(args)`, which
+returns the exit status: 0 done, 1 refused or failed, 2 used wrongly, 3 the hardware or the
 daemon is not there, 130 ended by Ctrl-C. `args.misused(sentence)` ends with status 2.
 """
 
@@ -17,7 +17,6 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from types import ModuleType
 from typing import NoReturn
 
 from etd.protocol.errors import BusError, DaemonGone, EtdError, HardwareMissing, PartEnded, Refused
@@ -133,21 +132,17 @@ def _parser(verbs: Sequence[str], as_json: bool) -> argparse.ArgumentParser:
     adding = parser.add_subparsers(title="verbs", metavar="VERB")
     for verb in verbs:
         module = importlib.import_module(f"etd.cli.{verb}")
-        _add_verb(adding, module)
+        added = adding.add_parser(
+            verb,
+            help=module.HELP,
+            description=f"{module.HELP[0].upper()}{module.HELP[1:]}.",
+            epilog=getattr(module, "EPILOG", None),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        module.add_arguments(added)
+        added.set_defaults(run=module.run, misused=added.error)
     return parser
-
-
-def _add_verb(adding: argparse._SubParsersAction[_Parser], module: ModuleType) -> None:
-    parser = adding.add_parser(
-        module.NAME,
-        help=module.HELP,
-        description=f"{module.HELP[0].upper()}{module.HELP[1:]}.",
-        epilog=getattr(module, "EPILOG", None),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    module.add_arguments(parser)
-    parser.set_defaults(run=module.run, misused=parser.error)
 
 
 def _answered(args: argparse.Namespace) -> int:

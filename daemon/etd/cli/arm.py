@@ -12,7 +12,6 @@ from etd.cli import options
 from etd.client import Display
 from etd.protocol.text import escaped
 
-NAME = "arm"
 HELP = "check the board, and enable the supply for the application that holds the lease"
 EPILOG = """
 example, in two terminals:
@@ -23,10 +22,7 @@ Start the application (or `etd play`) first: arming is refused while no lease is
 """
 TIMEOUT_S = 20.0
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    options.add_name(parser)
-    options.add_json(parser)
+add_arguments = options.add_name_and_json
 
 
 def run(args: argparse.Namespace) -> int:

@@ -30,7 +30,6 @@ from etd.protocol.errors import FileError
 from etd.protocol.frame import Polarity
 from etd.protocol.messages import HelloReply
 
-NAME = "calibrate"
 HELP = "find a person's thresholds, comfortable levels and caps, one key per answer"
 EPILOG = f"""
 examples:
@@ -97,13 +96,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="discard the saved progress, also what was too strong, and start again",
     )
     parser.add_argument("--arm", action="store_true", help="arm the board; needs operate rights")
-    parser.add_argument(
-        "--board",
-        type=options.fake_board,
-        metavar="fake[:BOARD]",
-        help="start a daemon with a fake board, instead of using the running daemon",
+    options.add_fake(
+        parser, "start a daemon with a fake board, instead of using the running daemon"
     )
-    parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
     parser.add_argument(
         "--answers",
         choices=("keys", "simulated"),
@@ -198,15 +193,12 @@ def _wrong_use(args: argparse.Namespace) -> Iterator[None]:
         raise
 
 
-@contextmanager
-def _address(args: argparse.Namespace) -> Iterator[str | None]:
+def _address(args: argparse.Namespace) -> contextlib.AbstractContextManager[str | None]:
     if args.board is None:
-        yield None
-        return
+        return contextlib.nullcontext()
     with _wrong_use(args):
         loaded = fake_config(args.board.board, args.array)
-    with private_daemon("calibrate", loaded) as address:
-        yield address
+    return private_daemon("calibrate", loaded)
 
 
 def _display(args: argparse.Namespace, address: str | None) -> Display:

@@ -25,7 +25,6 @@ from etd.protocol.errors import FileError
 from etd.protocol.frame import Returns, Ring
 from etd.protocol.text import escaped
 
-NAME = "calibration"
 HELP = "list, show, export, import and delete the daemon's calibrations"
 EPILOG = """
 examples:
@@ -126,20 +125,13 @@ def _show(args: argparse.Namespace) -> int:
 
 def _conditions(calibration: Calibration) -> dict[str, object]:
     """All fields except the electrodes, as in the file."""
+    fields = msgspec.structs.asdict(calibration)
+    del fields["electrode"]
     return {
-        "participant": calibration.participant,
-        "body_site": calibration.body_site,
-        "array": calibration.array,
-        "polarity": calibration.polarity,
-        "width_us": calibration.width_us,
-        "rate_hz": calibration.rate_hz,
+        **fields,
         "returns": _returns(calibration.returns),
-        "method": calibration.method,
-        "pulses": calibration.pulses,
         "shape": str(calibration.shape),
-        "gamma": calibration.gamma,
         "date": calibration.date.isoformat(),
-        "program": calibration.program,
         "electrodes": len(calibration.electrode),
         "largest_cap_ua": max((limits.cap_ua for limits in calibration.electrode), default=0),
     }

@@ -13,7 +13,6 @@ import msgspec
 
 from etd.files.check import Checked, check_file
 
-NAME = "check"
 HELP = "check configuration, board, calibration and pattern files"
 
 

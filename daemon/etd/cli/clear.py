@@ -12,7 +12,6 @@ from etd.cli import options
 from etd.client import Display
 from etd.protocol.text import escaped
 
-NAME = "clear"
 HELP = "leave HALTED for SAFE, after the cause has been checked"
 EPILOG = """
 example:
@@ -20,10 +19,7 @@ example:
   etd clear      back to SAFE; next, an application opens a lease, and `etd arm` arms it
 """
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    options.add_name(parser)
-    options.add_json(parser)
+add_arguments = options.add_name_and_json
 
 
 def run(args: argparse.Namespace) -> int:

@@ -21,7 +21,6 @@ from etd.files.configuration import fake_config
 from etd.protocol.errors import Refused
 from etd.protocol.messages import FrameReply
 
-NAME = "demo"
 HELP = "show a moving pattern on a fake board, without hardware"
 EPILOG = """
 examples:

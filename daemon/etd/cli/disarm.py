@@ -15,7 +15,6 @@ from etd.client import wire
 from etd.client.session import Ask, Session
 from etd.protocol.errors import DaemonGone, Refused
 
-NAME = "disarm"
 HELP = "switch the supply off; the lease stays with its holder"
 EPILOG = """
 examples:

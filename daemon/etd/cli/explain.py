@@ -15,7 +15,6 @@ from etd.cli import options
 if TYPE_CHECKING:
     from etd.explain.figure import Figure
 
-NAME = "explain"
 HELP = "compute the figures of Kajimoto's paper from the fake's body model"
 #: Repeated here, so that `--help` does not import numpy.
 SHOWN = {

@@ -14,7 +14,6 @@ from etd.cli import options
 from etd.client import Display
 from etd.protocol.messages import MeasureReply
 
-NAME = "measure"
 HELP = "measure the contact of every electrode with probe pulses that are not felt"
 EPILOG = """
 example:
@@ -28,10 +27,7 @@ _LIMIT_UA, _LIMIT_US = 50, 20
 _TIMEOUT_S = 20.0
 _SIGNS = {True: "#", False: ".", None: "?"}
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    options.add_name(parser)
-    options.add_json(parser)
+add_arguments = options.add_name_and_json
 
 
 def run(args: argparse.Namespace) -> int:

@@ -20,7 +20,6 @@ from etd.client.telemetry import Item, Telemetry
 from etd.protocol.errors import DaemonGone
 from etd.protocol.messages import HelloReply
 
-NAME = "monitor"
 HELP = "show live what is fired, and what limits it"
 EPILOG = """
 examples:

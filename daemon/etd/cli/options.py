@@ -1,8 +1,8 @@
 """Options that several verbs share.
 
-Owns: `--name`, `--json`, `--seconds`, `--returns`, `--machine`, the value of
-`--board fake[:BOARD]`, and how a verb reports a failure that is not an exception. Must not know:
-verbs.
+Owns: `--name`, `--json`, `--seconds`, `--returns`, `--config`, `--board fake[:BOARD]`, `--array`,
+`--machine`, numbers within bounds, and how a verb reports a failure that is not an exception. Must
+not know: verbs.
 """
 
 from __future__ import annotations
@@ -10,13 +10,17 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 from etd.files.paths import DEFAULT_NAME
 from etd_hal.compose import MODELLED_MACHINES
 
-#: A frame on the fake is shown for at most 100 s after its client has died.
-MAX_TIMEOUT_FACTOR = 100
+
+def add_name_and_json(parser: argparse.ArgumentParser) -> None:
+    add_name(parser)
+    add_json(parser)
 
 
 def add_name(parser: argparse.ArgumentParser) -> None:
@@ -53,6 +57,25 @@ def add_returns(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_configuration(parser: argparse.ArgumentParser, fake: str) -> None:
+    """`--config`, or else `--board fake[:BOARD]` with `--array`; `fake` says what the fake is."""
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--config", type=Path, metavar="FILE", help="default: /etc/etd/NAME.toml")
+    which.add_argument("--board", type=fake_board, metavar="fake[:BOARD]", help=fake)
+    _add_array(parser)
+
+
+def add_fake(parser: argparse.ArgumentParser, fake: str) -> None:
+    """`--board fake[:BOARD]` with `--array`."""
+    parser.add_argument("--board", type=fake_board, metavar="fake[:BOARD]", help=fake)
+    _add_array(parser)
+
+
+def _add_array(parser: argparse.ArgumentParser) -> None:
+    what = "with --board fake: a shipped array, or a file (eTactileKit's layouts too)"
+    parser.add_argument("--array", help=what)
+
+
 def positive(text: str) -> float:
     """A number above 0. Raises: ArgumentTypeError."""
     try:
@@ -64,13 +87,16 @@ def positive(text: str) -> float:
     return value
 
 
-def timeout_factor(text: str) -> int:
-    """A whole number from 1 to MAX_TIMEOUT_FACTOR. Raises: ArgumentTypeError."""
-    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= MAX_TIMEOUT_FACTOR:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a whole number from 1 to {MAX_TIMEOUT_FACTOR}"
-        )
-    return int(text)
+def whole(least: int, most: int, unit: str = "") -> Callable[[str], int]:
+    """The `type` of an option. It raises: ArgumentTypeError."""
+
+    def read(text: str) -> int:
+        if text.isascii() and text.isdecimal() and least <= int(text) <= most:
+            return int(text)
+        bounds = f"{least} to {most} {unit}".rstrip()
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {bounds}")
+
+    return read
 
 
 def returns(text: str) -> str | dict[str, float]:

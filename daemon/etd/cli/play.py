@@ -9,8 +9,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
@@ -28,7 +27,6 @@ from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Polarity
 
-NAME = "play"
 HELP = "play a pattern file of etd or of eTactileKit"
 EPILOG = """
 examples:
@@ -62,13 +60,7 @@ class Played(msgspec.Struct, frozen=True, kw_only=True):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help="the pattern")
     options.add_name(parser)
-    parser.add_argument(
-        "--board",
-        type=options.fake_board,
-        metavar="fake[:BOARD]",
-        help="play on a fake board, with a daemon that ends with this command",
-    )
-    parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
+    options.add_fake(parser, "play on a fake board, with a daemon that ends with this command")
     options.add_machine(parser)
     parser.add_argument(
         "--trace", type=Path, metavar="FILE", help="with --board fake: record its buses"
@@ -85,7 +77,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-slower", action="store_true", help="slow down frames that do not fit"
     )
-    parser.add_argument("--repeat", type=_times, default=1, metavar="N", help="play it N times")
+    parser.add_argument(
+        "--repeat", type=options.whole(1, 1_000_000), default=1, metavar="N", help="play it N times"
+    )
     parser.add_argument("--arm", action="store_true", help="arm the board; needs operate rights")
     options.add_json(parser)
 
@@ -142,15 +136,14 @@ def _check_combinations(args: argparse.Namespace) -> None:
         args.misused("--level and --calibration, or --current-ua and --width-us: one of the two")
 
 
-@contextmanager
-def _address(args: argparse.Namespace, pattern: Pattern) -> Iterator[str | None]:
+def _address(
+    args: argparse.Namespace, pattern: Pattern
+) -> contextlib.AbstractContextManager[str | None]:
     """The control address of the fake's own daemon; None for the running one."""
     if args.board is None:
-        yield None
-        return
+        return contextlib.nullcontext()
     loaded = fake_config(args.board.board, args.array, pattern.electrodes)
-    with private_daemon("play", loaded, args.trace, args.machine) as address:
-        yield address
+    return private_daemon("play", loaded, args.trace, args.machine)
 
 
 def _display(args: argparse.Namespace, address: str | None) -> Display:
@@ -258,9 +251,3 @@ def _level(text: str) -> float:
         if 0 < float(text) <= 1:
             return float(text)
     raise argparse.ArgumentTypeError(f"{text!r} is not above 0 and at most 1")
-
-
-def _times(text: str) -> int:
-    if text.isdecimal() and 0 < int(text) <= 1_000_000:
-        return int(text)
-    raise argparse.ArgumentTypeError(f"{text!r} is not a number of times")

@@ -35,7 +35,6 @@ from etd_hal.backend import Backend
 from etd_hal.compose import open_fake, open_linux, system_clock
 from etd_hal.wait_for_devices import open_when_there
 
-NAME = "run"
 HELP = "run the daemon: engine and gateway, until Ctrl-C"
 EPILOG = """
 examples:
@@ -48,21 +47,15 @@ As a service (systemd), each part is a unit: etd run --part engine, etd run --pa
 
 CONFIG_FOLDER = Path("/etc/etd")
 PARTS = ("engine", "gateway")
+#: A frame on the fake is shown for at most 100 s after its client has died.
+MAX_TIMEOUT_FACTOR = 100
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_name(parser)
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--config", type=Path, metavar="FILE", help="default: /etc/etd/NAME.toml")
-    what.add_argument(
-        "--board",
-        type=options.fake_board,
-        metavar="fake[:BOARD]",
-        help="a fake board instead of hardware, with a configuration of its own",
-    )
-    parser.add_argument(
-        "--array", help="with --board fake: a shipped array, or a file (eTactileKit's layouts too)"
+    options.add_configuration(
+        parser, "a fake board instead of hardware, with a configuration of its own"
     )
     options.add_machine(parser)
     parser.add_argument(
@@ -73,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--timeout-factor",
-        type=options.timeout_factor,
+        type=options.whole(1, MAX_TIMEOUT_FACTOR),
         metavar="N",
         help="with --board fake, on a busy machine: a frame's ttl, the lease and the gateway's"
         " time-out last N times as long; `etd status` shows it",

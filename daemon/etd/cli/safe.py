@@ -22,7 +22,6 @@ from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.compose import open_fake, open_linux_safe
 from etd_hal.tomlfile import read_toml
 
-NAME = "safe"
 HELP = "put the board into its safe state, without a daemon"
 EPILOG = """
 examples:

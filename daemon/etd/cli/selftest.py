@@ -28,7 +28,6 @@ from etd_hal.backend import Bench
 from etd_hal.bench import Operator, StopName
 from etd_hal.compose import open_fake_bench, open_linux_bench, wall_time
 
-NAME = "selftest"
 HELP = "test the board in stages of growing risk, before it is connected to a person"
 EPILOG = """
 examples:
@@ -63,21 +62,14 @@ LONGEST_ONE_SHOT_US = 1_000_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_name(parser)
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--config", type=Path, metavar="FILE", help="default: /etc/etd/NAME.toml")
-    what.add_argument(
-        "--board",
-        type=options.fake_board,
-        metavar="fake[:BOARD]",
-        help="a fake board with a fake operator",
-    )
-    parser.add_argument("--array", help="with --board fake: a shipped array, or a file")
+    options.add_configuration(parser, "a fake board with a fake operator")
+    load_ohm = options.whole(*LOAD_OHM, "ohm")
     parser.add_argument(
-        "--dummy-load", type=_load_ohm, metavar="OHM", help="a resistor is connected, and no person"
+        "--dummy-load", type=load_ohm, metavar="OHM", help="a resistor is connected, and no person"
     )
     parser.add_argument(
         "--second-load",
-        type=_load_ohm,
+        type=load_ohm,
         metavar="OHM",
         help=f"a second resistor, at least {LEAST_RATIO} times larger or smaller: repeats the test"
         " of every electrode",
@@ -90,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--one-shot-us",
-        type=_one_shot_us,
+        type=options.whole(1, LONGEST_ONE_SHOT_US, "us"),
         metavar="US",
         help="the one-shot's time, measured with an oscilloscope: software cannot measure it",
     )
@@ -131,21 +123,6 @@ def _run(args: argparse.Namespace) -> int:
         save(report, path)
     _print_report(args, report, kept)
     return 0 if report.passed else 1
-
-
-def _load_ohm(text: str) -> int:
-    low, high = LOAD_OHM
-    if not text.isdecimal() or not low <= int(text) <= high:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high} ohm")
-    return int(text)
-
-
-def _one_shot_us(text: str) -> int:
-    if not text.isdecimal() or not 0 < int(text) <= LONGEST_ONE_SHOT_US:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a whole number from 1 to {LONGEST_ONE_SHOT_US} us"
-        )
-    return int(text)
 
 
 def _pair(text: str) -> tuple[int, int]:

@@ -15,7 +15,6 @@ from etd.protocol.errors import Refused
 from etd.protocol.messages import HelloReply, StateReport
 from etd.protocol.text import escaped
 
-NAME = "status"
 HELP = "show the daemon's state, board, missing guards and counters"
 EPILOG = """
 example:
@@ -26,10 +25,7 @@ example:
 #: A board's clock that is less behind than this is as good as the machine's.
 _SHOWN_LAG_US = 1_000
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    options.add_name(parser)
-    options.add_json(parser)
+add_arguments = options.add_name_and_json
 
 
 def run(args: argparse.Namespace) -> int:

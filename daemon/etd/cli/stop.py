@@ -26,7 +26,6 @@ from etd.files.paths import (
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.text import escaped
 
-NAME = "stop"
 HELP = "stop stimulation at once; it stays stopped until `etd clear`"
 EPILOG = """
 examples:

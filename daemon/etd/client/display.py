@@ -11,7 +11,6 @@ Must not know: the order of requests (session), the options of a frame (options)
 from __future__ import annotations
 
 import contextlib
-from types import TracebackType
 from typing import Self, Unpack
 
 import zmq
@@ -52,12 +51,7 @@ class Display(Connection["zmq.Socket[bytes]"]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property

@@ -10,7 +10,6 @@ that the subscription is complete.
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Iterator
-from types import TracebackType
 from typing import Any, Generic, TypeAlias, TypeVar
 
 import msgspec
@@ -80,12 +79,7 @@ class Telemetry(_Subscription["zmq.Socket[bytes]"]):
         self._joined(self._receive(self._join_s))
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __iter__(self) -> Iterator[Item]:
@@ -122,12 +116,7 @@ class AsyncTelemetry(_Subscription[zmq.asyncio.Socket]):
         self._joined(await self._receive(self._join_s))
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         self.close()
 
     async def __aiter__(self) -> AsyncIterator[Item]:

@@ -23,7 +23,7 @@ import math
 from statistics import median
 
 from etd.pulse.measured import MAX_AGE_NS, is_stale
-from etd.stabilize.rejection import OnRejected
+from etd.stabilize.pipeline import OnRejected
 
 #: The least number of electrodes with a pulse within a second.
 QUORUM = 4

@@ -21,47 +21,32 @@ get none.
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from collections.abc import Sequence
 
-import msgspec
-from msgspec import Meta
 from msgspec.structs import replace
 
 from etd.pulse.request import PulseRequest
-from etd.stabilize.pipeline import ElectrodeEstimate
-from etd.stabilize.ratio_tracker import RatioTracker
-from etd.stabilize.rejection import OnRejected, ignore_rejection
+from etd.stabilize.pipeline import ElectrodeEstimate, OnRejected, ignore_rejection
+from etd.stabilize.resistance_law import ResistanceLaw, ResistanceLawSettings
 from etd.stabilize.rounding import held_us
 
 
-class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a body-site file says of it."""
-
-    max_widening: Annotated[float, Meta(ge=1.0, le=4.0)] = 1.5
-    min_width_us: Annotated[int, Meta(ge=20, le=200)] = 35
-    rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
+class EnergySettings(ResistanceLawSettings, frozen=True):
+    """Those of all laws by resistance."""
 
 
-class Energy:
+class Energy(ResistanceLaw):
     def __init__(
         self, law: EnergySettings, leak_ohm: float, on_rejected: OnRejected = ignore_rejection
     ) -> None:
-        self._law = law
+        super().__init__(law, on_rejected)
         self._leak_ohm = leak_ohm
-        self._tracker = RatioTracker(law.max_widening, law.rise_per_s, on_rejected)
-        self.max_gain = self._tracker.max_gain
-
-    def reset(self) -> None:
-        self._tracker.reset()
 
     def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
-        wanted = 1.0
-        compared = self._tracker.compared(estimate, request.current_ua)
-        if compared is not None:
-            *seen_ohm, reference_ohm = compared
-            wanted = self._power(reference_ohm) / max(map(self._power, seen_ohm))
-            wanted = self._tracker.plausible(estimate, wanted)
-        return self._pulse(request, self._tracker.factor(estimate, wanted))
+        return self._pulse(request, self._factor(request, estimate, self._wanted))
+
+    def _wanted(self, seen_ohm: Sequence[float], reference_ohm: float) -> float:
+        return self._power(reference_ohm) / max(map(self._power, seen_ohm))
 
     def _power(self, resistance_ohm: float) -> float:
         """In watt for an ampere squared; above the leak's resistance, as there."""
@@ -74,6 +59,6 @@ class Energy:
         if factor == 1.0:
             return request
         exact_us = request.width_us * factor
-        width_us = held_us(request, exact_us, self._law.min_width_us, self._law.max_widening)
+        width_us = held_us(request, exact_us, self._min_width_us, self._max_widening)
         current_ua = int(request.current_ua * min(1.0, math.sqrt(exact_us / width_us)))
         return replace(request, current_ua=current_ua, width_us=width_us)

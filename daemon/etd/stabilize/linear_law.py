@@ -30,61 +30,52 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
 from etd.pulse.request import PulseRequest
-from etd.stabilize.pipeline import ElectrodeEstimate
-from etd.stabilize.ratio_tracker import RatioTracker
-from etd.stabilize.rejection import OnRejected, ignore_rejection
+from etd.stabilize.pipeline import ElectrodeEstimate, OnRejected, ignore_rejection
+from etd.stabilize.resistance_law import ResistanceLaw, ResistanceLawSettings
 from etd.stabilize.rounding import as_charge
 
 #: Below this part of what is wanted no line is followed: it would come to nothing, and then turn.
 _LEAST = 0.1
 
 
-class LinearLawSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class LinearLawSettings(ResistanceLawSettings, frozen=True, kw_only=True):
     """What a body-site file says of it."""
 
     charge_slope: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
     energy_slope: Annotated[float, Meta(ge=-1.0, le=2.0)] = 1.0
-    max_widening: Annotated[float, Meta(ge=1.0, le=4.0)] = 1.5
-    min_width_us: Annotated[int, Meta(ge=20, le=200)] = 35
-    rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
 
 
-class LinearLaw:
+class LinearLaw(ResistanceLaw):
     def __init__(
         self, law: LinearLawSettings, leak_ohm: float, on_rejected: OnRejected = ignore_rejection
     ) -> None:
+        super().__init__(law, on_rejected)
         self._law = law
         self._leak_ohm = leak_ohm
-        self._tracker = RatioTracker(law.max_widening, law.rise_per_s, on_rejected)
-        self.max_gain = self._tracker.max_gain
-
-    def reset(self) -> None:
-        self._tracker.reset()
 
     def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
-        current, charge = self._plausible(request, estimate)
-        charge = self._tracker.factor(estimate, charge)
+        current, charge = self._believed(request, estimate)
+        charge = self._slewed(estimate, charge)
         if charge == current == 1.0:
             return request
         weaker = replace(request, current_ua=int(request.current_ua * current))
         width_us = request.width_us * charge / current
-        return as_charge(weaker, width_us, self._law.min_width_us, self._law.max_widening)
+        return as_charge(weaker, width_us, self._min_width_us, self._max_widening)
 
-    def _plausible(self, request: PulseRequest, estimate: ElectrodeEstimate) -> tuple[float, float]:
+    def _believed(self, request: PulseRequest, estimate: ElectrodeEstimate) -> tuple[float, float]:
         """Told current and charge, as factors; 1 where no resistance is believed."""
-        compared = self._tracker.compared(estimate, request.current_ua)
+        compared = self._references.compared(estimate, request.current_ua)
         if compared is None:
             return 1.0, 1.0
         *seen_ohm, reference_ohm = compared
         solved = [self._solved(ohm, reference_ohm) for ohm in seen_ohm]
         told = min(current for current, _ in solved)
         charge = min(charge for _, charge in solved)
-        return min(1.0, told), self._tracker.plausible(estimate, charge)
+        return min(1.0, told), self._plausible(estimate, charge)
 
     def _solved(self, now_ohm: float, reference_ohm: float) -> tuple[float, float]:
         """The same for one resistance, neither bounded nor doubted."""

@@ -7,13 +7,20 @@ hardware, clocks. What comes out of here is a request: the frame's bounds (`Puls
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import msgspec
 
 from etd.pulse.measured import ContactState
 from etd.pulse.request import MaxGain, PulseRequest
+
+#: A law calls it with the reason in a word, once when it begins to reject a measurement.
+OnRejected = Callable[[str], object]
+
+
+def ignore_rejection(_: str) -> None:
+    """Where rejections are not counted."""
 
 
 class ElectrodeEstimate(msgspec.Struct, frozen=True, gc=False):

@@ -14,7 +14,7 @@ contact and the supply, but a rejection is reported again after the supply was o
 from __future__ import annotations
 
 from etd.stabilize.common_mode import CommonMode
-from etd.stabilize.rejection import OnRejected
+from etd.stabilize.pipeline import OnRejected
 from etd.stabilize.saturation_monitor import SaturationMonitor, narrowest, widest
 
 

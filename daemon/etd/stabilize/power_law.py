@@ -20,44 +20,35 @@ what was wanted; not all widening is believed (`plausibility.py`), and a soft co
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta
 
 from etd.pulse.request import PulseRequest
-from etd.stabilize.pipeline import ElectrodeEstimate
-from etd.stabilize.ratio_tracker import RatioTracker
-from etd.stabilize.rejection import OnRejected, ignore_rejection
+from etd.stabilize.pipeline import ElectrodeEstimate, OnRejected, ignore_rejection
+from etd.stabilize.resistance_law import ResistanceLaw, ResistanceLawSettings
 from etd.stabilize.rounding import as_charge
 
 
-class PowerLawSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class PowerLawSettings(ResistanceLawSettings, frozen=True, kw_only=True):
     """What a body-site file says of it."""
 
     k: Annotated[float, Meta(ge=-2.0, le=2.0)]
-    max_widening: Annotated[float, Meta(ge=1.0, le=4.0)] = 1.5
-    min_width_us: Annotated[int, Meta(ge=20, le=200)] = 35
-    rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
 
 
-class PowerLaw:
+class PowerLaw(ResistanceLaw):
     def __init__(self, law: PowerLawSettings, on_rejected: OnRejected = ignore_rejection) -> None:
-        self._law = law
-        self._tracker = RatioTracker(law.max_widening, law.rise_per_s, on_rejected)
-        self.max_gain = self._tracker.max_gain
-
-    def reset(self) -> None:
-        self._tracker.reset()
+        super().__init__(law, on_rejected)
+        self._k = law.k
 
     def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
-        law, wanted = self._law, 1.0
-        compared = self._tracker.compared(estimate, request.current_ua)
-        if compared is not None:
-            *seen_ohm, reference_ohm = compared
-            wanted = min((ohm / reference_ohm) ** -law.k for ohm in seen_ohm)
-            wanted = self._tracker.plausible(estimate, wanted)
-        factor = self._tracker.factor(estimate, wanted)
+        factor = self._factor(request, estimate, self._wanted)
         if factor == 1.0:
             return request
-        return as_charge(request, request.width_us * factor, law.min_width_us, law.max_widening)
+        width_us = request.width_us * factor
+        return as_charge(request, width_us, self._min_width_us, self._max_widening)
+
+    def _wanted(self, seen_ohm: Sequence[float], reference_ohm: float) -> float:
+        wanted: float = min((ohm / reference_ohm) ** -self._k for ohm in seen_ohm)
+        return wanted

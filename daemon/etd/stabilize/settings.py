@@ -17,11 +17,10 @@ from etd.stabilize.bursts import Bursts
 from etd.stabilize.contact import Contact, ContactSettings
 from etd.stabilize.energy import Energy, EnergySettings
 from etd.stabilize.linear_law import LinearLaw, LinearLawSettings
-from etd.stabilize.pipeline import Stabilizer
+from etd.stabilize.pipeline import OnRejected, Stabilizer, ignore_rejection
 from etd.stabilize.power_law import PowerLaw, PowerLawSettings
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.pressure import Pressure, PressureSettings
-from etd.stabilize.rejection import OnRejected, ignore_rejection
 from etd.stabilize.shape import Shape
 from etd.stabilize.strength_duration import StrengthDuration
 from etd_hal.boardfile import Source

@@ -6,18 +6,20 @@ carries one out. All counts start when the fault is added: 1 is the next event.
 
 from __future__ import annotations
 
-from typing import Literal
+import functools
+import operator
+from typing import Any, Literal
 
 import msgspec
 
 from etd_hal.errors import BusErrorKind
 
 
-class _Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Plain data, so that a fault can also be handed to a board process."""
 
 
-class SpiError(_Fault, frozen=True, tag=True):
+class SpiError(Fault, frozen=True, tag=True):
     """A transfer fails: the rest of the message is not sent, chip select goes inactive."""
 
     at_message: int = 1
@@ -25,7 +27,7 @@ class SpiError(_Fault, frozen=True, tag=True):
     kind: BusErrorKind = "io"
 
 
-class SpiStall(_Fault, frozen=True, tag=True):
+class SpiStall(Fault, frozen=True, tag=True):
     """The kernel takes the thread off the processor before a transfer; outputs stay as they are."""
 
     stall_us: int
@@ -33,45 +35,45 @@ class SpiStall(_Fault, frozen=True, tag=True):
     at_transfer: int = 1
 
 
-class SpiShort(_Fault, frozen=True, tag=True):
+class SpiShort(Fault, frozen=True, tag=True):
     """All bytes are sent, but the kernel reports fewer."""
 
     at_message: int = 1
 
 
-class DacGain(_Fault, frozen=True, tag=True):
+class DacGain(Fault, frozen=True, tag=True):
     """The source's current is this multiple of the commanded one."""
 
     factor: float
 
 
-class GainAbove(_Fault, frozen=True, tag=True):
+class GainAbove(Fault, frozen=True, tag=True):
     """Above this code the source's current is this multiple of the commanded one."""
 
     code: int
     factor: float
 
 
-class Overshoot(_Fault, frozen=True, tag=True):
+class Overshoot(Fault, frozen=True, tag=True):
     """Until `until_us` of each pulse the current is this multiple of the commanded one."""
 
     factor: float
     until_us: float
 
 
-class Saturation(_Fault, frozen=True, tag=True):
+class Saturation(Fault, frozen=True, tag=True):
     """The source's current is at most this."""
 
     current_ua: float
 
 
-class MisoStuck(_Fault, frozen=True, tag=True):
+class MisoStuck(Fault, frozen=True, tag=True):
     """The ADC's data line does not move."""
 
     level: Literal[0, 1]
 
 
-class I2cFailure(_Fault, frozen=True, tag=True):
+class I2cFailure(Fault, frozen=True, tag=True):
     """Transactions with `address` fail, `times` times; None: always."""
 
     address: int
@@ -79,14 +81,14 @@ class I2cFailure(_Fault, frozen=True, tag=True):
     times: int | None = None
 
 
-class StuckLine(_Fault, frozen=True, tag=True):
+class StuckLine(Fault, frozen=True, tag=True):
     """The board reads `level` on this line always; `name` as in the board file."""
 
     name: str
     level: Literal[0, 1]
 
 
-class StuckBehind(_Fault, frozen=True, tag=True):
+class StuckBehind(Fault, frozen=True, tag=True):
     """Stuck beyond the pin: from the next change on the board reads `level`, while the pin reads
     correctly. Of the lines in `SEEN_BEHIND` (`faults_due.py`).
     """
@@ -95,13 +97,13 @@ class StuckBehind(_Fault, frozen=True, tag=True):
     level: Literal[0, 1]
 
 
-class LineInverted(_Fault, frozen=True, tag=True):
+class LineInverted(Fault, frozen=True, tag=True):
     """Beyond the pin, from the next change on, the board reads the other level; `name` as above."""
 
     name: str
 
 
-class LinesSwapped(_Fault, frozen=True, tag=True):
+class LinesSwapped(Fault, frozen=True, tag=True):
     """Beyond the pins two wires are swapped: from its next change on, each drives the other's
     input. Names as above.
     """
@@ -110,169 +112,169 @@ class LinesSwapped(_Fault, frozen=True, tag=True):
     second: str
 
 
-class LostClock(_Fault, frozen=True, tag=True):
+class LostClock(Fault, frozen=True, tag=True):
     """The chain misses one rising edge of CLK; or every so many edges one."""
 
     at_edge: int = 1
     every: int | None = None
 
 
-class LostSync(_Fault, frozen=True, tag=True):
+class LostSync(Fault, frozen=True, tag=True):
     """The DAC misses one rise of its chip select, and keeps the code before; or every so many."""
 
     at_edge: int = 1
     every: int | None = None
 
 
-class LatchIgnored(_Fault, frozen=True, tag=True):
+class LatchIgnored(Fault, frozen=True, tag=True):
     """The chain misses one rising edge of LE; or every so many edges one."""
 
     at_edge: int = 1
     every: int | None = None
 
 
-class RailOff(_Fault, frozen=True, tag=True):
+class RailOff(Fault, frozen=True, tag=True):
     """The rail's voltage is this multiple of the nominal one."""
 
     factor: float
 
 
-class DacOffset(_Fault, frozen=True, tag=True):
+class DacOffset(Fault, frozen=True, tag=True):
     """The source's current is higher by this, at every code, also at zero."""
 
     offset_ua: float
 
 
-class DacStuck(_Fault, frozen=True, tag=True):
+class DacStuck(Fault, frozen=True, tag=True):
     """The DAC's output stays at `code`."""
 
     code: int
 
 
-class AdcScale(_Fault, frozen=True, tag=True):
+class AdcScale(Fault, frozen=True, tag=True):
     """The divider before the ADC is wrong: readings are this multiple."""
 
     factor: float
 
 
-class AdcStuck(_Fault, frozen=True, tag=True):
+class AdcStuck(Fault, frozen=True, tag=True):
     """The ADC always reads this code."""
 
     code: int
 
 
-class AdcBitStuck(_Fault, frozen=True, tag=True):
+class AdcBitStuck(Fault, frozen=True, tag=True):
     """A bit of every conversion is `level`; bit 0 is the lowest."""
 
     bit: int
     level: Literal[0, 1]
 
 
-class AdcNoise(_Fault, frozen=True, tag=True):
+class AdcNoise(Fault, frozen=True, tag=True):
     """Normal noise of every conversion, `sigma` in codes. Up to 1.5 the board is good."""
 
     sigma: float
     seed: int = 0
 
 
-class SpiMode(_Fault, frozen=True, tag=True):
+class SpiMode(Fault, frozen=True, tag=True):
     """The bus always runs in this mode."""
 
     mode: Literal[0, 1, 2, 3]
 
 
-class HoldShort(_Fault, frozen=True, tag=True):
+class HoldShort(Fault, frozen=True, tag=True):
     """The DAC's clock is late by cable and level shifter: data that changes on the sampled edge is
     read with its new value.
     """
 
 
-class SlowWords(_Fault, frozen=True, tag=True):
+class SlowWords(Fault, frozen=True, tag=True):
     """Each word takes longer."""
 
     extra_us: int
 
 
-class SpiJitter(_Fault, frozen=True, tag=True):
+class SpiJitter(Fault, frozen=True, tag=True):
     """Every so many messages the first word is late."""
 
     every: int
     late_us: int
 
 
-class MonitorStuck(_Fault, frozen=True, tag=True):
+class MonitorStuck(Fault, frozen=True, tag=True):
     """The rail monitor always reads `rail_v`."""
 
     rail_v: float
 
 
-class SetpointAtPowerUp(_Fault, frozen=True, tag=True):
+class SetpointAtPowerUp(Fault, frozen=True, tag=True):
     """The set-point's EEPROM holds this code; add it when the board is made."""
 
     code: int
 
 
-class EnableStuck(_Fault, frozen=True, tag=True):
+class EnableStuck(Fault, frozen=True, tag=True):
     """The supply is always on, whatever its enable line."""
 
 
-class RailStays(_Fault, frozen=True, tag=True):
+class RailStays(Fault, frozen=True, tag=True):
     """A supply that was switched off keeps its voltage: the bleeder is open."""
 
 
-class HeartbeatIgnored(_Fault, frozen=True, tag=True):
+class HeartbeatIgnored(Fault, frozen=True, tag=True):
     """The gate does not cut the supply without beats."""
 
 
-class HeartbeatRearms(_Fault, frozen=True, tag=True):
+class HeartbeatRearms(Fault, frozen=True, tag=True):
     """The gate has no latch: the next beat restores the supply."""
 
 
-class PullMissing(_Fault, frozen=True, tag=True):
+class PullMissing(Fault, frozen=True, tag=True):
     """The undriven line takes the wrong level; `name` as in the board file."""
 
     name: str
 
 
-class HeartbeatByLevel(_Fault, frozen=True, tag=True):
+class HeartbeatByLevel(Fault, frozen=True, tag=True):
     """The gate keeps the supply on while the line is at this level."""
 
     level: Literal[0, 1]
 
 
-class HeartbeatSlow(_Fault, frozen=True, tag=True):
+class HeartbeatSlow(Fault, frozen=True, tag=True):
     """The monostable takes longer than the board file says."""
 
     extra_ms: int
 
 
-class StopCutsNothing(_Fault, frozen=True, tag=True):
+class StopCutsNothing(Fault, frozen=True, tag=True):
     """The second contact of this stop is bridged: it does not cut the supply."""
 
     stop: Literal["emergency_stop", "wearer_stop"]
 
 
-class StopCutsLate(_Fault, frozen=True, tag=True):
+class StopCutsLate(Fault, frozen=True, tag=True):
     """Its second contact cuts the supply late."""
 
     stop: Literal["emergency_stop", "wearer_stop"]
     late_ms: int
 
 
-class LineCut(_Fault, frozen=True, tag=True):
+class LineCut(Fault, frozen=True, tag=True):
     """The wire beyond the pin is cut: the pin moves, the board does not; `name` as above."""
 
     name: str
 
 
-class SwitchOutput(_Fault, frozen=True, tag=True):
+class SwitchOutput(Fault, frozen=True, tag=True):
     """An output of the chain is stuck: open, on the source, or on ground."""
 
     output: int
     side: Literal["open", "source", "ground"]
 
 
-class AlsoSwitches(_Fault, frozen=True, tag=True):
+class AlsoSwitches(Fault, frozen=True, tag=True):
     """Selecting `output` of the chain also selects `also`, in one polarity or (None) both; on a
     relay board, for the relay to the source (`cathodic`: to ground).
     """
@@ -282,28 +284,28 @@ class AlsoSwitches(_Fault, frozen=True, tag=True):
     polarity: Literal["anodic", "cathodic"] | None = None
 
 
-class OutputsSwapped(_Fault, frozen=True, tag=True):
+class OutputsSwapped(Fault, frozen=True, tag=True):
     """The wires behind two outputs of the chain are swapped."""
 
     first: int
     second: int
 
 
-class OutputSeries(_Fault, frozen=True, tag=True):
+class OutputSeries(Fault, frozen=True, tag=True):
     """A series resistance in a switch, from the next contact on its electrode on."""
 
     output: int
     resistance_ohm: float
 
 
-class Bridge(_Fault, frozen=True, tag=True):
+class Bridge(Fault, frozen=True, tag=True):
     """A solder bridge between two electrodes: on opposite sides they short the source."""
 
     first: int
     second: int
 
 
-class MachineTrouble(_Fault, frozen=True, tag=True):
+class MachineTrouble(Fault, frozen=True, tag=True):
     """A problem of the machine that drives the board."""
 
     kind: Literal[
@@ -326,50 +328,7 @@ class MachineTrouble(_Fault, frozen=True, tag=True):
     ]
 
 
-Fault = (
-    SpiError
-    | SpiStall
-    | SpiShort
-    | DacGain
-    | GainAbove
-    | Overshoot
-    | Saturation
-    | MisoStuck
-    | I2cFailure
-    | StuckLine
-    | StuckBehind
-    | LineInverted
-    | LinesSwapped
-    | LostClock
-    | LostSync
-    | LatchIgnored
-    | RailOff
-    | DacOffset
-    | DacStuck
-    | AdcScale
-    | AdcStuck
-    | AdcBitStuck
-    | AdcNoise
-    | SpiMode
-    | HoldShort
-    | SlowWords
-    | SpiJitter
-    | MonitorStuck
-    | SetpointAtPowerUp
-    | EnableStuck
-    | RailStays
-    | HeartbeatIgnored
-    | HeartbeatRearms
-    | HeartbeatByLevel
-    | HeartbeatSlow
-    | PullMissing
-    | StopCutsNothing
-    | StopCutsLate
-    | LineCut
-    | SwitchOutput
-    | AlsoSwitches
-    | OutputsSwapped
-    | OutputSeries
-    | Bridge
-    | MachineTrouble
-)
+def fault_of(data: Any) -> Fault:
+    """A fault that has crossed a socket. Raises: msgspec.ValidationError."""
+    fault: Fault = msgspec.convert(data, functools.reduce(operator.or_, Fault.__subclasses__()))
+    return fault

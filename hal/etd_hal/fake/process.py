@@ -30,6 +30,7 @@ from etd_hal.errors import BusError, EtdError
 from etd_hal.fake import wire
 from etd_hal.fake.circuit import Circuit
 from etd_hal.fake.clock import START_NS
+from etd_hal.fake.faults import fault_of
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.pressure_sensors import Sensor
 from etd_hal.fake.spibus import Played
@@ -152,7 +153,7 @@ def knock_at(circuit: Circuit, knock: wire.Knock, *, held: bool) -> wire.State:
             contact = Contact(kind, knock.series_ohm, knock.parallel_ohm, knock.capacitance_nf)
             world.touch(knock.electrode, contact)
         case wire.PutIn():
-            world.put_in(knock.fault)
+            world.put_in(fault_of(knock.fault))
         case wire.AskState():
             pass
     return wire.State(tuple(circuit.violations), circuit.dac_code, world.rail_v(), held)

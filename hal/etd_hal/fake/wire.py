@@ -9,10 +9,11 @@ which it ends; the client waits for that by itself.
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 
 from etd_hal.errors import BusErrorKind
-from etd_hal.fake.faults import Fault
 from etd_hal.fake.world import StopLine
 
 #: The largest message (511 transfers) fits.
@@ -92,7 +93,9 @@ class Touch(_Datagram, frozen=True):
 
 
 class PutIn(_Datagram, frozen=True):
-    fault: Fault
+    """`fault`: one of `faults.py`, which reads it (`fault_of`)."""
+
+    fault: Any
 
 
 class AskState(_Datagram, frozen=True):

@@ -1,0 +1,69 @@
+"""What all laws that follow a resistance have in common.
+
+Owns: the settings that they share, what they compare with, which factors they accept, and how fast
+they rise. Must not know: what a law makes of a resistance, what it changes of a pulse, limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from etd.pulse.request import MaxGain, PulseRequest
+from etd.stabilize.pipeline import ElectrodeEstimate, OnRejected
+from etd.stabilize.plausibility import Plausibility
+from etd.stabilize.reference import References
+from etd.stabilize.slew import SlewLimiter
+
+
+class ResistanceLawSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a body-site file says of each of them."""
+
+    max_widening: Annotated[float, Meta(ge=1.0, le=4.0)] = 1.5
+    min_width_us: Annotated[int, Meta(ge=20, le=200)] = 35
+    rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
+
+
+class ResistanceLaw:
+    """Requests at most `max_widening` times what is wanted, and rises by at most `rise_per_s`."""
+
+    def __init__(self, settings: ResistanceLawSettings, on_rejected: OnRejected) -> None:
+        most = self._max_widening = settings.max_widening
+        self._min_width_us = settings.min_width_us
+        self._references = References()
+        self._plausibility = Plausibility(most, on_rejected)
+        self._slew = SlewLimiter(1.0, settings.rise_per_s)
+        self.max_gain = MaxGain(width=most, charge=most)
+
+    def reset(self) -> None:
+        """The supply was off. A rejection depends on readings: it stays, and is reported again."""
+        self._plausibility.report_again()
+        self._references.reset()
+        self._slew.reset()
+
+    def _factor(
+        self,
+        request: PulseRequest,
+        estimate: ElectrodeEstimate,
+        law: Callable[[Sequence[float], float], float],
+    ) -> float:
+        """The accepted factor; toward 1 where no resistance is believed. `law` makes a factor of
+        the resistances seen and the reference.
+        """
+        compared = self._references.compared(estimate, request.current_ua)
+        if compared is None:
+            return self._slewed(estimate, 1.0)
+        *seen_ohm, reference_ohm = compared
+        wanted = self._plausible(estimate, law(seen_ohm, reference_ohm))
+        return self._slewed(estimate, wanted)
+
+    def _plausible(self, estimate: ElectrodeEstimate, wanted: float) -> float:
+        return self._plausibility.plausible(estimate.electrode, wanted, estimate.now_ns)
+
+    def _slewed(self, estimate: ElectrodeEstimate, wanted: float) -> float:
+        """Bounded, and at most 1 at a soft contact; it rises slowly and falls at once."""
+        most = 1.0 if estimate.state == "soft" else self._max_widening
+        return self._slew.toward(estimate.electrode, min(wanted, most), estimate.now_ns)
