@@ -45,6 +45,8 @@ class _Subscription(Generic[S]):
         self._timeout_s = timeout_s
         self._join_s = join_s
         self._socket = _subscribe(context.socket(zmq.SUB), address, self._wanted)
+        #: Until the subscription is complete, `state` is received as well.
+        self._received: tuple[Topic, ...] = TOPICS
         self._first: Item | None = None
 
     def close(self) -> None:
@@ -57,7 +59,9 @@ class _Subscription(Generic[S]):
             self.close()
             raise DaemonGone(self._address, f"no telemetry within {self._join_s:g} s")
         self._first = item if item[0] in self._wanted else None
-        _narrow(self._socket, self._wanted)
+        self._received = self._wanted
+        if "state" not in self._wanted:
+            self._socket.setsockopt(zmq.UNSUBSCRIBE, b"state")
 
     def _silent(self) -> DaemonGone:
         return DaemonGone(self._address, f"no telemetry for {self._timeout_s:g} s")
@@ -65,6 +69,13 @@ class _Subscription(Generic[S]):
     def _take_first(self) -> Item | None:
         first, self._first = self._first, None
         return first
+
+    def _decoded(self, parts: list[bytes]) -> Item | None:
+        """None for a topic that is not received, or that this version does not know."""
+        if len(parts) != 2 or parts[0] not in _decoders:
+            return None
+        topic, decoder = _decoders[parts[0]]
+        return (topic, decoder.decode(parts[1])) if topic in self._received else None
 
 
 class Telemetry(_Subscription["zmq.Socket[bytes]"]):
@@ -76,7 +87,7 @@ class Telemetry(_Subscription["zmq.Socket[bytes]"]):
 
     def __enter__(self) -> Telemetry:
         """Returns when the subscription stands. Raises: DaemonGone if it does not come to."""
-        self._joined(self._receive(self._join_s))
+        self._joined(self.receive(self._join_s))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -94,15 +105,8 @@ class Telemetry(_Subscription["zmq.Socket[bytes]"]):
         if (first := self._take_first()) is not None:
             return first
         deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
-        while True:
-            left = None if deadline_ns is None else max(0.0, (deadline_ns - clock.now_ns()) / 1e9)
-            item = self._receive(left)
-            if item is None or item[0] in self._wanted:
-                return item
-
-    def _receive(self, timeout_s: float | None) -> Item | None:
-        while self._socket.poll(_ms(timeout_s)):
-            item = _decode(self._socket.recv_multipart())
+        while self._socket.poll(_left_ms(deadline_ns)):
+            item = self._decoded(self._socket.recv_multipart())
             if item is not None:
                 return item
         return None
@@ -113,7 +117,7 @@ class AsyncTelemetry(_Subscription[zmq.asyncio.Socket]):
 
     async def __aenter__(self) -> AsyncTelemetry:
         """Returns when the subscription stands. Raises: DaemonGone if it does not come to."""
-        self._joined(await self._receive(self._join_s))
+        self._joined(await self.receive(self._join_s))
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -131,15 +135,8 @@ class AsyncTelemetry(_Subscription[zmq.asyncio.Socket]):
         if (first := self._take_first()) is not None:
             return first
         deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
-        while True:
-            left = None if deadline_ns is None else max(0.0, (deadline_ns - clock.now_ns()) / 1e9)
-            item = await self._receive(left)
-            if item is None or item[0] in self._wanted:
-                return item
-
-    async def _receive(self, timeout_s: float | None) -> Item | None:
-        while await self._socket.poll(_ms(timeout_s)):
-            item = _decode(await self._socket.recv_multipart())
+        while await self._socket.poll(_left_ms(deadline_ns)):
+            item = self._decoded(await self._socket.recv_multipart())
             if item is not None:
                 return item
         return None
@@ -154,18 +151,6 @@ def _subscribe(socket: S, address: str, topics: tuple[Topic, ...]) -> S:
     return socket
 
 
-def _narrow(socket: Any, wanted: tuple[Topic, ...]) -> None:
-    if "state" not in wanted:
-        socket.setsockopt(zmq.UNSUBSCRIBE, b"state")
-
-
-def _decode(parts: list[bytes]) -> Item | None:
-    """None for a topic that this version does not know."""
-    if len(parts) != 2 or parts[0] not in _decoders:
-        return None
-    topic, decoder = _decoders[parts[0]]
-    return topic, decoder.decode(parts[1])
-
-
-def _ms(timeout_s: float | None) -> int | None:
-    return None if timeout_s is None else int(timeout_s * 1000)
+def _left_ms(deadline_ns: int | None) -> int | None:
+    """None: for ever."""
+    return None if deadline_ns is None else max(0, (deadline_ns - clock.now_ns()) // 1_000_000)

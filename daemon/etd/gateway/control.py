@@ -17,7 +17,7 @@ from etd.gateway.engine_link import EngineLink
 from etd.gateway.frames import FrameHandler
 from etd.gateway.inbound import InboundMessage
 from etd.gateway.lease import LeaseView
-from etd.gateway.pending import MAX_WAIT_NS, PendingRequest, PendingRequests
+from etd.gateway.pending import MAX_WAIT_NS, Done, PendingRequest, PendingRequests
 from etd.gateway.store import CalibrationStore
 from etd.gateway.telemetry import Publisher
 from etd.protocol.errors import Refused
@@ -35,6 +35,7 @@ from etd.protocol.link import (
     StopNow,
 )
 from etd.protocol.messages import (
+    LEASE_MS,
     Arm,
     CalibrationReply,
     Clear,
@@ -45,6 +46,7 @@ from etd.protocol.messages import (
     GetCalibration,
     Hello,
     Keep,
+    LeaseReply,
     Mark,
     Measure,
     Open,
@@ -55,9 +57,12 @@ from etd.protocol.messages import (
     Success,
 )
 
+#: A request that the engine has got: the ref of its answer, and what makes a reply of that.
+_Sent = tuple[int, Done]
+
 
 class ControlHandler:
-    """Handles one request at a time. None: the reply follows when the engine has answered."""
+    """Handles one request at a time; `id` and time of a reply are filled in when it is sent."""
 
     def __init__(
         self,
@@ -79,9 +84,8 @@ class ControlHandler:
         self._pending = pending
         self._operators = operators
         self._store = CalibrationStore(config.state_dir, config.shipped_calibrations)
-        self._handlers: dict[type, Callable[[Any, InboundMessage, int], Success | None]] = {
+        self._handlers: dict[type, Callable[[Any, InboundMessage], Success | _Sent]] = {
             Hello: self._hello,
-            Status: self._status,
             Stop: self._stop,
             Open: self._open,
             Keep: self._keep,
@@ -97,12 +101,19 @@ class ControlHandler:
 
     def handle(self, request: Request, inbound: InboundMessage, now_ns: int) -> Success | None:
         """The reply, or None if it comes from the engine later. Raises: Refused."""
-        return self._handlers[type(request)](request, inbound, now_ns)
+        if isinstance(request, Status):
+            return StatusReply(ok=True, now_ns=now_ns, status=self._publisher.state(now_ns))
+        reply = self._handlers[type(request)](request, inbound)
+        if isinstance(reply, Success):
+            return reply
+        ref, done = reply
+        deadline_ns = now_ns + MAX_WAIT_NS
+        is_stop = isinstance(request, Stop)
+        self._pending.add(ref, PendingRequest(inbound, request.id, done, deadline_ns, is_stop))
+        return None
 
-    def _hello(self, request: Hello, _: InboundMessage, now_ns: int) -> Success:
+    def _hello(self, _request: Hello, _: InboundMessage) -> Success:
         return replies.hello(
-            request,
-            now_ns,
             self._engine.engine_hello(),
             name=self._config.name,
             endpoints=self._endpoints,
@@ -110,11 +121,7 @@ class ControlHandler:
             default_calibration=self._config.default_calibration,
         )
 
-    def _status(self, request: Status, _: InboundMessage, now_ns: int) -> Success:
-        status = self._publisher.state(now_ns)
-        return StatusReply(ok=True, now_ns=now_ns, id=request.id, status=status)
-
-    def _stop(self, request: Stop, inbound: InboundMessage, now_ns: int) -> None:
+    def _stop(self, request: Stop, inbound: InboundMessage) -> _Sent:
         """Sent even if too many requests wait for an answer already."""
         client = request.client or f"user {inbound.uid}"
         try:
@@ -123,9 +130,9 @@ class ControlHandler:
             self._engine.stop(StopNow(ref=0, client=client))
             raise
         self._engine.stop(StopNow(ref=ref, client=client))
-        self._await(ref, request, inbound, now_ns, replies.done(request.id), is_stop=True)
+        return ref, replies.done
 
-    def _open(self, request: Open, inbound: InboundMessage, now_ns: int) -> None:
+    def _open(self, request: Open, inbound: InboundMessage) -> _Sent:
         self._engine.engine_hello()
         if (request.calibration is None) == (request.limits is None):
             raise Refused(
@@ -144,68 +151,52 @@ class ControlHandler:
 
         def granted(_: Answer) -> Success:
             self._leases.begin(token, request.client, inbound.uid)
-            return replies.granted(request.id, token)
+            return LeaseReply(ok=True, now_ns=0, lease=token, lease_ms=LEASE_MS)
 
-        self._send_command(command, request, inbound, now_ns, granted)
+        return self._sent(command, granted)
 
-    def _keep(self, request: Keep, inbound: InboundMessage, now_ns: int) -> None:
-        lease = self._held(request.lease, inbound)
-        self._send_command(
-            KeepLease(ref=self._pending.next_ref(), lease=lease), request, inbound, now_ns
-        )
+    def _close(self, request: Close, inbound: InboundMessage) -> _Sent:
+        lease = self._held(request, inbound)
 
-    def _close(self, request: Close, inbound: InboundMessage, now_ns: int) -> None:
-        lease = self._held(request.lease, inbound)
-
-        def closed(_: Answer) -> Success:
+        def closed(answer: Answer) -> Success:
             self._leases.end(lease, "closed")
-            return Success(ok=True, now_ns=0, id=request.id)
+            return replies.done(answer)
 
-        command = CloseLease(ref=self._pending.next_ref(), lease=lease)
-        self._send_command(command, request, inbound, now_ns, closed)
+        return self._sent(CloseLease(ref=self._pending.next_ref(), lease=lease), closed)
 
-    def _disarm(self, request: Disarm, inbound: InboundMessage, now_ns: int) -> None:
-        lease = self._held(request.lease, inbound)
-        self._send_command(
-            DisarmBoard(ref=self._pending.next_ref(), lease=lease), request, inbound, now_ns
-        )
+    def _keep(self, request: Keep, inbound: InboundMessage) -> _Sent:
+        lease = self._held(request, inbound)
+        return self._sent(KeepLease(ref=self._pending.next_ref(), lease=lease))
 
-    def _arm(self, request: Arm, inbound: InboundMessage, now_ns: int) -> None:
+    def _disarm(self, request: Disarm, inbound: InboundMessage) -> _Sent:
+        lease = self._held(request, inbound)
+        return self._sent(DisarmBoard(ref=self._pending.next_ref(), lease=lease))
+
+    def _arm(self, _: Arm, inbound: InboundMessage) -> _Sent:
         self._check_operator(inbound)
-        self._send_command(ArmBoard(ref=self._pending.next_ref()), request, inbound, now_ns)
+        return self._sent(ArmBoard(ref=self._pending.next_ref()))
 
-    def _clear(self, request: Clear, inbound: InboundMessage, now_ns: int) -> None:
+    def _clear(self, _: Clear, inbound: InboundMessage) -> _Sent:
         self._check_operator(inbound)
-        self._send_command(ClearHalt(ref=self._pending.next_ref()), request, inbound, now_ns)
+        return self._sent(ClearHalt(ref=self._pending.next_ref()))
 
-    def _measure(self, request: Measure, inbound: InboundMessage, now_ns: int) -> None:
-        command = MeasureContact(
-            ref=self._pending.next_ref(), lease=self._held(request.lease, inbound)
-        )
-        self._send_command(
-            command, request, inbound, now_ns, functools.partial(replies.measured, request.id)
-        )
+    def _measure(self, request: Measure, inbound: InboundMessage) -> _Sent:
+        lease = self._held(request, inbound)
+        command = MeasureContact(ref=self._pending.next_ref(), lease=lease)
+        return self._sent(command, replies.measured)
 
-    def _mark(self, request: Mark, inbound: InboundMessage, now_ns: int) -> None:
-        command = SetMark(
-            ref=self._pending.next_ref(),
-            lease=self._held(request.lease, inbound),
-            tag=request.tag,
-        )
-        self._send_command(
-            command, request, inbound, now_ns, functools.partial(replies.marked, request.id)
-        )
+    def _mark(self, request: Mark, inbound: InboundMessage) -> _Sent:
+        lease = self._held(request, inbound)
+        command = SetMark(ref=self._pending.next_ref(), lease=lease, tag=request.tag)
+        return self._sent(command, replies.marked)
 
-    def _frame(self, request: FrameRequest, inbound: InboundMessage, now_ns: int) -> None:
+    def _frame(self, request: FrameRequest, inbound: InboundMessage) -> _Sent:
         lease = self._frames.check(request, inbound.uid)
         ref = self._pending.next_ref()
         self._frames.pass_on(request, lease, ref)
-        done = functools.partial(replies.framed, request.id, request.seq)
-        self._await(ref, request, inbound, now_ns, done)
+        return ref, functools.partial(replies.framed, request.seq)
 
-    def _calibration(
-        self, request: GetCalibration, inbound: InboundMessage, now_ns: int
-    ) -> Success:
+    def _calibration(self, request: GetCalibration, inbound: InboundMessage) -> Success:
         calibration = None
         if request.do == "get":
             calibration = self._store.get(_name_of(request), self._offers_shipped())
@@ -214,13 +205,8 @@ class ControlHandler:
         elif request.do == "delete":
             self._check_operator(inbound)
             self._store.delete(_name_of(request))
-        return CalibrationReply(
-            ok=True,
-            now_ns=now_ns,
-            id=request.id,
-            names=self._store.names(self._offers_shipped()),
-            calibration=calibration,
-        )
+        names = self._store.names(self._offers_shipped())
+        return CalibrationReply(ok=True, now_ns=0, names=names, calibration=calibration)
 
     def _set_calibration(self, request: GetCalibration, inbound: InboundMessage) -> None:
         self._check_operator(inbound)
@@ -237,34 +223,16 @@ class ControlHandler:
         replies.check_fits(request.calibration, engine_hello)
         self._store.put(_name_of(request), request.calibration)
 
-    def _send_command(
-        self,
-        command: Command,
-        request: Request,
-        inbound: InboundMessage,
-        now_ns: int,
-        done: Callable[[Answer], Success] | None = None,
-    ) -> None:
+    def _sent(self, command: Command, done: Done = replies.done) -> _Sent:
         self._engine.command(command)
-        self._await(command.ref, request, inbound, now_ns, done or replies.done(request.id))
+        return command.ref, done
 
-    def _await(
-        self,
-        ref: int,
-        request: Request,
-        inbound: InboundMessage,
-        now_ns: int,
-        done: Callable[[Answer], Success],
-        is_stop: bool = False,
-    ) -> None:
-        self._pending.add(
-            ref, PendingRequest(inbound, request.id, done, now_ns + MAX_WAIT_NS, is_stop)
-        )
-
-    def _held(self, token: str, inbound: InboundMessage) -> str:
+    def _held(
+        self, request: Keep | Close | Disarm | Measure | Mark, inbound: InboundMessage
+    ) -> str:
         """The lease named, if it stands. Raises: Refused (`engine_gone` and the lease's)."""
         self._engine.engine_hello()
-        return self._leases.check(token, inbound.uid).token
+        return self._leases.check(request.lease, inbound.uid).token
 
     def _check_operator(self, inbound: InboundMessage) -> None:
         """Raises: Refused (`not_permitted`)."""

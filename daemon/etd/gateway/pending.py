@@ -21,13 +21,16 @@ MAX_STOPS = 32
 MAX_WAIT_NS = 15_000_000_000
 
 
+Done = Callable[[Answer], Success]
+
+
 @dataclass(frozen=True, slots=True)
 class PendingRequest:
     """`done` makes the reply from an answer without an error."""
 
     inbound: InboundMessage
     id: Id | None
-    done: Callable[[Answer], Success]
+    done: Done
     deadline_ns: int
     is_stop: bool = False
 

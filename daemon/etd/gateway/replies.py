@@ -1,12 +1,14 @@
 """The replies, each made from the engine's answer.
 
-Owns: their fields. Must not know: sockets, leases, which client waits. (`now_ns` is filled in when
-a reply is sent.)
+Owns: their fields. Must not know: sockets, leases, which client waits. (`id` and `now_ns` are
+filled in when a reply is sent.)
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TypeVar
+
+import msgspec
 
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
@@ -17,20 +19,17 @@ from etd.protocol.messages import (
     VERSION,
     Endpoints,
     FrameReply,
-    Hello,
     HelloReply,
-    Id,
-    LeaseReply,
     MarkReply,
     MeasureReply,
     Success,
 )
 from etd.version import __version__
 
+T = TypeVar("T")
+
 
 def hello(
-    request: Hello,
-    now_ns: int,
     engine_hello: EngineHello,
     *,
     name: str,
@@ -38,23 +37,14 @@ def hello(
     calibrations: tuple[str, ...],
     default_calibration: str | None,
 ) -> HelloReply:
-    """Everything a client needs to know before its first frame."""
+    """Everything a client needs to know before its first frame: all that the engine said, too."""
     return HelloReply(
+        **msgspec.structs.asdict(engine_hello),
         ok=True,
-        now_ns=now_ns,
-        id=request.id,
+        now_ns=0,
         protocol=VERSION,
         version=__version__,
         name=name,
-        board=engine_hello.board,
-        array=engine_hello.array,
-        body_site=engine_hello.body_site,
-        maxima=engine_hello.maxima,
-        default_width_us=engine_hello.default_width_us,
-        default_rate_hz=engine_hello.default_rate_hz,
-        default_polarity=engine_hello.default_polarity,
-        shape=engine_hello.shape,
-        stabilizers=engine_hello.stabilizers,
         default_calibration=default_calibration,
         calibrations=calibrations,
         endpoints=endpoints,
@@ -63,49 +53,28 @@ def hello(
     )
 
 
-def done(id: Id | None) -> Callable[[Answer], Success]:  # noqa: A002 (the wire's word)
-    return lambda _: Success(ok=True, now_ns=0, id=id)
+def done(_: Answer) -> Success:
+    return Success(ok=True, now_ns=0)
 
 
-def granted(id: Id | None, lease: str) -> LeaseReply:  # noqa: A002
-    return LeaseReply(ok=True, now_ns=0, id=id, lease=lease, lease_ms=LEASE_MS)
-
-
-def framed(id: Id | None, seq: int, answer: Answer) -> FrameReply:  # noqa: A002
+def framed(seq: int, answer: Answer) -> FrameReply:
     """Raises: Refused (`engine_gone`) for an incomplete answer."""
-    if answer.rate_hz is None:
-        raise _incomplete("rate_hz")
-    return FrameReply(
-        ok=True,
-        now_ns=0,
-        id=id,
-        seq=seq,
-        rate_hz=answer.rate_hz,
-        clamped=answer.clamped,
-        slowed=answer.slowed,
-    )
+    rate_hz = _there(answer.rate_hz, "rate_hz")
+    clamped, slowed = answer.clamped, answer.slowed
+    return FrameReply(ok=True, now_ns=0, seq=seq, rate_hz=rate_hz, clamped=clamped, slowed=slowed)
 
 
-def measured(id: Id | None, answer: Answer) -> MeasureReply:  # noqa: A002
+def measured(answer: Answer) -> MeasureReply:
     """Raises: Refused (`engine_gone`) for an incomplete answer."""
-    if answer.contact is None:
-        raise _incomplete("contact")
-    return MeasureReply(
-        ok=True,
-        now_ns=0,
-        id=id,
-        contact=answer.contact.contact,
-        resistance_ohm=answer.contact.resistance_ohm,
-        voltage_v=answer.contact.voltage_v,
-        pressure_kpa=answer.contact.pressure_kpa,
-    )
+    contact = msgspec.structs.asdict(_there(answer.contact, "contact"))
+    del contact["t_ns"]
+    return MeasureReply(ok=True, now_ns=0, **contact)
 
 
-def marked(id: Id | None, answer: Answer) -> MarkReply:  # noqa: A002
+def marked(answer: Answer) -> MarkReply:
     """Raises: Refused (`engine_gone`) for an incomplete answer."""
-    if answer.marked_ns is None:
-        raise _incomplete("marked_ns")
-    return MarkReply(ok=True, now_ns=0, id=id, marked_ns=answer.marked_ns, sync=answer.sync)
+    marked_ns = _there(answer.marked_ns, "marked_ns")
+    return MarkReply(ok=True, now_ns=0, marked_ns=marked_ns, sync=answer.sync)
 
 
 def check_fits(calibration: Calibration, engine_hello: EngineHello) -> None:
@@ -126,8 +95,10 @@ def check_fits(calibration: Calibration, engine_hello: EngineHello) -> None:
             )
 
 
-def _incomplete(what: str) -> Refused:
-    return Refused(
-        "engine_gone",
-        f"the engine's answer lacks {what}: engine and gateway differ in version; restart both",
-    )
+def _there(part: T | None, what: str) -> T:
+    if part is None:
+        raise Refused(
+            "engine_gone",
+            f"the engine's answer lacks {what}: engine and gateway differ in version; restart both",
+        )
+    return part

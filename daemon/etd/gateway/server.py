@@ -166,7 +166,7 @@ class Gateway:
             self._refuse(inbound, request.id, refusal)
         else:
             if reply is not None:
-                self._reply(inbound, reply)
+                self._reply(inbound, request.id, reply)
 
     def _hear_engine(self) -> None:
         for message in self._engine.receive():
@@ -208,7 +208,7 @@ class Gateway:
         except Refused as refusal:
             self._refuse(pending.inbound, pending.id, refusal)
         else:
-            self._reply(pending.inbound, reply)
+            self._reply(pending.inbound, pending.id, reply)
 
     def _pass_on_frames(self) -> None:
         refusals = self._streams.drain()
@@ -242,8 +242,8 @@ class Gateway:
         )
         self._send(inbound, failure)
 
-    def _reply(self, inbound: InboundMessage, reply: Success) -> None:
-        self._send(inbound, msgspec.structs.replace(reply, now_ns=self._clock.now_ns()))
+    def _reply(self, inbound: InboundMessage, id: Id | None, reply: Success) -> None:  # noqa: A002
+        self._send(inbound, msgspec.structs.replace(reply, now_ns=self._clock.now_ns(), id=id))
 
     def _send(self, inbound: InboundMessage, reply: Success | Failure) -> None:
         """Sends a reply if its client is still there; a client that left or does not read is
