@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from etd_hal.errors import FileError
-from etd_hal.tomlfile import load_toml
+from etd_hal.tomlfile import Strict, load_toml
 
 Absent = Literal["absent"]
 #: A line of the 40-pin header.
@@ -34,23 +34,8 @@ _OUTPUTS_A_CHIP = {"HV507": 64, "HV513": 8, "74HC595": 4}
 #: Codes of a DAC or an ADC.
 _CODES = {"AD5452": 4096, "AD7276": 4096}
 
-#: In every report and in `accept_absent_guards`, in this order.
-GUARDS = (
-    "emergency_stop",
-    "wearer_stop",
-    "hv_enable",
-    "rail_monitor",
-    "readback",
-    "heartbeat",
-    "one_shot",
-)
 
-
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Unknown keys are errors: a typo must not disable a limit."""
-
-
-class _Switch(_Strict, frozen=True, tag_field="chip"):
+class _Switch(Strict, frozen=True, tag_field="chip"):
     outputs: Annotated[int, Meta(ge=1, le=256)]
 
     @property
@@ -66,7 +51,7 @@ class _Switch(_Strict, frozen=True, tag_field="chip"):
         return ()
 
 
-class HalfBridgeLines(_Strict, frozen=True):
+class HalfBridgeLines(Strict, frozen=True):
     POL: Line
     DATA: Line
     LE: Line
@@ -92,7 +77,7 @@ class Hv513(HalfBridges, frozen=True, tag="HV513"):
     """8 half-bridges a chip, chained."""
 
 
-class RelayLines(_Strict, frozen=True):
+class RelayLines(Strict, frozen=True):
     """74HC595, named by function: CLK is SRCLK (shift), LE is RCLK (copy on its rising edge)."""
 
     DATA: Line
@@ -111,7 +96,7 @@ class Relays(_Switch, frozen=True, tag="74HC595"):
     bits_per_electrode: Literal[2] = 2
 
 
-class Source(_Strict, frozen=True):
+class Source(Strict, frozen=True):
     """The current path: DAC and ADC on one chip select, current mirror, leak, divider."""
 
     dac: Literal["AD5452"]
@@ -146,7 +131,7 @@ class Source(_Strict, frozen=True):
         return code * self.full_scale_ua / (self.codes - 1)
 
 
-class BoardMaxima(_Strict, frozen=True):
+class BoardMaxima(Strict, frozen=True):
     """What this board may do to any person. All are required: a missing limit is a refusal."""
 
     current_ua: Annotated[int, Meta(ge=50, le=10_000)]
@@ -160,13 +145,13 @@ class BoardMaxima(_Strict, frozen=True):
     probe_width_us: Annotated[int, Meta(ge=16, le=50)]
 
 
-class HvEnable(_Strict, frozen=True):
+class HvEnable(Strict, frozen=True):
     line: Line
     #: The level that switches the supply on; its pull must make the other one at power-up.
     on: Literal[0, 1]
 
 
-class RailMonitor(_Strict, frozen=True):
+class RailMonitor(Strict, frozen=True):
     """An ADS1115 channel behind a divider."""
 
     address: I2cAddress
@@ -181,27 +166,27 @@ class RailMonitor(_Strict, frozen=True):
     fall_ms: Annotated[int, Meta(ge=1, le=30_000)]
 
 
-class Heartbeat(_Strict, frozen=True):
+class Heartbeat(Strict, frozen=True):
     """Each edge retriggers a monostable that enables the supply."""
 
     line: Line
     window_ms: Annotated[int, Meta(ge=2, le=100)]
 
 
-class OneShot(_Strict, frozen=True):
+class OneShot(Strict, frozen=True):
     """Hardware that ends a pulse by itself."""
 
     on_us: Annotated[int, Meta(ge=200, le=1_000)]
 
 
-class RailSetpoint(_Strict, frozen=True):
+class RailSetpoint(Strict, frozen=True):
     """An MCP4725 that sets the rail: 0 V at its output is the lowest rail."""
 
     address: I2cAddress
     code: Annotated[int, Meta(ge=0, le=4095)]
 
 
-class Guards(_Strict, frozen=True):
+class Guards(Strict, frozen=True):
     """Each guard is present (with its wiring) or absent; nothing is assumed."""
 
     emergency_stop: Line | Absent
@@ -216,7 +201,11 @@ class Guards(_Strict, frozen=True):
     stop_cuts_supply: bool = True
 
 
-class BoardFile(_Strict, frozen=True):
+#: In every report and in `accept_absent_guards`, in this order.
+GUARDS = tuple(key for key in Guards.__struct_fields__ if key != "stop_cuts_supply")
+
+
+class BoardFile(Strict, frozen=True):
     """One board: wiring, constants, maxima, rest, guards."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
@@ -259,14 +248,14 @@ class BoardFile(_Strict, frozen=True):
         return lines
 
 
-class Bounds(_Strict, frozen=True):
+class Bounds(Strict, frozen=True):
     """A plausible range, both ends included."""
 
     low: Annotated[float, Meta(ge=0, le=100_000)]
     high: Annotated[float, Meta(ge=0, le=100_000)]
 
 
-class MachineFile(_Strict, frozen=True):
+class MachineFile(Strict, frozen=True):
     """How one model of machine plays a message: bounds for what calibration finds, in us."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]

@@ -73,6 +73,7 @@ def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
 
 def _on_kernel(board: BoardFile, spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
     from etd_hal.linux import machine as this_machine
+    from etd_hal.linux import realtime
 
     def close() -> None:
         for port in (spi, gpio, i2c):
@@ -92,8 +93,8 @@ def _on_kernel(board: BoardFile, spi: Spi, gpio: Gpio, i2c: I2c | None, clock: C
         codec=codec_of(board.source),
         facts=this_machine.facts(),
         identity=this_machine.identity(),
-        set_up_realtime=set_up_realtime,
-        set_up_urgent_thread=set_up_urgent_thread,
+        set_up_realtime=realtime.set_up,
+        set_up_urgent_thread=realtime.scheduling,
     )
 
 
@@ -273,31 +274,16 @@ def _on_fake(
     board: BoardFile, ports: FakePorts | RemotePorts, clock: BoardClock, close: Callable[[], None]
 ) -> Backend:
     """A fake backend whose real-time settings are those of the machine's own kernel."""
+    from etd_hal.linux import realtime
+
     return Backend(
         "fake",
         *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close),
         host_clock=clock.host,
         codec=codec_of(board.source),
-        set_up_realtime=set_up_realtime,
-        set_up_urgent_thread=set_up_urgent_thread,
+        set_up_realtime=realtime.set_up,
+        set_up_urgent_thread=realtime.scheduling,
     )
-
-
-def set_up_realtime(priority: int, core: int | None) -> tuple[str, ...]:
-    """Make the calling thread real-time, and its process fit for it.
-
-    Returns a sentence for each thing that was not granted.
-    """
-    from etd_hal.linux.realtime import set_up
-
-    return set_up(priority, core)
-
-
-def set_up_urgent_thread(priority: int) -> str | None:
-    """Set the scheduling of the calling thread alone. Returns a sentence if it was not granted."""
-    from etd_hal.linux.realtime import scheduling
-
-    return scheduling(priority)
 
 
 def system_clock() -> Clock:

@@ -34,6 +34,10 @@ _KINDS = {
 }
 
 
+class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Unknown keys are errors: a typo must not disable a limit."""
+
+
 def load_toml(path: Path, kind: type[T]) -> T:
     """Read `path` into `kind`. Raises: FileError, naming file, key, value and what is allowed."""
     data = read_toml(path)

@@ -24,7 +24,8 @@ from bench.processor import FreeGpio, answer, message_ns  # noqa: E402
 from etd.engine.process import run_engine  # noqa: E402
 from etd.files.configuration import LoadedConfig  # noqa: E402
 from etd_hal.backend import Backend  # noqa: E402
-from etd_hal.compose import NoMarker, codec_of, set_up_realtime, set_up_urgent_thread  # noqa: E402
+from etd_hal.compose import NoMarker, codec_of  # noqa: E402
+from etd_hal.linux import realtime  # noqa: E402
 from etd_hal.linux.clock import LinuxClock  # noqa: E402
 from etd_hal.ports import Message  # noqa: E402
 
@@ -83,8 +84,8 @@ def main() -> int:
         *(WallSpi(clock), FreeGpio(), None, clock, NoMarker(), lambda: None),
         host_clock=clock,
         codec=codec_of(loaded.board.source),
-        set_up_realtime=set_up_realtime,
-        set_up_urgent_thread=set_up_urgent_thread,
+        set_up_realtime=realtime.set_up,
+        set_up_urgent_thread=realtime.scheduling,
     )
     folder = Path(sys.argv[1])
     # Nobody has tested it; a fake is armed all the same.

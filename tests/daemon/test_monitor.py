@@ -15,7 +15,6 @@ from etd.protocol.messages import (
     Contact,
     Endpoints,
     Fired,
-    Hello,
     HelloReply,
     Modelled,
     Scan,
@@ -34,8 +33,6 @@ def monitor() -> Monitor:
 
 def facts() -> HelloReply:
     return hello(
-        Hello(),
-        0,
         engine_hello(),
         name="main",
         endpoints=Endpoints(frames="", telemetry=""),

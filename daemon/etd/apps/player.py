@@ -57,6 +57,7 @@ class Player:
         self._display = display
         self._steps = steps
         self._on_frame = on_frame
+        #: How far the engine's time is behind, or a little more.
         self._lag_ns = 0
         self._kept_ns = 0
         self.summary = Summary()
@@ -99,7 +100,7 @@ class Player:
 
     def _finish(self, reports: Telemetry, standing: Standing) -> None:
         """Return when it has been shown for its time."""
-        while (due_ns := standing.due_ns) is None or self._engine_ns() < due_ns:
+        while (due_ns := standing.due_ns) is None or clock.now_ns() - self._lag_ns < due_ns:
             if due_ns is None and clock.now_ns() - standing.sent_ns > _BEGUN_WITHIN_NS:
                 self._raise_not_shown(standing.step)
             self._wait(reports, standing)
@@ -134,10 +135,6 @@ class Player:
         if standing.due_ns is None:
             return standing.is_held
         return standing.due_ns + self._lag_ns > standing.expires_ns
-
-    def _engine_ns(self) -> int:
-        """The engine's time now, or a little less."""
-        return clock.now_ns() - self._lag_ns
 
     # --- telemetry ---------------------------------------------------------------------------
 

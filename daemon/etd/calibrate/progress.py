@@ -140,20 +140,12 @@ def finished(
         progress.found.get(electrode) or _unknown(min(felt_ua), progress.lowered_ua.get(electrode))
         for electrode in range(conditions.electrodes)
     )
+    both = set(Conditions.__struct_fields__) & set(Calibration.__struct_fields__)
     return Calibration(
-        participant=conditions.participant,
-        body_site=conditions.body_site,
-        array=conditions.array,
-        polarity=conditions.polarity,
-        width_us=conditions.width_us,
-        rate_hz=conditions.rate_hz,
-        returns=conditions.returns,
+        **{key: getattr(conditions, key) for key in both},
         date=date,
         program=program,
         electrode=tuple(_dated(limits, date) for limits in each),
-        method=conditions.method,
-        pulses=conditions.pulses,
-        shape=conditions.shape,
         gamma=gamma,
     )
 

@@ -166,8 +166,8 @@ class Stimulator:
         trouble: set[str] = set()
         while self._clock.now_ns() < until_ns:
             self._keep_if_due()
-            scan = self._hear(_LOOK_S)
-            if scan is None or all(shown.seq != seq for shown in scan.shown):
+            scan = self._receive(_LOOK_S)
+            if not isinstance(scan, Scan) or all(shown.seq != seq for shown in scan.shown):
                 continue
             trouble |= {clamp.reason for clamp in scan.clamped if clamp.electrode == electrode}
             trouble |= {
@@ -217,13 +217,8 @@ class Stimulator:
         while self._receive(0.0) is not None:
             pass
 
-    def _hear(self, timeout_s: float) -> Scan | None:
-        """The next report within the time, if it is of a scan."""
-        report = self._receive(timeout_s)
-        return report if isinstance(report, Scan) else None
-
     def _receive(self, timeout_s: float) -> object | None:
-        """Raises: Refused (`halted`), Stopped."""
+        """The next report within the time. Raises: Refused (`halted`), Stopped."""
         if self._wants_stop():
             self._display.stop()
             raise Stopped("stop")

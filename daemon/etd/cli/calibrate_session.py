@@ -114,12 +114,7 @@ class CalibrateSession:
 
     def settle(self) -> int:
         """Store a complete calibration in the daemon; otherwise report what is missing."""
-        missing = [
-            electrode
-            for electrode in self._progress.missing
-            if electrode not in self._args.leave_out
-        ]
-        if missing:
+        if missing := self._wanted():
             for electrode in missing:
                 print(f"electrode {electrode}: {self._left.get(electrode)}", file=sys.stderr)
             options.answer_no(
@@ -130,7 +125,8 @@ class CalibrateSession:
                 f" {','.join(map(str, missing))} omits them",
             )
             return 1
-        made = self._made()
+        gamma = 1.0 if self._baseline is None else self._baseline.gamma
+        made = finished(self._progress, _today(), f"etd {__version__}", gamma)
         self._display.disarm()
         self._wait_for_safe()
         self._display.set_calibration(self._which, made)
@@ -185,19 +181,17 @@ class CalibrateSession:
         if self._args.board is not None or self._args.arm:
             self._display.arm(ARM_WITHIN_S)
             return
-        is_printed = False
-        while not self._is_armed():
-            if not is_printed:
-                print(
-                    "waiting for the operator: `etd arm`   (SPACE STOP   q pause)", file=sys.stderr
-                )
-                is_printed = True
+        is_armed = self._is_armed()
+        if not is_armed:
+            print("waiting for the operator: `etd arm`   (SPACE STOP   q pause)", file=sys.stderr)
+        while not is_armed:
             if (ending := keys.asked_to_end()) is not None:
                 if ending == "stop":
                     self._display.stop()
                 raise Stopped(ending)
             self._display.keep()
             clock.sleep_s(_LOOK_S)
+            is_armed = self._is_armed()
 
     def _is_armed(self) -> bool:
         """Sends a silent frame, which also opens the lease."""
@@ -226,10 +220,6 @@ class CalibrateSession:
             self._watch.presented(electrode)
 
     # --- the result --------------------------------------------------------------------------
-
-    def _made(self) -> Calibration:
-        gamma = 1.0 if self._baseline is None else self._baseline.gamma
-        return finished(self._progress, _today(), f"etd {__version__}", gamma)
 
     def _answer(self, made: Calibration) -> None:
         count = self._progress.presentations

@@ -118,13 +118,13 @@ class ProcessPair:
     def __exit__(self, *_: object) -> None:
         self.end()
 
-    def wait_until_ready(self, within_s: float = READY_WITHIN_S) -> None:
+    def wait_until_ready(self) -> None:
         """Return when a client that connects finds an engine. Raises: PartEnded, DaemonGone."""
-        deadline_ns = clock.now_ns() + int(within_s * 1e9)
+        deadline_ns = clock.now_ns() + int(READY_WITHIN_S * 1e9)
         while not all(part.is_ready for part in self._parts):
             left_s = _left_s(deadline_ns)
             if left_s <= 0:
-                raise DaemonGone(self.address, f"it was not ready within {within_s:g} s")
+                raise DaemonGone(self.address, f"it was not ready within {READY_WITHIN_S:g} s")
             self._look(left_s)
             self.check()
         self._wait_for_link(deadline_ns)

@@ -165,7 +165,12 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
         try:
             with both:
                 both.wait_until_ready()
-                print(_ready_line(args.name, loaded, both.address), flush=True)
+                print(
+                    f"etd {args.name} is ready (backend: {loaded.config.backend};"
+                    f" board {loaded.board.name}, array {loaded.array.name},"
+                    f" {loaded.array.count} electrodes) at {both.address}",
+                    flush=True,
+                )
                 both.wait(args.seconds, wakeup)
         finally:
             ended = both.not_ended_well()
@@ -186,13 +191,6 @@ def _arguments(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> 
         if value is not None:
             arguments += [f"--{key.replace('_', '-')}", str(value)]
     return arguments
-
-
-def _ready_line(name: str, loaded: LoadedConfig, address: str) -> str:
-    return (
-        f"etd {name} is ready (backend: {loaded.config.backend}; board {loaded.board.name},"
-        f" array {loaded.array.name}, {loaded.array.count} electrodes) at {address}"
-    )
 
 
 @contextmanager

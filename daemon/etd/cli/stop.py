@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import msgspec
 
-from etd.cli import options
+from etd.cli import NOT_THERE, options, status_of
 from etd.client import Display
 from etd.files.paths import (
     CONTROL,
@@ -23,7 +23,7 @@ from etd.files.paths import (
     find_daemons,
     why_unreachable,
 )
-from etd.protocol.errors import DaemonGone, EtdError, Refused
+from etd.protocol.errors import DaemonGone, EtdError
 from etd.protocol.text import escaped
 
 HELP = "stop stimulation at once; it stays stopped until `etd clear`"
@@ -55,7 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 3: a daemon did not answer (or there is none). 1: a daemon refused."""
-    daemons = _all_daemons() if args.name is None else _named(args.name)
+    if args.name is None:
+        daemons = _all_daemons()
+    else:
+        daemons = [RunningDaemon(args.name, control_address(args.name))]
     with ThreadPoolExecutor(max_workers=len(daemons)) as pool:
         answers = list(pool.map(_stop, daemons))
     all_good = all(stopped.error is None for stopped in answers)
@@ -66,10 +69,6 @@ def run(args: argparse.Namespace) -> int:
     if all_good:
         return 0
     return 1 if all(stopped.is_there for stopped in answers) else 3
-
-
-def _named(name: str) -> list[RunningDaemon]:
-    return [RunningDaemon(name, control_address(name))]
 
 
 def _all_daemons() -> list[RunningDaemon]:
@@ -94,15 +93,11 @@ def _stop(daemon: RunningDaemon) -> Stopped:
         with Display(address=daemon.address, client="etd stop", timeout_s=_TIMEOUT_S) as display:
             display.stop()
     except EtdError as error:
-        is_there = not isinstance(error, DaemonGone) and not _is_engine_gone(error)
+        is_there = status_of(error) != NOT_THERE
         return Stopped(
             name=daemon.name, address=daemon.address, error=str(error), is_there=is_there
         )
     return Stopped(name=daemon.name, address=daemon.address)
-
-
-def _is_engine_gone(error: EtdError) -> bool:
-    return isinstance(error, Refused) and error.code == "engine_gone"
 
 
 def lines_of(answers: list[Stopped]) -> list[str]:

@@ -189,13 +189,9 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
                 await asyncio.sleep(min(renewal_s(options), left_s))
         except asyncio.CancelledError:
             with contextlib.suppress(EtdError):  # the frame expires by itself
-                await self._silence(fields)
+                await self._run(self._session.frame(silent_fields(fields)))
             raise
-        await self._silence(fields)
-
-    async def _silence(self, fields: dict[str, object]) -> None:
-        silent = {**silent_fields(fields), "sent_ns": clock.now_ns()}
-        await self._run(self._session.frame(silent))
+        await self._run(self._session.frame(silent_fields(fields)))
 
     async def _stream(self, fields: dict[str, object]) -> None:
         await self._run(self._session.opened())

@@ -174,13 +174,9 @@ class Display(Connection["zmq.Socket[bytes]"]):
                 clock.sleep_s(min(renewal_s(options), left_s))
         except KeyboardInterrupt:
             with contextlib.suppress(EtdError):  # the frame expires by itself
-                self._silence(fields)
+                self._run(self._session.frame(silent_fields(fields)))
             raise
-        self._silence(fields)
-
-    def _silence(self, fields: dict[str, object]) -> None:
-        silent = {**silent_fields(fields), "sent_ns": clock.now_ns()}
-        self._run(self._session.frame(silent))
+        self._run(self._session.frame(silent_fields(fields)))
 
     def _stream(self, fields: dict[str, object]) -> None:
         self._run(self._session.opened())

@@ -69,7 +69,8 @@ def renewal_s(options: FrameOptions) -> float:
 
 
 def silent_fields(fields: dict[str, object]) -> dict[str, object]:
-    """The same frame with every value 0."""
+    """The same frame with every value 0, stamped anew."""
     kind = "level" if "level" in fields else "current_ua"
     numbers = fields[kind]
-    return {**fields, kind: [0] * len(numbers) if isinstance(numbers, list) else numbers}
+    zeros = [0] * len(numbers) if isinstance(numbers, list) else numbers
+    return {**fields, kind: zeros, "sent_ns": clock.now_ns()}

@@ -14,13 +14,12 @@ import math
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta
 
 from etd.protocol.frame import Polarity
 from etd.stabilize.settings import NO_STABILIZERS, Settings, check_settings
 from etd_hal.errors import FileError
-from etd_hal.tomlfile import load_toml
+from etd_hal.tomlfile import Strict, load_toml
 
 #: Hard ceilings: constants of the code, not of any file.
 MAX_CURRENT_UA = 10_000
@@ -42,11 +41,7 @@ MAX_ARRAY_ON_US_PER_S = 800_000
 YARDSTICK_K = 1.5
 
 
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Unknown keys are errors: a typo must not disable a limit."""
-
-
-class SiteMaxima(_Strict, frozen=True):
+class SiteMaxima(Strict, frozen=True):
     """What nobody gets more of at this place. What asks for more is refused as a whole."""
 
     #: Without a calibration, whatever limits the client names.
@@ -67,7 +62,7 @@ class SiteMaxima(_Strict, frozen=True):
     array_on_us_per_s: Annotated[int, Meta(ge=1, le=MAX_ARRAY_ON_US_PER_S)]
 
 
-class SiteDefaults(_Strict, frozen=True):
+class SiteDefaults(Strict, frozen=True):
     """What a frame gets that does not say, and that no calibration answers for."""
 
     width_us: Annotated[int, Meta(ge=20, le=MAX_WIDTH_US)]
@@ -75,7 +70,7 @@ class SiteDefaults(_Strict, frozen=True):
     polarity: Polarity
 
 
-class SiteContact(_Strict, frozen=True):
+class SiteContact(Strict, frozen=True):
     """When an electrode counts as touched, and when as open.
 
     Both are fractions of the open-circuit signature, which is the voltage that the current makes
@@ -92,7 +87,7 @@ class SiteContact(_Strict, frozen=True):
     soften_ms: Annotated[int, Meta(ge=10, le=5_000)] = 1_000
 
 
-class BodySite(_Strict, frozen=True):
+class BodySite(Strict, frozen=True):
     """One place on the body, with electrodes of one size."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import msgspec
 from msgspec import Meta
 
 from etd.files.array import ARRAY_FOR_COUNT, Array, array_for_count, check_fits, load_array
@@ -22,7 +21,7 @@ from etd.files.resources import Kind, find
 from etd.protocol.frame import Name
 from etd_hal.boardfile import GUARDS, BoardFile, MachineFile, load_board, load_machine
 from etd_hal.errors import FileError
-from etd_hal.tomlfile import load_toml
+from etd_hal.tomlfile import Strict, load_toml
 
 Backend = Literal["linux", "fake"]
 #: The name of a shipped file, or a path: absolute, or from the folder of the file that names it.
@@ -35,11 +34,7 @@ FAKE_STACK = "etactilekit-hv513-x8"
 FAKE_LARGEST = 64
 
 
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Unknown keys are errors: a typo must not disable a limit."""
-
-
-class EngineConfig(_Strict, frozen=True):
+class EngineConfig(Strict, frozen=True):
     """Where and how urgently the scan thread runs; needs the rights that the unit grants."""
 
     #: The processor core it is bound to; "any" leaves it to the kernel.
@@ -48,7 +43,7 @@ class EngineConfig(_Strict, frozen=True):
     priority: Annotated[int, Meta(ge=1, le=98)] | Literal["none"]
 
 
-class EtdConfig(_Strict, frozen=True):
+class EtdConfig(Strict, frozen=True):
     """`etd.toml`, key by key."""
 
     backend: Backend

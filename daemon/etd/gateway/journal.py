@@ -111,15 +111,10 @@ class Journal:
             self._writer.stop()
 
     def engine_found(self, engine_hello: EngineHello) -> None:
-        board = engine_hello.board
+        board, electrodes = engine_hello.board, engine_hello.array.electrodes
         absent = ", ".join(board.absent_guards) or "none"
-        self._log.info(
-            "engine there: %s (%s), %d electrodes; absent guards: %s",
-            board.name,
-            board.backend,
-            engine_hello.array.electrodes,
-            absent,
-        )
+        text = "engine there: %s (%s), %d electrodes; absent guards: %s"
+        self._log.info(text, board.name, board.backend, electrodes, absent)
 
     def engine_lost(self) -> None:
         self._state = ""

@@ -16,9 +16,7 @@ from etd_hal.ports import Clock
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
-def run_gateway(
-    config: GatewayConfig, clock: Clock, on_ready: Callable[[], None] | None = None
-) -> int:
+def run_gateway(config: GatewayConfig, clock: Clock, on_ready: Callable[[], None]) -> int:
     """Serve until SIGTERM, SIGINT or SIGHUP; returns the exit status 0. Main thread only.
 
     `on_ready` is called once the sockets are bound. Raises: AlreadyRunning, FileError,
@@ -31,8 +29,7 @@ def run_gateway(
 
     before = {ending: signal.signal(ending, note) for ending in _ENDINGS}
     try:
-        if on_ready is not None:
-            on_ready()
+        on_ready()
         while not gateway.is_asked_to_end:
             gateway.step()
     finally:

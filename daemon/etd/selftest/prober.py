@@ -91,10 +91,10 @@ class Prober:
         """Into a confirmed load, at `width_us`: the highest current allowed for a person."""
         return self._fixture.subject.strongest_ua
 
-    def open_v(self, commanded_ua: float, leak_ohm: float | None = None) -> float:
+    def open_v(self, commanded_ua: float) -> float:
         """The node's voltage with nothing connected."""
         source = self._fixture.file.source
-        return min(commanded_ua * (leak_ohm or source.leak_ohm) / 1e6, float(source.compliance_v))
+        return min(commanded_ua * source.leak_ohm / 1e6, float(source.compliance_v))
 
     def ramp(self, electrode: int, is_supplied: bool = True) -> Ramp:
         """Up to the probe at an open electrode, while the node is in range; without a supply only
