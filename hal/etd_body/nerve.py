@@ -167,9 +167,7 @@ class _Seen:
         self._fold = np.linalg.lstsq(basis, grown, rcond=None)[0].T
 
     def sites(self, outside_mv: Floats) -> Sites:
-        """The nodes that anodic current depolarizes most, soon and late, then cathodic current:
-        (..., SITES).
-        """
+        """Depolarized most by anodic current, soon and late, and by cathodic: (..., SITES)."""
         drive = outside_mv @ self._drive_per_mv
         soon, late = (self._membrane.step_response(drive, t_us) for t_us in _SITES_AT_US)
         return np.stack([soon.argmax(-1), late.argmax(-1), late.argmin(-1)], axis=-1)

@@ -45,9 +45,7 @@ class _Switch(Strict, frozen=True, tag_field="chip"):
 
     @property
     def safe_levels(self) -> tuple[tuple[str, int], ...]:
-        """The levels, by line and in order, that alone bring every output to ground; none where no
-        line can (relays).
-        """
+        """The levels, by line and in order, that alone ground every output; none with relays."""
         return ()
 
 

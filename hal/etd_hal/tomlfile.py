@@ -93,9 +93,7 @@ def convert(data: object, kind: type[T], file: str) -> T:
 
 
 def _sentences(data: object, kind: type, key: str, what: str) -> tuple[str, str]:
-    """What the file says at the key, and what is allowed: by the type, else in msgspec's
-    own words.
-    """
+    """What the file says at the key, and what is allowed: by the type, else in msgspec's words."""
     field = re.search(r"field `(.*)`$", what)
     if field is not None:
         return what[0].lower() + what[1:], _about_field(data, kind, key, field[1], what)

@@ -187,9 +187,7 @@ class Monitor:
         )
 
     def brightness(self) -> list[float | None]:
-        """0..1 for each electrode: the delivered current, relative to the highest wanted or allowed
-        uncalibrated one.
-        """
+        """The delivered current, 1 at the highest wanted or allowed uncalibrated one."""
         return self._of_full("delivered_ua")
 
     def _of_full(self, key: str) -> list[float | None]:

@@ -116,9 +116,7 @@ def identity(name: str, baseline: Calibration) -> str:
 
 
 def check_baseline(conditions: Conditions, baseline: Calibration) -> None:
-    """The baseline must be of the same person under the same conditions: thresholds depend on
-    them. Raises: Refused (`bad_calibration`).
-    """
+    """Thresholds depend on person and conditions. Raises: Refused (`bad_calibration`)."""
     for key in _SAME_AS_BASELINE:
         was, now = getattr(baseline, key), getattr(conditions, key)
         if was != now:

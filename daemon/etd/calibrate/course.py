@@ -161,9 +161,7 @@ class Course:
         return msgspec.structs.replace(found, threshold_date=before.threshold_date or found_on)
 
     def _lead_up_to(self, reference: int, baseline: Calibration) -> None:
-        """An ascent to the reference's comfortable level, once: the skin may have changed since the
-        baseline. Raises: Refused (`bad_calibration`).
-        """
+        """An ascent to its level: skin may have changed. Raises: Refused (`bad_calibration`)."""
         if self._is_led_up:
             return
         limits = baseline.electrode[reference]

@@ -46,9 +46,7 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
         return tuple(electrode for electrode in self.missing if electrode in self.lowered_ua)
 
     def lower(self, electrode: int, left_ua: int) -> None:
-        """Something was too strong: `left_ua` is the highest current allowed there from now on. A
-        result with a higher cap is deleted.
-        """
+        """`left_ua` is the most allowed there from now on; a result with more is deleted."""
         left_ua = min(left_ua, self.lowered_ua.get(electrode, left_ua))
         self.lowered_ua[electrode] = left_ua
         if electrode in self.found and self.found[electrode].cap_ua > left_ua:
@@ -63,9 +61,7 @@ def save_progress(path: Path, progress: Progress) -> None:
 
 
 def load_progress(path: Path, conditions: Conditions) -> Progress:
-    """Progress under the same conditions. Raises: FileError, also if its figures cannot have been
-    found under them.
-    """
+    """Raises: FileError, also for other conditions, or figures that they cannot have given."""
     try:
         progress = msgspec.json.decode(path.read_bytes(), type=Progress)
     except OSError as error:

@@ -51,10 +51,7 @@ def ready_questplus() -> None:
 
 
 def quest_plus(start_ua: float) -> Procedure[Threshold]:
-    """Around a coarse ascent; again around what it found, if that lies at the grid's edge.
-
-    Raises: HardwareMissing (questplus is not installed).
-    """
+    """Around a coarse ascent; again if it ends at the grid's edge. Raises: HardwareMissing."""
     ready_questplus()
     first = yield from coarse(start_ua)
     while first.is_felt:

@@ -78,9 +78,7 @@ class Reports(Protocol):
 
 
 class Stimulator:
-    """On a display that is armed. Raises, from its methods: Refused (`halted`, `no_lease`, ...),
-    DaemonGone, Stopped.
-    """
+    """On an armed display. Its methods raise: Refused (`halted`, ...), DaemonGone, Stopped."""
 
     def __init__(
         self,

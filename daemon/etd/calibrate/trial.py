@@ -67,10 +67,7 @@ class BelowThreshold(EtdError):
 
 
 def run(procedure: Procedure[R], reach: Reach, present: Callable[[int], Answer]) -> R:
-    """Run a procedure to its end. `present` shows a current and returns the answer.
-
-    Raises: Stopped, Unsettled.
-    """
+    """`present` shows a current and returns the answer. Raises: Stopped, Unsettled."""
     try:
         requested_ua = next(procedure)
         for _ in range(MOST_PRESENTATIONS):

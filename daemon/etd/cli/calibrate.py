@@ -127,10 +127,7 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status 1: not all electrodes were settled, or it was stopped.
-
-    Raises: Refused, FileError, HardwareMissing, DaemonGone, PartEnded.
-    """
+    """Raises: Refused, FileError, HardwareMissing, DaemonGone, PartEnded."""
     _check_combinations(args)
     with _wrong_use(args):
         check_new_file(args.out)

@@ -75,10 +75,7 @@ def _display(address: str, has_calibration: bool) -> Display:
 
 
 class Demo:
-    """Sends a frame every 50 ms, and draws the telemetry.
-
-    Frames that arrive too late, as on a busy machine, are counted and reported at the end.
-    """
+    """Sends a frame every 50 ms, and draws the telemetry; counts frames that arrive too late."""
 
     def __init__(self, display: Display, has_calibration: bool) -> None:
         facts = display.facts

@@ -130,10 +130,7 @@ class ProcessPair:
         self._wait_for_link(deadline_ns)
 
     def wait(self, seconds: float | None, wakeup: socket.socket) -> None:
-        """Return after `seconds` (None: never), or when `wakeup` has something to read.
-
-        Raises: PartEnded when one of the two has ended.
-        """
+        """Until `seconds` are over (None: never), or `wakeup` can be read. Raises: PartEnded."""
         deadline_ns = None if seconds is None else clock.now_ns() + int(seconds * 1e9)
         while True:
             left_s = None if deadline_ns is None else _left_s(deadline_ns)
@@ -183,9 +180,7 @@ class ProcessPair:
         return wakeup is not None and wakeup in found
 
     def _wait_for_link(self, deadline_ns: int) -> None:
-        """Wait for the gateway to connect to its engine. By telemetry: a request would be refused
-        meanwhile, and counted.
-        """
+        """By telemetry: a request would be refused until the gateway has its engine."""
         telemetry = sibling_address(self.address, TELEMETRY)
         with zmq.Context() as context, Telemetry(context, telemetry, ("state",)) as reports:
             while (item := reports.receive(max(0.0, _left_s(deadline_ns)))) is not None:

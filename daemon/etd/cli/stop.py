@@ -72,10 +72,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _all_daemons() -> list[RunningDaemon]:
-    """The daemons that answer, and those of the system that this user may not reach.
-
-    Raises: DaemonGone if there is none.
-    """
+    """Those that answer, or that this user may not reach. Raises: DaemonGone if there is none."""
     found = find_daemons()
     addresses = {daemon.address for daemon in found}
     for control in sorted(SYSTEM_RUNTIME.glob(f"*/{CONTROL}")):

@@ -176,10 +176,7 @@ class Session:
         yield self._ask("calibration", {"do": "delete", "name": name})
 
     def settle(self, ask: Ask, data: bytes) -> Success | None:
-        """The typed reply to `ask`, or None if these bytes answer another request.
-
-        Raises: Refused, with the daemon's code, reason and electrode.
-        """
+        """The reply to `ask`; None if the bytes answer another request. Raises: Refused."""
         envelope = _envelope_decoder.decode(data)
         if envelope.id != ask.id:
             return None

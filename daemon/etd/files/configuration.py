@@ -152,10 +152,7 @@ def _read_array(path: Path) -> tuple[Array, tuple[str, ...]]:
 
 
 def _resolve(kind: Kind, name: str, folder: Path, source: str, key: str) -> Path:
-    """A path is one from `folder`; anything else is the name of a shipped file.
-
-    Raises: FileError, naming the file that names it.
-    """
+    """A path is from `folder`, all else a shipped name. Raises: FileError, naming what names it."""
     path = Path(name)
     try:
         return find(kind, folder / path if len(path.parts) > 1 or path.suffix else name)

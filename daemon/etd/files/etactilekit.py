@@ -73,10 +73,7 @@ def is_pattern(data: object) -> bool:
 
 
 def read_layout(path: Path) -> tuple[Array, tuple[str, ...]]:
-    """A layout as an array, and a sentence for each thing that had to be mended or assumed.
-
-    Raises: FileError.
-    """
+    """A layout as an array, and a sentence for each thing mended or assumed. Raises: FileError."""
     data, mended = read_json(path)
     array, assumed = layout_to_array(data, path)
     return array, mended + assumed

@@ -101,10 +101,7 @@ class EngineLink:
         return self._channels[which]
 
     def stop(self, stop: StopNow) -> None:
-        """Send it, or close the link: without its gateway the engine stops stimulating.
-
-        Raises: Refused (`engine_gone`).
-        """
+        """Or close the link: an engine alone stops stimulating. Raises: Refused (`engine_gone`)."""
         commands = self._open_channel(0)
         if not commands.send(stop):
             self._open_channel(0)

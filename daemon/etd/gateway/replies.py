@@ -78,9 +78,7 @@ def marked(answer: Answer) -> MarkReply:
 
 
 def check_fits(calibration: Calibration, engine_hello: EngineHello) -> None:
-    """A calibration for another array or body site is not stored. The engine checks the maxima when
-    it is opened. Raises: Refused (`bad_calibration`).
-    """
+    """Array and body site; the engine checks its maxima. Raises: Refused (`bad_calibration`)."""
     electrodes = engine_hello.array.electrodes
     for what, given, here in (
         ("array", calibration.array, engine_hello.array.name),

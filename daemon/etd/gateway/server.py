@@ -246,9 +246,7 @@ class Gateway:
         self._send(inbound, msgspec.structs.replace(reply, now_ns=self._clock.now_ns(), id=id))
 
     def _send(self, inbound: InboundMessage, reply: Success | Failure) -> None:
-        """Sends a reply if its client is still there; a client that left or does not read is
-        counted.
-        """
+        """A client that has left, or that does not read, is counted."""
         try:
             self._sockets.control.send_multipart(
                 [*inbound.route, _encoder.encode(reply)], zmq.NOBLOCK

@@ -104,9 +104,7 @@ class Sockets:
 
 @contextmanager
 def _group_only() -> Iterator[None]:
-    """Socket files get mode 0660 from the start: a user who can write to a socket file can
-    connect.
-    """
+    """Socket files get mode 0660 from the start: a user who can write to one can connect."""
     before = os.umask(0o117)
     try:
         yield

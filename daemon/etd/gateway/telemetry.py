@@ -70,10 +70,7 @@ class Publisher:
                 self._publish(topic, body)
 
     def refused_stream(self, refusals: list[tuple[int | None, Refused]], now_ns: int) -> None:
-        """Streamed frames (seq, why) refused here in one turn: one report for each code.
-
-        `count` goes up by all of them.
-        """
+        """Streamed frames refused in one turn: one report a code, and `count` has all of them."""
         self._refused_here += len(refusals)
         newest = {refusal.code: (seq, refusal) for seq, refusal in refusals}
         for seq, refusal in newest.values():

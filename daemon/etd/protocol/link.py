@@ -235,10 +235,7 @@ class Channel(Generic[In]):
         return True
 
     def receive(self) -> In | None:
-        """The next message, or None if there is none now (or no connection any more).
-
-        Raises: Undecodable for bytes that are no message of the other end.
-        """
+        """The next message, or None. Raises: Undecodable for bytes that are none."""
         if not self.is_open or not self._poller.poll(0):
             return None
         try:

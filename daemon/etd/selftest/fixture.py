@@ -30,9 +30,7 @@ LOAD_OPTIONS = f"--dummy-load OHM {SECOND_LOAD_OPTION} --load-electrodes A,B"
 
 @dataclass(frozen=True, slots=True)
 class DummyLoad:
-    """A resistor between two electrodes; naming it on the command line confirms that no person is
-    connected.
-    """
+    """A resistor between two electrodes; to name it confirms that no person is connected."""
 
     resistance_ohm: int
     first: int

@@ -67,10 +67,7 @@ def climb(
     beside_ohm: float,
     most_ua: int,
 ) -> list[Rung]:
-    """All steps up to `most_ua`, or those up to the first one that disagrees, which fails.
-
-    Raises: BusError, BoardFault, GuardRefusal.
-    """
+    """Steps to `most_ua`, or to one that fails. Raises: BusError, BoardFault, GuardRefusal."""
     rungs: list[Rung] = []
     for step in range(1, _STEPS + 1):
         commanded_ua, result = prober.into_load(load.first, most_ua * step // _STEPS)

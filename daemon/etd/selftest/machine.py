@@ -34,9 +34,7 @@ def check(fixture: Fixture, log: CheckLog) -> None:
 
 
 def check_after(fixture: Fixture, log: CheckLog) -> None:
-    """After the last pulse: temperature and supply, and the flags that the firmware has set since
-    the test began. Raises: nothing.
-    """
+    """After the last pulse: temperature, supply, flags set since the start. Raises: nothing."""
     before, now = fixture.health_before, fixture.host.health()
     temperature_c = now.temperature_c
     wrong = [

@@ -127,9 +127,7 @@ class Prober:
         return self._checked(*self._fire(electrode, self.probe_ua, True, is_blanked=True))
 
     def latched(self, electrode: int, behind: int) -> tuple[int, PulseResult]:
-        """A probe with this electrode latched and another one shifted in; half-bridges only.
-        Raises: as `probe`.
-        """
+        """With it latched, another shifted in behind; half-bridges only. Raises: as `probe`."""
         self.reset_chain()
         return self._checked(*self._fire(electrode, self.probe_ua, True, behind=behind))
 

@@ -63,9 +63,7 @@ class Measured:
 
 
 class Part(Measured):
-    """A load relative to the leak, from two readings with the same current, so that it does not
-    depend on the current's exact value.
-    """
+    """A load relative to the leak, from two readings of one current, whose value cancels out."""
 
     __slots__ = ()
 
@@ -88,9 +86,7 @@ class Part(Measured):
 
 @dataclass(frozen=True, slots=True)
 class NearerOf:
-    """Whether a reading is of the load or of an open node, by the nearer one: for checks of
-    switches, not of values.
-    """
+    """Whether a reading is nearer to the load or to an open node: tells switches, not values."""
 
     load_v: float
     open_v: float
@@ -113,9 +109,7 @@ class NearerOf:
 
 
 def mean_v(prober: Prober, electrode: int) -> tuple[float, float]:
-    """(commanded_ua, V) of probes up to the weak one. Raises: BusError, BoardFault,
-    GuardRefusal.
-    """
+    """(commanded_ua, V), probes up to the weak one. Raises: BusError, BoardFault, GuardRefusal."""
     results = [
         prober.probe(electrode, current_ua=prober.probe_ua * (_WEAKER_BY - weaker) // _WEAKER_BY)
         for weaker in range(_PARTS)

@@ -35,9 +35,7 @@ _TOLD, _FORGIVEN = math.log(1.25), math.log(1.1)
 
 
 class CommonMode:
-    """For all electrodes of one law. `on_rejected` hears "common" when a good deal is taken
-    back.
-    """
+    """For all electrodes of one law. `on_rejected` hears "common" when much is taken back."""
 
     def __init__(self, on_rejected: OnRejected) -> None:
         self._on_rejected = on_rejected

@@ -50,9 +50,7 @@ class ResistanceLaw:
         estimate: ElectrodeEstimate,
         law: Callable[[Sequence[float], float], float],
     ) -> float:
-        """The accepted factor; toward 1 where no resistance is believed. `law` makes a factor of
-        the resistances seen and the reference.
-        """
+        """The accepted factor, toward 1 where nothing is believed. `law`: of seen and reference."""
         compared = self._references.compared(estimate, request.current_ua)
         if compared is None:
             return self._slewed(estimate, 1.0)

@@ -21,9 +21,7 @@ def held_us(request: PulseRequest, exact_us: float, min_width_us: int, max_widen
 def as_charge(
     request: PulseRequest, exact_us: float, min_width_us: int, max_widening: float
 ) -> PulseRequest:
-    """The same charge as `exact_us` would have; the current makes up for the rounding, downward
-    only.
-    """
+    """The charge of `exact_us`; the current makes up for the rounding, downward only."""
     width_us = held_us(request, exact_us, min_width_us, max_widening)
     current_ua = int(request.current_ua * min(1.0, exact_us / width_us))
     return replace(request, current_ua=current_ua, width_us=width_us)

@@ -52,9 +52,7 @@ def narrowest() -> End:
 
 
 class SaturationMonitor:
-    """For all electrodes of one law, at one end; `on_rejected` is called when it begins to be
-    doubted.
-    """
+    """For all electrodes of one law, at one end; `on_rejected` is called when a doubt begins."""
 
     def __init__(self, end: End, on_rejected: Callable[[], object]) -> None:
         self._end = end

@@ -46,9 +46,7 @@ class _SettlingContact:
     touched_ns: int | None = None
 
     def remember(self, log_ohm: float, now_ns: int) -> None:
-        """Update the lowest recent resistance: down when two pulses agree, since one may be wrong,
-        and up slowly.
-        """
+        """The lowest recent resistance: down when two pulses agree (one may err), up slowly."""
         confirmed = max(log_ohm, self.last_log_ohm)
         self.last_log_ohm = log_ohm
         elapsed_ns = min(max(0, now_ns - self.then_ns), MAX_AGE_NS)
