@@ -14,9 +14,8 @@ import pytest
 
 from etd import cli
 from etd.cli.explain import NAMES, SHOWN
-from etd.explain import svgplot
+from etd.explain import FIGURES, svgplot
 from etd.explain.figure import Axis, Curve, Figure
-from etd.explain.figures import FIGURES
 from etd.explain.strength import spread_rates
 from etd_body.membrane import Membrane, NerveConstants
 from etd_body.nerve import THRESHOLD_MV

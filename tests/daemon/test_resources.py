@@ -30,7 +30,7 @@ def test_a_path_is_taken_as_it_is(tmp_path: Path) -> None:
     mine = tmp_path / "mine.toml"
     mine.write_text("")
     assert resources.find("boards", str(mine)) == mine
-    assert resources.find("boards", mine) == mine
+    assert resources.find("boards", "./mine.toml", tmp_path) == mine
 
 
 @pytest.mark.parametrize("path", ["./pi4", "nowhere/pi4.toml", "pi4.toml", "../machines/pi4"])

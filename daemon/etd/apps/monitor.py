@@ -33,6 +33,7 @@ CONTACT_SIGNS: dict[ContactState, str] = {
     "shorted": "=",
     "unknown": "?",
 }
+_CONTACT: dict[bool | None, ContactState] = {True: "closed", False: "open", None: "unknown"}
 #: From brightest to black, on a logarithmic scale.
 _LEAST_OHM, _MOST_OHM = 3_000, 1_000_000
 #: The pressure of full brightness.
@@ -116,12 +117,7 @@ class Monitor:
     def _hear_contact(self, report: Contact) -> None:
         self._pressed(report.pressure_kpa, report.t_ns)
         for electrode, touches in enumerate(report.contact):
-            kinds: dict[bool | None, ContactState] = {
-                True: "closed",
-                False: "open",
-                None: "unknown",
-            }
-            self._contact[electrode] = kinds[touches]
+            self._contact[electrode] = _CONTACT[touches]
             self._reported_ns[electrode] = report.t_ns
             self._set_ohm(electrode, report.resistance_ohm[electrode])
 
@@ -155,7 +151,7 @@ class Monitor:
         electrodes = range(self.facts.array.electrodes)
         found = [
             Panel("wanted", self._of_full("wanted_ua")),
-            Panel("delivered", self.brightness()),
+            Panel("delivered", self._of_full("delivered_ua")),
             Panel(
                 "resistance",
                 [_bright_of_ohm(self._known_ohm.get(electrode)) for electrode in electrodes],
@@ -186,11 +182,8 @@ class Monitor:
             frozenset(bad),
         )
 
-    def brightness(self) -> list[float | None]:
-        """The delivered current, 1 at the highest wanted or allowed uncalibrated one."""
-        return self._of_full("delivered_ua")
-
     def _of_full(self, key: str) -> list[float | None]:
+        """0..1 for each electrode: 1 is the highest wanted or allowed uncalibrated current."""
         electrodes = self.facts.array.electrodes
         if self.fired is None or self.is_silent:
             return [0.0] * electrodes

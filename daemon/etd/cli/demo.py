@@ -67,11 +67,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _display(address: str, has_calibration: bool) -> Display:
-    if has_calibration:
-        return Display(address=address, client="etd demo")
-    return Display(
-        address=address, client="etd demo", max_current_ua=_CURRENT_UA, width_us=_WIDTH_US
-    )
+    current_ua, width_us = (None, None) if has_calibration else (_CURRENT_UA, _WIDTH_US)
+    return Display(address=address, client="etd demo", max_current_ua=current_ua, width_us=width_us)
 
 
 class Demo:

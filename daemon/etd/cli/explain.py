@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
             f"--plot {args.plot}: plots are SVG: name a file that ends in .svg"
             " (`rsvg-convert FILE.svg -o FILE.png` converts it)"
         )
-    from etd.explain.figures import FIGURES
+    from etd.explain import FIGURES
     from etd.explain.svgplot import svg_of
 
     figure = FIGURES[args.figure]()

@@ -41,22 +41,6 @@ level of 1 is that current, which is also the limit, at the file's rate and pola
 ARM_WITHIN_S = 20.0
 
 
-class Played(msgspec.Struct, frozen=True, kw_only=True):
-    """The answer with `--json`."""
-
-    ok: bool
-    file: str
-    backend: str
-    frames: int
-    clamped_frames: int
-    clamped: list[object]
-    not_fired: dict[str, int]
-    slowed_to_hz: float | None
-    soft_start_s: float
-    played_s: float
-    told: list[str]
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help="the pattern")
     options.add_name(parser)
@@ -201,19 +185,19 @@ def _arm(
 
 def _answer(args: argparse.Namespace, backend: str, summary: Summary, teller: _Teller) -> None:
     if args.json:
-        played = Played(
-            ok=True,
-            file=str(args.file),
-            backend=backend,
-            frames=summary.frames,
-            clamped_frames=len(summary.clamped_frames),
-            clamped=list(summary.clamped.values()),
-            not_fired=dict(summary.not_fired),
-            slowed_to_hz=summary.slowed_to_hz,
-            soft_start_s=round(summary.soft_start_s, 3),
-            played_s=round(summary.played_s, 3),
-            told=teller.told,
-        )
+        played = {
+            "ok": True,
+            "file": str(args.file),
+            "backend": backend,
+            "frames": summary.frames,
+            "clamped_frames": len(summary.clamped_frames),
+            "clamped": list(summary.clamped.values()),
+            "not_fired": dict(summary.not_fired),
+            "slowed_to_hz": summary.slowed_to_hz,
+            "soft_start_s": round(summary.soft_start_s, 3),
+            "played_s": round(summary.played_s, 3),
+            "told": teller.told,
+        }
         print(msgspec.json.encode(played).decode())
         return
     for clamp in summary.clamped.values():

@@ -132,20 +132,13 @@ def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
         args.misused("--trace: a board process writes its own trace; give the option to it")
     if args.machine is not None and args.board_socket is not None:
         args.misused("--machine: a board process has the times of a pi4")
-    if loaded.config.backend == "linux" and (args.trace or args.board_socket):
-        raise FileError(
-            "--trace" if args.trace else "--board-socket",
-            "",
-            "real buses cannot be recorded or replaced",
-            "omit it, or use --board fake",
-        )
-    if loaded.config.backend == "linux" and args.timeout_factor is not None:
-        raise FileError(
-            "--timeout-factor",
-            "",
-            "time-outs cannot be lengthened with a real board",
-            "omit it, or use --board fake",
-        )
+    for option, given, why in (
+        ("--trace", args.trace, "real buses cannot be recorded or replaced"),
+        ("--board-socket", args.board_socket, "real buses cannot be recorded or replaced"),
+        ("--timeout-factor", args.timeout_factor, "a real board's time-outs cannot be lengthened"),
+    ):
+        if loaded.config.backend == "linux" and given is not None:
+            raise FileError(option, "", why, "omit it, or use --board fake")
 
 
 # --- both parts ------------------------------------------------------------------------------

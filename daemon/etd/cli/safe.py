@@ -82,8 +82,7 @@ class _Settings:
     folder: Path
 
     def path(self, kind: Kind, name: str) -> Path:
-        path = Path(name)
-        return find(kind, self.folder / path if len(path.parts) > 1 or path.suffix else name)
+        return find(kind, name, self.folder)
 
 
 def _settings(args: argparse.Namespace) -> _Settings:

@@ -146,13 +146,9 @@ class Session:
 
     def frame(self, fields: dict[str, object]) -> Flow[FrameReply]:
         """One frame with an answer; the lease is opened if none was."""
-        yield from self._opened_lease()
+        yield from self.opened()
         reply: FrameReply = yield self._ask("frame", self._numbered(fields))
         return reply
-
-    def opened(self) -> Flow[None]:
-        """Have a lease, for frames that are streamed."""
-        yield from self._opened_lease()
 
     def streamed(self, fields: dict[str, object]) -> bytes:
         """A frame for the frames socket. Raises: Refused (`no_lease`, `too_large`)."""
@@ -203,9 +199,10 @@ class Session:
                 if refusal.code not in ("no_lease", "other_lease"):
                     raise
                 self.lease = None
-        yield from self._opened_lease()
+        yield from self.opened()
 
-    def _opened_lease(self) -> Flow[None]:
+    def opened(self) -> Flow[None]:
+        """Have a lease: opened if there is none."""
         if self.lease is not None:
             return
         limits = yield from self._limits()

@@ -153,9 +153,8 @@ def _read_array(path: Path) -> tuple[Array, tuple[str, ...]]:
 
 def _resolve(kind: Kind, name: str, folder: Path, source: str, key: str) -> Path:
     """A path is from `folder`, all else a shipped name. Raises: FileError, naming what names it."""
-    path = Path(name)
     try:
-        return find(kind, folder / path if len(path.parts) > 1 or path.suffix else name)
+        return find(kind, name, folder)
     except FileError as error:
         raise FileError(source, key, f"it says {name!r}: {error.value}", error.allowed) from error
     except OSError as error:

@@ -27,36 +27,19 @@ def names(kind: Kind) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in (config_dir() / kind).glob("*.toml")))
 
 
-def find(kind: Kind, name_or_path: str | Path) -> Path:
+def find(kind: Kind, name: str, folder: Path = Path()) -> Path:
     """The path of a shipped file given by name, or of any file given by path.
 
-    What has a folder in it or ends in a suffix is a path (`./mine.toml`, `mine.json`); all else
-    is a name. Raises: FileError, listing the names there are.
+    What has a folder in it or ends in a suffix is a path (`./mine.toml`, `mine.json`), from
+    `folder`; all else is a name. Raises: FileError, listing the names there are.
     """
-    if _is_path(name_or_path):
-        return _existing(Path(name_or_path), kind)
-    wanted = config_dir() / kind / f"{name_or_path}.toml"
-    if str(name_or_path) in names(kind):
-        return wanted
-    raise FileError(
-        str(wanted),
-        "",
-        f"there is no {name_or_path!r} among the shipped {kind}",
-        _advice(kind),
-    )
-
-
-def _is_path(name_or_path: str | Path) -> bool:
-    if isinstance(name_or_path, Path):
-        return True
-    return "/" in name_or_path or "\\" in name_or_path or Path(name_or_path).suffix != ""
-
-
-def _existing(path: Path, kind: Kind) -> Path:
+    path, what = folder / name, "there is no such file"
+    if "/" not in name and "\\" not in name and not Path(name).suffix:
+        path = config_dir() / kind / f"{name}.toml"
+        what = f"there is no {name!r} among the shipped {kind}"
     if path.is_file():
         return path
-    raise FileError(str(path), "", "there is no such file", _advice(kind))
-
-
-def _advice(kind: Kind) -> str:
-    return f"name one of {', '.join(names(kind)) or '(none are shipped)'}, or give a path to a file"
+    advice = (
+        f"name one of {', '.join(names(kind)) or '(none are shipped)'}, or give a path to a file"
+    )
+    raise FileError(str(path), "", what, advice)

@@ -26,7 +26,7 @@ from etd.gateway.sockets import Sockets
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
 from etd.protocol.errors import Refused
-from etd.protocol.link import ALIVE_NS, Answer, EngineHello, LeaseEnded, Report
+from etd.protocol.link import ALIVE_NS, Answer, EngineHello, LeaseEnded
 from etd.protocol.messages import Failure, Id, Request, Stop, Success
 from etd_hal.ports import Clock
 
@@ -177,14 +177,11 @@ class Gateway:
             elif isinstance(message, EngineHello):
                 self._journal.engine_found(message)
             else:
-                self._pass_on(message)
+                if message.state is not None:
+                    self._journal.state(message.state)
+                self._publisher.pass_on(message, self._clock.now_ns())
         if self._engine.has_ended:
             self._lose_engine(self._clock.now_ns())
-
-    def _pass_on(self, report: Report) -> None:
-        if report.state is not None:
-            self._journal.state(report.state)
-        self._publisher.pass_on(report, self._clock.now_ns())
 
     def _settle(self, answer: Answer) -> None:
         pending = self._pending.take(answer.ref)

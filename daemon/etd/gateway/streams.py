@@ -56,7 +56,8 @@ class Streams:
                 self._handler.pass_on(*newest, ref=0)
             except Refused as refusal:
                 refusals.append((newest[0].seq, refusal))
-        return self._counted(refusals)
+        self._counters.update(f"refused_{why.code}" for _, why in refusals)
+        return refusals
 
     def _newer(
         self,
@@ -67,8 +68,3 @@ class Streams:
             return this
         self._counters["superseded"] += 1
         return this if this[0].seq > before[0].seq else before
-
-    def _counted(self, refusals: Refusals) -> Refusals:
-        for _, refusal in refusals:
-            self._counters[f"refused_{refusal.code}"] += 1
-        return refusals

@@ -32,10 +32,9 @@ class CheckLog:
         self, name: str, is_good: bool, measured: str, expected: str = "", advice: str = ""
     ) -> bool:
         """Pass or fail; the advice is kept only where it is needed."""
-        if is_good:
-            self._add(name, "pass", measured, expected, "")
-        else:
-            self._add(name, "fail", measured, expected, advice)
+        self._add(
+            name, "pass" if is_good else "fail", measured, expected, "" if is_good else advice
+        )
         return is_good
 
     def skip(self, name: str, why: str, advice: str) -> None:

@@ -54,7 +54,9 @@ def check(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> None:
         is_right = monitor.low_v <= rail_v <= monitor.high_v
         log.judge("rail", is_right, f"{rail_v:.0f} V", _range(monitor), _RAIL_ADVICE)
         return
-    rail_v = _settled_off(fixture, monitor)
+    # It may have been on before the test: wait for its fall.
+    _wait_for(fixture, lambda rail_v: rail_v < monitor.off_v, monitor.fall_ms)
+    rail_v = fixture.rail_v()
     is_off = log.judge(
         "off",
         rail_v < monitor.off_v,
@@ -68,12 +70,6 @@ def check(fixture: Fixture, log: CheckLog, monitor: RailMonitor) -> None:
 
 def _range(monitor: RailMonitor) -> str:
     return f"{monitor.low_v} to {monitor.high_v} V"
-
-
-def _settled_off(fixture: Fixture, monitor: RailMonitor) -> float:
-    """The rail after waiting for its fall: it may have been on before the test."""
-    _wait_for(fixture, lambda rail_v: rail_v < monitor.off_v, monitor.fall_ms)
-    return fixture.rail_v()
 
 
 def _wait_for(

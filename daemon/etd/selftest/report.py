@@ -173,7 +173,8 @@ def arming_refusal(path: Path, now: Subject) -> str | None:
         return None if is_fake else f"this board has not been tested (no {path}): {_AGAIN}"
     another = difference(report.subject, now)
     if another is not None:
-        return None if is_fake else _of_another(report, another)
+        date = f"{report.date:%Y-%m-%d %H:%M}"
+        return None if is_fake else f"the last self-test, of {date}, was of {another}: {_AGAIN}"
     bad = report.first_bad
     if report.is_pass:
         return None
@@ -187,8 +188,3 @@ def arming_refusal(path: Path, now: Subject) -> str | None:
             f" {path}"
         )
     return f"the self-test of {report.date:%Y-%m-%d %H:%M} did not pass: {what.strip()}: {remedy}"
-
-
-def _of_another(report: Report, another: str) -> str:
-    date = f"{report.date:%Y-%m-%d %H:%M}"
-    return f"the last self-test, of {date}, was of {another}: {_AGAIN}"

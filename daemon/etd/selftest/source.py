@@ -73,7 +73,14 @@ def _check_steps(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoa
     source = fixture.file.source
     most_ua = min(prober.strongest_ua, reachable_ua(fixture, beside_ohm))
     if most_ua < prober.strongest_ua:
-        _judge_too_large(fixture, log, most_ua, prober.strongest_ua)
+        log.judge(
+            "steps",
+            False,
+            f"the source reaches {most_ua} uA into this load: nothing was fired",
+            f"{prober.strongest_ua} uA, the highest current allowed for a person",
+            "test again with a --dummy-load of at most"
+            f" {largest_here_ohm(fixture, prober.strongest_ua)} ohm",
+        )
         return
     rungs = climb(fixture, log, prober, load, beside_ohm, most_ua)
     if log.stage_failed:
@@ -112,16 +119,6 @@ def _check_steps(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoa
         return
     read_v = [rung.shot.voltage_v for rung in rungs]
     adcbits.check(fixture, log, prober, load, read_v, gain * beside_ohm / 1e6)
-
-
-def _judge_too_large(fixture: Fixture, log: CheckLog, most_ua: int, strongest_ua: int) -> None:
-    log.judge(
-        "steps",
-        False,
-        f"the source reaches {most_ua} uA into this load: nothing was fired",
-        f"{strongest_ua} uA, the highest current allowed for a person",
-        f"test again with a --dummy-load of at most {largest_here_ohm(fixture, strongest_ua)} ohm",
-    )
 
 
 def _check_compliance(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
