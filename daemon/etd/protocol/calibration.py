@@ -57,14 +57,14 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     date: datetime.date
     program: PlainText
     electrode: tuple[ElectrodeLimits, ...]
+    #: I = threshold + (comfortable - threshold) x level^(1/gamma)
+    gamma: Annotated[float, Meta(ge=0.5, le=3.0)] = 1.0
     #: How thresholds were found, and the number of pulses in a presentation.
     method: Method | None = None
     pulses: Annotated[int, Meta(ge=1, le=1_000)] | None = None
     #: The shape that the body site gave every pulse then. A file without it was made with plain
     #: pulses.
     shape: Shape = PLAIN
-    #: I = threshold + (comfortable - threshold) x level^(1/gamma)
-    gamma: Annotated[float, Meta(ge=0.5, le=3.0)] = 1.0
 
 
 def current_of_level(limits: ElectrodeLimits, level: float, gamma: float) -> int:
