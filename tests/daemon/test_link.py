@@ -24,9 +24,8 @@ from etd.protocol.link import (
     StopNow,
     ToEngine,
     ToGateway,
-    command_path,
     connect,
-    frame_path,
+    socket_paths,
 )
 
 Pair = tuple[Channel[ToEngine], Channel[ToGateway]]
@@ -187,7 +186,7 @@ def test_a_second_engine_of_the_same_name_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_socket_left_by_a_dead_engine_is_taken_over(tmp_path: Path) -> None:
-    for path in (command_path(tmp_path), frame_path(tmp_path)):
+    for path in socket_paths(tmp_path):
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as left:
             left.bind(str(path))
     assert len(list(tmp_path.iterdir())) == 2

@@ -18,7 +18,6 @@ from etd.protocol.messages import (
     Halt,
     HelloReply,
     Modelled,
-    RefusedReport,
     Scan,
     StateReport,
 )
@@ -67,10 +66,8 @@ class Monitor:
     is_silent: bool = True
     modelled: Modelled | None = None
     pulses: int = 0
-    frames: int = 0
     clamped: tuple[Clamp, ...] = ()
     halt: Halt | None = None
-    refused: RefusedReport | None = None
     pressure_kpa: tuple[float | None, ...] = ()
     silent_sensors: tuple[str, ...] = ()
     _pressed_ns: int = 0
@@ -88,7 +85,6 @@ class Monitor:
                 self.ceiling_ua = report.ceiling_ua
                 self.pulses = report.counters.get("pulses", self.pulses)
                 self.silent_sensors = tuple(report.sensor_problems)
-                self.frames = report.counters.get("frames_shown", self.frames)
                 self._drop_stale(report.now_ns)
             case Scan():
                 self._hear_scan(report)
@@ -96,8 +92,6 @@ class Monitor:
                 self._hear_contact(report)
             case Modelled():
                 self.modelled = report
-            case RefusedReport():
-                self.refused = report
             case Halt():
                 self.halt = report
 

@@ -9,7 +9,7 @@ With levels, rate, width and polarity are the calibration's: levels hold for its
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from etd.client import FrameOptions
@@ -86,13 +86,8 @@ def steps_of(
 
 def silent(step: Step, duration_ms: int) -> Step:
     """The same frame without stimulation."""
-    return Step(
-        kind=step.kind,
-        numbers=(0,) * len(step.numbers),
-        options=step.options,
-        duration_ms=duration_ms,
-        largest_ua=0,
-    )
+    zeros = (0,) * len(step.numbers)
+    return replace(step, numbers=zeros, duration_ms=duration_ms, largest_ua=0, ends_frame=True)
 
 
 def _frame_steps(

@@ -36,10 +36,8 @@ class Screen:
 
     def begin(self) -> None:
         """Before the first question, during the soft start."""
-        if self._is_quiet:
-            print(to_come(self._progress), file=sys.stderr, flush=True)
-        else:
-            print(to_come(self._progress), flush=True)
+        where = sys.stderr if self._is_quiet else sys.stdout
+        print(to_come(self._progress), file=where, flush=True)
 
     def ask(self, question: Question) -> None:
         """Print the question, and the picture when the electrode has changed."""

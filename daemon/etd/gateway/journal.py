@@ -39,9 +39,22 @@ _REJECTED = {
     "rejected_probe": "the ADC's samples did not change in the probe before a pulse, or the node"
     " was not at rest",
 }
-_WITHHELD = "probes_alone"
-#: Suspicious, but still in use.
-_NARROW = "rejected_narrow"
+_COUNTED = {
+    **{
+        key: (logging.WARNING, f"not stabilized for a while: {_REJECTED[key]}") for key in _REJECTED
+    },
+    # Suspicious, but still in use.
+    "rejected_narrow": (
+        logging.WARNING,
+        "a law by resistance has given one electrode almost nothing for 10 s: its resistance is"
+        " high at the edge of the skin, on skin that has dried since the calibration, or by a"
+        " wrong ADC gain (etd selftest measures it)",
+    ),
+    "probes_alone": (
+        logging.INFO,
+        "a pulse was withheld: the probe before it found no contact, or was too late",
+    ),
+}
 #: After so long without a problem, a sensor's next problem is logged again.
 _EPISODE_NS = 10_000_000_000
 #: Refusals are summed up at most this often.
@@ -154,21 +167,10 @@ class Journal:
                 self._log.warning("%s", sentence)
 
     def _log_rejections(self, counters: dict[str, int]) -> None:
-        for key, why in _REJECTED.items():
+        for key, (level, sentence) in _COUNTED.items():
             if self._has_begun(key, counters):
-                self._log.warning("not stabilized for a while: %s", why)
-        if self._has_begun(_NARROW, counters):
-            self._log.warning(
-                "a law by resistance has given one electrode almost nothing for 10 s: its"
-                " resistance is high at the edge of the skin, on skin that has dried since the"
-                " calibration, or by a wrong ADC gain (etd selftest measures it)"
-            )
-        if self._has_begun(_WITHHELD, counters):
-            self._log.info(
-                "a pulse was withheld: the probe before it found no contact, or was too late"
-            )
-        known = (*_REJECTED, _NARROW, _WITHHELD)
-        self._counted = {key: counters.get(key, 0) for key in known}
+                self._log.log(level, "%s", sentence)
+        self._counted = {key: counters.get(key, 0) for key in _COUNTED}
 
     def _log_sensors(self, report: StateReport) -> None:
         for name, why in report.sensor_problems.items():

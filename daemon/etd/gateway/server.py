@@ -22,7 +22,7 @@ from etd.gateway.inbound import InboundMessage, Unreadable, inbound_of, read_req
 from etd.gateway.journal import Journal
 from etd.gateway.lease import LeaseView
 from etd.gateway.pending import PendingRequest, PendingRequests
-from etd.gateway.sockets import Sockets
+from etd.gateway.sockets import Sockets, arrived
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
 from etd.protocol.errors import Refused
@@ -145,11 +145,7 @@ class Gateway:
 
     def _read_requests(self) -> list[tuple[Request | Unreadable, InboundMessage]]:
         requests: list[tuple[Request | Unreadable, InboundMessage]] = []
-        for _ in range(REQUESTS_A_TURN):
-            try:
-                parts = self._sockets.control.recv_multipart(zmq.NOBLOCK, copy=False)
-            except zmq.Again:
-                break
+        for parts in arrived(self._sockets.control, REQUESTS_A_TURN):
             inbound = inbound_of(parts)
             requests.append((_read(inbound), inbound))
         return requests

@@ -112,12 +112,15 @@ def _group_only() -> Iterator[None]:
         os.umask(before)
 
 
-def _count_events(monitor: Socket) -> int:
-    count = 0
-    for _ in range(_EVENTS_A_TURN):
+def arrived(socket: Socket, most: int) -> Iterator[list[zmq.Frame]]:
+    """The messages that are there, at most so many."""
+    for _ in range(most):
         try:
-            event = monitor.recv_multipart(zmq.NOBLOCK)
+            yield socket.recv_multipart(zmq.NOBLOCK, copy=False)
         except zmq.Again:
-            break
-        count += struct.unpack("=hi", event[0])[0] == zmq.EVENT_DISCONNECTED
-    return count
+            return
+
+
+def _count_events(monitor: Socket) -> int:
+    events = [struct.unpack("=hi", event[0].bytes)[0] for event in arrived(monitor, _EVENTS_A_TURN)]
+    return events.count(zmq.EVENT_DISCONNECTED)

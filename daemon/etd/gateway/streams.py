@@ -10,12 +10,10 @@ from __future__ import annotations
 
 from collections import Counter
 
-import zmq
-
 from etd.gateway.frames import FrameHandler
 from etd.gateway.inbound import inbound_of, read_frame, without_frames
 from etd.gateway.lease import StandingLease
-from etd.gateway.sockets import Socket
+from etd.gateway.sockets import Socket, arrived
 from etd.protocol.errors import Refused
 from etd.protocol.messages import FrameRequest
 
@@ -37,12 +35,8 @@ class Streams:
         """Pass the newest on; returns those that were refused, with their seq if it was read."""
         refusals: Refusals = []
         newest: tuple[FrameRequest, StandingLease] | None = None
-        for _ in range(FRAMES_A_TURN):
-            try:
-                inbound = inbound_of(self._socket.recv_multipart(zmq.NOBLOCK, copy=False))
-            except zmq.Again:
-                break
-            seq = None
+        for parts in arrived(self._socket, FRAMES_A_TURN):
+            inbound, seq = inbound_of(parts), None
             try:
                 frame = read_frame(inbound)
                 seq = frame.seq

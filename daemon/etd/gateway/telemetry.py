@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections import Counter
 
 import msgspec
-import zmq
 
 from etd.gateway.engine_link import EngineLink
-from etd.gateway.sockets import Socket
+from etd.gateway.sockets import Socket, arrived
 from etd.protocol.errors import Refused
 from etd.protocol.link import Report
 from etd.protocol.messages import RefusedReport, StateReport, Topic
@@ -94,13 +93,8 @@ class Publisher:
         return self._refused_here + self._refused_by_engine
 
     def _newcomers(self) -> bool:
-        found = False
-        for _ in range(_SUBSCRIPTIONS_A_TURN):
-            try:
-                found |= self._socket.recv(zmq.NOBLOCK).startswith(b"\x01")
-            except zmq.Again:
-                break
-        return found
+        news = [parts[0].bytes for parts in arrived(self._socket, _SUBSCRIPTIONS_A_TURN)]
+        return any(said.startswith(b"\x01") for said in news)
 
     def _publish(self, topic: Topic, body: msgspec.Struct) -> None:
         self._socket.send_multipart([topic.encode(), _encoder.encode(body)])

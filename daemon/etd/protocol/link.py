@@ -260,21 +260,16 @@ class Channel(Generic[In]):
         self._socket.close()
 
 
-def command_path(folder: Path) -> Path:
-    return folder / "engine-commands.sock"
-
-
-def frame_path(folder: Path) -> Path:
-    return folder / "engine-frames.sock"
+def socket_paths(folder: Path) -> tuple[Path, Path]:
+    """Of commands and frames."""
+    return folder / "engine-commands.sock", folder / "engine-frames.sock"
 
 
 class Listener:
     """The engine's end: waits for the one gateway on both sockets, never blocking."""
 
     def __init__(self, folder: Path) -> None:
-        self._listening = [
-            _listen(path, folder.name) for path in (command_path(folder), frame_path(folder))
-        ]
+        self._listening = [_listen(path, folder.name) for path in socket_paths(folder)]
 
     def accept(self) -> tuple[Channel[ToEngine], Channel[NewFrame]] | None:
         """Both channels of a gateway that has connected, or None."""
@@ -328,7 +323,7 @@ def connect(folder: Path) -> tuple[Channel[ToGateway], Channel[ToGateway]] | Non
     """The gateway's end: both channels, or None while no engine listens there."""
     opened: list[socket.socket] = []
     try:
-        for path in (command_path(folder), frame_path(folder)):
+        for path in socket_paths(folder):
             connection = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             opened.append(connection)
             connection.connect(str(path))
