@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -200,23 +201,19 @@ def _address(args: argparse.Namespace) -> contextlib.AbstractContextManager[str 
 
 def _display(args: argparse.Namespace, address: str | None) -> Display:
     """A display whose lease has the operator's limit; with equalize, the baseline's caps."""
-    client = f"etd calibrate {args.participant}"
+    opened = functools.partial(
+        Display, args.name, address=address, client=f"etd calibrate {args.participant}"
+    )
     if args.method == "equalize":
-        return Display(args.name, address=address, client=client, calibration=args.baseline)
-    with Display(args.name, address=address, client=client) as asking:
+        return opened(calibration=args.baseline)
+    with opened() as asking:
         with _wrong_use(args):
             _check_limit(args.max_current_ua, asking.facts)
         width_us = args.width_us
         if width_us is None:
             width_us = asking.facts.default_width_us
         width_us += asking.facts.shape.prepulse_us
-    return Display(
-        args.name,
-        address=address,
-        client=client,
-        max_current_ua=args.max_current_ua,
-        width_us=width_us,
-    )
+    return opened(max_current_ua=args.max_current_ua, width_us=width_us)
 
 
 def _check_limit(max_current_ua: int, facts: HelloReply) -> None:

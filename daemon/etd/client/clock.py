@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import time
 
-
-def now_ns() -> int:
-    """CLOCK_MONOTONIC, in nanoseconds."""
-    return time.monotonic_ns()
+#: CLOCK_MONOTONIC, in nanoseconds.
+now_ns = time.monotonic_ns
 
 
 def sleep_s(seconds: float) -> None:

@@ -101,21 +101,20 @@ def concentric() -> Figure:
 # --- the closed forms --------------------------------------------------------------------------
 
 
-def _strength() -> float:
-    """K in mV mm: the potential of the cathode is -K / r."""
-    return -RESISTIVITY_OHM_M * CURRENT_UA / (2.0 * pi)
+#: K in mV mm: the potential of the cathode is -K / r.
+_STRENGTH = -RESISTIVITY_OHM_M * CURRENT_UA / (2.0 * pi)
 
 
 def under_a_point(x_mm: float, depth_mm: float) -> float:
     """In mV/mm2: the second derivative of -K / r along x."""
     square = x_mm**2 + depth_mm**2
-    return float(_strength() * (depth_mm**2 - 2.0 * x_mm**2) / square**2.5)
+    return float(_STRENGTH * (depth_mm**2 - 2.0 * x_mm**2) / square**2.5)
 
 
 def under_a_ring(ring: float, depth_mm: float) -> float:
     """In mV/mm2, in the middle of a ring that takes all of the current back."""
     opposite = (2.0 * depth_mm**2 - ring**2) / (2.0 * (ring**2 + depth_mm**2) ** 2.5)
-    return under_a_point(0.0, depth_mm) - _strength() * float(opposite)
+    return under_a_point(0.0, depth_mm) - _STRENGTH * float(opposite)
 
 
 # --- the model ---------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from etd.explain.figure import Axis, Curve, Figure
 #: Without what a long name needs beside its curve's end.
 WIDTH, HEIGHT = 720, 440
 _LEFT, _RIGHT, _TOP, _BOTTOM = 76, 168, 58, 58
+_ACROSS, _UP = WIDTH - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
 _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _INK, _SOFT, _GRID, _PAPER = "#222222", "#555555", "#E4E4E4", "#FFFFFF"
 _FORMULA = "#888888"
@@ -60,8 +61,8 @@ def svg_of(figure: Figure) -> str:
         f'<rect width="{width}" height="{HEIGHT}" fill="{_PAPER}"/>',
         _text(_LEFT, 30, figure.title, size=16, color=_INK, weight=600),
         *_grid(x, y),
-        f'<clipPath id="inside"><rect x="{_LEFT}" y="{_TOP}" width="{_across()}"'
-        f' height="{_up()}"/></clipPath>',
+        f'<clipPath id="inside"><rect x="{_LEFT}" y="{_TOP}" width="{_ACROSS}"'
+        f' height="{_UP}"/></clipPath>',
         *_curves(figure.curves, x, y),
         "</svg>",
     ]
@@ -73,20 +74,12 @@ def _paper_width(curves: tuple[Curve, ...]) -> int:
     return max(WIDTH, WIDTH - _RIGHT + _NAME_AT + ceil(_LETTER * longest))
 
 
-def _across() -> int:
-    return WIDTH - _LEFT - _RIGHT
-
-
-def _up() -> int:
-    return HEIGHT - _TOP - _BOTTOM
-
-
 def _x(scaled: _Scaled, value: float) -> float:
-    return _LEFT + scaled.part(value) * _across()
+    return _LEFT + scaled.part(value) * _ACROSS
 
 
 def _y(scaled: _Scaled, value: float) -> float:
-    return _TOP + (1.0 - scaled.part(value)) * _up()
+    return _TOP + (1.0 - scaled.part(value)) * _UP
 
 
 # --- axes --------------------------------------------------------------------------------------
@@ -142,8 +135,8 @@ def _grid(x: _Scaled, y: _Scaled) -> Iterator[str]:
         yield _line(_LEFT, _y(y, 0.0), right, _y(y, 0.0), _SOFT)
     yield _line(_LEFT, bottom, right, bottom, _SOFT)
     yield _line(_LEFT, _TOP, _LEFT, bottom, _SOFT)
-    yield _text(_LEFT + _across() / 2, HEIGHT - 14, x.axis.label, anchor="middle", color=_INK)
-    middle = _TOP + _up() / 2
+    yield _text(_LEFT + _ACROSS / 2, HEIGHT - 14, x.axis.label, anchor="middle", color=_INK)
+    middle = _TOP + _UP / 2
     label = _text(20, middle, y.axis.label, anchor="middle", color=_INK)
     yield f'<g transform="rotate(-90 20 {middle:g})">{label}</g>'
 

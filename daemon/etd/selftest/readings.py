@@ -94,7 +94,8 @@ class NearerOf:
 
     def is_load(self, volts: float) -> bool:
         """A node on ground is neither."""
-        return self._least_v <= volts <= self._middle_v
+        least_v = self.load_v / 2 - _NOISE_CODES * self.step_v
+        return least_v <= volts <= self._middle_v
 
     def is_open(self, volts: float) -> bool:
         return volts > self._middle_v
@@ -102,10 +103,6 @@ class NearerOf:
     @property
     def _middle_v(self) -> float:
         return (self.load_v + self.open_v) / 2
-
-    @property
-    def _least_v(self) -> float:
-        return self.load_v / 2 - _NOISE_CODES * self.step_v
 
 
 def mean_v(prober: Prober, electrode: int) -> tuple[float, float]:

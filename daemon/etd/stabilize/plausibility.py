@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from etd.stabilize.common_mode import CommonMode
 from etd.stabilize.pipeline import OnRejected
-from etd.stabilize.saturation_monitor import SaturationMonitor, narrowest, widest
+from etd.stabilize.saturation_monitor import NARROWEST, SaturationMonitor, widest
 
 
 class Plausibility:
@@ -24,7 +24,7 @@ class Plausibility:
     def __init__(self, most: float, on_rejected: OnRejected) -> None:
         self._common_mode = CommonMode(on_rejected)
         self._widest = SaturationMonitor(widest(most), lambda: on_rejected("bound"))
-        self._narrowest = SaturationMonitor(narrowest(), lambda: on_rejected("narrow"))
+        self._narrowest = SaturationMonitor(NARROWEST, lambda: on_rejected("narrow"))
 
     def plausible(self, electrode: int, wanted: float, now_ns: int) -> float:
         """The accepted part of the factor that a law wants, above 0; never more than the factor."""

@@ -46,9 +46,8 @@ def widest(most: float) -> End:
     return End(near=most**_NEAR if most > 1.0 else float("inf"), away=most**_AWAY)
 
 
-def narrowest() -> End:
-    """Of the inverse of what is wanted."""
-    return End(near=1.0 / _NARROW, away=(1.0 / _NARROW) ** _AWAY)
+#: Of the inverse of what is wanted.
+NARROWEST = End(near=1.0 / _NARROW, away=(1.0 / _NARROW) ** _AWAY)
 
 
 class SaturationMonitor:
