@@ -98,48 +98,34 @@ def _frame_steps(
         options["returns"] = play_options.returns
     if play_options.allows_slower:
         options["allow_slower"] = True
+    numbers: tuple[float, ...]
     if play_options.currents is None:
-        step = _level_step(frame, play_options.level, options, calibration)
+        numbers = tuple(value * play_options.level for value in frame.level)
+        in_ua = (0,) if calibration is None else currents_of_levels(calibration, numbers)
     else:
-        step = _current_step(frame, play_options, play_options.currents, options)
-    return [step] if step.ends_frame else [step, silent(step, frame.off_ms)]
-
-
-def _level_step(
-    frame: PatternFrame, level: float, options: FrameOptions, calibration: Calibration | None
-) -> Step:
-    numbers = tuple(value * level for value in frame.level)
-    largest_ua = 0
-    if calibration is not None:
-        largest_ua = max(currents_of_levels(calibration, numbers))
-    return Step(
-        kind="level",
+        numbers = in_ua = _currents_ua(frame, play_options, play_options.currents, options)
+    step = Step(
+        kind="level" if play_options.currents is None else "current_ua",
         numbers=numbers,
         options=options,
         duration_ms=frame.duration_ms,
-        largest_ua=largest_ua,
+        largest_ua=max(in_ua),
         ends_frame=not frame.off_ms,
     )
+    return [step] if step.ends_frame else [step, silent(step, frame.off_ms)]
 
 
-def _current_step(
+def _currents_ua(
     frame: PatternFrame, play_options: PlayOptions, currents: Currents, options: FrameOptions
-) -> Step:
+) -> tuple[int, ...]:
+    """The options get rate, width and polarity."""
     rate_hz = frame.rate_hz or currents.default_rate_hz
     options["rate_hz"] = min(rate_hz, play_options.max_rate_hz or rate_hz)
     options["width_us"] = currents.width_us
     polarity = play_options.polarity or frame.polarity
     if polarity is not None:
         options["polarity"] = polarity
-    numbers = tuple(round(level * currents.current_ua) for level in frame.level)
-    return Step(
-        kind="current_ua",
-        numbers=numbers,
-        options=options,
-        duration_ms=frame.duration_ms,
-        largest_ua=max(numbers),
-        ends_frame=not frame.off_ms,
-    )
+    return tuple(round(level * currents.current_ua) for level in frame.level)
 
 
 def _report_lower_rates(pattern: Pattern, play_options: PlayOptions, tell: Report) -> None:

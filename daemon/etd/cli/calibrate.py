@@ -148,25 +148,14 @@ def run(args: argparse.Namespace) -> int:
             # A terminal that goes away, among others: no key could be pressed any more.
             display.stop()
             with contextlib.suppress(OSError):
-                said = _sentence(Stopped("stop"), calibrating)
+                said = calibrating.after(Stopped("stop"))
                 print(f"etd: {said}", file=sys.stderr, flush=True)
             raise
         except Stopped as stopped:
             code = "paused" if stopped.answer == "pause" else "stopped"
-            options.answer_no(args, code, _sentence(stopped, calibrating))
+            options.answer_no(args, code, calibrating.after(stopped))
             return 1
         return calibrating.settle()
-
-
-def _sentence(stopped: Stopped, calibrating: CalibrateSession) -> str:
-    if calibrating.has_found:
-        return f"{stopped}; the results are saved: {calibrating.same_command} continues"
-    if calibrating.has_lowered:
-        return (
-            f"{stopped}; no electrode has a result yet; what was too strong is saved:"
-            f" {calibrating.same_command} continues and stays below it"
-        )
-    return f"{stopped}; no electrode has a result yet: the same command starts again"
 
 
 def _check_combinations(args: argparse.Namespace) -> None:

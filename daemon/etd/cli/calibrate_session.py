@@ -121,7 +121,7 @@ class CalibrateSession:
                 self._args,
                 "unsettled",
                 f"{len(missing)} electrodes have no result, so nothing is stored:"
-                f" {self.same_command} tries them again, --leave-out"
+                f" {self._same_command} tries them again, --leave-out"
                 f" {','.join(map(str, missing))} omits them",
             )
             return 1
@@ -138,18 +138,19 @@ class CalibrateSession:
 
     # --- progress ----------------------------------------------------------------------------
 
-    @property
-    def has_found(self) -> bool:
-        """Whether an electrode has a result, of this run or an earlier one."""
-        return bool(self._progress.found)
+    def after(self, stopped: Stopped) -> str:
+        """What is saved, of this run or an earlier one, and how to continue."""
+        if self._progress.found:
+            return f"{stopped}; the results are saved: {self._same_command} continues"
+        if self._progress.lowered_ua:
+            return (
+                f"{stopped}; no electrode has a result yet; what was too strong is saved:"
+                f" {self._same_command} continues and stays below it"
+            )
+        return f"{stopped}; no electrode has a result yet: the same command starts again"
 
     @property
-    def has_lowered(self) -> bool:
-        """Whether something was too strong, in this run or an earlier one."""
-        return bool(self._progress.lowered_ua)
-
-    @property
-    def same_command(self) -> str:
+    def _same_command(self) -> str:
         """The command that continues from the saved progress."""
         return "the same command" + (" without --restart" if self._args.restart else "")
 

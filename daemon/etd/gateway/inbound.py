@@ -36,7 +36,7 @@ class InboundMessage:
 class Unreadable(Refused):
     """A message that cannot be decoded. Fields: those of Refused, and id."""
 
-    def __init__(self, refusal: Refused, id: Id | None) -> None:  # noqa: A002 (the wire's word)
+    def __init__(self, refusal: Refused, id: Id | None = None) -> None:  # noqa: A002 (the wire's word)
         self.id = id
         super().__init__(refusal.code, refusal.reason, refusal.electrode)
 
@@ -81,10 +81,8 @@ def read_request(inbound: InboundMessage) -> Request:
     A stop is a stop whatever else is wrong with the message: then it names no client.
     """
     if any(inbound.route[1:]) or len(inbound.route) > 2:
-        raise Unreadable(
-            Refused("bad_message", "a request must be one part, or an empty part and one more"),
-            None,
-        )
+        what = "a request must be one part, or an empty part and one more"
+        raise Unreadable(Refused("bad_message", what))
     try:
         request: Request = _read(inbound.data, _request_decoder)
     except Unreadable as unreadable:
@@ -97,18 +95,17 @@ def read_request(inbound: InboundMessage) -> Request:
 def read_frame(inbound: InboundMessage) -> FrameRequest:
     """A frame from the frames socket. Raises: Unreadable."""
     if inbound.route:
-        raise Unreadable(Refused("bad_message", "a streamed frame must be one part"), None)
+        raise Unreadable(Refused("bad_message", "a streamed frame must be one part"))
     frame: FrameRequest = _read(inbound.data, _frame_decoder)
     return frame
 
 
 def _read(data: bytes, decoder: msgspec.json.Decoder[Any]) -> Any:
+    if not data.startswith(b"{"):
+        what = "a message must be one JSON object in UTF-8, from { on"
+        raise Unreadable(Refused("bad_message", what))
     try:
-        if not data.startswith(b"{"):
-            raise Refused("bad_message", "a message must be one JSON object in UTF-8, from { on")
         return decoder.decode(data)
-    except Refused as refusal:
-        raise Unreadable(refusal, None) from None
     except msgspec.ValidationError as error:
         raise Unreadable(_why_invalid(data, str(error)), _id_of(data)) from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -183,20 +183,16 @@ class Gateway:
         pending = self._pending.take(answer.ref)
         if pending is None:
             self.counters["answers_too_late"] += 1
-        elif answer.error is not None:
-            refusal = Refused(
-                answer.error,
-                answer.reason,
-                answer.electrode,
-                answer.achievable_hz,
-                answer.bound_by,
-            )
-            self._refuse(pending.inbound, pending.id, refusal)
-        else:
-            self._finish(pending, answer)
-
-    def _finish(self, pending: PendingRequest, answer: Answer) -> None:
+            return
         try:
+            if answer.error is not None:
+                raise Refused(
+                    answer.error,
+                    answer.reason,
+                    answer.electrode,
+                    answer.achievable_hz,
+                    answer.bound_by,
+                )
             reply = pending.done(answer)
         except Refused as refusal:
             self._refuse(pending.inbound, pending.id, refusal)

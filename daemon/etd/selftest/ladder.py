@@ -37,21 +37,16 @@ class Rung:
     shot: PulseResult
 
 
-def largest_ohm(source: Source, strongest_ua: int) -> int | None:
+def largest_ohm(source: Source, most_ua: float, leak_ohm: float | None = None) -> int | None:
     """The largest load into which the source can drive this current; None: any load."""
-    return _largest_ohm(source, strongest_ua, source.leak_ohm)
+    leak_ohm = leak_ohm or source.leak_ohm
+    beside_ohm = source.compliance_v * _HEADROOM_NAMED / most_ua * 1e6
+    return None if beside_ohm >= leak_ohm else int(1 / (1 / beside_ohm - 1 / leak_ohm))
 
 
 def largest_here_ohm(fixture: Fixture, strongest_ua: int) -> int | None:
     """The same for this board, as it was measured."""
-    return _largest_ohm(fixture.file.source, strongest_ua * fixture.gain, fixture.leak_ohm)
-
-
-def _largest_ohm(source: Source, most_ua: float, leak_ohm: float) -> int | None:
-    beside_ohm = source.compliance_v * _HEADROOM_NAMED / most_ua * 1e6
-    if beside_ohm >= leak_ohm:
-        return None
-    return int(1 / (1 / beside_ohm - 1 / leak_ohm))
+    return largest_ohm(fixture.file.source, strongest_ua * fixture.gain, fixture.leak_ohm)
 
 
 def reachable_ua(fixture: Fixture, beside_ohm: float) -> int:
