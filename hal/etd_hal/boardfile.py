@@ -377,20 +377,13 @@ def _check_current_path(board: BoardFile, file: str) -> None:
             f" ({board.source.full_scale_ua} uA)",
             "give at most the full scale",
         )
-    if board.maxima.probe_current_ua > board.maxima.current_ua:
-        raise FileError(
-            file,
-            "maxima.probe_current_ua",
-            f"{board.maxima.probe_current_ua} uA is above current_ua",
-            "a probe is weaker than a stimulus",
-        )
-    if board.maxima.probe_width_us > board.maxima.width_us:
-        raise FileError(
-            file,
-            "maxima.probe_width_us",
-            f"{board.maxima.probe_width_us} us is above width_us",
-            "a probe is no wider than a stimulus",
-        )
+    for key, unit, advice in (
+        ("current_ua", "uA", "a probe is weaker than a stimulus"),
+        ("width_us", "us", "a probe is no wider than a stimulus"),
+    ):
+        probe = getattr(board.maxima, f"probe_{key}")
+        if probe > getattr(board.maxima, key):
+            raise FileError(file, f"maxima.probe_{key}", f"{probe} {unit} is above {key}", advice)
     if isinstance(board.switch, Relays) and board.switch.on_bit == board.switch.return_bit:
         raise FileError(
             file,

@@ -72,7 +72,8 @@ def _around(center_ua: float) -> Procedure[Threshold]:
         heard = yield center_ua * 10 ** float(quest.next_intensity)
         if heard.is_at_cap and not heard.is_cap_felt:
             most_ua = heard.current_ua
-        place = _nearest(log10(heard.current_ua / center_ua))
+        heard_at = log10(heard.current_ua / center_ua)
+        place = min(_grid(), key=lambda value: abs(value - heard_at))
         quest.update(intensity=place, response="Yes" if heard.is_felt else "No")
     found_ua = center_ua * 10 ** _half_felt(quest.param_estimate)
     if most_ua is not None and found_ua > most_ua:
@@ -96,10 +97,6 @@ def _spread(quest: Any) -> float:
 
 def _grid() -> tuple[float, ...]:
     return tuple(step * log10(_STEP) for step in range(-_STEPS, _STEPS + 1))
-
-
-def _nearest(place: float) -> float:
-    return min(_grid(), key=lambda value: abs(value - place))
 
 
 def _is_at_edge(ratio: float) -> bool:

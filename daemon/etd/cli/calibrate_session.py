@@ -34,7 +34,7 @@ from etd.files.paths import calibrating_file
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.version import __version__
-from etd_hal.compose import system_clock, wall_time
+from etd_hal.compose import wall_time
 
 ARM_WITHIN_S = 20.0
 _SAFE_WITHIN_S = 5.0
@@ -84,7 +84,7 @@ class CalibrateSession:
             stimulator = Stimulator(
                 self._display,
                 reports,
-                system_clock(),
+                clock.ClientClock(),
                 self._progress.conditions,
                 answerer.wants_stop,
                 body.hear,

@@ -16,3 +16,15 @@ def sleep_s(seconds: float) -> None:
     """Sleep; nothing if `seconds` is not above 0."""
     if seconds > 0:
         time.sleep(seconds)
+
+
+class ClientClock:
+    """The same as a port (`etd_hal.ports.Clock`), for what takes its time from one."""
+
+    def now_ns(self) -> int:
+        return now_ns()
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        sleep_s((deadline_ns - now_ns()) / 1e9)
+
+    doze_until_ns = sleep_until_ns

@@ -172,7 +172,7 @@ class Session:
         yield self._ask("calibration", {"do": "delete", "name": name})
 
     def settle(self, ask: Ask, data: bytes) -> Success | None:
-        """The reply to `ask`; None if the bytes answer another request. Raises: Refused."""
+        """The reply to `ask`; None if it answers another. Raises: Refused, as the daemon says."""
         envelope = _envelope_decoder.decode(data)
         if envelope.id != ask.id:
             return None

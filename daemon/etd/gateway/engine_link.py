@@ -101,7 +101,7 @@ class EngineLink:
         return self._channels[which]
 
     def stop(self, stop: StopNow) -> None:
-        """Or close the link: an engine alone stops stimulating. Raises: Refused (`engine_gone`)."""
+        """Sends it, or closes the link, which stops as well. Raises: Refused (`engine_gone`)."""
         commands = self._open_channel(0)
         if not commands.send(stop):
             self._open_channel(0)

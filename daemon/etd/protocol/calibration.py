@@ -98,7 +98,7 @@ def currents_of_levels(calibration: Calibration, levels: Sequence[float]) -> tup
 
 
 def check_shape_of_levels(calibration: Calibration, shape: Shape) -> None:
-    """A level means what it was calibrated to. Raises: Refused (`bad_frame`)."""
+    """A level means what it was calibrated to: the same shape. Raises: Refused (`bad_frame`)."""
     made_with, now = (made.at(calibration.width_us) for made in (calibration.shape, shape))
     if made_with != now:
         raise Refused(

@@ -187,7 +187,8 @@ class Prober:
         result, _ = self._firing.fire(ready, (is_anodic,))
         fixture.board.discharge()
         fixture.board.guard.permit(0)
-        self._note_excess(result, current_ua)
+        what = "probes" if current_ua <= self.probe_ua else "into the load"
+        self.over_us[what] = max(self.over_us[what], result.excess_ns / 1_000)
         self._check_course(result, pulse.commanded_ua)
         return pulse.commanded_ua, result
 
@@ -218,7 +219,3 @@ class Prober:
                 f" {commanded_ua} uA",
                 f"at most {most_v:.2f} V after 10 us: the source starts too strong",
             )
-
-    def _note_excess(self, result: PulseResult, current_ua: int) -> None:
-        what = "probes" if current_ua <= self.probe_ua else "into the load"
-        self.over_us[what] = max(self.over_us[what], result.excess_ns / 1_000)

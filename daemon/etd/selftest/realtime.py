@@ -34,7 +34,9 @@ def check(fixture: Fixture, log: CheckLog) -> None:
     log.judge(
         "realtime",
         not absent,
-        "; ".join(absent) or _described(found),
+        "; ".join(absent)
+        or f"{found.policy} {found.priority} on core {_listed(found)},"
+        f" {found.locked_kb / 1_024:.0f} MiB locked, timer slack {found.timer_slack_ns} ns",
         "scheduler, core, timer slack and locked memory",
         "run it as root or by systemd, or allow rtprio and memlock in limits.conf",
     )
@@ -52,13 +54,6 @@ def missing(found: Obtained, priority: int, core: int | None) -> list[str]:
     if found.timer_slack_ns >= _SLACK_NS:
         problems.append(f"the timer slack is {found.timer_slack_ns} ns")
     return problems
-
-
-def _described(found: Obtained) -> str:
-    return (
-        f"{found.policy} {found.priority} on core {_listed(found)},"
-        f" {found.locked_kb / 1_024:.0f} MiB locked, timer slack {found.timer_slack_ns} ns"
-    )
 
 
 def _listed(found: Obtained) -> str:

@@ -41,7 +41,8 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad) -> N
     begun_ns = fixture.clock.now_ns()
     done = 0
     off: list[str] = []
-    for number in range(_rounds(fixture)):
+    rounds = max(_LEAST_ROUNDS, -(-_LEAST_SELECTIONS // (2 * len(fixture.free))))
+    for number in range(rounds):
         prober.reset_chain()
         for electrode, is_loaded in _round(fixture, load, is_load_first=number % 4 < 2):
             fixture.wait_ms(pause_ms)
@@ -60,10 +61,6 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad) -> N
         "the chain of switches sometimes fails: check its clock, data and latch with an"
         " oscilloscope, its supply, the level shifter, and loose wires",
     )
-
-
-def _rounds(fixture: Fixture) -> int:
-    return max(_LEAST_ROUNDS, -(-_LEAST_SELECTIONS // (2 * len(fixture.free))))
 
 
 def _round(fixture: Fixture, load: DummyLoad, *, is_load_first: bool) -> Iterator[tuple[int, bool]]:

@@ -31,7 +31,10 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
         for name in ("every_time", "steps", "linearity", "zero", "adc_bits", "compliance"):
             log.skip(name, "no confirmed dummy load", LOAD_OPTIONS)
     else:
-        _clear_the_board(fixture)
+        if fixture.operator is not None:
+            fixture.operator.stand_back()
+        # Waited for also without an operator to instruct.
+        fixture.wait_ms(_STAND_BACK_MS)
         if _is_still_there(fixture, log, prober, load):
             repeatability.check(fixture, log, prober, load)
         fixture.is_load_confirmed = not log.stage_failed
@@ -40,13 +43,6 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
         if not log.stage_failed:
             _check_compliance(fixture, log, prober)
     _check_one_shot(fixture, log)
-
-
-def _clear_the_board(fixture: Fixture) -> None:
-    """Wait in any case, also without an operator to instruct."""
-    if fixture.operator is not None:
-        fixture.operator.stand_back()
-    fixture.wait_ms(_STAND_BACK_MS)
 
 
 def _is_still_there(fixture: Fixture, log: CheckLog, prober: Prober, load: DummyLoad) -> bool:

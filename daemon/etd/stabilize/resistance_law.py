@@ -50,7 +50,7 @@ class ResistanceLaw:
         estimate: ElectrodeEstimate,
         law: Callable[[Sequence[float], float], float],
     ) -> float:
-        """The accepted factor, toward 1 where nothing is believed. `law`: of seen and reference."""
+        """The accepted factor of `law(seen_ohm, reference_ohm)`; toward 1 if none is believed."""
         compared = self._references.compared(estimate, request.current_ua)
         if compared is None:
             return self._slewed(estimate, 1.0)
