@@ -63,6 +63,8 @@ LONGEST_ONE_SHOT_US = 1_000_000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_name(parser)
     options.add_configuration(parser, "a fake board with a fake operator")
+    # The fake on a bench has the times of a pi4.
+    parser.set_defaults(machine=None)
     load_ohm = options.whole(*LOAD_OHM, "ohm")
     parser.add_argument(
         "--dummy-load", type=load_ohm, metavar="OHM", help="a resistor is connected, and no person"
