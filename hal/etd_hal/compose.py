@@ -286,6 +286,13 @@ def _on_fake(
     )
 
 
+def set_up_realtime(priority: int, core: int | None) -> tuple[str, ...]:
+    """Make the calling thread real-time; returns a sentence for each thing not granted."""
+    from etd_hal.linux.realtime import set_up
+
+    return set_up(priority, core)
+
+
 def system_clock() -> Clock:
     """CLOCK_MONOTONIC, for a process that has no board."""
     from etd_hal.linux.clock import LinuxClock

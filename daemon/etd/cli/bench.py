@@ -37,7 +37,6 @@ from etd_hal.compose import (
     wall_time,
 )
 
-NAME = "bench"
 HELP = "measure what this machine takes for a pulse, with or without a board"
 EPILOG = """
 examples:
