@@ -13,13 +13,14 @@ from typing import Any
 import msgspec
 
 from etd_body.interface import Sides
-from etd_hal.board import Board, PulseResult
+from etd_hal.board import Board
 from etd_hal.boardfile import BoardFile, MachineFile, load_machine
 from etd_hal.errors import BusError
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.world import Touchable
+from etd_hal.phase import PulseResult
 from etd_hal.ports import Changes, Edge, Gpio, Message, Transfer
 from etd_hal.switch_shadow import Prepulse
 from stepped_board import BOARDS, SteppedBoard, shipped_board, stepped_board

@@ -20,13 +20,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-
-import msgspec
+from typing import Final
 
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
 from etd.pulse.request import PulseRequest
 from etd.safety.ledger import Booking, Entry, Ledger
-from etd_hal.board import Board, Pulse, PulseResult
+from etd_hal.board import Board
+from etd_hal.phase import Pulse, PulseResult
 from etd_hal.ports import Clock
 from etd_hal.selection import Selection
 from etd_hal.switch_shadow import Prepulse
@@ -35,17 +35,27 @@ from etd_hal.switch_shadow import Prepulse
 _DRIFT_WEIGHT = 0.02
 
 
-class ReadyPulse(msgspec.Struct, frozen=True, gc=False):
+class ReadyPulse:
     """A pulse that limits and ledger let through, and its electrodes."""
 
-    #: Of all its phases.
-    entry: Entry
-    selection: Selection
-    pulse: Pulse
-    #: The request that `pulse` was made from; no part of the pulse is more.
-    given: PulseRequest
-    #: A probe after `Board.release`, which must reach no electrode.
-    is_blanked: bool = False
+    __slots__ = ("entry", "given", "is_blanked", "pulse", "selection")
+
+    def __init__(
+        self,
+        entry: Entry,
+        selection: Selection,
+        pulse: Pulse,
+        given: PulseRequest,
+        is_blanked: bool = False,
+    ) -> None:
+        #: Of all its phases.
+        self.entry: Final = entry
+        self.selection: Final = selection
+        self.pulse: Final = pulse
+        #: The request that `pulse` was made from; no part of the pulse is more.
+        self.given: Final = given
+        #: A probe after `Board.release`, which must reach no electrode.
+        self.is_blanked: Final = is_blanked
 
 
 class Firing:

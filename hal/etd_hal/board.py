@@ -11,11 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Literal
-
-import msgspec
 
 from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile, Guards, MachineFile, Relays
@@ -25,49 +22,18 @@ from etd_hal.chips.relay595 import RelaySwitch
 from etd_hal.cutlatch import CutLatch
 from etd_hal.errors import BoardFault
 from etd_hal.guard import Guard
+from etd_hal.phase import Pulse, PulseResult
 from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
 from etd_hal.selection import Selection, Selections, Switch
 from etd_hal.source_rules import IDLE_MOST_V, SourceRules
 from etd_hal.switch_shadow import Approval, Prepulse
-from etd_hal.timing import Shape, Timing, calibrate, fitted, pulse_message, zero_message
+from etd_hal.timing import Timing, calibrate, fitted, pulse_message, zero_message
 
 #: The stopper acts when a message is this much over its plan.
 OVERDUE_NS = 1_000_000
 #: How many pulses are kept, each with all that was made of its message (some 5 kB); beyond that the
 #: oldest is dropped.
 _MAX_REMEMBERED = 2_048
-
-
-@dataclass(frozen=True, slots=True)
-class Pulse:
-    """A phase, ready to be sent; `commanded_ua` is the current of its code, `prepulse_ua` that of
-    the code before it (0: there is none).
-    """
-
-    commanded_ua: int
-    code: int
-    shape: Shape
-    message: Message
-    planned_ns: int
-    #: Its width as reported, rounded to hundredths.
-    commanded_us: float
-    prepulse_ua: int = 0
-
-
-class PulseResult(msgspec.Struct, frozen=True, gc=False):
-    """The result of a phase.
-
-    `baseline_v` is the node's voltage before the pulse, `early_v` 10 us after its beginning,
-    `voltage_v` near its end, or the early one again where the pulse is too short for an end sample.
-    `excess_ns` is by how much the call was longer than planned.
-    """
-
-    begun_ns: int
-    ended_ns: int
-    excess_ns: int
-    baseline_v: float
-    voltage_v: float
-    early_v: float
 
 
 class Board:

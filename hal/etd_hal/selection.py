@@ -6,27 +6,25 @@ words, lines, currents.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Final, Protocol
 
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.errors import CannotSelect
 
 
-@dataclass(frozen=True, slots=True)
 class Selection:
     """The selected output alone on its side, its returns on the other side, as bit sets.
 
     Anodic: the selected output on source, the returns on ground. Cathodic: the reverse.
     """
 
-    output: int
-    returns: int
-    #: The selected output's own bit.
-    alone: int = field(init=False)
+    __slots__ = ("alone", "output", "returns")
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "alone", 1 << self.output)
+    def __init__(self, output: int, returns: int) -> None:
+        self.output: Final = output
+        self.returns: Final = returns
+        #: The selected output's own bit.
+        self.alone: Final = 1 << output
 
     def source(self, is_anodic: bool) -> int:
         return self.alone if is_anodic else self.returns

@@ -11,35 +11,47 @@ as long as that takes.
 
 from __future__ import annotations
 
-import msgspec
+from typing import Final, NamedTuple
 
 from etd_hal.boardfile import HalfBridges, Relays
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Changes, Clock
 
 
-class Prepulse(msgspec.Struct, frozen=True, gc=False):
+class Prepulse(NamedTuple):
     """A weaker step directly before a pulse, in the same message."""
 
     current_ua: int
     width_us: int
 
 
-class Approval(msgspec.Struct, frozen=True, gc=False):
+class Approval:
     """What the limits let through for the next pulse, step by step.
 
     `source` and `ground` are bit sets of outputs; for half-bridges all others are on the side
     opposite to the selected output.
     """
 
-    source: int
-    ground: int
-    current_ua: int
-    width_us: int
-    prepulse: Prepulse | None = None
-    #: A probe while nothing is connected, which must reach no electrode: `source` and `ground` are
-    #: the outputs that would get it if the switches failed to open. 0: no output is selected.
-    is_blanked: bool = False
+    __slots__ = ("current_ua", "ground", "is_blanked", "prepulse", "source", "width_us")
+
+    def __init__(
+        self,
+        source: int,
+        ground: int,
+        current_ua: int,
+        width_us: int,
+        prepulse: Prepulse | None = None,
+        is_blanked: bool = False,
+    ) -> None:
+        self.source: Final = source
+        self.ground: Final = ground
+        self.current_ua: Final = current_ua
+        self.width_us: Final = width_us
+        self.prepulse: Final = prepulse
+        #: A probe while nothing is connected, which must reach no electrode: `source` and `ground`
+        #: are the outputs that would get it if the switches failed to open. 0: no output is
+        #: selected.
+        self.is_blanked: Final = is_blanked
 
 
 class HalfBridgeShadow:

@@ -13,9 +13,7 @@ import msgspec
 import engine_rig
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.files.resources import find
-from etd.stabilize.contact import ContactSettings
-from etd.stabilize.linear_law import LinearLawSettings
-from etd.stabilize.pressure import PressureSettings
+from etd.stabilize.law_settings import ContactSettings, LinearLawSettings, PressureSettings
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.boardfile import load_machine
 from trace_decoder import Record

@@ -10,12 +10,14 @@ finger lies with on average: who lies lighter gets less.
 from __future__ import annotations
 
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.contact import ContactSettings
-from etd.stabilize.energy import EnergySettings
-from etd.stabilize.linear_law import LinearLawSettings
-from etd.stabilize.power_law import PowerLawSettings
+from etd.stabilize.law_settings import (
+    ContactSettings,
+    EnergySettings,
+    LinearLawSettings,
+    PowerLawSettings,
+    PressureSettings,
+)
 from etd.stabilize.prepulse import Prepulse
-from etd.stabilize.pressure import PressureSettings
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd.stabilize.strength_duration import StrengthDuration
 from etd_body.course import BUSY

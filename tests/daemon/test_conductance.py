@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 
-import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from msgspec.structs import replace
 
 from etd.safety.conductance import OwnBounds, Reading, own_bounds
 from etd_body.electrode import Contact, load, skin
 from path_readings import METER, exact, paths_ohm, sampled
+from plain_records import changed
 
 ohms = st.floats(math.log(2e3), math.log(5e5)).map(math.exp)
 #: Of dry skin: 1 to 3 k in series, at most 0.5 nF.
@@ -145,7 +144,7 @@ def test_a_pulse_behind_a_step_is_read_by_its_end_alone() -> None:
 def test_what_was_left_on_the_node_before_a_pulse_is_taken_off_the_least() -> None:
     samples = sampled([EVEN] * 16, 0, 2_000, 100)
     clean = METER.read(samples, None)
-    left = METER.read(msgspec.structs.replace(samples, resting_v=3.0), None)
+    left = METER.read(changed(samples, resting_v=3.0), None)
     assert clean is not None
     assert left is not None
     assert left.least_ohm < clean.least_ohm
@@ -158,7 +157,7 @@ def test_noise_that_reads_the_rise_backwards_is_no_error(
     contact: Contact, pulse: tuple[int, int], early_by_v: float, last_by_v: float
 ) -> None:
     samples = sampled([contact, *[EVEN] * 3], 0, *pulse)
-    noisy = msgspec.structs.replace(
+    noisy = changed(
         samples, early_v=samples.early_v + early_by_v, last_v=samples.last_v + last_by_v
     )
     reading = METER.read(noisy, None)
@@ -167,12 +166,12 @@ def test_noise_that_reads_the_rise_backwards_is_no_error(
 
 
 def test_readings_differ_where_neither_bounds_nor_their_currents_can_explain_them() -> None:
-    before = replace(exact(100e3, current_ua=1.0), most_ohm=110e3)
+    before = changed(exact(100e3, current_ua=1.0), most_ohm=110e3)
     assert not before.differs(before)
-    assert not before.differs(replace(before, least_ohm=109e3, most_ohm=150e3))
-    assert not before.differs(replace(before, least_ohm=50e3, most_ohm=101e3))
-    assert before.differs(replace(before, least_ohm=111e3, most_ohm=150e3))
-    assert before.differs(replace(before, least_ohm=50e3, most_ohm=99e3))
+    assert not before.differs(changed(before, least_ohm=109e3, most_ohm=150e3))
+    assert not before.differs(changed(before, least_ohm=50e3, most_ohm=101e3))
+    assert before.differs(changed(before, least_ohm=111e3, most_ohm=150e3))
+    assert before.differs(changed(before, least_ohm=50e3, most_ohm=99e3))
     # Skin resists half as much at 8 mA as at none.
     assert not before.differs(exact(51e3, current_ua=8_000.0))
     assert before.differs(exact(49e3, current_ua=8_000.0))

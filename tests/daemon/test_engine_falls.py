@@ -26,7 +26,7 @@ from etd.files.configuration import LoadedConfig
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.link import Alive
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.power_law import PowerLawSettings
+from etd.stabilize.law_settings import PowerLawSettings
 from etd.stabilize.settings import Settings
 from etd.stabilize.strength_duration import StrengthDuration
 from etd_body.electrode import skin

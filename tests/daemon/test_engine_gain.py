@@ -16,9 +16,7 @@ from engine_rig import LEASE, EngineRig
 from engine_scenes import fully_open, only, phases, unchecked
 from etd.files.configuration import fake_config
 from etd.protocol.link import CloseLease
-from etd.stabilize.energy import EnergySettings
-from etd.stabilize.linear_law import LinearLawSettings
-from etd.stabilize.power_law import PowerLawSettings
+from etd.stabilize.law_settings import EnergySettings, LinearLawSettings, PowerLawSettings
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 from etd_hal.fake.faults import AdcScale

@@ -16,7 +16,7 @@ from etd.files.array import PressureSensor
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.gateway.journal import Journal
 from etd.protocol.link import MeasureContact
-from etd.stabilize.pressure import PressureSettings
+from etd.stabilize.law_settings import PressureSettings
 from etd.stabilize.settings import Settings
 from etd_hal.fake.faults import I2cFailure
 

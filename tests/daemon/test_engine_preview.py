@@ -22,6 +22,7 @@ from etd.safety.limits import Path, PersonLimits, clamp_to_limits
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
 from etd.stabilize.strength_duration import StrengthDuration
+from plain_records import changed
 from trace_decoder import visits
 
 pytestmark = pytest.mark.slow
@@ -72,7 +73,7 @@ def test_a_cap_lets_through_the_charge_that_was_accepted_and_all_of_it(
 ) -> None:
     made = calibrated(shape=table(prepulse, None, False).shape) if is_calibrated else None
     frame_wish = PulseRequest(wanted_ua, own_us)
-    bounds = msgspec.structs.replace(
+    bounds = changed(
         Headroom(rules(prepulse, made)).bounds(frame_wish, 1.0, 1, None, NO_GAIN),
         current_ua=HIGH_UA,
         charge_pc=HIGH_UA * 200,

@@ -19,11 +19,13 @@ from etd.files.configuration import LoadedConfig
 from etd.protocol.errors import BoardFault, Refused
 from etd.pulse.request import NO_GAIN, MaxGain, PulseRequest
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.contact import ContactSettings
-from etd.stabilize.energy import EnergySettings
-from etd.stabilize.linear_law import LinearLawSettings
+from etd.stabilize.law_settings import (
+    ContactSettings,
+    EnergySettings,
+    LinearLawSettings,
+    PowerLawSettings,
+)
 from etd.stabilize.pipeline import ElectrodeEstimate
-from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin

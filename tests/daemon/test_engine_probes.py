@@ -17,7 +17,7 @@ from engine_rig import LEASE, EngineRig
 from engine_scenes import calibration, config, only, open_calibrated, phases
 from etd.protocol.link import MeasureContact
 from etd.pulse.request import NO_GAIN, SHORTEST_US, PulseRequest
-from etd.stabilize.contact import ContactSettings
+from etd.stabilize.law_settings import ContactSettings
 from etd.stabilize.pipeline import ElectrodeEstimate, Stabilizer
 from etd.stabilize.settings import Settings
 from etd_hal.fake.faults import AdcNoise, Fault
@@ -124,7 +124,7 @@ class Narrows:
     max_gain = NO_GAIN
 
     def adapt(self, pulse_request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
-        return msgspec.structs.replace(pulse_request, width_us=SHORTEST_US)
+        return pulse_request.stepped(pulse_request.current_ua, SHORTEST_US)
 
     def reset(self) -> None:
         pass

@@ -12,9 +12,7 @@ import engine_rig
 from engine_rig import EngineRig
 from engine_scenes import calibration, fully_open, only, open_calibrated, opened_to, phases, scans
 from etd.files.configuration import fake_config
-from etd.stabilize.energy import EnergySettings
-from etd.stabilize.linear_law import LinearLawSettings
-from etd.stabilize.power_law import PowerLawSettings
+from etd.stabilize.law_settings import EnergySettings, LinearLawSettings, PowerLawSettings
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_body.electrode import Contact, skin
 

@@ -17,10 +17,12 @@ from engine_scenes import fully_open, only, phases
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.link import KeepLease
 from etd.pulse.measured import MAX_AGE_NS
-from etd.stabilize.contact import ContactSettings
-from etd.stabilize.energy import EnergySettings
-from etd.stabilize.linear_law import LinearLawSettings
-from etd.stabilize.power_law import PowerLawSettings
+from etd.stabilize.law_settings import (
+    ContactSettings,
+    EnergySettings,
+    LinearLawSettings,
+    PowerLawSettings,
+)
 from etd.stabilize.settings import Settings
 from etd_body.electrode import OPEN_CONTACT, Contact, skin
 from trace_decoder import Phase, visits

@@ -14,10 +14,8 @@ from engine_scenes import fully_open, only, phases, unchecked
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.link import DisarmBoard, StopNow
 from etd.pulse.request import NO_GAIN, PulseRequest
-from etd.stabilize.contact import ContactSettings
-from etd.stabilize.energy import EnergySettings
+from etd.stabilize.law_settings import ContactSettings, EnergySettings, PowerLawSettings
 from etd.stabilize.pipeline import ElectrodeEstimate
-from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 from etd_hal.boardfile import BoardFile

@@ -23,12 +23,14 @@ from engine_scenes import MS, calibration, only, open_calibrated, phases
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.contact import ContactSettings
-from etd.stabilize.energy import EnergySettings
-from etd.stabilize.linear_law import LinearLawSettings
-from etd.stabilize.power_law import PowerLawSettings
+from etd.stabilize.law_settings import (
+    ContactSettings,
+    EnergySettings,
+    LinearLawSettings,
+    PowerLawSettings,
+    PressureSettings,
+)
 from etd.stabilize.prepulse import Prepulse
-from etd.stabilize.pressure import PressureSettings
 from etd.stabilize.settings import Settings
 from etd.stabilize.strength_duration import StrengthDuration
 from etd_body.electrode import OPEN_CONTACT, skin

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 
-import msgspec
 import pytest
 
 from engine_parts import maxima_with
 from etd.safety.ledger import WINDOW_NS, Booking, Bounds, Entry, Ledger
+from plain_records import changed
 
 NOW_NS = 9_000_000_000
 AMPLE = Bounds(
@@ -338,8 +338,8 @@ def test_a_pulse_behind_its_probe_has_the_probe_s_time_whatever_becomes_of_it() 
     ledger = Ledger(2, bounds(interval_us=2_000))
     book(ledger, entry(), NOW_NS)
     assert ledger.first_violation(entry(), NOW_NS + 70) == "interval"
-    assert ledger.first_violation(msgspec.structs.replace(entry(), pulses=0), NOW_NS + 70) is None
-    behind = ledger.book(msgspec.structs.replace(entry(), pulses=0), NOW_NS + 70, PC)
+    assert ledger.first_violation(changed(entry(), pulses=0), NOW_NS + 70) is None
+    behind = ledger.book(changed(entry(), pulses=0), NOW_NS + 70, PC)
     ledger.correct(behind, PC, NOW_NS + 80)
     assert ledger.rested_ns(0) == NOW_NS + 2_000_000
     ledger.take_back(behind)

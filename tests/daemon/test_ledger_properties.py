@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import random
 
-import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etd.safety.ledger import WINDOW_NS, Bounds, Entry, Ledger
+from plain_records import changed
 
 NOW_NS = 9_000_000_000
 #: 1,000,000 pC a second, and all else ample.
@@ -103,9 +103,7 @@ def test_no_electrode_and_no_return_is_let_through_more_than_the_bound(
         assert (ledger.first_violation(pulse_request, now_ns) is None) == all(after)
         if not all(after):
             continue
-        worst = msgspec.structs.replace(
-            pulse_request, charge_pc=pulse_request.charge_pc + excess_pc
-        )
+        worst = changed(pulse_request, charge_pc=pulse_request.charge_pc + excess_pc)
         booking = ledger.book(pulse_request, now_ns, worst.charge_pc)
         assert charges_pc() == by_hand_pc(worst)
         if fate == -1:
@@ -113,7 +111,7 @@ def test_no_electrode_and_no_return_is_let_through_more_than_the_bound(
             continue
         if fate is not None:
             ledger.correct(booking, fate, now_ns)
-            worst = msgspec.structs.replace(pulse_request, charge_pc=fate)
+            worst = changed(pulse_request, charge_pc=fate)
         booked.append((now_ns, worst))
 
 
@@ -164,7 +162,7 @@ def test_through_many_seconds_it_lets_through_what_fits_and_nothing_else(
             ledger.take_back(booking)
             continue
         begun_ns = now_ns + chance.randrange(100_000)
-        had = msgspec.structs.replace(each, charge_pc=each.charge_pc + chance.randrange(2_000))
+        had = changed(each, charge_pc=each.charge_pc + chance.randrange(2_000))
         ledger.correct(booking, had.charge_pc, begun_ns)
         now_ns = begun_ns
         booked.append((begun_ns, had))

@@ -26,6 +26,7 @@ from etd.safety.limits import (
     path_of,
 )
 from etd.safety.maxima import maxima_of
+from plain_records import told
 
 HIGH = 10_000
 
@@ -135,8 +136,8 @@ def path(cap_ua: int = HIGH, return_ua: float = HIGH) -> Path:
 
 def test_a_path_is_as_weak_as_its_weakest_return() -> None:
     found = path_of(0, (5_000, 4_000, 900, 1_000), (1, 2, 3))
-    assert found == Path(0, 5_000, 900, 2)
-    assert found.with_returns(1_200.5, 3) == Path(0, 5_000, 1_200.5, 3)
+    assert told(found) == told(Path(0, 5_000, 900, 2))
+    assert told(found.with_returns(1_200.5, 3)) == told(Path(0, 5_000, 1_200.5, 3))
 
 
 def test_what_is_within_all_bounds_passes_as_it_is() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from engine_parts import calibration, currents, frame, planner
 from etd.pulse.request import MaxGain
+from plain_records import told
 
 
 @pytest.mark.parametrize(
@@ -30,8 +31,9 @@ def test_a_pulse_that_is_as_in_the_frame_before_is_the_same_and_any_other_is_new
     (first,), (same,) = (plans.plan(frame(**asked)).schedule for _ in range(2))
     assert same is first
     (other,) = plans.plan(frame(**{**asked, **change})).schedule
-    assert other == planner().plan(frame(**{**asked, **change})).schedule[0]
-    assert other != first
+    (fresh,) = planner().plan(frame(**{**asked, **change})).schedule
+    assert told(other) == told(fresh)
+    assert told(other) != told(first)
 
 
 def test_a_level_is_planned_anew_after_a_current_that_is_the_same() -> None:

@@ -12,8 +12,8 @@ from etd.planning.plan import Planner
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.stabilize.bursts import Bursts
+from etd.stabilize.law_settings import PowerLawSettings
 from etd.stabilize.pipeline import max_gain_of
-from etd.stabilize.power_law import PowerLawSettings
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings, pipeline
 from etd.stabilize.shape import Shape

@@ -12,7 +12,7 @@ from etd.pulse.measured import MAX_AGE_NS
 from etd.sensing.contact import ContactMap
 from etd.sensing.impedance import ImpedanceMap, Samples
 from etd.sensing.pre_probe import PreProbe
-from etd_hal.board import Pulse, PulseResult
+from etd_hal.phase import Pulse, PulseResult
 
 MakeRig = Callable[..., EngineRig]
 LEAK_OHM = 66_000.0

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import pytest
-from msgspec.structs import replace
 
 from etd.pulse.measured import CONTACT_POLL_NS, MAX_AGE_NS
 from etd.safety.conductance import Reading
 from etd.safety.return_share import REFRESH_NS, ReturnShare
 from etd_body.electrode import Contact, load
 from path_readings import METER, exact, paths_ohm
+from plain_records import changed
 
 START_NS = 5_000_000_000
 EVEN = load(50e3)
@@ -170,7 +170,7 @@ def test_what_a_contact_conducts_at_the_most_stays_bound_when_the_others_are_not
 
 def loosely(least_ohm: float) -> Reading:
     """Of a path that may resist twice that."""
-    return replace(exact(least_ohm), most_ohm=2.0 * least_ohm)
+    return changed(exact(least_ohm), most_ohm=2.0 * least_ohm)
 
 
 def test_a_path_that_falls_lowers_the_own_resistance_and_one_that_rises_does_not_raise_it() -> None:

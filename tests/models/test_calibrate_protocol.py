@@ -17,8 +17,7 @@ from etd.protocol.calibration import Calibration, ElectrodeLimits, Method
 from etd.protocol.errors import Refused
 from etd.protocol.messages import FrameReply
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.contact import ContactSettings
-from etd.stabilize.power_law import PowerLawSettings
+from etd.stabilize.law_settings import ContactSettings, PowerLawSettings
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
 from etd.stabilize.strength_duration import StrengthDuration

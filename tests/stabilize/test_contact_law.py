@@ -9,7 +9,8 @@ from msgspec.structs import replace
 
 from etd.protocol.messages import ContactState
 from etd.pulse.request import PulseRequest
-from etd.stabilize.contact import Contact, ContactSettings
+from etd.stabilize.contact import Contact
+from etd.stabilize.law_settings import ContactSettings
 from etd.stabilize.pipeline import ElectrodeEstimate
 
 MS = 1_000_000

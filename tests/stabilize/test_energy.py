@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from etd.pulse.request import PulseRequest
-from etd.stabilize.energy import Energy, EnergySettings
+from etd.stabilize.energy import Energy
+from etd.stabilize.law_settings import EnergySettings
 from etd.stabilize.pipeline import ElectrodeEstimate
 
 LEAK_OHM = 66_000.0

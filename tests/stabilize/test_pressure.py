@@ -6,8 +6,9 @@ import pytest
 from msgspec.structs import replace
 
 from etd.pulse.request import PulseRequest
+from etd.stabilize.law_settings import PressureSettings
 from etd.stabilize.pipeline import ElectrodeEstimate
-from etd.stabilize.pressure import Pressure, PressureSettings
+from etd.stabilize.pressure import Pressure
 
 MS = 1_000_000
 FRAME = PulseRequest(2_000, 100)

@@ -12,10 +12,11 @@ from msgspec.structs import replace
 from etd.protocol.messages import ContactState
 from etd.pulse.measured import BEND_UA
 from etd.pulse.request import PulseRequest
-from etd.stabilize.energy import Energy, EnergySettings
-from etd.stabilize.linear_law import LinearLaw, LinearLawSettings
+from etd.stabilize.energy import Energy
+from etd.stabilize.law_settings import EnergySettings, LinearLawSettings, PowerLawSettings
+from etd.stabilize.linear_law import LinearLaw
 from etd.stabilize.pipeline import ElectrodeEstimate, Stabilizer
-from etd.stabilize.power_law import PowerLaw, PowerLawSettings
+from etd.stabilize.power_law import PowerLaw
 
 pytestmark = pytest.mark.slow
 

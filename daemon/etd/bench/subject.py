@@ -29,9 +29,7 @@ from etd.protocol.link import (
     ToGateway,
 )
 from etd.protocol.messages import Limits
-from etd.stabilize.contact import ContactSettings
-from etd.stabilize.linear_law import LinearLawSettings
-from etd.stabilize.pressure import PressureSettings
+from etd.stabilize.law_settings import ContactSettings, LinearLawSettings, PressureSettings
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
 from etd_hal.boardfile import MachineFile

@@ -10,7 +10,7 @@ Must not know: what is due when, what a stabilizer does, states, sockets.
 
 from __future__ import annotations
 
-import msgspec
+from typing import Final
 
 from etd.engine.reporting import Reporter
 from etd.engine.returns import Returns
@@ -25,17 +25,32 @@ from etd.safety.maxima import Maxima, MaximaInForce
 from etd.safety.soft_start import SoftStart
 from etd.sensing.contact import ContactMap
 from etd_hal.board import Board
+from etd_hal.phase import Pulse
+from etd_hal.selection import Selection
 from etd_hal.timing import Timing
 
 
-class Cleared(ReadyPulse, frozen=True, kw_only=True, gc=False):
+class Cleared(ReadyPulse):
     """A pulse that limits and ledger let through, with its request and the clamp to report, if any.
     `leads`: the pulse is the probe before another, and leaves the electrode connected.
     """
 
-    request: PulseRequest
-    clamp: Clamp | None = None
-    leads: bool = False
+    __slots__ = ("clamp", "leads", "request")
+
+    def __init__(
+        self,
+        entry: Entry,
+        selection: Selection,
+        pulse: Pulse,
+        given: PulseRequest,
+        request: PulseRequest,
+        clamp: Clamp | None = None,
+        leads: bool = False,
+    ) -> None:
+        super().__init__(entry, selection, pulse, given)
+        self.request: Final = request
+        self.clamp: Final = clamp
+        self.leads: Final = leads
 
 
 class _Repeatable:
@@ -89,7 +104,9 @@ class Clearance:
         """The pulse that may be fired; None where that is nothing, and the reason is reported."""
         scheduled, is_reported = due.scheduled, due.purpose != "contact_poll"
         path, share = self._returns.of(scheduled, now_ns)
-        cleared = self._again(due, request, path, share, ceiling_ua, now_ns)
+        cleared = None
+        if due.after is None:
+            cleared = self._again(scheduled, request, path, share, ceiling_ua, now_ns)
         if cleared is None:
             cleared = self._limited(due, request, path, share, ceiling_ua, now_ns)
             if cleared is None:
@@ -104,7 +121,7 @@ class Clearance:
 
     def _again(
         self,
-        due: DuePulse,
+        scheduled: ScheduledPulse,
         request: PulseRequest,
         path: Path,
         share: float,
@@ -112,16 +129,15 @@ class Clearance:
         now_ns: int,
     ) -> Cleared | None:
         """The electrode's last pulse, if this one is the same and no limit lowers it now."""
-        electrode = due.scheduled.electrode
+        electrode = scheduled.electrode
         last = self._repeatable.get(electrode)
         if (
             last is None
-            or last.scheduled is not due.scheduled
+            or last.scheduled is not scheduled
             or last.path is not path
             or last.share != share
             or last.maxima is not self._maxima.now
             or last.timing is not self._board.timing
-            or due.after is not None
         ):
             return None
         cleared = last.cleared
@@ -162,7 +178,7 @@ class Clearance:
                 self._report_nothing(scheduled, request, clamp)
             return None
         entry = _entry_of(scheduled, given, share, pulses=0 if due.after is not None else 1)
-        cleared = Cleared(entry, scheduled.selection, pulse, given, request=request, clamp=clamp)
+        cleared = Cleared(entry, scheduled.selection, pulse, given, request, clamp)
         if clamp is None and due.after is None:
             self._repeatable[electrode] = _Repeatable(
                 cleared, scheduled, path, share, maxima, self._board.timing
@@ -174,10 +190,13 @@ class Clearance:
     ) -> Cleared | None:
         """The probe before a cleared pulse, where the ledger has room for both."""
         scheduled, entry = due.scheduled, cleared.entry
-        both = msgspec.structs.replace(
-            entry,
-            charge_pc=entry.charge_pc + probe.charge_pc,
-            on_us=entry.on_us + probe.width_us,
+        both = Entry(
+            entry.electrode,
+            entry.charge_pc + probe.charge_pc,
+            entry.on_us + probe.width_us,
+            entry.returns,
+            entry.share,
+            entry.pulses,
         )
         if self._ledger.first_violation(both, now_ns) is not None:
             self._reporter.not_fired(scheduled.electrode, "ledger")
@@ -187,7 +206,7 @@ class Clearance:
             scheduled.electrode, probe.charge_pc, probe.width_us, scheduled.returns, entry.share
         )
         selection = scheduled.selection
-        return Cleared(alone, selection, pulse, probe, request=cleared.request, leads=True)
+        return Cleared(alone, selection, pulse, probe, cleared.request, leads=True)
 
     def _report_nothing(
         self, scheduled: ScheduledPulse, request: PulseRequest, clamp: Clamp | None

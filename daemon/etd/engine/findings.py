@@ -16,7 +16,7 @@ from etd.safety.soft_start import SoftStart
 from etd.sensing.contact import ContactMap
 from etd.sensing.impedance import Samples
 from etd.sensing.pre_probe import PreProbe
-from etd_hal.board import Pulse, PulseResult
+from etd_hal.phase import Pulse, PulseResult
 
 
 class Findings:

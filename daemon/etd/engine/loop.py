@@ -12,8 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import msgspec
-
 from etd.engine.clearance import Cleared
 from etd.engine.components import components_of
 from etd.engine.poller import Poller
@@ -115,7 +113,7 @@ class Engine:
             parts.findings.of_probe(due, cleared, first)
             after = AfterProbe(cleared.request, cleared.pulse.commanded_ua, asked_ns, ceiling_ua)
             # The pulse itself is due at once, with nothing in between.
-            self._follow_up = msgspec.structs.replace(due, after=after)
+            self._follow_up = due.following(after)
             return
         board.discharge()
         parts.findings.of_pulse(due, cleared, first, last)

@@ -20,7 +20,8 @@ from math import inf
 
 from etd.firing import ReadyPulse
 from etd.protocol.errors import BoardFault
-from etd_hal.board import Board, PulseResult
+from etd_hal.board import Board
+from etd_hal.phase import PulseResult
 from etd_hal.source_rules import RESTED_V
 
 

@@ -16,8 +16,8 @@ from etd.safety.ledger import Entry, Ledger
 from etd.safety.limits import Path
 from etd.safety.return_caps import Known, ReturnCaps
 from etd.safety.return_share import ReturnShare
-from etd_hal.board import Pulse, PulseResult
 from etd_hal.boardfile import Source
+from etd_hal.phase import Pulse, PulseResult
 
 
 class Returns:

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from msgspec.structs import replace
-
 from etd.files.array import Array
 from etd.files.body_site import BodySite
 from etd.protocol.errors import Refused
@@ -37,7 +35,7 @@ class PlanRules:
 class Headroom:
     def __init__(self, rules: PlanRules) -> None:
         self._rules = rules
-        self._max_gain_of_sources = replace(rules.max_gain, current=1.0)
+        self._max_gain_of_sources = MaxGain(1.0, rules.max_gain.width, rules.max_gain.charge)
         stabilize = rules.site.stabilize
         self._is_probe_first = stabilize.probe_first
         self._prepulse = stabilize.prepulse

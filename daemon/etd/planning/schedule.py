@@ -17,9 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
-
-import msgspec
+from typing import Final, Literal
 
 from etd.planning.plan import Plan
 from etd.planning.scheduled_pulse import ScheduledPulse
@@ -39,18 +37,23 @@ _LONG_NS = 50_000_000
 Purpose = Literal["stimulus", "contact_poll", "measurement"]
 
 
-class AfterProbe(msgspec.Struct, frozen=True, gc=False):
+class AfterProbe:
     """The request for a pulse before its own probe, its time and ceiling; and the current of that
     probe.
     """
 
-    request: PulseRequest
-    probe_ua: int
-    asked_ns: int
-    ceiling_ua: int
+    __slots__ = ("asked_ns", "ceiling_ua", "probe_ua", "request")
+
+    def __init__(
+        self, request: PulseRequest, probe_ua: int, asked_ns: int, ceiling_ua: int
+    ) -> None:
+        self.request: Final = request
+        self.probe_ua: Final = probe_ua
+        self.asked_ns: Final = asked_ns
+        self.ceiling_ua: Final = ceiling_ua
 
 
-class DuePulse(msgspec.Struct, frozen=True, gc=False):
+class DuePulse:
     """A pulse that is due now.
 
     `place` is its place in the plan (-1: no pulse of a frame). `rewrites_chain`: the whole chain is
@@ -58,22 +61,39 @@ class DuePulse(msgspec.Struct, frozen=True, gc=False):
     connected.
     """
 
-    scheduled: ScheduledPulse
-    purpose: Purpose
-    place: int = -1
-    rewrites_chain: bool = False
-    after: AfterProbe | None = None
+    __slots__ = ("after", "place", "purpose", "rewrites_chain", "scheduled")
+
+    def __init__(
+        self,
+        scheduled: ScheduledPulse,
+        purpose: Purpose,
+        place: int = -1,
+        rewrites_chain: bool = False,
+        after: AfterProbe | None = None,
+    ) -> None:
+        self.scheduled: Final = scheduled
+        self.purpose: Final = purpose
+        self.place: Final = place
+        self.rewrites_chain: Final = rewrites_chain
+        self.after: Final = after
 
     @property
     def electrode(self) -> int:
         return self.scheduled.electrode
 
+    def following(self, after: AfterProbe) -> DuePulse:
+        """The same pulse, once its own probe has been fired."""
+        return DuePulse(self.scheduled, self.purpose, self.place, self.rewrites_chain, after)
 
-class _ScanSlot(msgspec.Struct, frozen=True, gc=False):
+
+class _ScanSlot:
     """A pulse of the scan under way, by its place; `is_again` after the first of a burst."""
 
-    place: int
-    is_again: bool
+    __slots__ = ("is_again", "place")
+
+    def __init__(self, place: int, is_again: bool) -> None:
+        self.place: Final = place
+        self.is_again: Final = is_again
 
 
 class Schedule:

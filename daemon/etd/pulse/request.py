@@ -6,8 +6,7 @@ Owns: these three, and the steps of a width. Must not know: who requests it, lim
 from __future__ import annotations
 
 import math
-
-import msgspec
+from typing import Final
 
 #: No pulse is shorter.
 SHORTEST_US = 20
@@ -16,17 +15,33 @@ SHORTEST_US = 20
 WIDTH_STEP_US = 5
 
 
-class PulseRequest(msgspec.Struct, frozen=True, gc=False):
-    """A requested pulse, and its prepulse, if any.
+class PulseRequest:
+    """A requested pulse, and its prepulse, if any."""
 
-    To change a part and keep the others: `msgspec.structs.replace`.
-    """
+    __slots__ = ("current_ua", "prepulse_ua", "prepulse_us", "width_us")
 
-    current_ua: int
-    width_us: int
-    #: Directly before the pulse, in the same message, the same way; both 0: none.
-    prepulse_ua: int = 0
-    prepulse_us: int = 0
+    def __init__(
+        self, current_ua: int, width_us: int, prepulse_ua: int = 0, prepulse_us: int = 0
+    ) -> None:
+        self.current_ua: Final = current_ua
+        self.width_us: Final = width_us
+        #: Directly before the pulse, in the same message, the same way; both 0: none.
+        self.prepulse_ua: Final = prepulse_ua
+        self.prepulse_us: Final = prepulse_us
+
+    def __repr__(self) -> str:
+        return f"PulseRequest{self._parts()}"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, PulseRequest) and self._parts() == other._parts()
+
+    def _parts(self) -> tuple[object, ...]:
+        return (
+            self.current_ua,
+            self.width_us,
+            self.prepulse_ua,
+            self.prepulse_us,
+        )
 
     @property
     def is_possible(self) -> bool:
@@ -37,6 +52,10 @@ class PulseRequest(msgspec.Struct, frozen=True, gc=False):
             and 0 <= self.prepulse_ua <= self.current_ua
             and self.prepulse_us >= 0
         )
+
+    def stepped(self, current_ua: int, width_us: int) -> PulseRequest:
+        """The same with another step after the prepulse."""
+        return PulseRequest(current_ua, width_us, self.prepulse_ua, self.prepulse_us)
 
     @property
     def whole_us(self) -> int:
@@ -71,12 +90,15 @@ class PulseRequest(msgspec.Struct, frozen=True, gc=False):
         return PulseRequest(current_ua, self.width_us, prepulse_ua, self.prepulse_us)
 
 
-class MaxGain(msgspec.Struct, frozen=True):
+class MaxGain:
     """The largest factors of a stabilizer on a frame's pulse; 1: no more than the frame's."""
 
-    current: float = 1.0
-    width: float = 1.0
-    charge: float = 1.0
+    __slots__ = ("charge", "current", "width")
+
+    def __init__(self, current: float = 1.0, width: float = 1.0, charge: float = 1.0) -> None:
+        self.current: Final = current
+        self.width: Final = width
+        self.charge: Final = charge
 
     def then(self, other: MaxGain) -> MaxGain:
         """The factors of two stabilizers in a row."""
@@ -88,7 +110,7 @@ class MaxGain(msgspec.Struct, frozen=True):
 NO_GAIN = MaxGain()
 
 
-class PulseBounds(msgspec.Struct, frozen=True, gc=False):
+class PulseBounds:
     """The bounds of a frame for an electrode: no stabilizer's request goes beyond.
 
     `cap_us` is the width that a cap's current is taken for: the frame's, or that of the pulses that
@@ -98,12 +120,23 @@ class PulseBounds(msgspec.Struct, frozen=True, gc=False):
     are clamped, and reported, together with the limits (`safety/limits.py`).
     """
 
-    current_ua: int
-    cap_us: int
-    width_us: int
-    charge_pc: int
-    prepulse_us: int = 0
-    cap_led_part: float = 0.0
+    __slots__ = ("cap_led_part", "cap_us", "charge_pc", "current_ua", "prepulse_us", "width_us")
+
+    def __init__(
+        self,
+        current_ua: int,
+        cap_us: int,
+        width_us: int,
+        charge_pc: int,
+        prepulse_us: int = 0,
+        cap_led_part: float = 0.0,
+    ) -> None:
+        self.current_ua: Final = current_ua
+        self.cap_us: Final = cap_us
+        self.width_us: Final = width_us
+        self.charge_pc: Final = charge_pc
+        self.prepulse_us: Final = prepulse_us
+        self.cap_led_part: Final = cap_led_part
 
     def capped_pc(self, cap_ua: float) -> int:
         """The charge of a cap, with the prepulse of the pulses it was accepted with."""
@@ -111,11 +144,24 @@ class PulseBounds(msgspec.Struct, frozen=True, gc=False):
 
     def not_above(self, other: PulseBounds) -> PulseBounds:
         """These bounds, current, width and charge not above the other's."""
-        return msgspec.structs.replace(
-            self,
-            current_ua=min(self.current_ua, other.current_ua),
-            width_us=min(self.width_us, other.width_us),
-            charge_pc=min(self.charge_pc, other.charge_pc),
+        return PulseBounds(
+            min(self.current_ua, other.current_ua),
+            self.cap_us,
+            min(self.width_us, other.width_us),
+            min(self.charge_pc, other.charge_pc),
+            self.prepulse_us,
+            self.cap_led_part,
+        )
+
+    def no_wider(self, width_us: int) -> PulseBounds:
+        """These bounds, with a slot of this width."""
+        return PulseBounds(
+            self.current_ua,
+            self.cap_us,
+            width_us,
+            self.charge_pc,
+            self.prepulse_us,
+            self.cap_led_part,
         )
 
     def in_slot(self, request: PulseRequest) -> PulseRequest:

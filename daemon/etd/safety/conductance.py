@@ -35,8 +35,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-
-import msgspec
+from typing import Final
 
 from etd.pulse.measured import BEND_UA
 from etd_hal.boardfile import Source
@@ -58,47 +57,75 @@ _ROUNDS = 2
 _STEPS = 4
 
 
-class PathSamples(msgspec.Struct, frozen=True, gc=False):
+class PathSamples:
     """The first phase of a pulse through all others, on skin at rest.
 
     `early_v` was sampled EARLY_US after its beginning, `last_v` BEFORE_END_US before its end or, if
     `has_end` is False, with `early_v`; `resting_v` before the pulse.
     """
 
-    code: int
-    width_us: float
-    has_end: bool
-    has_prepulse: bool
-    resting_v: float
-    early_v: float
-    last_v: float
+    __slots__ = ("code", "early_v", "has_end", "has_prepulse", "last_v", "resting_v", "width_us")
+
+    def __init__(
+        self,
+        code: int,
+        width_us: float,
+        has_end: bool,
+        has_prepulse: bool,
+        resting_v: float,
+        early_v: float,
+        last_v: float,
+    ) -> None:
+        self.code: Final = code
+        self.width_us: Final = width_us
+        self.has_end: Final = has_end
+        self.has_prepulse: Final = has_prepulse
+        self.resting_v: Final = resting_v
+        self.early_v: Final = early_v
+        self.last_v: Final = last_v
 
 
-class Whole(msgspec.Struct, frozen=True, gc=False):
+class Whole:
     """A pulse with an early sample and one near its end, which bound the end of the rise. One ADC
     step is subtracted from the early sample and added to the last one.
     """
 
-    current_ua: float
-    early_v: float
-    last_v: float
-    #: The most that the rise ends at, by the longest time constant; inf near the compliance.
-    end_v: float
-    #: The time between the samples, in units of EARLY_US; 0 if there was no last sample.
-    spans: float
-    least_ohm: float
+    __slots__ = ("current_ua", "early_v", "end_v", "last_v", "least_ohm", "spans")
+
+    def __init__(
+        self,
+        current_ua: float,
+        early_v: float,
+        last_v: float,
+        end_v: float,
+        spans: float,
+        least_ohm: float,
+    ) -> None:
+        self.current_ua: Final = current_ua
+        self.early_v: Final = early_v
+        self.last_v: Final = last_v
+        #: The most that the rise ends at, by the longest time constant; inf near the compliance.
+        self.end_v: Final = end_v
+        #: The time between the samples, in units of EARLY_US; 0 if there was no last sample.
+        self.spans: Final = spans
+        self.least_ohm: Final = least_ohm
 
 
-class Reading(msgspec.Struct, frozen=True, gc=False):
+class Reading:
     """The resistance of one path, from its last pulse; `most_ohm` may be inf. `scale`: the most
     path divided by that of `whole`.
     """
 
-    current_ua: float
-    least_ohm: float
-    most_ohm: float
-    whole: Whole
-    scale: float = 1.0
+    __slots__ = ("current_ua", "least_ohm", "most_ohm", "scale", "whole")
+
+    def __init__(
+        self, current_ua: float, least_ohm: float, most_ohm: float, whole: Whole, scale: float = 1.0
+    ) -> None:
+        self.current_ua: Final = current_ua
+        self.least_ohm: Final = least_ohm
+        self.most_ohm: Final = most_ohm
+        self.whole: Final = whole
+        self.scale: Final = scale
 
     def differs(self, later: Reading) -> bool:
         """Whether no path has both readings, at whatever their currents make of its skin."""
@@ -190,14 +217,17 @@ class PathMeter:
         return max(0.0, node_v) / through_ua * 1e6 if through_ua > 0.0 else math.inf
 
 
-class OwnBounds(msgspec.Struct, gc=False):
+class OwnBounds:
     """Of some contacts, in their order: the least and the most that each conducts, in S (`most_s`
     may be inf), and the most that the way back of each resists.
     """
 
-    least_s: list[float]
-    most_s: list[float]
-    back_ohm: list[float]
+    __slots__ = ("back_ohm", "least_s", "most_s")
+
+    def __init__(self, least_s: list[float], most_s: list[float], back_ohm: list[float]) -> None:
+        self.least_s: Final = least_s
+        self.most_s: Final = most_s
+        self.back_ohm: Final = back_ohm
 
 
 def own_bounds(meter: PathMeter, readings: Sequence[Reading], beside_s: float) -> OwnBounds:

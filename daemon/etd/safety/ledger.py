@@ -21,9 +21,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
-
-import msgspec
+from typing import Final, Literal
 
 from etd.safety.maxima import Maxima
 from etd.safety.return_weights import ReturnWeights
@@ -62,43 +60,81 @@ class Bounds:
         )
 
 
-class Entry(msgspec.Struct, frozen=True, gc=False):
+class Entry:
     """One pulse, or a part of it: its charge, its time, and the electrodes that carry it back.
 
     `returns` None: all others, each with `share` times its weight and never more than the whole
     charge; otherwise each named electrode is booked with all of the charge.
     """
 
-    electrode: int
-    charge_pc: int
-    on_us: int
-    returns: tuple[int, ...] | None
-    share: float
-    #: 0 where the entry continues a pulse that is booked already, as after a probe.
-    pulses: int = 1
+    __slots__ = ("charge_pc", "electrode", "on_us", "pulses", "returns", "share")
+
+    def __init__(
+        self,
+        electrode: int,
+        charge_pc: int,
+        on_us: int,
+        returns: tuple[int, ...] | None,
+        share: float,
+        pulses: int = 1,
+    ) -> None:
+        self.electrode: Final = electrode
+        self.charge_pc: Final = charge_pc
+        self.on_us: Final = on_us
+        self.returns: Final = returns
+        self.share: Final = share
+        #: 0 where the entry continues a pulse that is booked already, as after a probe.
+        self.pulses: Final = pulses
 
 
-class _Line(msgspec.Struct, gc=False):
+class _Line:
     """One pulse in a window. The electrode's own window and the array's share the line."""
 
-    begun_ns: int
-    charge_pc: int
-    #: The charge that returns through all others, and the share of it.
-    through_pc: int = 0
-    pooled_pc: int = 0
-    on_us: int = 0
-    pulses: int = 0
+    __slots__ = ("begun_ns", "charge_pc", "on_us", "pooled_pc", "pulses", "through_pc")
+
+    def __init__(
+        self,
+        begun_ns: int,
+        charge_pc: int,
+        through_pc: int = 0,
+        pooled_pc: int = 0,
+        on_us: int = 0,
+        pulses: int = 0,
+    ) -> None:
+        self.begun_ns = begun_ns
+        self.charge_pc = charge_pc
+        #: The charge that returns through all others, and the share of it.
+        self.through_pc = through_pc
+        self.pooled_pc = pooled_pc
+        self.on_us = on_us
+        self.pulses = pulses
 
 
-class Booking(_Line, kw_only=True, gc=False):
+class Booking(_Line):
     """What is booked of an entry now: a line of the windows that can be corrected."""
 
-    entry: Entry
-    #: The line in the windows of named returns.
-    carried: _Line | None
-    #: The state before it: when the electrode's last pulse began, and the least room of all.
-    before_ns: int | None
-    room_before_pc: int
+    __slots__ = ("before_ns", "carried", "entry", "room_before_pc")
+
+    def __init__(
+        self,
+        begun_ns: int,
+        charge_pc: int,
+        through_pc: int,
+        pooled_pc: int,
+        on_us: int,
+        pulses: int,
+        entry: Entry,
+        carried: _Line | None,
+        before_ns: int | None,
+        room_before_pc: int,
+    ) -> None:
+        super().__init__(begun_ns, charge_pc, through_pc, pooled_pc, on_us, pulses)
+        self.entry: Final = entry
+        #: The line in the windows of named returns.
+        self.carried = carried
+        #: The state before it: when the electrode's last pulse began, and the least room of all.
+        self.before_ns = before_ns
+        self.room_before_pc = room_before_pc
 
 
 class _Window:
@@ -230,10 +266,10 @@ class Ledger:
             _share_pc(entry, worst_pc) if returns is None else 0,
             entry.on_us,
             entry.pulses,
-            entry=entry,
-            carried=None if returns is None else _carried(entry, now_ns, worst_pc),
-            before_ns=self._begun_ns[electrode],
-            room_before_pc=self._room_pc,
+            entry,
+            None if returns is None else _carried(entry, now_ns, worst_pc),
+            self._begun_ns[electrode],
+            self._room_pc,
         )
         self._own[electrode].book(booking)
         self._array.book(booking)

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import msgspec
+from typing import Final
 
 from etd.protocol.calibration import Calibration, check_order
 from etd.protocol.errors import FileError, Refused
@@ -114,17 +113,22 @@ def _check_narrowest(what: str, width_us: int, maxima: Maxima) -> None:
         )
 
 
-class Path(msgspec.Struct, frozen=True, gc=False):
+class Path:
     """The caps in the way of one electrode's current, those of its returns included.
 
     `return_ua` is the current at which the first return may reach its cap, and `return_electrode`
     that return.
     """
 
-    electrode: int
-    cap_ua: int
-    return_ua: float
-    return_electrode: int
+    __slots__ = ("cap_ua", "electrode", "return_electrode", "return_ua")
+
+    def __init__(
+        self, electrode: int, cap_ua: int, return_ua: float, return_electrode: int
+    ) -> None:
+        self.electrode: Final = electrode
+        self.cap_ua: Final = cap_ua
+        self.return_ua: Final = return_ua
+        self.return_electrode: Final = return_electrode
 
     def with_returns(self, return_ua: float, return_electrode: int) -> Path:
         """The same path, with the returns as they are known now."""

@@ -23,8 +23,7 @@ cap: by the law of docs/body.md, in which R x (I + 8 mA) is constant.
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-import msgspec
+from typing import Final
 
 from etd.pulse.measured import BEND_UA
 
@@ -32,13 +31,16 @@ from etd.pulse.measured import BEND_UA
 ReturnBound = tuple[float, int]
 
 
-class Known(msgspec.Struct, frozen=True, gc=False):
+class Known:
     """What one electrode conducts, in S, measured at `read_ua`."""
 
-    least_s: float
-    most_s: float
-    read_ua: float
-    touches: bool
+    __slots__ = ("least_s", "most_s", "read_ua", "touches")
+
+    def __init__(self, least_s: float, most_s: float, read_ua: float, touches: bool) -> None:
+        self.least_s: Final = least_s
+        self.most_s: Final = most_s
+        self.read_ua: Final = read_ua
+        self.touches: Final = touches
 
     @property
     def as_other_s(self) -> float:

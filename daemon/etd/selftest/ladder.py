@@ -13,8 +13,8 @@ from etd.selftest.fixture import DummyLoad, Fixture
 from etd.selftest.log import CheckLog
 from etd.selftest.prober import Prober
 from etd.selftest.readings import TOLERANCE
-from etd_hal.board import PulseResult
 from etd_hal.boardfile import Source
+from etd_hal.phase import PulseResult
 
 _STEPS = 16
 #: The deviation from the line, as a part of a step's own current.

@@ -28,9 +28,9 @@ from etd.safety.ledger import Bounds, Entry, Ledger
 from etd.safety.maxima import PC_PER_NC, maxima_of
 from etd.selftest.fixture import Fixture
 from etd.selftest.report import ProbeBound
-from etd_hal.board import PulseResult
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.errors import BoardFault, CannotSelect, GuardRefusal
+from etd_hal.phase import PulseResult
 
 #: A probe is the bound divided by this.
 _PART = 3

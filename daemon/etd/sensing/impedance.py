@@ -27,10 +27,7 @@ next pulse begins anew. Flicker is remembered, since it comes from the ADC rathe
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Literal
-
-import msgspec
+from typing import Final, Literal
 
 from etd.pulse.measured import MAX_SKIN_OHM, MIN_SKIN_OHM, is_stale
 from etd.safety.conductance import ASSUMED_TAU_US, BEFORE_END_US, EARLY_US
@@ -63,26 +60,43 @@ _FLICKER, _MOST_OF_A_TURN = 0.1, 0.2
 _CALM_NS, _CALM = 1_000_000_000, _FLICKER / 3.0
 
 
-@dataclass(slots=True)
 class _Skin:
     """The estimate of one electrode."""
 
-    log_ohm: float | None = None
-    early_log_ohm: float | None = None
-    last_early_log_ohm: float | None = None
-    #: The last pulse had no sample at its end, and no wider pulse has given a time constant.
-    is_estimated: bool = False
-    last_log_ohm: float | None = None
-    last_step: float = 0.0
-    flicker: float = 0.0
-    is_flickering: bool = False
-    reversed_ns: int = 0
-    at_ua: int = 0
-    tau_us: float | None = None
-    quality: Quality | None = None
-    measured_ns: int | None = None
-    #: Rejections that have begun and not ended, and when each last occurred.
-    rejected_ns: dict[Quality, int] = field(default_factory=dict)
+    __slots__ = (
+        "at_ua",
+        "early_log_ohm",
+        "flicker",
+        "is_estimated",
+        "is_flickering",
+        "last_early_log_ohm",
+        "last_log_ohm",
+        "last_step",
+        "log_ohm",
+        "measured_ns",
+        "quality",
+        "rejected_ns",
+        "reversed_ns",
+        "tau_us",
+    )
+
+    def __init__(self) -> None:
+        self.log_ohm: float | None = None
+        self.early_log_ohm: float | None = None
+        self.last_early_log_ohm: float | None = None
+        #: The last pulse had no sample at its end, and no wider pulse has given a time constant.
+        self.is_estimated = False
+        self.last_log_ohm: float | None = None
+        self.last_step = 0.0
+        self.flicker = 0.0
+        self.is_flickering = False
+        self.reversed_ns = 0
+        self.at_ua = 0
+        self.tau_us: float | None = None
+        self.quality: Quality | None = None
+        self.measured_ns: int | None = None
+        #: Rejections that have begun and not ended, and when each last occurred.
+        self.rejected_ns: dict[Quality, int] = {}
 
     def begin_anew(self) -> None:
         """The estimate has expired: the next pulse counts as the first."""
@@ -117,16 +131,27 @@ class _Skin:
         self.is_flickering = self.flicker > _FLICKER or (self.is_flickering and not is_calm)
 
 
-class Samples(msgspec.Struct, frozen=True, gc=False):
+class Samples:
     """The samples of a pulse; `end_v` is None where the pulse was too short."""
 
-    commanded_ua: int
-    width_us: float
-    resting_v: float
-    early_v: float
-    end_v: float | None
-    #: The voltage of the probe directly before the pulse; 0.0: there was none, or it was rejected.
-    probed_v: float = 0.0
+    __slots__ = ("commanded_ua", "early_v", "end_v", "probed_v", "resting_v", "width_us")
+
+    def __init__(
+        self,
+        commanded_ua: int,
+        width_us: float,
+        resting_v: float,
+        early_v: float,
+        end_v: float | None,
+        probed_v: float = 0.0,
+    ) -> None:
+        self.commanded_ua: Final = commanded_ua
+        self.width_us: Final = width_us
+        self.resting_v: Final = resting_v
+        self.early_v: Final = early_v
+        self.end_v: Final = end_v
+        #: The voltage of the probe directly before the pulse; 0.0: none, or it was rejected.
+        self.probed_v: Final = probed_v
 
 
 class ImpedanceMap:

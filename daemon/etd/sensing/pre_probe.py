@@ -22,27 +22,29 @@ estimate. Without a probe to compare with, the contact is a new one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Final
 
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.pulse.measured import MAX_SKIN_OHM
 from etd.pulse.request import PulseRequest
 from etd.sensing.contact import PEELED, ContactMap
 from etd.sensing.impedance import ImpedanceMap
-from etd_hal.board import Pulse, PulseResult
+from etd_hal.phase import Pulse, PulseResult
 
 #: A smaller rise has no effect before the pulse has confirmed it.
 RISEN = 1.05
 
 
-@dataclass(frozen=True, slots=True)
 class _ProbeSample:
     """The measurement of a probe; comparable to another only at the same current and width."""
 
-    commanded_ua: int
-    width_us: float
-    voltage_v: float
-    ohm: float
+    __slots__ = ("commanded_ua", "ohm", "voltage_v", "width_us")
+
+    def __init__(self, commanded_ua: int, width_us: float, voltage_v: float, ohm: float) -> None:
+        self.commanded_ua: Final = commanded_ua
+        self.width_us: Final = width_us
+        self.voltage_v: Final = voltage_v
+        self.ohm: Final = ohm
 
 
 class PreProbe:

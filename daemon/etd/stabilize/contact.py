@@ -23,30 +23,14 @@ that the contact is not yet what it was. It never asks for more than was wanted.
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import msgspec
-from msgspec import Meta
-from msgspec.structs import replace
-
 from etd.pulse.request import MaxGain, PulseRequest
+from etd.stabilize.law_settings import ContactSettings
 from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.settling import Settling
 from etd.stabilize.slew import SlewLimiter
 
 #: Of the compliance: what a pulse may need by the resistance known.
 _LIFTED = 0.9
-
-
-class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a body-site file says of it."""
-
-    #: Of the threshold: where a new contact begins.
-    start_fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
-    #: Of a current that could not be delivered: what is asked for next.
-    back_off: Annotated[float, Meta(ge=0.1, le=0.95)] = 0.8
-    #: How fast the current comes back after that, in parts of what is wanted.
-    rise_per_s: Annotated[float, Meta(ge=0.01, le=10.0)] = 0.2
 
 
 class Contact:
@@ -74,7 +58,7 @@ class Contact:
         current_ua = min(current_ua, self._deliverable_ua(request.current_ua, estimate))
         if current_ua == request.current_ua:
             return request
-        return replace(request, current_ua=current_ua)
+        return request.stepped(current_ua, request.width_us)
 
     def _softened(self, wanted_ua: int, estimate: ElectrodeEstimate) -> int:
         if estimate.state in ("closed", "saturated"):

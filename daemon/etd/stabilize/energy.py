@@ -23,16 +23,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from msgspec.structs import replace
-
 from etd.pulse.request import PulseRequest
+from etd.stabilize.law_settings import EnergySettings
 from etd.stabilize.pipeline import ElectrodeEstimate, OnRejected, ignore_rejection
-from etd.stabilize.resistance_law import ResistanceLaw, ResistanceLawSettings
+from etd.stabilize.resistance_law import ResistanceLaw
 from etd.stabilize.rounding import held_us
-
-
-class EnergySettings(ResistanceLawSettings, frozen=True):
-    """Those of all laws by resistance."""
 
 
 class Energy(ResistanceLaw):
@@ -61,4 +56,4 @@ class Energy(ResistanceLaw):
         exact_us = request.width_us * factor
         width_us = held_us(request, exact_us, self._min_width_us, self._max_widening)
         current_ua = int(request.current_ua * min(1.0, math.sqrt(exact_us / width_us)))
-        return replace(request, current_ua=current_ua, width_us=width_us)
+        return request.stepped(current_ua, width_us)

@@ -28,25 +28,14 @@ once; a soft contact gets no more than that.
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from msgspec import Meta
-from msgspec.structs import replace
-
 from etd.pulse.request import PulseRequest
+from etd.stabilize.law_settings import LinearLawSettings
 from etd.stabilize.pipeline import ElectrodeEstimate, OnRejected, ignore_rejection
-from etd.stabilize.resistance_law import ResistanceLaw, ResistanceLawSettings
+from etd.stabilize.resistance_law import ResistanceLaw
 from etd.stabilize.rounding import as_charge
 
 #: Below this part of what is wanted no line is followed: it would come to nothing, and then turn.
 _LEAST = 0.1
-
-
-class LinearLawSettings(ResistanceLawSettings, frozen=True, kw_only=True):
-    """What a body-site file says of it."""
-
-    charge_slope: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
-    energy_slope: Annotated[float, Meta(ge=-1.0, le=2.0)] = 1.0
 
 
 class LinearLaw(ResistanceLaw):
@@ -62,7 +51,7 @@ class LinearLaw(ResistanceLaw):
         charge = self._slewed(estimate, charge)
         if charge == current == 1.0:
             return request
-        weaker = replace(request, current_ua=int(request.current_ua * current))
+        weaker = request.stepped(int(request.current_ua * current), request.width_us)
         width_us = request.width_us * charge / current
         return as_charge(weaker, width_us, self._min_width_us, self._max_widening)
 

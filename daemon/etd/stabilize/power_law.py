@@ -21,20 +21,12 @@ what was wanted; not all widening is believed (`plausibility.py`), and a soft co
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
-
-from msgspec import Meta
 
 from etd.pulse.request import PulseRequest
+from etd.stabilize.law_settings import PowerLawSettings
 from etd.stabilize.pipeline import ElectrodeEstimate, OnRejected, ignore_rejection
-from etd.stabilize.resistance_law import ResistanceLaw, ResistanceLawSettings
+from etd.stabilize.resistance_law import ResistanceLaw
 from etd.stabilize.rounding import as_charge
-
-
-class PowerLawSettings(ResistanceLawSettings, frozen=True, kw_only=True):
-    """What a body-site file says of it."""
-
-    k: Annotated[float, Meta(ge=-2.0, le=2.0)]
 
 
 class PowerLaw(ResistanceLaw):

@@ -20,7 +20,6 @@ from typing import Annotated
 
 import msgspec
 from msgspec import Meta
-from msgspec.structs import replace
 
 from etd.pulse.request import NO_GAIN, SHORTEST_US, MaxGain, PulseRequest
 from etd.stabilize.pipeline import ElectrodeEstimate
@@ -51,4 +50,4 @@ class Prepulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def of(self, request: PulseRequest) -> PulseRequest:
         """The request with a prepulse."""
         prepulse_ua = int(request.current_ua * self.part)
-        return replace(request, prepulse_ua=prepulse_ua, prepulse_us=self.width_us)
+        return PulseRequest(request.current_ua, request.width_us, prepulse_ua, self.width_us)

@@ -14,26 +14,10 @@ tell levels apart best at about 100 kPa, which is p1; p0 of 10 kPa is by design.
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import msgspec
-from msgspec import Meta
-from msgspec.structs import replace
-
 from etd.pulse.request import MaxGain, PulseRequest
+from etd.stabilize.law_settings import PressureSettings
 from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.slew import SlewLimiter
-
-
-class PressureSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a body-site file says of it."""
-
-    #: p0: below, there is no contact.
-    none_kpa: Annotated[float, Meta(ge=0.0, le=1_000.0)] = 10.0
-    #: p1: from here on, all that is wanted. Must be above none_kpa.
-    full_kpa: Annotated[float, Meta(gt=0.0, le=1_000.0)] = 100.0
-    #: Of the way from threshold to what is wanted, in a second.
-    rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 2.0
 
 
 class Pressure:
@@ -49,12 +33,12 @@ class Pressure:
     def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
         pressed = self._pressed.toward(estimate.electrode, self._part(estimate), estimate.now_ns)
         if estimate.pressure_kpa is not None and estimate.pressure_kpa < self._law.none_kpa:
-            return replace(request, current_ua=0)
+            return request.stepped(0, request.width_us)
         if pressed >= 1.0:
             return request
         least_ua = min(estimate.threshold_ua or 0, request.current_ua)
         current_ua = least_ua + int((request.current_ua - least_ua) * pressed)
-        return replace(request, current_ua=current_ua)
+        return request.stepped(current_ua, request.width_us)
 
     def _part(self, estimate: ElectrodeEstimate) -> float:
         law, kpa = self._law, estimate.pressure_kpa

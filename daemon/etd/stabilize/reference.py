@@ -20,7 +20,7 @@ is taken to have been measured at the comfortable level.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Final
 
 from etd.pulse.measured import BEND_UA
 from etd.stabilize.pipeline import ElectrodeEstimate
@@ -29,13 +29,15 @@ from etd.stabilize.pipeline import ElectrodeEstimate
 _NEARLY = 0.9
 
 
-@dataclass(frozen=True, slots=True)
 class _Reference:
     """`is_early`: estimated from the beginning of pulses."""
 
-    ohm: float
-    at_ua: int
-    is_early: bool
+    __slots__ = ("at_ua", "is_early", "ohm")
+
+    def __init__(self, ohm: float, at_ua: int, is_early: bool) -> None:
+        self.ohm: Final = ohm
+        self.at_ua: Final = at_ua
+        self.is_early: Final = is_early
 
 
 class References:

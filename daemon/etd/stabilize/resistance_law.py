@@ -1,30 +1,19 @@
 """What all laws that follow a resistance have in common.
 
-Owns: the settings that they share, what they compare with, which factors they accept, and how fast
+Owns: what they compare with, which factors they accept, and how fast
 they rise. Must not know: what a law makes of a resistance, what it changes of a pulse, limits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Annotated
-
-import msgspec
-from msgspec import Meta
 
 from etd.pulse.request import MaxGain, PulseRequest
+from etd.stabilize.law_settings import ResistanceLawSettings
 from etd.stabilize.pipeline import ElectrodeEstimate, OnRejected
 from etd.stabilize.plausibility import Plausibility
 from etd.stabilize.reference import References
 from etd.stabilize.slew import SlewLimiter
-
-
-class ResistanceLawSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a body-site file says of each of them."""
-
-    max_widening: Annotated[float, Meta(ge=1.0, le=4.0)] = 1.5
-    min_width_us: Annotated[int, Meta(ge=20, le=200)] = 35
-    rise_per_s: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.0
 
 
 class ResistanceLaw:

@@ -5,8 +5,6 @@ Owns: the rounding that the laws by width share. Must not know: why a width is a
 
 from __future__ import annotations
 
-from msgspec.structs import replace
-
 from etd.pulse.request import PulseRequest, stepped_up_us
 
 
@@ -24,4 +22,4 @@ def as_charge(
     """The charge of `exact_us`; the current makes up for the rounding, downward only."""
     width_us = held_us(request, exact_us, min_width_us, max_widening)
     current_ua = int(request.current_ua * min(1.0, exact_us / width_us))
-    return replace(request, current_ua=current_ua, width_us=width_us)
+    return request.stepped(current_ua, width_us)

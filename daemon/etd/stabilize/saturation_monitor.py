@@ -19,7 +19,7 @@ never ends one. Where a site allows more than twice the width, near is what it w
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Final
 
 _LONG_NS = 10_000_000_000
 #: Whatever a site allows: a law that wants this much for long is rejected.
@@ -32,12 +32,14 @@ _NARROW = 0.25
 _LONGEST_STEP_NS = 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
 class End:
     """Of what is wanted, or its inverse: at or above `near` is near, below `away` clearly away."""
 
-    near: float
-    away: float
+    __slots__ = ("away", "near")
+
+    def __init__(self, near: float, away: float) -> None:
+        self.near: Final = near
+        self.away: Final = away
 
 
 def widest(most: float) -> End:

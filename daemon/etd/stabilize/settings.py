@@ -14,13 +14,20 @@ from typing import Literal, get_args
 import msgspec
 
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.contact import Contact, ContactSettings
-from etd.stabilize.energy import Energy, EnergySettings
-from etd.stabilize.linear_law import LinearLaw, LinearLawSettings
+from etd.stabilize.contact import Contact
+from etd.stabilize.energy import Energy
+from etd.stabilize.law_settings import (
+    ContactSettings,
+    EnergySettings,
+    LinearLawSettings,
+    PowerLawSettings,
+    PressureSettings,
+)
+from etd.stabilize.linear_law import LinearLaw
 from etd.stabilize.pipeline import OnRejected, Stabilizer, ignore_rejection
-from etd.stabilize.power_law import PowerLaw, PowerLawSettings
+from etd.stabilize.power_law import PowerLaw
 from etd.stabilize.prepulse import Prepulse
-from etd.stabilize.pressure import Pressure, PressureSettings
+from etd.stabilize.pressure import Pressure
 from etd.stabilize.shape import Shape
 from etd.stabilize.strength_duration import StrengthDuration
 from etd_hal.boardfile import Source

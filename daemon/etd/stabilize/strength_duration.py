@@ -21,7 +21,6 @@ from typing import Annotated
 
 import msgspec
 from msgspec import Meta
-from msgspec.structs import replace
 
 from etd.pulse.request import SHORTEST_US, MaxGain, PulseRequest
 from etd.stabilize.pipeline import ElectrodeEstimate
@@ -54,4 +53,4 @@ class StrengthDuration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         if request.width_us <= self.width_us:
             return request
         rise = strength(self.width_us, self.tau_us) / strength(request.width_us, self.tau_us)
-        return replace(request, current_ua=int(request.current_ua * rise), width_us=self.width_us)
+        return request.stepped(int(request.current_ua * rise), self.width_us)
