@@ -22,8 +22,10 @@ sys.path[:0] = [str(_TESTS)]
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from bench import body, latency, modelled, processor, usual_script  # noqa: E402
+from bench import body, latency, machines, modelled, processor, stages, usual_script  # noqa: E402
 from bench.modelled import ELECTRODES, WIDTH_US, ScanFigures  # noqa: E402
+from etd_hal.fake.machines import MACHINES  # noqa: E402
+from etd_hal.fake.processor import STAGES_NS, Stage  # noqa: E402
 
 #: {rest in us: the most that a scan may take, over the sum of widths and rests}
 MOST_OVER_LIMIT = {200: 1.10, 50: 1.20}
@@ -31,6 +33,9 @@ MOST_CALLS_PER_PULSE = 6.0
 LEAST_OVER_SCRIPT = 4.0
 #: A second of scanning 64 electrodes, of the body behind the fake, in processor time.
 MOST_BODY_S = 1.0
+#: What comes of a rate that was planned on a modelled machine. The contact polls of silent
+#: electrodes, as many as 128 of them, are no part of a plan.
+LEAST_KEPT = 0.88
 #: gpiod's own calls, assumed for a Pi 4: one line, and several lines.
 GPIOD_CALLS_US = (10.0, 15.0)
 #: The ESP32 kits: two words a pulse at 6.6 us each, as their sources have it; the rest as asked.
@@ -128,6 +133,8 @@ def compare(rest_us: int) -> Comparison:
 def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None:
     for comparison in figures["scans"]:
         console.print(_scan_table(comparison, figures["stabilized"]))
+    console.print(_machines_table(figures["machines"]))
+    console.print(_stages_table(figures["stages"]))
     console.print(_processor_table(figures["processor"], figures["stabilized"], figures["ahead"]))
     console.print(_latency_table(figures["latency"]))
     console.print(_body_table(figures["body"]))
@@ -182,6 +189,40 @@ def _scan_table(found: Comparison, measured: processor.ProcessorFigures) -> Tabl
         f" (4) {modelled.MESSAGE_US:g} us of the kernel's for each probe's message included"
         f" (5) the median measured below, times {processor.PI4_FACTOR:g}: held to nothing"
     )
+    return table
+
+
+def _machines_table(found: list[machines.MachineScan]) -> Table:
+    table = Table(
+        title=f"modelled machines, computing included: {WIDTH_US} us, as fast as the plan lets it",
+        caption="period: from scan to scan, with the pauses that the kernel demands (80 % busy)",
+    )
+    for column in ("machine", "electrodes", "rest", "computing", "plan", "period", "over limit"):
+        table.add_column(column, justify="right")
+    table.add_column("bound by")
+    for scan in found:
+        table.add_row(
+            scan.machine,
+            str(scan.electrodes),
+            f"{scan.rest_us} us",
+            f"{scan.computing_us:.0f} us",
+            f"{scan.planned_hz:.1f} Hz",
+            f"{scan.period_ms:.2f} ms",
+            f"{scan.ratio:.3f}",
+            scan.bound_by or "",
+        )
+    return table
+
+
+def _stages_table(found: dict[Stage, float]) -> Table:
+    table = Table(
+        title="computing by stage, measured here (plain pulses; medians)",
+        caption="charged: what the fake's model takes for it, before a machine's slowness",
+    )
+    for column in ("", "here", "charged"):
+        table.add_column(column, justify="left" if not column else "right")
+    for stage, charged_ns in STAGES_NS.items():
+        table.add_row(stage, f"{found.get(stage, 0.0):.1f} us", f"{charged_ns / 1e3:.1f} us")
     return table
 
 
@@ -254,6 +295,12 @@ def main() -> int:
     comparisons = [compare(rest_us) for rest_us in MOST_OVER_LIMIT]
     figures: dict[str, Any] = {
         "scans": comparisons,
+        "machines": [
+            machines.measure(name, *scene)
+            for name in MACHINES
+            for scene in machines.SCENES[: 2 if args.quick else None]
+        ],
+        "stages": stages.measure(10 if args.quick else 40),
         "processor": processor.measure(10 if args.quick else 100),
         "stabilized": processor.measure(10 if args.quick else 100, modelled.STABILIZED),
         "ahead": processor.measure(10 if args.quick else 100, modelled.AHEAD),
@@ -261,11 +308,16 @@ def main() -> int:
         "body": [body.measure(side) for side in ((8,) if args.quick else (8, 16))],
     }
     bounds = [bound for comparison in comparisons for bound in comparison.bounds()]
+    for scan in figures["machines"]:
+        what = f"{scan.machine}, {scan.electrodes} electrodes, rest {scan.rest_us} us"
+        bounds.append(at_least(f"{what}: rate over plan", scan.kept, LEAST_KEPT))
     busy_s = figures["body"][0].busy_s
     bounds.append(at_most("a second of the body with 64 electrodes, s", busy_s, MOST_BODY_S))
     if args.json:
         plain = {
             "scans": [asdict(comparison) for comparison in comparisons],
+            "machines": [asdict(scan) for scan in figures["machines"]],
+            "stages": figures["stages"],
             "processor": asdict(figures["processor"]),
             "stabilized": asdict(figures["stabilized"]),
             "ahead": asdict(figures["ahead"]),

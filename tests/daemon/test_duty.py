@@ -17,7 +17,7 @@ def test_a_scan_that_sleeps_enough_needs_no_more() -> None:
 
 
 def test_a_busy_scan_is_followed_by_a_wait() -> None:
-    assert shortest_period_us(10_000.0, 0.0, 0.0) == pytest.approx(12_500.0, rel=0.01)
+    assert shortest_period_us(10_000.0, 0.0, 0.0) == pytest.approx(12_500.0)
 
 
 def test_polls_in_the_wait_need_a_longer_one() -> None:
