@@ -202,9 +202,10 @@ def test_the_demo_shows_lines_and_ends_by_itself(rig: CommandRig) -> None:
     trace = rig.folder / "trace.jsonl"
     told = rig.run("demo", "--seconds", "1.2", "--trace", str(trace))
     assert told.status == 0, told.err
-    first, second, last = told.out.splitlines()
+    # A line a second: a busy machine may be later than asked to end.
+    first, second, *more, last = told.out.splitlines()
     assert "backend: fake" in first
-    assert second.startswith("ARMED")
+    assert all(line.startswith("ARMED") for line in (second, *more))
     assert "64 of 64 touch the skin" in second
     assert "pulses in" in last
     assert sum(event.get("bus") == "body" for event in events(trace)) > 200

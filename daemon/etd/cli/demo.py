@@ -126,11 +126,15 @@ class Demo:
         return self._display.show_current(currents_ua, width_us=_WIDTH_US, allow_slower=True)
 
     def _listen(self, reports: Telemetry, picture: Plain | Drawn, until_ns: int) -> None:
-        while (left_ns := until_ns - clock.now_ns()) > 0:
-            item = reports.receive(left_ns / 1e9)
+        """What has arrived is drawn even where the next frame is late already."""
+        while True:
+            left_ns = until_ns - clock.now_ns()
+            item = reports.receive(max(0.0, left_ns / 1e9))
             if item is not None:
                 self._monitor.hear(item[1])
             picture.draw(self._rate_hz)
+            if item is None and left_ns <= 0:
+                return
 
     def _seconds(self) -> float:
         return (clock.now_ns() - self._begun_ns) / 1e9
