@@ -43,7 +43,10 @@ class LeaseView:
             self.end(self.standing.token, "the engine is gone")
 
     def check(self, token: str, uid: int | None) -> StandingLease:
-        """If it stands and is this user's. Raises: Refused (`no_lease`, `other_lease`)."""
+        """The lease with this token, if it stands and belongs to this user.
+
+        Raises: Refused (`no_lease`, `other_lease`).
+        """
         lease = self.standing
         if lease is None:
             raise Refused("no_lease", f"there is no lease ({self._why_none}): open one")

@@ -56,7 +56,10 @@ class CalibrationStore:
             ) from error
 
     def delete(self, name: str) -> None:
-        """A lease opened with it keeps it. Raises: Refused (`not_found`, `bad_calibration`)."""
+        """A lease that was opened with it keeps its limits until it ends.
+
+        Raises: Refused (`not_found`, `bad_calibration`).
+        """
         if self._is_shipped(name):
             raise Refused(
                 "bad_calibration", f"{name!r} is a shipped calibration: it cannot be deleted"
