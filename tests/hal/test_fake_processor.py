@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import pytest
 
 from board_rig import MACHINES as MACHINE_FILES
-from etd_hal.boardfile import load_board
+from etd_hal.board import Board
+from etd_hal.boardfile import load_board, load_machine
 from etd_hal.compose import MODELLED_MACHINES, open_fake
 from etd_hal.fake.clock import LiveClock, SteppedClock
 from etd_hal.fake.machines import MACHINES, PI4
@@ -129,6 +130,17 @@ class TestLiveClock:
         assert clock.begin_call("switch") - ended_ns == 120_000
         assert clock.now_ns() <= real.t_ns
 
+    def test_nothing_is_charged_between_a_message_and_the_readings_around_it(self) -> None:
+        real, working = HandClock(), Working()
+        clock = LiveClock(real, ThreadTime(10.0, working))
+        clock.end_call(clock.begin_message())
+        clock.begin_call("switch")
+        before_ns = clock.now_ns()
+        working.t_ns += 7_000
+        clock.end_call(clock.begin_message() + 100_000)
+        working.t_ns += 5_000
+        assert clock.now_ns() - before_ns == 100_000
+
     def test_what_a_call_itself_computes_is_the_fakes_and_costs_nothing(self) -> None:
         real, working = HandClock(), Working()
         clock = LiveClock(real, ThreadTime(10.0, working))
@@ -168,4 +180,15 @@ def test_its_calls_take_the_time_of_that_machine(machine: str | None) -> None:
     backend.gpio.set(((board.used_lines()["CLK"], 0),))
     took_ns = backend.clock.now_ns() - begun_ns
     assert took_ns == (10_800 if machine == "zero2w" else 4_400)
+    backend.close()
+
+
+@pytest.mark.parametrize("name", MODELLED_MACHINES)
+def test_live_messages_last_as_modelled_whatever_computing_costs(name: str) -> None:
+    file = load_board(MACHINE_FILES.parent / "boards" / "kajimoto-hv507.toml")
+    backend = open_fake(file, electrodes=range(64), machine=name)
+    machine = load_machine(MACHINE_FILES / f"{name}.toml")
+    ports = (backend.spi, backend.gpio, backend.clock)
+    timing = Board(file, machine, backend.codec, *ports).calibrate()
+    assert timing.spread_us < 0.01
     backend.close()

@@ -170,6 +170,9 @@ class LiveClock:
     def now_ns(self) -> int:
         """While a call waits for its end, the others see time go on; never ahead of the real."""
         self.compute("now")
+        return self._reading_ns()
+
+    def _reading_ns(self) -> int:
         with self._lock:
             paced_ns = self._real.now_ns() - self._behind_ns
             until_ns = self._asleep_until_ns
@@ -192,7 +195,7 @@ class LiveClock:
 
     def begin_call(self, call: Call) -> int:
         self.compute(call)
-        return self.now_ns()
+        return self._reading_ns()
 
     def begin_message(self) -> int:
         if self._player != threading.get_ident():
