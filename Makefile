@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench bench-calibrate bench-steady record compare format install activate uninstall clean
+.PHONY: help demo check test test-models durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench bench-calibrate bench-steady record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -124,6 +124,27 @@ install: ## Install the daemon for systemd on a Raspberry Pi (as root; DESTDIR= 
 	  echo "$$($(PYTHON) -c 'import sys; print(sys.executable)') is in somebody's home, which the services cannot see: make install PYTHON=/usr/bin/python3"; exit 1; }
 	@{ command -v cc && $(PYTHON) -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))'; } >/dev/null || { \
 	  echo "spidev is compiled when it is installed, and the compiler or Python's headers are missing: sudo apt install gcc python3-dev"; exit 1; }
+	$(if $(DESTDIR),,@$(stop_engines))
+	@echo "Installing; spidev is compiled for it, which takes minutes on a small machine."
+	@# The services' users read what root writes, whatever root's own umask is.
+	@umask 022 && $(MAKE) --no-print-directory place
+	$(if $(DESTDIR),,@$(MAKE) --no-print-directory activate)
+	@echo "Installed. Look at $(DESTDIR)/etc/etd/main.toml, then: sudo systemctl enable --now etd@main.target"
+	@echo "Who may use it: sudo adduser NAME etd-users"
+
+# An engine that runs needs its program until it has ended: ExecStopPost= is `etd safe`. What ran is
+# named, and not started again: a board is armed only after a self-test of the new program.
+define stop_engines
+if [ -d /run/systemd/system ]; then \
+  ran=$$(systemctl list-units --plain --no-legend --state=active,activating,reloading,deactivating 'etd@*.target' 'etd-gateway@*.service' 'etd-engine@*.service' | cut -d' ' -f1); \
+  if [ -n "$$ran" ]; then \
+    systemctl stop $$ran && echo "Stopped, because their program is replaced: $$ran"; \
+  fi; \
+fi
+endef
+
+# The files of `make install`, with a umask that lets others read them.
+place:
 	$(PYTHON) -m venv --clear $(DESTDIR)$(PREFIX)/venv
 	$(DESTDIR)$(PREFIX)/venv/bin/pip install --quiet --disable-pip-version-check '.[pi]'
 	@# A virtual environment knows its path: take DESTDIR out of it again.
@@ -136,9 +157,6 @@ install: ## Install the daemon for systemd on a Raspberry Pi (as root; DESTDIR= 
 	install -D -m 0644 systemd/etd.sysusers.conf $(DESTDIR)/usr/lib/sysusers.d/etd.conf
 	install -D -m 0644 systemd/etd.tmpfiles.conf $(DESTDIR)/usr/lib/tmpfiles.d/etd.conf
 	install -D -m 0644 systemd/90-etd.rules $(DESTDIR)/usr/lib/udev/rules.d/90-etd.rules
-	$(if $(DESTDIR),,@$(MAKE) --no-print-directory activate)
-	@echo "Installed. Look at $(DESTDIR)/etc/etd/main.toml, then: sudo systemctl enable --now etd@main.target"
-	@echo "Who may use it: sudo adduser NAME etd-users"
 
 # The running system takes up what was installed: the end of `make install`, and what a package does
 # after unpacking what came out of a DESTDIR. Each step only where there is something to tell: a

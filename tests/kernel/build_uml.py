@@ -16,7 +16,7 @@ from pathlib import Path
 from build_x86 import SERIES, spidev_package
 from pieces import HERE, RigFailure, fingerprint, is_made, making, need, only_builder, piece, run
 
-_TOOLS = {
+TOOLS = {
     "busybox": "busybox-static",
     "gcc": "gcc",
     "make": "make",
@@ -104,7 +104,7 @@ def module(tree: Path) -> Path:
 @cache
 def build(python: str) -> tuple[Path, Path]:
     """The kernel and the module, looked up once a run. Raises: RigFailure."""
-    need(_TOOLS)
+    need(TOOLS)
     with only_builder():
         tree = kernel()
         spidev_package(python)

@@ -25,7 +25,7 @@ from pieces import HERE, RigFailure, fingerprint, is_made, making, need, only_bu
 SERIES = "6.12"
 #: The kernel's own modules that the guest needs; what they need is found.
 _STOCK_MODULES = ("9pnet_virtio", "9p", "overlay", "i2c-dev", "virtio_pci")
-_TOOLS = {
+TOOLS = {
     "qemu-system-x86_64": "qemu-system-x86",
     "busybox": "busybox-static",
     "cpio": "cpio",
@@ -174,7 +174,7 @@ def spidev_package(python: str) -> Path:
 @cache
 def build(python: str) -> tuple[Path, Path]:
     """The kernel and the initial file system, looked up once a run. Raises: RigFailure."""
-    need(_TOOLS)
+    need(TOOLS)
     release = kernel_release()
     with only_builder():
         root = unpacked(release)

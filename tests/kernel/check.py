@@ -30,7 +30,7 @@ import measured
 import mutants
 import service_layers
 from etd.client import clock
-from pieces import BUILD, TREE, RigFailure
+from pieces import BUILD, TREE, RigFailure, need
 from run import PROCESSOR_S, Guest, boot
 
 _CHECKS = TREE / "tests/kernel/in_guest"
@@ -218,6 +218,8 @@ def main() -> int:
     guests: tuple[Guest, ...] = (chosen.guest,) if chosen.guest else _GUESTS
     begun_ns = clock.now_ns()
     try:
+        # All of them before anything is built: naming them one build after another takes hours.
+        need(build_x86.TOOLS | build_uml.TOOLS | service_layers.TOOLS)
         mutants.check_places()
         bytecode.compile_tree()
         for build in (build_x86.build, build_uml.build):

@@ -15,6 +15,7 @@ import hashlib
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -80,6 +81,8 @@ def is_made(folder: Path) -> bool:
 @contextmanager
 def making(folder: Path) -> Iterator[Path]:
     """An empty folder for the piece, which is good once this ends without an error."""
+    told = f"kernel rig: making {folder.parent.name}, once; a kernel takes many minutes"
+    print(told, file=sys.stderr, flush=True)
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     yield folder

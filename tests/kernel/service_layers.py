@@ -28,7 +28,7 @@ from pieces import (
 )
 
 _PACKAGES = ("systemd", "udev", "kmod")
-_TOOLS = {"apt-get": "apt", "dpkg-deb": "dpkg", "setpriv": "util-linux", "cc": "gcc"}
+TOOLS = {"apt-get": "apt", "dpkg-deb": "dpkg", "setpriv": "util-linux", "cc": "gcc"}
 #: What `make install` takes from the tree.
 _INSTALLED_FROM = ("daemon", "hal", "config", "systemd", "Makefile", "pyproject.toml", "README.md")
 #: What ProtectHome= hides from a service, as `make install` has it too.
@@ -121,7 +121,7 @@ def _units() -> Path:
 @cache
 def build() -> list[Path]:
     """The folders to lay over the root, the uppermost first; once a run. Raises: RigFailure."""
-    need(_TOOLS)
+    need(TOOLS)
     before = os.umask(0o022)
     try:
         with only_builder():

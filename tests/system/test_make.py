@@ -77,6 +77,46 @@ def test_a_python_in_a_home_is_refused_for_services(clone: Path) -> None:
     assert wanted in said
 
 
+def planned(clone: Path, *arguments: str) -> list[str]:
+    """The commands that would run, in their order; nothing is run."""
+    stub = python(clone, lacks="nothing")
+    ran = subprocess.run(
+        ["make", "-n", "install", f"PYTHON={stub}", *arguments],
+        cwd=clone,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=600,
+        env={"PATH": os.environ["PATH"]},
+    )
+    return ran.stdout.splitlines()
+
+
+def where(commands: list[str], part: str) -> int:
+    return next(place for place, command in enumerate(commands) if part in command)
+
+
+def test_a_running_engine_is_stopped_before_its_program_is_replaced(clone: Path) -> None:
+    """Its `etd safe` runs when it ends: with the program gone the outputs stay as they are."""
+    commands = planned(clone)
+    assert where(commands, "systemctl stop") < where(commands, "venv --clear")
+
+
+def test_what_is_laid_out_elsewhere_stops_nothing_here(clone: Path) -> None:
+    assert not any("systemctl stop" in line for line in planned(clone, f"DESTDIR={clone / 'out'}"))
+
+
+def test_the_services_can_read_what_is_installed_under_any_umask(clone: Path) -> None:
+    commands = planned(clone)
+    assert where(commands, "umask 022 && ") < where(commands, "venv --clear")
+    assert "place" in commands[where(commands, "umask 022 && ")]
+
+
+def test_a_long_installation_says_that_it_works(clone: Path) -> None:
+    commands = planned(clone)
+    assert where(commands, "takes minutes on a small machine") < where(commands, "venv --clear")
+
+
 def test_help_lists_every_target() -> None:
     said = subprocess.run(
         ["make", "help"], cwd=CLONE, capture_output=True, text=True, check=True, timeout=600

@@ -17,6 +17,7 @@ from etd.cli.run import kept_selftest, loaded_config
 from etd.cli.selftest_ending import broken_off_once
 from etd.cli.selftest_table import Quiet, Table, table_of
 from etd.files.configuration import LoadedConfig
+from etd.files.lasting import why_forgotten
 from etd.protocol.errors import FileError
 from etd.selftest.fixture import DummyLoad, Fixture, SelftestOptions
 from etd.selftest.ladder import largest_ohm
@@ -276,6 +277,12 @@ def _print_report(args: argparse.Namespace, report: Report, kept: Path) -> None:
         f"{subject.board} on {subject.machine} (backend: {subject.backend}): {passed};"
         f" report in {kept}"
     )
+    forgotten = why_forgotten(kept)
+    if forgotten is not None and subject.backend == "linux":
+        print(
+            f"after the next boot this report may be gone, and the board not armed: {kept}"
+            f" {forgotten}; switch the overlay off for the test, or mount a partition there"
+        )
     if refused is not None:
         print(f"this board is not armed until it passes: {refused}")
 
