@@ -84,6 +84,13 @@ MACHINE = [
     Case("a clock that goes back", ALL, [MachineTrouble("clock_back")], "machine", "clock"),
     Case("a coarse clock", ALL, [MachineTrouble("clock_coarse")], "machine", "clock"),
     Case("a date of 1970", ALL, [MachineTrouble("date_wrong")], "machine", "date"),
+    Case(
+        "a clock that follows load",
+        ALL,
+        [MachineTrouble("clock_follows_load")],
+        "machine",
+        "cpu_clock",
+    ),
     Case("no gpiod", ALL, [MachineTrouble("package_missing")], "machine", "libraries"),
     Case("a Pi 5", ALL, [MachineTrouble("wrong_model")], "machine", "model"),
 ]

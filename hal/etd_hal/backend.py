@@ -53,6 +53,8 @@ class Backend:
     timeout_factor: int = 1
     #: Facts of the machine, a sentence each.
     facts: tuple[str, ...] = ()
+    #: What slows the machine down now, a sentence each. It asks the firmware: not within a scan.
+    troubles: Callable[[], tuple[str, ...]] = tuple
     #: A digest that identifies the machine among its model; "" where there is none.
     identity: str = ""
     #: What a modelled body has felt since the last call; None where there is no such body, and on

@@ -25,6 +25,34 @@ class Health:
     was_throttled: bool | None = None
     was_under_voltage: bool | None = None
 
+    @property
+    def troubles(self) -> tuple[str, ...]:
+        """What slows the machine down now, a sentence each."""
+        found = []
+        if self.is_throttled:
+            found.append("the firmware slows the machine down now: cool it, and check its supply")
+        if self.is_under_voltage:
+            found.append("the machine is short of voltage now: its own supply, and a short cable")
+        return tuple(found)
+
+
+@dataclass(frozen=True, slots=True)
+class CpuClock:
+    """The clock of the processor's cores; all in kHz."""
+
+    governor: str
+    least_khz: int
+    most_khz: int
+    now_khz: int
+
+    @property
+    def is_fixed(self) -> bool:
+        return self.governor == "performance" or self.least_khz == self.most_khz
+
+    def __str__(self) -> str:
+        least, most, now = (khz // 1_000 for khz in (self.least_khz, self.most_khz, self.now_khz))
+        return f"governor {self.governor}, {least} to {most} MHz, now {now} MHz"
+
 
 @dataclass(frozen=True, slots=True)
 class Obtained:
@@ -73,6 +101,10 @@ class Host(Protocol):
         ...
 
     def health(self) -> Health: ...
+
+    def cpu_clock(self) -> CpuClock | None:
+        """None where the kernel changes no clock, or does not report it."""
+        ...
 
     def free_memory_kb(self) -> int | None:
         """Memory available without swapping; None where the kernel does not report it."""

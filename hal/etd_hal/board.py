@@ -26,14 +26,16 @@ from etd_hal.phase import Pulse, PulseResult
 from etd_hal.ports import Changes, Clock, Gpio, Message, Spi
 from etd_hal.selection import Selection, Selections, Switch
 from etd_hal.source_rules import IDLE_MOST_V, SourceRules
+from etd_hal.speeds import Speeds
 from etd_hal.switch_shadow import Approval, Prepulse
-from etd_hal.timing import Timing, calibrate, fitted, pulse_message, zero_message
+from etd_hal.timing import Timing, fitted, pulse_message, zero_message
 
 #: The stopper acts when a message is this much over its plan.
 OVERDUE_NS = 1_000_000
 #: How many pulses are kept, each with all that was made of its message (some 5 kB); beyond that the
 #: oldest is dropped.
 _MAX_REMEMBERED = 2_048
+_Key = tuple[int, int, Prepulse | None]
 
 
 class Board:
@@ -65,8 +67,9 @@ class Board:
         self._zero = zero_message(codec)
         # Held, and so kept prepared: the way to the safe state lays nothing out.
         spi.prepare(self._zero)
-        #: In the order in which they were made.
-        self._pulses: dict[tuple[int, int, Prepulse | None], Pulse] = {}
+        #: In the order in which they were made, by the present timing.
+        self._pulses: dict[_Key, Pulse] = {}
+        self._speeds: Speeds[_Key, Pulse] = Speeds(machine, codec, self._time_message)
         self._timing: Timing | None = None
         self._rest_until_ns = 0
         self._heartbeat_level = 0
@@ -126,22 +129,22 @@ class Board:
         return self._timing
 
     def calibrate(self, meanwhile: Callable[[], None] = lambda: None) -> Timing:
-        """Time messages at DAC code 0 on this machine, and check the result. `meanwhile` is called
-        before each message: all of them take some 20 ms, and a heartbeat may be due. Raises:
-        BoardFault, BusError.
+        """Time messages at DAC code 0, for 20 to 80 ms, and check the result. `meanwhile` is called
+        before each message. Raises: BoardFault, BusError.
         """
-
-        def duration_ns(message: Message) -> int:
-            meanwhile()
-            return self._time_message(message)
-
-        self._timing = calibrate(duration_ns, self.machine, self._codec)
-        self._pulses.clear()
+        self._timing, self._pulses = self._speeds.calibrate(meanwhile)
         return self._timing
 
     def time_messages(self) -> Timing:
         """What a calibration would find, plausible or not. Raises: BusError, GuardRefusal."""
         return fitted(self._time_message, self._codec)
+
+    def recognize_timing(self, meanwhile: Callable[[], None] = lambda: None) -> bool:
+        """Use a timing that held before, if one holds now: in a millisecond. Raises: BusError."""
+        found = self._speeds.recognize(meanwhile)
+        if found is not None:
+            self._timing, self._pulses = found
+        return found is not None
 
     @property
     def min_width_us(self) -> int:
@@ -150,10 +153,8 @@ class Board:
 
     def widest_us(self, prepulse_us: int = 0) -> int:
         """The widest pulse that the guard lets pass on this machine in its worst case, with such a
-        prepulse included.
-
-        At most the board's own maximum. Raises: BoardFault before the first calibration, or if
-        there is none at all.
+        prepulse included; at most the board's own maximum. Raises: BoardFault before the first
+        calibration, or if there is none at all.
         """
         shortest_us = prepulse_us + math.ceil(self.timing.word_us)
         for width_us in range(self.file.maxima.width_us, shortest_us - 1, -1):

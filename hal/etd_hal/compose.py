@@ -72,8 +72,8 @@ def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
 
 
 def _on_kernel(board: BoardFile, spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
+    from etd_hal.linux import host, realtime
     from etd_hal.linux import machine as this_machine
-    from etd_hal.linux import realtime
 
     def close() -> None:
         for port in (spi, gpio, i2c):
@@ -92,6 +92,7 @@ def _on_kernel(board: BoardFile, spi: Spi, gpio: Gpio, i2c: I2c | None, clock: C
         host_clock=clock,
         codec=codec_of(board.source),
         facts=this_machine.facts(),
+        troubles=lambda: host.health().troubles,
         identity=this_machine.identity(),
         set_up_realtime=realtime.set_up,
         set_up_urgent_thread=realtime.scheduling,

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from etd_hal.boardfile import Bounds, MachineFile
@@ -25,7 +25,14 @@ from etd_hal.ports import Message, Transfer
 LONGEST_DELAY_US = 10
 _DELAY_COUNTS = tuple(range(0, 41, 5))
 _WORD_COUNTS = tuple(range(2, 9))
-_REPEATS = 7
+#: (words, delays) of the messages of a round.
+_KINDS = (*((2, delays) for delays in _DELAY_COUNTS), *((words, 0) for words in _WORD_COUNTS))
+#: What they took, in us.
+Round = list[float]
+#: So many that are alike are enough. After the most there must be the fewest.
+_ROUNDS, _MOST_ROUNDS, _FEWEST_ALIKE = 7, 28, 4
+#: (words, delays) of the message by which a timing is recognized, and how often it is sent.
+_LIKE_A_PULSE, _GLANCES = (3, 10), 5
 #: Smallest width gained by one more delay transfer: the guard assumes its worst overhead.
 _CLOSER_US = 0.25
 
@@ -135,32 +142,49 @@ def zero_message(codec: Codec) -> Message:
     return Message((Transfer(codec.word(0)),))
 
 
-def calibrate(duration_ns: Callable[[Message], int], machine: MachineFile, codec: Codec) -> Timing:
+def calibrate(
+    duration_ns: Callable[[Message], int],
+    machine: MachineFile,
+    codec: Codec,
+    too_few: list[list[Round]] | None = None,
+) -> tuple[Timing, ...]:
     """Time messages at DAC code 0, and check what is found against the machine file.
 
-    `duration_ns` sends a message and returns how long the call took. Raises: BoardFault, naming the
-    constant that is not plausible; BusError.
+    `duration_ns` sends a message and returns how long the call took. Messages are timed in rounds
+    of a few milliseconds, one of each kind. What is fitted is the median of rounds that are alike:
+    a round in which something else ran is left out, and so is one in which the clocks changed.
+    Returns the timing that holds now, then those of other speeds that the clocks had meanwhile.
+    `too_few` keeps groups of rounds that are too small for a timing until the next calibration.
+    Raises: BoardFault, naming the constant that is not plausible; BusError.
     """
-    timing = fitted(duration_ns, codec)
-    check(timing, machine)
-    return timing
+    messages = _round(codec)
+    groups = [] if too_few is None else too_few[-_MOST_ROUNDS:]
+    for _ in range(_MOST_ROUNDS):
+        taken_us = [duration_ns(message) / 1_000 for message in messages]
+        group = _alike(groups, taken_us, machine.spread_us)
+        group.append(taken_us)
+        if len(group) == _ROUNDS:
+            break
+    by_size = sorted(groups, key=len, reverse=True)
+    if too_few is not None:
+        too_few[:] = [group for group in groups if len(group) < _FEWEST_ALIKE]
+    if len(by_size[0]) < _FEWEST_ALIKE:
+        everything = [taken_us for group in groups for taken_us in group]
+        found_us = max(max(kind) - min(kind) for kind in zip(*everything, strict=True))
+        _check("spread of a message", found_us, Bounds(low=0.0, high=machine.spread_us))
+    now, *others = (_fit(group) for group in by_size if len(group) >= _FEWEST_ALIKE)
+    check(now, machine)
+    return now, *others
 
 
 def fitted(duration_ns: Callable[[Message], int], codec: Codec) -> Timing:
     """The constants that fit such messages best, plausible or not. Raises: BusError."""
-    zero = codec.word(0)
-    by_delays = [_timed(duration_ns, zero, 2, count) for count in _DELAY_COUNTS]
-    by_words = [_timed(duration_ns, zero, count, 0) for count in _WORD_COUNTS]
-    delay_us, _ = statistics.linear_regression(_DELAY_COUNTS, [median for median, _ in by_delays])
-    word_us, at_no_word_us = statistics.linear_regression(
-        _WORD_COUNTS, [median for median, _ in by_words]
-    )
-    return Timing(
-        word_us=word_us,
-        delay_extra_us=delay_us - LONGEST_DELAY_US,
-        message_us=at_no_word_us + word_us,
-        spread_us=max(spread for _, spread in (*by_delays, *by_words)),
-    )
+    messages = _round(codec)
+    return _fit([[duration_ns(message) / 1_000 for message in messages] for _ in range(_ROUNDS)])
+
+
+def _round(codec: Codec) -> list[Message]:
+    return [_silent(codec, words, delays) for words, delays in _KINDS]
 
 
 def check(timing: Timing, machine: MachineFile) -> None:
@@ -171,16 +195,74 @@ def check(timing: Timing, machine: MachineFile) -> None:
     _check("spread of a message", timing.spread_us, Bounds(low=0.0, high=machine.spread_us))
 
 
-def _timed(
-    duration_ns: Callable[[Message], int], zero: bytes, words: int, delays: int
-) -> tuple[float, float]:
-    """(median, 90th percentile less median) of a few repeats, in us."""
+def _alike(groups: list[list[Round]], taken_us: Round, most_us: float) -> list[Round]:
+    """The group that this round belongs to; a new one if it is like none."""
+    for group in groups:
+        if all(abs(us - first) <= most_us for us, first in zip(taken_us, group[0], strict=True)):
+            return group
+    groups.append([])
+    return groups[-1]
+
+
+def _fit(rounds: list[Round]) -> Timing:
+    """`spread_us` is that of the rounds, or how far their medians are off the fit."""
+    kinds = [sorted(kind) for kind in zip(*rounds, strict=True)]
+    medians_us = [statistics.median(kind) for kind in kinds]
+    spread_us = max(
+        kind[int(0.9 * (len(kind) - 1))] - median_us
+        for kind, median_us in zip(kinds, medians_us, strict=True)
+    )
+    by_delays, by_words = medians_us[: len(_DELAY_COUNTS)], medians_us[len(_DELAY_COUNTS) :]
+    delay_us, at_no_delay_us = statistics.linear_regression(_DELAY_COUNTS, by_delays)
+    word_us, at_no_word_us = statistics.linear_regression(_WORD_COUNTS, by_words)
+    fit_us = [at_no_delay_us + delay_us * count for count in _DELAY_COUNTS]
+    fit_us += [at_no_word_us + word_us * count for count in _WORD_COUNTS]
+    off_us = max(abs(us - fit) for us, fit in zip(medians_us, fit_us, strict=True))
+    return Timing(
+        word_us=word_us,
+        delay_extra_us=delay_us - LONGEST_DELAY_US,
+        message_us=at_no_word_us + word_us,
+        spread_us=round(max(spread_us, off_us), 6),
+    )
+
+
+def recognize(
+    duration_ns: Callable[[Message], int],
+    known: Iterable[Timing],
+    machine: MachineFile,
+    codec: Codec,
+) -> Timing | None:
+    """Which of the known timings holds now, by a few messages of less than a millisecond; None if
+    none does. Raises: BusError.
+    """
+    message = _silent(codec, *_LIKE_A_PULSE)
+    taken_us = statistics.median(duration_ns(message) / 1_000 for _ in range(_GLANCES))
+    return nearest(taken_us, known, machine)
+
+
+def nearest(taken_us: float, known: Iterable[Timing], machine: MachineFile) -> Timing | None:
+    """The timing by which a message like a pulse takes so long; None if none is so near that
+    messages would not be taken to have drifted.
+    """
+    found = min(known, key=lambda timing: abs(like_a_pulse_us(timing) - taken_us), default=None)
+    if found is None or abs(like_a_pulse_us(found) - taken_us) > machine.drift_us:
+        return None
+    return found
+
+
+def like_a_pulse_us(timing: Timing) -> float:
+    """What the message takes by which timings are told apart."""
+    words, delays = _LIKE_A_PULSE
+    held_us = delays * (LONGEST_DELAY_US + timing.delay_extra_us)
+    return timing.message_us + (words - 1) * timing.word_us + held_us
+
+
+def _silent(codec: Codec, words: int, delays: int) -> Message:
+    """A message at DAC code 0."""
+    zero = codec.word(0)
     silent = Transfer(zero, cs_change=True)
     holds = (Transfer(delay_us=LONGEST_DELAY_US),) * delays
-    message = Message((silent,) * (words - 1) + holds + (Transfer(zero),))
-    taken_us = sorted(duration_ns(message) / 1_000 for _ in range(_REPEATS))
-    median_us = statistics.median(taken_us)
-    return median_us, taken_us[int(0.9 * (_REPEATS - 1))] - median_us
+    return Message((silent,) * (words - 1) + holds + (Transfer(zero),))
 
 
 def _check(what: str, found_us: float, bounds: Bounds) -> None:

@@ -22,7 +22,16 @@ sys.path[:0] = [str(_TESTS)]
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from bench import body, latency, machines, modelled, processor, stages, usual_script  # noqa: E402
+from bench import (  # noqa: E402
+    body,
+    clock_steps,
+    latency,
+    machines,
+    modelled,
+    processor,
+    stages,
+    usual_script,
+)
 from bench.modelled import ELECTRODES, WIDTH_US, ScanFigures  # noqa: E402
 from etd_hal.fake.machines import MACHINES  # noqa: E402
 from etd_hal.fake.processor import STAGES_NS, Stage  # noqa: E402
@@ -36,6 +45,8 @@ MOST_BODY_S = 1.0
 #: What comes of a rate that was planned on a modelled machine. The contact polls of silent
 #: electrodes, as many as 128 of them, are no part of a plan.
 LEAST_KEPT = 0.88
+#: Beside clocks that change, of the pulses beside clocks that are fixed.
+LEAST_FIRED_PERCENT = 90.0
 #: gpiod's own calls, assumed for a Pi 4: one line, and several lines.
 GPIOD_CALLS_US = (10.0, 15.0)
 #: The ESP32 kits: two words a pulse at 6.6 us each, as their sources have it; the rest as asked.
@@ -138,6 +149,7 @@ def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None
     console.print(_processor_table(figures["processor"], figures["stabilized"], figures["ahead"]))
     console.print(_latency_table(figures["latency"]))
     console.print(_body_table(figures["body"]))
+    console.print(clock_steps.table(figures["clocks"]))
     for bound in bounds:
         verdict = "[green]met[/]" if bound.is_met else "[red]MISSED[/]"
         console.print(f"{verdict}  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
@@ -305,6 +317,7 @@ def main() -> int:
         "stabilized": processor.measure(10 if args.quick else 100, modelled.STABILIZED),
         "ahead": processor.measure(10 if args.quick else 100, modelled.AHEAD),
         "latency": list(latency.measure(args.quick)),
+        "clocks": clock_steps.measure_all(),
         "body": [body.measure(side) for side in ((8,) if args.quick else (8, 16))],
     }
     bounds = [bound for comparison in comparisons for bound in comparison.bounds()]
@@ -313,6 +326,14 @@ def main() -> int:
         bounds.append(at_least(f"{what}: rate over plan", scan.kept, LEAST_KEPT))
     busy_s = figures["body"][0].busy_s
     bounds.append(at_most("a second of the body with 64 electrodes, s", busy_s, MOST_BODY_S))
+    bounds += [
+        at_least(
+            f"clocks {steps.factor:g} times slower every {steps.every_ms} ms: pulses fired, %",
+            steps.fired_percent,
+            LEAST_FIRED_PERCENT,
+        )
+        for steps in figures["clocks"]
+    ]
     if args.json:
         plain = {
             "scans": [asdict(comparison) for comparison in comparisons],
@@ -322,6 +343,7 @@ def main() -> int:
             "stabilized": asdict(figures["stabilized"]),
             "ahead": asdict(figures["ahead"]),
             "latency": [asdict(figure) for figure in figures["latency"]],
+            "clocks": [asdict(figure) for figure in figures["clocks"]],
             "body": [asdict(figure) for figure in figures["body"]],
             "bounds": [asdict(bound) for bound in bounds],
         }

@@ -154,8 +154,8 @@ def test_a_spoiled_board_is_refused_by_key_and_value(
     [
         ("halt_excess_us = 300.0", "halt_excess_us = inf", "halt_excess_us: it says inf"),
         ("halt_excess_us = 300.0", "halt_excess_us = nan", "halt_excess_us: it says nan"),
-        ("high = 22.0", "high = inf", r"word_us\.high: it says inf"),
-        ("high = 22.0", "high = 11.0", r"word_us: low 12\.0 is above high 11\.0"),
+        ("high = 24.0", "high = inf", r"word_us\.high: it says inf"),
+        ("high = 24.0", "high = 11.0", r"word_us: low 12\.0 is above high 11\.0"),
         ("guard_word_us = 26.0\n", "", "missing required field `guard_word_us`"),
     ],
 )

@@ -258,7 +258,9 @@ def test_a_drift_out_of_bounds_halts(make_rig: MakeRig) -> None:
     rig = fully_open(make_rig(electrodes=N), 1_000)
     for message in range(1, 1_200):
         rig.fake.world.put_in(SpiStall(60, at_message=message, at_transfer=0))
-    rig.show(current_ua=ALL, rate_hz=50.0, ttl_ms=1_000)
-    rig.run_ms(600)
+    while rig.state == "ARMED" and rig.clock.now_ns() < 10_000_000_000:
+        rig.send(current_ua=ALL, rate_hz=50.0)
+        rig.run_ms(60)
     assert first_fault(rig) == "BoardFault"
     assert "overhead of a message" in halts(rig)[0].detail
+    assert rig.engine.components.reporter.counters["calibration_attempts_failed"] == 3

@@ -8,8 +8,8 @@ from engine_rig import EngineRig, make
 from etd.protocol.errors import BoardFault, BusError
 from etd_hal.fake.faults import Fault, SpiError, SpiJitter, SpiStall
 
-#: Messages of the first attempt; more than one of the seven that are timed alike.
-DISTURBED: list[Fault] = [SpiStall(300, at_message=message) for message in range(20, 26)]
+#: Messages of the first attempt: one in each of its rounds.
+DISTURBED: list[Fault] = [SpiStall(300 + 9 * at, at_message=1 + 16 * at) for at in range(1, 28)]
 
 
 def begun(faults: list[Fault]) -> tuple[EngineRig, list[str]]:

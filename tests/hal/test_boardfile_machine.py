@@ -21,7 +21,7 @@ class TestMachine:
         refused(load_machine, tmp_path, text, key, "low 3.0 is above high 2.0", "swap them")
 
     @pytest.mark.parametrize(
-        ("key", "bound"), [("guard_word_us", 22.0), ("guard_delay_extra_us", 1.2)]
+        ("key", "bound"), [("guard_word_us", 24.0), ("guard_delay_extra_us", 1.2)]
     )
     def test_a_worst_case_below_what_calibration_accepts_is_refused(
         self, tmp_path: Path, key: str, bound: float

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from etd_hal.bench import CpuClock
 from etd_hal.boardfile import Bounds, MachineFile
 from etd_hal.linux import machine
 
@@ -130,3 +131,24 @@ def test_a_machine_without_a_tree_is_told_by_its_systems_number(tmp_path: Path) 
     here = lay_out(tmp_path / "1", **{"etc/machine-id": "0123\n"})
     assert len(machine.identity(here)) == 16
     assert machine.identity(tmp_path / "nowhere") == ""
+
+
+def cores(root: Path, governor: str, least: str, most: str, now: str) -> Path:
+    at = "sys__devices__system__cpu__cpu0__cpufreq__scaling_"
+    found = {"governor": governor, "min_freq": least, "max_freq": most, "cur_freq": now}
+    return lay_out(root, **{at + name: f"{text}\n" for name, text in found.items()})
+
+
+def test_governor_and_frequency_of_the_cores_are_told(tmp_path: Path) -> None:
+    here = cores(tmp_path, "ondemand", "600000", "1800000", "700000")
+    assert machine.cpu_clock(here) == CpuClock("ondemand", 600_000, 1_800_000, 700_000)
+    told = "cores: governor ondemand, 600 to 1800 MHz, now 700 MHz"
+    assert told in machine.facts(here)
+
+
+def test_cores_without_a_governor_are_not_guessed_at(tmp_path: Path) -> None:
+    assert machine.cpu_clock(tmp_path) is None
+    assert machine.cpu_clock(cores(tmp_path, "performance", "600000", "", "700000")) is None
+    assert any(
+        fact.startswith("cores: this kernel does not say") for fact in machine.facts(tmp_path)
+    )

@@ -15,6 +15,7 @@ from etd.engine.computing import MeasuredComputing
 from etd.engine.cpu_budget import CpuBudget
 from etd.engine.findings import Findings
 from etd.engine.gateway_link import GatewayLink
+from etd.engine.machine_watch import MachineWatch
 from etd.engine.node_check import NodeCheck
 from etd.engine.reporting import Reporter
 from etd.engine.requests import Requests
@@ -76,6 +77,7 @@ class Components:
     # What becomes of a pulse.
     firing: Firing
     source_check: SourceCheck
+    machine_watch: MachineWatch
     findings: Findings
 
 
@@ -130,5 +132,6 @@ def components_of(
         requests=Requests(adapter, ahead, contact, returns, reporter, is_quick=is_quick),
         firing=firing,
         source_check=SourceCheck(board, maxima, firing),
+        machine_watch=MachineWatch(backend.troubles, reporter.counters),
         findings=Findings(maxima, soft_start, contact, returns, adapter, ahead, reporter),
     )

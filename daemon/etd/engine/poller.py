@@ -176,10 +176,10 @@ class Poller:
             host_ns = self._host_clock.now_ns()
             steps = commands.take_frame(self._supervisor, came.message, host_ns, came.came_host_ns)
             for _ in steps:
-                self._poll_meanwhile()
+                self.poll_meanwhile()
             now_ns = self._clock.now_ns()
 
-    def _poll_meanwhile(self) -> None:
+    def poll_meanwhile(self) -> None:
         """Polls during work that takes longer than the time between two polls may be."""
         if self._host_clock.now_ns() - self._polled_host_ns >= _MEANWHILE_NS:
             self.poll(self._clock.now_ns())

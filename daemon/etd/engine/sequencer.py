@@ -10,6 +10,7 @@ from __future__ import annotations
 from etd.engine.components import Components
 from etd.engine.poller import Poller
 from etd.engine.supervisor import Supervisor
+from etd.engine.timing_calibration import Retiming
 from etd.planning.duty import TICK_US
 from etd.planning.lateness import LATE, Lateness
 from etd.planning.schedule import DuePulse, Schedule
@@ -37,10 +38,13 @@ class Sequencer:
         self._firing = components.firing
         self._requests = components.requests
         self._source_check = components.source_check
+        self._machine_watch = components.machine_watch
         self._supervisor = supervisor
         self._poller = poller
         self._computing = components.computing
         self._lateness = Lateness()
+        counters = components.reporter.counters
+        self._retiming = Retiming(components.board, counters, poller.poll_meanwhile)
         self._is_pausing = False
         #: Stimuli fired in the scan under way.
         self._fired = 0
@@ -122,6 +126,8 @@ class Sequencer:
         power_up = self._supervisor.power_up
         if power_up is not None and self._supervisor.step_power_up(power_up, now_ns):
             return False
+        if self._machine_watch.look(now_ns):
+            self._supervisor.report_state(now_ns)
         schedule, is_armed = self._active.schedule, self._supervisor.states.state == "ARMED"
         if is_armed and self._source_check.is_due(now_ns):
             return True
@@ -135,8 +141,8 @@ class Sequencer:
         return False
 
     def _begin_next(self) -> None:
-        if self._firing.has_drifted:
-            self._calibrate_again()
+        if self._firing.has_drifted and not self._follow_clocks():
+            return
         self._poller.poll_stop_levels()
         if self._active.schedule is not None:
             self._begin_scan(self._active.schedule)
@@ -153,11 +159,20 @@ class Sequencer:
         self._reporter.scan_report(self._clock.now_ns(), self._soft_start.ceiling_ua)
         self._clock.doze_until_ns(deadline_ns)
 
-    def _calibrate_again(self) -> None:
-        self._board.calibrate(lambda: self._poller.beat(self._clock.now_ns()))
+    def _follow_clocks(self) -> bool:
+        """Messages take longer or shorter than planned: find the timing that holds now. False:
+        there is none yet, and nothing is fired.
+        """
+        now_ns = self._clock.now_ns()
+        if now_ns < self._retiming.not_before_ns:
+            self._doze_until(now_ns + TICK_NS)
+            return False
+        if not self._retiming.attempt(now_ns):
+            self._reporter.not_fired(None, "timing")
+            return False
         self._firing.reset_drift()
-        self._reporter.counters["recalibrated"] += 1
         self._supervisor.plan_anew()
+        return True
 
     # --- the way through a scan --------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from etd.engine.capabilities import engine_hello
 from etd.engine.components import Components
 from etd.engine.power_up import Goal, PowerUp, Readiness, check_ready, lasting_refusal
 from etd.engine.timing_calibration import calibrate_at_start
+from etd.engine.timing_calibration import limitations as timing_limitations
 from etd.planning.headroom import PlanRules
 from etd.planning.plan import Planner
 from etd.planning.probes import probes_of
@@ -107,6 +108,8 @@ class Supervisor:
             *self._failed_calibrations,
             *parts.maxima.limitations,
             *parts.source_check.limitations,
+            *timing_limitations(parts.reporter.counters),
+            *parts.machine_watch.troubles,
         )
 
     def end(self) -> tuple[str, ...]:

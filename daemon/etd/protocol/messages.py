@@ -247,7 +247,7 @@ class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
     """Pulses that were not fired, or a rate lowered to `rate_hz`, and what most of a scan is."""
 
     electrode: int | None
-    reason: Literal["ledger", "rate", "processor", "overrun", "resolution"]
+    reason: Literal["ledger", "rate", "processor", "overrun", "resolution", "timing"]
     pulses: int = 0
     rate_hz: float | None = None
     bound_by: TimePart | None = None

@@ -31,6 +31,7 @@ def check(fixture: Fixture, log: CheckLog) -> None:
         "put dtparam=strict_gpiod into /boot/firmware/config.txt, and reboot",
     )
     _check_health(fixture, log)
+    _check_cpu_clock(fixture, log)
 
 
 def check_after(fixture: Fixture, log: CheckLog) -> None:
@@ -141,6 +142,21 @@ def _check_health(fixture: Fixture, log: CheckLog) -> None:
         health.is_under_voltage,
         "under-voltage",
         "use the Raspberry Pi's own supply and a short cable",
+    )
+
+
+def _check_cpu_clock(fixture: Fixture, log: CheckLog) -> None:
+    found = fixture.host.cpu_clock()
+    if found is None:
+        log.absent("cpu_clock", "this kernel reports no clock that it changes")
+        return
+    log.judge(
+        "cpu_clock",
+        found.is_fixed,
+        str(found),
+        "fixed: the governor performance, or one frequency alone",
+        "set force_turbo=1 and core_freq in /boot/firmware/config.txt, or the governor performance"
+        " (docs/install.md): messages, and with them pulses, change with the clocks",
     )
 
 

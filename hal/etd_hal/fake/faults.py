@@ -202,6 +202,16 @@ class SpiJitter(Fault, frozen=True, tag=True):
     late_us: int
 
 
+class ClockSteps(Fault, frozen=True, tag=True):
+    """The machine's clock follows its load: every `every_ms` it changes between full speed and
+    `factor` times slower, and with it what the kernel and the wire take of a message. Waits do not
+    change.
+    """
+
+    factor: float
+    every_ms: int
+
+
 class MonitorStuck(Fault, frozen=True, tag=True):
     """The rail monitor always reads `rail_v`."""
 
@@ -311,6 +321,7 @@ class MachineTrouble(Fault, frozen=True, tag=True):
     kind: Literal[
         "clock_back",
         "clock_coarse",
+        "clock_follows_load",
         "date_wrong",
         "hot",
         "little_memory",

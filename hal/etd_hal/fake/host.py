@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import datetime
 
-from etd_hal.bench import Health, Obtained, Timekeeping
+from etd_hal.bench import CpuClock, Health, Obtained, Timekeeping
 from etd_hal.fake.faults import MachineTrouble
 from etd_hal.fake.faults_due import Faults
 
@@ -47,6 +47,11 @@ class FakeHost:
             was_throttled=self._has("was_throttled") or self._has("throttled"),
             was_under_voltage=self._has("was_under_voltage") or self._has("under_voltage"),
         )
+
+    def cpu_clock(self) -> CpuClock:
+        if self._has("clock_follows_load"):
+            return CpuClock("ondemand", 600_000, 1_800_000, 1_000_000)
+        return CpuClock("performance", 600_000, 1_800_000, 1_800_000)
 
     def free_memory_kb(self) -> int:
         return 20_000 if self._has("little_memory") else 400_000

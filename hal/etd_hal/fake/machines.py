@@ -18,6 +18,14 @@ _CLOCKS_PER_BYTE = 9
 _LONGEST_BUSY_WAIT_US = 10
 _OVERSLEEP_NS = 50_000
 _I2C_BIT_NS = 10_000
+_BY_CLOCK = (
+    "message_before_ns",
+    "message_after_ns",
+    "cs_fall_ns",
+    "cs_to_clock_ns",
+    "cs_rise_ns",
+    "empty_transfer_ns",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +55,20 @@ class MachineModel:
     slowness: float
     #: `cs_change`: chip select stays inactive for this long; spidev cannot choose.
     cs_change_ns: int = 10_000
+    #: How many times as long a byte takes on the wire as at the speed that was set.
+    clock_factor: float = 1.0
+
+    def slowed(self, factor: float) -> MachineModel:
+        """With clocks that are so many times slower: all of a message takes longer but its waits,
+        which a counter of their own times.
+        """
+        slower = {name: round(getattr(self, name) * factor) for name in _BY_CLOCK}
+        return dataclasses.replace(self, clock_factor=factor, **slower)
 
     def clocking_ns(self, byte_count: int, speed_hz: int) -> int:
         """How long `byte_count` bytes take on the wire."""
-        return round(_CLOCKS_PER_BYTE * byte_count * 1_000_000_000 / speed_hz)
+        wire_ns = _CLOCKS_PER_BYTE * byte_count * 1_000_000_000 / speed_hz
+        return round(wire_ns * self.clock_factor)
 
     def delay_ns(self, delay_us: int) -> int:
         """A delay inside a message: exact up to 10 us, above that slept, and overslept."""

@@ -14,6 +14,7 @@ from etd_hal.fake.ad5452 import Ad5452
 from etd_hal.fake.ad7276 import Ad7276
 from etd_hal.fake.currentpath import CurrentPath
 from etd_hal.fake.faults import (
+    ClockSteps,
     HoldShort,
     LostSync,
     MisoStuck,
@@ -29,6 +30,8 @@ from etd_hal.fake.machines import MachineModel
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
 from etd_hal.ports import Message, SpiSetup, Transfer
+
+_NS_PER_MS = 1_000_000
 
 #: What a message read, one entry for each transfer with data, and when it ended.
 Played = tuple[tuple[bytes, ...], int]
@@ -49,7 +52,9 @@ class SpiBus:
         self._faults = faults
         self._timeline = timeline
         self._trace = trace
-        self._machine = machine
+        self._full_speed = machine
+        #: By factor.
+        self._slowed: dict[float, MachineModel] = {}
         self._setup: SpiSetup | None = None
         self._dac = Ad5452(path.set_code, timeline.complain)
         self._adc = Ad7276()
@@ -81,7 +86,7 @@ class SpiBus:
         sent_bytes = 0
         last = len(message.transfers) - 1
         t_ns += self._faults.spi_late_us() * 1_000
-        t_ns = self._select(t_ns + self._machine.message_before_ns)
+        t_ns = self._select(t_ns + self._at(t_ns).message_before_ns)
         for index, transfer in enumerate(message.transfers):
             for fault in faults:
                 if isinstance(fault, SpiStall) and fault.at_transfer == index:
@@ -91,20 +96,30 @@ class SpiBus:
             if failed is not None and failed.at_transfer == index:
                 break
             read, t_ns = self._clock(t_ns, transfer, setup)
-            t_ns += self._machine.delay_ns(transfer.delay_us)
+            t_ns += self._at(t_ns).delay_ns(transfer.delay_us)
             sent_bytes += len(transfer.tx)
             if transfer.tx:
                 reads.append(read)
             if transfer.cs_change and index != last:
-                t_ns = self._select(self._deselect(t_ns) + self._machine.cs_change_ns)
+                t_ns = self._select(self._deselect(t_ns) + self._at(t_ns).cs_change_ns)
         if message.transfers and message.transfers[-1].cs_change and failed is None:
             self._timeline.complain(t_ns, "cs_change on the last transfer: its word is not taken")
         else:
             t_ns = self._deselect(t_ns)
         self._trace.spi_done(t_ns, sent_bytes)
-        end_ns = self._timeline.end(t_ns + self._machine.message_after_ns)
+        end_ns = self._timeline.end(t_ns + self._at(t_ns).message_after_ns)
         self._raise_failure(failed, any(isinstance(fault, SpiShort) for fault in faults))
         return tuple(reads), end_ns
+
+    def _at(self, t_ns: int) -> MachineModel:
+        """The machine, as fast as it runs at this time."""
+        if self._faults.are_there:
+            for steps in self._faults.of(ClockSteps):
+                if t_ns // (steps.every_ms * _NS_PER_MS) % 2:
+                    return self._slowed.setdefault(
+                        steps.factor, self._full_speed.slowed(steps.factor)
+                    )
+        return self._full_speed
 
     def _raise_failure(self, failed: SpiError | None, short: bool) -> None:
         if failed is not None:
@@ -121,7 +136,7 @@ class SpiBus:
 
     def _select(self, t_ns: int) -> int:
         """Chip select falls: the ADC samples."""
-        t_ns += self._machine.cs_fall_ns
+        t_ns += self._at(t_ns).cs_fall_ns
         self._trace.spi_cs(t_ns, True)
         self._dac.select()
         self._adc.select(self._path.node_code(t_ns))
@@ -130,7 +145,7 @@ class SpiBus:
     def _clock(self, t_ns: int, transfer: Transfer, setup: SpiSetup) -> tuple[bytes, int]:
         read = b""
         if transfer.tx:
-            t_ns += self._machine.cs_to_clock_ns + self._machine.clocking_ns(
+            t_ns += self._at(t_ns).cs_to_clock_ns + self._at(t_ns).clocking_ns(
                 len(transfer.tx), setup.speed_hz
             )
             mode = setup.mode
@@ -142,13 +157,13 @@ class SpiBus:
             for stuck in self._faults.of(MisoStuck):
                 read = (b"\xff" if stuck.level else b"\x00") * len(transfer.tx)
         else:
-            t_ns += self._machine.empty_transfer_ns
+            t_ns += self._at(t_ns).empty_transfer_ns
         self._trace.spi_transfer(t_ns, transfer.tx, read, transfer.delay_us, transfer.cs_change)
         return read, t_ns
 
     def _deselect(self, t_ns: int) -> int:
         """Chip select rises: the DAC executes its word."""
-        t_ns += self._machine.cs_rise_ns
+        t_ns += self._at(t_ns).cs_rise_ns
         self._trace.spi_cs(t_ns, False)
         if not self._faults.edge_is_lost(LostSync):
             self._dac.deselect(t_ns)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import metadata
 from pathlib import Path
 
-from etd_hal.bench import Health, Obtained, Timekeeping
+from etd_hal.bench import CpuClock, Health, Obtained, Timekeeping
 from etd_hal.boardfile import MachineFile
 from etd_hal.linux import machine as this_machine
 from etd_hal.linux.clock import timekeeping
@@ -47,16 +47,10 @@ class LinuxHost:
         return this_machine.facts(self._root)
 
     def health(self) -> Health:
-        bits = self._throttled_bits()
-        return Health(
-            temperature_c=self._temperature_c(),
-            is_throttled=None if bits is None else bool(bits & _SLOWER_NOW),
-            is_under_voltage=self._is_under_voltage(bits),
-            was_throttled=None if bits is None else bool(bits >> _HAS_BEEN & _SLOWER_NOW),
-            was_under_voltage=None
-            if bits is None
-            else bool(bits >> _HAS_BEEN & _UNDER_VOLTAGE_NOW),
-        )
+        return health(self._root)
+
+    def cpu_clock(self) -> CpuClock | None:
+        return this_machine.cpu_clock(self._root)
 
     def keeps_pins(self) -> bool:
         return self._keeps_pins
@@ -74,30 +68,48 @@ class LinuxHost:
     def obtained(self) -> Obtained:
         return obtained()
 
-    def _temperature_c(self) -> float | None:
-        text = self._read(_TEMPERATURE)
-        return int(text) / 1_000 if text.lstrip("-").isdigit() else None
+    def _read(self, path: str) -> str:
+        return _text(self._root / path)
 
-    def _throttled_bits(self) -> int | None:
-        text = self._read(_THROTTLED)
-        try:
-            return int(text, 16)
-        except ValueError:
-            return None
 
-    def _is_under_voltage(self, bits: int | None) -> bool | None:
-        if bits is not None:
-            return bool(bits & _UNDER_VOLTAGE_NOW)
-        for folder in sorted((self._root / _HWMON).glob("hwmon*")):
-            if self._read(f"{_HWMON}/{folder.name}/name") == "rpi_volt":
-                return self._read(f"{_HWMON}/{folder.name}/in0_lcrit_alarm") == "1"
+def health(root: Path = this_machine.ROOT) -> Health:
+    """As the kernel and the firmware report it: a few files, one of them asked of the firmware."""
+    bits = _throttled_bits(root)
+    if bits is None:
+        return Health(_temperature_c(root), None, _alarm_of_voltage(root))
+    return Health(
+        temperature_c=_temperature_c(root),
+        is_throttled=bool(bits & _SLOWER_NOW),
+        is_under_voltage=bool(bits & _UNDER_VOLTAGE_NOW),
+        was_throttled=bool(bits >> _HAS_BEEN & _SLOWER_NOW),
+        was_under_voltage=bool(bits >> _HAS_BEEN & _UNDER_VOLTAGE_NOW),
+    )
+
+
+def _temperature_c(root: Path) -> float | None:
+    text = _text(root / _TEMPERATURE)
+    return int(text) / 1_000 if text.lstrip("-").isdigit() else None
+
+
+def _throttled_bits(root: Path) -> int | None:
+    try:
+        return int(_text(root / _THROTTLED), 16)
+    except ValueError:
         return None
 
-    def _read(self, path: str) -> str:
-        try:
-            return (self._root / path).read_text(encoding="ascii").strip()
-        except (OSError, UnicodeDecodeError):
-            return ""
+
+def _alarm_of_voltage(root: Path) -> bool | None:
+    for folder in sorted((root / _HWMON).glob("hwmon*")):
+        if _text(folder / "name") == "rpi_volt":
+            return _text(folder / "in0_lcrit_alarm") == "1"
+    return None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError):
+        return ""
 
 
 def _version(package: str) -> str | None:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+from etd_hal.bench import CpuClock
 from etd_hal.boardfile import MachineFile
 
 ROOT = Path("/")
 
 _DEVICE_TREE = "sys/firmware/devicetree/base"
 _MACHINE_ID = "etc/machine-id"
+_CPU_CLOCK = "sys/devices/system/cpu/cpu0/cpufreq"
 _DMI = "sys/class/dmi/id"
 #: The processor of the Pi 5, the Compute Module 5 and the 500.
 _INTERRUPT_DRIVEN = "brcm,bcm2712"
@@ -63,7 +65,19 @@ def facts(root: Path = ROOT) -> tuple[str, ...]:
         _pins(root),
         _throttling(root),
         _isolation(root),
+        f"cores: {cpu_clock(root) or 'this kernel does not say how fast they run'}",
     )
+
+
+def cpu_clock(root: Path = ROOT) -> CpuClock | None:
+    """Of the first core: on a Raspberry Pi all have one. None where nothing is reported."""
+    folder = root / _CPU_CLOCK
+    governor = _read(folder / "scaling_governor")
+    khz = [_read(folder / name) for name in ("scaling_min_freq", "scaling_max_freq")]
+    now = _read(folder / "scaling_cur_freq")
+    if not governor or not all(each.isdigit() for each in (*khz, now)):
+        return None
+    return CpuClock(governor, int(khz[0]), int(khz[1]), int(now))
 
 
 def _pins(root: Path) -> str:
