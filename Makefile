@@ -5,7 +5,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-ROOTS := daemon hal tests
+ROOTS := daemon hal tests hatch_build.py
 
 # Where `make install` puts things; DESTDIR goes in front of each, for packagers.
 DESTDIR ?=
@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench bench-calibrate bench-steady record compare format install place activate uninstall clean
+.PHONY: help demo check test test-models compiled test-compiled durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench bench-calibrate bench-steady record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -60,6 +60,25 @@ types: $(VENV)/ready-dev
 
 contracts: $(VENV)/ready-dev
 	@$(BIN)/lint-imports --no-logo
+
+# What must hold of both: the same sources, compiled and interpreted.
+COMPILED := $(CURDIR)/build/compiled
+SCENES := build/scenes
+BOTH := tests/test_compiled.py tests/stabilize $(addprefix tests/hal/test_,guard.py guard_form.py guard_probe.py \
+  guard_rate.py guard_blanked.py switch_shadow.py visitrule.py board.py cut.py safe_off.py) \
+  $(addprefix tests/daemon/test_,clearance.py conductance.py engine_faults.py engine_limits.py engine_oracle.py \
+  engine_properties.py engine_stabilize_properties.py firing.py ledger.py ledger_properties.py limits.py \
+  plan.py return_share.py soft_start.py)
+
+compiled: $(VENV)/ready-dev ## Compile what runs for each pulse, beside the sources (build/compiled); minutes
+	$(BIN)/python hatch_build.py $(COMPILED)
+
+test-compiled: compiled ## That compiled code behaves as interpreted: properties, oracle, guard, and every scene
+	PYTHONPATH=$(COMPILED) $(PYTEST) $(BOTH) $(ARGS)
+	rm -rf $(SCENES)
+	$(BIN)/python tests/scenes/record.py $(SCENES)/interpreted
+	PYTHONPATH=$(COMPILED) $(BIN)/python tests/scenes/record.py $(SCENES)/compiled
+	$(BIN)/python tests/scenes/compare.py $(SCENES)/interpreted $(SCENES)/compiled
 
 kernel-test: $(VENV)/ready-dev ## Our drivers against real Linux kernels, in virtual machines (docs/kernel-rig.md; ARGS='--guest uml')
 	$(BIN)/python tests/kernel/check.py $(ARGS)

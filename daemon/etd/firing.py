@@ -147,7 +147,10 @@ class Firing:
             self._keep_worst(booking, ready, since_ns)
             if problems:
                 what = f"message for electrode {ready.entry.electrode} failed"
-                raise BoardFault(what, f"{fault}; {'; '.join(problems)}", "a safe board") from fault
+                unsafe = BoardFault(what, f"{fault}; {'; '.join(problems)}", "a safe board")
+                # Compiled, `from` alone does not set it.
+                unsafe.__cause__ = fault
+                raise unsafe from fault
             raise
 
     def _keep_worst(self, booking: Booking, ready: ReadyPulse, since_ns: int) -> None:

@@ -11,6 +11,7 @@ import json
 import sys
 from multiprocessing import Pool
 from pathlib import Path
+from typing import Any
 
 # Run as a script, from a clone: it stands beside the test rigs.
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
@@ -45,8 +46,15 @@ def record(job: tuple[str, Path]) -> None:
     finally:
         left = played.end()
     (folder / f"{name}.trace.jsonl").write_bytes(left.trace)
-    lines = "".join(json.dumps(entry) + "\n" for entry in left.told)
+    lines = "".join(json.dumps(entry) + "\n" for entry in map(_of_any_code, left.told))
     (folder / f"{name}.told.jsonl").write_text(lines, encoding="utf-8")
+
+
+def _of_any_code(entry: Any) -> Any:
+    """Without how the code runs: scenes are the same compiled and interpreted."""
+    if isinstance(entry, dict):
+        return {key: _of_any_code(value) for key, value in entry.items() if key != "code"}
+    return entry
 
 
 if __name__ == "__main__":

@@ -103,6 +103,7 @@ def _rows_of_facts(facts: HelloReply) -> list[tuple[str, str]]:
     maxima = facts.maxima
     return [
         ("board", f"{board.name} on {board.machine} (backend: {board.backend})"),
+        ("code", _code(board.code)),
         ("array", f"{array.name}, {array.electrodes} electrodes, {facts.body_site}"),
         (
             "maxima",
@@ -111,6 +112,12 @@ def _rows_of_facts(facts: HelloReply) -> list[tuple[str, str]]:
         ),
         ("calibrations", ", ".join(facts.calibrations) or "none"),
     ]
+
+
+def _code(code: str) -> str:
+    if code == "compiled":
+        return code
+    return f"{code}: a pulse takes three times the processor's time (docs/install.md)"
 
 
 def _supply(report: StateReport) -> str:

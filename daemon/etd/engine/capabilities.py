@@ -9,6 +9,7 @@ from etd.files.configuration import LoadedConfig
 from etd.protocol.link import EngineHello
 from etd.protocol.messages import ArrayFacts, BoardFacts, MaximaFacts
 from etd.safety.maxima import PC_PER_NC, Maxima
+from etd_hal import compiled
 
 
 def engine_hello(
@@ -42,6 +43,7 @@ def _board_facts(loaded: LoadedConfig, states: tuple[str, ...], backend: str) ->
         name=board.name,
         backend=backend,
         machine=loaded.machine.name,
+        code=compiled.runs(),
         full_scale_ua=source.full_scale_ua,
         resolution_ua=source.full_scale_ua / (source.codes - 1),
         leak_ohm=source.leak_ohm,

@@ -160,6 +160,7 @@ class BoardFacts(msgspec.Struct, frozen=True, kw_only=True):
     name: str
     backend: str
     machine: str
+    code: str = "interpreted"
     full_scale_ua: int
     resolution_ua: float
     leak_ohm: int

@@ -28,6 +28,7 @@ from etd.selftest.log import CheckLog, OnCheck
 from etd.selftest.prober import Prober
 from etd.selftest.report import Report, unproved_of
 from etd.version import __version__
+from etd_hal import compiled
 from etd_hal.errors import BoardFault, BusError, CannotSelect, GuardRefusal
 
 #: In this order: name, and description for people.
@@ -157,7 +158,7 @@ def _skip_rest(log: CheckLog, failed_at: int) -> None:
 
 def _report(fixture: Fixture, prober: Prober, log: CheckLog, date: datetime.datetime) -> Report:
     load, second = fixture.options.load, fixture.options.second_load
-    versions = {"etd": __version__, "python": sys.version.split()[0]}
+    versions = {"etd": f"{__version__}, {compiled.runs()}", "python": sys.version.split()[0]}
     versions |= {name: version or "missing" for name, version in fixture.host.packages().items()}
     return Report(
         passed=all(check.is_good for check in log.checks),

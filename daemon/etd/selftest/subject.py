@@ -17,6 +17,7 @@ import msgspec
 from etd.files.configuration import LoadedConfig
 from etd.safety.maxima import maxima_of
 from etd.version import __version__
+from etd_hal import compiled
 
 
 class Subject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -60,7 +61,7 @@ def subject_of(
         outputs=tuple(loaded.array.outputs()),
         body_site=loaded.body_site.name,
         strongest_ua=strongest_ua(loaded),
-        program=f"etd {__version__}",
+        program=f"etd {__version__}, {compiled.runs()}",
     )
 
 
@@ -74,7 +75,8 @@ def difference(then: Subject, now: Subject) -> str | None:
     """Why a self-test of `then` is not valid for `now`, as a clause; None if it is.
 
     An array may have fewer electrodes, and a body site may be weaker. Any other version of the
-    program counts as a difference, because the program makes and bounds the pulses.
+    program counts as a difference, because the program makes and bounds the pulses; so does
+    the same version compiled instead of interpreted.
     """
     checks = (
         (then.backend == now.backend, "backend", then.backend, now.backend),

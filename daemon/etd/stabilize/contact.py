@@ -34,13 +34,12 @@ _LIFTED = 0.9
 
 
 class Contact:
-    max_gain = MaxGain()
-
     def __init__(
         self, law: ContactSettings, leak_ohm: float, compliance_v: float, *, is_alone: bool
     ) -> None:
         """`is_alone`: no law by resistance follows."""
         self._law = law
+        self.max_gain = MaxGain()
         self._leak_s = 1.0 / leak_ohm
         self._liftable_ua = _LIFTED * compliance_v * 1e6
         self._deliverable = SlewLimiter(1.0, law.rise_per_s)

@@ -21,10 +21,9 @@ from etd.stabilize.slew import SlewLimiter
 
 
 class Pressure:
-    max_gain = MaxGain()
-
     def __init__(self, law: PressureSettings) -> None:
         self._law = law
+        self.max_gain = MaxGain()
         self._pressed = SlewLimiter(0.0, law.rise_per_s)
 
     def reset(self) -> None:
