@@ -7,6 +7,7 @@ day, hardware calls.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -129,16 +130,18 @@ class ScanRate:
         """The cost of one pulse of each; where they repeat, the step from the last to the first is
         included (after a scan the rewriting of the chain is that step).
         """
-        costs = []
+        found: Counter[tuple[int, int, int, int]] = Counter()
         before = schedule[-1].selection.output
         for scheduled in schedule:
             output = scheduled.selection.output
             clocks = self._cost.clocks(before, output) if is_again or output > before else 0
             width_us = scheduled.bounds.width_us + scheduled.bounds.prepulse_us
             probe_us = 0 if scheduled.probe is None else scheduled.probe.width_us
-            costs.append(self._cost.visit(width_us, len(scheduled.phases), clocks, probe_us))
+            found[width_us, len(scheduled.phases), clocks, probe_us] += 1
             before = output
-        return Cost(*map(sum, zip(*costs, strict=True)))
+        # Most pulses of a frame are alike, and each kind is reckoned once.
+        costs = [(self._cost.visit(*kind), count) for kind, count in found.items()]
+        return Cost(*(sum(cost[part] * count for cost, count in costs) for part in range(4)))
 
     @property
     def chain_us(self) -> float:
@@ -147,12 +150,14 @@ class ScanRate:
 
     def wire_us(self, schedule: Sequence[ScheduledPulse]) -> float:
         """What messages and calls of a scan take, with the widths that the frame itself has."""
-        before, found_us = schedule[0].selection.output if schedule else 0, 0.0
+        if not schedule:
+            return 0.0
+        found: Counter[tuple[int, int, int]] = Counter()
         for scheduled in schedule:
-            output = scheduled.selection.output
             width_us = scheduled.width_us + scheduled.bounds.prepulse_us
             probe_us = 0 if scheduled.probe is None else scheduled.probe.width_us
-            found_us += self._cost.wire_us(width_us, len(scheduled.phases), probe_us)
-            found_us += self._cost.shift_us(max(0, output - before))
-            before = output
-        return found_us
+            found[width_us, len(scheduled.phases), probe_us] += 1
+        # In the order of the chain: all shifts together lead from the first to the last.
+        clocks = schedule[-1].selection.output - schedule[0].selection.output
+        pulses_us = sum(self._cost.wire_us(*kind) * count for kind, count in found.items())
+        return pulses_us + self._cost.shift_us(clocks)
