@@ -34,7 +34,7 @@ from pieces import (
     run,
 )
 
-TOOLS = {
+_TOOLS = {
     "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu",
     "apt-get": "apt",
     "cpio": "cpio",
@@ -74,7 +74,7 @@ class Pi:
 
 def build() -> Pi:
     """All of it. Raises: RigFailure."""
-    need(TOOLS)
+    need(_TOOLS)
     with only_builder():
         fetched = packages()
         kernel = fetched / "kernel"
