@@ -91,6 +91,7 @@ kernel-test-pi: $(VENV)/ready-dev ## The same under the Pi's own drivers, on an 
 
 bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)
 	$(BIN)/python tests/bench/run.py $(ARGS)
+	$(if $(findstring json,$(ARGS)),,$(BIN)/python tests/bench/both.py)
 
 bench-calibrate: $(VENV)/ready-dev ## Calibrate whole modelled bodies by each method, against their true thresholds (minutes)
 	$(BIN)/python tests/bench/calibrate.py $(ARGS)

@@ -58,7 +58,7 @@ def compile_into(folder: Path) -> None:
     made = folder / "made"
     extensions = mypycify(
         ["--follow-imports=silent", "--no-warn-unused-ignores", *modules],
-        opt_level="2",
+        opt_level="3",
         debug_level="0",
         multi_file=True,
         target_dir=str(made),

@@ -110,7 +110,7 @@ class StimulusAdapter:
             counters["impossible_requests"] += 1
             return scheduled.request
         cut = scheduled.bounds.in_slot(asked)
-        if cut != asked:
+        if cut is not asked and cut != asked:
             counters["width_requests_cut"] += 1
         return cut
 
