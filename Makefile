@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models compiled test-compiled durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench bench-calibrate bench-steady record compare format install place activate uninstall clean
+.PHONY: help demo check test test-models compiled test-compiled durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench wall bench-calibrate bench-steady record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -92,6 +92,9 @@ kernel-test-pi: $(VENV)/ready-dev ## The same under the Pi's own drivers, on an 
 bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)
 	$(BIN)/python tests/bench/run.py $(ARGS)
 	$(if $(findstring json,$(ARGS)),,$(BIN)/python tests/bench/both.py)
+
+wall: $(VENV)/ready-dev ## The engine beside a hog, on wall-clock ports: it must not halt (SECONDS=900; ARGS=--threads: it must)
+	$(BIN)/python tests/bench/wall_scene.py --seconds $(or $(SECONDS),120) $(ARGS)
 
 bench-calibrate: $(VENV)/ready-dev ## Calibrate whole modelled bodies by each method, against their true thresholds (minutes)
 	$(BIN)/python tests/bench/calibrate.py $(ARGS)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from etd.engine.loop import Engine
 from etd_hal.fake.clock import SteppedClock
+from etd_hal.stopper import Stopper
 
 #: As the thread does.
 PERIOD_NS = 500_000
@@ -16,7 +17,10 @@ class SteppedStopper:
     """Looks while the supply is on, in the middle of calls and sleeps too."""
 
     def __init__(self, engine: Engine, clock: SteppedClock, period_ns: int = PERIOD_NS) -> None:
-        self._stopper = engine.components.stopper
+        board = engine.components.board
+        self._stopper = Stopper(
+            board.cut.words, engine.components.backend.clock.now_ns, board.blank_now
+        )
         self._clock = clock
         self.period_ns = period_ns
         #: False: it has ended, or hangs.
@@ -34,11 +38,15 @@ class SteppedStopper:
             self._next_ns = self._clock.now_ns()
             self._turn()
 
+    def check(self) -> None:
+        """One look."""
+        self._stopper.check()
+
     def _turn(self) -> None:
         if not self._is_awake:
             self._is_under_way = False
             return
         if self.is_looking:
-            self._stopper.check()
+            self.check()
         self._next_ns += self.period_ns
         self._clock.at(self._next_ns, self._turn)

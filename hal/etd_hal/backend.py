@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from etd_hal.bench import Host, KillTestProcess, Operator
 from etd_hal.chips.codec import Codec
-from etd_hal.ports import Clock, Gpio, I2c, Marker, Spi
+from etd_hal.cutlatch import CutLatch
+from etd_hal.ports import Changes, Clock, Gpio, I2c, Marker, Spi
 
 if TYPE_CHECKING:
     from etd_body.sensation import Felt
@@ -24,6 +25,50 @@ def _no_realtime(_priority: int, _core: int | None) -> tuple[str, ...]:
 
 def _no_urgent_thread(_priority: int) -> str | None:
     return "real-time scheduling cannot be had from this backend"
+
+
+class SideTask(Protocol):
+    """What works beside the scan, and ends with it."""
+
+    @property
+    def refusals(self) -> tuple[str, ...]:
+        """What was not granted, a sentence each. Waits until it has come up. Raises: BusError
+        (`gone`: it did not).
+        """
+        ...
+
+    def end(self) -> None:
+        """Idempotent."""
+        ...
+
+
+class StopperTask(SideTask, Protocol):
+    def watch(self, is_needed: bool) -> None:
+        """The supply was switched on, or off."""
+        ...
+
+
+class Beside(Protocol):
+    """Starts processes beside the scan's, and does not wait until they have come up."""
+
+    def stopper(
+        self, latch: CutLatch, safe_changes: Changes, priority: int | None, scan_core: int | None
+    ) -> StopperTask:
+        """The stopper: its only access to the board is setting the outputs to `safe_changes`."""
+        ...
+
+    def sensors(
+        self,
+        module: str,
+        arguments: tuple[object, ...],
+        fds: tuple[int, ...],
+        scan_core: int | None,
+    ) -> SideTask:
+        """An ordinary process, which inherits `fds`. It calls `main(i2c, clock, is_over,
+        *arguments)` of `module`; the arguments are read back from their `repr`. `is_over(seconds)`
+        waits for so long, and is True when `main` is to return.
+        """
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +108,8 @@ class Backend:
     #: Makes the calling thread real-time, at a priority and on a core, and its process fit for it;
     #: a sentence for each thing that was not granted.
     set_up_realtime: Callable[[int, int | None], tuple[str, ...]] = _no_realtime
+    #: None: the ports are in this process alone, and so are the threads that work beside the scan.
+    beside: Beside | None = None
     #: The scheduling of the calling thread alone; a sentence if it was not granted.
     set_up_urgent_thread: Callable[[int], str | None] = _no_urgent_thread
 

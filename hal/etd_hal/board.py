@@ -3,7 +3,7 @@
 Owns: the order of the calls of a pulse, the rest after it, and the way to the safe state.
 Must not know: frames, limits of persons, electrodes: it knows output numbers only.
 
-Everything that fires goes through the guard's ports. `safe_off`, `blank_now` and `cut_off` use the
+Everything that fires goes through the guard's ports. `safe_off` and `blank_now` use the
 bare ports: they can only switch off, and must work when the guard's picture is lost.
 """
 
@@ -30,8 +30,6 @@ from etd_hal.speeds import Speeds
 from etd_hal.switch_shadow import Approval, Prepulse
 from etd_hal.timing import Timing, fitted, pulse_message, zero_message
 
-#: The stopper acts when a message is this much over its plan.
-OVERDUE_NS = 1_000_000
 #: How many pulses are kept, each with all that was made of its message (some 5 kB); beyond that the
 #: oldest is dropped.
 _MAX_REMEMBERED = 2_048
@@ -49,19 +47,18 @@ class Board:
         spi: Spi,
         gpio: Gpio,
         clock: Clock,
-        cut: CutLatch | None = None,
     ) -> None:
-        """`codec` is that of the file's DAC and ADC. `cut` is shared with the stopper; None: there
-        is no stopper.
-        """
+        """`codec` is that of the file's DAC and ADC."""
         self.file = file
         self.machine = machine
         self._codec = codec
         self._clock = clock
         self._bare_spi, self._bare_gpio = spi, gpio
-        self.cut = cut or CutLatch()
-        self._safe_changes = _safe_changes(file)
-        self.guard = Guard(file, machine, spi, gpio, clock, self.cut, self._safe_changes)
+        #: Shared with the stopper.
+        self.cut = CutLatch()
+        #: The levels of the safe state, in one call; all that the stopper ever sets.
+        self.safe_changes = _safe_changes(file)
+        self.guard = Guard(file, machine, spi, gpio, clock, self.cut, self.safe_changes)
         self.switch = _switch(file, self.guard.gpio, clock)
         self._selections = Selections(file)
         self._zero = zero_message(codec)
@@ -331,30 +328,23 @@ class Board:
     # --- the safe state --------------------------------------------------------------------
 
     def blank_now(self) -> None:
-        """The GPIO half of `safe_off`: one call, which any thread may make, also during an SPI
+        """The GPIO half of `safe_off`: one call, which the stopper may make too, also during an SPI
         message. Raises: BusError.
         """
-        self._bare_gpio.set(self._safe_changes)
-
-    def cut_off(self) -> None:
-        """Called by the stopper: once the mark is set, no call moves a line or fires until
-        `safe_off` has completed. Raises: BusError; the mark is set then too.
-        """
-        # In this order: see `cutlatch`.
-        self.cut.is_cut = True
-        self.blank_now()
+        self._bare_gpio.set(self.safe_changes)
 
     def safe_off(self) -> tuple[str, ...]:
         """Outputs off, DAC at zero, nothing selected, and verified. Never raises.
 
         Returns what did not work, as sentences; every step is tried even if one before it failed.
-        If all steps worked, a cut is over. May be called in the middle of a pulse.
+        If all steps worked, the cuts until now are over. May be called in the middle of a pulse.
         """
+        cuts = self.cut.see()
         not_blanked = _tried(self.blank_now)
         if not_blanked is None:
             self._is_supply_on = self.file.guards.hv_enable == "absent"
         # The state of the lines after a failed call is not known.
-        deselect = partial(self._deselect, self._safe_changes if not_blanked is None else ())
+        deselect = partial(self._deselect, self.safe_changes if not_blanked is None else ())
         verify: tuple[Callable[[], None], ...] = (self._check_node, deselect)
         if self.switch.can_choose_returns:
             # Until its relays open, charged skin stays on the node and looks like current.
@@ -363,7 +353,7 @@ class Board:
         self._rest_until_ns = self._clock.now_ns() + self._rest_ns
         problems = tuple(problem for problem in tried if problem)
         if not problems:
-            self.cut.is_cut = False
+            self.cut.ended = cuts
         return problems
 
     def _zero_dac(self) -> None:

@@ -66,9 +66,13 @@ class NoSpi:
 
 def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
     """Open the kernel's drivers. Raises: HardwareMissing, listing all that is missing."""
-    from etd_hal.linux import open_ports
+    from etd_hal.linux.beside import LinuxBeside
+    from etd_hal.linux.opening import open_ports
 
-    return _on_kernel(board, *open_ports(board, machine, line_setup(board)))
+    spi, gpio, i2c, clock = open_ports(board, machine, line_setup(board))
+    backend = _on_kernel(board, spi, gpio, i2c, clock)
+    device = None if board.i2c == "absent" else board.i2c
+    return dataclasses.replace(backend, beside=LinuxBeside(gpio, device))
 
 
 def _on_kernel(board: BoardFile, spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
@@ -105,8 +109,8 @@ def open_linux_safe(board: BoardFile) -> tuple[Backend, tuple[str, ...]]:
     Returns the backend and a sentence for each thing that is missing; the lines are driven to
     harmless levels already. Raises: HardwareMissing (the lines cannot be opened).
     """
-    from etd_hal.linux import open_to_make_safe
     from etd_hal.linux.clock import LinuxClock
+    from etd_hal.linux.opening import open_to_make_safe
 
     gpio, opened, problems = open_to_make_safe(board, line_setup(board))
     spi = opened or NoSpi(board.source.spi, "SPI could not be opened")
@@ -177,10 +181,10 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
     """
     # This call reports what is missing, packages included; they are imported only after it.
     open_linux(board, machine).close()
-    from etd_hal.linux import open_lines, open_ports
     from etd_hal.linux.gpio import find_chip, keeps_driving
     from etd_hal.linux.host import LinuxHost
     from etd_hal.linux.kill_test_process import LentGpio, LinuxKillTestProcess
+    from etd_hal.linux.opening import open_lines, open_ports
 
     setup = line_setup(board)
     keeps_pins = keeps_driving(find_chip(board.gpio_chip_labels), setup)

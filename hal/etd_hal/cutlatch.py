@@ -1,42 +1,64 @@
-"""The flags shared by the thread that drives a board and the stopper beside it.
+"""The words shared by the process that drives a board and the stopper beside it.
 
-Owns: the time by which the message under way must have returned, and the mark that the outputs were
-cut off. Must not know: ports, clocks, threads, how the stopper works.
+Owns: the time by which the message under way must have returned, and the count of cuts.
+Must not know: ports, clocks, processes, how the stopper works.
 
-Each side writes its own mark and reads the other's; both are plain values, without a lock, because
-neither side may wait for the other. The order of the writes is what makes that safe:
+Each word is written by one side alone and read by the other, without a lock, because neither side
+may wait for the other. The order of the writes is what makes that safe:
 
-- The stopper sets `is_cut` *first*, and then makes the outputs safe. A cut whose GPIO call is still
-  to come is known already.
-- The driving thread reads `is_cut` before each of its GPIO calls and before each message, and once
-  more *after* each GPIO call: a cut may come between the first reading and the call, and the call
+- The stopper counts a cut *first*, and then makes the outputs safe. A cut whose GPIO call is still
+  to come is known already. It repeats the call until the driving side has seen the cut.
+- The driving side looks at the count before each of its GPIO calls and before each message, and
+  once more *after* each GPIO call: a cut may come between the first look and the call, and the call
   then switches on again what was cut. It is undone at once, before anything is fired.
 
-So one of two things always happens: the driving thread sees the mark, and does nothing or undoes
-its call; or its call came before the mark, and the stopper's own call, which comes after, undoes
-it. Between such a call and its undoing the DAC is at zero: before a message the mark is read again.
+So one of two things always happens: the driving side sees the cut, and does nothing or undoes
+its call; or its call came before the count, and the stopper's own call, which comes after, undoes
+it. Between such a call and its undoing the DAC is at zero: before a message the count is read
+again. That both sides see the two in this order is the kernel's doing: docs/decisions/0047.
 """
 
 from __future__ import annotations
 
 from etd_hal.errors import BoardFault
+from etd_hal.shared_memory import WORD_BYTES, SharedMemory
+
+#: By the driving side: when the message under way must have returned, 0 when there is none (set
+#: directly before the port's transfer and reset directly after, so that no other work counts); and
+#: how many cuts it has seen.
+DUE_NS, SEEN = 0, 1
+#: By the stopper: how many cuts it has made, and when its last check began.
+CUTS, LOOKED_NS = 2, 3
+SIZE = 4 * WORD_BYTES
 
 
 class CutLatch:
-    """See the module. One per board, held by the board and by its stopper."""
+    """The driving side's view; the stopper's is in `stopper.py`. One per board."""
 
-    __slots__ = ("is_cut", "message_due_ns")
+    __slots__ = ("ended", "memory", "words")
 
     def __init__(self) -> None:
-        #: Set by the stopper; only a completed `Board.safe_off` resets it.
-        self.is_cut = False
-        #: When the message under way must have returned, 0 when there is none. Set directly before
-        #: the port's transfer and reset directly after, so that no other work of the thread counts.
-        self.message_due_ns = 0
+        self.memory = SharedMemory(SIZE)
+        self.words = self.memory.words
+        #: So many cuts are over, because the board was made safe after them.
+        self.ended = 0
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether a cut stands: only a completed `Board.safe_off` ends it."""
+        return self.words[CUTS] != self.ended
+
+    def see(self) -> int:
+        """From now on no call switches on what was cut; the stopper need not repeat its call.
+        Returns how many cuts there were.
+        """
+        cuts = self.words[SEEN] = self.words[CUTS]
+        return cuts
 
     def check(self) -> None:
         """Raises: BoardFault while a cut stands."""
         if self.is_cut:
+            self.see()
             raise BoardFault(
                 "outputs",
                 "cut off by the stopper, because a message was overdue",

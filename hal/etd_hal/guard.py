@@ -33,7 +33,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from etd_hal.boardfile import BoardFile, MachineFile, Relays
-from etd_hal.cutlatch import CutLatch
+from etd_hal.cutlatch import CUTS, DUE_NS, CutLatch
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Changes, Clock, Edge, Gpio, Message, Spi, Transfer
 from etd_hal.switch_shadow import Approval, HalfBridgeShadow, RelayShadow, SwitchShadow
@@ -288,14 +288,15 @@ class GuardedSpi:
         """
         self._make_ready(message)
         cut = self._cut
-        if cut.is_cut:
+        words = cut.words
+        if words[CUTS] != cut.ended:
             cut.check()
         self.begun_ns = begun_ns = self._clock.now_ns()
-        cut.message_due_ns = begun_ns + planned_ns
+        words[DUE_NS] = begun_ns + planned_ns
         try:
             received = self._spi.transfer(message)
         finally:
-            cut.message_due_ns = 0
+            words[DUE_NS] = 0
         self.ended_ns = self._clock.now_ns()
         return received
 
@@ -322,11 +323,13 @@ class GuardedGpio:
         """As the port's `set`. Also raises GuardRefusal, and BoardFault for a cut that came
         meanwhile: the lines are at their safe levels again then.
         """
-        if self._cut.is_cut:
+        cut = self._cut
+        words = cut.words
+        if words[CUTS] != cut.ended:
             self._heed_cut()
         self._switch.follow(changes)
         self._gpio.set(changes)
-        if self._cut.is_cut:
+        if words[CUTS] != cut.ended:
             self._heed_cut()
 
     def _heed_cut(self) -> None:

@@ -23,6 +23,7 @@ from etd.protocol.messages import Limits
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
 from etd_hal.compose import NoMarker, codec_of
+from etd_hal.cutlatch import LOOKED_NS
 from etd_hal.ports import Changes, Clock, Edge, Message
 
 #: A Pi 4 core beside one of the machines that run tests: assumed, from published benchmarks.
@@ -175,7 +176,7 @@ def play_one(engine: Engine, gateway: Ends, seq: int) -> None:
     """A frame of one scan."""
     gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
     gateway[0].send(Alive())
-    engine.components.stopper.check()
+    check_stopper(engine)
     while engine.components.active.schedule is None:
         engine.step()
     while engine.components.active.schedule is not None:
@@ -241,8 +242,13 @@ def _open_up(engine: Engine, gateway: Ends) -> None:
 
 def _turn(engine: Engine) -> None:
     """With a look of the stopper, whose thread is not part of the figures."""
-    engine.components.stopper.check()
+    check_stopper(engine)
     turn(engine)
+
+
+def check_stopper(engine: Engine) -> None:
+    """As the stopper leaves it."""
+    engine.components.board.cut.words[LOOKED_NS] = engine.components.backend.clock.now_ns()
 
 
 def _drain(channel: Channel[ToGateway]) -> None:

@@ -23,6 +23,7 @@ from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
 from bench import (  # noqa: E402
+    beside,
     body,
     clock_steps,
     latency,
@@ -148,6 +149,8 @@ def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None
     console.print(_stages_table(figures["stages"]))
     console.print(_processor_table(figures["processor"], figures["stabilized"], figures["ahead"]))
     console.print(_latency_table(figures["latency"]))
+    for table in beside.tables(figures["beside"]):
+        console.print(table)
     console.print(_body_table(figures["body"]))
     console.print(clock_steps.table(figures["clocks"]))
     for bound in bounds:
@@ -318,6 +321,7 @@ def main() -> int:
         "ahead": processor.measure(10 if args.quick else 100, modelled.AHEAD),
         "latency": list(latency.measure(args.quick)),
         "clocks": clock_steps.measure_all(),
+        "beside": beside.measure(args.quick),
         "body": [body.measure(side) for side in ((8,) if args.quick else (8, 16))],
     }
     bounds = [bound for comparison in comparisons for bound in comparison.bounds()]
@@ -344,6 +348,7 @@ def main() -> int:
             "ahead": asdict(figures["ahead"]),
             "latency": [asdict(figure) for figure in figures["latency"]],
             "clocks": [asdict(figure) for figure in figures["clocks"]],
+            "beside": asdict(figures["beside"]),
             "body": [asdict(figure) for figure in figures["body"]],
             "bounds": [asdict(bound) for bound in bounds],
         }

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from etd import cli
-from etd_hal import linux
 from etd_hal.boardfile import BoardFile
 from etd_hal.errors import BusError
+from etd_hal.linux import opening as linux
 from etd_hal.linux.spi import LinuxSpi
 from gpiod_kernel import ChipFile, Kernel
 

@@ -60,7 +60,7 @@ def armed_rig(board: str, machine: HeldUpClock) -> EngineRig:
     )
     # The stopper has no thread that is never held up: it looks when the machine gives it a turn.
     rig.stopper.is_looking = False
-    machine.others = rig.engine.components.stopper.check
+    machine.others = rig.stopper.check
     rig.open(1_000)
     if rig.engine.components.loaded.board.guards.wearer_stop != "absent":
         rig.try_wearer_stop()
@@ -86,7 +86,7 @@ def test_it_fires_all_that_is_asked_and_nothing_is_overdue_overrun_or_too_long(
     assert (fired.count(3), fired.count(9)) == (20, 20)
     assert rig.state == "ARMED"
     assert halts(rig) == []
-    assert not rig.engine.components.stopper.has_acted
+    assert not rig.engine.components.stopper_liveness.has_acted
     assert rig.engine.components.reporter.counters["recalibrated"] == 0
     assert shortfalls(rig) == []
     late_ns = machine.now_ns() - rig.engine.components.clock.now_ns()

@@ -211,7 +211,7 @@ def test_an_overdue_message_is_cut_off_by_the_stopper_and_halts(make_rig: MakeRi
     flowed = [phase for phase in phases(rig, since_ns) if phase.source and phase.ground]
     given_ns = max(phase.to_ns - phase.from_ns for phase in flowed)
     assert given_ns < 2_000_000
-    assert rig.engine.components.stopper.has_acted
+    assert rig.engine.components.stopper_liveness.has_acted
 
 
 @pytest.mark.parametrize(("stall_us", "state"), [(250, "ARMED"), (320, "HALTED")])

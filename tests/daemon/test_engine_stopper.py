@@ -135,7 +135,7 @@ def test_a_cut_is_a_halt_also_where_the_board_is_safe_again_before_the_next_poll
     assert "cut off" in halt.detail
     rig.fake.world.mend()
     assert rig.ask(ClearHalt).error is None
-    assert not rig.engine.components.stopper.has_acted
+    assert not rig.engine.components.stopper_liveness.has_acted
     assert rig.close() == ()
 
 
@@ -154,7 +154,7 @@ def test_a_stopper_that_does_not_look_refuses_arming_before_the_supply_is_on(
     answer = rig.ask(ArmBoard)
     assert answer.error == "arm_failed"
     assert answer.reason.startswith("the stopper made no check for 50")
-    assert "its thread has ended or hangs: restart the daemon" in answer.reason
+    assert "it has ended or hangs: restart the daemon" in answer.reason
     assert rig.state == "SAFE"
     assert phases(rig) == []
     if board != KIT:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 
 from engine_parts import machine_file
-from etd.engine.stopper import SILENT_NS, Stopper, StopperLiveness, StopperThread
+from etd.engine.stopper import SILENT_NS, StopperLiveness, StopperThread
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
-from etd_hal.board import OVERDUE_NS, Board
+from etd_hal.board import Board
+from etd_hal.cutlatch import CUTS, LOOKED_NS
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import SpiStall
-from etd_hal.ports import Changes, Edge, Gpio, Message, Spi
+from etd_hal.ports import Changes, Clock, Edge, Gpio, Message, Spi
+from etd_hal.stopper import OVERDUE_NS, Stopper
 from stepped_board import SteppedBoard, stepped_board
 
 MS = 1_000_000
@@ -60,6 +63,16 @@ class CalledGpio:
         return self._gpio.edges()
 
 
+def stopper_of(board: Board, clock: Clock) -> Stopper:
+    """As the engine's thread has it."""
+    return Stopper(board.cut.words, clock.now_ns, board.blank_now)
+
+
+def looked_ns(board: Board) -> int:
+    """When the stopper's last check began."""
+    return board.cut.words[LOOKED_NS]
+
+
 class Scene:
     """A board that is about to fire at output 3, and a stopper that looks twice a millisecond."""
 
@@ -79,7 +92,7 @@ class Scene:
         self.selection = self.board.selection(3, None)
         self.board.prepare(self.selection, whole=True)
         self.board.connect(self.selection, True)
-        self.stopper = Stopper(self.board, clock)
+        self.stopper = stopper_of(self.board, clock)
         self.looked_from_ns = clock.now_ns()
         if stall_us:
             self.made.fake.world.put_in(SpiStall(stall_us))
@@ -107,21 +120,21 @@ def test_a_message_in_time_is_left_alone() -> None:
     scene = Scene()
     scene.look_all_the_time(5)
     scene.fire()
-    assert not scene.stopper.has_acted
+    assert not scene.board.cut.is_cut
 
 
 def test_a_message_that_is_late_by_less_than_a_millisecond_is_left_alone() -> None:
     scene = Scene(stall_us=900)
     scene.look_all_the_time(5)
     scene.fire()
-    assert not scene.stopper.has_acted
+    assert not scene.board.cut.is_cut
 
 
 def test_an_overdue_message_has_its_outputs_cut_off_while_it_still_stands() -> None:
     scene = Scene(stall_us=10_000)
     scene.look_all_the_time(20)
     scene.fire()
-    assert scene.stopper.has_acted
+    assert scene.board.cut.is_cut
     overdue_ns = scene.looked_from_ns + scene.board.pulse(2_000, 100).planned_ns + OVERDUE_NS
     assert overdue_ns <= scene.blanked_ns() <= overdue_ns + MS
     assert OVERDUE_NS == MS
@@ -135,11 +148,49 @@ def test_the_skin_gets_nothing_more_once_it_has_acted() -> None:
     assert given_pc < 2_000 * 2_500, "2 mA for the two milliseconds until it acts, and no more"
 
 
-def test_it_acts_once() -> None:
+def test_it_counts_a_cut_once_and_repeats_its_call_until_the_cut_was_seen() -> None:
+    """The driving side sees it with its next call."""
     scene = Scene(stall_us=10_000)
     scene.look_all_the_time(20)
     scene.fire()
-    assert len(scene.blankings_ns()) == 1
+    assert scene.board.cut.words[CUTS] == 1
+    repeated_ns = scene.blankings_ns()
+    assert len(repeated_ns) > 10
+    assert {after - before for before, after in pairwise(repeated_ns)} == {MS // 2}
+    with pytest.raises(BoardFault, match="cut off"):
+        scene.board.discharge()
+    seen = len(scene.blankings_ns())
+    scene.made.clock.spend(100 * MS)
+    assert len(scene.blankings_ns()) == seen
+    assert scene.board.cut.words[CUTS] == 1
+
+
+def test_a_second_message_that_is_overdue_is_cut_as_well() -> None:
+    """Without any word from the driving side in between, but that the board was made safe."""
+    scene = Scene(stall_us=10_000)
+    scene.look_all_the_time(200)
+    scene.fire()
+    assert scene.board.safe_off() == ()
+    assert not scene.board.cut.is_cut
+    scene.board.supply_on()
+    scene.board.guard.permit(3_000)
+    scene.board.prepare(scene.selection, whole=True)
+    scene.board.connect(scene.selection, True)
+    scene.made.fake.world.put_in(SpiStall(10_000))
+    scene.fire()
+    assert scene.board.cut.is_cut
+    assert scene.board.cut.words[CUTS] == 2
+
+
+def test_a_cut_that_comes_while_the_board_is_made_safe_is_not_over_with_that() -> None:
+    """It was counted behind the call that blanks."""
+    scene = Scene()
+    scene.gpio.before = lambda: scene.board.cut.words.__setitem__(CUTS, 1)
+    assert scene.board.safe_off() == ()
+    assert scene.board.cut.is_cut
+    scene.gpio.before = lambda: None
+    assert scene.board.safe_off() == ()
+    assert not scene.board.cut.is_cut
 
 
 def test_nothing_is_overdue_while_no_message_is_under_way() -> None:
@@ -147,7 +198,7 @@ def test_nothing_is_overdue_while_no_message_is_under_way() -> None:
     scene.fire()
     scene.made.clock.spend(500 * MS)
     scene.stopper.check()
-    assert not scene.stopper.has_acted
+    assert not scene.board.cut.is_cut
 
 
 def test_a_message_that_was_refused_is_not_waited_for() -> None:
@@ -157,7 +208,7 @@ def test_a_message_that_was_refused_is_not_waited_for() -> None:
         scene.fire()
     scene.made.clock.spend(500 * MS)
     scene.stopper.check()
-    assert not scene.stopper.has_acted
+    assert not scene.board.cut.is_cut
 
 
 def test_lines_that_are_gone_do_not_end_the_stopper() -> None:
@@ -166,7 +217,7 @@ def test_lines_that_are_gone_do_not_end_the_stopper() -> None:
     scene.made.clock.at(scene.looked_from_ns + MS, scene.made.fake.release)
     scene.look_all_the_time(20)
     scene.fire()
-    assert scene.stopper.has_acted
+    assert scene.board.cut.is_cut
     with pytest.raises(BusError):
         scene.board.blank_now()
 
@@ -179,7 +230,7 @@ def test_what_the_thread_loses_outside_of_the_message_is_not_the_messages(readin
     scene.scan_clock.stalls_at = scene.scan_clock.readings + reading
     scene.fire()
     assert scene.made.clock.now_ns() > scene.looked_from_ns + 10 * MS, "the thread has stalled"
-    assert not scene.stopper.has_acted
+    assert not scene.board.cut.is_cut
 
 
 @pytest.mark.parametrize("name", ["kajimoto-hv507", "reference-hv507", "feetthrough-relay"])
@@ -190,7 +241,7 @@ def test_a_second_phase_is_not_fired_behind_a_cut(name: str) -> None:
         scene.fire()
         scene.board.flip(scene.selection, False)
         scene.fire(False)
-    assert scene.stopper.has_acted
+    assert scene.board.cut.is_cut
     assert scene.made.fake.violations == []
     assert len(scene.made.events("body")) == 1
 
@@ -260,21 +311,20 @@ def test_a_message_that_ended_while_the_stopper_looked_is_not_overdue() -> None:
         firing.join(PATIENCE_S)
         made.clock.spend(10 * MS)
 
-    stopper = Stopper(board, CallingClock(made.clock, end_the_message))
+    stopper = stopper_of(board, CallingClock(made.clock, end_the_message))
     firing.start()
     assert spi.has_begun.wait(PATIENCE_S)
     stopper.check()
     assert not firing.is_alive()
-    assert not stopper.has_acted
     assert not board.cut.is_cut
 
 
 # --- the thread -----------------------------------------------------------------------------------
 
 
-def silence_of(stopper: Stopper, for_ms: int) -> StopperLiveness:
+def silence_of(board: Board, for_ms: int) -> StopperLiveness:
     """Woken at 1 s, and judged every millisecond since."""
-    liveness = StopperLiveness(stopper)
+    liveness = StopperLiveness(board.cut)
     liveness.begin(1_000 * MS)
     for step in range(1, for_ms + 1):
         liveness.judge((1_000 + step) * MS)
@@ -284,14 +334,14 @@ def silence_of(stopper: Stopper, for_ms: int) -> StopperLiveness:
 def test_a_thread_that_is_awake_leaves_the_time_of_its_looks() -> None:
     scene = Scene()
     looked = threading.Event()
-    stopper = Stopper(scene.board, CallingClock(scene.made.clock, looked.set))
+    stopper = stopper_of(scene.board, CallingClock(scene.made.clock, looked.set))
     thread = StopperThread(stopper)
     thread.start()
     thread.watch(True)
     assert looked.wait(PATIENCE_S)
     thread.end()
     assert not thread.is_alive()
-    assert stopper.looked_ns == scene.made.clock.now_ns()
+    assert looked_ns(scene.board) == scene.made.clock.now_ns()
 
 
 def test_a_thread_that_hangs_in_its_look_leaves_no_time() -> None:
@@ -302,12 +352,12 @@ def test_a_thread_that_hangs_in_its_look_leaves_no_time() -> None:
         hangs.set()
         assert may_go_on.wait(PATIENCE_S)
 
-    stopper = Stopper(scene.board, CallingClock(scene.made.clock, hang))
+    stopper = stopper_of(scene.board, CallingClock(scene.made.clock, hang))
     thread = StopperThread(stopper)
     thread.start()
     thread.watch(True)
     assert hangs.wait(PATIENCE_S)
-    liveness = silence_of(stopper, for_ms=600)
+    liveness = silence_of(scene.board, for_ms=600)
     assert not liveness.has_looked
     assert liveness.problem is not None
     assert liveness.problem.startswith("the stopper made no check for 600 ms")
@@ -322,34 +372,33 @@ def test_a_thread_that_has_ended_leaves_no_time() -> None:
     def end() -> None:
         raise RuntimeError("the clock is gone")
 
-    stopper = Stopper(scene.board, CallingClock(scene.made.clock, end))
+    stopper = stopper_of(scene.board, CallingClock(scene.made.clock, end))
     thread = StopperThread(stopper)
     thread.start()
     thread.watch(True)
     thread.join(PATIENCE_S)
     assert not thread.is_alive()
-    assert silence_of(stopper, for_ms=600).problem is not None
+    assert silence_of(scene.board, for_ms=600).problem is not None
 
 
 def test_a_cut_that_hangs_is_marked_and_leaves_no_time() -> None:
     """Its GPIO call does not return: what it was about to do is known all the same."""
     scene = Scene(stall_us=10_000)
-    marks: list[tuple[bool, bool, int]] = []
-    stopper = scene.stopper
+    marks: list[tuple[bool, int]] = []
 
     def hanging() -> None:
-        marks.append((stopper.has_acted, scene.board.cut.is_cut, stopper.looked_ns))
+        marks.append((scene.board.cut.is_cut, looked_ns(scene.board)))
 
     scene.gpio.before = hanging
-    scene.made.clock.at(scene.looked_from_ns + 3 * MS, stopper.check)
+    scene.made.clock.at(scene.looked_from_ns + 3 * MS, scene.stopper.check)
     scene.fire()
-    assert marks == [(True, True, 0)]
-    assert stopper.looked_ns == scene.looked_from_ns + 3 * MS
+    assert marks == [(True, 0)]
+    assert looked_ns(scene.board) == scene.looked_from_ns + 3 * MS
 
 
 def test_a_stopper_is_silent_from_its_last_look_on_and_alive_with_the_next() -> None:
     scene = Scene()
-    liveness = StopperLiveness(scene.stopper)
+    liveness = StopperLiveness(scene.board.cut)
     begun_ns = scene.made.clock.now_ns()
     liveness.begin(begun_ns)
     scene.stopper.check()
@@ -367,7 +416,7 @@ def test_a_stopper_is_silent_from_its_last_look_on_and_alive_with_the_next() -> 
 
 def test_time_in_which_the_scan_thread_did_not_look_either_is_not_silence() -> None:
     scene = Scene()
-    liveness = StopperLiveness(scene.stopper)
+    liveness = StopperLiveness(scene.board.cut)
     liveness.begin(1_000 * MS)
     liveness.judge(1_001 * MS)
     liveness.judge(61_001 * MS)

@@ -8,6 +8,7 @@ from itertools import pairwise
 import pytest
 
 from board_rig import BoardRig
+from etd_hal.cutlatch import DUE_NS
 from etd_hal.errors import BoardFault, BusError, GuardRefusal
 from etd_hal.fake.faults import DacGain, MisoStuck, SpiError, SpiShort, SpiStall
 from etd_hal.switch_shadow import Approval
@@ -155,18 +156,18 @@ class TestOverdue:
         rig.fake.world.put_in(SpiStall(stall_us=2_000, at_transfer=2))
         seen: list[int] = []
         rig.clock.at(
-            rig.clock.now_ns() + 2_000_000, lambda: seen.append(rig.board.cut.message_due_ns)
+            rig.clock.now_ns() + 2_000_000, lambda: seen.append(rig.board.cut.words[DUE_NS])
         )
         result = rig.visit(5)
         assert seen == [result.ended_ns - result.excess_ns]
-        assert rig.board.cut.message_due_ns == 0
+        assert rig.board.cut.words[DUE_NS] == 0
 
     def test_after_a_failed_message_none_is_under_way(self, boards: Boards) -> None:
         rig = boards()
         rig.fake.world.put_in(SpiError())
         with pytest.raises(BusError):
             rig.visit(5)
-        assert rig.board.cut.message_due_ns == 0
+        assert rig.board.cut.words[DUE_NS] == 0
 
 
 class TestRest:

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from board_rig import machine_file
 from etd_body.interface import Side
 from etd_hal.board import Board
+from etd_hal.cutlatch import CUTS, DUE_NS
 from etd_hal.errors import BoardFault, BusError
 from etd_hal.fake.faults import SpiError, SpiStall
 from etd_hal.ports import Changes, Edge, Gpio, Message, Spi
@@ -84,6 +85,12 @@ class Interrupted:
         return answer
 
 
+def cut_off(board: Board) -> None:
+    """As the stopper does, once."""
+    board.cut.words[CUTS] += 1
+    board.blank_now()
+
+
 class Scene:
     """A board that was brought to life as a daemon does it, and the ports it is driven through."""
 
@@ -108,7 +115,7 @@ class Scene:
 
     def cut(self) -> None:
         """As the stopper does."""
-        self.board.cut_off()
+        cut_off(self.board)
         self.cut_ns = self.made.clock.now_ns()
 
     def select(self, output: int) -> Selection:
@@ -296,7 +303,7 @@ def test_lines_that_fail_leave_the_mark_that_they_were_to_be_cut() -> None:
     scene.board.connect(selection, True)
     scene.ports.at, scene.ports.interrupt = scene.ports.calls, lines_fail
     with pytest.raises(BusError):
-        scene.board.cut_off()
+        cut_off(scene.board)
     with pytest.raises(BoardFault, match="cut off by the stopper"):
         scene.board.flip(selection, False)
     scene.assert_dark()
@@ -306,7 +313,7 @@ def test_a_board_that_nothing_cuts_is_driven_as_ever() -> None:
     scene = Scene("kajimoto-hv507")
     scene.visit((True, False))
     assert not scene.board.cut.is_cut
-    assert scene.board.cut.message_due_ns == 0
+    assert scene.board.cut.words[DUE_NS] == 0
 
 
 def lines_fail() -> None:

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from etd_hal import linux
 from etd_hal.boardfile import load_board
 from etd_hal.errors import BusError
+from etd_hal.linux import opening as linux
 from etd_hal.ports import InputLine, LineSetup
 from gpiod_kernel import ChipFile, Kernel
 

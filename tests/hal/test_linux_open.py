@@ -10,9 +10,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from etd_hal import linux
 from etd_hal.boardfile import BoardFile, load_board, load_machine
 from etd_hal.errors import BusError, HardwareMissing
+from etd_hal.linux import opening as linux
 from etd_hal.ports import LineSetup
 
 pytest.importorskip("gpiod", reason="gpiod is there on Linux only")

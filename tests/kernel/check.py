@@ -35,7 +35,7 @@ from run import PROCESSOR_S, Guest, boot
 
 _CHECKS = TREE / "tests/kernel/in_guest"
 _CONTRACT = TREE / "tests/contract"
-_EVERYWHERE = ("check_lines.py", "check_faults.py", "check_pulse.py")
+_EVERYWHERE = ("check_lines.py", "check_faults.py", "check_pulse.py", "check_stopper.py")
 _ONLY: dict[Guest, tuple[str, ...]] = {
     "x86": ("check_kills.py", "check_hog.py", "check_fade.py"),
     "uml": (

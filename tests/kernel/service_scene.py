@@ -235,6 +235,17 @@ def process_facts(pid: int) -> dict[str, str]:
     return {key: value.strip() for key, _, value in map(_parted, told.splitlines())}
 
 
+def children_of(pid: int) -> list[int]:
+    """The processes that it has started, in the order of their numbers."""
+    pids = sorted(int(path.name) for path in Path("/proc").iterdir() if path.name.isdecimal())
+    return [child for child in pids if process_facts(child)["PPid"] == str(pid)]
+
+
+def opened_by(pid: int) -> list[str]:
+    """What a process has open, as the kernel names it."""
+    return [os.readlink(path) for path in Path(f"/proc/{pid}/fd").iterdir()]
+
+
 def _parted(line: str) -> tuple[str, str, str]:
     return line.partition(":")
 

@@ -34,6 +34,7 @@ from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
 from etd_hal.boardfile import MachineFile
 from etd_hal.chips.codec import Codec
+from etd_hal.cutlatch import LOOKED_NS
 from etd_hal.ports import Clock
 from etd_hal.unwired import Mark, MarkedClock, SpendingClock, UnwiredGpio, UnwiredSpi
 
@@ -196,8 +197,9 @@ class Subject:
 
     def _step(self) -> None:
         engine = self.engine
-        # The stopper's thread does not run: what it does beside a pulse is not measured.
-        engine.components.stopper.check()
+        # No stopper runs: what it does beside a pulse is not measured.
+        board = engine.components.board
+        board.cut.words[LOOKED_NS] = engine.components.backend.clock.now_ns()
         engine.step()
         while (message := self._commands.receive()) is not None:
             if isinstance(message, Answer) and message.error is not None:

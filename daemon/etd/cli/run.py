@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import fcntl
 import os
+import select
 import signal
 import socket
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -294,9 +295,9 @@ def _run_gateway(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -
 
 
 def _end_with_standard_input() -> None:
-    def wait() -> None:
-        while os.read(0, 64):
-            pass
+    """The kernel sends SIGTERM when it ends: the engine has no thread to wait for that."""
+    fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(0, fcntl.F_SETSIG, signal.SIGTERM)
+    fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_ASYNC)
+    if select.select([0], (), (), 0)[0]:
         os.kill(os.getpid(), signal.SIGTERM)
-
-    threading.Thread(target=wait, name="lifeline", daemon=True).start()

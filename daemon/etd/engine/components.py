@@ -22,7 +22,7 @@ from etd.engine.requests import Requests
 from etd.engine.returns import Returns
 from etd.engine.source_check import SourceCheck
 from etd.engine.stimulus_adapter import StimulusAdapter
-from etd.engine.stopper import Stopper, StopperLiveness
+from etd.engine.stopper import StopperLiveness
 from etd.engine.timeouts import Timeouts
 from etd.files.configuration import LoadedConfig
 from etd.firing import Firing
@@ -32,7 +32,8 @@ from etd.safety.soft_start import SoftStart
 from etd.sensing.contact import ContactMap
 from etd.sensing.impedance import ImpedanceMap
 from etd.sensing.pre_probe import PreProbe
-from etd.sensing.sensors import PressureSensors, RailSensor
+from etd.sensing.readings import Readings
+from etd.sensing.sensors import PressureSensors, RailSensor, slots_of
 from etd.stabilize.pipeline import Stabilizer
 from etd.stabilize.settings import pipeline
 from etd_hal.backend import Backend
@@ -54,12 +55,12 @@ class Components:
     host_clock: Clock
     timeouts: Timeouts
     board: Board
-    stopper: Stopper
     stopper_liveness: StopperLiveness
     gateway_link: GatewayLink
     reporter: Reporter
     active: ActiveSchedule
-    # What is measured beside pulses.
+    # What is measured beside pulses, and where the sensors' last values are.
+    readings: Readings
     rail: RailSensor
     pressure: PressureSensors
     # What bounds a pulse.
@@ -88,10 +89,10 @@ def components_of(
     source, electrodes = loaded.board.source, loaded.array.count
     clock = CpuBudget(backend.clock)
     board = Board(loaded.board, loaded.machine, backend.codec, backend.spi, backend.gpio, clock)
-    stopper = Stopper(board, backend.clock)
     timeouts = Timeouts(backend.timeout_factor)
     dialogue = GatewayLink(timeouts.silence_ns)
-    pressure = PressureSensors(loaded.array, backend.i2c, backend.clock)
+    readings = Readings(slots_of(loaded.array))
+    pressure = PressureSensors(loaded.array, backend.i2c, backend.clock, readings)
     reporter = Reporter(electrodes, dialogue.send, pressure.kpa_of_all)
     declared = maxima_of(loaded.board, loaded.body_site)
     maxima = MaximaInForce(declared)
@@ -113,12 +114,12 @@ def components_of(
         host_clock=backend.host_clock,
         timeouts=timeouts,
         board=board,
-        stopper=stopper,
-        stopper_liveness=StopperLiveness(stopper),
+        stopper_liveness=StopperLiveness(board.cut),
         gateway_link=dialogue,
         reporter=reporter,
         active=ActiveSchedule(clock, reporter),
-        rail=RailSensor(loaded.board, backend.i2c, backend.clock),
+        readings=readings,
+        rail=RailSensor(loaded.board, backend.i2c, backend.clock, readings),
         pressure=pressure,
         maxima=maxima,
         ledger=ledger,

@@ -46,7 +46,6 @@ class Poller:
         self._clock = components.clock
         self._host_clock = components.host_clock
         self._board = components.board
-        self._stopper = components.stopper
         self._liveness = components.stopper_liveness
         self._rail = components.rail
         self._reporter = components.reporter
@@ -70,7 +69,7 @@ class Poller:
             self._unseen_since_host_ns = self._polled_host_ns
         self._polled_host_ns = host_ns
         # First of all: whatever else makes the board safe now, a cut is a halt.
-        if self._liveness.judge(now_ns) or self._stopper.has_acted:
+        if self._liveness.judge(now_ns) or self._liveness.has_acted:
             self._heed_stopper()
         # Before any queue is read: a waiting message must not renew what has lapsed.
         if self._supervisor.lease is not None and self._supervisor.lease.has_lapsed(host_ns):
@@ -93,7 +92,7 @@ class Poller:
         checking halts a powered board.
         """
         supervisor, problem = self._supervisor, self._liveness.problem
-        if self._stopper.has_acted and supervisor.states.state != "HALTED":
+        if self._liveness.has_acted and supervisor.states.state != "HALTED":
             why = "an SPI message was overdue; its outputs were cut off"
             supervisor.halt("fault", "stopper", why)
         elif problem is not None and supervisor.is_powered:

@@ -2,8 +2,10 @@
 
 Owns: the order of starting and ending. Must not know: what a step does, which backend there is.
 
-The side threads start before the main thread asks for its core and its priority, so that they
-inherit neither. However the loop ends, the board is made safe first and everything else after.
+What works beside the scan starts before the main thread asks for its core and its priority, and so
+inherits neither: a process each where the ports can be shared with one, else a thread
+(docs/decisions/0047). However the loop ends, the
+board is made safe first and everything else after.
 """
 
 from __future__ import annotations
@@ -21,8 +23,10 @@ from etd.files.configuration import LoadedConfig
 from etd.protocol.link import Listener
 from etd.selftest.arming_gate import SelftestGate
 from etd.selftest.subject import subject_of
+from etd.sensing.process import start as start_sensors
 from etd.sensing.sensors import SensorThread
-from etd_hal.backend import Backend
+from etd_hal.backend import Backend, SideTask, StopperTask
+from etd_hal.stopper import Stopper
 
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 #: The watchdog is fed this many times within its period.
@@ -74,15 +78,16 @@ def _drive(
         asked_to_end.append(number)
 
     before = {ending: signal.signal(ending, note) for ending in _ENDINGS}
-    sensors = SensorThread(engine.components.rail, engine.components.pressure)
-    stopper = StopperThread(engine.components.stopper, _urgency(engine))
-    engine.supervisor.supply_changed = stopper.watch
+    beside: list[SideTask] = []
     try:
-        sensors.start()
-        stopper.start()
-        # The thread is real-time before timing is calibrated: timing is measured as it will be
-        # used.
-        engine.supervisor.not_granted = _realtime(engine)
+        stopper = _stopper_beside(engine)
+        beside.append(stopper)
+        beside.append(_sensors_beside(engine))
+        engine.supervisor.supply_changed = stopper.watch
+        # All have come up, and the thread is real-time, before timing is calibrated: timing is
+        # measured as it will be used.
+        refusals = [sentence for task in beside for sentence in task.refusals]
+        engine.supervisor.not_granted = (*_realtime(engine), *refusals)
         engine.supervisor.begin(_print)
         notifier.ready(f"SAFE, {loaded.board.name} on {engine.components.backend.name}")
         on_ready()
@@ -93,8 +98,8 @@ def _drive(
         # First of all; the caller calls it again, which does nothing more.
         problems = engine.supervisor.end()
         notifier.stopping()
-        stopper.end()
-        sensors.end()
+        for task in beside:
+            task.end()
         for ending, handler in before.items():
             signal.signal(ending, handler)
     return problems
@@ -113,20 +118,44 @@ def _accept_gateway(engine: Engine, listener: Listener) -> None:
         engine.attach(*channels)
 
 
+def _stopper_beside(engine: Engine) -> StopperTask:
+    """Its priority is above the scan thread's."""
+    parts, wanted = engine.components, engine.components.loaded.config.engine
+    backend, board = parts.backend, parts.board
+    priority = None if wanted.priority == "none" else wanted.priority + 1
+    if backend.beside is not None:
+        return backend.beside.stopper(board.cut, board.safe_changes, priority, _core(engine))
+    stopper = Stopper(board.cut.words, backend.clock.now_ns, board.blank_now)
+    thread = StopperThread(
+        stopper,
+        lambda: None if priority is None else backend.set_up_urgent_thread(priority),
+    )
+    thread.start()
+    return thread
+
+
+def _sensors_beside(engine: Engine) -> SideTask:
+    parts, loaded = engine.components, engine.components.loaded
+    if parts.backend.beside is not None:
+        return start_sensors(
+            parts.backend.beside, loaded.board, loaded.array, parts.readings, _core(engine)
+        )
+    thread = SensorThread(parts.rail, parts.pressure)
+    thread.start()
+    return thread
+
+
+def _core(engine: Engine) -> int | None:
+    """The scan thread's."""
+    wanted = engine.components.loaded.config.engine.core
+    return None if wanted == "any" else wanted
+
+
 def _realtime(engine: Engine) -> tuple[str, ...]:
     wanted = engine.components.loaded.config.engine
     if wanted.priority == "none":
         return ("real-time scheduling was not asked for (engine.priority is none)",)
-    core = None if wanted.core == "any" else wanted.core
-    return engine.components.backend.set_up_realtime(wanted.priority, core)
-
-
-def _urgency(engine: Engine) -> Callable[[], object]:
-    """The stopper's priority is above the scan thread's."""
-    priority = engine.components.loaded.config.engine.priority
-    if priority == "none":
-        return lambda: None
-    return lambda: engine.components.backend.set_up_urgent_thread(priority + 1)
+    return engine.components.backend.set_up_realtime(wanted.priority, _core(engine))
 
 
 class _Feeder:

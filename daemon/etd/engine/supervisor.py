@@ -52,7 +52,6 @@ class Supervisor:
         self.contact = components.contact
         self.adapter = components.adapter
         self.rail = components.rail
-        self.stopper = components.stopper
         self.gateway_link = components.gateway_link
         self.marker = components.backend.marker
         self.returns = components.returns
@@ -358,7 +357,7 @@ class Supervisor:
             if problems:
                 raise Refused("halted", f"the board is not safe: {'; '.join(problems)}")
         self.states.clear()
-        self.stopper.has_acted = False
+        self._components.stopper_liveness.clear()
         self.report_state(self.clock.now_ns())
 
     # --- reports -----------------------------------------------------------------------------

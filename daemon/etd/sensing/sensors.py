@@ -1,8 +1,11 @@
 """The latest value of each slow sensor, with its time.
 
-Owns: the rail and the pressure under the array, read over I2C in a thread of their own, because a
-stuck bus can block for a second. A stale value is unknown.
-Must not know: states, frames, what follows from a value.
+Owns: the rail and the pressure under the array, read over I2C beside the scan, because a stuck bus
+can block for a second; and what a value with its age says. A stale value is unknown.
+Must not know: states, frames, what follows from a value, where the values are kept (`readings.py`).
+
+The same classes stand on both sides: where the bus is read `begin` and `end` are called, and where
+the scan is driven the values are asked for. Both share their `Readings`.
 
 The sensors may share a chip, and a chip has one converter: they convert in turn, and each reads the
 conversion that it began, or an error.
@@ -16,6 +19,7 @@ from functools import partial
 
 from etd.files.array import Array, PressureSensor
 from etd.protocol.errors import EtdError
+from etd.sensing.readings import Readings
 from etd_hal.boardfile import BoardFile
 from etd_hal.chips import ads1115, mcp4725
 from etd_hal.ports import Clock, I2c
@@ -26,6 +30,13 @@ STALE_NS = 500_000_000
 TOLD_NS = 2_000_000_000
 _PERIOD_S = 0.02
 _CONVERSION_S = ads1115.CONVERSION_NS / 1e9
+#: In the readings: the rail, then the sensors under the array.
+RAIL_SLOT, _FIRST_SLOT = 0, 1
+
+
+def slots_of(array: Array) -> int:
+    """How many slots the readings of a board with this array have."""
+    return _FIRST_SLOT + len(array.pressure)
 
 
 class _Conversion:
@@ -62,19 +73,25 @@ class _Conversion:
 class RailSensor:
     """Rail volts, where the board has a monitor; sets the rail, where it can be set."""
 
-    def __init__(self, board: BoardFile, i2c: I2c | None, clock: Clock) -> None:
+    def __init__(
+        self, board: BoardFile, i2c: I2c | None, clock: Clock, readings: Readings | None = None
+    ) -> None:
+        """`readings`: its slot is the first; None: its own."""
         self._monitor = board.guards.rail_monitor
         self._setpoint = board.rail_setpoint
         self._i2c = i2c
         self._clock = clock
-        # One tuple, replaced whole: the scan thread never sees half a value.
-        self._latest: tuple[float, int] | None = None
+        self._readings = Readings(1) if readings is None else readings
         self._is_set = self._setpoint == "absent"
         self._conversion: _Conversion | None = None
         if i2c is not None and self._monitor != "absent":
             address, channel = self._monitor.address, self._monitor.channel
             self._conversion = _Conversion(i2c, address, channel, clock)
-        self.problem = ""
+
+    @property
+    def problem(self) -> str:
+        """Why it cannot be read; "" while it can."""
+        return self._readings.told(RAIL_SLOT)[0]
 
     @property
     def is_there(self) -> bool:
@@ -82,7 +99,7 @@ class RailSensor:
 
     def rail_v(self, now_ns: int) -> float | None:
         """Volts, or None where unknown: no monitor, an error, or stale."""
-        latest = self._latest
+        latest = self._readings.latest(RAIL_SLOT)
         if latest is None or now_ns - latest[1] > STALE_NS:
             return None
         return latest[0]
@@ -112,19 +129,24 @@ class RailSensor:
             return True
         if volts is None:
             return False
-        self._latest = (volts * monitor.divider, self._clock.now_ns())
-        self.problem = "" if self._is_set else self.problem
+        now_ns = self._clock.now_ns()
+        self._readings.put(RAIL_SLOT, volts * monitor.divider, now_ns)
+        if self._is_set:
+            self._readings.tell(RAIL_SLOT, "", now_ns)
         return True
 
     def _lost(self, error: EtdError) -> None:
-        self._latest = None
-        self.problem = str(error)
+        self._readings.lose(RAIL_SLOT)
+        self._readings.tell(RAIL_SLOT, str(error), self._clock.now_ns())
 
 
 class PressureSensors:
     """The pressure under each electrode, from the sensor nearest to it."""
 
-    def __init__(self, array: Array, i2c: I2c | None, clock: Clock) -> None:
+    def __init__(
+        self, array: Array, i2c: I2c | None, clock: Clock, readings: Readings | None = None
+    ) -> None:
+        """`readings`: its slots follow the rail's; None: its own."""
         self._sensors = array.pressure
         self._of_electrode = [array.nearest_pressure(electrode) for electrode in range(array.count)]
         self._clock = clock
@@ -132,9 +154,7 @@ class PressureSensors:
             None if i2c is None else _Conversion(i2c, sensor.address, sensor.channel, clock)
             for sensor in self._sensors
         ]
-        # Tuples, replaced whole: the scan thread never sees half a value.
-        self._latest: list[tuple[float, int] | None] = [None] * len(self._sensors)
-        self._wrong: list[tuple[str, int] | None] = [None] * len(self._sensors)
+        self._readings = Readings(slots_of(array)) if readings is None else readings
         self._made_ns = clock.now_ns()
 
     @property
@@ -144,7 +164,7 @@ class PressureSensors:
     def kpa(self, electrode: int, now_ns: int) -> float | None:
         """None where unknown: no sensor, an error, no plausible voltage, or stale."""
         sensor = self._of_electrode[electrode]
-        latest = None if sensor is None else self._latest[sensor]
+        latest = None if sensor is None else self._readings.latest(_FIRST_SLOT + sensor)
         if latest is None or now_ns - latest[1] > STALE_NS:
             return None
         return latest[0]
@@ -191,7 +211,7 @@ class PressureSensors:
             return False
         if pressure_sensor.low_v <= volts <= pressure_sensor.high_v:
             kpa = max(0.0, (volts - pressure_sensor.zero_v) * pressure_sensor.kpa_per_v)
-            self._latest[sensor] = (kpa, self._clock.now_ns())
+            self._readings.put(_FIRST_SLOT + sensor, kpa, self._clock.now_ns())
         else:
             self._lost(
                 sensor,
@@ -201,14 +221,15 @@ class PressureSensors:
         return True
 
     def _lost(self, sensor: int, why: str) -> None:
-        self._latest[sensor] = None
-        self._wrong[sensor] = (why, self._clock.now_ns())
+        self._readings.lose(_FIRST_SLOT + sensor)
+        self._readings.tell(_FIRST_SLOT + sensor, why, self._clock.now_ns())
 
     def _why_silent(self, sensor: int, now_ns: int) -> str:
         """Empty for a sensor that works."""
-        latest, wrong = self._latest[sensor], self._wrong[sensor]
-        if wrong is not None and (latest is None or now_ns - wrong[1] <= TOLD_NS):
-            return wrong[0]
+        readings, slot = self._readings, _FIRST_SLOT + sensor
+        latest, (wrong, wrong_ns) = readings.latest(slot), readings.told(slot)
+        if wrong and (latest is None or now_ns - wrong_ns <= TOLD_NS):
+            return wrong
         since_ns = self._made_ns if latest is None else latest[1]
         is_stale = now_ns - since_ns > STALE_NS
         return "it was not read for half a second: is the I2C bus stuck?" if is_stale else ""
@@ -248,7 +269,9 @@ class SensorCycle:
 
 
 class SensorThread(threading.Thread):
-    """Reads until `end` is called. Waiting paces it; the chip says when a conversion is over."""
+    """Reads the sensors of a board whose ports are in this process: a fake one's."""
+
+    refusals: tuple[str, ...] = ()
 
     def __init__(self, rail: RailSensor, pressure: PressureSensors) -> None:
         super().__init__(name="etd-sensors", daemon=True)
@@ -256,11 +279,18 @@ class SensorThread(threading.Thread):
         self._ending = threading.Event()
 
     def run(self) -> None:
-        pause_s = _PERIOD_S
-        while not self._ending.wait(pause_s):
-            pause_s = _PERIOD_S if self._cycle.step() else _CONVERSION_S
+        read_until(self._ending.wait, self._cycle)
 
     def end(self) -> None:
         """Idempotent; waits for a blocked bus no longer than two seconds."""
         self._ending.set()
         self.join(timeout=2.0)
+
+
+def read_until(is_over: Callable[[float], bool], cycle: SensorCycle) -> None:
+    """Reads in turn. `is_over` waits for so many seconds, which paces it (the chip says when a
+    conversion is over), and returns True when reading is to end.
+    """
+    pause_s = _PERIOD_S
+    while not is_over(pause_s):
+        pause_s = _PERIOD_S if cycle.step() else _CONVERSION_S

@@ -87,6 +87,15 @@ class LinuxGpio:
         except OSError as error:
             raise BusError.of(error, self._chip, f"setting lines {changes}") from error
 
+    @property
+    def output_fd(self) -> int:
+        """Of the outputs' request, to be inherited by a process that may set them too."""
+        return self._output_fd
+
+    def values_of(self, changes: Changes) -> bytes:
+        """What the ioctl takes for these outputs. Raises: BusError."""
+        return bytes(self._ready.get(changes) or self._keep(changes))
+
     def get(self, line: int) -> int:
         """See `ports.Gpio`."""
         if line not in self._held:

@@ -16,9 +16,9 @@ from dataclasses import replace
 
 from etd_hal.boardfile import BoardFile
 from etd_hal.errors import BusError
-from etd_hal.linux import open_lines
 from etd_hal.linux.clock import LinuxClock
 from etd_hal.linux.gpio import LinuxGpio, find_chip, levels_as_they_are
+from etd_hal.linux.opening import open_lines
 from etd_hal.linux.realtime import ordinary, perish_with
 from etd_hal.ports import Changes, Edge, LineSetup
 

@@ -14,9 +14,10 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from etd_hal.bench import Obtained
+if TYPE_CHECKING:
+    from etd_hal.bench import Obtained
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_TIMERSLACK = 29
@@ -54,10 +55,28 @@ def set_up(priority: int, core: int | None) -> tuple[str, ...]:
     return tuple(sentence for sentence in refusals if sentence)
 
 
+def set_up_beside(priority: int | None, scan_core: int | None) -> tuple[str, ...]:
+    """For a process beside the scan: on every core but `scan_core`, its memory locked; SCHED_FIFO
+    at `priority`, or an ordinary process (None).
+
+    Returns a sentence for each thing that was not granted, with what would grant it.
+    """
+    refusals = (
+        None if priority is None else scheduling(priority),
+        _off_core(scan_core),
+        None if priority is None else _memory(),
+    )
+    return tuple(sentence for sentence in refusals if sentence)
+
+
 def obtained() -> Obtained:
     """The settings of the calling thread and its process, as the kernel reports them."""
+    # Here: a process beside the scan does without what this imports.
+    from etd_hal.bench import Obtained
+
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
-    status = Path("/proc/self/status").read_text(encoding="ascii")
+    with open("/proc/self/status", encoding="ascii") as file:
+        status = file.read()
     return Obtained(
         policy=_POLICIES.get(policy, f"scheduling policy {policy}"),
         priority=os.sched_getparam(0).sched_priority,
@@ -109,6 +128,16 @@ def _affinity(core: int | None) -> str | None:
         f"core {core} for the scan thread",
         lambda: os.sched_setaffinity(0, {core}),
         "name a core that this machine has and this service may use, or none",
+    )
+
+
+def _off_core(scan_core: int | None) -> str | None:
+    if scan_core is None:
+        return None
+    return _asked(
+        f"a core other than the scan's ({scan_core})",
+        lambda: os.sched_setaffinity(0, os.sched_getaffinity(0) - {scan_core}),
+        "it shares the scan's core: the machine has no other, or this service may not use one",
     )
 
 

@@ -16,10 +16,10 @@ import kernel_trace
 from etd_hal.boardfile import BoardFile
 from etd_hal.errors import BusError
 from etd_hal.linesetup import line_setup
-from etd_hal.linux import open_lines
 from etd_hal.linux.clock import LinuxClock
 from etd_hal.linux.gpio import find_chip, open_gpio
 from etd_hal.linux.kill_test_process import LentGpio, LinuxKillTestProcess
+from etd_hal.linux.opening import open_lines
 from etd_hal.linux.realtime import perish_with
 from etd_hal.ports import LineSetup
 from guest_board import BARE_BOARD, BOARD, set_parameter

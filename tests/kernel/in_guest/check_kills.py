@@ -36,6 +36,7 @@ RATE_HZ = 40
 #: The longest that two messages of such scans lie apart is some 30 ms, and 70 ms where a report and
 #: the weights of the returns, four times a second, fall between two scans.
 QUIET_US = 100_000
+POL, BL = (BOARD.used_lines()[name] for name in ("POL", "BL"))
 
 
 def scan_until_killed(daemon: Daemon, after_ns: int) -> int:
@@ -60,6 +61,7 @@ def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
     kernel_trace.begin(TRACED)
     chance = random.Random(SEED)
     quiet_ms: list[float] = []
+    cut_ms: list[float] = []
     moving_ms: list[float] = []
     safe_ms: list[float] = []
     for _ in range(KILLS):
@@ -68,12 +70,14 @@ def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
         safe = daemon.make_safe()
         assert safe.returncode == 0, safe.stderr
         events = kernel_trace.events()
-        left = [event for event in events if event.t_us <= gone_us]
-        made_safe = events[len(left) :]
+        cut, made_safe = by_others(events, killed_us)
+        left = [event for event in events if event.t_us <= gone_us and event not in cut]
         last_us = end_of_last_message_us(left)
+        assert [event.rest for event in cut] == [f"{POL} 1", f"{BL} 0"], "the stopper cuts"
         assert_left_safe(made_safe)
         assert killed_us - last_us < QUIET_US, "the engine was not scanning when it was killed"
         quiet_ms.append(max(0.0, last_us - killed_us) / 1_000)
+        cut_ms.append((cut[-1].t_us - killed_us) / 1_000)
         moving_ms.append((made_safe[0].t_us - killed_us) / 1_000)
         safe_ms.append((made_safe[-1].t_us - killed_us) / 1_000)
         kernel_trace.begin(TRACED)
@@ -83,8 +87,19 @@ def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
             daemon.wait_until(engine="there", state="SAFE")
     report(f"{KILLS} kills in a scan (seed {SEED}); every message ended in zero")
     report(f"from the kill to the end of the last message: {spread(quiet_ms)}")
+    report(f"from the kill to outputs that the stopper has cut: {spread(cut_ms)}")
     report(f"from the kill to the first line that `etd safe` sets: {spread(moving_ms)}")
     report(f"from the kill to the end of what `etd safe` does: {spread(safe_ms)}")
+
+
+def by_others(
+    events: list[kernel_trace.Event], killed_us: float
+) -> tuple[list[kernel_trace.Event], list[kernel_trace.Event]]:
+    """What the stopper did after the kill, and what `etd safe` did after that."""
+    engine = {event.pid for event in events if event.t_us <= killed_us}
+    later = [event for event in events if event.pid not in engine]
+    cut = [event for event in later if event.pid == later[0].pid]
+    return cut, later[len(cut) :]
 
 
 def end_of_last_message_us(events: list[kernel_trace.Event]) -> int:
@@ -103,7 +118,7 @@ def spread(values_ms: list[float]) -> str:
 
 
 def assert_left_safe(events: list[kernel_trace.Event]) -> None:
-    """What `etd safe` did alone makes it so: nothing was moved between the engine's end and it."""
+    """What `etd safe` did makes it so, after the stopper's cut."""
     assert events[0].name == "rig_line", "the first thing is the lines"
     facts = trace_decoder.parse(header(BOARD, range(BOARD.switch.outputs)))[0]
     assert trace_rules.violations(kernel_trace.records(events, facts), REST_US) == []

@@ -20,10 +20,13 @@ from etd.selftest.realtime import missing
 from etd_hal.backend import Backend
 from etd_hal.errors import BusError, HardwareMissing
 from etd_hal.linesetup import line_setup
-from etd_hal.linux import open_to_make_safe, uapi
+from etd_hal.linux import uapi
+from etd_hal.linux.clock import LinuxClock
 from etd_hal.linux.gpio import LinuxGpio, find_chip, holders, open_gpio
 from etd_hal.linux.machine import facts
+from etd_hal.linux.opening import open_to_make_safe
 from etd_hal.linux.realtime import obtained, set_up
+from etd_hal.linux.side_process import SideProcess
 from etd_hal.ports import LineSetup, Message, Transfer
 from guest_board import BOARD, Chips, unplugged, without_rights
 
@@ -36,6 +39,7 @@ SPI_IOC_MESSAGE_0 = 0x40006B00
 KEPT = 1_024
 #: Zero words at code 0: nothing is fired here.
 ZERO = Transfer(bytes(2))
+CLOCK = LinuxClock()
 
 
 @contextmanager
@@ -55,6 +59,13 @@ def quiet_interpreter() -> Iterator[None]:
     gc.unfreeze()
     gc.enable()
     sys.setswitchinterval(interval_s)
+
+
+def test_a_process_beside_the_scan_that_says_nothing_is_given_up() -> None:
+    begun_ns = CLOCK.now_ns()
+    with pytest.raises(BusError, match="does not come up"):
+        _ = SideProcess("the mute", "mute", ()).refusals
+    assert 20.0 <= (CLOCK.now_ns() - begun_ns) / 1e9 < 23.0
 
 
 class TestLines:

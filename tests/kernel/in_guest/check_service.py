@@ -64,6 +64,13 @@ def test_both_are_ready_and_each_is_a_user_of_its_own_without_rights(services: N
     assert os.sched_getscheduler(engine) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
     assert os.sched_getparam(engine).sched_priority == 80
     assert os.sched_getscheduler(gateway) == os.SCHED_OTHER
+    assert len(list(Path(f"/proc/{engine}/task").iterdir())) == 1, "it has one thread"
+    stopper, sensors = sorted(scene.children_of(engine))
+    assert os.sched_getscheduler(stopper) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
+    assert os.sched_getparam(stopper).sched_priority == 81
+    assert os.sched_getscheduler(sensors) == os.SCHED_OTHER
+    assert not [path for path in scene.opened_by(stopper) if "spidev" in path or "i2c" in path]
+    assert not [path for path in scene.opened_by(sensors) if "spidev" in path or "gpio" in path]
     assert scene.shown(ENGINE, "StatusText")["StatusText"].startswith("SAFE, kajimoto-hv507")
 
 

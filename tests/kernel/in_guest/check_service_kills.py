@@ -1,5 +1,5 @@
 """`kill -9` of the engine's service at random moments of a scan: what the board does until it is
-safe, who makes it so, and when.
+safe, who makes it so, and when: first the stopper, which outlives the engine, then `etd safe`.
 
 The killer's priority lies above the engine's: no moment of the engine is out of its reach. What is
 judged is the kernel's trace; who `etd safe` was is told by the journal.
@@ -46,6 +46,7 @@ class Told:
     safe_pid: int
     is_in_scan: bool
     is_in_message: bool
+    cut_ms: float
     first_line_ms: float
     last_word_ms: float
 
@@ -58,23 +59,33 @@ class Kill:
     events: list[Event]
 
     def __post_init__(self) -> None:
-        assert self.safe_pid, "nothing moved a line after the kill"
+        assert len(self._later_pids) == 2, "after the kill the stopper cuts, and one makes it safe"
+
+    @property
+    def _later_pids(self) -> list[int]:
+        """Of the processes that are not the engine, in the order of their first events."""
+        engine = {event.pid for event in self.events if event.t_us <= self.due_us}
+        return list(dict.fromkeys(event.pid for event in self.events if event.pid not in engine))
 
     @property
     def safe_pid(self) -> int:
-        """Of the first process that is not the engine."""
-        engine = {event.pid for event in self.events if event.t_us <= self.due_us}
-        after = (event.pid for event in self.events if event.pid not in engine)
-        return next(after, 0)
+        """Of the process that makes it safe, once the stopper is over."""
+        return self._later_pids[1]
 
     @property
     def left(self) -> list[Event]:
-        """What was there before anybody made it safe."""
-        return self.events[: [event.pid for event in self.events].index(self.safe_pid)]
+        """What was there before anybody else moved a line."""
+        return self.events[: [event.pid for event in self.events].index(self._later_pids[0])]
+
+    @property
+    def cut(self) -> list[Event]:
+        """What the stopper did."""
+        stopper = self._later_pids[0]
+        return [event for event in self.events if event.pid == stopper]
 
     @property
     def made_safe(self) -> list[Event]:
-        return self.events[len(self.left) :]
+        return self.events[len(self.left) + len(self.cut) :]
 
     @property
     def told(self) -> Told:
@@ -83,6 +94,7 @@ class Kill:
             safe_pid=self.safe_pid,
             is_in_scan=self.due_us - last.t_us < 1e6 / RATE_HZ,
             is_in_message=last.name == "spi_message_done" and last.t_us > self.due_us,
+            cut_ms=(self.cut[-1].t_us - self.due_us) / 1_000,
             first_line_ms=(self.made_safe[0].t_us - self.due_us) / 1_000,
             last_word_ms=(self.made_safe[-1].t_us - self.due_us) / 1_000,
         )
@@ -122,7 +134,11 @@ def assert_quiet_until_safe(kill: Kill) -> None:
 
 
 def assert_made_safe(kill: Kill) -> None:
-    """By one process alone: POL up, BL down, the DAC at zero."""
+    """Cut by the stopper, which does nothing else: POL up, BL down. Then by one process alone the
+    same, and the DAC at zero.
+    """
+    named = scene.BOARD.used_lines()
+    assert [event.rest for event in kill.cut] == [f"{named['POL']} 1", f"{named['BL']} 0"]
     assert {event.pid for event in kill.made_safe} == {kill.safe_pid}, "somebody else helped"
     levels = kernel_trace.levels(kill.made_safe)
     lines = scene.BOARD.used_lines()
@@ -157,7 +173,9 @@ def tell(kills: list[Told]) -> None:
         f"{KILLS} kills of the service (seed {SEED}), {in_scan} of them in a scan, {within} in a"
         " message; every message ended in zero"
     )
+    cut = [kill.cut_ms for kill in kills]
     first, last = [kill.first_line_ms for kill in kills], [kill.last_word_ms for kill in kills]
+    report(f"from the kill to outputs that the stopper has cut: {spread(cut)}")
     report(f"from the kill to the first line that ExecStopPost= sets: {spread(first)}")
     report(f"from the kill to the end of what ExecStopPost= does: {spread(last)}")
 
