@@ -119,7 +119,7 @@ CHAIN = [
     Case("DATA is cut", ALL, [LineCut("DATA")], "register", "readback"),
     Case("CLK is cut", ALL, [LineCut("CLK")], "register", "readback"),
     Case("a lost clock", ALL, [LostClock(350)], "register", "readback"),
-    Case("slow words", ALL, [SlowWords(8)], "timing", "one_word"),
+    Case("slow words", ALL, [SlowWords(10)], "timing", "one_word"),
     Case("a noisy kernel", ALL, [SpiJitter(3, 20)], "timing", "spread_of_a_message"),
     Case("SPI fails", ALL, [SpiError(at_message=60)], "timing", "bus"),
 ]
