@@ -27,6 +27,8 @@ PACKAGES = ("daemon/etd", "hal/etd_hal", "hal/etd_body")
 DATA = ("config", "systemd")
 #: What mypyc needs; with msgspec it knows the types of messages.
 NEEDS = ["mypy>=2,<3", "setuptools>=68", "msgspec>=0.19"]
+#: In a folder that was made here, and may be made again.
+MARK = ".made-by-hatch-build"
 #: Multiply and add are rounded one after the other, as interpreted: arm64 would fuse them.
 FLAGS = ["-ffp-contract=off"]
 
@@ -35,8 +37,8 @@ def why_not() -> str | None:
     """Why nothing can be compiled here; None if it can."""
     if os.environ.get("ETD_INTERPRETED"):
         return "ETD_INTERPRETED is set"
-    compiler = (sysconfig.get_config_var("CC") or "cc").split()[0]
-    if shutil.which(os.environ.get("CC", compiler)) is None:
+    compiler = (os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc").split()[0]
+    if shutil.which(compiler) is None:
         return f"there is no C compiler ({compiler}): sudo apt install gcc python3-dev"
     if not Path(sysconfig.get_path("include"), "Python.h").exists():
         return "Python's headers are missing: sudo apt install python3-dev"
@@ -83,17 +85,24 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
         why = why_not()
         if version == "editable" or why is not None:
             if why is not None:
-                self.app.display_warning(
-                    f"etd is not compiled, and needs three times the"
-                    f" processor's time for a pulse: {why}"
-                )
+                self._warn(why)
             return
         self._folder = Path(tempfile.mkdtemp())
         # In a process of its own: mypyc's work ends with it, and so does its memory.
-        subprocess.run([sys.executable, __file__, "--modules", str(self._folder)], check=True)
+        ran = subprocess.run(
+            [sys.executable, __file__, "--modules", str(self._folder)], check=False
+        )
+        if ran.returncode:
+            self._warn(f"compiling ended with status {ran.returncode}, see above")
+            return
         for found in self._folder.rglob("*.so"):
             build_data["force_include"][str(found)] = str(found.relative_to(self._folder))
         build_data["pure_python"], build_data["infer_tag"] = False, True
+
+    def _warn(self, why: str) -> None:
+        self.app.display_warning(
+            f"etd is not compiled, and needs three times the processor's time for a pulse: {why}"
+        )
 
     def finalize(self, *_: object) -> None:
         if hasattr(self, "_folder"):
@@ -108,7 +117,13 @@ def main() -> int:
         if why is not None:
             print(f"etd is not compiled here: {why}")
             return 1
+        made = into / MARK
+        if into.exists() and not made.exists():
+            print(f"{into} exists, and this program did not make it: name another folder")
+            return 2
         shutil.rmtree(into, ignore_errors=True)
+        into.mkdir(parents=True)
+        made.touch()
         for package in PACKAGES:
             left_out = shutil.ignore_patterns("__pycache__")
             shutil.copytree(ROOT / package, into / Path(package).name, ignore=left_out)

@@ -312,6 +312,13 @@ def thread_time_ns() -> int:
     return clock.thread_time_ns()
 
 
+def machine_problem(machine: MachineFile) -> str | None:
+    """Why this machine file cannot stand for this machine, with what to do; None if it can."""
+    from etd_hal.linux import machine as this_machine
+
+    return this_machine.problem(machine)
+
+
 def machine_facts() -> tuple[str, ...]:
     """A sentence for each setting of this machine that helps to find a cause."""
     from etd_hal.linux import machine as this_machine

@@ -52,6 +52,12 @@ def test_the_first_script_of_the_readme_works(rig: ServedRig) -> None:
     assert type(rig.engine.heard[-1]).__name__ == "CloseLease"
 
 
+def test_an_unknown_topic_is_refused_with_those_that_there_are(rig: ServedRig) -> None:
+    with display(rig) as d, pytest.raises(Refused, match="choose of state") as caught:
+        d.telemetry("scans")  # type: ignore[arg-type]
+    assert caught.value.code == "bad_message"
+
+
 def test_nothing_is_opened_until_something_needs_the_lease(rig: ServedRig) -> None:
     with display(rig) as d:
         d.status()

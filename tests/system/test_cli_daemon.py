@@ -194,6 +194,16 @@ def test_play_waits_for_the_operator_and_a_killed_client_leaves_silence(rig: Com
         assert status["last_disarm"] == "lapsed"
 
 
+def test_of_two_that_start_at_once_one_runs_and_the_other_ends(rig: CommandRig) -> None:
+    both = [rig.start("run", "--board", "fake", "--array", "pad-8") for _ in range(2)]
+    first = next(one for one in both if "is ready" in one.line())
+    (second,) = (one for one in both if one is not first)
+    assert "already" in second.ended().err
+    assert rig.run("status").status == 0
+    first.signal(signal.SIGTERM)
+    assert first.ended().status == 0
+
+
 def test_a_stop_ends_what_is_being_played(rig: CommandRig) -> None:
     pattern = rig.folder / "long.json"
     pattern.write_text(

@@ -30,6 +30,7 @@ from etd_hal.boardfile import MachineFile, load_machine
 from etd_hal.compose import (
     codec_of,
     machine_facts,
+    machine_problem,
     open_linux,
     set_up_realtime,
     system_clock,
@@ -97,8 +98,13 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     check_new_file(args.report)
     check_new_file(args.write_machine)
+    if args.report is not None and args.report == args.write_machine:
+        args.misused("--report and --write-machine are two files")
     loaded = _configured(args)
     machine = _machine(args, loaded)
+    problem = machine_problem(machine) if args.write_machine is not None else None
+    if problem is not None:
+        args.misused(f"--write-machine: {problem}")
     tell = _told_nothing if args.json else _told
     result = measure(_parts(loaded, machine), args.seconds, tell)
     if args.json:

@@ -17,7 +17,7 @@ import zmq
 import zmq.asyncio
 
 from etd.client import clock
-from etd.protocol.errors import DaemonGone
+from etd.protocol.errors import DaemonGone, Refused
 from etd.protocol.messages import TELEMETRY_OF_TOPIC, TOPICS, Topic
 from etd.protocol.messages import Telemetry as Report
 
@@ -30,7 +30,7 @@ _decoders: dict[bytes, tuple[Topic, msgspec.json.Decoder[Any]]] = {
 
 
 class _Subscription(Generic[S]):
-    """What both share; no topics: all of them."""
+    """What both share; no topics: all of them. Raises: Refused (`bad_message`), if one is none."""
 
     def __init__(
         self,
@@ -40,6 +40,10 @@ class _Subscription(Generic[S]):
         timeout_s: float | None = None,
         join_s: float = 2.0,
     ) -> None:
+        unknown = [topic for topic in topics if topic not in TOPICS]
+        if unknown:
+            reason = f"there is no topic {unknown[0]!r}: choose of {', '.join(TOPICS)}"
+            raise Refused("bad_message", reason)
         self._address = address
         self._wanted = topics or TOPICS
         self._timeout_s = timeout_s
