@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import msgspec
 import pytest
 
 from command_rig import CommandRig, command_rig
 from etd.bench.result import Result
+from etd.files.resources import find
 from etd_hal.boardfile import load_machine
 
 pytestmark = pytest.mark.slow
@@ -22,11 +24,35 @@ def rig() -> Iterator[CommandRig]:
         yield made
 
 
+def config_of_any_machine(folder: Path) -> Path:
+    """A fake board's, with a machine file that names no model."""
+    text = find("machines", "pi4").read_text()
+    models = next(line for line in text.splitlines() if line.startswith("models"))
+    (folder / "any.toml").write_text(text.replace(models, "models = []"))
+    config = folder / "etd.toml"
+    config.write_text(
+        """
+backend = "fake"
+board = "kajimoto-hv507"
+machine = "./any.toml"
+array = "grid-8x8"
+body_site = "fingertip"
+accept_absent_guards = []
+operators = []
+
+[engine]
+core = "any"
+priority = "none"
+"""
+    )
+    return config
+
+
 def test_without_a_board_it_measures_the_machine_and_writes_both_files(rig: CommandRig) -> None:
     report, machine = rig.folder / "bench.json", rig.folder / "mine.toml"
     files = ("--report", str(report), "--write-machine", str(machine))
-    said = rig.run(*SHORT, "--machine", "rig", *files)
-    assert said.status == 0
+    said = rig.run(*SHORT, "--config", str(config_of_any_machine(rig.folder)), *files)
+    assert said.status == 0, said.err
     assert "with a probe first" in said.out
     assert "no configuration of a real board" in said.out
     result = msgspec.json.decode(report.read_bytes(), type=Result)
