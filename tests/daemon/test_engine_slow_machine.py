@@ -67,7 +67,9 @@ def test_a_frame_that_does_not_fit_is_slowed_to_what_the_machine_then_does(slown
     assert answer.rate_hz == pytest.approx(refused.achievable_hz, rel=0.02)
     rig.run_ms(950)
     assert answer.rate_hz is not None
-    assert mean_period_s(rig, since_ns) == pytest.approx(1 / answer.rate_hz, rel=0.05)
+    # Each pause of a scan puts off the next one, so that no electrode's interval becomes shorter.
+    most = 0.05 if slowness < 10.0 else 0.15
+    assert mean_period_s(rig, since_ns) == pytest.approx(1 / answer.rate_hz, rel=most)
     assert rig.close() == ()
 
 

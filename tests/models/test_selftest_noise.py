@@ -37,7 +37,8 @@ def test_it_does_so_with_other_loads(load_ohm: int, second_ohm: int) -> None:
 @pytest.mark.parametrize("seed", range(2))
 def test_what_is_wrong_with_switches_is_seen_beneath_it(fault: Fault, name: str, seed: int) -> None:
     report = selftest_rig(faults=[fault, AdcNoise(CODES, seed)]).run()
-    assert [check for _, check in bad(report)] == [name]
+    # Noise may leave it to the walk on the second load.
+    assert [check for _, check in bad(report)] in ([name], [f"{name}_again"])
 
 
 def test_a_noise_that_no_adc_has_is_no_pass() -> None:

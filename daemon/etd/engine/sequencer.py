@@ -91,14 +91,15 @@ class Sequencer:
         if pause_ns is None:
             self._is_pausing = False
             return False
-        self._pause(pause_ns, now_ns)
+        self._pause(schedule, pause_ns, now_ns)
         return True
 
-    def _pause(self, pause_ns: int, now_ns: int) -> None:
+    def _pause(self, schedule: Schedule, pause_ns: int, now_ns: int) -> None:
         if not self._is_pausing:
             self._reporter.not_fired(None, "processor")
         self._is_pausing = True
         self._clock.sleep_until_ns(min(pause_ns, now_ns + _POLL_NS))
+        schedule.was_paused(self._clock.now_ns() - now_ns)
 
     def go_on(self) -> bool:
         """Nothing is due: ends the scan under way, begins the next one, or waits. True: the source

@@ -291,6 +291,10 @@ class Schedule:
         period_ns, rate_hz = round(plan.period_ns * ratio), plan.rate_hz / ratio
         self.plan = dataclasses.replace(plan, period_ns=period_ns, rate_hz=rate_hz)
 
+    def was_paused(self, pause_ns: int) -> None:
+        """The rest of this scan and the scans after it are `pause_ns` later."""
+        self.next_ns += pause_ns
+
     def is_long(self, now_ns: int) -> bool:
         """Whether a newer frame need not wait for the end of the scan under way."""
         since_ns = now_ns if self._scanned_ns is None else self._scanned_ns
