@@ -42,7 +42,7 @@ HELP = "measure what this machine takes for a pulse, with or without a board"
 EPILOG = """
 examples:
   etd bench                                  a minute, compared with the machine file
-  etd bench --report bench.json              and a file to send to somebody who asks for it
+  etd bench --report bench.json              and the result as a JSON file
   etd bench --write-machine mine.toml        and a machine file with this machine's figures
   etd bench --machine pi3                    compared with the model of a Raspberry Pi 3
 
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     check_new_file(args.report)
     check_new_file(args.write_machine)
-    if args.report is not None and args.report == args.write_machine:
+    if _are_one(args.report, args.write_machine):
         args.misused("--report and --write-machine are two files")
     loaded = _configured(args)
     machine = _machine(args, loaded)
@@ -119,6 +119,10 @@ def _run(args: argparse.Namespace) -> int:
         write_atomically(args.write_machine, toml_of(measured, result).encode(), _MODE)
         tell(f"wrote {args.write_machine}: name it as `machine` in the configuration")
     return 0
+
+
+def _are_one(report: Path | None, machine: Path | None) -> bool:
+    return report is not None and machine is not None and report.resolve() == machine.resolve()
 
 
 def _told(sentence: str) -> None:

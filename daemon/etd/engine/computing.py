@@ -1,4 +1,4 @@
-"""What this machine computes for a pulse, measured from scan to scan; plans reckon with it.
+"""What this machine computes for a pulse, measured from scan to scan, for plans.
 
 Owns: the measured figure, the machine file's until there is one, and by how much scans still take
 longer than planned. Must not know: what is computed, schedules, the board.

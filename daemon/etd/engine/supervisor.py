@@ -277,7 +277,7 @@ class Supervisor:
         self.answer(Answer(ref=power_up.ref, contact=contact))
 
     def _measure_computing(self) -> None:
-        """All probes were fired: plans reckon with what this machine computed meanwhile."""
+        """All probes were fired: plans now use the computing time measured meanwhile."""
         wire_us = self.planner.wire_us(self.probes) + self.planner.chain_us
         self._components.computing.end(self.clock.now_ns(), len(self.probes), wire_us)
 
