@@ -73,6 +73,20 @@ def test_an_engine_that_halts_ends_the_loop_with_its_reason() -> None:
     assert "over its plan" in str(found.ended_by)
 
 
+def test_a_bench_that_was_stopped_for_seconds_says_that_it_was_held_up() -> None:
+    class StoppedClock(ReadClock):
+        """At some time the program is stopped for five seconds."""
+
+        def doze_until_ns(self, deadline_ns: int) -> None:
+            super().doze_until_ns(deadline_ns)
+            if 5_000_000_000 < self.t_ns < 6_000_000_000:
+                self.t_ns += 5_000_000_000
+
+    found = measure_loop(PI4, CODEC, StoppedClock(), seconds=1e3)
+    assert isinstance(found, LoopFigures)
+    assert "held up" in str(found.ended_by)
+
+
 def test_the_parts_follow_one_another_and_a_missing_board_is_told() -> None:
     told: list[str] = []
     asked: list[str] = []

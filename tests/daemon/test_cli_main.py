@@ -42,6 +42,16 @@ def test_the_help_screen_names_every_verb_and_an_example(
     assert "etd play FILE --board fake" in told
 
 
+def test_ctrl_c_while_a_verb_is_loaded_is_an_end_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(_: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("importlib.import_module", interrupted)
+    assert cli.main(["demo"]) == cli.INTERRUPTED
+
+
 @pytest.mark.parametrize("verb", cli.VERBS)
 def test_every_verb_explains_itself_with_an_example(
     verb: str, capsys: pytest.CaptureFixture[str]

@@ -284,6 +284,32 @@ def test_a_hold_for_no_duration_is_refused_and_nothing_is_sent(
     assert list(rig.engine.frames) == []
 
 
+@pytest.mark.parametrize("timeout_s", [math.nan, math.inf, -1, 0, "1", True])
+def test_a_timeout_that_is_no_duration_is_refused_wherever_it_is_given(
+    rig: ServedRig, timeout_s: Any
+) -> None:
+    with display(rig) as d:
+        for give in (
+            d.arm,
+            d.arm_holder,
+            d.measure,
+            d.telemetry,
+            lambda timeout_s: display(rig, timeout_s=timeout_s),
+        ):
+            with pytest.raises(Refused, match="timeout_s="):
+                give(timeout_s=timeout_s)
+        assert d.status().state == "SAFE"
+
+
+@pytest.mark.parametrize("tag", [math.nan, 1.5, "go", True])
+def test_a_mark_has_a_whole_number_or_none(rig: ServedRig, tag: Any) -> None:
+    with display(rig) as d:
+        d.arm()
+        with pytest.raises(Refused, match="tag="):
+            d.mark(tag)
+        d.mark(np.int64(7))  # type: ignore[arg-type]
+
+
 def test_control_c_ends_a_hold_silent(rig: ServedRig) -> None:
     def interrupt(command: Command | NewFrame) -> Answer:
         if isinstance(command, NewFrame) and command.frame.seq == 2:

@@ -192,8 +192,13 @@ class Subject:
     def _ended(self) -> BoardFault:
         states = self.engine.supervisor.states
         halt = states.halt
-        why = states.state if halt is None else f"{halt.cause}: {halt.detail}"
-        return BoardFault("the loop", why, "an engine that stays armed")
+        # Only a frame that nobody renews, and a gateway that is silent, disarm without a halt.
+        why = (
+            "its lease lapsed, as this program was held up"
+            if halt is None
+            else f"{halt.cause}: {halt.detail}"
+        )
+        return BoardFault("the loop", why, "an engine that stays armed: measure again")
 
     def _step(self) -> None:
         engine = self.engine
@@ -203,4 +208,6 @@ class Subject:
         engine.step()
         while (message := self._commands.receive()) is not None:
             if isinstance(message, Answer) and message.error is not None:
+                if message.error == "no_lease":
+                    raise self._ended()
                 raise BoardFault("the loop", message.reason, "all that is asked for")

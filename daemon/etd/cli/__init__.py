@@ -70,6 +70,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader has closed the pipe (`etd monitor | head`): nothing can be printed any more.
         _discard_output()
         return NO
+    except KeyboardInterrupt:
+        # Also while a verb's modules are loaded.
+        return INTERRUPTED
     except OSError as error:
         return _failed(error, as_json="--json" in given)
     if not has_output:
@@ -152,10 +155,7 @@ def _answered(args: argparse.Namespace) -> int:
     except EtdError as error:
         _tell(error, as_json=getattr(args, "json", False))
         return status_of(error)
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    else:
-        return int(status)
+    return int(status)
 
 
 def _failed(error: OSError, as_json: bool) -> int:

@@ -16,9 +16,9 @@ from typing import Any, Self, Unpack
 import zmq
 import zmq.asyncio
 
-from etd.client import clock, wire
+from etd.client import clock, values, wire
 from etd.client.connection import Connection
-from etd.client.options import FrameOptions, Kind, frame_fields, held_ns, renewal_s, silent_fields
+from etd.client.options import FrameOptions, Kind, frame_fields, renewal_s, silent_fields
 from etd.client.session import KEEP_S, Ask, Flow, R
 from etd.client.telemetry import AsyncTelemetry
 from etd.client.values import Numbers
@@ -182,7 +182,8 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
     ) -> None:
         fields = frame_fields(kind, numbers, options)
-        end_ns = clock.now_ns() + held_ns(seconds)
+        held_s = values.above_zero_s("seconds", seconds)
+        end_ns = clock.now_ns() + int(held_s * 1e9)
         try:
             while (left_s := (end_ns - clock.now_ns()) / 1e9) > 0:
                 await self._run(self._session.frame({**fields, "sent_ns": clock.now_ns()}))

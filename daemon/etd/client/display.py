@@ -15,9 +15,9 @@ from typing import Self, Unpack
 
 import zmq
 
-from etd.client import clock, wire
+from etd.client import clock, values, wire
 from etd.client.connection import Connection
-from etd.client.options import FrameOptions, Kind, frame_fields, held_ns, renewal_s, silent_fields
+from etd.client.options import FrameOptions, Kind, frame_fields, renewal_s, silent_fields
 from etd.client.session import KEEP_S, Ask, Flow, R
 from etd.client.telemetry import Telemetry
 from etd.client.values import Numbers
@@ -167,7 +167,8 @@ class Display(Connection["zmq.Socket[bytes]"]):
 
     def _hold(self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions) -> None:
         fields = frame_fields(kind, numbers, options)
-        end_ns = clock.now_ns() + held_ns(seconds)
+        held_s = values.above_zero_s("seconds", seconds)
+        end_ns = clock.now_ns() + int(held_s * 1e9)
         try:
             while (left_s := (end_ns - clock.now_ns()) / 1e9) > 0:
                 self._run(self._session.frame({**fields, "sent_ns": clock.now_ns()}))

@@ -7,8 +7,6 @@ sockets.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
-from numbers import Real
 from typing import Literal, TypedDict
 
 from etd.client import clock, values
@@ -53,14 +51,6 @@ def frame_fields(kind: Kind, numbers: values.Numbers, options: FrameOptions) -> 
     given = values.levels(numbers) if kind == "level" else values.currents_ua(numbers)
     extra = {key: values.option(key, value) for key, value in options.items() if value is not None}
     return {kind: given, **extra, "sent_ns": clock.now_ns()}
-
-
-def held_ns(seconds: float) -> int:
-    """The time for which a frame is held. Raises: Refused (`bad_frame`)."""
-    is_number = isinstance(seconds, Real) and not isinstance(seconds, bool)
-    if not is_number or not isfinite(seconds) or seconds <= 0:
-        raise Refused("bad_frame", f"seconds={seconds!r}: a number above 0 is needed")
-    return int(seconds * 1e9)
 
 
 def renewal_s(options: FrameOptions) -> float:

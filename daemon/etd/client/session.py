@@ -16,6 +16,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 
+from etd.client import values
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode, Refused
 from etd.protocol.messages import (
@@ -85,7 +86,7 @@ class Session:
         self._calibration = calibration
         self._max_current_ua = max_current_ua
         self._width_us = width_us
-        self._timeout_s = timeout_s
+        self._timeout_s = values.above_zero_s("timeout_s", timeout_s)
         self._last_id = 0
         self._last_seq = 0
 
@@ -141,7 +142,8 @@ class Session:
         return reply
 
     def mark(self, tag: int | None) -> Flow[MarkReply]:
-        reply: MarkReply = yield self._ask("mark", {"lease": self._held_lease(), "tag": tag})
+        given = values.tag(tag)
+        reply: MarkReply = yield self._ask("mark", {"lease": self._held_lease(), "tag": given})
         return reply
 
     def frame(self, fields: dict[str, object]) -> Flow[FrameReply]:
@@ -242,10 +244,13 @@ class Session:
         timeout_s: float | None = None,
         keep: Callable[[], bytes] | None = None,
     ) -> Ask:
+        wait_s = self._timeout_s
+        if timeout_s is not None:
+            wait_s = values.above_zero_s("timeout_s", timeout_s)
         self._last_id += 1
         given = {key: value for key, value in (fields or {}).items() if value is not None}
         data = _encoded({"op": op, "id": self._last_id, **given})
-        return Ask(op, self._last_id, data, timeout_s or self._timeout_s, keep)
+        return Ask(op, self._last_id, data, wait_s, keep)
 
 
 _TEACH_LIMITS = (

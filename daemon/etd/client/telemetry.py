@@ -16,7 +16,7 @@ import msgspec
 import zmq
 import zmq.asyncio
 
-from etd.client import clock
+from etd.client import clock, values
 from etd.protocol.errors import DaemonGone, Refused
 from etd.protocol.messages import TELEMETRY_OF_TOPIC, TOPICS, Topic
 from etd.protocol.messages import Telemetry as Report
@@ -46,7 +46,7 @@ class _Subscription(Generic[S]):
             raise Refused("bad_message", reason)
         self._address = address
         self._wanted = topics or TOPICS
-        self._timeout_s = timeout_s
+        self._timeout_s = None if timeout_s is None else values.above_zero_s("timeout_s", timeout_s)
         self._join_s = join_s
         self._socket = _subscribe(context.socket(zmq.SUB), address, self._wanted)
         #: Until the subscription is complete, `state` is received as well.

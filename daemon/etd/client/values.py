@@ -46,6 +46,24 @@ def option(key: str, value: object) -> object:
     return [option(key, item) for item in _items(key, value)]
 
 
+def above_zero_s(key: str, value: object) -> float:
+    """A duration in seconds. Raises: Refused (`bad_message`)."""
+    if isinstance(value, Real) and not isinstance(value, bool):
+        seconds = float(value)
+        if 0.0 < seconds < math.inf:
+            return seconds
+    raise Refused("bad_message", f"{key}={value!r}: a number of seconds above 0 is needed")
+
+
+def tag(value: object) -> int | None:
+    """The tag of a mark, if any. Raises: Refused (`bad_message`)."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise Refused("bad_message", f"tag={value!r}: a whole number is needed, or nothing")
+    return int(value)
+
+
 def _items(key: str, values: object) -> list[object]:
     if isinstance(values, ArrayLike):
         values = values.tolist()
