@@ -38,13 +38,19 @@ SLACK_NS = 150_000_000
 
 CLIENT = """
 import sys
-from etd import Display
+from etd import Display, Refused
 with Display(address=sys.argv[1], max_current_ua=1000, width_us=100) as display:
     display.arm()
     print("armed", flush=True)
     while True:
-        display.show_current([1000] * 24 + [0] * 40, ttl_ms=200)
+        try:
+            display.show_current([1000] * 24 + [0] * 40, ttl_ms=200)
+        except Refused as refusal:
+            if refusal.code != "expired":  # a busy machine may be late; the next frame is not
+                raise
 """
+#: Between two looks at what other processes do.
+LOOK_S = 0.01
 
 
 @dataclass
@@ -90,9 +96,10 @@ class Scene:
                     said = report = display.status()
             except EtdError as error:
                 said = error
-                continue
-            if all(getattr(report, key) == value for key, value in fields.items()):
-                return report
+            else:
+                if all(getattr(report, key) == value for key, value in fields.items()):
+                    return report
+            clock.sleep_s(LOOK_S)
         pytest.fail(f"never {wanted}: {said}")
 
     def wait_for_pulses(self, count: int) -> None:
@@ -104,6 +111,7 @@ class Scene:
                 trace.seek(size)
                 if trace.read().count(b'"bus": "body"') >= count:
                     return
+            clock.sleep_s(LOOK_S)
         pytest.fail("the client's frames are not felt")
 
     def make_safe(self) -> int:
@@ -195,6 +203,7 @@ def _wait_for_silence(board: RunningBoard) -> None:
         assert clock.now_ns() < deadline_ns, "never silent"
         if board.trace.stat().st_size != size:
             size, since_ns = board.trace.stat().st_size, clock.now_ns()
+        clock.sleep_s(LOOK_S)
 
 
 @pytest.mark.parametrize("pulses", [200, 231, 277])
