@@ -119,7 +119,8 @@ class CurrentPath:
         """What went on by itself until `t_ns`: relays on their way, the one-shot's end, faults that
         came or went.
         """
-        self.reached_ns = max(self.reached_ns, t_ns)
+        if self.reached_ns < t_ns:
+            self.reached_ns = t_ns
         self._settle_switch(t_ns)
         if self._overshoots_until_ns is not None and t_ns >= self._overshoots_until_ns:
             at_ns, self._overshoots_until_ns = self._overshoots_until_ns, None

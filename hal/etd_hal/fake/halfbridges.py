@@ -20,6 +20,7 @@ from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.wiring import WiringFault, outputs_behind, wiring_faults
 
 _CACHED_SIDES = 4_096
+_SHIFTING = frozenset(("CLK", "DATA"))
 
 
 class HalfBridgeChain:
@@ -44,6 +45,8 @@ class HalfBridgeChain:
         self._register = power_up.getrandbits(outputs)
         self._latch = power_up.getrandbits(outputs)
         self._high = 0
+        #: The faults' count of changes when the outputs were last determined.
+        self._driven_at = faults.changes
         self._cache: dict[tuple[int, tuple[WiringFault, ...]], Sides] = {}
         self.sides = self._sides_of(0)
 
@@ -74,10 +77,14 @@ class HalfBridgeChain:
             self._levels["LE"] = 0
         if self._levels["LE"]:
             self._latch = self._register
+        elif name in _SHIFTING and self._driven_at == self._faults.changes:
+            # Behind a closed latch no output changes: most calls end here.
+            return
         self._drive(t_ns)
 
     def _drive(self, t_ns: int) -> None:
         levels = self._levels
+        self._driven_at = self._faults.changes
         if levels["BL"]:
             latch = self._latched()
             high = latch if levels["POL"] else latch ^ self._all

@@ -27,7 +27,7 @@ from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import StopLine
 from etd_hal.ports import Changes, Edge, LineSetup
 
-_SWITCH_LINES = ("POL", "DATA", "LE", "BL", "CLK")
+_SWITCH_LINES = frozenset(("POL", "DATA", "LE", "BL", "CLK"))
 _STOP_OF: dict[str, StopLine] = {
     "EMERGENCY_STOP": "emergency_stop",
     "WEARER_STOP": "wearer_stop",
@@ -58,6 +58,8 @@ class Header:
         self._line_of = board.used_lines()
         self._names = {line: name for name, line in self._line_of.items()}
         self._lines = Lines(self._levels_at_power_up())
+        #: By the changes of a call, whether they move the switch.
+        self._moves: dict[Changes, bool] = {}
         self._presses: list[tuple[int, int, int]] = []
         #: The level that the board sees of a line whatever is driven; None: no change of it. As of
         #: the faults' count of changes.
@@ -104,7 +106,11 @@ class Header:
         return self._timeline.end(t_ns + self._machine.gpio_call_ns)
 
     def moves_switch(self, changes: Changes) -> bool:
-        return any(self._names.get(line) in _SWITCH_LINES for line, _ in changes)
+        moves = self._moves.get(changes)
+        if moves is None:
+            moves = any(self._names.get(line) in _SWITCH_LINES for line, _ in changes)
+            self._moves[changes] = moves
+        return moves
 
     def let_float(self, t_ns: int) -> None:
         """Nobody drives the outputs: the pulls do, as at power-up."""
