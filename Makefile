@@ -39,7 +39,7 @@ check: $(VENV)/ready-dev ## Before a commit, in a minute: format, lint, types, c
 test: $(VENV)/ready-dev ## Everything a change must pass: the same, and all tests but whole models
 	$(call timed,$(STATIC) && $(PYTEST) --ignore $(MODELS) $(ARGS))
 
-test-models: $(VENV)/ready-dev ## Fingers modelled for minutes, sweeps of whole self-tests, the benchmarks' own tests
+test-models: $(VENV)/ready-dev ## Fingers and slow machines modelled for minutes, sweeps of whole self-tests, the benchmarks' own tests
 	$(call timed,$(PYTEST) $(MODELS) $(ARGS))
 
 durations: $(VENV)/ready-dev ## What each file of tests takes of the processor, and which are slow

@@ -19,8 +19,6 @@ from etd.protocol.errors import HardwareMissing
 from etd_hal.compose import codec_of, wall_time
 from etd_hal.unwired import MovedClock
 
-pytestmark = pytest.mark.slow
-
 LOADED = fake_config("kajimoto-hv507")
 PI4, CODEC = LOADED.machine, codec_of(LOADED.board.source)
 US = 1_000

@@ -9,8 +9,6 @@ import pytest
 from etd_hal.fake.faults import AlsoSwitches, OutputsSwapped
 from selftest_rig import LOAD_OHM, SECOND_OHM, SelftestRig, bad, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 SECOND = 1_000_000_000
 BOARDS = ("reference-hv507", "feetthrough-relay")
 

@@ -21,8 +21,6 @@ from etd_hal.fake.faults import (
 )
 from selftest_rig import LOAD_OHM, SelftestRig, bad, by_name, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 HALF_BRIDGES = [
     name
     for name in names("boards")

@@ -25,8 +25,6 @@ from etd_hal.fake.machines import MACHINES, MachineModel
 from etd_hal.fake.processor import STAGES_NS, StagedTime
 from trace_rules import violations
 
-pytestmark = pytest.mark.slow
-
 SLOWNESS = [1.0, 4.0, 10.0]
 ALL = (400,) * 64
 WANTED = {"current_ua": ALL, "width_us": 100, "rate_hz": 120.0, "ttl_ms": 1_000}

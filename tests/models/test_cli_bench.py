@@ -13,8 +13,6 @@ from etd.bench.result import Result
 from etd.files.resources import find
 from etd_hal.boardfile import load_machine
 
-pytestmark = pytest.mark.slow
-
 SHORT = ("bench", "--seconds", "0.5")
 
 

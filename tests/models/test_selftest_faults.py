@@ -12,8 +12,6 @@ from etd import selftest
 from selftest_cases import ALL, BARE, CASES, RELAY, Case, case_id, rig_of
 from selftest_rig import bad, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize("case", CASES, ids=case_id)
 def test_a_fault_is_named_at_its_stage_and_nothing_comes_after_it(case: Case) -> None:
