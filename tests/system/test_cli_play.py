@@ -189,6 +189,18 @@ def test_a_dead_engine_is_told_as_that(rig: CommandRig) -> None:
     assert "the engine ended (killed by SIGKILL)" in said.err
 
 
+def test_a_gateway_that_is_held_up_is_told_as_that_and_nobody_is_sent_to_another_daemon(
+    rig: CommandRig,
+) -> None:
+    playing = rig.start("play", pattern(rig, SMALL), "--board", "fake", "--repeat", "1000000")
+    playing.line()
+    os.kill(playing.children()["gateway"], signal.SIGSTOP)
+    said = playing.ended()
+    assert said.status == 3
+    assert "held up" in said.err
+    assert "etd status" not in said.err
+
+
 def test_the_private_daemon_ends_with_a_killed_player(rig: CommandRig) -> None:
     playing = rig.start("play", pattern(rig, SMALL), "--board", "fake", "--repeat", "1000000")
     playing.line()

@@ -132,7 +132,8 @@ def add_machine(parser: argparse.ArgumentParser) -> None:
         "--machine",
         choices=MODELLED_MACHINES,
         help="with --board fake: show what this machine would do; its calls, messages and computing"
-        " take as long as is modelled (default: calls as on a pi4, computing as fast as here)",
+        " take as long as is modelled, on a computer with nothing else to do (default: calls as on a"
+        " pi4, computing as fast as here)",
     )
 
 

@@ -22,6 +22,7 @@ from etd.protocol.errors import DaemonGone, PartEnded, Refused
 _ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 #: No person is connected, and a busy machine must not end what is shown.
 _TIMEOUT_FACTOR = 20
+_HELD_UP = "its processes run, but were held up: start it again on a machine that has time for them"
 
 
 @contextmanager
@@ -71,10 +72,13 @@ def _death_explains(both: ProcessPair) -> Iterator[None]:
     """Where a client is refused or not answered because a part died, report the dead part."""
     try:
         yield
-    except (DaemonGone, Refused) as error:
-        if isinstance(error, DaemonGone) or error.code == "engine_gone":
+    except Refused as error:
+        if error.code == "engine_gone":
             both.check_dying()
         raise
+    except DaemonGone as error:
+        both.check_dying()
+        raise DaemonGone(error.address, error.what, _HELD_UP) from error
 
 
 def _arguments(

@@ -99,11 +99,14 @@ class Refused(EtdError):
 
 
 class DaemonGone(EtdError):
-    """No daemon answers. Fields: address."""
+    """No daemon answers. Fields: address, what."""
 
-    def __init__(self, address: str, what: str) -> None:
+    def __init__(
+        self, address: str, what: str, advice: str = "is the daemon running? (see `etd status`)"
+    ) -> None:
         self.address = address
-        super().__init__(f"{what} at {address}: is the daemon running? (see `etd status`)")
+        self.what = what
+        super().__init__(f"{what} at {address}: {advice}")
 
 
 class AlreadyRunning(EtdError):
