@@ -93,6 +93,8 @@ class EngineRig:
 
     def _sense(self) -> None:
         """What the sensor thread does, in between."""
+        if self.is_sensing:
+            self.engine.components.scan_core.read()
         if self.is_sensing and (
             self.engine.components.rail.is_there or self.engine.components.pressure.count
         ):
@@ -249,7 +251,8 @@ def make(
     a `processor` computing takes time.
     """
     loaded = loaded or fake_config(board=board, array=array, electrodes=electrodes)
-    clock = machine_clock or SteppedClock(processor=processor)
+    late_ns = None if processor is None else machine.wake_late
+    clock = machine_clock or SteppedClock(processor=processor, wake_late_ns=late_ns)
     board_clock = clock if machine_clock is None else LiveClock(clock)
     sink = io.BytesIO()
     outputs = loaded.array.outputs()
@@ -269,6 +272,8 @@ def make(
         *(ports.spi, ports.gpio, ports.i2c, board_clock, ports.marker, ports.close),
         host_clock=board_clock.host,
         codec=codec_of(loaded.board.source),
+        wakeups=board_clock.wakeups,
+        scan_core=fake.world.host.scan_core,
     )
     engine = Engine(loaded, wrap(backend), stabilizers=stabilizers, untested=untested)
     engine.supervisor.begin(tell)

@@ -10,10 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol
 
-from etd_hal.bench import Host, KillTestProcess, Operator
+from etd_hal.bench import UNKNOWN_CORE, Host, KillTestProcess, Operator, ScanCore
 from etd_hal.chips.codec import Codec
 from etd_hal.cutlatch import CutLatch
 from etd_hal.ports import Changes, Clock, Gpio, I2c, Marker, Spi
+from etd_hal.wakeups import WakeUps
 
 if TYPE_CHECKING:
     from etd_body.sensation import Felt
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 
 def _no_realtime(_priority: int, _core: int | None) -> tuple[str, ...]:
     return ("real-time scheduling cannot be had from this backend",)
+
+
+def _unknown_core() -> ScanCore:
+    return UNKNOWN_CORE
 
 
 def _no_urgent_thread(_priority: int) -> str | None:
@@ -64,9 +69,10 @@ class Beside(Protocol):
         fds: tuple[int, ...],
         scan_core: int | None,
     ) -> SideTask:
-        """An ordinary process, which inherits `fds`. It calls `main(i2c, clock, is_over,
-        *arguments)` of `module`; the arguments are read back from their `repr`. `is_over(seconds)`
-        waits for so long, and is True when `main` is to return.
+        """An ordinary process, which inherits `fds`. It calls `main(i2c, clock, scan_core, is_over,
+        *arguments)` of `module`; the arguments are read back from their `repr`. `scan_core()` is
+        about the thread that starts the process. `is_over(seconds)` waits for so long, and is True
+        when `main` is to return.
         """
         ...
 
@@ -93,6 +99,8 @@ class Backend:
     host_clock: Clock = field(kw_only=True)
     #: Of the DAC and the ADC behind `spi`.
     codec: Codec = field(kw_only=True)
+    #: Of `clock`, which notes them itself; where it does not, the most is spun.
+    wakeups: WakeUps = field(default_factory=WakeUps, kw_only=True)
     #: On a fake board a frame's ttl, the lease and the gateway's silence last so many times as
     #: long.
     timeout_factor: int = 1
@@ -108,6 +116,8 @@ class Backend:
     #: Makes the calling thread real-time, at a priority and on a core, and its process fit for it;
     #: a sentence for each thing that was not granted.
     set_up_realtime: Callable[[int, int | None], tuple[str, ...]] = _no_realtime
+    #: About the calling thread. It reads files: not within a scan.
+    scan_core: Callable[[], ScanCore] = _unknown_core
     #: None: the ports are in this process alone, and so are the threads that work beside the scan.
     beside: Beside | None = None
     #: The scheduling of the calling thread alone; a sentence if it was not granted.

@@ -68,6 +68,42 @@ class Obtained:
 
 
 @dataclass(frozen=True, slots=True)
+class ScanCore:
+    """What the kernel does with a real-time thread that does not sleep, on the scan thread's core;
+    None for what cannot be read.
+    """
+
+    #: None: the thread may run on several.
+    core: int | None
+    #: Nothing else is scheduled on it (`isolcpus=`).
+    is_isolated: bool | None
+    #: Takes real-time threads off a core for a part of each second.
+    has_throttle: bool | None
+    #: The same for ordinary threads that wait for the core, since Linux 6.12.
+    has_fair_server: bool | None
+
+    @property
+    def is_left_alone(self) -> bool:
+        """The kernel never takes the thread off, and nothing else needs the core. Whatever is not
+        known is taken not to be so.
+        """
+        is_its_own = self.core is not None and self.is_isolated is True
+        return is_its_own and self.has_throttle is False and self.has_fair_server is False
+
+    def __str__(self) -> str:
+        core = "no core of its own" if self.core is None else f"core {self.core}"
+        isolated = {True: "isolated", False: "not isolated", None: "isolation not known"}
+        state = {True: "on", False: "off", None: "not known"}
+        return (
+            f"{core}, {isolated[self.is_isolated]}; real-time throttle {state[self.has_throttle]},"
+            f" fair server {state[self.has_fair_server]}"
+        )
+
+
+UNKNOWN_CORE = ScanCore(None, None, None, None)
+
+
+@dataclass(frozen=True, slots=True)
 class Timekeeping:
     """The quality of the machine's clocks."""
 
@@ -124,6 +160,10 @@ class Host(Protocol):
 
     def obtained(self) -> Obtained:
         """Called after `set_up_realtime`, by the same thread."""
+        ...
+
+    def scan_core(self) -> ScanCore:
+        """Called by the thread that it is about."""
         ...
 
 

@@ -15,12 +15,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from etd_hal.backend import Backend, Bench
+from etd_hal.bench import ScanCore
 from etd_hal.boardfile import BoardFile, MachineFile, Source
 from etd_hal.chips import ad5452, ad7276
 from etd_hal.chips.codec import Codec
 from etd_hal.errors import BusError
 from etd_hal.linesetup import line_setup, spi_setup
-from etd_hal.ports import Clock, Gpio, I2c, Message, Spi
+from etd_hal.ports import Gpio, I2c, Message, Spi
+from etd_hal.wakeups import NotingClock
 
 if TYPE_CHECKING:
     from etd_hal.fake.board import FakePorts
@@ -75,8 +77,10 @@ def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
     return dataclasses.replace(backend, beside=LinuxBeside(gpio, device))
 
 
-def _on_kernel(board: BoardFile, spi: Spi, gpio: Gpio, i2c: I2c | None, clock: Clock) -> Backend:
-    from etd_hal.linux import host, realtime
+def _on_kernel(
+    board: BoardFile, spi: Spi, gpio: Gpio, i2c: I2c | None, clock: NotingClock
+) -> Backend:
+    from etd_hal.linux import host, realtime, scan_core
     from etd_hal.linux import machine as this_machine
 
     def close() -> None:
@@ -95,11 +99,13 @@ def _on_kernel(board: BoardFile, spi: Spi, gpio: Gpio, i2c: I2c | None, clock: C
         close,
         host_clock=clock,
         codec=codec_of(board.source),
+        wakeups=clock.wakeups,
         facts=this_machine.facts(),
         troubles=lambda: host.health().troubles,
         identity=this_machine.identity(),
         set_up_realtime=realtime.set_up,
         set_up_urgent_thread=realtime.scheduling,
+        scan_core=scan_core.scan_core,
     )
 
 
@@ -161,12 +167,17 @@ def open_fake(
             raise ValueError("a board process has live time, its own trace and its own times")
         backend = _open_board_process(board, board_socket, LiveClock(LinuxClock()))
     else:
-        model, staged, live = PI4, None, None
+        model, staged, live, late_ns = PI4, None, None, None
         if machine is not None:
             model = MACHINES[machine]
             staged = StagedTime(model.slowness)
             live = ThreadTime(model.slowness, thread_time_ns)
-        clock = SteppedClock(processor=staged) if stepped else LiveClock(LinuxClock(), live)
+            late_ns = model.wake_late
+        clock: BoardClock = (
+            SteppedClock(processor=staged, wake_late_ns=late_ns)
+            if stepped
+            else LiveClock(LinuxClock(), live, late_ns)
+        )
         backend = _open_in_process(board, electrodes, positions_mm, trace, clock, sensors, model)
     if machine is not None:
         fact = f"modelled: {machine}, on which computing takes {model.slowness:g} times as long"
@@ -254,6 +265,7 @@ def _open_in_process(
         fake.close()
 
     backend = _on_fake(board, ports, clock, close)
+    backend = dataclasses.replace(backend, scan_core=fake.world.host.scan_core)
     if board.guards.wearer_stop != "absent":
 
         def try_stop() -> None:
@@ -286,6 +298,7 @@ def _on_fake(
         *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, close),
         host_clock=clock.host,
         codec=codec_of(board.source),
+        wakeups=clock.wakeups,
         set_up_realtime=realtime.set_up,
         set_up_urgent_thread=realtime.scheduling,
     )
@@ -298,7 +311,7 @@ def set_up_realtime(priority: int, core: int | None) -> tuple[str, ...]:
     return set_up(priority, core)
 
 
-def system_clock() -> Clock:
+def system_clock() -> NotingClock:
     """CLOCK_MONOTONIC, for a process that has no board."""
     from etd_hal.linux.clock import LinuxClock
 
@@ -324,6 +337,13 @@ def machine_facts() -> tuple[str, ...]:
     from etd_hal.linux import machine as this_machine
 
     return this_machine.facts()
+
+
+def scan_core() -> ScanCore:
+    """What this kernel does with a real-time thread on the calling thread's core."""
+    from etd_hal.linux import scan_core as this_core
+
+    return this_core.scan_core()
 
 
 def wall_time() -> datetime.datetime:

@@ -21,10 +21,22 @@ IDLE_PART = 0.1
 
 
 class Computing(Protocol):
-    """What this machine computes for a pulse."""
+    """What this machine computes, and what its kernel leaves it."""
 
     @property
-    def pulse_us(self) -> float: ...
+    def pulse_us(self) -> float:
+        """For a pulse."""
+        ...
+
+    @property
+    def spun_us(self) -> float:
+        """Of each sleep."""
+        ...
+
+    @property
+    def busy_fraction(self) -> float:
+        """The scan may be busy for at most this part of the time."""
+        ...
 
     @property
     def stretch(self) -> float:
@@ -38,6 +50,8 @@ class FiledComputing:
 
     pulse_us: float
     stretch: float = 1.0
+    spun_us: float = SPIN_NS / 1_000
+    busy_fraction: float = 0.8
 
 
 class Cost(NamedTuple):
@@ -76,23 +90,28 @@ class CostModel:
         """How many times as long as this model says scans have taken of late."""
         return self._computing.stretch
 
+    @property
+    def busy_fraction(self) -> float:
+        """The scan may be busy for at most this part of the time."""
+        return self._computing.busy_fraction
+
     def visit(self, width_us: int, phases: int, clocks: int, probe_us: int = 0) -> Cost:
         """A pulse whose selection is `clocks` shifts away from the one before. With a probe first,
         everything is decided anew after the probe, with the electrodes still connected.
         """
         switch, rest_us = self._board.switch, float(self._board.rest_us)
-        computing_us = self._computing.pulse_us
+        computing_us, spun_us = self._computing.pulse_us, self._computing.spun_us
         wire_us = self.wire_us(width_us, phases, probe_us)
         firing_us = FIRING_PART * computing_us * phases + (computing_us if probe_us else 0.0)
         resting_us = (1.0 - FIRING_PART) * computing_us
         if isinstance(switch, Relays):
             # Relays move between any two pulses, and the rest is waited out before they do.
             waits_us = phases * (switch.ton_us + switch.toff_us)
-            busy_us = wire_us + firing_us + resting_us + phases * 2 * SPIN_NS / 1_000
+            busy_us = wire_us + firing_us + resting_us + phases * 2 * spun_us
             return Cost(wire_us + waits_us, rest_us, firing_us + resting_us, busy_us)
         shift_us = self.shift_us(clocks)
         spare_us = rest_us - shift_us - resting_us
-        slept_us = max(0.0, spare_us - SPIN_NS / 1_000)
+        slept_us = max(0.0, spare_us - spun_us)
         cost = Cost(
             wire_us + max(0.0, shift_us - rest_us),
             rest_us,

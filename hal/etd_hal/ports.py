@@ -14,8 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-#: Of each sleep, at most this much at its end is spun; the rest is slept. A real-time thread that
-#: never sleeps is throttled by the kernel with the DAC on.
+#: Of each sleep, at most this much at its end is spun (how much: `wakeups.py`); the rest is slept.
+#: A real-time thread that never sleeps is throttled by the kernel with the DAC on.
 SPIN_NS = 50_000
 
 #: Lines that change together, in one call: (line, value) pairs.

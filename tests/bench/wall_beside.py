@@ -19,6 +19,7 @@ from bench.wall_ports import SystemCalls, WallI2c
 from etd.engine.stopper import StopperThread
 from etd.files.configuration import LoadedConfig
 from etd.sensing.readings import Readings
+from etd.sensing.scan_core import ScanCoreReading
 from etd.sensing.sensors import PressureSensors, RailSensor, SensorThread, slots_of
 from etd_hal.backend import SideTask, StopperTask
 from etd_hal.boardfile import BoardFile, load_board
@@ -147,7 +148,8 @@ class Threads:
         i2c, slots = WallI2c(self._sensor_calls, board), slots_of(electrodes)
         readings = Readings(slots, SharedMemory(Readings.size(slots), os.dup(fds[0])))
         rail = RailSensor(board, i2c, clock, readings)
-        thread = SensorThread(rail, PressureSensors(electrodes, i2c, clock, readings))
+        pressure = PressureSensors(electrodes, i2c, clock, readings)
+        thread = SensorThread(rail, pressure, ScanCoreReading(readings, clock))
         thread.start()
         return thread
 

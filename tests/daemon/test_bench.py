@@ -145,7 +145,7 @@ def result_of(computing_us: float, messages: Messages | None) -> Result:
         facts=('model: a "quoted" one',),
         not_granted=("locked memory was not granted",),
         computing=tuple(Computing(kind, 63, stage, (stage,)) for kind in KINDS),
-        wakeups=Wakeups(stage, stage, 3.0),
+        wakeups=Wakeups(stage, stage, 3.0, 12.5, 2),
         loop=LoopFigures(stage, 4.0, 20.9, 19.2, None),
         messages=messages,
         no_board=None if messages else "no board",

@@ -30,3 +30,13 @@ def test_no_text_of_a_report_acts_on_the_terminal_or_forges_a_line() -> None:
         last_disarm=forged,
     )
     assert all(line.isprintable() for line in lines_of("main", report, None))
+
+
+def test_what_the_scan_may_take_of_its_core_stands_beside_what_it_takes() -> None:
+    most = "the scan takes at most 80 % of any 100 ms (core 3, not isolated)"
+    report = StateReport(
+        state="SAFE", now_ns=1, engine="there", busy_percent=41.6, busy_at_most=most
+    )
+    assert f"busy           42 %; {most}" in lines_of("main", report, None)
+    older = StateReport(state="SAFE", now_ns=1, engine="there", busy_percent=41.6)
+    assert "busy           42 %" in lines_of("main", older, None)

@@ -29,7 +29,7 @@ def scan(
 
 def made(filed_us: float = 180.0) -> tuple[SteppedClock, CpuBudget, MeasuredComputing]:
     stepped = SteppedClock()
-    clock = CpuBudget(stepped)
+    clock = CpuBudget(stepped, stepped.wakeups)
     return stepped, clock, MeasuredComputing(clock, filed_us)
 
 

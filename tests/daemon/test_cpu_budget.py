@@ -16,7 +16,7 @@ MS = 1_000_000
 
 def clocks() -> tuple[SteppedClock, CpuBudget]:
     stepped = SteppedClock()
-    return stepped, CpuBudget(stepped)
+    return stepped, CpuBudget(stepped, stepped.wakeups)
 
 
 def test_the_share_is_four_fifths_of_every_100_ms() -> None:
@@ -91,3 +91,45 @@ def test_it_tells_the_time_of_the_clock_it_counts_for() -> None:
     stepped, clock = clocks()
     clock.sleep_until_ns(stepped.now_ns() + 7)
     assert clock.now_ns() == stepped.now_ns()
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 30), st.integers(0, 30), st.booleans()), min_size=1),
+)
+def test_on_a_core_that_is_left_alone_no_100_ms_are_busier_than_98_and_none_after_it_is_not(
+    work_ms: list[tuple[int, int, bool]],
+) -> None:
+    """Whether it is left alone is looked at every 50 ms."""
+    stepped = SteppedClock()
+    alone = [True]
+    clock = CpuBudget(stepped, stepped.wakeups, lambda _: alone[0])
+    busy: list[tuple[int, int, bool]] = []
+    changed_ns = stepped.now_ns()
+    for spent_ms, slept_ms, is_alone in work_ms:
+        if alone[0] != is_alone:
+            alone[0], changed_ns = is_alone, stepped.now_ns()
+        for _ in range(spent_ms):
+            while (pause_ns := clock.pause_until_ns(clock.now_ns())) is not None:
+                clock.sleep_until_ns(pause_ns)
+            is_settled = not is_alone and stepped.now_ns() - changed_ns > 50 * MS
+            busy.append((stepped.now_ns(), stepped.now_ns() + 1 * MS, is_settled))
+            stepped.spend(1 * MS)
+        clock.sleep_until_ns(clock.now_ns() + slept_ms * MS)
+    for _, end_ns, is_settled in busy:
+        begin_ns = end_ns - WINDOW_NS
+        inside_ns = sum(
+            max(0, end - max(begin, begin_ns)) for begin, end, _ in busy if end <= end_ns
+        )
+        assert inside_ns <= (81 if is_settled else 99) * MS
+
+
+def test_what_is_spun_of_a_sleep_follows_the_clock() -> None:
+    stepped = SteppedClock(wake_late_ns=lambda: 8_000)
+    clock = CpuBudget(stepped, stepped.wakeups)
+    for _ in range(100):
+        clock.sleep_until_ns(clock.now_ns() + 1 * MS)
+    assert stepped.wakeups.spin_ns == 12_000
+    stepped.spend(100 * MS)
+    clock.sleep_until_ns(clock.now_ns() + 20 * MS)
+    clock.pause_until_ns(clock.now_ns())
+    assert clock.busy_percent == pytest.approx(80.012, abs=0.001)

@@ -7,6 +7,7 @@ import pytest
 from etd.selftest.fixture import Fixture
 from etd.selftest.report import Check, Report
 from etd.selftest.run import STAGES, run
+from etd_hal.bench import UNKNOWN_CORE, ScanCore
 from etd_hal.boardfile import GUARDS
 from etd_hal.fake.faults import (
     Bridge,
@@ -75,6 +76,24 @@ def test_each_guard_has_a_check_that_proves_it_or_names_it_absent(board: str) ->
     absent = rig.loaded.board.absent_guards
     found = {name: checks[name].result for name in GUARDS}
     assert found == {name: "absent" if name in absent else "pass" for name in GUARDS}
+
+
+@pytest.mark.parametrize(
+    ("core", "most"),
+    [
+        (UNKNOWN_CORE, 80),
+        (ScanCore(3, True, False, None), 80),
+        (ScanCore(3, True, False, False), 98),
+    ],
+)
+def test_what_the_scan_may_take_of_its_core_is_a_fact_and_no_condition(
+    core: ScanCore, most: int
+) -> None:
+    rig = selftest_rig()
+    rig.fake.world.host.modelled_core = core
+    fact = by_name(rig.run())["scan_core"]
+    assert fact.result == "pass"
+    assert fact.measured.startswith(f"the scan takes at most {most} % of any 100 ms ({core}")
 
 
 def test_without_a_load_what_needs_one_is_skipped_and_a_skip_is_no_pass() -> None:

@@ -16,8 +16,10 @@ from etd.bench.stages import STAGES
 from etd.bench.subject import ELECTRODES, KINDS
 from etd.files.configuration import fake_config
 from etd.protocol.errors import HardwareMissing
+from etd_hal.bench import ScanCore
 from etd_hal.compose import codec_of, wall_time
 from etd_hal.unwired import MovedClock
+from etd_hal.wakeups import WakeUps
 
 LOADED = fake_config("kajimoto-hv507")
 PI4, CODEC = LOADED.machine, codec_of(LOADED.board.source)
@@ -26,6 +28,10 @@ US = 1_000
 
 class ReadClock(MovedClock):
     """A clock that moves by being read, too."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.wakeups = WakeUps()
 
     def now_ns(self) -> int:
         self.t_ns += 100
@@ -96,11 +102,14 @@ def test_the_parts_follow_one_another_and_a_missing_board_is_told() -> None:
         asked.append(told[-1])
         return ("real-time scheduling was not granted",)
 
-    parts = Parts(PI4, CODEC, ReadClock(), lambda: 0, wall_time(), ("model: x",), set_up, no_board)
+    core = ScanCore(3, is_isolated=True, has_throttle=True, has_fair_server=None)
+    now, facts = wall_time(), ("model: x",)
+    parts = Parts(PI4, CODEC, ReadClock(), lambda: 0, now, facts, set_up, lambda: core, no_board)
     result = measure(parts, seconds=0.0, tell=told.append)
     assert asked == [told[0]]
     assert "processor" in told[0]
     assert result.messages is None
     assert "/dev/gpiochip0" in str(result.no_board)
+    assert "at most 80 % of any 100 ms (core 3, isolated; real-time throttle on" in result.facts[1]
     assert result.not_granted == ("real-time scheduling was not granted",)
     assert msgspec.json.decode(msgspec.json.encode(result), type=Result) == result

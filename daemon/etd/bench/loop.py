@@ -20,8 +20,8 @@ from etd.bench.subject import ELECTRODES, REST_US, WIDTH_US, Subject
 from etd.protocol.errors import BoardFault
 from etd_hal.boardfile import MachineFile
 from etd_hal.chips.codec import Codec
-from etd_hal.ports import Clock
 from etd_hal.unwired import BusyClock, Mark
+from etd_hal.wakeups import NotingClock
 
 #: More than any machine reaches: the loop goes as fast as it can.
 _RATE_HZ = 45.0
@@ -71,7 +71,7 @@ class _Lateness:
 
 
 def measure_loop(
-    machine: MachineFile, codec: Codec, real: Clock, seconds: float
+    machine: MachineFile, codec: Codec, real: NotingClock, seconds: float
 ) -> LoopFigures | str:
     """Plain pulses for so many seconds. The calling thread is as real-time as it will be. Returns
     a sentence where the engine did not stay armed for a single scan.
@@ -79,7 +79,8 @@ def measure_loop(
     lateness = _Lateness(real.now_ns, int(machine.gpio_call_us * 1_000))
     ended_by = None
     try:
-        with Subject(machine, "plain", codec, BusyClock(real), lateness.mark, real) as subject:
+        busy = BusyClock(real)
+        with Subject(machine, "plain", codec, busy, lateness.mark, real, real.wakeups) as subject:
             lateness.forget()
             end_ns = real.now_ns() + int(seconds * 1e9)
             while not lateness.scans_ns or real.now_ns() < end_ns:

@@ -52,6 +52,10 @@ def lines_of(result: Result, machine: MachineFile) -> Iterator[str]:
     wakeups = result.wakeups
     yield _row("wake-ups, idle", wakeups.idle)
     yield _row("wake-ups beside busy loops", wakeups.busy) + f"{wakeups.worst_us:>9.0f}"
+    yield (
+        f"spun at the end of each sleep: {wakeups.spun_us:.0f} us; {wakeups.beyond} wake-ups came"
+        " later than that"
+    )
     yield from _loop(result.loop)
     yield ""
     yield from _messages(result, machine)

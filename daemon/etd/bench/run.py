@@ -21,12 +21,14 @@ from etd.bench.messages import Messages, measure_messages
 from etd.bench.result import Result
 from etd.bench.subject import KINDS
 from etd.bench.wakeups import measure_wakeups
+from etd.planning.duty import busy_fraction, told_of
 from etd.protocol.errors import BoardFault, BusError, HardwareMissing
 from etd.version import __version__
+from etd_hal.bench import ScanCore
 from etd_hal.board import Board
 from etd_hal.boardfile import MachineFile
 from etd_hal.chips.codec import Codec
-from etd_hal.ports import Clock
+from etd_hal.wakeups import NotingClock
 
 FORMAT = 1
 #: Of the whole time, that of each part.
@@ -41,11 +43,13 @@ class Parts:
 
     machine: MachineFile
     codec: Codec
-    clock: Clock
+    clock: NotingClock
     processor_ns: Callable[[], int]
     now: datetime.datetime
     facts: tuple[str, ...]
     set_up_realtime: Callable[[], tuple[str, ...]]
+    #: What the kernel does with a real-time thread on the calling thread's core.
+    scan_core: Callable[[], ScanCore]
     timed_board: Callable[[Callable[[Board], Messages]], Messages]
 
 
@@ -57,6 +61,7 @@ def measure(parts: Parts, seconds: float, tell: Callable[[str], object]) -> Resu
     computing = measure_computing(machine, codec, clock, parts.processor_ns, each_s)
     cores = sorted(os.sched_getaffinity(0))
     not_granted = parts.set_up_realtime()
+    core = parts.scan_core()
     tell(f"wake-ups, {_WAKEUPS * seconds:.0f} s, half of them beside busy loops")
     wakeups = measure_wakeups(clock, _WAKEUPS * seconds, cores)
     tell(f"the loop on the real clock, {_LOOP * seconds:.0f} s")
@@ -69,7 +74,7 @@ def measure(parts: Parts, seconds: float, tell: Callable[[str], object]) -> Resu
         etd=__version__,
         python=platform.python_version(),
         machine=machine.name,
-        facts=parts.facts,
+        facts=(*parts.facts, told_of(busy_fraction(core.is_left_alone), str(core))),
         not_granted=not_granted,
         computing=computing,
         wakeups=wakeups,

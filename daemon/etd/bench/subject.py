@@ -37,6 +37,7 @@ from etd_hal.chips.codec import Codec
 from etd_hal.cutlatch import LOOKED_NS
 from etd_hal.ports import Clock
 from etd_hal.unwired import Mark, MarkedClock, SpendingClock, UnwiredGpio, UnwiredSpi
+from etd_hal.wakeups import WakeUps
 
 #: The board that most kits are, with all of its outputs on one array.
 BOARD, ELECTRODES = "kajimoto-hv507", 64
@@ -91,8 +92,11 @@ class Subject:
         clock: SpendingClock,
         mark: Callable[[Mark, int], None],
         host_clock: Clock,
+        wakeups: WakeUps | None = None,
     ) -> None:
-        """`kind` is one of KINDS; `host_clock` is read as each poll begins."""
+        """`kind` is one of KINDS; `host_clock` is read as each poll begins. `wakeups`: of a real
+        clock behind `clock`.
+        """
         loaded = loaded_with(machine, KINDS[kind])
         self._clock = marked = MarkedClock(clock, mark)
         spi = UnwiredSpi(marked, loaded.board, machine, codec, mark)
@@ -102,6 +106,7 @@ class Subject:
             *(spi, gpio, None, marked, Unmarked(), lambda: None),
             host_clock=host_clock,
             codec=codec,
+            wakeups=wakeups or WakeUps(),
         )
         self.engine = Engine(loaded, backend)
         self._seq = 0

@@ -14,6 +14,7 @@ import msgspec
 
 from etd.bench.stages import Stage, summed
 from etd_hal.ports import Clock
+from etd_hal.wakeups import WakeUps
 
 #: As long as a rest and more; the loop sleeps between a rest and a tick of 1 ms.
 _SLEEP_NS = 500_000
@@ -28,11 +29,15 @@ while os.getppid() == parent:
 
 
 class Wakeups(msgspec.Struct, frozen=True):
-    """By how much a sleep ends late."""
+    """By how much a sleep ends late. `spun_us`: what of each sleep would be spun after these;
+    `beyond`: how many of them came later than what was to be spun then.
+    """
 
     idle: Stage
     busy: Stage
     worst_us: float
+    spun_us: float
+    beyond: int
 
 
 def measure_wakeups(clock: Clock, seconds: float, cores: Iterable[int]) -> Wakeups:
@@ -40,8 +45,11 @@ def measure_wakeups(clock: Clock, seconds: float, cores: Iterable[int]) -> Wakeu
     idle_ns = _lateness(clock, seconds / 2)
     with _busy_loops(cores):
         busy_ns = _lateness(clock, seconds / 2)
-    worst_ns = max(*idle_ns, *busy_ns)
-    return Wakeups(summed("idle", idle_ns), summed("busy", busy_ns), worst_ns / 1_000)
+    all_ns, noted = [*idle_ns, *busy_ns], WakeUps()
+    for late_ns in all_ns:
+        noted.note(late_ns)
+    idle, busy = summed("idle", idle_ns), summed("busy", busy_ns)
+    return Wakeups(idle, busy, max(all_ns) / 1_000, noted.spin_ns / 1_000, noted.late)
 
 
 def _lateness(clock: Clock, seconds: float) -> list[int]:

@@ -32,6 +32,7 @@ from etd_hal.compose import (
     machine_facts,
     machine_problem,
     open_linux,
+    scan_core,
     set_up_realtime,
     system_clock,
     thread_time_ns,
@@ -161,6 +162,7 @@ def _parts(loaded: LoadedConfig | None, machine: MachineFile) -> Parts:
         now=wall_time(),
         facts=machine_facts(),
         set_up_realtime=lambda: set_up_realtime(priority, core),
+        scan_core=scan_core,
         timed_board=lambda timed: _with_board(loaded, timed),
     )
 

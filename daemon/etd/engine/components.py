@@ -33,6 +33,7 @@ from etd.sensing.contact import ContactMap
 from etd.sensing.impedance import ImpedanceMap
 from etd.sensing.pre_probe import PreProbe
 from etd.sensing.readings import Readings
+from etd.sensing.scan_core import ScanCoreReading
 from etd.sensing.sensors import PressureSensors, RailSensor, slots_of
 from etd.stabilize.pipeline import Stabilizer
 from etd.stabilize.settings import pipeline
@@ -63,6 +64,7 @@ class Components:
     readings: Readings
     rail: RailSensor
     pressure: PressureSensors
+    scan_core: ScanCoreReading
     # What bounds a pulse.
     maxima: MaximaInForce
     ledger: Ledger
@@ -87,11 +89,12 @@ def components_of(
 ) -> Components:
     """`stabilizers` None: those of the body-site file."""
     source, electrodes = loaded.board.source, loaded.array.count
-    clock = CpuBudget(backend.clock)
-    board = Board(loaded.board, loaded.machine, backend.codec, backend.spi, backend.gpio, clock)
     timeouts = Timeouts(backend.timeout_factor)
     dialogue = GatewayLink(timeouts.silence_ns)
     readings = Readings(slots_of(loaded.array))
+    scan_core = ScanCoreReading(readings, backend.clock, backend.scan_core)
+    clock = CpuBudget(backend.clock, backend.wakeups, scan_core.is_left_alone)
+    board = Board(loaded.board, loaded.machine, backend.codec, backend.spi, backend.gpio, clock)
     pressure = PressureSensors(loaded.array, backend.i2c, backend.clock, readings)
     reporter = Reporter(electrodes, dialogue.send, pressure.kpa_of_all)
     declared = maxima_of(loaded.board, loaded.body_site)
@@ -121,6 +124,7 @@ def components_of(
         readings=readings,
         rail=RailSensor(loaded.board, backend.i2c, backend.clock, readings),
         pressure=pressure,
+        scan_core=scan_core,
         maxima=maxima,
         ledger=ledger,
         soft_start=soft_start,

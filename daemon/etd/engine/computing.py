@@ -34,6 +34,16 @@ class MeasuredComputing:
         self._samples_us: deque[float] = deque(maxlen=_SCANS)
         self._begun_ns = self._waited_ns = 0
 
+    @property
+    def spun_us(self) -> float:
+        """Of each sleep."""
+        return self._clock.wakeups.spin_ns / 1_000
+
+    @property
+    def busy_fraction(self) -> float:
+        """What the kernel leaves the scan of the time."""
+        return self._clock.busy_fraction
+
     def begin(self, now_ns: int) -> None:
         """A scan or a measurement begins."""
         self._begun_ns, self._waited_ns = now_ns, self._clock.waited_ns

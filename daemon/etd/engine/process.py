@@ -20,6 +20,7 @@ from etd.engine.loop import Engine
 from etd.engine.notify import Notifier
 from etd.engine.stopper import StopperThread
 from etd.files.configuration import LoadedConfig
+from etd.planning.duty import busy_fraction, told_of
 from etd.protocol.link import Listener
 from etd.selftest.arming_gate import SelftestGate
 from etd.selftest.subject import subject_of
@@ -88,6 +89,7 @@ def _drive(
         # measured as it will be used.
         refusals = [sentence for task in beside for sentence in task.refusals]
         engine.supervisor.not_granted = (*_realtime(engine), *refusals)
+        _print(_scan_core(engine))
         engine.supervisor.begin(_print)
         notifier.ready(f"SAFE, {loaded.board.name} on {engine.components.backend.name}")
         on_ready()
@@ -140,7 +142,7 @@ def _sensors_beside(engine: Engine) -> SideTask:
         return start_sensors(
             parts.backend.beside, loaded.board, loaded.array, parts.readings, _core(engine)
         )
-    thread = SensorThread(parts.rail, parts.pressure)
+    thread = SensorThread(parts.rail, parts.pressure, parts.scan_core)
     thread.start()
     return thread
 
@@ -156,6 +158,12 @@ def _realtime(engine: Engine) -> tuple[str, ...]:
     if wanted.priority == "none":
         return ("real-time scheduling was not asked for (engine.priority is none)",)
     return engine.components.backend.set_up_realtime(wanted.priority, _core(engine))
+
+
+def _scan_core(engine: Engine) -> str:
+    """By the scan's own thread, which nobody waits for yet."""
+    found = engine.components.backend.scan_core()
+    return told_of(busy_fraction(found.is_left_alone), str(found))
 
 
 class _Feeder:

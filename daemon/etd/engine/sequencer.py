@@ -46,6 +46,8 @@ class Sequencer:
         counters = components.reporter.counters
         self._retiming = Retiming(components.board, counters, poller.poll_meanwhile)
         self._is_pausing = False
+        #: What the scan may be busy for, as the last report had it.
+        self._told_fraction = self._clock.busy_fraction
         #: Stimuli fired in the scan under way.
         self._fired = 0
         #: The end of the scan before has rewritten the chain.
@@ -127,7 +129,9 @@ class Sequencer:
         power_up = self._supervisor.power_up
         if power_up is not None and self._supervisor.step_power_up(power_up, now_ns):
             return False
-        if self._machine_watch.look(now_ns):
+        self._clock.look(now_ns)
+        if self._machine_watch.look(now_ns) or self._clock.busy_fraction != self._told_fraction:
+            self._told_fraction = self._clock.busy_fraction
             self._supervisor.report_state(now_ns)
         schedule, is_armed = self._active.schedule, self._supervisor.states.state == "ARMED"
         if is_armed and self._source_check.is_due(now_ns):

@@ -14,6 +14,7 @@ from etd.engine.components import Components
 from etd.engine.power_up import Goal, PowerUp, Readiness, check_ready, lasting_refusal
 from etd.engine.timing_calibration import calibrate_at_start
 from etd.engine.timing_calibration import limitations as timing_limitations
+from etd.planning.duty import told_of
 from etd.planning.headroom import PlanRules
 from etd.planning.plan import Planner
 from etd.planning.probes import probes_of
@@ -395,6 +396,10 @@ class Supervisor:
             ends_in_s=None if ends_in_ns is None else round(ends_in_ns / 1e9, 1),
         )
 
+    def _counters(self) -> dict[str, int]:
+        counters, late = dict(self.reporter.counters), self.clock.wakeups.late
+        return {**counters, "wakeups_late": late} if late else counters
+
     def state_report(self, now_ns: int) -> StateReport:
         """What `status` shows."""
         timing = self.board.timing
@@ -409,8 +414,9 @@ class Supervisor:
             supply_on=self.board.is_supply_on,
             absent_guards=self.loaded.board.absent_guards,
             not_granted=(*self.not_granted, *self.limitations),
-            counters=dict(self.reporter.counters),
+            counters=self._counters(),
             busy_percent=round(self.clock.busy_percent, 1),
+            busy_at_most=told_of(self.clock.busy_fraction, self._components.scan_core.told(now_ns)),
             clock_lag_us=self._lag_ns() // 1_000,
             timeout_factor=self.timeouts.factor,
             timing={
@@ -418,6 +424,7 @@ class Supervisor:
                 "delay_extra_us": round(timing.delay_extra_us, 3),
                 "message_us": round(timing.message_us, 3),
                 "spread_us": round(timing.spread_us, 3),
+                "spun_us": self.clock.wakeups.spin_ns / 1_000,
             },
             machine=self._components.backend.facts,
             last_disarm=self.last_silence,

@@ -122,7 +122,9 @@ class ScanRate:
             processor_us += once.processor_us
             busy_us += once.busy_us * self.pulses
         slots_us = wire_us + rest_us + processor_us
-        period_us = shortest_period_us(slots_us, slots_us - busy_us, self._cost.idle_us)
+        period_us = shortest_period_us(
+            slots_us, slots_us - busy_us, self._cost.idle_us, self._cost.busy_fraction
+        )
         scan_us = self._cost.stretch * period_us / RESERVE
         return _Fastest(wire_us / 1e3, rest_us / 1e3, (scan_us - wire_us - rest_us) / 1e3)
 

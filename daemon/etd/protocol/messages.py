@@ -321,6 +321,8 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     not_granted: tuple[str, ...] = ()
     counters: dict[str, int] = {}
     busy_percent: float = 0.0
+    #: What it may be at most, and why: what the kernel says of the scan's core. A sentence.
+    busy_at_most: str = ""
     #: How far the board's clock, which times all reports, is behind CLOCK_MONOTONIC.
     clock_lag_us: int = 0
     #: On a fake board ttl, lease and the gateway's silence may last so many times as long; else 1.
@@ -340,9 +342,7 @@ class StatusReply(Success, frozen=True, kw_only=True):
 
 
 class Shown(msgspec.Struct, frozen=True, kw_only=True):
-    """A frame that was begun, with the times of its first and last pulse (CLOCK_MONOTONIC); None
-    while it has had no pulse (a silent frame has none).
-    """
+    """A frame that was begun. Its first and last pulse are on CLOCK_MONOTONIC; None: no pulse."""
 
     seq: int
     tag: int | None

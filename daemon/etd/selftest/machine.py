@@ -5,6 +5,7 @@ Owns: what is expected of a machine. Must not know: the board.
 
 from __future__ import annotations
 
+from etd.planning.duty import busy_fraction, told_of
 from etd.selftest import realtime
 from etd.selftest.fixture import Fixture
 from etd.selftest.log import CheckLog
@@ -21,6 +22,8 @@ def check(fixture: Fixture, log: CheckLog) -> None:
     """Raises: nothing."""
     _check_software(fixture, log)
     realtime.check(fixture, log)
+    found = fixture.host.scan_core()
+    log.judge("scan_core", True, told_of(busy_fraction(found.is_left_alone), str(found)))
     _check_memory(fixture, log)
     _check_clocks(fixture, log)
     log.judge(

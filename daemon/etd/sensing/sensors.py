@@ -20,6 +20,7 @@ from functools import partial
 from etd.files.array import Array, PressureSensor
 from etd.protocol.errors import EtdError
 from etd.sensing.readings import Readings
+from etd.sensing.scan_core import CORE_SLOT, ScanCoreReading
 from etd_hal.boardfile import BoardFile
 from etd_hal.chips import ads1115, mcp4725
 from etd_hal.ports import Clock, I2c
@@ -30,8 +31,8 @@ STALE_NS = 500_000_000
 TOLD_NS = 2_000_000_000
 _PERIOD_S = 0.02
 _CONVERSION_S = ads1115.CONVERSION_NS / 1e9
-#: In the readings: the rail, then the sensors under the array.
-RAIL_SLOT, _FIRST_SLOT = 0, 1
+#: In the readings: the rail, the scan's core, then the sensors under the array.
+RAIL_SLOT, _FIRST_SLOT = 0, CORE_SLOT + 1
 
 
 def slots_of(array: Array) -> int:
@@ -273,13 +274,16 @@ class SensorThread(threading.Thread):
 
     refusals: tuple[str, ...] = ()
 
-    def __init__(self, rail: RailSensor, pressure: PressureSensors) -> None:
+    def __init__(
+        self, rail: RailSensor, pressure: PressureSensors, scan_core: ScanCoreReading
+    ) -> None:
         super().__init__(name="etd-sensors", daemon=True)
         self._cycle = SensorCycle(rail, pressure)
+        self._scan_core = scan_core
         self._ending = threading.Event()
 
     def run(self) -> None:
-        read_until(self._ending.wait, self._cycle)
+        read_until(self._ending.wait, self._cycle, self._scan_core)
 
     def end(self) -> None:
         """Idempotent; waits for a blocked bus no longer than two seconds."""
@@ -287,10 +291,14 @@ class SensorThread(threading.Thread):
         self.join(timeout=2.0)
 
 
-def read_until(is_over: Callable[[float], bool], cycle: SensorCycle) -> None:
+def read_until(
+    is_over: Callable[[float], bool], cycle: SensorCycle, scan_core: ScanCoreReading
+) -> None:
     """Reads in turn. `is_over` waits for so many seconds, which paces it (the chip says when a
     conversion is over), and returns True when reading is to end.
     """
     pause_s = _PERIOD_S
+    scan_core.read()
     while not is_over(pause_s):
+        scan_core.read()
         pause_s = _PERIOD_S if cycle.step() else _CONVERSION_S

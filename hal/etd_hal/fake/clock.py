@@ -14,6 +14,7 @@ from typing import Protocol
 
 from etd_hal.fake.processor import Call, Processor
 from etd_hal.ports import Clock
+from etd_hal.wakeups import NotingClock, WakeUps
 
 #: An arbitrary start well above zero, so that a forgotten "0 means never" shows.
 START_NS = 1_000_000_000
@@ -22,14 +23,8 @@ START_NS = 1_000_000_000
 _MADE_UP_NS = 10_000_000
 
 
-class BoardClock(Protocol):
+class BoardClock(NotingClock, Protocol):
     """A Clock that the fake board can spend time on."""
-
-    def now_ns(self) -> int: ...
-
-    def sleep_until_ns(self, deadline_ns: int) -> None: ...
-
-    def doze_until_ns(self, deadline_ns: int) -> None: ...
 
     @property
     def host(self) -> Clock:
@@ -53,18 +48,45 @@ class BoardClock(Protocol):
         ...
 
 
+class Waking:
+    """When a sleep ends on a machine that wakes late: the part before its end is spun as on a real
+    one (`wakeups.py`). None: sleeps end exactly, and nothing is known of this machine.
+    """
+
+    def __init__(self, late_ns: Callable[[], int] | None) -> None:
+        """`late_ns` is called for each sleep."""
+        self._late_ns = late_ns
+        self.wakeups = WakeUps()
+
+    def end_ns(self, now_ns: int, deadline_ns: int) -> int:
+        wake_ns = deadline_ns - self.wakeups.spin_ns
+        if self._late_ns is None or wake_ns <= now_ns:
+            return deadline_ns
+        late_ns = self._late_ns()
+        self.wakeups.note(late_ns)
+        return max(deadline_ns, wake_ns + late_ns)
+
+
 class SteppedClock:
     """Time that passes only by being spent or slept: for scripts in one thread.
 
     `at` puts an action on the way: it runs when time comes to it, also in the middle of a call
     that takes long (a stalled SPI message), as another thread would.
 
-    With a `processor` computing takes time too; otherwise it takes none.
+    With a `processor` computing takes time too; otherwise it takes none. With `wake_late_ns` each
+    sleep wakes so late.
     """
 
-    def __init__(self, start_ns: int = START_NS, processor: Processor | None = None) -> None:
+    def __init__(
+        self,
+        start_ns: int = START_NS,
+        processor: Processor | None = None,
+        wake_late_ns: Callable[[], int] | None = None,
+    ) -> None:
         self._now_ns = start_ns
         self._processor = processor
+        self._waking = Waking(wake_late_ns)
+        self.wakeups = self._waking.wakeups
         #: An action is under way: it runs beside the thread that computes.
         self._is_beside = False
         self._actions: list[tuple[int, int, Callable[[], object]]] = []
@@ -77,7 +99,7 @@ class SteppedClock:
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         self.compute("sleep")
-        self._move_to(deadline_ns)
+        self._move_to(self._waking.end_ns(self._now_ns, deadline_ns))
 
     def doze_until_ns(self, deadline_ns: int) -> None:
         """Nothing is late here."""
@@ -140,12 +162,20 @@ class LiveClock:
     Time follows the thread that plays SPI messages. Others read the same time, but their sleeps
     do not move it: a sensor's thread must not make a message look longer.
 
-    With a `processor` what that thread computes moves time as well.
+    With a `processor` what that thread computes moves time as well; with `wake_late_ns` its sleeps
+    wake so late.
     """
 
-    def __init__(self, real: Clock, processor: Processor | None = None) -> None:
+    def __init__(
+        self,
+        real: Clock,
+        processor: Processor | None = None,
+        wake_late_ns: Callable[[], int] | None = None,
+    ) -> None:
         self._real = real
         self._processor = processor
+        self._waking = Waking(wake_late_ns)
+        self.wakeups = self._waking.wakeups
         self._now_ns = real.now_ns()
         #: The lag that stays.
         self._behind_ns = 0
@@ -184,7 +214,7 @@ class LiveClock:
     def sleep_until_ns(self, deadline_ns: int) -> None:
         if self._is_player():
             self.compute("sleep")
-            self._sleep_as_player(deadline_ns)
+            self._sleep_as_player(self._waking.end_ns(self._now_ns, deadline_ns))
             return
         while (left_ns := deadline_ns - self.now_ns()) > 0:
             self._real.sleep_until_ns(self._real.now_ns() + left_ns)

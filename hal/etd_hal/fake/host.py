@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import datetime
 
-from etd_hal.bench import CpuClock, Health, Obtained, Timekeeping
+from etd_hal.bench import UNKNOWN_CORE, CpuClock, Health, Obtained, ScanCore, Timekeeping
 from etd_hal.fake.faults import MachineTrouble
 from etd_hal.fake.faults_due import Faults
 
@@ -27,6 +27,8 @@ class FakeHost:
         self._faults = faults
         self._priority = 0
         self._cores: tuple[int, ...] = ()
+        #: What the modelled kernel says of the scan's core: nothing, unless it is put in.
+        self.modelled_core = UNKNOWN_CORE
 
     def packages(self) -> dict[str, str | None]:
         return {"gpiod": None} if self._has("package_missing") else {}
@@ -86,6 +88,9 @@ class FakeHost:
             mapped_kb=_MAPPED_KB,
             timer_slack_ns=1,
         )
+
+    def scan_core(self) -> ScanCore:
+        return self.modelled_core
 
     def _locked_kb(self) -> int:
         if self._has("not_locked"):

@@ -30,7 +30,7 @@ _BY_CLOCK = (
 
 @dataclass(frozen=True, slots=True)
 class MachineModel:
-    """All in ns, but for the last."""
+    """All in ns unless the name says otherwise."""
 
     #: One set or get call on GPIO lines.
     gpio_call_ns: int
@@ -53,10 +53,16 @@ class MachineModel:
     i2c_call_ns: int
     #: How many times as long computing takes as on the PCs that the program is tested on.
     slowness: float
+    #: How late a real-time thread wakes up from a sleep on a core of its own: assumed.
+    wake_late_ns: int
     #: `cs_change`: chip select stays inactive for this long; spidev cannot choose.
     cs_change_ns: int = 10_000
     #: How many times as long a byte takes on the wire as at the speed that was set.
     clock_factor: float = 1.0
+
+    def wake_late(self) -> int:
+        """Of the next wake-up: always as late."""
+        return self.wake_late_ns
 
     def slowed(self, factor: float) -> MachineModel:
         """With clocks that are so many times slower: all of a message takes longer but its waits,
@@ -101,6 +107,7 @@ PI4 = MachineModel(
     layout_transfer_ns=4_000,
     i2c_call_ns=40_000,
     slowness=4.0,
+    wake_late_ns=10_000,
 )
 
 _A53 = MachineModel(
@@ -117,6 +124,7 @@ _A53 = MachineModel(
     layout_transfer_ns=8_000,
     i2c_call_ns=80_000,
     slowness=8.0,
+    wake_late_ns=20_000,
 )
 
 #: By the names of the shipped machine files.

@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from etd_hal.bench import Timekeeping
-from etd_hal.ports import SPIN_NS
+from etd_hal.wakeups import WakeUps
 
 _READINGS = 1_000
 #: What adjtimex answers where the kernel's clock follows nobody; its buffer's size with room.
@@ -31,16 +31,19 @@ class LinuxClock:
     ) -> None:
         self.now_ns = monotonic_ns
         self._sleep_s = sleep_s
+        self.wakeups = WakeUps()
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Sleep all but the last SPIN_NS, spin the rest.
+        """Sleep all but as much of the end as wake-ups are late, spin the rest.
 
         A spin alone would be exact, but a real-time thread that never sleeps is throttled by the
         kernel, with the DAC on; a sleep alone wakes up late by as much as the system likes.
         """
-        remaining_ns = deadline_ns - self.now_ns()
-        if remaining_ns > SPIN_NS:
-            self._sleep_s((remaining_ns - SPIN_NS) / 1e9)
+        wake_ns = deadline_ns - self.wakeups.spin_ns
+        remaining_ns = wake_ns - self.now_ns()
+        if remaining_ns > 0:
+            self._sleep_s(remaining_ns / 1e9)
+            self.wakeups.note(self.now_ns() - wake_ns)
         while self.now_ns() < deadline_ns:
             pass
 

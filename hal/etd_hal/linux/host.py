@@ -9,11 +9,12 @@ from __future__ import annotations
 from importlib import metadata
 from pathlib import Path
 
-from etd_hal.bench import CpuClock, Health, Obtained, Timekeeping
+from etd_hal.bench import CpuClock, Health, Obtained, ScanCore, Timekeeping
 from etd_hal.boardfile import MachineFile
 from etd_hal.linux import machine as this_machine
 from etd_hal.linux.clock import timekeeping
 from etd_hal.linux.realtime import obtained, set_up
+from etd_hal.linux.scan_core import scan_core
 
 _PACKAGES = ("msgspec", "gpiod", "spidev", "smbus2")
 _TEMPERATURE = "sys/class/thermal/thermal_zone0/temp"
@@ -67,6 +68,9 @@ class LinuxHost:
 
     def obtained(self) -> Obtained:
         return obtained()
+
+    def scan_core(self) -> ScanCore:
+        return scan_core(root=self._root)
 
     def _read(self, path: str) -> str:
         return _text(self._root / path)

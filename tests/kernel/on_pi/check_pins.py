@@ -85,6 +85,7 @@ def test_the_selftest_passes_the_machine_but_for_what_only_a_pis_firmware_tells(
         "libraries": "pass",
         "model": "pass",
         "realtime": "pass",
+        "scan_core": "pass",
         "free_memory": "pass",
         "clock": "pass",
         "date": "pass",
