@@ -72,9 +72,11 @@ def test_a_cap_lets_through_the_charge_that_was_accepted_and_all_of_it(
     wider: float,
 ) -> None:
     made = calibrated(shape=table(prepulse, None, False).shape) if is_calibrated else None
-    frame_wish = PulseRequest(wanted_ua, own_us)
+    headroom = Headroom(rules(prepulse, made))
     bounds = changed(
-        Headroom(rules(prepulse, made)).bounds(frame_wish, 1.0, 1, None, NO_GAIN),
+        headroom.bounds(
+            wanted_ua, headroom.kind(own_us, (True,), 1.0, 1, None, is_level=is_calibrated)
+        ),
         current_ua=HIGH_UA,
         charge_pc=HIGH_UA * 200,
     )

@@ -52,11 +52,12 @@ class TestStages:
         told(stages, ("mark", *PULSE))
         assert told(stages, ("host", "now", "doze", "host")) == ["clear", "idle_poll"]
 
-    def test_a_plan_costs_two_steps_for_each_electrode(self) -> None:
+    def test_planning_is_told_by_the_machines_clock_read_again_and_again(self) -> None:
+        """The poll looks at it, then what reads a frame, then each step of its plan."""
         stages = Stages()
-        assert told(stages, ("now", "host", "host", "now")) == ["idle_poll"]
-        found = told(stages, ("host", *("host",) * 128))
-        assert found == ["idle_poll", *["plan_step"] * 127]
+        assert told(stages, ("now", "host", "line", "now", "now", "doze")) == ["idle_poll"]
+        found = told(stages, ("now", "host", "now", "host", "now", "host", "host", "now", "mark"))
+        assert found == ["idle_poll", *["plan_step"] * 3]
 
     def test_a_pulse_after_its_own_probe_is_cleared_anew(self) -> None:
         stages = Stages()

@@ -184,10 +184,11 @@ class Poller:
             self.poll(self._clock.now_ns())
 
     def _read_frames(self) -> None:
-        """Polls between two reads: a gateway may send without end."""
+        """Polls between two reads: a gateway may send without end. A frame may have come since the
+        last poll.
+        """
         for _ in range(_READS_A_POLL):
-            host_ns = self._host_clock.now_ns()
-            came_host_ns = self._unseen_since_host_ns or host_ns
+            came_host_ns = self._unseen_since_host_ns or self._polled_host_ns
             if self._gateway_link.read_frames(came_host_ns):
                 self._unseen_since_host_ns = None
                 return

@@ -40,6 +40,8 @@ class Returns:
         self.share.reset()
         self._take(ReturnCaps(self._caps_ua, [None] * len(self._caps_ua)))
         self._caps_when_probed: ReturnCaps | None = None
+        #: By electrode, as long as these hold.
+        self._paths_when_probed: dict[int, Path] = {}
 
     # --- before a pulse --------------------------------------------------------------------------
 
@@ -61,7 +63,12 @@ class Returns:
         """
         if self._caps_when_probed is None:
             self._caps_when_probed = ReturnCaps(self._caps_ua, self._known_when_probed())
-        return path.with_returns(*self._caps_when_probed.of(path.electrode))
+            self._paths_when_probed.clear()
+        known = self._paths_when_probed.get(path.electrode)
+        if known is None:
+            known = path.with_returns(*self._caps_when_probed.of(path.electrode))
+            self._paths_when_probed[path.electrode] = known
+        return known
 
     def watch(self, scheduled: ScheduledPulse, request_ua: int, entry: Entry) -> None:
         """Starts contact polls where an unknown electrode matters: it may carry the whole pulse,
@@ -99,6 +106,7 @@ class Returns:
         known = [self._known(electrode, now_ns) for electrode in self._electrodes]
         self._take(ReturnCaps(self._caps_ua, known))
         self._caps_when_probed = self._caps if all(known) else None
+        self._paths_when_probed.clear()
         self._ledger.set_weights(self.share.weights(now_ns), now_ns)
 
     def _take(self, caps: ReturnCaps) -> None:

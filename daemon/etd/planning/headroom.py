@@ -4,11 +4,15 @@ beyond it.
 Owns: the maxima for one pulse with its prepulse, probe and phases, the probe before it, and the
 bounds of what stabilizers may request. Must not know: frames, schedules, hardware calls; what was
 felt.
+
+Most pulses of a frame differ by their currents alone: what they share is decided once
+(`PulseKind`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from etd.files.array import Array
 from etd.files.body_site import BodySite
@@ -32,6 +36,55 @@ class PlanRules:
     max_gain: MaxGain = NO_GAIN
 
 
+class PulseKind:
+    """What pulses have in common that differ by electrode and current alone, and what follows."""
+
+    __slots__ = (
+        "allowed_pc",
+        "cap_us",
+        "is_level",
+        "max_gain",
+        "passed_ua",
+        "phases",
+        "probe",
+        "probe_pc",
+        "rate_hz",
+        "visits_hz",
+        "widest_us",
+        "width_us",
+    )
+
+    def __init__(
+        self,
+        width_us: int,
+        phases: tuple[bool, ...],
+        rate_hz: float,
+        visits_hz: float,
+        is_level: bool,
+        max_gain: MaxGain,
+        probe: PulseRequest | None,
+        cap_us: int,
+        widest_us: int,
+        allowed_pc: int,
+    ) -> None:
+        self.width_us: Final = width_us
+        self.phases: Final = phases
+        self.rate_hz: Final = rate_hz
+        #: Pulses a second, those of a burst included.
+        self.visits_hz: Final = visits_hz
+        self.is_level: Final = is_level
+        self.max_gain: Final = max_gain
+        self.probe: Final = probe
+        self.probe_pc: Final = pc_of(probe)
+        self.cap_us: Final = cap_us
+        #: What stabilizers may request at most.
+        self.widest_us: Final = widest_us
+        self.allowed_pc: Final = allowed_pc
+        #: The highest current that was found within the maxima. More current may exceed one, less
+        #: never does: a lower one need not be checked.
+        self.passed_ua = 0
+
+
 class Headroom:
     def __init__(self, rules: PlanRules) -> None:
         self._rules = rules
@@ -53,7 +106,7 @@ class Headroom:
         return self._rules.max_gain if is_level else self._max_gain_of_sources
 
     def probe(
-        self, electrode: int, request: PulseRequest, max_gain: MaxGain
+        self, electrode: int, current_ua: int, width_us: int, *, is_level: bool
     ) -> PulseRequest | None:
         """The probe before each pulse of the electrode, where the site has probes: no wider than
         the frame's pulse, or than the pulses that the cap was accepted with. None where the pulse
@@ -61,58 +114,90 @@ class Headroom:
         """
         rules, maxima = self._rules, self._rules.maxima
         probe_ua = min(maxima.probe_current_ua, rules.person.caps_ua[electrode])
-        if not self._is_probe_first or request.current_ua * max_gain.current <= probe_ua:
+        strongest_ua = current_ua * self.max_gain(is_level=is_level).current
+        if not self._is_probe_first or strongest_ua <= probe_ua:
             return None
-        return PulseRequest(
-            probe_ua, min(maxima.probe_width_us, request.width_us, self._accepted_us)
+        return PulseRequest(probe_ua, min(maxima.probe_width_us, width_us, self._accepted_us))
+
+    @property
+    def has_probes(self) -> bool:
+        """Whether a probe may go before a pulse."""
+        return self._is_probe_first
+
+    def kind(
+        self,
+        width_us: int,
+        phases: tuple[bool, ...],
+        rate_hz: float,
+        pulses: int,
+        probe: PulseRequest | None,
+        *,
+        is_level: bool,
+    ) -> PulseKind:
+        """What pulses of this width, phases and rate have in common; `pulses` in a burst."""
+        rules, maxima, max_gain = self._rules, self._rules.maxima, self.max_gain(is_level=is_level)
+        visits_hz, count = rate_hz * pulses, len(phases)
+        probe_us = 0 if probe is None else probe.width_us
+        on_us = (maxima.on_us_per_s / visits_hz - probe_us) / count
+        allowed_us = min(maxima.width_us, rules.person.width_us, on_us) - self._prepulse_us
+        allowed_pc = min(
+            maxima.charge_pc - pc_of(probe),
+            int((maxima.mean_current_ua * 1e6 / visits_hz - pc_of(probe)) / count),
+        )
+        return PulseKind(
+            width_us,
+            phases,
+            rate_hz,
+            visits_hz,
+            is_level,
+            max_gain,
+            probe,
+            min(width_us, self._accepted_us),
+            max(width_us, min(int(width_us * max_gain.width), int(allowed_us))),
+            allowed_pc,
         )
 
-    def bounds(
-        self,
-        request: PulseRequest,
-        visits_hz: float,
-        phases: int,
-        probe: PulseRequest | None,
-        max_gain: MaxGain,
-    ) -> PulseBounds:
+    def bounds(self, current_ua: int, kind: PulseKind) -> PulseBounds:
         """The bounds of a frame's pulse: what stabilizers may request, within the maxima. The
         charge bound does not depend on any resistance, so that a resistance measured too low cannot
         raise it.
         """
-        rules, maxima = self._rules, self._rules.maxima
-        width_us = int(request.width_us * max_gain.width)
-        probe_us = 0 if probe is None else probe.width_us
-        on_us = (maxima.on_us_per_s / visits_hz - probe_us) / phases
-        allowed_us = min(maxima.width_us, rules.person.width_us, on_us)
-        allowed_us -= self._prepulse_us
-        charge_pc = request.current_ua * request.width_us
-        allowed_pc = min(
-            maxima.charge_pc - pc_of(probe),
-            int((maxima.mean_current_ua * 1e6 / visits_hz - pc_of(probe)) / phases),
-        )
+        most_ua, gain = current_ua, kind.max_gain
+        most_pc = charge_pc = current_ua * kind.width_us
+        # A gain of 1 leaves the frame's own, whatever the maxima.
+        if gain.current != 1.0:
+            maximum_ua = self._rules.maxima.current_ua
+            most_ua = max(current_ua, min(int(current_ua * gain.current), maximum_ua))
+        if gain.charge != 1.0:
+            most_pc = max(charge_pc, min(int(charge_pc * gain.charge), kind.allowed_pc))
         return PulseBounds(
-            current_ua=max(
-                request.current_ua,
-                min(int(request.current_ua * max_gain.current), maxima.current_ua),
-            ),
-            cap_us=min(request.width_us, self._accepted_us),
-            width_us=max(request.width_us, min(width_us, int(allowed_us))),
-            charge_pc=max(charge_pc, min(int(charge_pc * max_gain.charge), allowed_pc)),
-            prepulse_us=self._prepulse_us,
-            cap_led_part=self._cap_led_part,
+            most_ua, kind.cap_us, kind.widest_us, most_pc, self._prepulse_us, self._cap_led_part
         )
 
-    def check_minimum(self, electrode: int, current_ua: int) -> None:
-        """Raises: Refused (`bad_frame`)."""
+    def check(self, electrode: int, current_ua: int, kind: PulseKind) -> None:
+        """Raises: Refused, where a frame may not ask for this current in such a pulse."""
         if current_ua < self._rules.resolution_ua:
-            raise Refused(
-                "bad_frame",
-                f"electrode {electrode}: {current_ua} uA is less than one step of this board's"
-                f" source ({self._rules.resolution_ua:.1f} uA): send 0 for silence",
-                electrode,
-            )
+            self._refuse_below_a_step(electrode, current_ua)
+        if current_ua > kind.passed_ua:
+            if not kind.is_level:
+                self._check_narrow(electrode, current_ua, kind.width_us)
+            self._check_maxima(electrode, current_ua, kind)
+            kind.passed_ua = current_ua
 
-    def check_narrow(self, electrode: int, current_ua: int, width_us: int) -> None:
+    def mean_pc(self, current_ua: int, kind: PulseKind) -> float:
+        """The charge of its phases and its probe, times its rate; without those of a burst."""
+        charge_pc = self._charge_pc(current_ua, kind.width_us)
+        return kind.rate_hz * (charge_pc * len(kind.phases) + kind.probe_pc)
+
+    def _refuse_below_a_step(self, electrode: int, current_ua: int) -> None:
+        raise Refused(
+            "bad_frame",
+            f"electrode {electrode}: {current_ua} uA is less than one step of this board's"
+            f" source ({self._rules.resolution_ua:.1f} uA): send 0 for silence",
+            electrode,
+        )
+
+    def _check_narrow(self, electrode: int, current_ua: int, width_us: int) -> None:
         """Checks a current that the frame names. Raises: Refused (`bad_frame`)."""
         narrow = self._rules.site.stabilize.strength_duration
         if narrow is not None and width_us > narrow.width_us:
@@ -126,19 +211,11 @@ class Headroom:
                 electrode,
             )
 
-    def check_maxima(
-        self,
-        electrode: int,
-        current_ua: int,
-        width_us: int,
-        phases: int,
-        visits_hz: float,
-        probe_pc: int,
-    ) -> None:
+    def _check_maxima(self, electrode: int, current_ua: int, kind: PulseKind) -> None:
         """Raises: Refused (`over_maximum`, `board_cannot`). The charge of a probe counts to its
         pulse, its width does not: the current is off between them.
         """
-        maxima = self._rules.maxima
+        maxima, width_us, probe_pc = self._rules.maxima, kind.width_us, kind.probe_pc
         if width_us < maxima.min_width_us:
             raise Refused(
                 "board_cannot",
@@ -147,14 +224,14 @@ class Headroom:
                 electrode,
             )
         width_most_us = min(maxima.width_us, self._rules.person.width_us)
-        charge_pc = self.charge_pc(current_ua, width_us)
-        mean_ua = (charge_pc * phases + probe_pc) * visits_hz / 1e6
+        charge_pc = self._charge_pc(current_ua, width_us)
+        mean_ua = (charge_pc * len(kind.phases) + probe_pc) * kind.visits_hz / 1e6
         first_nc = (charge_pc + probe_pc) / PC_PER_NC
         for what, asked, most, unit in (
             ("current", current_ua, maxima.current_ua, "uA"),
             ("width", width_us + self._prepulse_us, width_most_us, "us"),
             ("charge of a pulse", first_nc, maxima.charge_pc / PC_PER_NC, "nC"),
-            ("rate", visits_hz, maxima.rate_hz, "Hz"),
+            ("rate", kind.visits_hz, maxima.rate_hz, "Hz"),
             ("mean current", mean_ua, maxima.mean_current_ua, "uA"),
         ):
             if asked > most:
@@ -165,7 +242,7 @@ class Headroom:
                     electrode,
                 )
 
-    def charge_pc(self, current_ua: int, width_us: int) -> int:
+    def _charge_pc(self, current_ua: int, width_us: int) -> int:
         """The charge of one phase, its prepulse included."""
         prepulse_ua = 0 if self._prepulse is None else int(current_ua * self._prepulse.part)
         return current_ua * width_us + prepulse_ua * self._prepulse_us

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from etd.files.body_site import SiteDefaults
-from etd.planning.headroom import Headroom, PlanRules, pc_of
-from etd.planning.scan_rate import Groups, ScanRate
+from etd.planning.headroom import Headroom, PlanRules, PulseKind
+from etd.planning.scan_rate import Counted, Groups, ScanRate
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.calibration import (
     Calibration,
@@ -34,8 +34,10 @@ T = TypeVar("T")
 #: Work done in steps: everything else is polled where it yields.
 Steps = Generator[None, None, T]
 
-#: Current, width, phases and rate of a pulse, and whether a level asked for it.
-_MadeOf = tuple[int, int, tuple[bool, ...], float, bool]
+#: Pulses that are planned, or looked at for clamps, in one step.
+_A_STEP = 8
+#: Kinds of pulses that are remembered. Most frames have one.
+_MOST_KINDS = 1_024
 
 #: Anodic phases are True.
 PHASES: dict[Polarity, tuple[bool, ...]] = {
@@ -75,6 +77,32 @@ class Plan:
     wire_us: float
 
 
+class _Planned:
+    """An electrode's pulse of the frame before. A pulse that is the same is the same object, and
+    what depends on it alone need not be decided again.
+    """
+
+    __slots__ = ("free_ua", "free_with", "kind", "mean_pc", "pulse")
+
+    def __init__(self, pulse: ScheduledPulse, kind: PulseKind, mean_pc: float) -> None:
+        self.pulse = pulse
+        self.kind = kind
+        self.mean_pc = mean_pc
+        #: A pulse of this kind with so much current was not clamped, with these caps on its path.
+        self.free_ua = 0
+        self.free_with: Path | None = None
+
+    def put(self, pulse: ScheduledPulse, kind: PulseKind, mean_pc: float) -> None:
+        """Its pulse for the next frame."""
+        if kind is not self.kind:
+            self.free_with = None
+        self.pulse, self.kind, self.mean_pc = pulse, kind, mean_pc
+
+    def is_other(self, current_ua: int, kind: PulseKind) -> bool:
+        """Whether its pulse was another one."""
+        return kind is not self.kind or current_ua != self.pulse.request.current_ua
+
+
 class Planner:
     def __init__(self, board: Selector, rules: PlanRules, cost: CostModel) -> None:
         self._board = board
@@ -85,10 +113,18 @@ class Planner:
         self._count = rules.array.count
         caps_ua = rules.person.caps_ua
         self._by_cap = sorted(range(self._count), key=lambda electrode: caps_ua[electrode])[:2]
-        #: By electrode, the pulse of the frame before and what it was made of: a pulse that is the
-        #: same is the same object, and what depends on it alone need not be decided again.
-        self._before: dict[int, tuple[_MadeOf, ScheduledPulse]] = {}
+        shape = rules.site.stabilize.shape
+        #: A clamp of these does not depend on how strong they are.
+        self._is_plain = shape.strength_duration is None and shape.prepulse is None
+        self._kinds: dict[tuple[object, ...], PulseKind] = {}
+        #: By electrode, for the returns of the frame before.
+        self._planned: dict[int, _Planned] = {}
         self._returns_before: Returns | None = None
+        #: The electrodes of the frame and the kinds of their pulses; and of the frame that was
+        #: counted last.
+        self._alike: list[object] = []
+        self._counted_alike: list[object] = []
+        self._counted: Counted | None = None
 
     def plan(self, frame: Frame, returns: Callable[[Path], Path] | None = None) -> Plan:
         """All of `steps` at once. Raises: Refused."""
@@ -107,13 +143,14 @@ class Planner:
         Raises: Refused. `returns`: sets what all others allow as returns of a path, for the preview
         of clamps in the reply (None: not known yet, all carry the same share).
         """
-        schedule = yield from self._visits(frame)
+        schedule = yield from self._pulses(frame)
         clamped = yield from self._preview(schedule, returns or self._shared_equally)
         if frame.strict and clamped:
             self._refuse_strict(clamped[0])
-        grouped = self._scan_rate.grouped(schedule)
-        rate_hz, shortfalls = self._scan_rate.rate(frame, schedule, grouped)
-        self._check_array_mean(schedule, rate_hz)
+        counted = self._cost_kinds(schedule)
+        rate_hz, shortfalls = self._scan_rate.rate(frame, schedule, counted)
+        self._check_array_mean(schedule, rate_hz, counted.wanted_hz)
+        yield
         return Plan(
             frame,
             schedule,
@@ -121,10 +158,10 @@ class Planner:
             int(1e9 / rate_hz),
             clamped,
             shortfalls,
-            grouped,
+            counted.groups,
             self._scan_rate.pulses,
             math.ceil(self._scan_rate.interval_us * 1_000),
-            self._scan_rate.wire_us(schedule),
+            counted.wire_us,
         )
 
     @property
@@ -138,9 +175,9 @@ class Planner:
 
     # --- pulses ----------------------------------------------------------------------------
 
-    def _visits(self, frame: Frame) -> Steps[tuple[ScheduledPulse, ...]]:
-        shape = self._rules.site.stabilize.shape
-        if frame.level is not None:
+    def _pulses(self, frame: Frame) -> Steps[tuple[ScheduledPulse, ...]]:
+        is_level, shape = frame.level is not None, self._rules.site.stabilize.shape
+        if is_level:
             _check_conditions(frame, self._calibration_for_levels())
             check_shape_of_levels(self._calibration_for_levels(), shape)
         wanted_ua = self._currents(frame)
@@ -151,21 +188,32 @@ class Planner:
         rates_hz = self._values("rate_hz", frame.rate_hz, default.rate_hz)
         polarities = self._values("polarity", frame.polarity, default.polarity)
         if frame.returns != self._returns_before:
-            self._before.clear()
+            self._planned.clear()
             self._returns_before = frame.returns
-        is_level, schedule, before = frame.level is not None, [], self._before
+        planned, has_probes = self._planned, self._headroom.has_probes
+        schedule: list[ScheduledPulse] = []
+        alike: list[object] = []
+        kind: PulseKind | None = None
+        asked_before: object = None
         for electrode, current_ua in enumerate(wanted_ua):
-            if current_ua > 0:
-                width_us, rate_hz = widths_us[electrode], rates_hz[electrode]
-                phases = PHASES[polarities[electrode]]
-                made_of = current_ua, width_us, phases, rate_hz, is_level
-                known = before.get(electrode)
-                if known is None or known[0] != made_of:
-                    visit = self._visit(frame, electrode, current_ua, width_us, phases, rate_hz)
-                    known = before[electrode] = made_of, visit
-                schedule.append(known[1])
-            yield
+            if current_ua <= 0:
+                continue
+            asked = widths_us[electrode], polarities[electrode], rates_hz[electrode]
+            if kind is None or asked != asked_before or has_probes:
+                kind, asked_before = self._kind(electrode, current_ua, asked, is_level), asked
+            before = planned.get(electrode)
+            if before is None or before.is_other(current_ua, kind):
+                schedule.append(self._pulse(frame, electrode, current_ua, kind, before))
+            else:
+                schedule.append(before.pulse)
+            alike.append(electrode)
+            alike.append(kind)
+            # A selection takes long where many returns are named.
+            if before is None or not len(schedule) % _A_STEP:
+                yield
+        yield
         schedule.sort(key=lambda scheduled: scheduled.selection.output)
+        self._alike = alike
         return tuple(schedule)
 
     def _calibration_for_levels(self) -> Calibration:
@@ -189,54 +237,78 @@ class Planner:
     def _values(self, key: str, given: T | tuple[T, ...] | None, default: T) -> tuple[T, ...]:
         return per_electrode(default if given is None else given, self._count, key)
 
-    def _visit(
+    def _kind(
+        self,
+        electrode: int,
+        current_ua: int,
+        asked: tuple[int, Polarity, float],
+        is_level: bool,
+    ) -> PulseKind:
+        width_us, polarity, rate_hz = asked
+        headroom = self._headroom
+        probe = headroom.probe(electrode, current_ua, width_us, is_level=is_level)
+        key = asked, is_level, None if probe is None else (probe.current_ua, probe.width_us)
+        kind = self._kinds.get(key)
+        if kind is None:
+            if len(self._kinds) >= _MOST_KINDS:
+                self._kinds.clear()
+            pulses = self._scan_rate.pulses
+            kind = self._kinds[key] = headroom.kind(
+                width_us, PHASES[polarity], rate_hz, pulses, probe, is_level=is_level
+            )
+        return kind
+
+    def _pulse(
         self,
         frame: Frame,
         electrode: int,
         current_ua: int,
-        width_us: int,
-        phases: tuple[bool, ...],
-        rate_hz: float,
+        kind: PulseKind,
+        before: _Planned | None,
     ) -> ScheduledPulse:
-        self._headroom.check_minimum(electrode, current_ua)
-        if frame.level is None:
-            self._headroom.check_narrow(electrode, current_ua, width_us)
-        request = PulseRequest(current_ua, width_us)
-        max_gain = self._headroom.max_gain(is_level=frame.level is not None)
-        probe = self._headroom.probe(electrode, request, max_gain)
-        visits_hz, count = rate_hz * self._scan_rate.pulses, len(phases)
-        self._headroom.check_maxima(electrode, current_ua, width_us, count, visits_hz, pc_of(probe))
-        returns = self._returns(frame, electrode)
-        path = self._path(electrode, returns)
-        bounds = self._headroom.bounds(request, visits_hz, count, probe, max_gain)
-        return ScheduledPulse(
+        """A pulse that is new, or another than in the frame before."""
+        self._headroom.check(electrode, current_ua, kind)
+        if before is None:
+            returns = self._returns(frame, electrode)
+            path = self._path(electrode, returns)
+            selection = self._select(electrode, returns)
+        else:
+            same = before.pulse
+            returns, path, selection = same.returns, same.path, same.selection
+        pulse = ScheduledPulse(
             electrode,
-            self._select(electrode, returns),
-            request,
-            phases,
-            rate_hz,
+            selection,
+            PulseRequest(current_ua, kind.width_us),
+            kind.phases,
+            kind.rate_hz,
             returns,
             path,
-            bounds,
-            probe,
+            self._headroom.bounds(current_ua, kind),
+            kind.probe,
         )
+        mean_pc = self._headroom.mean_pc(current_ua, kind)
+        if before is None:
+            self._planned[electrode] = _Planned(pulse, kind, mean_pc)
+        else:
+            before.put(pulse, kind, mean_pc)
+        return pulse
 
-    def _check_array_mean(self, schedule: Sequence[ScheduledPulse], rate_hz: float) -> None:
+    def _cost_kinds(self, schedule: Sequence[ScheduledPulse]) -> Counted:
+        """Counted anew only where electrodes or kinds are others than in the frame before."""
+        counted = self._counted
+        is_known = self._alike == self._counted_alike and not self._scan_rate.has_bursts
+        if counted is None or not is_known:
+            counted = self._counted = self._scan_rate.counted(schedule)
+            self._counted_alike = self._alike
+        return counted
+
+    def _check_array_mean(
+        self, schedule: Sequence[ScheduledPulse], rate_hz: float, wanted_hz: float
+    ) -> None:
         """Checked at the rate that the scan will have; a lower rate slows all pulses alike."""
-        charge_pc = self._headroom.charge_pc
-        slower = rate_hz / max((scheduled.rate_hz for scheduled in schedule), default=rate_hz)
-        mean_ua = (
-            slower
-            * self._scan_rate.pulses
-            * sum(
-                scheduled.rate_hz
-                * (
-                    charge_pc(scheduled.current_ua, scheduled.width_us) * len(scheduled.phases)
-                    + scheduled.probe_pc
-                )
-                for scheduled in schedule
-            )
-        )
+        planned, pulses = self._planned, self._scan_rate.pulses
+        each_pc = sum([planned[scheduled.electrode].mean_pc for scheduled in schedule])
+        mean_ua = rate_hz / wanted_hz * pulses * each_pc
         most_ua = self._rules.maxima.array_mean_current_ua
         if mean_ua / 1e6 > most_ua:
             raise Refused(
@@ -290,24 +362,35 @@ class Planner:
     def _preview(
         self, schedule: Sequence[ScheduledPulse], returns: Callable[[Path], Path]
     ) -> Steps[tuple[Clamp, ...]]:
-        """The clamps of the pulses to be fired, before any stabilizer responds to the skin."""
-        maxima, shape = self._rules.maxima, self._rules.site.stabilize.shape
+        """The clamps of the pulses to be fired, before any stabilizer responds to the skin. What
+        was let through with the same caps on its path is let through when it is weaker.
+        """
         found = []
-        for scheduled in schedule:
-            _, clamp = clamp_to_limits(
-                returns(scheduled.path) if scheduled.returns is None else scheduled.path,
-                scheduled.bounds.in_slot(shape.of(scheduled.request)),
-                maxima,
-                maxima.current_ua,
-                None,
-                False,
-                scheduled.bounds,
-                scheduled.probe_pc,
-            )
-            if clamp is not None:
-                found.append(clamp)
-            yield
+        for number, scheduled in enumerate(schedule, 1):
+            planned, current_ua = self._planned[scheduled.electrode], scheduled.request.current_ua
+            path = returns(scheduled.path) if scheduled.returns is None else scheduled.path
+            if path is not planned.free_with or current_ua > planned.free_ua:
+                clamp = self._clamp(scheduled, path)
+                if clamp is not None:
+                    found.append(clamp)
+                elif self._is_plain:
+                    planned.free_with, planned.free_ua = path, current_ua
+            if not number % _A_STEP:
+                yield
         return tuple(found)
+
+    def _clamp(self, scheduled: ScheduledPulse, path: Path) -> Clamp | None:
+        maxima, shape = self._rules.maxima, self._rules.site.stabilize.shape
+        return clamp_to_limits(
+            path,
+            scheduled.bounds.in_slot(shape.of(scheduled.request)),
+            maxima,
+            maxima.current_ua,
+            None,
+            False,
+            scheduled.bounds,
+            scheduled.probe_pc,
+        )[1]
 
     @staticmethod
     def _refuse_strict(clamp: Clamp) -> None:

@@ -8,7 +8,7 @@ day, hardware calls.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from etd.planning.duty import shortest_period_us
@@ -53,6 +53,17 @@ class _Fastest(NamedTuple):
         )
 
 
+class Counted(NamedTuple):
+    """A schedule's pulses by what they cost: nothing of it depends on how strong they are."""
+
+    wanted_hz: float
+    groups: Groups
+    #: By group, how many pulses cost alike.
+    rounds: tuple[Mapping[tuple[int, int, int, int], int], ...]
+    #: What messages and calls take, with the widths that the frame itself has.
+    wire_us: float
+
+
 class ScanRate:
     """The scan rate for a site's bursts on a board. An electrode has `pulses` in a burst,
     `interval_us` apart; without bursts these are 1 and 0.
@@ -65,7 +76,24 @@ class ScanRate:
         self.pulses = 1 if self._bursts is None else self._bursts.pulses
         self.interval_us = 0.0 if self._bursts is None else self._bursts.interval_us
 
-    def grouped(self, schedule: Sequence[ScheduledPulse]) -> Groups:
+    @property
+    def has_bursts(self) -> bool:
+        """Electrodes share a burst by what pulses cost now; without bursts all are one group."""
+        return self._bursts is not None
+
+    def counted(self, schedule: Sequence[ScheduledPulse]) -> Counted:
+        """Raises: Refused, if a burst is too fast."""
+        grouped = self._grouped(schedule)
+        is_again = self._bursts is not None
+        rounds = tuple(
+            self._counted([schedule[place] for place in group], is_again)
+            for group in grouped
+            if group
+        )
+        wanted_hz = max((scheduled.rate_hz for scheduled in schedule), default=self._silent_hz)
+        return Counted(wanted_hz, grouped, rounds, self.wire_us(schedule))
+
+    def _grouped(self, schedule: Sequence[ScheduledPulse]) -> Groups:
         """The places whose pulses alternate in a burst. Raises: Refused, if a burst is too fast."""
         places = tuple(range(len(schedule)))
         if self._bursts is None or not places:
@@ -73,7 +101,9 @@ class ScanRate:
         found = groups(
             places,
             self.interval_us,
-            lambda group: self._round([schedule[place] for place in group], True).slot_us,
+            lambda group: (
+                self._round(self._counted([schedule[place] for place in group], True)).slot_us
+            ),
         )
         if found is None:
             raise Refused(
@@ -84,16 +114,16 @@ class ScanRate:
         return found
 
     def rate(
-        self, frame: Frame, schedule: Sequence[ScheduledPulse], grouped: Groups
+        self, frame: Frame, schedule: Sequence[ScheduledPulse], counted: Counted
     ) -> tuple[float, tuple[Shortfall, ...]]:
         """The requested rate, or the rate that fits if the frame says `allow_slower`.
 
         Raises: Refused (`too_fast`).
         """
+        wanted_hz = counted.wanted_hz
         if not schedule:
-            return self._silent_hz, ()
-        wanted_hz = max(scheduled.rate_hz for scheduled in schedule)
-        fastest = self._fastest(schedule, grouped)
+            return wanted_hz, ()
+        fastest = self._fastest(counted)
         achievable_hz, bound_by = fastest.rate_hz, fastest.bound_by
         if wanted_hz <= achievable_hz:
             return wanted_hz, ()
@@ -111,11 +141,11 @@ class ScanRate:
         slowed = Shortfall(electrode=None, reason="rate", rate_hz=achievable_hz, bound_by=bound_by)
         return achievable_hz, (slowed,)
 
-    def _fastest(self, schedule: Sequence[ScheduledPulse], grouped: Groups) -> _Fastest:
+    def _fastest(self, counted: Counted) -> _Fastest:
         wire_us, rest_us, processor_us = self._cost.rewrite_us(), 0.0, 0.0
         busy_us = wire_us
-        for group in grouped:
-            once = self._round([schedule[place] for place in group], self._bursts is not None)
+        for kinds in counted.rounds:
+            once = self._round(kinds)
             # Between the pulses of a burst its interval is waited for.
             rest_us += once.rest_us + (self.pulses - 1) * self.interval_us
             wire_us += once.wire_us
@@ -128,9 +158,11 @@ class ScanRate:
         scan_us = self._cost.stretch * period_us / RESERVE
         return _Fastest(wire_us / 1e3, rest_us / 1e3, (scan_us - wire_us - rest_us) / 1e3)
 
-    def _round(self, schedule: Sequence[ScheduledPulse], is_again: bool) -> Cost:
-        """The cost of one pulse of each; where they repeat, the step from the last to the first is
-        included (after a scan the rewriting of the chain is that step).
+    def _counted(
+        self, schedule: Sequence[ScheduledPulse], is_again: bool
+    ) -> Mapping[tuple[int, int, int, int], int]:
+        """One pulse of each, by what it costs; where they repeat, the step from the last to the
+        first is included (after a scan the rewriting of the chain is that step).
         """
         found: Counter[tuple[int, int, int, int]] = Counter()
         before = schedule[-1].selection.output
@@ -138,11 +170,13 @@ class ScanRate:
             output = scheduled.selection.output
             clocks = self._cost.clocks(before, output) if is_again or output > before else 0
             width_us = scheduled.bounds.width_us + scheduled.bounds.prepulse_us
-            probe_us = 0 if scheduled.probe is None else scheduled.probe.width_us
-            found[width_us, len(scheduled.phases), clocks, probe_us] += 1
+            found[width_us, len(scheduled.phases), clocks, _probe_us(scheduled)] += 1
             before = output
-        # Most pulses of a frame are alike, and each kind is reckoned once.
-        costs = [(self._cost.visit(*kind), count) for kind, count in found.items()]
+        return found
+
+    def _round(self, kinds: Mapping[tuple[int, int, int, int], int]) -> Cost:
+        """The cost of these pulses. Most of a frame are alike, and each kind is looked at once."""
+        costs = [(self._cost.visit(*kind), count) for kind, count in kinds.items()]
         return Cost(*(sum(cost[part] * count for cost, count in costs) for part in range(4)))
 
     @property
@@ -157,9 +191,12 @@ class ScanRate:
         found: Counter[tuple[int, int, int]] = Counter()
         for scheduled in schedule:
             width_us = scheduled.width_us + scheduled.bounds.prepulse_us
-            probe_us = 0 if scheduled.probe is None else scheduled.probe.width_us
-            found[width_us, len(scheduled.phases), probe_us] += 1
+            found[width_us, len(scheduled.phases), _probe_us(scheduled)] += 1
         # In the order of the chain: all shifts together lead from the first to the last.
         clocks = schedule[-1].selection.output - schedule[0].selection.output
         pulses_us = sum(self._cost.wire_us(*kind) * count for kind, count in found.items())
         return pulses_us + self._cost.shift_us(clocks)
+
+
+def _probe_us(scheduled: ScheduledPulse) -> int:
+    return 0 if scheduled.probe is None else scheduled.probe.width_us

@@ -120,12 +120,13 @@ class Schedule:
         if before is not None and self._scanned_ns is not None:
             due_ns = min(before.next_ns, self._scanned_ns + plan.period_ns)
             self.next_ns = max(now_ns, due_ns)
-        # The fastest electrode is due in every scan, a slower one in its share of the scans; all
+        # The fastest electrodes are due in every scan, a slower one in its share of the scans; all
         # are due in the first.
-        fastest_hz = max((scheduled.rate_hz for scheduled in plan.schedule), default=1.0)
-        self._share = [scheduled.rate_hz / fastest_hz for scheduled in plan.schedule]
+        rates_hz = [scheduled.rate_hz for scheduled in plan.schedule]
+        fastest_hz = max(rates_hz, default=1.0)
+        self._share = [rate_hz / fastest_hz for rate_hz in rates_hz]
         self._phase = [
-            self._rested(scheduled, share) - share
+            (1.0 if share > 1.0 - _ALMOST else self._rested(scheduled, share)) - share
             for scheduled, share in zip(plan.schedule, self._share, strict=True)
         ]
         pulses = plan.frame.pulses
@@ -137,11 +138,10 @@ class Schedule:
 
     def _rested(self, scheduled: ScheduledPulse, share: float) -> float:
         """How much of its period an electrode has rested when this frame begins; 1 is all of it.
-        Less than half a scan short counts as all of it; the fastest electrodes are due in every
-        scan.
+        Less than half a scan short counts as all of it.
         """
         fired_ns = self._fired_ns.get(scheduled.electrode)
-        if fired_ns is None or share > 1.0 - _ALMOST:
+        if fired_ns is None:
             return 1.0
         return min(1.0, (self.next_ns - fired_ns) * scheduled.rate_hz / 1e9 + share / 2)
 

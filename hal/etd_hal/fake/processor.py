@@ -7,7 +7,8 @@ moves (`clock.py`), engines, schedules.
 The engine is not told. The calls of a pulse come in an order of their own: the machine's clock is
 read by the poll, the outputs are un-blanked, the message is sent, the outputs are blanked, the next
 selection is shifted in. So each call says what was computed before it. Reading the machine's clock
-again and again is planning, where each step asks whether a poll is due.
+again with no other call between is planning: a frame's age is looked at, and each step asks whether
+a poll is due.
 """
 
 from __future__ import annotations
@@ -24,10 +25,11 @@ Stage = Literal["idle_poll", "plan_step", "clear", "fire", "judge", "report"]
 #: What each stage takes on a PC, in ns; a machine's `slowness` multiplies it. `clear`: the poll
 #: before a pulse, the request, limits and ledger. `fire`: still valid, booked, approved, decoded by
 #: the guard. `judge`: after the message, until the outputs are blanked. `report`: what the pulse
-#: told, until the next selection is shifted in. `plan_step`: each electrode of a frame takes two.
+#: told, until the next selection is shifted in. `plan_step`: a frame is read, so many of its pulses
+#: are planned (`etd.planning.plan`), or their sum is.
 STAGES_NS: Mapping[Stage, int] = {
     "idle_poll": 5_000,
-    "plan_step": 6_000,
+    "plan_step": 10_000,
     "clear": 20_000,
     "fire": 7_500,
     "judge": 5_500,
@@ -60,10 +62,6 @@ _ANYWHERE: Mapping[Call, _Move] = {
 }
 
 
-#: A poll reads the machine's clock, and once more where it looks for frames; planning goes on.
-_READINGS_A_POLL = 2
-
-
 class Processor(Protocol):
     """What a fake clock asks before each call of the thread that plays messages."""
 
@@ -81,16 +79,16 @@ class Stages:
 
     def __init__(self) -> None:
         self.state: State = "idle"
-        #: The machine's clock was read so often, with no other call between.
-        self._readings = 0
+        #: The call before, readings of the board's clock left out.
+        self._before: Call = "doze"
 
     def behind(self, call: Call) -> tuple[Stage, ...]:
         """The stages that were computed between the call before and this one."""
-        self._readings = self._readings + 1 if call == "host" else 0
-        if self._readings > _READINGS_A_POLL:
-            return ("plan_step",)
-        if self._readings == _READINGS_A_POLL:
+        if call == "now":
             return ()
+        before, self._before = self._before, call
+        if before == call == "host":
+            return ("plan_step",)
         move = _MOVES.get((self.state, call)) or _ANYWHERE.get(call)
         if move is None:
             return ()
