@@ -37,7 +37,7 @@ from etd_hal.boardfile import BoardFile, MachineFile, Relays
 from etd_hal.cutlatch import CUTS, DUE_NS, CutLatch
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Changes, Clock, Edge, Gpio, Message, Spi, Transfer
-from etd_hal.switch_shadow import Approval, HalfBridgeShadow, RelayShadow, SwitchShadow
+from etd_hal.switch_shadow import Approval, Figures, HalfBridgeShadow, RelayShadow, SwitchShadow
 from etd_hal.visitrule import VisitRule, longest_flip_ns
 
 _LONGEST_DELAY_US = 10
@@ -60,7 +60,7 @@ class Step:
 class Decoded:
     """What the bytes of a message would do: nothing, a pulse, or a prepulse and a pulse."""
 
-    __slots__ = ("is_probe", "judged_at_ua", "judged_for", "longest_nc", "longest_us", "steps")
+    __slots__ = ("figures", "is_probe", "longest_nc", "longest_us", "permitted_ua", "steps")
 
     def __init__(
         self, steps: tuple[Step, ...], longest_us: float, longest_nc: float, is_probe: bool
@@ -70,10 +70,10 @@ class Decoded:
         self.longest_us: Final = longest_us
         self.longest_nc: Final = longest_nc
         self.is_probe: Final = is_probe
-        #: The approval that the message was found to keep within, and what was permitted then.
-        #: Neither message nor approval ever changes, so the same two need no second judgement.
-        self.judged_for: Approval | None = None
-        self.judged_at_ua = 0
+        #: The figures of an approval that the message was found to keep within, and what was
+        #: permitted then. A message never changes, so the same figures need no second judgement.
+        self.figures: Figures | None = None
+        self.permitted_ua = 0
 
 
 class Guard:
@@ -197,8 +197,8 @@ class Guard:
         approval = self._approval
         if (
             approval is None
-            or approval is not decoded.judged_for
-            or self._permitted_ua != decoded.judged_at_ua
+            or approval.figures != decoded.figures
+            or self._permitted_ua != decoded.permitted_ua
         ):
             approval = self._judged(decoded, approval)
         if self._visits.state == "probed":
@@ -223,7 +223,7 @@ class Guard:
         self._check_steps(decoded.steps, approval)
         if approval.is_blanked and not decoded.is_probe:
             raise GuardRefusal("switch", "a pulse while blanked", "a probe alone")
-        decoded.judged_for, decoded.judged_at_ua = approval, self._permitted_ua
+        decoded.figures, decoded.permitted_ua = approval.figures, self._permitted_ua
         return approval
 
     def _check_charge(self, charge_nc: float) -> None:
