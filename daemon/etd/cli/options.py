@@ -131,9 +131,9 @@ def add_machine(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--machine",
         choices=MODELLED_MACHINES,
-        help="with --board fake: show what this machine would do; its calls, messages and computing"
-        " take as long as is modelled, on a computer with nothing else to do (default: calls as on a"
-        " pi4, computing as fast as here)",
+        help="with --board fake: show what this machine would do; its calls, messages and"
+        " computing take as long as is modelled, on a computer with nothing else to do (default:"
+        " calls as on a pi4, computing as fast as here)",
     )
 
 
