@@ -14,10 +14,13 @@ from etd_hal.ports import SPIN_NS
 from etd_hal.timing import Timing
 
 #: The part of a pulse's computing that no rest can hide: from the call that un-blanks to the call
-#: that blanks, the message apart. By `make bench`: 0.13 interpreted, 0.18 compiled.
-FIRING_PART = 0.15
+#: that blanks, the message apart. By `make bench`.
+FIRING_PART = 0.27
 #: A poll where nothing is due, as a part of a pulse's computing.
 IDLE_PART = 0.1
+#: A scan's own computing, from its end to the next one's beginning, as a part of a pulse's: until
+#: it is measured.
+BETWEEN_PART = 1.0
 
 
 class Computing(Protocol):
@@ -26,6 +29,11 @@ class Computing(Protocol):
     @property
     def pulse_us(self) -> float:
         """For a pulse."""
+        ...
+
+    @property
+    def between_us(self) -> float:
+        """From the end of a scan to the beginning of the next: its report, polls, frames."""
         ...
 
     @property
@@ -50,6 +58,7 @@ class FiledComputing:
 
     pulse_us: float
     stretch: float = 1.0
+    between_us: float = 0.0
     spun_us: float = SPIN_NS / 1_000
     busy_fraction: float = 0.8
 
@@ -89,6 +98,11 @@ class CostModel:
     def stretch(self) -> float:
         """How many times as long as this model says scans have taken of late."""
         return self._computing.stretch
+
+    @property
+    def between_us(self) -> float:
+        """Computing of a scan beside its pulses."""
+        return self._computing.between_us
 
     @property
     def busy_fraction(self) -> float:

@@ -108,6 +108,9 @@ def test_wake_ups_are_late_by_what_the_clock_says() -> None:
     found = measure_wakeups(LateClock(), seconds=0.4, cores=())
     assert found.idle.median_us == found.busy.median_us == 40.0
     assert found.worst_us == 900.0
+    # One in a hundred is late: more than one in 256.
+    assert found.spun_us == 50.0
+    assert found.beyond == 7
 
 
 def test_the_boards_calls_are_timed_with_the_supply_off_and_the_dac_at_zero() -> None:
@@ -203,7 +206,14 @@ class TestTable:
         messages = Messages(16.2, 0.4, 13.0, 0.3, 4.5, "timing calibration, one word")
         machine = msgspec.structs.replace(PI4, visit_us=60.0)
         text = "\n".join(lines_of(result_of(66.0, messages), machine))
-        for part in ("66.0", "1.10 times", "16.20   12.0 to 24.0", "locked memory", "one word"):
+        for part in (
+            "66.0",
+            "1.10 times",
+            "16.20   12.0 to 24.0",
+            "locked memory",
+            "one word",
+            "12 us; 2",
+        ):
             assert part in text
 
     def test_a_loop_that_halted_is_told(self) -> None:

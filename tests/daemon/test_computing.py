@@ -74,6 +74,62 @@ class TestMeasuredComputing:
         computing.end(clock.now_ns(), 3, 300.0)
         assert computing.pulse_us == 180.0
 
+    def test_between_two_scans_it_is_a_pulse_until_it_was_measured(self) -> None:
+        stepped, clock, computing = made(180.0)
+        assert computing.between_us == 180.0
+        scan(stepped, clock, computing, 70.0)
+        assert computing.between_us == pytest.approx(70.0)
+
+    @given(
+        computed_us=st.floats(0.0, 900.0),
+        waits_us=st.lists(st.floats(60.0, 3_000.0), max_size=8),
+        stall_ms=st.integers(0, 50),
+    )
+    def test_what_is_computed_between_two_scans_is_measured_apart_and_one_stall_changes_nothing(
+        self, computed_us: float, waits_us: list[float], stall_ms: int
+    ) -> None:
+        stepped, clock, computing = made(0.0)
+        for number in range(9):
+            scan(stepped, clock, computing, 0.0)
+            computing.scan_ended(clock.now_ns(), 0)
+            stepped.spend(round(computed_us * 1_000) + (number == 3) * stall_ms * MS)
+            for wait_us in waits_us:
+                clock.doze_until_ns(clock.now_ns() + round(wait_us * 1_000))
+            computing.begin(clock.now_ns())
+        assert computing.between_us == pytest.approx(computed_us, abs=0.01)
+        assert computing.pulse_us == pytest.approx(0.0, abs=0.01)
+
+    def test_polls_between_two_waits_are_not_the_scans_own(self) -> None:
+        stepped, clock, computing = made()
+        for _ in range(9):
+            scan(stepped, clock, computing, 100.0)
+            computing.scan_ended(clock.now_ns(), 0)
+            stepped.spend(30_000)
+            for _ in range(5):
+                clock.doze_until_ns(clock.now_ns() + MS)
+                stepped.spend(10_000)
+            computing.begin(clock.now_ns())
+        # The last of the five is the poll in which the scan begins.
+        assert computing.between_us == pytest.approx(40.0)
+
+    def test_a_frame_that_is_planned_between_two_scans_is_not_the_scans_own(self) -> None:
+        stepped, clock, computing = made()
+        for number in range(9):
+            scan(stepped, clock, computing, 100.0)
+            computing.scan_ended(clock.now_ns(), number * 5 * MS)
+            stepped.spend(5_060_000)
+            computing.begin(clock.now_ns(), (number + 1) * 5 * MS)
+        assert computing.between_us == pytest.approx(60.0)
+
+    def test_what_lies_between_two_frames_is_no_scans(self) -> None:
+        stepped, clock, computing = made()
+        for _ in range(9):
+            scan(stepped, clock, computing, 100.0)
+            computing.scan_ended(clock.now_ns(), 0)
+            stepped.spend(20 * MS)
+            computing.scans_ended()
+        assert computing.between_us == pytest.approx(100.0)
+
     def test_lateness_stretches_plans_and_punctuality_takes_it_back_slowly(self) -> None:
         _, _, computing = made()
         computing.came_late(1.3)

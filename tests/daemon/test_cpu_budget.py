@@ -133,3 +133,12 @@ def test_what_is_spun_of_a_sleep_follows_the_clock() -> None:
     clock.sleep_until_ns(clock.now_ns() + 20 * MS)
     clock.pause_until_ns(clock.now_ns())
     assert clock.busy_percent == pytest.approx(80.012, abs=0.001)
+
+
+def test_on_a_core_that_is_left_alone_98_ms_may_be_busy() -> None:
+    stepped = SteppedClock()
+    clock = CpuBudget(stepped, stepped.wakeups, lambda _: True)
+    stepped.spend(98 * MS)
+    assert clock.pause_until_ns(clock.now_ns()) is None
+    stepped.spend(1 * MS)
+    assert clock.pause_until_ns(clock.now_ns()) is not None

@@ -7,8 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etd.engine.cpu_budget import CpuBudget
-from etd.planning.duty import ALONE_BUSY_FRACTION, MAX_BUSY_FRACTION, shortest_period_us
-from etd.planning.scan_rate import RESERVE
+from etd.planning.duty import (
+    ALONE_BUSY_FRACTION,
+    BELOW_BRAKE,
+    MAX_BUSY_FRACTION,
+    shortest_period_us,
+)
 from etd_hal.fake.clock import SteppedClock
 
 
@@ -40,7 +44,7 @@ def test_at_that_period_the_loop_hardly_has_to_pause(
     slots_ms: float, slept_part: float, idle_us: float, fraction: float
 ) -> None:
     slots_us = slots_ms * 1e3
-    period_us = shortest_period_us(slots_us, slept_part * slots_us, idle_us, fraction) / RESERVE
+    period_us = shortest_period_us(slots_us, slept_part * slots_us, idle_us, fraction - BELOW_BRAKE)
     stepped = SteppedClock()
     clock = CpuBudget(stepped, stepped.wakeups, lambda _: fraction > 0.8)
     each_us, pulses, scans = slots_us / 64, 64, 30

@@ -80,6 +80,8 @@ def test_whatever_is_not_read_back_as_off_is_taken_to_be_on(
 ) -> None:
     _, found = bound(lambda: scan_core(root=lay_out(tmp_path, **{name: text})))
     assert not found.is_left_alone
+    if text is None:
+        assert None in (found.is_isolated, found.has_throttle, found.has_fair_server)
     assert str(found) != str(bound(lambda: scan_core(root=lay_out(tmp_path / "off")))[1])
 
 

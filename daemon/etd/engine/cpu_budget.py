@@ -53,6 +53,8 @@ class CpuBudget:
         self._slept_ns = WINDOW_NS
         #: All that was waited for so far, what was spun included.
         self.waited_ns = 0
+        #: How often it was waited.
+        self.waits = 0
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         spin_ns = self.wakeups.spin_ns
@@ -60,6 +62,7 @@ class CpuBudget:
         self._clock.sleep_until_ns(deadline_ns)
         self.waited_ns += max(0, slept_ns + spin_ns)
         if slept_ns > 0:
+            self.waits += 1
             self._sleeps.append((deadline_ns - spin_ns, slept_ns))
             self._slept_ns += slept_ns
             self._drop_old(deadline_ns)
@@ -70,6 +73,7 @@ class CpuBudget:
         self._clock.doze_until_ns(deadline_ns)
         if slept_ns > 0:
             self.waited_ns += slept_ns
+            self.waits += 1
             self._sleeps.append((deadline_ns, slept_ns))
             self._slept_ns += slept_ns
             self._drop_old(deadline_ns)

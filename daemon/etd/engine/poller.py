@@ -60,6 +60,8 @@ class Poller:
         #: After a stall: since when the queue of frames has not been read.
         self._unseen_since_host_ns: int | None = None
         self._may_plan_ns = 0
+        #: Spent on planning frames so far, polls meanwhile included.
+        self.planning_ns = 0
 
     def poll(self, now_ns: int) -> None:
         """Check everything once. `now_ns`: on the board's clock."""
@@ -177,6 +179,7 @@ class Poller:
             for _ in steps:
                 self.poll_meanwhile()
             now_ns = self._clock.now_ns()
+        self.planning_ns += now_ns - begun_ns
 
     def poll_meanwhile(self) -> None:
         """Polls during work that takes longer than the time between two polls may be."""

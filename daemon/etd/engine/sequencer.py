@@ -138,6 +138,7 @@ class Sequencer:
             return True
         if schedule is None or not is_armed:
             self._lateness.reset()
+            self._computing.scans_ended()
             self._doze_until(now_ns + TICK_NS)
         elif now_ns < schedule.next_ns:
             self._wait_for(schedule.next_ns, now_ns + TICK_NS)
@@ -195,7 +196,7 @@ class Sequencer:
             self._board.prepare(upcoming.selection, whole=True)
         self._is_rewritten = False
         self._fired = 0
-        self._computing.begin(self._clock.now_ns())
+        self._computing.begin(self._clock.now_ns(), self._poller.planning_ns)
         if upcoming is None:
             self._wind_up(schedule)
 
@@ -255,8 +256,10 @@ class Sequencer:
             return
         if schedule.plan.schedule:
             self._rewrite(schedule.plan.schedule[0].selection)
-        if schedule.end_scan(self._clock.now_ns()):
+        over_ns = self._clock.now_ns()
+        if schedule.end_scan(over_ns):
             self._reporter.not_fired(None, "overrun")
+        self._computing.scan_ended(over_ns, self._poller.planning_ns)
         self._active.leave_scan()
 
     def _rewrite(self, first: Selection) -> None:

@@ -13,6 +13,9 @@ MAX_BUSY_FRACTION = 0.8
 #: timers, work that others queued there and wait for.
 ALONE_BUSY_FRACTION = 0.98
 WINDOW_US = 100_000.0
+#: A plan stays this far below the brake, which looks before each pulse and pauses for a millisecond
+#: at least, and each pause puts the next scan off. At the very limit every scan would be paused.
+BELOW_BRAKE = 0.015
 
 #: Between two polls where nothing is due; see `engine/sequencer.py`.
 TICK_US = 1_000.0

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from etd.planning.duty import shortest_period_us
+from etd.planning.duty import BELOW_BRAKE, shortest_period_us
 from etd.planning.headroom import PlanRules
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.errors import Refused, TimePart
@@ -22,9 +22,6 @@ from etd_hal.cost import Cost, CostModel
 
 #: Places in the schedule, group by group.
 Groups = tuple[tuple[int, ...], ...]
-
-#: A plan uses at most this part of its period; the rest is for heartbeat and reports.
-RESERVE = 0.98
 
 
 class _Fastest(NamedTuple):
@@ -142,8 +139,8 @@ class ScanRate:
         return achievable_hz, (slowed,)
 
     def _fastest(self, counted: Counted) -> _Fastest:
-        wire_us, rest_us, processor_us = self._cost.rewrite_us(), 0.0, 0.0
-        busy_us = wire_us
+        wire_us, rest_us, processor_us = self._cost.rewrite_us(), 0.0, self._cost.between_us
+        busy_us = wire_us + processor_us
         for kinds in counted.rounds:
             once = self._round(kinds)
             # Between the pulses of a burst its interval is waited for.
@@ -152,10 +149,9 @@ class ScanRate:
             processor_us += once.processor_us
             busy_us += once.busy_us * self.pulses
         slots_us = wire_us + rest_us + processor_us
-        period_us = shortest_period_us(
-            slots_us, slots_us - busy_us, self._cost.idle_us, self._cost.busy_fraction
-        )
-        scan_us = self._cost.stretch * period_us / RESERVE
+        fraction = self._cost.busy_fraction - BELOW_BRAKE
+        period_us = shortest_period_us(slots_us, slots_us - busy_us, self._cost.idle_us, fraction)
+        scan_us = self._cost.stretch * period_us
         return _Fastest(wire_us / 1e3, rest_us / 1e3, (scan_us - wire_us - rest_us) / 1e3)
 
     def _counted(
