@@ -20,9 +20,10 @@ from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.world import Touchable
-from etd_hal.phase import PulseResult
+from etd_hal.phase import Pulse, PulseResult
 from etd_hal.ports import Changes, Edge, Gpio, Message, Transfer
-from etd_hal.switch_shadow import Prepulse
+from etd_hal.selection import Selection
+from etd_hal.switch_shadow import Approval, Prepulse
 from stepped_board import BOARDS, SteppedBoard, shipped_board, stepped_board
 
 MACHINES = BOARDS.parent / "machines"
@@ -46,6 +47,23 @@ def pulse_words(code: int, *delays_us: int) -> Message:
     on = (code << 2).to_bytes(2, "big")
     holds = tuple(Transfer(delay_us=delay) for delay in delays_us)
     return Message((Transfer(on, cs_change=True), *holds, Transfer(ZERO_WORD)))
+
+
+def fire_phase(
+    board: Board,
+    pulse: Pulse,
+    selection: Selection,
+    is_anodic: bool,
+    current_ua: int,
+    width_us: int,
+    prepulse: Prepulse | None = None,
+    *,
+    is_blanked: bool = False,
+) -> PulseResult:
+    """Send one phase, approved as `current_ua` for `width_us`, with `prepulse` before it."""
+    source, ground = selection.source(is_anodic), selection.ground(is_anodic)
+    approval = Approval(source, ground, current_ua, width_us, prepulse, is_blanked)
+    return board.result(pulse, board.send(pulse, approval))
 
 
 @dataclass
@@ -123,10 +141,10 @@ class BoardRig:
         pulse = board.pulse(current_ua, width_us, prepulse)
         board.prepare(selection, whole)
         board.connect(selection, first)
-        result = board.fire(pulse, selection, first, current_ua, width_us, prepulse)
+        result = fire_phase(board, pulse, selection, first, current_ua, width_us, prepulse)
         for is_anodic in others:
             board.flip(selection, is_anodic)
-            result = board.fire(pulse, selection, is_anodic, current_ua, width_us, prepulse)
+            result = fire_phase(board, pulse, selection, is_anodic, current_ua, width_us, prepulse)
         board.discharge()
         return result
 

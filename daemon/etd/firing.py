@@ -5,10 +5,13 @@ when a message took too long; the drift of message durations. Engine and self-te
 Must not know: why a pulse is wanted, limits and whether a pulse fits the ledger (both are checked
 before), what is learned from it.
 
-The worst case is booked before the first message of a pulse is sent: all phases as planned, each
-with the excess at which a message halts (`halt_excess_us` of the machine file). After each message
-its measured excess replaces that. When the guard refuses the first message, nothing was sent, and
-the booking is taken back.
+The worst case is booked before the electrodes are connected: all phases as planned, each with the
+excess at which a message halts (`halt_excess_us` of the machine file). After each message its
+measured excess replaces that. When the pulse is not valid any more once they are connected, or the
+guard refuses the first message, nothing was sent, and the booking is taken back.
+
+After its last message a pulse is over: the electrodes are discharged first, and then the message is
+judged, whatever it was. Between two phases it is judged before the polarity is changed.
 
 A message that fails may have left the source on. So the board is made safe at once, and the current
 counts as having flowed from the booking until that was done; further phases stay booked. The same
@@ -19,7 +22,7 @@ its worst case. See docs/decisions/0035.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
@@ -29,33 +32,54 @@ from etd_hal.board import Board
 from etd_hal.phase import Pulse, PulseResult
 from etd_hal.ports import Clock
 from etd_hal.selection import Selection
-from etd_hal.switch_shadow import Prepulse
+from etd_hal.switch_shadow import Approval, Prepulse
 
 #: Weight of a new value in the mean deviation from plan, which shows drift.
 _DRIFT_WEIGHT = 0.02
 
 
 class ReadyPulse:
-    """A pulse that limits and ledger let through, and its electrodes."""
+    """A pulse that limits and ledger let through, its electrodes, and what the guard is told of
+    each phase: all that can be made before the electrodes are connected.
+    """
 
-    __slots__ = ("entry", "given", "is_blanked", "pulse", "selection")
+    __slots__ = ("approvals", "entry", "given", "phases", "pulse", "selection")
 
     def __init__(
         self,
         entry: Entry,
         selection: Selection,
+        phases: tuple[bool, ...],
         pulse: Pulse,
         given: PulseRequest,
         is_blanked: bool = False,
     ) -> None:
+        """`phases`: the way of each message (True: anodic). `is_blanked`: a probe after
+        `Board.release`, which must reach no electrode.
+        """
         #: Of all its phases.
         self.entry: Final = entry
         self.selection: Final = selection
+        self.phases: Final = phases
         self.pulse: Final = pulse
         #: The request that `pulse` was made from; no part of the pulse is more.
         self.given: Final = given
-        #: A probe after `Board.release`, which must reach no electrode.
-        self.is_blanked: Final = is_blanked
+        self.approvals: Final = [
+            _approval(selection, is_anodic, given, is_blanked) for is_anodic in phases
+        ]
+
+
+def _approval(
+    selection: Selection, is_anodic: bool, given: PulseRequest, is_blanked: bool
+) -> Approval:
+    return Approval(
+        selection.source(is_anodic),
+        selection.ground(is_anodic),
+        given.current_ua,
+        given.width_us,
+        prepulse_of(given),
+        is_blanked,
+    )
 
 
 class Firing:
@@ -90,17 +114,37 @@ class Firing:
         """After a calibration."""
         self._deviation_ns = 0.0
 
-    def fire(self, ready: ReadyPulse, phases: Sequence[bool]) -> tuple[PulseResult, PulseResult]:
-        """Book, then send one message for each phase (True: anodic). The electrodes stay connected.
-        Returns the results of the first and the last phase.
+    def book(self, ready: ReadyPulse) -> Booking:
+        """Books the worst case. `fire` or `take_back` follows."""
+        excess_pc = len(ready.phases) * ready.given.current_ua * self._most_excess_us
+        return self._ledger.book(ready.entry, self._now_ns(), ready.entry.charge_pc + excess_pc)
+
+    def connect(self, ready: ReadyPulse) -> Booking:
+        """Books the worst case, then connects the electrodes; `fire` or `take_back` follows."""
+        booking = self.book(ready)
+        try:
+            self._board.connect(ready.selection, ready.phases[0])
+        except (BusError, GuardRefusal, BoardFault):
+            self._ledger.take_back(booking)
+            raise
+        return booking
+
+    def take_back(self, booking: Booking) -> None:
+        """Nothing was sent of what was booked last."""
+        self._ledger.take_back(booking)
+
+    def fire(
+        self, booking: Booking, ready: ReadyPulse, *, stays_connected: bool = False
+    ) -> tuple[PulseResult, PulseResult]:
+        """Send one message for each phase. The electrodes are discharged directly after the last
+        one, before it is looked at; or, a probe before its pulse, stay connected. Returns the
+        results of the first and the last phase.
         """
-        excess_pc = len(phases) * ready.given.current_ua * self._most_excess_us
-        worst_pc = ready.entry.charge_pc + excess_pc
-        booking = self._ledger.book(ready.entry, self._now_ns(), worst_pc)
-        first = last = self._send_first(booking, ready, phases[0])
-        for is_anodic in phases[1:]:
-            self._board.flip(ready.selection, is_anodic)
-            last = self._send_next(booking, ready, is_anodic)
+        phases, last_at = ready.phases, len(ready.phases) - 1
+        first = last = self._play(booking, ready, 0, is_over=not (last_at or stays_connected))
+        for at in range(1, last_at + 1):
+            self._board.flip(ready.selection, phases[at])
+            last = self._play(booking, ready, at, is_over=at == last_at)
         return first, last
 
     def fire_unloaded(self, pulse: Pulse, given: PulseRequest) -> PulseResult:
@@ -111,47 +155,51 @@ class Firing:
         self._check_excess(result.excess_ns, "with nothing connected")
         return result
 
-    def _send_first(self, booking: Booking, ready: ReadyPulse, is_anodic: bool) -> PulseResult:
+    def _play(self, booking: Booking, ready: ReadyPulse, at: int, is_over: bool) -> PulseResult:
+        """Send the message of one phase, then book and judge it; in between, the electrodes are
+        discharged if the visit `is_over`.
+        """
+        # No current of this message can have flowed before.
+        since_ns = self._now_ns()
         try:
-            result = self._send(booking, ready, is_anodic, booking.begun_ns)
-        except GuardRefusal:
-            self._ledger.take_back(booking)
-            raise
-        self._settle(booking, ready, result, result.begun_ns)
-        self._inspect(ready, is_anodic, result)
-        return result
-
-    def _send_next(self, booking: Booking, ready: ReadyPulse, is_anodic: bool) -> PulseResult:
-        result = self._send(booking, ready, is_anodic, self._now_ns())
-        self._settle(booking, ready, result, booking.begun_ns)
-        self._inspect(ready, is_anodic, result)
-        return result
-
-    def _send(
-        self, booking: Booking, ready: ReadyPulse, is_anodic: bool, since_ns: int
-    ) -> PulseResult:
-        """`since_ns`: no current of this message can have flowed before."""
-        given = ready.given
-        try:
-            return self._board.fire(
-                ready.pulse,
-                ready.selection,
-                is_anodic,
-                given.current_ua,
-                given.width_us,
-                prepulse_of(given),
-                is_blanked=ready.is_blanked,
-            )
+            received = self._board.send(ready.pulse, ready.approvals[at])
         except (BusError, BoardFault) as fault:
-            problems = self._board.safe_off()
-            self._keep_worst(booking, ready, since_ns)
-            if problems:
-                what = f"message for electrode {ready.entry.electrode} failed"
-                unsafe = BoardFault(what, f"{fault}; {'; '.join(problems)}", "a safe board")
-                # Compiled, `from` alone does not set it.
-                unsafe.__cause__ = fault
-                raise unsafe from fault
+            self._make_safe(booking, ready, since_ns, fault)
             raise
+        except GuardRefusal:
+            if at == 0:
+                self._ledger.take_back(booking)
+            raise
+        try:
+            if is_over:
+                self._board.discharge()
+        finally:
+            result = self._result(booking, ready, received, since_ns)
+            self._settle(booking, ready, result, booking.begun_ns if at else result.begun_ns)
+            self._inspect(ready, ready.phases[at], result)
+        return result
+
+    def _result(
+        self, booking: Booking, ready: ReadyPulse, received: tuple[bytes, ...], since_ns: int
+    ) -> PulseResult:
+        try:
+            return self._board.result(ready.pulse, received)
+        except BoardFault as fault:
+            self._make_safe(booking, ready, since_ns, fault)
+            raise
+
+    def _make_safe(
+        self, booking: Booking, ready: ReadyPulse, since_ns: int, fault: BusError | BoardFault
+    ) -> None:
+        """Raises: BoardFault, with what went wrong, if the board does not become safe."""
+        problems = self._board.safe_off()
+        self._keep_worst(booking, ready, since_ns)
+        if problems:
+            what = f"message for electrode {ready.entry.electrode} failed"
+            unsafe = BoardFault(what, f"{fault}; {'; '.join(problems)}", "a safe board")
+            # Compiled, `from` alone does not set it.
+            unsafe.__cause__ = fault
+            raise unsafe from fault
 
     def _keep_worst(self, booking: Booking, ready: ReadyPulse, since_ns: int) -> None:
         """The board is safe now: the current flowed from `since_ns` until now at the longest."""

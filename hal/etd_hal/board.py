@@ -208,45 +208,35 @@ class Board:
         """The same as the ADC's code."""
         return self._codec.code_of(self.guard.spi.transfer(self._zero)[0])
 
-    def fire(
-        self,
-        pulse: Pulse,
-        selection: Selection,
-        is_anodic: bool,
-        current_ua: int,
-        width_us: int,
-        prepulse: Prepulse | None = None,
-        *,
-        is_blanked: bool = False,
-    ) -> PulseResult:
-        """Send one phase; the limits let through `current_ua` for `width_us`, with `prepulse`
-        before it, and no more. `is_blanked`: a probe after `release`, which must reach no
-        electrode.
+    def send(self, pulse: Pulse, approval: Approval) -> tuple[bytes, ...]:
+        """Send one phase, of which the limits let through no more than `approval`. Returns what
+        came back, for `result`.
 
-        Raises: GuardRefusal (nothing was sent); BusError (make safe at once); BoardFault (what
-        came back is no sample; or the outputs are cut off, and nothing was sent).
+        Raises: GuardRefusal (nothing was sent); BusError (make safe at once); BoardFault (the
+        outputs are cut off, and nothing was sent).
         """
-        source, ground = selection.source(is_anodic), selection.ground(is_anodic)
-        approval = Approval(source, ground, current_ua, width_us, prepulse, is_blanked)
-        return self._send(pulse, approval)
-
-    def fire_unloaded(self, pulse: Pulse, current_ua: int, width_us: int) -> PulseResult:
-        """Send a probe after `isolate`: into the node alone. Raises: as `fire`."""
-        return self._send(pulse, Approval(0, 0, current_ua, width_us, is_blanked=True))
-
-    def _send(self, pulse: Pulse, approval: Approval) -> PulseResult:
         self.guard.approve(approval)
-        spi, code_of = self.guard.spi, self._codec.code_of
-        received = spi.fire(pulse.message, pulse.planned_ns)
+        return self.guard.spi.fire(pulse.message, pulse.planned_ns)
+
+    def result(self, pulse: Pulse, received: tuple[bytes, ...]) -> PulseResult:
+        """The result of the message that was sent last. Raises: BoardFault (what came back is no
+        sample).
+        """
+        spi, code_of, node_v = self.guard.spi, self._codec.code_of, self._node_v
         begun_ns, ended_ns = spi.begun_ns, spi.ended_ns
         return PulseResult(
             begun_ns,
             ended_ns,
             ended_ns - begun_ns - pulse.planned_ns,
-            code_of(received[0]) * self._node_v,
-            code_of(received[-1]) * self._node_v,
-            code_of(received[2 if pulse.prepulse_ua else 1]) * self._node_v,
+            code_of(received[0]) * node_v,
+            code_of(received[-1]) * node_v,
+            code_of(received[2 if pulse.prepulse_ua else 1]) * node_v,
         )
+
+    def fire_unloaded(self, pulse: Pulse, current_ua: int, width_us: int) -> PulseResult:
+        """Send a probe after `isolate`: into the node alone. Raises: as `send` and `result`."""
+        approval = Approval(0, 0, current_ua, width_us, is_blanked=True)
+        return self.result(pulse, self.send(pulse, approval))
 
     def discharge(self) -> None:
         """All electrodes on ground, for at least the board's rest from now on."""

@@ -31,12 +31,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Final
 
 from etd_hal.boardfile import BoardFile, MachineFile, Relays
 from etd_hal.cutlatch import CUTS, DUE_NS, CutLatch
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Changes, Clock, Edge, Gpio, Message, Spi, Transfer
-from etd_hal.switch_shadow import Approval, HalfBridgeShadow, RelayShadow, SwitchShadow
+from etd_hal.switch_shadow import Approval, Figures, HalfBridgeShadow, RelayShadow, SwitchShadow
 from etd_hal.visitrule import VisitRule, longest_flip_ns
 
 _LONGEST_DELAY_US = 10
@@ -56,15 +57,23 @@ class Step:
     longest_us: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
 class Decoded:
     """What the bytes of a message would do: nothing, a pulse, or a prepulse and a pulse."""
 
-    steps: tuple[Step, ...]
-    #: The worst case of all steps together.
-    longest_us: float
-    longest_nc: float
-    is_probe: bool
+    __slots__ = ("figures", "is_probe", "longest_nc", "longest_us", "permitted_ua", "steps")
+
+    def __init__(
+        self, steps: tuple[Step, ...], longest_us: float, longest_nc: float, is_probe: bool
+    ) -> None:
+        self.steps: Final = steps
+        #: The worst case of all steps together.
+        self.longest_us: Final = longest_us
+        self.longest_nc: Final = longest_nc
+        self.is_probe: Final = is_probe
+        #: The figures of an approval that the message was found to keep within, and what was
+        #: permitted then. A message never changes, so the same figures need no second judgement.
+        self.figures: Figures | None = None
+        self.permitted_ua = 0
 
 
 class Guard:
@@ -185,27 +194,42 @@ class Guard:
             )
 
     def _check_pulse(self, decoded: Decoded) -> None:
+        approval = self._approval
+        if (
+            approval is None
+            or approval.figures != decoded.figures
+            or self._permitted_ua != decoded.permitted_ua
+        ):
+            approval = self._judged(decoded, approval)
+        if self._visits.state == "probed":
+            self._check_charge(decoded.longest_nc + self._visits.probe_nc(approval))
+        self.switch.check_selection(approval)
+        self._visits.take(
+            approval, decoded.longest_us, decoded.longest_nc, decoded.is_probe, self._clock.now_ns()
+        )
+        self._approval = None
+
+    def _judged(self, decoded: Decoded, approval: Approval | None) -> Approval:
+        """Check what follows from message, approval and permission alone. Returns the approval."""
         maxima, longest_us = self._board.maxima, decoded.longest_us
         current_ua = decoded.steps[-1].current_ua
         if current_ua > self._permitted_ua:
             raise GuardRefusal("state", f"{current_ua:.0f} uA", f"{self._permitted_ua} uA now")
         if longest_us > maxima.width_us * _TOLERANCE:
             raise GuardRefusal("width", f"{longest_us:.0f} us", f"{maxima.width_us} us")
-        charge_nc, approval = decoded.longest_nc, self._approval
-        if approval is not None and self._visits.state == "probed":
-            charge_nc += self._visits.probe_nc(approval)
-        if charge_nc > maxima.charge_nc * _TOLERANCE:
-            raise GuardRefusal("charge", f"{charge_nc:.0f} nC", f"{maxima.charge_nc} nC")
+        self._check_charge(decoded.longest_nc)
         if approval is None:
             raise GuardRefusal("approval", "a pulse that no limit has seen", "approve it first")
         self._check_steps(decoded.steps, approval)
         if approval.is_blanked and not decoded.is_probe:
             raise GuardRefusal("switch", "a pulse while blanked", "a probe alone")
-        self.switch.check_selection(approval)
-        self._visits.take(
-            approval, longest_us, decoded.longest_nc, decoded.is_probe, self._clock.now_ns()
-        )
-        self._approval = None
+        decoded.figures, decoded.permitted_ua = approval.figures, self._permitted_ua
+        return approval
+
+    def _check_charge(self, charge_nc: float) -> None:
+        most_nc = self._board.maxima.charge_nc
+        if charge_nc > most_nc * _TOLERANCE:
+            raise GuardRefusal("charge", f"{charge_nc:.0f} nC", f"{most_nc} nC")
 
     def _current_ua(self, code: int) -> float:
         source = self._board.source

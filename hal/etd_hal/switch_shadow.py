@@ -25,6 +25,10 @@ class Prepulse(NamedTuple):
     width_us: int
 
 
+#: Of an approval, all but its outputs.
+Figures = tuple[int, int, Prepulse | None, bool]
+
+
 class Approval:
     """What the limits let through for the next pulse, step by step.
 
@@ -32,7 +36,7 @@ class Approval:
     opposite to the selected output.
     """
 
-    __slots__ = ("current_ua", "ground", "is_blanked", "prepulse", "source", "width_us")
+    __slots__ = ("current_ua", "figures", "ground", "is_blanked", "prepulse", "source", "width_us")
 
     def __init__(
         self,
@@ -52,6 +56,7 @@ class Approval:
         #: are the outputs that would get it if the switches failed to open. 0: no output is
         #: selected.
         self.is_blanked: Final = is_blanked
+        self.figures: Final[Figures] = (current_ua, width_us, prepulse, is_blanked)
 
 
 class HalfBridgeShadow:

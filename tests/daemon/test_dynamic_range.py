@@ -18,7 +18,7 @@ from etd.stabilize.settings import Settings, check_settings, pipeline
 from etd.stabilize.strength_duration import StrengthDuration, strength
 from etd_hal.errors import FileError
 
-KNOWN = ElectrodeEstimate(3, True, 50_000, 30.0)
+KNOWN = ElectrodeEstimate(3)
 NARROW = StrengthDuration(width_us=50, tau_us=151.0)
 
 requests = st.builds(PulseRequest, st.integers(0, 10_000), st.integers(SHORTEST_US, 200))

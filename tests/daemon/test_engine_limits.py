@@ -254,7 +254,7 @@ class Times:
 
 
 def test_stabilizers_ask_one_after_another() -> None:
-    estimate = ElectrodeEstimate(3, True, 50_000, 30.0)
+    estimate = ElectrodeEstimate(3)
     assert adapt_all((), PulseRequest(100, 50), estimate) == PulseRequest(100, 50)
     assert adapt_all((Times(2), Times(3, 60)), PulseRequest(100, 50), estimate) == PulseRequest(
         600, 60

@@ -15,6 +15,7 @@ from etd.safety.ledger import WINDOW_NS, Bounds, Entry, Ledger
 from etd.safety.maxima import maxima_of
 from etd.selftest.fixture import Fixture
 from etd.selftest.prober import Prober
+from etd_body.interface import Side
 from etd_hal.fake.faults import Fault, MisoStuck, SpiError, SpiShort, SpiStall
 from etd_hal.ports import Clock
 from selftest_rig import SelftestRig, selftest_rig
@@ -45,13 +46,13 @@ class Scene:
         assert maxima.interval_us == INTERVAL_US
         self.ledger = Ledger(self.count, Bounds.of(maxima))
         self.firing = Firing(self.rig.board, self.ledger, self.rig.clock)
-        self.phases = phases
         returns = RETURNS if board == RELAY else None
         selection = self.rig.board.selection(HERE, returns)
         pulse = self.rig.board.pulse(CURRENT_UA, WIDTH_US)
         charge_pc, on_us = PHASE_PC * len(phases), WIDTH_US * len(phases)
         entry = Entry(HERE, charge_pc, on_us, returns, 1.0)
-        self.ready = ReadyPulse(entry, selection, pulse, PulseRequest(CURRENT_UA, WIDTH_US))
+        given = PulseRequest(CURRENT_UA, WIDTH_US)
+        self.ready = ReadyPulse(entry, selection, phases, pulse, given)
         self.rig.board.prepare(selection, whole=True)
         self.rig.board.connect(selection, phases[0])
         self.begun_ns = self.rig.clock.now_ns()
@@ -59,8 +60,12 @@ class Scene:
     def fire(self, *faults: Fault) -> None:
         for fault in faults:
             self.rig.fake.world.put_in(fault)
-        self.firing.fire(self.ready, self.phases)
-        self.rig.board.discharge()
+        self.firing.fire(self.firing.book(self.ready), self.ready)
+
+    @property
+    def is_connected(self) -> bool:
+        """By the wire: not all electrodes are on ground."""
+        return Side.SOURCE in self.rig.sides
 
     @property
     def booked_pc(self) -> int:
@@ -138,6 +143,41 @@ def test_while_a_message_is_under_way_it_is_booked_at_its_worst(phases: tuple[bo
     scene.fire()
     worst_pc = (PHASE_PC + CURRENT_UA * HALT_EXCESS_US) * len(phases)
     assert seen_pc == [worst_pc]
+
+
+@pytest.mark.parametrize("phases", [(True,), (False,), (True, False)])
+def test_after_its_last_message_a_visit_is_discharged_before_anything_else(
+    phases: tuple[bool, ...],
+) -> None:
+    scene = Scene(phases=phases)
+    live: list[bool] = []
+    scene.firing = Firing(
+        scene.rig.board, scene.ledger, scene.rig.clock, lambda *_: live.append(scene.is_connected)
+    )
+    scene.fire()
+    assert live == [True] * (len(phases) - 1) + [False]
+
+
+@pytest.mark.parametrize("fault", [SpiStall(5_000), MisoStuck(1)], ids=str)
+def test_a_message_that_is_refused_afterwards_has_been_discharged(fault: Fault) -> None:
+    scene = Scene()
+    with pytest.raises(BoardFault):
+        scene.fire(fault)
+    assert not scene.is_connected
+
+
+def test_a_probe_before_its_pulse_leaves_the_electrodes_connected() -> None:
+    scene = Scene()
+    scene.firing.fire(scene.firing.book(scene.ready), scene.ready, stays_connected=True)
+    assert scene.is_connected
+
+
+@pytest.mark.parametrize("board", [KAJIMOTO, RELAY])
+def test_what_was_not_fired_after_all_is_taken_back(board: str) -> None:
+    scene = Scene(board)
+    scene.firing.take_back(scene.firing.book(scene.ready))
+    assert scene.booked_pc == 0
+    assert scene.ledger.rested_ns(HERE) == 0
 
 
 def test_before_a_second_phase_it_is_booked_at_its_worst_and_the_first_as_it_was() -> None:

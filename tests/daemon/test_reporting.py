@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine_parts import frame
-from etd.engine.reporting import FiredPulse, Reporter
+from etd.engine.reporting import Reporter, Row
 from etd.protocol.link import Report
 from etd.protocol.messages import Clamp, Halt, Scan
 
@@ -38,26 +38,18 @@ def reporter() -> tuple[Reporter, Listener]:
     return Reporter(4, listener.send), listener
 
 
-def fired(begun_ns: int, commanded_ua: int, voltage_v: float, resistance_ohm: int) -> FiredPulse:
-    return FiredPulse(
-        electrode=2,
-        begun_ns=begun_ns,
-        wanted_ua=1_200,
-        current_ua=commanded_ua,
-        delivered_ua=commanded_ua - 400,
-        width_us=99.7,
-        voltage_v=voltage_v,
-        resistance_ohm=resistance_ohm,
-        contact="soft",
-    )
+def row(commanded_ua: int, voltage_v: float, resistance_ohm: int) -> Row:
+    delivered_ua = commanded_ua - 400
+    measured = 99.7, voltage_v, resistance_ohm
+    return 1_200, commanded_ua, delivered_ua, *measured, "soft", 0, 0, None, None
 
 
 def test_a_scan_report_tells_the_frame_and_what_was_fired() -> None:
     made, listener = reporter()
     made.frame_begun(frame(seq=7, tag=3), START_NS)
     made.scan_begun()
-    made.fired(fired(START_NS + 5, 1_000, 28.5, 50_000))
-    made.fired(fired(START_NS + 9, 1_100, 29.5, 50_100))
+    made.fired(2, START_NS + 5, row(1_000, 28.5, 50_000))
+    made.fired(2, START_NS + 9, row(1_100, 29.5, 50_100))
     made.scan_report(START_NS + 10, 1_500)
     (scan,) = listener.scans
     (shown,) = scan.shown
@@ -110,7 +102,7 @@ def test_a_silence_is_told_at_once() -> None:
 def test_a_new_frame_forgets_what_the_one_before_fired() -> None:
     made, listener = reporter()
     made.frame_begun(frame(seq=1), START_NS)
-    made.fired(fired(START_NS, 1_000, 28.5, 50_000))
+    made.fired(2, START_NS, row(1_000, 28.5, 50_000))
     made.frame_begun(frame(seq=2), START_NS + 1)
     made.scan_report(START_NS + 2, 0)
     assert listener.scans[0].fired.current_ua == (0, 0, 0, 0)

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import pytest
 
+from board_rig import fire_phase
 from engine_parts import machine_file
 from etd.engine.stopper import SILENT_NS, StopperLiveness, StopperThread
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
@@ -102,7 +103,7 @@ class Scene:
             self.made.clock.at(self.looked_from_ns + step * MS // 2, self.stopper.check)
 
     def fire(self, is_anodic: bool = True) -> None:
-        self.board.fire(self.board.pulse(2_000, 100), self.selection, is_anodic, 2_000, 100)
+        fire_phase(self.board, self.board.pulse(2_000, 100), self.selection, is_anodic, 2_000, 100)
 
     def blanked_ns(self) -> int:
         """When BL fell, after the visit had begun."""
@@ -303,7 +304,7 @@ def test_a_message_that_ended_while_the_stopper_looked_is_not_overdue() -> None:
     board.connect(selection, True)
     spi.is_held = True
     firing = threading.Thread(
-        target=lambda: board.fire(board.pulse(2_000, 100), selection, True, 2_000, 100)
+        target=lambda: fire_phase(board, board.pulse(2_000, 100), selection, True, 2_000, 100)
     )
 
     def end_the_message() -> None:

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from board_rig import BoardRig
+from board_rig import BoardRig, fire_phase
 from etd_hal.cutlatch import DUE_NS
 from etd_hal.errors import BoardFault, BusError, GuardRefusal
 from etd_hal.fake.faults import DacGain, MisoStuck, SpiError, SpiShort, SpiStall
@@ -121,8 +121,8 @@ class TestShot:
         rig.fake.world.put_in(SpiError(at_message=1, at_transfer=2))
         pulse = rig.board.pulse(1_000, 100)
         with pytest.raises(BusError):
-            rig.board.fire(pulse, selection, True, 1_000, 100)
-        result = rig.board.fire(pulse, selection, True, 1_000, 100)
+            fire_phase(rig.board, pulse, selection, True, 1_000, 100)
+        result = fire_phase(rig.board, pulse, selection, True, 1_000, 100)
         assert result.baseline_v == pytest.approx(OPEN_V, abs=ONE_CODE_V)
 
     def test_a_source_that_makes_more_than_told_shows_in_the_voltage(self, boards: Boards) -> None:
@@ -216,7 +216,7 @@ class TestApprovedAsFired:
         rig.board.prepare(selection)
         rig.board.connect(selection, True)
         with pytest.raises(GuardRefusal, match="998 uA for 100 us"):
-            rig.board.fire(rig.board.pulse(1_000, 100), selection, True, 998, 100)
+            fire_phase(rig.board, rig.board.pulse(1_000, 100), selection, True, 998, 100)
 
     def test_a_pulse_wider_than_its_limit_is_refused(self, boards: Boards) -> None:
         rig = boards()
@@ -224,7 +224,7 @@ class TestApprovedAsFired:
         rig.board.prepare(selection)
         rig.board.connect(selection, True)
         with pytest.raises(GuardRefusal, match="1000 uA for 50 us"):
-            rig.board.fire(rig.board.pulse(1_000, 100), selection, True, 1_000, 50)
+            fire_phase(rig.board, rig.board.pulse(1_000, 100), selection, True, 1_000, 50)
 
     def test_a_selection_that_is_not_connected_is_refused(self, boards: Boards) -> None:
         rig = boards()
@@ -232,9 +232,9 @@ class TestApprovedAsFired:
         rig.board.prepare(there)
         rig.board.connect(there, True)
         with pytest.raises(GuardRefusal, match="switch"):
-            rig.board.fire(rig.board.pulse(1_000, 100), elsewhere, True, 1_000, 100)
+            fire_phase(rig.board, rig.board.pulse(1_000, 100), elsewhere, True, 1_000, 100)
         with pytest.raises(GuardRefusal, match="switch"):
-            rig.board.fire(rig.board.pulse(1_000, 100), there, False, 1_000, 100)
+            fire_phase(rig.board, rig.board.pulse(1_000, 100), there, False, 1_000, 100)
 
     def test_what_is_approved_is_what_is_fired_and_no_more(self, boards: Boards) -> None:
         rig = boards()

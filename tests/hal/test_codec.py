@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from board_rig import board_rig, changed, machine_file
+from board_rig import board_rig, changed, fire_phase, machine_file
 from etd_hal.board import Board
 from etd_hal.boardfile import Source
 from etd_hal.compose import codec_of
@@ -80,5 +80,5 @@ def test_a_board_sends_the_words_of_its_codec_and_the_guard_reads_them_by_itself
     board.prepare(selection)
     board.connect(selection, True)
     with pytest.raises(GuardRefusal, match=r"approval.*1998 uA"):
-        board.fire(board.pulse(1_000, 100), selection, True, 1_000, 100)
+        fire_phase(board, board.pulse(1_000, 100), selection, True, 1_000, 100)
     assert rig.body() == []

@@ -8,7 +8,7 @@ from itertools import pairwise
 import msgspec
 import pytest
 
-from board_rig import BoardRig
+from board_rig import BoardRig, fire_phase
 from etd_hal.cost import FIRING_PART, CostModel, FiledComputing
 from stepped_board import shipped_board
 
@@ -38,11 +38,11 @@ def taken_us(
         board.connect(selection, first)
         begun_ns.append(rig.clock.now_ns())
         rig.clock.spend(round(FIRING_US * 1_000))
-        board.fire(pulse, selection, first, 1_000, width_us)
+        fire_phase(board, pulse, selection, first, 1_000, width_us)
         for is_anodic in others:
             board.flip(selection, is_anodic)
             rig.clock.spend(round(FIRING_US * 1_000))
-            board.fire(pulse, selection, is_anodic, 1_000, width_us)
+            fire_phase(board, pulse, selection, is_anodic, 1_000, width_us)
         board.discharge()
         rig.clock.spend(round(RESTING_US * 1_000))
         board.prepare(board.selection(following, None))

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from board_rig import machine_file
+from board_rig import fire_phase, machine_file
 from etd_body.interface import Side
 from etd_hal.board import Board
 from etd_hal.cutlatch import CUTS, DUE_NS
@@ -138,7 +138,7 @@ class Scene:
 
     def fire(self, selection: Selection, is_anodic: bool) -> None:
         pulse = self.board.pulse(CURRENT_UA, WIDTH_US)
-        self.board.fire(pulse, selection, is_anodic, CURRENT_UA, WIDTH_US)
+        fire_phase(self.board, pulse, selection, is_anodic, CURRENT_UA, WIDTH_US)
 
     def fired(self) -> list[dict[str, Any]]:
         """Each phase since the cut that reached the skin, by the body's own account."""

@@ -49,6 +49,34 @@ class TestState:
         assert_refused(rig, "state", pulse_words(999), Approval(1, others, 10_000, 200))
 
 
+class TestAgain:
+    """A message that was let through is judged anew wherever something else is asked of it."""
+
+    def test_under_another_permission(self, boards: Boards) -> None:
+        rig, message, approved = connected(boards()), pulse_words(409), approval()
+        for _ in range(2):
+            rig.board.guard.permit(5_000)
+            send(rig, message, approved)
+        rig.board.guard.permit(300)
+        assert_refused(rig, "state", message, approved)
+
+    def test_with_an_approval_of_less(self, boards: Boards) -> None:
+        rig, message = connected(boards()), pulse_words(409)
+        send(rig, message, approval())
+        assert_refused(rig, "approval", message, approval(current_ua=300))
+
+    def test_without_an_approval(self, boards: Boards) -> None:
+        rig, message, approved = connected(boards()), pulse_words(409), approval()
+        send(rig, message, approved)
+        assert_refused(rig, "approval", message)
+
+    def test_of_other_outputs_with_the_same_approval(self, boards: Boards) -> None:
+        rig, message, approved = connected(boards()), pulse_words(409), approval()
+        send(rig, message, approved)
+        rig.board.discharge()
+        assert_refused(connected(rig, output=3), "switch", message, approved)
+
+
 class TestWidthAndCharge:
     def test_the_worst_case_stays_within_the_maximum_and_a_fifth(self, boards: Boards) -> None:
         """200 us: 26 + 19 x 11.2 = 238.8 us passes, 26 + 20 x 1.2 + 192 = 242 us does not."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from board_rig import BoardRig, changed
+from board_rig import BoardRig, changed, fire_phase
 from etd_hal.errors import GuardRefusal
 from stepped_board import shipped_board
 
@@ -24,7 +24,7 @@ def fire(
 ) -> None:
     pulse = rig.board.pulse(*what)
     selection = rig.board.selection(output, None)
-    rig.board.fire(pulse, selection, is_anodic, *what, is_blanked=is_blanked)
+    fire_phase(rig.board, pulse, selection, is_anodic, *what, is_blanked=is_blanked)
 
 
 def prepared(rig: BoardRig, output: int = 3) -> BoardRig:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from board_rig import BoardRig, board_rig, changed
+from board_rig import BoardRig, board_rig, changed, fire_phase
 from etd_hal.errors import GuardRefusal
 from stepped_board import shipped_board
 from trace_decoder import decode, is_led
@@ -34,7 +34,7 @@ def connect(rig: BoardRig, output: int = 3, is_anodic: bool = True) -> None:
 
 def fire(rig: BoardRig, what: tuple[int, int], output: int = 3, is_anodic: bool = True) -> None:
     pulse = rig.board.pulse(*what)
-    rig.board.fire(pulse, rig.board.selection(output, None), is_anodic, *what)
+    fire_phase(rig.board, pulse, rig.board.selection(output, None), is_anodic, *what)
 
 
 def visit(rig: BoardRig, *parts: tuple[int, int]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from board_rig import BoardRig, changed, pulse_words
+from board_rig import BoardRig, changed, fire_phase, pulse_words
 from etd_hal.errors import GuardRefusal
 from etd_hal.ports import Transfer
 from guard_bench import approval, assert_refused, connected, send, silent
@@ -125,10 +125,10 @@ class TestRate:
         pulse, selection = rig.board.pulse(1_000, 100), rig.board.selection(3, None)
         rig.board.prepare(selection)
         rig.board.connect(selection, True)
-        rig.board.fire(pulse, selection, True, 1_000, 100)
+        fire_phase(rig.board, pulse, selection, True, 1_000, 100)
         rig.board.flip(selection, False)
         rig.clock.spend(waits_us * 1_000)
-        rig.board.fire(pulse, selection, False, 1_000, 100)
+        fire_phase(rig.board, pulse, selection, False, 1_000, 100)
         rig.board.discharge()
         # Through relays that stay closed the next one could be the reverse of that.
         rig.clock.spend(20_000_000)

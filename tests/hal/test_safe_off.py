@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from board_rig import BoardRig
+from board_rig import BoardRig, fire_phase
 from etd_body.interface import Side
 from etd_hal.errors import BusError, GuardRefusal
 from etd_hal.fake.faults import LatchIgnored, MisoStuck, SpiError, SpiStall
@@ -32,7 +32,7 @@ def fire_with_fault(rig: BoardRig, at_transfer: int = 2) -> None:
     selection = half_way(rig)
     rig.fake.world.put_in(SpiError(at_transfer=at_transfer))
     with pytest.raises(BusError):
-        rig.board.fire(rig.board.pulse(1_000, 100), selection, True, 1_000, 100)
+        fire_phase(rig.board, rig.board.pulse(1_000, 100), selection, True, 1_000, 100)
     assert rig.fake.dac_code == 409
 
 
@@ -97,9 +97,9 @@ class TestFromAnywhere:
         visit: tuple[Callable[[], object], ...] = (
             lambda: board.prepare(selection),
             lambda: board.connect(selection, False),
-            lambda: board.fire(pulse, selection, False, 1_000, WIDTH_US),
+            lambda: fire_phase(board, pulse, selection, False, 1_000, WIDTH_US),
             lambda: board.flip(selection, True),
-            lambda: board.fire(pulse, selection, True, 1_000, WIDTH_US),
+            lambda: fire_phase(board, pulse, selection, True, 1_000, WIDTH_US),
             board.discharge,
         )
         for step in visit[:steps]:
@@ -275,7 +275,7 @@ class TestBlankNow:
             seen.append((rig.fake.dac_code, set(rig.fake.sides)))
 
         rig.clock.at(at_ns, stop)
-        result = rig.board.fire(rig.board.pulse(1_000, 100), selection, True, 1_000, 100)
+        result = fire_phase(rig.board, rig.board.pulse(1_000, 100), selection, True, 1_000, 100)
         assert seen == [(409, {Side.GROUND})]
         assert result.ended_ns > at_ns + 3_000_000
         assert rig.times("BL", 0)[-1] - at_ns < 5_000
@@ -289,7 +289,7 @@ class TestBlankNow:
             selection = half_way(rig)
             if stops:
                 rig.clock.at(rig.clock.now_ns() + 1_000_000, rig.board.blank_now)
-            rig.board.fire(rig.board.pulse(1_000, 100), selection, True, 1_000, 100)
+            fire_phase(rig.board, rig.board.pulse(1_000, 100), selection, True, 1_000, 100)
             body = rig.body()[-1]
             charges_ua_ns.append(body["current_ua"] * (body["to_ns"] - body["from_ns"]))
         stalled, stopped = charges_ua_ns
@@ -301,7 +301,7 @@ class TestBlankNow:
         rig.fake.world.put_in(SpiStall(stall_us=5_000, at_transfer=2))
         before = len(rig.records())
         rig.clock.at(rig.clock.now_ns() + 1_000_000, rig.board.blank_now)
-        rig.board.fire(rig.board.pulse(1_000, 100), selection, True, 1_000, 100)
+        fire_phase(rig.board, rig.board.pulse(1_000, 100), selection, True, 1_000, 100)
         assert "HV=0" in rig.story(before)
 
     def test_it_is_one_call_and_raises_what_fails(self, boards: Boards) -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from board_rig import BoardRig, board_rig, changed, machine_file
+from board_rig import BoardRig, board_rig, changed, fire_phase, machine_file
 from etd_hal.boardfile import HalfBridges, Relays
 from etd_hal.errors import GuardRefusal
 from etd_hal.switch_shadow import Approval, HalfBridgeShadow
@@ -310,7 +310,7 @@ actions = st.lists(
 
 
 def fire(rig: BoardRig, output: int, way: bool, what: tuple[int, int]) -> None:
-    rig.board.fire(rig.board.pulse(*what), rig.board.selection(output, None), way, *what)
+    fire_phase(rig.board, rig.board.pulse(*what), rig.board.selection(output, None), way, *what)
 
 
 def connect(rig: BoardRig, output: int, way: bool) -> None:

@@ -23,9 +23,6 @@ def known(
 ) -> ElectrodeEstimate:
     return ElectrodeEstimate(
         electrode=3,
-        is_touched=True,
-        resistance_ohm=None,
-        voltage_v=None,
         now_ns=now_ms * MS,
         state="closed",
         skin_ohm=skin_ohm,

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import pytest
-from msgspec.structs import replace
 
 from etd.pulse.request import PulseRequest
 from etd.stabilize.law_settings import PressureSettings
 from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.pressure import Pressure
+from plain_records import changed
 
 MS = 1_000_000
 FRAME = PulseRequest(2_000, 100)
-FREE = ElectrodeEstimate(3, True, 50_000, 60.0, state="closed", pressure_kpa=0.0)
+FREE = ElectrodeEstimate(3, state="closed", pressure_kpa=0.0)
 
 
 def pressed_for(
@@ -20,7 +20,7 @@ def pressed_for(
 ) -> PulseRequest:
     asked = FRAME
     for now_ms in range(begin_ms, end_ms, 20):
-        seen = replace(FREE, pressure_kpa=kpa, now_ns=now_ms * MS, **more)
+        seen = changed(FREE, pressure_kpa=kpa, now_ns=now_ms * MS, **more)
         asked = law.adapt(FRAME, seen)
     return asked
 

@@ -7,26 +7,23 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
 
 from etd.protocol.messages import ContactState
 from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.settling import LEAST_PART, NEW_NS, NEW_PART, Settling
+from plain_records import changed
 
 MS = 1_000_000
 FIRM_OHM = 30_000
 FIRM = ElectrodeEstimate(
     3,
-    True,
-    FIRM_OHM,
-    60.0,
     state="closed",
     skin_ohm=float(FIRM_OHM),
     skin_at_ua=3_000,
     reference_ohm=FIRM_OHM,
     reference_at_ua=3_000,
 )
-OPEN = replace(FIRM, state="open", is_touched=False, skin_ohm=None)
+OPEN = changed(FIRM, state="open", skin_ohm=None)
 STEP_NS = 100 * MS
 
 
@@ -40,16 +37,16 @@ def after_a_return(
     """A firm contact comes off, and is `known` from then on: the part at each tenth of a second."""
     law_under_test = law or settling()
     assert law_under_test.part(FIRM) == 1.0
-    law_under_test.part(replace(OPEN, now_ns=STEP_NS))
+    law_under_test.part(changed(OPEN, now_ns=STEP_NS))
     steps = range(2, 2 + round(seconds * 10))
-    return [law_under_test.part(replace(estimate, now_ns=step * STEP_NS)) for step in steps]
+    return [law_under_test.part(changed(estimate, now_ns=step * STEP_NS)) for step in steps]
 
 
 def test_a_contact_that_nothing_happened_to_gets_all() -> None:
     law_under_test = settling()
-    lighter = replace(FIRM, skin_ohm=3.0 * FIRM_OHM)
+    lighter = changed(FIRM, skin_ohm=3.0 * FIRM_OHM)
     assert all(
-        law_under_test.part(replace(lighter, now_ns=step * STEP_NS)) == 1.0 for step in range(100)
+        law_under_test.part(changed(lighter, now_ns=step * STEP_NS)) == 1.0 for step in range(100)
     )
 
 
@@ -64,54 +61,54 @@ def test_a_return_as_firm_as_before_gets_a_part_for_three_seconds_and_then_rises
 
 def test_a_return_that_resists_more_gets_less_until_it_does_not() -> None:
     law = settling()
-    lighter = replace(FIRM, skin_ohm=2.0 * FIRM_OHM)
+    lighter = changed(FIRM, skin_ohm=2.0 * FIRM_OHM)
     parts = after_a_return(lighter, 8.0, law)
     assert parts[0] == pytest.approx(NEW_PART * 0.5**0.6)
     assert 0.66 < parts[-1] < 0.78, "in the end only what it resists is taken"
-    firm_again = [law.part(replace(FIRM, now_ns=(90 + step) * STEP_NS)) for step in range(20)]
+    firm_again = [law.part(changed(FIRM, now_ns=(90 + step) * STEP_NS)) for step in range(20)]
     assert firm_again[-1] == 1.0
 
 
 def test_a_finger_that_stays_lighter_comes_to_its_strength_in_the_end() -> None:
-    parts = after_a_return(replace(FIRM, skin_ohm=1.5 * FIRM_OHM), 240.0)
+    parts = after_a_return(changed(FIRM, skin_ohm=1.5 * FIRM_OHM), 240.0)
     assert parts[100] < 0.95
     assert parts[-1] > 0.98
 
 
 def test_the_part_leaves_enough_to_measure_by() -> None:
-    assert min(after_a_return(replace(FIRM, skin_ohm=100.0 * FIRM_OHM), 3.0)) == LEAST_PART
+    assert min(after_a_return(changed(FIRM, skin_ohm=100.0 * FIRM_OHM), 3.0)) == LEAST_PART
 
 
 def test_a_weaker_pulse_of_the_same_skin_does_not_look_like_a_smaller_contact() -> None:
     weaker_ohm = FIRM_OHM * (3_000 + 8_000) / (1_000 + 8_000)
-    same = replace(FIRM, skin_ohm=weaker_ohm, skin_at_ua=1_000)
+    same = changed(FIRM, skin_ohm=weaker_ohm, skin_at_ua=1_000)
     assert after_a_return(same, 1.0)[-1] == pytest.approx(NEW_PART)
 
 
 def test_a_finger_just_laid_on_is_compared_with_the_calibration() -> None:
     law_under_test = settling()
     law_under_test.part(OPEN)
-    dry = replace(FIRM, skin_ohm=2.0 * FIRM_OHM, now_ns=STEP_NS)
+    dry = changed(FIRM, skin_ohm=2.0 * FIRM_OHM, now_ns=STEP_NS)
     assert law_under_test.part(dry) == pytest.approx(NEW_PART * 0.5**0.6)
 
 
 def test_behind_it_a_law_by_resistance_answers_the_area_itself() -> None:
     law = Settling(goes_by_resistance=False)
-    parts = after_a_return(replace(FIRM, skin_ohm=2.0 * FIRM_OHM), 8.0, law)
+    parts = after_a_return(changed(FIRM, skin_ohm=2.0 * FIRM_OHM), 8.0, law)
     assert parts[:29] == [NEW_PART] * 29
     assert parts[49] == pytest.approx(0.9, abs=0.01)
     assert parts[-1] == 1.0
 
 
 def test_without_a_calibration_all_is_given() -> None:
-    unknown = replace(FIRM, reference_ohm=None, reference_at_ua=None)
+    unknown = changed(FIRM, reference_ohm=None, reference_at_ua=None)
     law_under_test = settling()
-    law_under_test.part(replace(unknown, state="open"))
-    assert law_under_test.part(replace(unknown, now_ns=STEP_NS)) == 1.0
+    law_under_test.part(changed(unknown, state="open"))
+    assert law_under_test.part(changed(unknown, now_ns=STEP_NS)) == 1.0
 
 
 def test_a_resistance_that_is_not_believed_takes_nothing_more_and_holds_nothing_up() -> None:
-    parts = after_a_return(replace(FIRM, skin_ohm=None), 8.0)
+    parts = after_a_return(changed(FIRM, skin_ohm=None), 8.0)
     assert parts[0] == NEW_PART
     assert parts[-1] == 1.0
 
@@ -119,9 +116,9 @@ def test_a_resistance_that_is_not_believed_takes_nothing_more_and_holds_nothing_
 def test_a_contact_that_shrank_begins_anew() -> None:
     law = settling()
     assert after_a_return(FIRM, 8.0, law)[-1] == 1.0
-    shrank = replace(FIRM, state="soft", firmness=0.0, now_ns=90 * STEP_NS)
+    shrank = changed(FIRM, state="soft", firmness=0.0, now_ns=90 * STEP_NS)
     assert law.part(shrank) == NEW_PART
-    later = replace(FIRM, now_ns=90 * STEP_NS + NEW_NS // 2)
+    later = changed(FIRM, now_ns=90 * STEP_NS + NEW_NS // 2)
     assert law.part(later) == NEW_PART
 
 
@@ -141,7 +138,7 @@ def test_the_part_is_always_one(
 ) -> None:
     law = settling()
     for step, (state, firmness, skin_ohm, at_ua) in enumerate(seen):
-        estimate = replace(
+        estimate = changed(
             FIRM,
             state=state,
             firmness=firmness,
@@ -154,13 +151,13 @@ def test_the_part_is_always_one(
 
 def test_short_pulses_are_compared_with_a_calibration_made_with_short_ones() -> None:
     """What their beginning makes expected is not what the end of a wider one tells."""
-    firm = replace(
+    firm = changed(
         FIRM, skin_ohm=0.6 * FIRM_OHM, early_ohm=float(FIRM_OHM), is_reference_early=True
     )
     law = settling()
-    law.part(replace(firm, state="open", skin_ohm=None, early_ohm=None))
-    assert law.part(replace(firm, now_ns=STEP_NS)) == pytest.approx(NEW_PART)
-    lighter = replace(firm, early_ohm=2.0 * FIRM_OHM, now_ns=2 * STEP_NS)
+    law.part(changed(firm, state="open", skin_ohm=None, early_ohm=None))
+    assert law.part(changed(firm, now_ns=STEP_NS)) == pytest.approx(NEW_PART)
+    lighter = changed(firm, early_ohm=2.0 * FIRM_OHM, now_ns=2 * STEP_NS)
     assert law.part(lighter) == pytest.approx(NEW_PART * 0.5**0.6)
 
 
@@ -168,27 +165,27 @@ def test_short_pulses_are_compared_with_a_calibration_made_with_short_ones() -> 
 def test_a_resistance_that_rose_with_the_last_pulse_is_answered_with_the_next(
     is_early: bool,
 ) -> None:
-    mean = replace(FIRM, early_ohm=float(FIRM_OHM), is_reference_early=is_early, now_ns=2 * STEP_NS)
+    mean = changed(FIRM, early_ohm=float(FIRM_OHM), is_reference_early=is_early, now_ns=2 * STEP_NS)
     risen_ohm = 1.2 * FIRM_OHM
     law = settling()
     law.part(FIRM)
-    law.part(replace(OPEN, now_ns=STEP_NS))
-    risen = replace(mean, latest_ohm=risen_ohm, latest_early_ohm=risen_ohm)
+    law.part(changed(OPEN, now_ns=STEP_NS))
+    risen = changed(mean, latest_ohm=risen_ohm, latest_early_ohm=risen_ohm)
     assert law.part(risen) == pytest.approx(NEW_PART * 1.2**-0.6)
 
 
 def test_a_lowest_resistance_is_forgotten_as_fast_at_two_pulses_a_second() -> None:
     law = settling()
-    law.part(replace(FIRM, skin_ohm=0.5 * FIRM_OHM))
-    law.part(replace(OPEN, now_ns=STEP_NS))
-    parts = [law.part(replace(FIRM, now_ns=step * 5 * STEP_NS)) for step in range(1, 120)]
+    law.part(changed(FIRM, skin_ohm=0.5 * FIRM_OHM))
+    law.part(changed(OPEN, now_ns=STEP_NS))
+    parts = [law.part(changed(FIRM, now_ns=step * 5 * STEP_NS)) for step in range(1, 120)]
     assert parts[-1] > 0.97
 
 
 def test_one_reading_that_is_too_low_makes_no_contact_of_the_past_firmer_than_it_was() -> None:
     law_under_test, lied_to = settling(), settling()
-    before = [replace(FIRM, now_ns=step * STEP_NS) for step in range(-10, 0)]
-    wrong = replace(before[5], skin_ohm=0.3 * FIRM_OHM)
+    before = [changed(FIRM, now_ns=step * STEP_NS) for step in range(-10, 0)]
+    wrong = changed(before[5], skin_ohm=0.3 * FIRM_OHM)
     for estimate in before:
         law_under_test.part(estimate)
         lied_to.part(wrong if estimate is before[5] else estimate)
@@ -199,5 +196,5 @@ def test_two_of_them_do() -> None:
     """As a finger that was pressed for a moment does: what is lighter then is a part of it."""
     law_under_test = settling()
     for step in range(-10, -8):
-        law_under_test.part(replace(FIRM, skin_ohm=0.3 * FIRM_OHM, now_ns=step * STEP_NS))
+        law_under_test.part(changed(FIRM, skin_ohm=0.3 * FIRM_OHM, now_ns=step * STEP_NS))
     assert after_a_return(FIRM, 3.0, law_under_test)[0] < 0.7 * NEW_PART

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
 
 from etd.protocol.messages import ContactState
 from etd.pulse.measured import BEND_UA
@@ -17,6 +16,7 @@ from etd.stabilize.law_settings import EnergySettings, LinearLawSettings, PowerL
 from etd.stabilize.linear_law import LinearLaw
 from etd.stabilize.pipeline import ElectrodeEstimate, Stabilizer
 from etd.stabilize.power_law import PowerLaw
+from plain_records import changed
 
 pytestmark = pytest.mark.slow
 
@@ -43,9 +43,6 @@ def known(
 ) -> ElectrodeEstimate:
     return ElectrodeEstimate(
         electrode=3,
-        is_touched=True,
-        resistance_ohm=None,
-        voltage_v=None,
         now_ns=now_ms * MS,
         state=state,
         skin_ohm=skin_ohm,
@@ -140,8 +137,8 @@ def test_a_mean_over_pulses_delays_no_fall(
     """What is asked for is no more than the last pulse alone asks for, nor than the mean does."""
 
     def asked_by(mean_ohm: float, latest_ohm: float) -> PulseRequest:
-        seen = replace(known(mean_ohm), latest_ohm=latest_ohm, is_reference_early=is_early)
-        seen = replace(seen, early_ohm=mean_ohm, latest_early_ohm=latest_ohm)
+        seen = changed(known(mean_ohm), latest_ohm=latest_ohm, is_reference_early=is_early)
+        seen = changed(seen, early_ohm=mean_ohm, latest_early_ohm=latest_ohm)
         return make().adapt(FRAME, seen)
 
     latest_ohm = mean_ohm * ratio

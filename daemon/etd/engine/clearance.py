@@ -41,13 +41,14 @@ class Cleared(ReadyPulse):
         self,
         entry: Entry,
         selection: Selection,
+        phases: tuple[bool, ...],
         pulse: Pulse,
         given: PulseRequest,
         request: PulseRequest,
         clamp: Clamp | None = None,
         leads: bool = False,
     ) -> None:
-        super().__init__(entry, selection, pulse, given)
+        super().__init__(entry, selection, phases, pulse, given)
         self.request: Final = request
         self.clamp: Final = clamp
         self.leads: Final = leads
@@ -178,7 +179,8 @@ class Clearance:
                 self._report_nothing(scheduled, request, clamp)
             return None
         entry = _entry_of(scheduled, given, share, pulses=0 if due.after is not None else 1)
-        cleared = Cleared(entry, scheduled.selection, pulse, given, request, clamp)
+        selection, phases = scheduled.selection, scheduled.phases
+        cleared = Cleared(entry, selection, phases, pulse, given, request, clamp)
         if clamp is None and due.after is None:
             self._repeatable[electrode] = _Repeatable(
                 cleared, scheduled, path, share, maxima, self._board.timing
@@ -205,8 +207,8 @@ class Clearance:
         alone = Entry(
             scheduled.electrode, probe.charge_pc, probe.width_us, scheduled.returns, entry.share
         )
-        selection = scheduled.selection
-        return Cleared(alone, selection, pulse, probe, cleared.request, leads=True)
+        selection, phases = scheduled.selection, scheduled.phases[:1]
+        return Cleared(alone, selection, phases, pulse, probe, cleared.request, leads=True)
 
     def _report_nothing(
         self, scheduled: ScheduledPulse, request: PulseRequest, clamp: Clamp | None

@@ -7,7 +7,7 @@ states.
 from __future__ import annotations
 
 from etd.engine.clearance import Cleared
-from etd.engine.reporting import FiredPulse, Reporter
+from etd.engine.reporting import Reporter
 from etd.engine.returns import Returns
 from etd.engine.stimulus_adapter import StimulusAdapter
 from etd.planning.schedule import DuePulse
@@ -77,23 +77,20 @@ class Findings:
         contact, pulse = self._contact, cleared.pulse
         electrode = due.scheduled.electrode
         skin_ohm, capacitance_nf = self._adapter.reported_ohm_nf(electrode, begun_ns)
-        self._reporter.fired(
-            FiredPulse(
-                electrode=electrode,
-                begun_ns=begun_ns,
-                wanted_ua=due.scheduled.request.current_ua,
-                current_ua=pulse.commanded_ua,
-                delivered_ua=contact.delivered_ua(electrode),
-                width_us=pulse.commanded_us,
-                voltage_v=contact.voltage_v[electrode] or 0.0,
-                resistance_ohm=contact.resistance_ohm[electrode],
-                contact=contact.state(electrode, begun_ns),
-                prepulse_ua=pulse.prepulse_ua,
-                probe_ua=0 if due.after is None else due.after.probe_ua,
-                skin_ohm=skin_ohm,
-                capacitance_nf=capacitance_nf,
-            )
+        row = (
+            due.scheduled.request.current_ua,
+            pulse.commanded_ua,
+            contact.delivered_ua(electrode),
+            pulse.commanded_us,
+            contact.voltage_v[electrode] or 0.0,
+            contact.resistance_ohm[electrode],
+            contact.state(electrode, begun_ns),
+            pulse.prepulse_ua,
+            0 if due.after is None else due.after.probe_ua,
+            skin_ohm,
+            capacitance_nf,
         )
+        self._reporter.fired(electrode, begun_ns, row)
         if cleared.clamp is not None:
             # The clamp is reported with its pulse: a report may have gone out while relays moved.
             self._reporter.clamped(cleared.clamp)

@@ -99,23 +99,24 @@ class Engine:
         else:
             board.prepare(scheduled.selection, whole=due.rewrites_chain)
         cleared = self._cleared(due, ceiling_ua, asked_ns)
-        if cleared is not None and not is_connected:
-            board.connect(scheduled.selection, scheduled.phases[0])
-            is_connected = True
-        if cleared is None or not self._still_valid(due):
-            if is_connected:
+        booking = None
+        if cleared is not None:
+            firing = parts.firing
+            booking = firing.book(cleared) if is_connected else firing.connect(cleared)
+        if cleared is None or booking is None or not self._still_valid(due):
+            if is_connected or booking is not None:
                 board.discharge()
+            if booking is not None:
+                parts.firing.take_back(booking)
             self._sequencer.not_fired(due)
             return
-        phases = scheduled.phases[:1] if cleared.leads else scheduled.phases
-        first, last = parts.firing.fire(cleared, phases)
+        first, last = parts.firing.fire(booking, cleared, stays_connected=cleared.leads)
         if cleared.leads:
             parts.findings.of_probe(due, cleared, first)
             after = AfterProbe(cleared.request, cleared.pulse.commanded_ua, asked_ns, ceiling_ua)
             # The pulse itself is due at once, with nothing in between.
             self._follow_up = due.following(after)
             return
-        board.discharge()
         parts.findings.of_pulse(due, cleared, first, last)
         parts.findings.report(due, cleared, first.begun_ns)
         self._sequencer.fired(due, first.begun_ns)

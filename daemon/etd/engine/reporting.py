@@ -9,10 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import Protocol
-
-import msgspec
 
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Frame
@@ -72,32 +69,31 @@ class _Pending:
     slowed_hz: float | None = None
 
 
-class FiredPulse(msgspec.Struct, frozen=True, kw_only=True, gc=False):
-    """The last pulse of an electrode, as reported: a row with the columns of `Fired`."""
-
-    electrode: int = -1
-    begun_ns: int = 0
-    wanted_ua: int = 0
-    current_ua: int = 0
-    delivered_ua: int = 0
-    width_us: float = 0.0
-    voltage_v: float | None = None
-    resistance_ohm: int | None = None
-    contact: ContactState | None = None
-    prepulse_ua: int = 0
-    probe_ua: int = 0
-    skin_ohm: int | None = None
-    capacitance_nf: float | None = None
-
-
-_NOTHING = FiredPulse()
+#: A pulse as reported: the columns of `Fired`, in their order.
+Row = tuple[
+    int,
+    int,
+    int,
+    float,
+    float | None,
+    int | None,
+    ContactState | None,
+    int,
+    int,
+    int | None,
+    float | None,
+]
 _COLUMNS = Fired.__struct_fields__
 
 
-def _columns(rows: Sequence[FiredPulse]) -> Fired:
-    """By electrode, a tuple for each column of `Fired`: the fields of a row after its first two."""
-    columns = zip(*map(msgspec.structs.astuple, rows), strict=True)
-    return Fired(**dict(zip(_COLUMNS, islice(columns, 2, None), strict=True)))
+def _nothing(wanted_ua: int = 0) -> Row:
+    """Of an electrode that was not fired."""
+    return wanted_ua, 0, 0, 0.0, None, None, None, 0, 0, None, None
+
+
+def _columns(rows: Sequence[Row]) -> Fired:
+    """By electrode, a tuple for each column."""
+    return Fired(**dict(zip(_COLUMNS, zip(*rows, strict=True), strict=True)))
 
 
 def _shortfalls(pending: _Pending) -> tuple[Shortfall, ...]:
@@ -144,7 +140,7 @@ class Reporter:
         self._was_felt = False
         self.counters: Counter[str] = Counter()
         #: The last pulse of each electrode in the frame that is shown.
-        self._rows = [_NOTHING] * electrodes
+        self._rows = [_nothing()] * electrodes
 
     # --- frames and scans --------------------------------------------------------------------
 
@@ -152,7 +148,7 @@ class Reporter:
         """Called at the start of the frame's first scan."""
         self.frame_ended()
         self._active = _ActiveFrame(frame, now_ns)
-        self._rows = [_NOTHING] * self._electrodes
+        self._rows = [_nothing()] * self._electrodes
         self._has_news = True
         self.counters["frames_shown"] += 1
 
@@ -169,19 +165,19 @@ class Reporter:
         self.counters["scans"] += 1
         self._has_news = True
 
-    def fired(self, pulse: FiredPulse) -> None:
+    def fired(self, electrode: int, begun_ns: int, row: Row) -> None:
         """A pulse of the frame was fired."""
-        showing, electrode = self._active, pulse.electrode
+        showing = self._active
         if showing is not None:
             if showing.first_ns is None:
-                showing.first_ns = pulse.begun_ns
-            showing.last_ns = pulse.begun_ns
-        self._rows[electrode] = pulse
+                showing.first_ns = begun_ns
+            showing.last_ns = begun_ns
+        self._rows[electrode] = row
         self.counters["pulses"] += 1
 
     def nothing_requested(self, electrode: int, wanted_ua: int) -> None:
         """A pulse of the frame for which a stabilizer requests no current."""
-        self._rows[electrode] = msgspec.structs.replace(_NOTHING, wanted_ua=wanted_ua)
+        self._rows[electrode] = _nothing(wanted_ua)
 
     def clamped(self, clamp: Clamp) -> None:
         """The latest clamp of each electrode and reason is reported."""

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from msgspec import structs
-
 from etd.engine.reporting import Reporter
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.calibration import Calibration
@@ -78,11 +76,8 @@ class StimulusAdapter:
         """What the stabilizers request of this pulse: no wider than its slot."""
         if not self._stabilizers:
             return scheduled.request
-        estimate = self.estimate(scheduled.electrode, now_ns)
-        if scheduled.probe is not None and estimate.state == "unknown":
-            # A probe goes first and measures the contact; what depends on the contact is taken away
-            # then.
-            estimate = structs.replace(estimate, state="closed")
+        is_probed_first = scheduled.probe is not None
+        estimate = self.estimate(scheduled.electrode, now_ns, is_probed_first=is_probed_first)
         return self._adapted(scheduled, estimate)
 
     def readapt(
@@ -98,9 +93,7 @@ class StimulusAdapter:
         """
         if not self._stabilizers:
             return before
-        estimate = self.estimate(scheduled.electrode, now_ns)
-        if expected_ohm is not None:
-            estimate = _with_expected_resistance(estimate, expected_ohm)
+        estimate = self.estimate(scheduled.electrode, now_ns, expected_ohm)
         return before.not_above(self._adapted(scheduled, estimate))
 
     def _adapted(self, scheduled: ScheduledPulse, estimate: ElectrodeEstimate) -> PulseRequest:
@@ -134,32 +127,52 @@ class StimulusAdapter:
             self.rejected("old")
         return skin_ohm
 
-    def estimate(self, electrode: int, now_ns: int) -> ElectrodeEstimate:
-        """All that stabilizers see of an electrode."""
+    def estimate(
+        self,
+        electrode: int,
+        now_ns: int,
+        expected_ohm: float | None = None,
+        *,
+        is_probed_first: bool = False,
+    ) -> ElectrodeEstimate:
+        """All that stabilizers see of an electrode. `expected_ohm`: what a probe makes expected of
+        its skin; nothing is less than that then, and the early estimate rises in proportion.
+        """
         contact, impedance = self._contact, self._impedance
         state = contact.state(electrode, now_ns)
+        if is_probed_first and state == "unknown":
+            # A probe goes first and measures the contact; what depends on the contact is taken away
+            # then.
+            state = "closed"
         skin_ohm = self._skin_ohm(electrode, now_ns)
+        latest_ohm = early_ohm = latest_early_ohm = None
+        if skin_ohm is not None:
+            latest_ohm = impedance.last_ohm(electrode)
+            early_ohm, latest_early_ohm = impedance.early_ohms(electrode)
+        if expected_ohm is not None:
+            risen_ohm = max(skin_ohm or 0.0, expected_ohm)
+            if skin_ohm is not None and early_ohm is not None:
+                early_ohm *= risen_ohm / skin_ohm
+            skin_ohm, latest_ohm = risen_ohm, max(latest_ohm or 0.0, expected_ohm)
+            latest_early_ohm = higher(early_ohm, latest_early_ohm)
         person = None if self._calibration is None else self._calibration.electrode[electrode]
         return ElectrodeEstimate(
-            electrode=electrode,
-            is_touched=contact.is_touched[electrode],
-            resistance_ohm=contact.resistance_ohm[electrode],
-            voltage_v=contact.voltage_v[electrode],
-            now_ns=now_ns,
-            state=state,
-            firmness=contact.firmness(electrode, now_ns),
-            undelivered_ua=contact.undelivered_ua[electrode],
-            skin_ohm=skin_ohm,
-            latest_ohm=None if skin_ohm is None else impedance.last_ohm(electrode),
-            skin_at_ua=impedance.at_ua(electrode),
-            early_ohm=impedance.early_ohm(electrode, now_ns),
-            latest_early_ohm=impedance.last_early_ohm(electrode, now_ns),
-            is_estimated=impedance.is_estimated(electrode),
-            reference_ohm=None if person is None else person.resistance_ohm,
-            reference_at_ua=None if person is None else person.comfortable_ua,
-            is_reference_early=self._is_reference_early,
-            threshold_ua=None if person is None else person.threshold_ua,
-            pressure_kpa=self._pressure(electrode, now_ns),
+            electrode,
+            now_ns,
+            state,
+            contact.firmness(electrode, now_ns),
+            contact.undelivered_ua[electrode],
+            skin_ohm,
+            latest_ohm,
+            impedance.at_ua(electrode),
+            early_ohm,
+            latest_early_ohm,
+            impedance.is_estimated(electrode),
+            None if person is None else person.resistance_ohm,
+            None if person is None else person.comfortable_ua,
+            self._is_reference_early,
+            None if person is None else person.threshold_ua,
+            self._pressure(electrode, now_ns),
         )
 
     def rejected(self, what: str) -> None:
@@ -177,20 +190,3 @@ class StimulusAdapter:
     def reported_ohm_nf(self, electrode: int, now_ns: int) -> tuple[int | None, float | None]:
         """For reports: the skin's resistance in ohm and its capacitance in nF."""
         return self._impedance.reported_ohm_nf(electrode, now_ns)
-
-
-def _with_expected_resistance(
-    estimate: ElectrodeEstimate, expected_ohm: float
-) -> ElectrodeEstimate:
-    """The estimate with a higher resistance; its early estimate rises in proportion."""
-    skin_ohm, early_ohm = estimate.skin_ohm, estimate.early_ohm
-    risen_ohm = max(skin_ohm or 0.0, expected_ohm)
-    if skin_ohm is not None and early_ohm is not None:
-        early_ohm *= risen_ohm / skin_ohm
-    return structs.replace(
-        estimate,
-        skin_ohm=risen_ohm,
-        latest_ohm=max(estimate.latest_ohm or 0.0, expected_ohm),
-        early_ohm=early_ohm,
-        latest_early_ohm=higher(early_ohm, estimate.latest_early_ohm),
-    )

@@ -30,17 +30,16 @@ class PulseRequest:
         self.prepulse_us: Final = prepulse_us
 
     def __repr__(self) -> str:
-        return f"PulseRequest{self._parts()}"
+        parts = self.current_ua, self.width_us, self.prepulse_ua, self.prepulse_us
+        return f"PulseRequest{parts}"
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, PulseRequest) and self._parts() == other._parts()
-
-    def _parts(self) -> tuple[object, ...]:
         return (
-            self.current_ua,
-            self.width_us,
-            self.prepulse_ua,
-            self.prepulse_us,
+            isinstance(other, PulseRequest)
+            and self.current_ua == other.current_ua
+            and self.width_us == other.width_us
+            and self.prepulse_ua == other.prepulse_ua
+            and self.prepulse_us == other.prepulse_us
         )
 
     @property

@@ -67,7 +67,7 @@ class Entry:
     charge; otherwise each named electrode is booked with all of the charge.
     """
 
-    __slots__ = ("charge_pc", "electrode", "on_us", "pulses", "returns", "share")
+    __slots__ = ("_pooled_pc", "charge_pc", "electrode", "on_us", "pulses", "returns", "share")
 
     def __init__(
         self,
@@ -85,6 +85,13 @@ class Entry:
         self.share: Final = share
         #: 0 where the entry continues a pulse that is booked already, as after a probe.
         self.pulses: Final = pulses
+        self._pooled_pc: Final = _share_pc(share, charge_pc) if returns is None else 0
+
+    def pooled_of(self, charge_pc: int) -> int:
+        """What goes to the pool of its own or another charge; nothing with named returns."""
+        if charge_pc == self.charge_pc:
+            return self._pooled_pc
+        return _share_pc(self.share, charge_pc) if self.returns is None else 0
 
 
 class _Line:
@@ -128,7 +135,12 @@ class Booking(_Line):
         before_ns: int | None,
         room_before_pc: int,
     ) -> None:
-        super().__init__(begun_ns, charge_pc, through_pc, pooled_pc, on_us, pulses)
+        self.begun_ns = begun_ns
+        self.charge_pc = charge_pc
+        self.through_pc = through_pc
+        self.pooled_pc = pooled_pc
+        self.on_us = on_us
+        self.pulses = pulses
         self.entry: Final = entry
         #: The line in the windows of named returns.
         self.carried = carried
@@ -160,20 +172,23 @@ class _Window:
 
     def take_back(self) -> None:
         """Removes the line that was booked last."""
-        self._subtract(self.lines.pop())
-
-    def drop_old(self, now_ns: int) -> None:
-        """Removes what began a second ago or earlier."""
-        lines, oldest_ns = self.lines, now_ns - WINDOW_NS
-        while lines and lines[0].begun_ns <= oldest_ns:
-            self._subtract(lines.popleft())
-
-    def _subtract(self, line: _Line) -> None:
+        line = self.lines.pop()
         self.charge_pc -= line.charge_pc
         self.through_pc -= line.through_pc
         self.pooled_pc -= line.pooled_pc
         self.on_us -= line.on_us
         self.pulses -= line.pulses
+
+    def drop_old(self, now_ns: int) -> None:
+        """Removes what began a second ago or earlier."""
+        lines, oldest_ns = self.lines, now_ns - WINDOW_NS
+        while lines and lines[0].begun_ns <= oldest_ns:
+            line = lines.popleft()
+            self.charge_pc -= line.charge_pc
+            self.through_pc -= line.through_pc
+            self.pooled_pc -= line.pooled_pc
+            self.on_us -= line.on_us
+            self.pulses -= line.pulses
 
 
 class Ledger:
@@ -263,7 +278,7 @@ class Ledger:
             now_ns,
             worst_pc,
             worst_pc if returns is None else 0,
-            _share_pc(entry, worst_pc) if returns is None else 0,
+            entry.pooled_of(worst_pc),
             entry.on_us,
             entry.pulses,
             entry,
@@ -296,7 +311,7 @@ class Ledger:
         if entry.pulses:
             self._begun_ns[entry.electrode] = begun_ns
         if booking.carried is None:
-            more_pooled_pc = _share_pc(entry, charge_pc) - booking.pooled_pc
+            more_pooled_pc = entry.pooled_of(charge_pc) - booking.pooled_pc
             own.pooled_pc += more_pooled_pc
             array.pooled_pc += more_pooled_pc
             own.through_pc += more_pc
@@ -353,25 +368,31 @@ class Ledger:
                 self.charge_pc(electrode, now_ns) + entry.charge_pc <= self._charge_pc
                 for electrode in entry.returns
             )
-        pooled_pc = _share_pc(entry, entry.charge_pc)
+        pooled_pc = entry.pooled_of(entry.charge_pc)
         if self._room_pc >= self._most_pc(pooled_pc, entry.charge_pc, now_ns):
             return True
         if not self._return_fits(self._full, entry, pooled_pc, now_ns):
             return False
-        room_pc = self._charge_pc
+        most_pc = 0
         for other in range(len(self._own)):
             if not self._return_fits(other, entry, pooled_pc, now_ns):
                 self._full = other
                 return False
-            room_pc = min(room_pc, self._charge_pc - self._carried_pc(other))
-        self._room_pc = room_pc
+            carried_pc = self._carried_pc(other)
+            if carried_pc > most_pc:
+                most_pc = carried_pc
+        self._room_pc = self._charge_pc - most_pc
         return True
 
     def _return_fits(self, electrode: int, entry: Entry, pooled_pc: int, now_ns: int) -> bool:
+        """Whether the entry, too, fits into what the electrode may carry; drops its old lines."""
         if electrode == entry.electrode:
             return True
-        self._own[electrode].drop_old(now_ns)
-        return self._carried_pc(electrode, pooled_pc, entry.charge_pc) <= self._charge_pc
+        own = self._own[electrode]
+        if own.lines and own.lines[0].begun_ns <= now_ns - WINDOW_NS:
+            own.drop_old(now_ns)
+        carried_pc = self._carried_pc(electrode, pooled_pc, entry.charge_pc)
+        return carried_pc <= self._charge_pc
 
     def _lone_return_fits(self, entry: Entry, now_ns: int) -> bool:
         """With a single return both electrodes are alone on their side, and the guard of the HAL
@@ -390,6 +411,6 @@ def _carried(entry: Entry, now_ns: int, charge_pc: int) -> _Line:
     return _Line(now_ns, charge_pc, pulses=entry.pulses if is_alone else 0)
 
 
-def _share_pc(entry: Entry, charge_pc: int) -> int:
+def _share_pc(share: float, charge_pc: int) -> int:
     """Rounded up: the ledger errs on the side of more charge."""
-    return math.ceil(charge_pc * entry.share)
+    return math.ceil(charge_pc * share)

@@ -181,11 +181,9 @@ class Prober:
             fixture.board.connect(selection, is_anodic)
         # Relays have moved by now: a supply that returns with a beat has not risen yet.
         fixture.beats.beat_if_due()
-        ready = ReadyPulse(
-            entry, selection, pulse, PulseRequest(current_ua, self.width_us), is_blanked
-        )
-        result, _ = self._firing.fire(ready, (is_anodic,))
-        fixture.board.discharge()
+        given = PulseRequest(current_ua, self.width_us)
+        ready = ReadyPulse(entry, selection, (is_anodic,), pulse, given, is_blanked)
+        result, _ = self._firing.fire(self._firing.book(ready), ready)
         fixture.board.guard.permit(0)
         what = "probes" if current_ua <= self.probe_ua else "into the load"
         self.over_us[what] = max(self.over_us[what], result.excess_ns / 1_000)

@@ -175,19 +175,16 @@ class ImpedanceMap:
             return None
         return math.exp(skin.log_ohm)
 
-    def early_ohm(self, electrode: int, now_ns: int) -> float | None:
-        """Rs + Rp as estimated from early samples alone, with the assumed time constant."""
+    def early_ohms(self, electrode: int) -> tuple[float | None, float | None]:
+        """Of an electrode with a `skin_ohm`, the same as estimated from early samples alone, with
+        the assumed time constant: filtered, and of the last pulse alone.
+        """
         skin = self._skins[electrode]
-        if skin.early_log_ohm is None or self.skin_ohm(electrode, now_ns) is None:
-            return None
-        return math.exp(skin.early_log_ohm)
-
-    def last_early_ohm(self, electrode: int, now_ns: int) -> float | None:
-        """The early estimate of the last pulse alone."""
-        skin = self._skins[electrode]
-        if skin.last_early_log_ohm is None or self.skin_ohm(electrode, now_ns) is None:
-            return None
-        return math.exp(skin.last_early_log_ohm)
+        mean, last = skin.early_log_ohm, skin.last_early_log_ohm
+        return (
+            None if mean is None else math.exp(mean),
+            None if last is None else math.exp(last),
+        )
 
     def is_estimated(self, electrode: int) -> bool:
         """Whether `skin_ohm` is no more than the early estimate."""

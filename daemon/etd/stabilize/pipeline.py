@@ -8,9 +8,7 @@ hardware, clocks. What comes out of here is a request: the frame's bounds (`Puls
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
-
-import msgspec
+from typing import Final, Protocol
 
 from etd.pulse.measured import ContactState
 from etd.pulse.request import MaxGain, PulseRequest
@@ -23,42 +21,76 @@ def ignore_rejection(_: str) -> None:
     """Where rejections are not counted."""
 
 
-class ElectrodeEstimate(msgspec.Struct, frozen=True, gc=False):
+class ElectrodeEstimate:
     """What pulses, a calibration and sensors show of an electrode; None where unknown.
 
-    `resistance_ohm` and `voltage_v` are the last pulse's, as measured. `skin_ohm` is the skin's
-    resistance to a long pulse, from stimulus pulses alone, filtered, and None while it is rejected
-    (see `sensing/impedance.py`). `latest_ohm` is that of the last pulse alone, unfiltered: a law
-    that gives less by it gives less. `skin_at_ua` is the current of the pulse it was last measured
-    with.
+    `skin_ohm` is the skin's resistance to a long pulse, from stimulus pulses alone, filtered, and
+    None while it is rejected (see `sensing/impedance.py`). `latest_ohm` is that of the last pulse
+    alone, unfiltered: a law that gives less by it gives less. `skin_at_ua` is the current of the
+    pulse it was last measured with.
     """
 
-    electrode: int
-    is_touched: bool | None
-    resistance_ohm: int | None
-    voltage_v: float | None
-    now_ns: int = 0
-    state: ContactState = "unknown"
-    #: How far a contact that was made anew has come: 0 just now, 1 for long.
-    firmness: float = 1.0
-    #: The current of the last pulse that the source could not deliver, until one is delivered.
-    undelivered_ua: int | None = None
-    skin_ohm: float | None = None
-    latest_ohm: float | None = None
-    skin_at_ua: int = 0
-    #: The same as estimated from the beginning of pulses alone, filtered and of the last one; and
-    #: whether `skin_ohm` is no more.
-    early_ohm: float | None = None
-    latest_early_ohm: float | None = None
-    is_estimated: bool = False
-    #: From the calibration: resistance then, at which current, and where feeling begins.
-    reference_ohm: int | None = None
-    reference_at_ua: int | None = None
-    #: Whether it was made with pulses of which only the beginning is known.
-    is_reference_early: bool = False
-    threshold_ua: int | None = None
-    #: Of the sensor under this electrode.
-    pressure_kpa: float | None = None
+    __slots__ = (
+        "early_ohm",
+        "electrode",
+        "firmness",
+        "is_estimated",
+        "is_reference_early",
+        "latest_early_ohm",
+        "latest_ohm",
+        "now_ns",
+        "pressure_kpa",
+        "reference_at_ua",
+        "reference_ohm",
+        "skin_at_ua",
+        "skin_ohm",
+        "state",
+        "threshold_ua",
+        "undelivered_ua",
+    )
+
+    def __init__(
+        self,
+        electrode: int,
+        now_ns: int = 0,
+        state: ContactState = "unknown",
+        firmness: float = 1.0,
+        undelivered_ua: int | None = None,
+        skin_ohm: float | None = None,
+        latest_ohm: float | None = None,
+        skin_at_ua: int = 0,
+        early_ohm: float | None = None,
+        latest_early_ohm: float | None = None,
+        is_estimated: bool = False,
+        reference_ohm: int | None = None,
+        reference_at_ua: int | None = None,
+        is_reference_early: bool = False,
+        threshold_ua: int | None = None,
+        pressure_kpa: float | None = None,
+    ) -> None:
+        self.electrode: Final = electrode
+        self.now_ns: Final = now_ns
+        self.state: Final = state
+        #: How far a contact that was made anew has come: 0 just now, 1 for long.
+        self.firmness: Final = firmness
+        #: The current of the last pulse that the source could not deliver, until one is delivered.
+        self.undelivered_ua: Final = undelivered_ua
+        self.skin_ohm: Final = skin_ohm
+        self.latest_ohm: Final = latest_ohm
+        self.skin_at_ua: Final = skin_at_ua
+        #: The same as estimated from the beginning of pulses alone, filtered and of the last one;
+        #: and whether `skin_ohm` is no more.
+        self.early_ohm: Final = early_ohm
+        self.latest_early_ohm: Final = latest_early_ohm
+        self.is_estimated: Final = is_estimated
+        #: From the calibration: resistance then, at which current, and where feeling begins.
+        self.reference_ohm: Final = reference_ohm
+        self.reference_at_ua: Final = reference_at_ua
+        #: Whether it was made with pulses of which only the beginning is known.
+        self.is_reference_early: Final = is_reference_early
+        self.threshold_ua: Final = threshold_ua
+        #: Of the sensor under this electrode.
+        self.pressure_kpa: Final = pressure_kpa
 
     @property
     def higher_ohm(self) -> float | None:

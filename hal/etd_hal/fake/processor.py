@@ -23,17 +23,26 @@ Call = Literal["host", "now", "sleep", "doze", "switch", "line", "message", "pre
 Stage = Literal["idle_poll", "plan_step", "clear", "fire", "judge", "report"]
 
 #: What each stage takes on a PC, in ns; a machine's `slowness` multiplies it. `clear`: the poll
-#: before a pulse, the request, limits and ledger. `fire`: still valid, booked, approved, decoded by
-#: the guard. `judge`: after the message, until the outputs are blanked. `report`: what the pulse
-#: told, until the next selection is shifted in. `plan_step`: a frame is read, so many of its pulses
-#: are planned (`etd.planning.plan`), or their sum is.
+#: before a pulse, the request, limits, ledger, booking. `fire`: still valid, judged by the guard.
+#: `judge`: after the message, until the outputs are blanked. `report`: what the pulse told, until
+#: the next selection is shifted in. `plan_step`: a frame is read, so many of its pulses are planned
+#: (`etd.planning.plan`), or their sum is.
 STAGES_NS: Mapping[Stage, int] = {
     "idle_poll": 5_000,
     "plan_step": 10_000,
-    "clear": 20_000,
-    "fire": 7_500,
-    "judge": 5_500,
-    "report": 15_500,
+    "clear": 21_500,
+    "fire": 5_000,
+    "judge": 1_200,
+    "report": 20_300,
+}
+#: The same where the engine is compiled.
+COMPILED_STAGES_NS: Mapping[Stage, int] = {
+    "idle_poll": 3_600,
+    "plan_step": 4_500,
+    "clear": 7_700,
+    "fire": 2_400,
+    "judge": 700,
+    "report": 5_800,
 }
 
 #: What a pulse has come to, by its calls.
@@ -97,7 +106,7 @@ class Stages:
 
 
 class StagedTime:
-    """A cost for each stage, the same in every run."""
+    """A cost for each stage, the same in every run: of interpreted code, or of compiled."""
 
     def __init__(self, slowness: float, stages_ns: Mapping[Stage, int] = STAGES_NS) -> None:
         self._stages = Stages()

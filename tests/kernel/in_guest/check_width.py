@@ -17,6 +17,7 @@ import pytest
 import kernel_trace
 from etd_hal.backend import Backend
 from etd_hal.board import Board
+from etd_hal.switch_shadow import Approval
 from guest_board import report
 
 CURRENT_UA = 300
@@ -50,11 +51,13 @@ def test_a_pulse_is_as_wide_as_asked_within_a_microsecond(
     board.guard.permit(CURRENT_UA)
     selection = board.selection(7, None)
     pulse = board.pulse(CURRENT_UA, width_us)
+    source, ground = selection.source(True), selection.ground(True)
+    approval = Approval(source, ground, CURRENT_UA, width_us)
     kernel_trace.begin()
     for _ in range(PULSES):
         board.prepare(selection, whole=False)
         board.connect(selection, True)
-        board.fire(pulse, selection, True, CURRENT_UA, width_us)
+        board.send(pulse, approval)
         board.discharge()
         ports.clock.sleep_until_ns(ports.clock.now_ns() + REST_NS)
     found = widths_us()
