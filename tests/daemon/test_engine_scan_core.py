@@ -12,6 +12,8 @@ from engine_rig import EngineRig
 from engine_scenes import MS, fully_open, states
 from etd.files.configuration import fake_config
 from etd_hal.bench import UNKNOWN_CORE, ScanCore
+from etd_hal.fake.machines import PI4
+from etd_hal.fake.processor import StagedTime
 
 pytestmark = pytest.mark.slow
 
@@ -75,3 +77,19 @@ def test_a_sensors_process_that_hangs_closes_the_brake(make_rig: MakeRig) -> Non
     rig.run_ms(600)
     assert rig.engine.components.clock.busy_fraction == 0.8
     assert "it was not read" in states(rig)[-1].busy_at_most
+
+
+@pytest.mark.parametrize(
+    ("late_us", "spun_us", "is_counted"), [(10, 14.5, False), (60, 50.0, True)]
+)
+def test_status_says_what_of_a_sleep_is_spun_and_how_many_wake_ups_were_later(
+    make_rig: MakeRig, late_us: int, spun_us: float, is_counted: bool
+) -> None:
+    machine = replace(PI4, wake_late_ns=late_us * 1_000)
+    rig = make_rig("kajimoto-hv507", electrodes=64, processor=StagedTime(1.0), machine=machine)
+    fully_open(rig, 500)
+    rig.hold(300, **DENSE)
+    rig.run_ms(1_000)
+    last = states(rig)[-1]
+    assert last.timing["spun_us"] == spun_us
+    assert ("wakeups_late" in last.counters) is is_counted
