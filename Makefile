@@ -68,7 +68,7 @@ BOTH := tests/test_compiled.py tests/stabilize $(addprefix tests/hal/test_,guard
   guard_rate.py guard_blanked.py switch_shadow.py visitrule.py board.py cut.py safe_off.py) \
   $(addprefix tests/daemon/test_,clearance.py conductance.py engine_faults.py engine_limits.py engine_oracle.py \
   engine_properties.py engine_stabilize_properties.py firing.py ledger.py ledger_properties.py limits.py \
-  plan.py return_share.py soft_start.py)
+  plan.py plan_again_properties.py return_share.py soft_start.py)
 
 compiled: $(VENV)/ready-dev ## Compile what runs for each pulse, beside the sources (build/compiled); minutes
 	$(BIN)/python hatch_build.py $(COMPILED)

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from etd_hal.ports import Wait
+
 MS = 1_000_000
 
 
@@ -35,3 +37,7 @@ class HandClock:
 
     def doze_until_ns(self, deadline_ns: int) -> None:
         self.sleep_until_ns(deadline_ns)
+
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        if not wait((deadline_ns - self.t_ns) / 1e9):
+            self.sleep_until_ns(deadline_ns)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 from etd_hal.bench import UNKNOWN_CORE, Host, KillTestProcess, Operator, ScanCore
 from etd_hal.chips.codec import Codec
 from etd_hal.cutlatch import CutLatch
-from etd_hal.ports import Changes, Clock, Gpio, I2c, Marker, Spi
+from etd_hal.ports import Changes, Clock, Gpio, I2c, Marker, Spi, WakingClock
 from etd_hal.wakeups import WakeUps
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class Backend:
     spi: Spi
     gpio: Gpio
     i2c: I2c | None
-    clock: Clock
+    clock: WakingClock
     marker: Marker
     close: Callable[[], None]
     host_clock: Clock = field(kw_only=True)

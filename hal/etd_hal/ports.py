@@ -11,6 +11,7 @@ while an SPI message is under way.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
@@ -129,6 +130,20 @@ class Clock(Protocol):
 
     def doze_until_ns(self, deadline_ns: int) -> None:
         """The same where being late does not matter: sleeps all of it, and costs no processor."""
+        ...
+
+
+#: Waits for so many seconds at most; True once that is there for which it waits.
+Wait = Callable[[float], bool]
+
+
+class WakingClock(Clock, Protocol):
+    """The clock of a loop that something else may wake."""
+
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        """As `doze_until_ns`, and ends as soon as `wait` does; at once where that would not wait.
+        Late by what the system likes either way.
+        """
         ...
 
 

@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 from etd_hal.boardfile import BoardFile, MachineFile
 from etd_hal.chips.codec import Codec
 from etd_hal.errors import BoardFault
-from etd_hal.ports import Changes, Clock, Edge, Message
+from etd_hal.ports import Changes, Edge, Message, Wait, WakingClock
 
 #: A call, or its end: a rest is waited for, lines are set, a message begins, it has ended.
 Mark = Literal["rest", "set", "message", "ended"]
@@ -25,7 +25,7 @@ _Made = tuple[int, int, tuple[bytes, ...]]
 _SKIN_OHM = 50_000.0
 
 
-class SpendingClock(Clock, Protocol):
+class SpendingClock(WakingClock, Protocol):
     def spend_ns(self, duration_ns: int) -> None:
         """A call takes so long."""
         ...
@@ -46,6 +46,10 @@ class MovedClock:
     def doze_until_ns(self, deadline_ns: int) -> None:
         self.sleep_until_ns(deadline_ns)
 
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        if not wait(0.0):
+            self.sleep_until_ns(deadline_ns)
+
     def spend_ns(self, duration_ns: int) -> None:
         self.t_ns += duration_ns
 
@@ -53,10 +57,11 @@ class MovedClock:
 class BusyClock:
     """A real clock, on which a call keeps the processor as busy as the kernel's driver does."""
 
-    def __init__(self, real: Clock) -> None:
+    def __init__(self, real: WakingClock) -> None:
         self.now_ns = real.now_ns
         self.sleep_until_ns = real.sleep_until_ns
         self.doze_until_ns = real.doze_until_ns
+        self.doze_until_woken = real.doze_until_woken
 
     def spend_ns(self, duration_ns: int) -> None:
         end_ns = self.now_ns() + duration_ns
@@ -70,6 +75,7 @@ class MarkedClock:
     def __init__(self, clock: SpendingClock, mark: Callable[[Mark, int], None]) -> None:
         self.now_ns = clock.now_ns
         self.doze_until_ns = clock.doze_until_ns
+        self.doze_until_woken = clock.doze_until_woken
         self.spend_ns = clock.spend_ns
         self._clock = clock
         self._mark = mark

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final, Protocol
 
-from etd_hal.ports import SPIN_NS, Clock
+from etd_hal.ports import SPIN_NS, WakingClock
 
 #: Going to sleep and reading the clock afterwards take a few us themselves.
 LEAST_SPIN_NS: Final = 10_000
@@ -53,7 +53,7 @@ class WakeUps:
             self.spin_ns = min(SPIN_NS, max(LEAST_SPIN_NS, wanted_ns))
 
 
-class NotingClock(Clock, Protocol):
+class NotingClock(WakingClock, Protocol):
     """A clock that notes its own sleeps."""
 
     wakeups: WakeUps

@@ -24,7 +24,7 @@ from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
 from etd_hal.compose import NoMarker, codec_of
 from etd_hal.cutlatch import LOOKED_NS
-from etd_hal.ports import Changes, Clock, Edge, Message
+from etd_hal.ports import Changes, Clock, Edge, Message, Wait
 
 #: A Pi 4 core beside one of the machines that run tests: assumed, from published benchmarks.
 PI4_FACTOR = 4.0
@@ -74,6 +74,10 @@ class FreeClock:
 
     def doze_until_ns(self, deadline_ns: int) -> None:
         self.sleep_until_ns(deadline_ns)
+
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        if not wait(0.0):
+            self.sleep_until_ns(deadline_ns)
 
 
 class FreeSpi:

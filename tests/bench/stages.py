@@ -23,7 +23,7 @@ from bench.processor import (
 from etd.client import clock as real_clock
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.fake.processor import Call, Stage, Stages, State
-from etd_hal.ports import Changes, Message
+from etd_hal.ports import Changes, Message, Wait
 
 #: After each frame, so that their median is of polls with nothing to do.
 _IDLE_POLLS = 20
@@ -76,6 +76,12 @@ class WatchedClock(FreeClock):
     def doze_until_ns(self, deadline_ns: int) -> None:
         self._watch.begin("doze")
         FreeClock.sleep_until_ns(self, deadline_ns)
+        self._watch.end()
+
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        self._watch.begin("doze")
+        if not wait(0.0):
+            FreeClock.sleep_until_ns(self, deadline_ns)
         self._watch.end()
 
 

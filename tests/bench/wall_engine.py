@@ -27,7 +27,7 @@ from etd_hal.backend import Backend  # noqa: E402
 from etd_hal.compose import NoMarker, codec_of  # noqa: E402
 from etd_hal.linux import realtime  # noqa: E402
 from etd_hal.linux.clock import LinuxClock  # noqa: E402
-from etd_hal.ports import Message  # noqa: E402
+from etd_hal.ports import Message, Wait  # noqa: E402
 
 _REST_US = 200
 _MACHINE = "rig"
@@ -55,6 +55,10 @@ class WallClock:
 
     def doze_until_ns(self, deadline_ns: int) -> None:
         self.real.doze_until_ns(deadline_ns)
+        self.behind_ns = max(0, min(self.behind_ns, self.real.now_ns() - deadline_ns))
+
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        self.real.doze_until_woken(deadline_ns, wait)
         self.behind_ns = max(0, min(self.behind_ns, self.real.now_ns() - deadline_ns))
 
 

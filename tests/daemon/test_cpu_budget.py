@@ -49,6 +49,20 @@ def test_long_sleeps_leave_room() -> None:
     assert clock.pause_until_ns(clock.now_ns()) is None
 
 
+def test_of_a_doze_that_is_woken_as_much_counts_as_there_was() -> None:
+    stepped, clock = clocks()
+    came: list[bool] = []
+    for _ in range(100):
+        came.clear()
+        stepped.spend(MS // 2)
+        stepped.at(stepped.now_ns() + MS // 2, lambda: came.append(True))
+        clock.doze_until_woken(clock.now_ns() + MS, lambda _: bool(came))
+    assert clock.busy_percent == 50.0
+    assert clock.waited_ns == 50 * MS
+    clock.doze_until_woken(clock.now_ns() + 30 * MS, lambda _: False)
+    assert clock.busy_percent == 35.0
+
+
 def test_a_deadline_that_has_passed_is_no_sleep() -> None:
     stepped, clock = clocks()
     stepped.spend(50 * MS)

@@ -15,6 +15,7 @@ from engine_rig import EngineRig
 from engine_scenes import MS, halts, only, phases, shortfalls
 from etd.protocol.link import ArmBoard
 from etd_hal.fake.clock import SteppedClock
+from etd_hal.ports import Wait
 from trace_rules import violations
 
 pytestmark = pytest.mark.slow
@@ -42,6 +43,11 @@ class HeldUpClock(SteppedClock):
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         super().sleep_until_ns(deadline_ns)
+        self._stall()
+        self.others()
+
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        super().doze_until_woken(deadline_ns, wait)
         self._stall()
         self.others()
 

@@ -17,6 +17,7 @@ from etd.stabilize.pipeline import ElectrodeEstimate
 from etd_hal.backend import Backend
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.faults import SpiStall
+from etd_hal.ports import Wait
 
 pytestmark = pytest.mark.slow
 
@@ -108,6 +109,11 @@ class Sleeps:
     def doze_until_ns(self, deadline_ns: int) -> None:
         from_ns = self.clock.now_ns()
         self.clock.doze_until_ns(deadline_ns)
+        self.asleep.append((from_ns, self.clock.now_ns()))
+
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        from_ns = self.clock.now_ns()
+        self.clock.doze_until_woken(deadline_ns, wait)
         self.asleep.append((from_ns, self.clock.now_ns()))
 
     def busy_part(self, from_ns: int, to_ns: int) -> float:

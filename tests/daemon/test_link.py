@@ -26,6 +26,7 @@ from etd.protocol.link import (
     ToGateway,
     connect,
     socket_paths,
+    wait_for_any,
 )
 
 Pair = tuple[Channel[ToEngine], Channel[ToGateway]]
@@ -205,3 +206,15 @@ def test_a_name_that_forges_what_is_shown_is_no_message(pair: Pair, client: str)
     with pytest.raises(Undecodable) as told:
         engine.receive()
     assert told.value.reason.isprintable()
+
+
+def test_a_wait_ends_with_a_message_or_the_end_of_a_channel_and_only_with_these(pair: Pair) -> None:
+    engine, gateway = pair
+    assert not wait_for_any([engine], 0.0)
+    assert not wait_for_any([], 0.001)
+    gateway.send(Alive())
+    assert wait_for_any([engine], 5.0)
+    assert engine.receive() is not None
+    assert not wait_for_any([engine], 0.001)
+    gateway.close()
+    assert wait_for_any([engine], 5.0)

@@ -37,6 +37,18 @@ class TestSteppedClock:
         clock.spend(1)
         assert seen[2] == ("late", 70)
 
+    def test_a_doze_ends_with_the_action_that_brings_what_is_waited_for(self) -> None:
+        clock = SteppedClock(start_ns=0)
+        came: list[int] = []
+        clock.at(30, lambda: None)
+        clock.at(70, lambda: came.append(clock.now_ns()))
+        clock.doze_until_woken(400, lambda _: bool(came))
+        assert clock.now_ns() == 70
+        clock.doze_until_woken(400, lambda _: bool(came))
+        assert clock.now_ns() == 70, "it is still there"
+        clock.doze_until_woken(400, lambda _: False)
+        assert clock.now_ns() == 400
+
 
 class TestLiveClock:
     def test_a_call_lasts_exactly_as_long_as_the_model_says(self) -> None:
@@ -78,6 +90,35 @@ class TestLiveClock:
             assert clock.now_ns() - begun_ns == 112_062
             clock.sleep_until_ns(begun_ns + 312_062)
             assert clock.now_ns() - begun_ns == 312_062
+
+    def test_a_doze_that_is_woken_ends_at_the_time_of_the_real_clock(self) -> None:
+        real = HandClock()
+        clock = LiveClock(real)
+        clock.end_call(clock.begin_message() + 100_000)
+        begun_ns = clock.now_ns()
+
+        def wait(timeout_s: float) -> bool:
+            real.t_ns += 300_000
+            return True
+
+        clock.doze_until_woken(begun_ns + 1 * MS, wait)
+        assert clock.now_ns() - begun_ns == 300_000
+
+    def test_a_doze_that_nothing_wakes_ends_at_its_deadline_as_a_sleep_does(self) -> None:
+        real = HandClock()
+        clock = LiveClock(real)
+        clock.end_call(clock.begin_message() + 100_000)
+        begun_ns = clock.now_ns()
+
+        def wait(timeout_s: float) -> bool:
+            real.t_ns += round(timeout_s * 1e9) + 20_000
+            return False
+
+        clock.doze_until_woken(begun_ns + 1 * MS, wait)
+        assert clock.now_ns() - begun_ns == 1 * MS
+        assert real.t_ns == clock.now_ns()
+        clock.doze_until_woken(begun_ns, lambda _: True)
+        assert clock.now_ns() - begun_ns == 1 * MS
 
     def test_another_thread_that_watches_a_message_sees_it_end_in_time(self) -> None:
         real = HandClock()

@@ -65,6 +65,30 @@ def test_a_doze_sleeps_all_of_it_and_is_never_early() -> None:
     assert system.t_ns >= deadline_ns
 
 
+def test_a_doze_ends_when_that_comes_for_which_it_waits_and_never_before_without_it() -> None:
+    system = System(100, 0)
+    begun_ns = system.t_ns
+    waited_s: list[float] = []
+
+    def wait(timeout_s: float) -> bool:
+        waited_s.append(timeout_s)
+        # Too early at first, as a wait that a signal ends.
+        system.t_ns += 400_000
+        return len(waited_s) == 2
+
+    clock = LinuxClock(system.monotonic_ns, system.sleep_s)
+    clock.doze_until_woken(begun_ns + 1_000_000, wait)
+    assert begun_ns + 800_000 <= system.t_ns < begun_ns + 1_000_000
+    assert 0.0 < waited_s[1] < waited_s[0] <= 0.001
+
+    def wait_in_vain(timeout_s: float) -> bool:
+        system.sleep_s(timeout_s)
+        return False
+
+    clock.doze_until_woken(begun_ns + 1_000_000, wait_in_vain)
+    assert system.t_ns >= begun_ns + 1_000_000
+
+
 def test_a_deadline_that_has_passed_returns_at_once() -> None:
     system = System(100, 0)
     LinuxClock(system.monotonic_ns, system.sleep_s).sleep_until_ns(system.t_ns - 1)

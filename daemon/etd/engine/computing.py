@@ -61,7 +61,7 @@ class MeasuredComputing:
 
     def scan_ended(self, now_ns: int, planning_ns: int) -> None:
         """A scan is over, and the next one follows. `planning_ns`: spent on frames so far."""
-        self._last_end = now_ns, self._clock.waited_ns + planning_ns, self._clock.waits
+        self._last_end = now_ns, self._clock.waited_ns + planning_ns, self._clock.dozes
 
     def scans_ended(self) -> None:
         """No scan follows."""
@@ -70,10 +70,10 @@ class MeasuredComputing:
     def begin(self, now_ns: int, planning_ns: int = 0) -> None:
         """A scan or a measurement begins. `planning_ns`: as in `scan_ended`."""
         if self._last_end is not None:
-            since_ns, apart_ns, waits = self._last_end
+            since_ns, apart_ns, dozes = self._last_end
             between_ns = now_ns - since_ns - (self._clock.waited_ns + planning_ns - apart_ns)
-            # Polls between two waits are in the plan already.
-            idle_us = max(0, self._clock.waits - waits - 1) * IDLE_PART * self.pulse_us
+            # Polls between two dozes are in the plan already.
+            idle_us = max(0, self._clock.dozes - dozes - 1) * IDLE_PART * self.pulse_us
             self._between_us.append(max(0.0, between_ns / 1_000 - idle_us))
             self._last_end = None
         self._begun_ns, self._waited_ns = now_ns, self._clock.waited_ns

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable
 
 from etd.planning.duty import MAX_BUSY_FRACTION, WINDOW_US, busy_fraction
-from etd_hal.ports import Clock
+from etd_hal.ports import Wait, WakingClock
 from etd_hal.wakeups import WakeUps
 
 WINDOW_NS = int(WINDOW_US * 1_000)
@@ -29,7 +29,7 @@ def _not_known(_now_ns: int) -> bool:
 
 
 class CpuBudget:
-    """The Clock of the scan thread, which counts its sleep.
+    """The WakingClock of the scan thread, which counts its sleep.
 
     What is spun at the end of each sleep counts as busy. `is_left_alone`: the kernel never takes
     the thread off its core now.
@@ -37,7 +37,7 @@ class CpuBudget:
 
     def __init__(
         self,
-        clock: Clock,
+        clock: WakingClock,
         wakeups: WakeUps,
         is_left_alone: Callable[[int], bool] = _not_known,
     ) -> None:
@@ -53,8 +53,8 @@ class CpuBudget:
         self._slept_ns = WINDOW_NS
         #: All that was waited for so far, what was spun included.
         self.waited_ns = 0
-        #: How often it was waited.
-        self.waits = 0
+        #: How often it dozed: where nothing is due, once after each poll.
+        self.dozes = 0
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         spin_ns = self.wakeups.spin_ns
@@ -62,21 +62,30 @@ class CpuBudget:
         self._clock.sleep_until_ns(deadline_ns)
         self.waited_ns += max(0, slept_ns + spin_ns)
         if slept_ns > 0:
-            self.waits += 1
             self._sleeps.append((deadline_ns - spin_ns, slept_ns))
             self._slept_ns += slept_ns
             self._drop_old(deadline_ns)
 
     def doze_until_ns(self, deadline_ns: int) -> None:
         """All of the doze counts as sleep."""
-        slept_ns = deadline_ns - self._clock.now_ns()
+        begun_ns = self._clock.now_ns()
         self._clock.doze_until_ns(deadline_ns)
+        self._count_doze(begun_ns, deadline_ns)
+
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        """As much of it as there was counts as sleep."""
+        begun_ns = self._clock.now_ns()
+        self._clock.doze_until_woken(deadline_ns, wait)
+        self._count_doze(begun_ns, min(deadline_ns, self._clock.now_ns()))
+
+    def _count_doze(self, begun_ns: int, ended_ns: int) -> None:
+        slept_ns = ended_ns - begun_ns
         if slept_ns > 0:
             self.waited_ns += slept_ns
-            self.waits += 1
-            self._sleeps.append((deadline_ns, slept_ns))
+            self.dozes += 1
+            self._sleeps.append((ended_ns, slept_ns))
             self._slept_ns += slept_ns
-            self._drop_old(deadline_ns)
+            self._drop_old(ended_ns)
 
     @property
     def busy_percent(self) -> float:

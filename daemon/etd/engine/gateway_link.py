@@ -1,7 +1,7 @@
 """The engine's end of the link: the gateway's messages, and when the last one came.
 
-Owns: the two channels of the one gateway, how much is read from them at a time, and how its silence
-and its end are noticed.
+Owns: the two channels of the one gateway, waiting for a message, how much is read at a
+time, and how its silence and its end are noticed.
 Must not know: what any message means, states, hardware. Time comes in.
 """
 
@@ -11,7 +11,16 @@ from typing import TypeVar
 
 from etd.engine.frame_queue import FrameQueue
 from etd.protocol.errors import Undecodable
-from etd.protocol.link import Answer, Channel, EngineHello, LeaseEnded, NewFrame, Report, ToEngine
+from etd.protocol.link import (
+    Answer,
+    Channel,
+    EngineHello,
+    LeaseEnded,
+    NewFrame,
+    Report,
+    ToEngine,
+    wait_for_any,
+)
 
 #: Read at a time, a millisecond's work at most: so many frames, and none after so many bytes.
 _FRAMES_A_READ = 64
@@ -104,6 +113,16 @@ class GatewayLink:
         except Undecodable as error:
             self.undecodable, self._garbled = error, channel
             return None
+
+    def wait(self, timeout_s: float) -> bool:
+        """Waits for so many seconds; ends as soon as there is something to be read, and is True
+        then.
+        """
+        ends = [self._commands, None if self.queue.is_full else self._frames]
+        return wait_for_any(
+            [end for end in ends if end is not None and end.is_open and end is not self._garbled],
+            timeout_s,
+        )
 
     def send(self, message: EngineHello | Answer | LeaseEnded | Report) -> bool:
         """Returns False when the message was dropped or no gateway is attached. Never blocks."""

@@ -8,19 +8,19 @@ fired, what a pulse measures, sockets.
 from __future__ import annotations
 
 from etd.engine.components import Components
+from etd.engine.idle_wait import TICK_NS, IdleWait
 from etd.engine.poller import Poller
 from etd.engine.supervisor import Supervisor
 from etd.engine.timing_calibration import Retiming
-from etd.planning.duty import TICK_US
 from etd.planning.lateness import LATE, Lateness
 from etd.planning.schedule import DuePulse, Schedule
 from etd_hal.selection import Selection
 
-#: Between two polls when nothing is due; the heartbeat's monostable needs edges then too.
-TICK_NS = int(TICK_US * 1_000)
 #: More than a contact poll with half-bridges takes. With relays, a poll may make the next scan
 #: late.
 _CONTACT_POLL_NS = 1_000_000
+#: So long before a scan no message is heeded: what wakes for one is late by what the system likes.
+_ON_TIME_NS = 200_000
 #: Poll period in a pause, and between the pulses of a burst.
 _POLL_NS = 2_000_000
 
@@ -45,6 +45,7 @@ class Sequencer:
         self._lateness = Lateness()
         counters = components.reporter.counters
         self._retiming = Retiming(components.board, counters, poller.poll_meanwhile)
+        self._idle_wait = IdleWait(components.clock, components.gateway_link.wait)
         self._is_pausing = False
         #: What the scan may be busy for, as the last report had it.
         self._told_fraction = self._clock.busy_fraction
@@ -157,13 +158,13 @@ class Sequencer:
         """A scan begins on time; a poll between two scans may be late by half a tick."""
         if next_ns > tick_ns + TICK_NS // 2:
             self._doze_until(tick_ns)
-            return
-        self._reporter.scan_report(self._clock.now_ns(), self._soft_start.ceiling_ua)
-        self._clock.sleep_until_ns(next_ns)
+        elif not self._doze_until(next_ns - _ON_TIME_NS):
+            self._clock.sleep_until_ns(next_ns)
 
-    def _doze_until(self, deadline_ns: int) -> None:
+    def _doze_until(self, deadline_ns: int) -> bool:
+        """True if a message has ended it."""
         self._reporter.scan_report(self._clock.now_ns(), self._soft_start.ceiling_ua)
-        self._clock.doze_until_ns(deadline_ns)
+        return self._idle_wait.until_ns(deadline_ns)
 
     def _follow_clocks(self) -> bool:
         """Messages take longer or shorter than planned: find the timing that holds now. False:

@@ -17,7 +17,7 @@ WINDOW_US = 100_000.0
 #: at least, and each pause puts the next scan off. At the very limit every scan would be paused.
 BELOW_BRAKE = 0.015
 
-#: Between two polls where nothing is due; see `engine/sequencer.py`.
+#: Between two polls where nothing is due; see `engine/idle_wait.py`.
 TICK_US = 1_000.0
 
 

@@ -14,8 +14,9 @@ import contextlib
 import errno
 import select
 import socket
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -258,6 +259,12 @@ class Channel(Generic[In]):
         """Idempotent."""
         self.is_open = False
         self._socket.close()
+
+
+def wait_for_any(channels: Sequence[Channel[Any]], timeout_s: float) -> bool:
+    """Whether a message, or the end, of one of them has come within so many seconds."""
+    # Not with `poll`, which counts in milliseconds: a loop of one a millisecond would be late.
+    return bool(select.select(channels, (), (), timeout_s)[0])
 
 
 def socket_paths(folder: Path) -> tuple[Path, Path]:

@@ -13,7 +13,7 @@ from itertools import count
 from typing import Protocol
 
 from etd_hal.fake.processor import Call, Processor
-from etd_hal.ports import Clock
+from etd_hal.ports import SPIN_NS, Clock, Wait, WakingClock
 from etd_hal.wakeups import NotingClock, WakeUps
 
 #: An arbitrary start well above zero, so that a forgotten "0 means never" shows.
@@ -24,7 +24,7 @@ _MADE_UP_NS = 10_000_000
 
 
 class BoardClock(NotingClock, Protocol):
-    """A Clock that the fake board can spend time on."""
+    """A clock that the fake board can spend time on."""
 
     @property
     def host(self) -> Clock:
@@ -106,6 +106,13 @@ class SteppedClock:
         self.compute("doze")
         self._move_to(deadline_ns)
 
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        """Nothing comes between two actions: only there is it looked for."""
+        self.compute("doze")
+        while not wait(0.0) and self._now_ns < deadline_ns:
+            due_ns = self._actions[0][0] if self._actions else deadline_ns
+            self._move_to(min(deadline_ns, max(self._now_ns, due_ns)))
+
     @property
     def host(self) -> Clock:
         """The same: there is no other time. Reading it is a call of its own to a processor."""
@@ -168,7 +175,7 @@ class LiveClock:
 
     def __init__(
         self,
-        real: Clock,
+        real: WakingClock,
         processor: Processor | None = None,
         wake_late_ns: Callable[[], int] | None = None,
     ) -> None:
@@ -222,6 +229,26 @@ class LiveClock:
     def doze_until_ns(self, deadline_ns: int) -> None:
         """Time that is played lags behind: only the exact sleep catches up with it."""
         self.sleep_until_ns(deadline_ns)
+
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        """Whoever is woken goes on at the time to which the machine's clock has come."""
+        if not self._is_player():
+            self.sleep_until_ns(deadline_ns)
+            return
+        self.compute("sleep")
+        if deadline_ns <= self._now_ns:
+            return
+        self._asleep_until_ns = deadline_ns
+        exact_from_ns = deadline_ns + self._behind_ns - SPIN_NS
+        self._real.doze_until_woken(exact_from_ns, wait)
+        is_woken = self._real.now_ns() < exact_from_ns
+        self._reading_ns()
+        self._asleep_until_ns = None
+        if is_woken:
+            self._keep_lag()
+            self._resume()
+        else:
+            self._sleep_as_player(deadline_ns)
 
     def begin_call(self, call: Call) -> int:
         self.compute(call)

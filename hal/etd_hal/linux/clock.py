@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from etd_hal.bench import Timekeeping
+from etd_hal.ports import Wait
 from etd_hal.wakeups import WakeUps
 
 _READINGS = 1_000
@@ -22,7 +23,7 @@ _TIMEX_BYTES = 512
 
 
 class LinuxClock:
-    """The Clock port. The two arguments are the system's own; a test passes a pair that steps."""
+    """The WakingClock port. Its arguments are the system's own; a test passes some that step."""
 
     def __init__(
         self,
@@ -51,6 +52,11 @@ class LinuxClock:
         """Sleep, and wake up as late as the system likes."""
         while (remaining_ns := deadline_ns - self.now_ns()) > 0:
             self._sleep_s(remaining_ns / 1e9)
+
+    def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
+        while (remaining_ns := deadline_ns - self.now_ns()) > 0:
+            if wait(remaining_ns / 1e9):
+                return
 
 
 def thread_time_ns() -> int:
