@@ -141,6 +141,12 @@ class ScriptedEngine:
     def leases(self) -> list[OpenLease]:
         return [message for message in self.heard if isinstance(message, OpenLease)]
 
+    @property
+    def frames_end(self) -> Channel[NewFrame]:
+        """Where frames come in, for who reads them in the place of `step`."""
+        assert self._channels is not None
+        return self._channels[1]
+
     def say(self, message: EngineHello | Answer | LeaseEnded | Report) -> None:
         assert self._channels is not None
         assert self._channels[0].send(message)

@@ -27,7 +27,9 @@ from bench import (  # noqa: E402
     beside,
     body,
     clock_steps,
+    front,
     latency,
+    latency_modelled,
     machines,
     modelled,
     processor,
@@ -155,6 +157,8 @@ def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None
     console.print(_stages_table(figures["stages"]))
     console.print(_processor_table(figures["processor"], figures["stabilized"], figures["ahead"]))
     console.print(_latency_table(figures["latency"]))
+    console.print(latency_modelled.front_table(figures["front"]))
+    console.print(latency_modelled.table(figures["modelled latency"]))
     for table in beside.tables(figures["beside"]):
         console.print(table)
     console.print(_body_table(figures["body"]))
@@ -353,6 +357,11 @@ def main() -> int:
         "stabilized": processor.measure(10 if args.quick else 100, modelled.STABILIZED),
         "ahead": processor.measure(10 if args.quick else 100, modelled.AHEAD),
         "latency": list(latency.measure(args.quick)),
+        "front": [
+            front.measure(electrodes, 100 if args.quick else 400)
+            for electrodes in latency_modelled.ELECTRODES_IN_USE
+        ],
+        "modelled latency": latency_modelled.measure_all(20 if args.quick else 100),
         "clocks": clock_steps.measure_all(),
         "beside": beside.measure(args.quick),
         "body": [body.measure(side) for side in ((8,) if args.quick else (8, 16))],
@@ -360,6 +369,11 @@ def main() -> int:
     bounds = [bound for comparison in comparisons for bound in comparison.bounds()]
     for scan in figures["machines"]:
         bounds += machine_bounds(scan)
+    for found in figures["modelled latency"]:
+        what = f"latency, {found.configuration}, {found.electrodes} electrodes, {found.load}"
+        if found.most_p50_ms is not None:
+            bounds.append(at_most(f"{what}: p50 in ms", found.whole_ms(0.5), found.most_p50_ms))
+        bounds.append(at_most(f"{what}: p99 in ms", found.whole_ms(0.99), found.most_p99_ms))
     busy_s = figures["body"][0].busy_s
     bounds.append(at_most("a second of the body with 64 electrodes, s", busy_s, MOST_BODY_S))
     bounds += [
@@ -379,6 +393,8 @@ def main() -> int:
             "stabilized": asdict(figures["stabilized"]),
             "ahead": asdict(figures["ahead"]),
             "latency": [asdict(figure) for figure in figures["latency"]],
+            "front": [asdict(figure) for figure in figures["front"]],
+            "modelled latency": [asdict(figure) for figure in figures["modelled latency"]],
             "clocks": [asdict(figure) for figure in figures["clocks"]],
             "beside": asdict(figures["beside"]),
             "body": [asdict(figure) for figure in figures["body"]],

@@ -107,10 +107,4 @@ def outcome(plans: Planner, wanted: Frame, returns: Any) -> object:
     except Refused as refusal:
         return refusal.code, refusal.reason, refusal.electrode
     parts = {field.name: getattr(plan, field.name) for field in dataclasses.fields(plan)}
-    return {**parts, "schedule": [everything(pulse) for pulse in plan.schedule]}
-
-
-def everything(pulse: Any) -> object:
-    selection = pulse.selection.output, pulse.selection.returns
-    names = [name for name in type(pulse).__slots__ if name != "selection"]
-    return selection, [told(getattr(pulse, name)) for name in names]
+    return {**parts, "schedule": [told(pulse) for pulse in plan.schedule]}

@@ -26,18 +26,26 @@ Numbers: TypeAlias = Iterable[float] | ArrayLike
 
 def levels(values: Numbers) -> list[float]:
     """One finite number per electrode. Raises: Refused (`bad_frame`), with the electrode."""
-    return [_finite("level", index, value) for index, value in enumerate(_items("level", values))]
+    return [
+        value if type(value) is float and math.isfinite(value) else _finite("level", index, value)
+        for index, value in enumerate(_items("level", values))
+    ]
 
 
 def currents_ua(values: Numbers) -> list[int]:
     """One whole number of microamperes per electrode. Raises: Refused (`bad_frame`)."""
-    items = _items("current_ua", values)
-    return [_whole(index, _finite("current_ua", index, value)) for index, value in enumerate(items)]
+    return [
+        # Nearly all are plain numbers, which need no closer look.
+        value if type(value) is int else _whole(index, _finite("current_ua", index, value))
+        for index, value in enumerate(_items("current_ua", values))
+    ]
 
 
 def option(key: str, value: object) -> object:
     """One value, or one per electrode, as plain numbers or text. Raises: Refused."""
-    if isinstance(value, (str, bool, Mapping)) or value is None:
+    if isinstance(value, (str, bool)) or value is None or type(value) is int:
+        return value
+    if isinstance(value, Mapping):
         return value
     if isinstance(value, Integral):
         return int(value)
@@ -65,6 +73,8 @@ def tag(value: object) -> int | None:
 
 
 def _items(key: str, values: object) -> list[object]:
+    if isinstance(values, (list, tuple)):
+        return list(values)
     if isinstance(values, ArrayLike):
         values = values.tolist()
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):

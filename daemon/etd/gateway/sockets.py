@@ -24,6 +24,7 @@ Socket: TypeAlias = zmq.Socket[bytes]
 OLDEST_LIBZMQ = (4, 3, 4)
 #: What a telemetry subscriber may send: one subscription, a byte and a topic.
 MAX_SUBSCRIPTION_BYTES = 64
+_READABLE = int(zmq.POLLIN)
 #: Of the monitor's events, at most this many are read in one turn.
 _EVENTS_A_TURN = 256
 
@@ -115,6 +116,9 @@ def _group_only() -> Iterator[None]:
 def arrived(socket: Socket, most: int) -> Iterator[list[zmq.Frame]]:
     """The messages that are there, at most so many."""
     for _ in range(most):
+        # Looked at before it is read: a read in vain costs ten times as much.
+        if not int(socket.get(zmq.EVENTS)) & _READABLE:
+            return
         try:
             yield socket.recv_multipart(zmq.NOBLOCK, copy=False)
         except zmq.Again:
