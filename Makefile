@@ -14,12 +14,12 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models compiled test-compiled durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench wall bench-calibrate bench-steady record compare format install place activate uninstall clean
+.PHONY: help demo check test test-models compiled test-compiled compiled-arm test-compiled-arm durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-steady record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-15s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-17s %s\n", $$1, $$2 }' Makefile
 
 demo: $(VENV)/ready-daemon ## A moving pattern on the fake board, live in the terminal (SECONDS=10: for so long)
 	$(BIN)/etd demo $(if $(SECONDS),--seconds $(SECONDS))
@@ -70,6 +70,10 @@ BOTH := tests/test_compiled.py tests/stabilize $(addprefix tests/hal/test_,guard
   engine_properties.py engine_stabilize_properties.py firing.py ledger.py ledger_properties.py limits.py \
   plan.py plan_again_properties.py return_share.py soft_start.py)
 
+# Of these what computes: the emulated processor takes ten minutes for them.
+BOTH_ON_ARM := tests/test_compiled.py tests/stabilize $(addprefix tests/daemon/test_,clearance.py conductance.py \
+  engine_oracle.py firing.py ledger.py ledger_properties.py limits.py plan.py return_share.py soft_start.py)
+
 compiled: $(VENV)/ready-dev ## Compile what runs for each pulse, beside the sources (build/compiled); minutes
 	$(BIN)/python hatch_build.py $(COMPILED)
 
@@ -79,6 +83,12 @@ test-compiled: compiled ## That compiled code behaves as interpreted: properties
 	$(BIN)/python tests/scenes/record.py $(SCENES)/interpreted
 	PYTHONPATH=$(COMPILED) $(BIN)/python tests/scenes/record.py $(SCENES)/compiled
 	$(BIN)/python tests/scenes/compare.py $(SCENES)/interpreted $(SCENES)/compiled
+
+compiled-arm: $(VENV)/ready-dev ## The same for 64-bit ARM (build/compiled-arm; docs/kernel-rig.md)
+	$(BIN)/python tests/kernel/build_arm.py $(COMPILED)-arm
+
+test-compiled-arm: compiled-arm ## That it computes there what it computes here, by an emulated processor: laws, limits, ledger, plan, oracle
+	$(BIN)/python tests/kernel/arm_program.py --compiled -m pytest -q -p no:cacheprovider $(BOTH_ON_ARM) $(ARGS)
 
 kernel-test: $(VENV)/ready-dev ## Our drivers against real Linux kernels, in virtual machines (docs/kernel-rig.md; ARGS='--guest uml')
 	$(BIN)/python tests/kernel/check.py $(ARGS)
@@ -92,6 +102,9 @@ kernel-test-pi: $(VENV)/ready-dev ## The same under the Pi's own drivers, on an 
 bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)
 	$(BIN)/python tests/bench/run.py $(ARGS)
 	$(if $(findstring json,$(ARGS)),,$(BIN)/python tests/bench/both.py)
+
+instructions: $(if $(findstring --arm,$(ARGS)),compiled-arm,compiled) ## The engine's instructions for a pulse, by valgrind (ARGS='--arm --tree FOLDER': of 64-bit ARM, and of another checkout)
+	$(BIN)/python tests/bench/instructions.py $(ARGS)
 
 wall: $(VENV)/ready-dev ## The engine beside a hog, on wall-clock ports: it must not halt (SECONDS=900; ARGS=--threads: it must)
 	$(BIN)/python tests/bench/wall_scene.py --seconds $(or $(SECONDS),120) $(ARGS)

@@ -16,6 +16,7 @@ import sys
 from pathlib import Path
 
 CLONE = Path(__file__).resolve().parents[2]
+#: Each folder of compiled code is called as the target of the Makefile that makes it.
 COMPILED = CLONE / "build" / "compiled"
 KINDS = {
     "plain": "",
@@ -33,14 +34,7 @@ def main() -> int:
     parser.add_argument("--scans", type=int, default=60)
     parser.add_argument("--tree", type=Path, help="another checkout, measured beside these")
     asked = parser.parse_args()
-    trees = {"interpreted": [CLONE / "daemon", CLONE / "hal", CLONE / "tests"]}
-    if asked.tree is not None:
-        other = asked.tree.resolve()
-        trees = {other.name: [other / name for name in ("daemon", "hal", "tests")], **trees}
-    if COMPILED.is_dir():
-        trees["compiled"] = [COMPILED, CLONE / "tests"]
-    else:
-        print("the compiled code is not measured: make compiled, where there is a C compiler")
+    trees = code_of(asked.tree, COMPILED)
     for kind, argument in KINDS.items():
         program = _MEASURE.format(scans=asked.scans, kind=argument)
         found = {name: float("inf") for name in trees}
@@ -51,6 +45,22 @@ def main() -> int:
         told = (f"{name} {us:.1f} us ({us / first:.2f})" for name, us in found.items())
         print(f"a pulse, {kind}: {', '.join(told)}")
     return 0
+
+
+def code_of(tree: Path | None, compiled: Path) -> dict[str, list[Path]]:
+    """By name, the folders of modules of each that is measured: the other checkout's first."""
+    trees = [] if tree is None else [(tree.resolve().name, tree.resolve())]
+    code = {
+        name: [root / part for part in ("daemon", "hal", "tests")]
+        for name, root in (*trees, ("interpreted", CLONE))
+    }
+    if compiled.is_dir():
+        code["compiled"] = [compiled, CLONE / "tests"]
+    else:
+        print(
+            f"the compiled code is not measured: make {compiled.name}, where there is a C compiler"
+        )
+    return code
 
 
 def _median_us(program: str, path: list[Path]) -> float:

@@ -46,9 +46,9 @@ _DEVICE_TREE = "broadcom/bcm2837-rpi-3-b.dtb"
 #: In the order in which they load; the other drivers are built in. The last one resets.
 _MODULES = ("spi-bcm2835", "i2c-bcm2835", "i2c-dev", "bcm2835_wdt")
 #: The interpreter of Debian 12, and what compiles an extension for it.
-_PYTHON = "3.11"
-_RUNTIME = (f"python{_PYTHON}:arm64", "libstdc++6:arm64", "busybox-static:arm64")
-_HEADERS = (f"libpython{_PYTHON}-dev:arm64",)
+PYTHON = "3.11"
+_RUNTIME = (f"python{PYTHON}:arm64", "libstdc++6:arm64", "busybox-static:arm64")
+_HEADERS = (f"libpython{PYTHON}-dev:arm64",)
 #: Of the project's requirements, what the guest needs. The versions are those that run here.
 _WHEELS = (
     *("gpiod", "msgspec", "pyzmq", "rich", "smbus2"),
@@ -126,7 +126,7 @@ def _install_wheels(site: Path) -> None:
     platforms = [f"--platform={name}" for name in _PLATFORMS]
     run(
         *(*_PIP, "install", "--target", site, "--no-compile", "--only-binary=:all:"),
-        *("--implementation=cp", f"--python-version={_PYTHON}", *platforms, *_WHEELS),
+        *("--implementation=cp", f"--python-version={PYTHON}", *platforms, *_WHEELS),
     )
 
 
@@ -140,7 +140,7 @@ def _install_spidev(site: Path, headers: Path) -> None:
         (source,) = Path(fetch).rglob("spidev_module.c")
         run(
             *("aarch64-linux-gnu-gcc", f"--sysroot={headers}", "-shared", "-fPIC", "-O2"),
-            f"-I{headers}/usr/include/python{_PYTHON}",
+            f"-I{headers}/usr/include/python{PYTHON}",
             *("-o", site / "spidev.so", source),
         )
         # What makes it an installed package: its name and version, as source archives have them.
@@ -177,9 +177,9 @@ def initial_files(fetched: Path) -> Path:
         left_out = shutil.ignore_patterns(*_LEFT_OUT)
         shutil.copytree(fetched / "runtime", files, symlinks=True, ignore=left_out)
         shutil.copytree(fetched / "site", files / "site", ignore=left_out)
-        (files / "usr/bin/python").symlink_to(f"python{_PYTHON}")
+        (files / "usr/bin/python").symlink_to(f"python{PYTHON}")
         (files / "bin/sh").symlink_to("busybox")
-        _compile(files / f"usr/lib/python{_PYTHON}", files / "site")
+        _compile(files / f"usr/lib/python{PYTHON}", files / "site")
         shutil.copy(init, files / "init")
         shutil.copytree(fetched / "kernel/modules", files / "modules")
         pack(files, packed)
@@ -192,7 +192,7 @@ def _compile(*folders: Path) -> None:
 
     Only the same version of Python makes the right one; another one's is of no use there.
     """
-    if sys.version_info[:2] == tuple(map(int, _PYTHON.split("."))):
+    if sys.version_info[:2] == tuple(map(int, PYTHON.split("."))):
         quietly = ("-m", "compileall", "-q", "--invalidation-mode=unchecked-hash")
         subprocess.run([sys.executable, *quietly, *folders], capture_output=True, check=False)
 
