@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import select
 from array import array
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from etd_hal.boardfile import BoardFile, load_board
 from etd_hal.cutlatch import SIZE, CutLatch
 from etd_hal.linux import realtime, side_process
 from etd_hal.linux.clock import LinuxClock
+from etd_hal.linux.scan_core import scan_core as read_scan_core
 from etd_hal.linux.side_process import SideProcess
 from etd_hal.linux.stopper_process import watch
 from etd_hal.ports import Changes
@@ -105,16 +107,17 @@ def _sense(
     control: int,
     calls: SystemCalls,
     board: BoardFile,
-    scan_core: int | None,
+    core: int | None,
     module: str,
     *arguments: Any,
 ) -> None:
-    connection = side_process.begin(control, realtime.set_up_beside(None, scan_core))
+    of_scan = partial(read_scan_core, os.getppid())
+    connection = side_process.begin(control, realtime.set_up_beside(None, core))
 
     def is_over(wait_s: float) -> bool:
         return bool(select.select([connection], (), (), wait_s)[0])
 
-    import_module(module).main(WallI2c(calls, board), LinuxClock(), is_over, *arguments)
+    import_module(module).main(WallI2c(calls, board), LinuxClock(), of_scan, is_over, *arguments)
 
 
 class Threads:
