@@ -181,11 +181,12 @@ def play_one(engine: Engine, gateway: Ends, seq: int) -> None:
     gateway[1].send(NewFrame(ref=0, frame=_frame(seq)))
     gateway[0].send(Alive())
     check_stopper(engine)
-    while engine.components.active.schedule is None:
-        engine.step()
-    while engine.components.active.schedule is not None:
-        _turn(engine)
-        _drain(gateway[0])
+    step, active = engine.step, engine.components.active
+    while active.schedule is None:
+        step()
+    while active.schedule is not None:
+        step()
+    _drain(gateway[0])
 
 
 def _frame(seq: int) -> Frame:

@@ -105,17 +105,36 @@ def test_what_is_cleared_does_not_depend_on_what_was_cleared_before(
     for before, asked in product(PULSES, PULSES):
         unbound(parts)
         clearance = new_clearance(parts)
-        assert clearance.clear(*before, now_ns) is not None
+        assert clearance.limit(*before, now_ns) is not None
         CHANGES[change](parts)
-        found, fresh = (each.clear(*asked, now_ns) for each in (clearance, new_clearance(parts)))
+        found, fresh = (each.limit(*asked, now_ns) for each in (clearance, new_clearance(parts)))
         assert told(found) == told(fresh)
         assert (found and found.pulse) is (fresh and fresh.pulse)
 
 
-def test_a_pulse_as_the_one_before_is_not_made_again(parts: Components) -> None:
+@pytest.mark.parametrize("after", [None, AfterProbe(REQUEST, 100, 0, 5_000)])
+def test_a_pulse_as_the_one_before_is_not_made_again(
+    parts: Components, after: AfterProbe | None
+) -> None:
     unbound(parts)
     clearance, now_ns = new_clearance(parts), parts.clock.now_ns()
-    due = DuePulse(STRONG, "stimulus", 0)
-    first = clearance.clear(due, REQUEST, 5_000, now_ns)
+    due = DuePulse(STRONG, "stimulus", 0, after=after)
+    first = clearance.limit(due, REQUEST, 5_000, now_ns)
     assert first is not None
-    assert clearance.clear(due, AGAIN, 5_000, now_ns) is first
+    assert clearance.limit(due, AGAIN, 5_000, now_ns) is first
+
+
+def test_nor_is_its_probe_and_the_ledger_is_asked_for_both(parts: Components) -> None:
+    unbound(parts)
+    clearance, now_ns = new_clearance(parts), parts.clock.now_ns()
+    due, probe = DuePulse(STRONG, "stimulus", 0), PulseRequest(100, 50)
+    cleared = clearance.limit(due, REQUEST, 5_000, now_ns)
+    assert cleared is not None
+    first = clearance.fit(due, cleared, probe, now_ns)
+    assert first is not None
+    assert (first.leads, first.given, first.entry.charge_pc) == (True, probe, probe.charge_pc)
+    assert clearance.fit(due, cleared, probe, now_ns) is first
+    other = PulseRequest(100, 60)
+    assert told(clearance.fit(due, cleared, other, now_ns)) == told(
+        new_clearance(parts).fit(due, cleared, other, now_ns)
+    )

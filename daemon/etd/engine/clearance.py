@@ -54,6 +54,18 @@ class Cleared(ReadyPulse):
         self.leads: Final = leads
 
 
+class _Lead:
+    """The probe before a cleared pulse, and the ledger's entry for both."""
+
+    __slots__ = ("both", "cleared", "led", "probe")
+
+    def __init__(self, led: Cleared, probe: PulseRequest, cleared: Cleared, both: Entry) -> None:
+        self.led: Final = led
+        self.probe: Final = probe
+        self.cleared: Final = cleared
+        self.both: Final = both
+
+
 class _Repeatable:
     """A cleared pulse that no limit has lowered, and all that it was made of."""
 
@@ -96,33 +108,46 @@ class Clearance:
         self._contact = contact
         self._returns = returns
         self._reporter = reporter
-        #: By electrode, of its last pulse; see the module.
-        self._repeatable: dict[int, _Repeatable] = {}
+        #: By electrode, of its last pulse, and of its last one after a probe; see the module.
+        self._alone: dict[int, _Repeatable] = {}
+        self._led: dict[int, _Repeatable] = {}
+        #: By electrode, the last probe before a pulse.
+        self._leads: dict[int, _Lead] = {}
 
-    def clear(
+    def limit(
         self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int
     ) -> Cleared | None:
-        """The pulse that may be fired; None where that is nothing, and the reason is reported."""
-        scheduled, is_reported = due.scheduled, due.purpose != "contact_poll"
+        """What the limits leave of the request; None where that is nothing, and the reason is
+        reported. `fit` follows.
+        """
+        scheduled = due.scheduled
         path, share = self._returns.of(scheduled, now_ns)
-        cleared = None
-        if due.after is None:
-            cleared = self._again(scheduled, request, path, share, ceiling_ua, now_ns)
+        cleared = self._again(due, request, path, share, ceiling_ua, now_ns)
         if cleared is None:
             cleared = self._limited(due, request, path, share, ceiling_ua, now_ns)
-            if cleared is None:
-                return None
-        if is_reported:
+        if cleared is not None and due.purpose != "contact_poll":
             self._returns.watch(scheduled, request.current_ua, cleared.entry)
-        if self._ledger.first_violation(cleared.entry, now_ns) is None:
-            return cleared
-        if is_reported:
-            self._reporter.not_fired(scheduled.electrode, "ledger")
+        return cleared
+
+    def fit(
+        self, due: DuePulse, cleared: Cleared, probe: PulseRequest | None, now_ns: int
+    ) -> Cleared | None:
+        """The pulse that may be fired: what the limits have left or, where it has one, its probe,
+        if the ledger has room for both. None where it has not, and that is reported.
+        """
+        found, entry = cleared, cleared.entry
+        if probe is not None:
+            lead = self._lead(due, cleared, probe)
+            found, entry = lead.cleared, lead.both
+        if self._ledger.first_violation(entry, now_ns) is None:
+            return found
+        if due.purpose != "contact_poll":
+            self._reporter.not_fired(due.scheduled.electrode, "ledger")
         return None
 
     def _again(
         self,
-        scheduled: ScheduledPulse,
+        due: DuePulse,
         request: PulseRequest,
         path: Path,
         share: float,
@@ -130,8 +155,9 @@ class Clearance:
         now_ns: int,
     ) -> Cleared | None:
         """The electrode's last pulse, if this one is the same and no limit lowers it now."""
+        scheduled, current_ua = due.scheduled, request.current_ua
         electrode = scheduled.electrode
-        last = self._repeatable.get(electrode)
+        last = (self._alone if due.after is None else self._led).get(electrode)
         if (
             last is None
             or last.scheduled is not scheduled
@@ -144,11 +170,10 @@ class Clearance:
         cleared = last.cleared
         if cleared.request is not request and cleared.request != request:
             return None
-        if request.current_ua > ceiling_ua or self._contact.is_touched[electrode] is False:
+        if current_ua > ceiling_ua or self._contact.is_touched[electrode] is False:
             return None
-        if self._soft_start.recontact_ua(electrode, now_ns) is not None:
-            return None
-        return cleared
+        recontact_ua = self._soft_start.recontact_ua(electrode, now_ns)
+        return cleared if recontact_ua is None or current_ua <= recontact_ua else None
 
     def _limited(
         self,
@@ -159,7 +184,7 @@ class Clearance:
         ceiling_ua: int,
         now_ns: int,
     ) -> Cleared | None:
-        """What the limits leave of the request; None where that is nothing."""
+        """The same, made anew."""
         scheduled, maxima = due.scheduled, self._maxima.now
         electrode = scheduled.electrode
         current_ua, clamp = clamp_to_limits(
@@ -181,17 +206,19 @@ class Clearance:
         entry = _entry_of(scheduled, given, share, pulses=0 if due.after is not None else 1)
         selection, phases = scheduled.selection, scheduled.phases
         cleared = Cleared(entry, selection, phases, pulse, given, request, clamp)
-        if clamp is None and due.after is None:
-            self._repeatable[electrode] = _Repeatable(
+        if clamp is None:
+            kept = self._alone if due.after is None else self._led
+            kept[electrode] = _Repeatable(
                 cleared, scheduled, path, share, maxima, self._board.timing
             )
         return cleared
 
-    def led_by(
-        self, due: DuePulse, cleared: Cleared, probe: PulseRequest, now_ns: int
-    ) -> Cleared | None:
-        """The probe before a cleared pulse, where the ledger has room for both."""
+    def _lead(self, due: DuePulse, cleared: Cleared, probe: PulseRequest) -> _Lead:
+        """The probe before a cleared pulse: the same as last time, before the same pulse."""
         scheduled, entry = due.scheduled, cleared.entry
+        last = self._leads.get(scheduled.electrode)
+        if last is not None and last.led is cleared and last.probe is probe:
+            return last
         both = Entry(
             entry.electrode,
             entry.charge_pc + probe.charge_pc,
@@ -200,15 +227,14 @@ class Clearance:
             entry.share,
             entry.pulses,
         )
-        if self._ledger.first_violation(both, now_ns) is not None:
-            self._reporter.not_fired(scheduled.electrode, "ledger")
-            return None
         pulse = self._board.pulse(probe.current_ua, probe.width_us)
         alone = Entry(
             scheduled.electrode, probe.charge_pc, probe.width_us, scheduled.returns, entry.share
         )
         selection, phases = scheduled.selection, scheduled.phases[:1]
-        return Cleared(alone, selection, phases, pulse, probe, cleared.request, leads=True)
+        leading = Cleared(alone, selection, phases, pulse, probe, cleared.request, leads=True)
+        lead = self._leads[scheduled.electrode] = _Lead(cleared, probe, leading, both)
+        return lead
 
     def _report_nothing(
         self, scheduled: ScheduledPulse, request: PulseRequest, clamp: Clamp | None

@@ -151,11 +151,11 @@ class Engine:
         request = parts.requests.of(due, now_ns)
         if request is None:
             return None
-        cleared = parts.clearance.clear(due, request, ceiling_ua, now_ns)
+        cleared = parts.clearance.limit(due, request, ceiling_ua, now_ns)
         if cleared is None:
             return None
         probe = parts.requests.probe_before(due, cleared.given)
-        return cleared if probe is None else parts.clearance.led_by(due, cleared, probe, now_ns)
+        return parts.clearance.fit(due, cleared, probe, now_ns)
 
     def _still_valid(self, due: DuePulse) -> bool:
         """Checked once the electrodes are connected. Where connecting takes milliseconds,

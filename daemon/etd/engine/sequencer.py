@@ -57,8 +57,10 @@ class Sequencer:
     @property
     def is_between_scans(self) -> bool:
         """Neither a scan nor a measurement of contact is under way."""
+        if self._active.scanning is not None:
+            return False
         power_up = self._supervisor.power_up
-        return self._active.scanning is None and (power_up is None or not power_up.is_measuring)
+        return power_up is None or not power_up.is_measuring
 
     def leave(self) -> None:
         """Leaves the scan under way after a fault."""

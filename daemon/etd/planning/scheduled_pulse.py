@@ -21,6 +21,7 @@ class ScheduledPulse:
     """
 
     __slots__ = (
+        "_probe_pc",
         "bounds",
         "electrode",
         "path",
@@ -56,11 +57,12 @@ class ScheduledPulse:
         self.bounds: Final = bounds
         #: The probe directly before its pulse; charge and time of the probe are planned for.
         self.probe: Final = probe
+        self._probe_pc: Final = 0 if probe is None else pc_of(probe)
 
     @property
     def probe_pc(self) -> int:
         """The charge of the probe before each pulse."""
-        return 0 if self.probe is None else pc_of(self.probe)
+        return self._probe_pc
 
     @property
     def current_ua(self) -> int:

@@ -55,12 +55,15 @@ class Ramp:
         rises, settled_ns = self._rises, now_ns - WINDOW_NS
         while rises and rises[0][0] <= settled_ns:
             self._settled_ua = rises.popleft()[1]
-        steps = min(now_ns - self._counted_ns, WINDOW_NS) // STEP_NS
-        self._due_ns = now_ns
-        self.ceiling_ua = min(
-            self._top_ua, self._reached_ua + steps * STEP_UA, self._settled_ua + RISE_UA
-        )
-        return self.ceiling_ua
+        passed_ns = now_ns - self._counted_ns
+        steps = (passed_ns if passed_ns < WINDOW_NS else WINDOW_NS) // STEP_NS
+        ceiling_ua, settled_ua = self._reached_ua + steps * STEP_UA, self._settled_ua + RISE_UA
+        if settled_ua < ceiling_ua:
+            ceiling_ua = settled_ua
+        if self._top_ua < ceiling_ua:
+            ceiling_ua = self._top_ua
+        self._due_ns, self.ceiling_ua = now_ns, ceiling_ua
+        return ceiling_ua
 
     def fired(self, given_ua: int, commanded_ua: int, ended_ns: int) -> None:
         """The pulse that was due was fired: the limits let `given_ua` through, the source was

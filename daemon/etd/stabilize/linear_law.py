@@ -60,10 +60,11 @@ class LinearLaw(ResistanceLaw):
         compared = self._references.compared(estimate, request.current_ua)
         if compared is None:
             return 1.0, 1.0
-        *seen_ohm, reference_ohm = compared
-        solved = [self._solved(ohm, reference_ohm) for ohm in seen_ohm]
-        told = min(current for current, _ in solved)
-        charge = min(charge for _, charge in solved)
+        now_ohm, latest_ohm, reference_ohm = compared
+        told, charge = self._solved(now_ohm, reference_ohm)
+        if latest_ohm != now_ohm:
+            latest_told, latest_charge = self._solved(latest_ohm, reference_ohm)
+            told, charge = min(told, latest_told), min(charge, latest_charge)
         return min(1.0, told), self._plausible(estimate, charge)
 
     def _solved(self, now_ohm: float, reference_ohm: float) -> tuple[float, float]:

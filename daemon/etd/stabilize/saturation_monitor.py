@@ -74,22 +74,25 @@ class SaturationMonitor:
         stood_ns = self._count(electrode, wanted, now_ns)
         if stood_ns >= _LONG_NS:
             self._rejected.add(electrode)
+        elif electrode not in self._rejected:
+            return False
         elif stood_ns == 0:
             self._rejected.discard(electrode)
             self._reported.discard(electrode)
-        is_doubted = electrode in self._rejected
-        if is_doubted and electrode not in self._reported:
+            return False
+        if electrode not in self._reported:
             self._reported.add(electrode)
             self._on_rejected()
-        return is_doubted
+        return True
 
     def _count(self, electrode: int, wanted: float, now_ns: int) -> int:
         """For how long it has stood there, less what it has been away since."""
-        elapsed_ns = now_ns - self._asked_ns.get(electrode, now_ns)
-        elapsed_ns = min(max(0, elapsed_ns), _LONGEST_STEP_NS)
-        self._asked_ns[electrode] = now_ns
-        stood_ns = self._stood_ns.get(electrode, 0)
-        if wanted >= self._end.near:
+        asked_ns, self._asked_ns[electrode] = self._asked_ns.get(electrode, now_ns), now_ns
+        stood_ns, is_near = self._stood_ns.get(electrode, 0), wanted >= self._end.near
+        if not is_near and not stood_ns:
+            return 0
+        elapsed_ns = min(max(0, now_ns - asked_ns), _LONGEST_STEP_NS)
+        if is_near:
             stood_ns += elapsed_ns
         elif wanted < self._end.away or electrode not in self._rejected:
             stood_ns -= elapsed_ns

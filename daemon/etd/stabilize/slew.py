@@ -7,7 +7,7 @@ A factor is knowledge too: when nobody has asked for longer than it is believed,
 
 from __future__ import annotations
 
-from etd.pulse.measured import is_stale
+from etd.pulse.measured import MAX_AGE_NS
 
 #: Between two pulses no more than this counts: a pause must not show as a step.
 LONGEST_STEP_NS = 100_000_000
@@ -27,7 +27,7 @@ class SlewLimiter:
     def toward(self, electrode: int, wanted: float, now_ns: int) -> float:
         """As much of `wanted` as there is by now; all of it where it is less than before."""
         before, then_ns = self._reached.get(electrode, (self._start, now_ns))
-        if is_stale(then_ns, now_ns):
+        if now_ns - then_ns >= MAX_AGE_NS:
             before, then_ns = self._start, now_ns
         if wanted > before:
             elapsed_ns = min(max(0, now_ns - then_ns), LONGEST_STEP_NS)
