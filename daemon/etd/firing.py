@@ -152,7 +152,8 @@ class Firing:
         nothing is selected behind outputs that are blanked: see docs/decisions/0038.
         """
         result = self._board.fire_unloaded(pulse, given.current_ua, given.width_us)
-        self._check_excess(result.excess_ns, "with nothing connected")
+        if result.excess_ns > self._halt_excess_ns:
+            raise self._too_long(result.excess_ns, "with nothing connected")
         return result
 
     def _play(self, booking: Booking, ready: ReadyPulse, at: int, is_over: bool) -> PulseResult:
@@ -174,19 +175,35 @@ class Firing:
             if is_over:
                 self._board.discharge()
         finally:
-            result = self._result(booking, ready, received, since_ns)
-            self._settle(booking, ready, result, booking.begun_ns if at else result.begun_ns)
-            self._inspect(ready, ready.phases[at], result)
+            result = self._judge(booking, ready, at, received, since_ns)
         return result
 
-    def _result(
-        self, booking: Booking, ready: ReadyPulse, received: tuple[bytes, ...], since_ns: int
+    def _judge(
+        self,
+        booking: Booking,
+        ready: ReadyPulse,
+        at: int,
+        received: tuple[bytes, ...],
+        since_ns: int,
     ) -> PulseResult:
+        """Take the message's excess in place of the worst: the current cannot have flowed longer
+        than planned by more than that. Then look at what came back.
+        """
         try:
-            return self._board.result(ready.pulse, received)
+            result = self._board.result(ready.pulse, received)
         except BoardFault as fault:
             self._make_safe(booking, ready, since_ns, fault)
             raise
+        excess_ns, current_ua = result.excess_ns, ready.given.current_ua
+        self._deviation_ns += _DRIFT_WEIGHT * (excess_ns - self._deviation_ns)
+        charge_pc = booking.charge_pc - current_ua * self._most_excess_us
+        if excess_ns > 0:
+            charge_pc += _flowed_pc(ready.given, excess_ns)
+        self._ledger.correct(booking, charge_pc, booking.begun_ns if at else result.begun_ns)
+        if excess_ns > self._halt_excess_ns:
+            raise self._too_long(excess_ns, f"at electrode {ready.entry.electrode}")
+        self._inspect(ready, ready.phases[at], result)
+        return result
 
     def _make_safe(
         self, booking: Booking, ready: ReadyPulse, since_ns: int, fault: BusError | BoardFault
@@ -208,25 +225,12 @@ class Firing:
         more_pc = max(0, _flowed_pc(ready.given, now_ns - since_ns) - booked_pc)
         self._ledger.correct(booking, booking.charge_pc + more_pc, now_ns)
 
-    def _settle(
-        self, booking: Booking, ready: ReadyPulse, result: PulseResult, begun_ns: int
-    ) -> None:
-        """The current cannot have flowed longer than planned by more than the message's excess."""
-        excess_ns = result.excess_ns
-        self._deviation_ns += _DRIFT_WEIGHT * (excess_ns - self._deviation_ns)
-        charge_pc = booking.charge_pc - ready.given.current_ua * self._most_excess_us
-        if excess_ns > 0:
-            charge_pc += _flowed_pc(ready.given, excess_ns)
-        self._ledger.correct(booking, charge_pc, begun_ns)
-        self._check_excess(excess_ns, f"at electrode {ready.entry.electrode}")
-
-    def _check_excess(self, excess_ns: int, where: str) -> None:
-        if excess_ns > self._halt_excess_ns:
-            raise BoardFault(
-                "length of a message",
-                f"{excess_ns / 1_000:.0f} us over its plan {where}",
-                f"at most {self._halt_excess_ns / 1_000:.0f} us",
-            )
+    def _too_long(self, excess_ns: int, where: str) -> BoardFault:
+        return BoardFault(
+            "length of a message",
+            f"{excess_ns / 1_000:.0f} us over its plan {where}",
+            f"at most {self._halt_excess_ns / 1_000:.0f} us",
+        )
 
 
 def prepulse_of(given: PulseRequest) -> Prepulse | None:

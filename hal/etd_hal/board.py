@@ -181,20 +181,20 @@ class Board:
         Raises: BusError, GuardRefusal; BoardFault for a current with the DAC at zero.
         """
         self._clock.sleep_until_ns(self._rest_until_ns)
-        self._check_open_relays()
+        if self.switch.can_choose_returns:
+            self._check_open_relays()
         self.switch.connect(selection, is_anodic)
 
     def flip(self, selection: Selection, is_anodic: bool) -> None:
         """Between the phases of a biphasic pulse. Raises: as `connect`."""
-        self._check_open_relays()
+        if self.switch.can_choose_returns:
+            self._check_open_relays()
         self.switch.flip(selection, is_anodic)
 
     def _check_open_relays(self) -> None:
         """With all relays open the skin is off the node: charge that it holds cannot be taken for
         a current, and a current can be told before it reaches anybody.
         """
-        if not self.switch.can_choose_returns:
-            return
         self.switch.release()
         fault = self.rules.idle_fault(self.node_v(), "with all relays open")
         if fault is not None:

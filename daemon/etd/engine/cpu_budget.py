@@ -28,6 +28,11 @@ def _not_known(_now_ns: int) -> bool:
     return False
 
 
+def _sleep_ns(busy_fraction: float) -> int:
+    """The least sleep in any window."""
+    return round((1.0 - busy_fraction) * WINDOW_NS)
+
+
 class CpuBudget:
     """The WakingClock of the scan thread, which counts its sleep.
 
@@ -47,6 +52,7 @@ class CpuBudget:
         self._next_look_ns = clock.now_ns()
         #: Of any window at most this part.
         self.busy_fraction = MAX_BUSY_FRACTION
+        self._sleep_ns = _sleep_ns(MAX_BUSY_FRACTION)
         self.now_ns = clock.now_ns
         # (end, length) of each sleep in the window; before the start it slept.
         self._sleeps: deque[tuple[int, int]] = deque([(clock.now_ns(), WINDOW_NS)])
@@ -97,14 +103,16 @@ class CpuBudget:
         if now_ns >= self._next_look_ns:
             self._next_look_ns = now_ns + _LOOK_NS
             self.busy_fraction = busy_fraction(self._is_left_alone(now_ns))
+            self._sleep_ns = _sleep_ns(self.busy_fraction)
 
     def pause_until_ns(self, now_ns: int) -> int | None:
         """The time to sleep to, when too little of the last 100 ms was slept; then call again,
         because older sleep leaves the window meanwhile. None: go on.
         """
-        self.look(now_ns)
+        if now_ns >= self._next_look_ns:
+            self.look(now_ns)
         self._drop_old(now_ns)
-        missing_ns = round((1.0 - self.busy_fraction) * WINDOW_NS) - self._slept_ns
+        missing_ns = self._sleep_ns - self._slept_ns
         if missing_ns <= 0:
             return None
         return now_ns + max(missing_ns, _SHORTEST_PAUSE_NS) + self.wakeups.spin_ns

@@ -103,10 +103,10 @@ def _samples(pulse: Pulse, result: PulseResult, probed_v: float) -> Samples:
     # request.
     is_end_alone = has_end and pulse.prepulse_ua > 0
     return Samples(
-        commanded_ua=pulse.commanded_ua,
-        width_us=pulse.shape.width_us,
-        resting_v=result.baseline_v,
-        early_v=result.voltage_v if is_end_alone else result.early_v,
-        end_v=result.voltage_v if has_end else None,
-        probed_v=probed_v,
+        pulse.commanded_ua,
+        pulse.shape.width_us,
+        result.baseline_v,
+        result.voltage_v if is_end_alone else result.early_v,
+        result.voltage_v if has_end else None,
+        probed_v,
     )

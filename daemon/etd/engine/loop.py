@@ -130,7 +130,8 @@ class Engine:
         active = parts.active
         if active.scanning is None and self.is_between_scans:
             return now_ns
-        parts.reporter.scan_report(now_ns, parts.soft_start.ceiling_ua)
+        if now_ns >= parts.reporter.due_ns:
+            parts.reporter.scan_report(now_ns, parts.soft_start.ceiling_ua)
         if self.supervisor.states.state == "PROBE":
             self._ceiling_ua = self.supervisor.maxima.probe_current_ua
         elif active.schedule is not None:

@@ -8,7 +8,7 @@ what is due, how a pulse is fired, ZeroMQ, files.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from etd.engine import commands
 from etd.engine.components import Components
@@ -16,6 +16,8 @@ from etd.engine.reporting import STATE_PERIOD_NS
 from etd.engine.supervisor import Supervisor
 from etd.protocol.errors import Undecodable
 from etd.protocol.link import StopNow
+from etd_hal.bench import StopName
+from etd_hal.boardfile import RailMonitor
 
 #: Without a poll for longer than this the engine was stalled: no pulse takes that long.
 _STALL_NS = 50_000_000
@@ -71,7 +73,7 @@ class Poller:
             self._unseen_since_host_ns = self._polled_host_ns
         self._polled_host_ns = host_ns
         # First of all: whatever else makes the board safe now, a cut is a halt.
-        if self._liveness.judge(now_ns) or self._liveness.has_acted:
+        if self._liveness.judge(now_ns):
             self._heed_stopper()
         # Before any queue is read: a waiting message must not renew what has lapsed.
         if self._supervisor.lease is not None and self._supervisor.lease.has_lapsed(host_ns):
@@ -79,10 +81,14 @@ class Poller:
         self._active.expire(host_ns)
         if not self._gateway_link.is_well(host_ns):
             self._watch_gateway(host_ns)
-        self._watch_stops(host_ns)
-        self._watch_rail(now_ns)
+        stops = self._board.stop_edges()
+        if stops:
+            self._watch_stops(stops, host_ns)
+        if self._rail_monitor != "absent":
+            self._watch_rail(self._rail_monitor, now_ns)
         self._execute_commands(host_ns)
-        self.beat(now_ns)
+        if self._heartbeat != "absent":
+            self.beat(now_ns)
         if now_ns - self._supervisor.reported_ns >= STATE_PERIOD_NS:
             self._supervisor.report_state(now_ns)
         if self._backend.modelled is not None:
@@ -125,8 +131,8 @@ class Poller:
         self._supervisor.end_lease(why, counted="undecodable")
         self._gateway_link.hang_up()
 
-    def _watch_stops(self, host_ns: int) -> None:
-        for name, is_open in self._board.stop_edges():
+    def _watch_stops(self, stops: Sequence[tuple[StopName, bool]], host_ns: int) -> None:
+        for name, is_open in stops:
             is_live = self._supervisor.states.state in ("PROBE", "ARMED")
             if name == "wearer_stop":
                 self._supervisor.sessions.stop_moved(
@@ -143,9 +149,8 @@ class Poller:
                 self._supervisor.halt(name, name, "the stop line is open")
                 return
 
-    def _watch_rail(self, now_ns: int) -> None:
-        monitor = self._rail_monitor
-        if monitor == "absent" or self._supervisor.states.state != "ARMED":
+    def _watch_rail(self, monitor: RailMonitor, now_ns: int) -> None:
+        if self._supervisor.states.state != "ARMED":
             return
         rail_v = self._rail.rail_v(now_ns)
         if rail_v is None:

@@ -134,7 +134,8 @@ class Reporter:
         self._electrodes = electrodes
         self._active: _ActiveFrame | None = None
         self._pending = _Pending()
-        self._sent_ns = 0
+        #: Before then no scan report is due.
+        self.due_ns = _SCAN_PERIOD_NS
         self._has_news = False
         self._modelled_ns = 0
         self._was_felt = False
@@ -201,7 +202,7 @@ class Reporter:
 
     def scan_report(self, now_ns: int, ceiling_ua: int, is_due: bool = False) -> None:
         """Send what has gathered, if a report is due (or `is_due`)."""
-        if not self._has_news or (now_ns - self._sent_ns < _SCAN_PERIOD_NS and not is_due):
+        if not self._has_news or (now_ns < self.due_ns and not is_due):
             return
         pending, showing = self._pending, self._active
         current = () if showing is None else (showing.shown(),)
@@ -223,7 +224,7 @@ class Reporter:
             # What could not be sent goes with the next report: no frame is lost.
             self._pending = _Pending()
             self._has_news = False
-        self._sent_ns = now_ns
+        self.due_ns = now_ns + _SCAN_PERIOD_NS
 
     # --- the rest ----------------------------------------------------------------------------
 

@@ -56,15 +56,17 @@ class StopperLiveness:
         return self._words[LOOKED_NS] >= self._begun_ns
 
     def judge(self, now_ns: int) -> bool:
-        """Called at each poll of the scan thread. True: the stopper was silent for too long."""
+        """Called at each poll of the scan thread. True: the stopper was silent for too long, or has
+        acted.
+        """
         looked_ns, since_ns = self._words[LOOKED_NS], now_ns - self._judged_ns
         self._judged_ns = now_ns
         if looked_ns != self._looked_ns:
             self._looked_ns = looked_ns
             self.silent_ns = 0
-            return False
-        self.silent_ns += since_ns if since_ns < _COUNTED_NS else _COUNTED_NS
-        return self.silent_ns > SILENT_NS
+        else:
+            self.silent_ns += since_ns if since_ns < _COUNTED_NS else _COUNTED_NS
+        return self.silent_ns > SILENT_NS or self._words[CUTS] != self._cleared
 
     @property
     def problem(self) -> str | None:

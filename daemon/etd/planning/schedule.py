@@ -133,6 +133,8 @@ class Schedule:
         self._left = None if pulses is None else [pulses] * len(plan.schedule)
         #: The sum of these.
         self._all_left = (pulses or 0) * len(plan.schedule)
+        #: A scan of it has begun, and no pulse of the frame is left.
+        self.has_had_its_pulses = False
         #: When the last pulse of each place began.
         self._begun_ns = [now_ns] * len(plan.schedule)
 
@@ -149,10 +151,6 @@ class Schedule:
 
     def has_expired(self, host_ns: int) -> bool:
         return host_ns >= self.expires_host_ns
-
-    @property
-    def has_had_its_pulses(self) -> bool:
-        return self.is_begun and self._left is not None and not self._all_left
 
     def lower(self, newer: Plan) -> None:
         """A newer plan follows the scan under way: what it lowers is lowered now."""
@@ -200,6 +198,7 @@ class Schedule:
         self._turns, self._at = self._due_turns(), 0
         self._polls = None
         self.is_begun = True
+        self.has_had_its_pulses = self._left is not None and not self._all_left
 
     def _due_turns(self) -> list[_ScanSlot]:
         """The pulses of the scan that begins now, burst after burst."""
@@ -316,3 +315,4 @@ class Schedule:
         if self._left is not None:
             self._left[due.place] -= 1
             self._all_left -= 1
+            self.has_had_its_pulses = not self._all_left

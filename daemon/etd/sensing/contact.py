@@ -129,12 +129,18 @@ class ContactMap:
             return False
         resistance_ohm = self.seen_ohm(commanded_ua, voltage_v)
         is_again = self.update_touch(electrode, commanded_ua, voltage_v, now_ns)
-        is_touched = self.is_touched[electrode]
-        if is_touched and self._peels(electrode, commanded_ua, resistance_ohm, is_at_end):
-            self._soft_since_ns[electrode] = now_ns
+        if resistance_ohm is not None:
+            if self.is_touched[electrode] and self._peels(
+                electrode, commanded_ua, resistance_ohm, is_at_end
+            ):
+                self._soft_since_ns[electrode] = now_ns
+            ends = _SHORT_ENDS if self._is_shorted[electrode] else 1.0
+            self._is_shorted[electrode] = resistance_ohm < ends * self._shorted_ohm
         self.voltage_v[electrode] = round(voltage_v, 2)
-        self._update_delivery(electrode, commanded_ua, voltage_v)
-        self._update_short(electrode, resistance_ohm)
+        if voltage_v < _DELIVERED * self._compliance_v:
+            self.undelivered_ua[electrode] = None
+        else:
+            self._update_delivery(electrode, commanded_ua, voltage_v)
         self.resistance_ohm[electrode] = resistance_ohm
         self._commanded_ua[electrode], self._was_at_end[electrode] = commanded_ua, is_at_end
         return is_again
@@ -177,29 +183,20 @@ class ContactMap:
         self._soft_since_ns[electrode] = now_ns
 
     def _peels(
-        self, electrode: int, commanded_ua: int, resistance_ohm: int | None, is_at_end: bool
+        self, electrode: int, commanded_ua: int, resistance_ohm: int, is_at_end: bool
     ) -> bool:
         before_ohm = self.resistance_ohm[electrode]
-        if before_ohm is None or resistance_ohm is None:
+        if before_ohm is None or resistance_ohm <= PEELED * before_ohm:
             return False
-        is_alike = (
+        return (
             commanded_ua >= _LIKE * self._commanded_ua[electrode]
             and is_at_end == self._was_at_end[electrode]
         )
-        return is_alike and resistance_ohm > PEELED * before_ohm
 
     def _update_delivery(self, electrode: int, commanded_ua: int, voltage_v: float) -> None:
         can_saturate = commanded_ua * self._leak_ohm / 1e6 > self._compliance_v
         if can_saturate and voltage_v >= _SATURATED * self._compliance_v:
             self.undelivered_ua[electrode] = commanded_ua
-        elif voltage_v < _DELIVERED * self._compliance_v:
-            self.undelivered_ua[electrode] = None
-
-    def _update_short(self, electrode: int, resistance_ohm: int | None) -> None:
-        if resistance_ohm is None:
-            return
-        ends = _SHORT_ENDS if self._is_shorted[electrode] else 1.0
-        self._is_shorted[electrode] = resistance_ohm < ends * self._shorted_ohm
 
     def seen_ohm(self, commanded_ua: int, voltage_v: float) -> int | None:
         """V / (I - V / leak); None near the compliance and where the leak takes it all."""

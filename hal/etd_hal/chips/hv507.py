@@ -53,16 +53,16 @@ class HalfBridgeSwitch:
 
     def prepare(self, selection: Selection, whole: bool) -> None:
         """With the outputs blanked: put the word into the chain and open the latch to it."""
-        self._put(selection.alone, whole)
+        # What the chain holds, the latch holds as well: every write ends with the latch open.
+        if self._chain.held != selection.alone or whole:
+            self._put(selection.alone, whole)
 
     def isolate(self, whole: bool) -> None:
         """With the outputs blanked: the same, with no output selected."""
-        self._put(0, whole)
+        if self._chain.held != 0 or whole:
+            self._put(0, whole)
 
     def _put(self, word: int, whole: bool) -> None:
-        if self._chain.held == word and not whole:
-            # The latch holds it as well: every write ends with the latch open.
-            return
         if self._is_latch_open:
             self._gpio.set(self._close)
             self._is_latch_open = False
