@@ -160,12 +160,10 @@ class Firing:
         """Send the message of one phase, then book and judge it; in between, the electrodes are
         discharged if the visit `is_over`.
         """
-        # No current of this message can have flowed before.
-        since_ns = self._now_ns()
         try:
             received = self._board.send(ready.pulse, ready.approvals[at])
         except (BusError, BoardFault) as fault:
-            self._make_safe(booking, ready, since_ns, fault)
+            self._make_safe(booking, ready, fault)
             raise
         except GuardRefusal:
             if at == 0:
@@ -175,16 +173,11 @@ class Firing:
             if is_over:
                 self._board.discharge()
         finally:
-            result = self._judge(booking, ready, at, received, since_ns)
+            result = self._judge(booking, ready, at, received)
         return result
 
     def _judge(
-        self,
-        booking: Booking,
-        ready: ReadyPulse,
-        at: int,
-        received: tuple[bytes, ...],
-        since_ns: int,
+        self, booking: Booking, ready: ReadyPulse, at: int, received: tuple[bytes, ...]
     ) -> PulseResult:
         """Take the message's excess in place of the worst: the current cannot have flowed longer
         than planned by more than that. Then look at what came back.
@@ -192,7 +185,7 @@ class Firing:
         try:
             result = self._board.result(ready.pulse, received)
         except BoardFault as fault:
-            self._make_safe(booking, ready, since_ns, fault)
+            self._make_safe(booking, ready, fault)
             raise
         excess_ns, current_ua = result.excess_ns, ready.given.current_ua
         self._deviation_ns += _DRIFT_WEIGHT * (excess_ns - self._deviation_ns)
@@ -205,12 +198,10 @@ class Firing:
         self._inspect(ready, ready.phases[at], result)
         return result
 
-    def _make_safe(
-        self, booking: Booking, ready: ReadyPulse, since_ns: int, fault: BusError | BoardFault
-    ) -> None:
+    def _make_safe(self, booking: Booking, ready: ReadyPulse, fault: BusError | BoardFault) -> None:
         """Raises: BoardFault, with what went wrong, if the board does not become safe."""
         problems = self._board.safe_off()
-        self._keep_worst(booking, ready, since_ns)
+        self._keep_worst(booking, ready)
         if problems:
             what = f"message for electrode {ready.entry.electrode} failed"
             unsafe = BoardFault(what, f"{fault}; {'; '.join(problems)}", "a safe board")
@@ -218,9 +209,11 @@ class Firing:
             unsafe.__cause__ = fault
             raise unsafe from fault
 
-    def _keep_worst(self, booking: Booking, ready: ReadyPulse, since_ns: int) -> None:
-        """The board is safe now: the current flowed from `since_ns` until now at the longest."""
-        now_ns = self._now_ns()
+    def _keep_worst(self, booking: Booking, ready: ReadyPulse) -> None:
+        """The board is safe now: the current flowed from the beginning of the last message until
+        now at the longest; from the booking, if none was sent since.
+        """
+        since_ns, now_ns = max(booking.begun_ns, self._board.sent_ns), self._now_ns()
         booked_pc = ready.given.charge_pc + ready.given.current_ua * self._most_excess_us
         more_pc = max(0, _flowed_pc(ready.given, now_ns - since_ns) - booked_pc)
         self._ledger.correct(booking, booking.charge_pc + more_pc, now_ns)

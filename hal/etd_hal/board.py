@@ -218,6 +218,11 @@ class Board:
         self.guard.approve(approval)
         return self.guard.spi.fire(pulse.message, pulse.planned_ns)
 
+    @property
+    def sent_ns(self) -> int:
+        """When the last message began."""
+        return self.guard.spi.begun_ns
+
     def result(self, pulse: Pulse, received: tuple[bytes, ...]) -> PulseResult:
         """The result of the message that was sent last. Raises: BoardFault (what came back is no
         sample).

@@ -127,8 +127,23 @@ class Guard:
         decoded: Decoded | None = message.made.get(self)
         if decoded is None:
             decoded = message.made[self] = self._decode(message)
-        if decoded.steps:
-            self._check_pulse(decoded)
+        if not decoded.steps:
+            return
+        approval = self._approval
+        if (
+            approval is None
+            or approval.figures != decoded.figures
+            or self._permitted_ua != decoded.permitted_ua
+        ):
+            approval = self._judged(decoded, approval)
+        visits = self._visits
+        if visits.state == "probed":
+            self._check_charge(decoded.longest_nc + visits.probe_nc(approval))
+        self.switch.check_selection(approval)
+        visits.take(
+            approval, decoded.longest_us, decoded.longest_nc, decoded.is_probe, self._clock.now_ns()
+        )
+        self._approval = None
 
     def lets_width_pass(self, message: Message) -> bool:
         """Whether the message's worst case is within the board's maximum width. Nothing is sent."""
@@ -192,22 +207,6 @@ class Guard:
             raise GuardRefusal(
                 "levels", str(codes), "from the first word one level, or a lower and a higher one"
             )
-
-    def _check_pulse(self, decoded: Decoded) -> None:
-        approval = self._approval
-        if (
-            approval is None
-            or approval.figures != decoded.figures
-            or self._permitted_ua != decoded.permitted_ua
-        ):
-            approval = self._judged(decoded, approval)
-        if self._visits.state == "probed":
-            self._check_charge(decoded.longest_nc + self._visits.probe_nc(approval))
-        self.switch.check_selection(approval)
-        self._visits.take(
-            approval, decoded.longest_us, decoded.longest_nc, decoded.is_probe, self._clock.now_ns()
-        )
-        self._approval = None
 
     def _judged(self, decoded: Decoded, approval: Approval | None) -> Approval:
         """Check what follows from message, approval and permission alone. Returns the approval."""

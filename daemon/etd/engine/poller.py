@@ -163,11 +163,12 @@ class Poller:
             )
 
     def _execute_commands(self, host_ns: int) -> None:
-        for _ in range(_COMMANDS_A_POLL):
-            command = self._gateway_link.command(host_ns)
-            if command is None:
-                return
+        link = self._gateway_link
+        command, executed = link.command(host_ns), 0
+        while command is not None:
             commands.execute(self._supervisor, command, host_ns)
+            executed += 1
+            command = link.command(host_ns) if executed < _COMMANDS_A_POLL else None
 
     def take_frames(self) -> None:
         """Reads and plans the frames that wait. Planning takes time that the pulses need: only the

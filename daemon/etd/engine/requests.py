@@ -61,7 +61,9 @@ class Requests:
 
     def probe_before(self, due: DuePulse, given: PulseRequest) -> PulseRequest | None:
         """The probe before a pulse that limits and ledger let through; None where there is none."""
-        return None if due.after is not None else self._pre_probe.probe_of(due.scheduled, given)
+        if due.after is not None or due.scheduled.probe is None:
+            return None
+        return self._pre_probe.probe_of(due.scheduled, given)
 
     def _after_probe(self, due: DuePulse, before: PulseRequest, now_ns: int) -> PulseRequest | None:
         """Requests everything again for the same instant, so that nothing can have risen. An

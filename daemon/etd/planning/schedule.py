@@ -226,12 +226,15 @@ class Schedule:
         """The next pulse of the scan under way, its contact polls after the frame's own; None when
         none is left.
         """
-        self._pass_over_lowered()
-        if self._at < len(self._turns):
-            place = self._turns[self._at].place
+        turns = self._turns
+        while self._at < len(turns):
+            place = turns[self._at].place
             scheduled = self._left_of[place]
-            return None if scheduled is None else DuePulse(scheduled, "stimulus", place)
-        polls, at = self._polls or (), self._at - len(self._turns)
+            if scheduled is not None:
+                return DuePulse(scheduled, "stimulus", place)
+            # A newer frame has taken it away from the scan under way.
+            self._at += 1
+        polls, at = self._polls or (), self._at - len(turns)
         if at < len(polls):
             return DuePulse(polls[at], "contact_poll", rewrites_chain=at == 0)
         return None
