@@ -71,7 +71,7 @@ class Contact:
         wanted = 1.0
         if estimate.undelivered_ua is not None:
             wanted = min(1.0, self._law.back_off * estimate.undelivered_ua / wanted_ua)
-        elif (ohm := estimate.higher_ohm) is not None:
+        elif (ohm := estimate.higher_ohm()) is not None:
             wanted = min(1.0, self._liftable_ua * (1.0 / ohm + self._leak_s) / wanted_ua)
         return int(
             wanted_ua * self._deliverable.toward(estimate.electrode, wanted, estimate.now_ns)

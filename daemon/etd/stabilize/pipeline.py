@@ -92,12 +92,10 @@ class ElectrodeEstimate:
         #: Of the sensor under this electrode.
         self.pressure_kpa: Final = pressure_kpa
 
-    @property
     def higher_ohm(self) -> float | None:
         """Of `skin_ohm` and `latest_ohm`."""
         return higher(self.skin_ohm, self.latest_ohm)
 
-    @property
     def higher_early_ohm(self) -> float | None:
         """Of `early_ohm` and `latest_early_ohm`."""
         return higher(self.early_ohm, self.latest_early_ohm)

@@ -107,7 +107,7 @@ def _new_part(since_ns: int) -> float:
 
 def _log_ohm(estimate: ElectrodeEstimate) -> float | None:
     """Measured like the reference: at the beginning of pulses if the reference was."""
-    ohm = estimate.higher_early_ohm if estimate.is_reference_early else estimate.higher_ohm
+    ohm = estimate.higher_early_ohm() if estimate.is_reference_early else estimate.higher_ohm()
     if ohm is None or estimate.state not in ("soft", "closed"):
         return None
     return _at_no_current(ohm, estimate.skin_at_ua)
