@@ -172,6 +172,8 @@ class Sequencer:
         """Messages take longer or shorter than planned: find the timing that holds now. False:
         there is none yet, and nothing is fired.
         """
+        # The time of a calibration is no computing between two scans.
+        self._computing.scans_ended()
         now_ns = self._clock.now_ns()
         if now_ns < self._retiming.not_before_ns:
             self._doze_until(now_ns + TICK_NS)
