@@ -21,8 +21,6 @@ from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 from etd_hal.fake.faults import AdcScale
 
-pytestmark = pytest.mark.slow
-
 N, WIDTH_US, CURRENT_UA = 16, 60, 1_000
 NEAR = 1.5**0.8
 LAWS: dict[str, Any] = {

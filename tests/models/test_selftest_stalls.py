@@ -29,8 +29,6 @@ from etd_hal.fake.operator import FakeOperator
 from selftest_rig import DATE, LOAD_OHM, SelftestRig, bad, selftest_rig
 from stepped_board import shipped_board
 
-pytestmark = pytest.mark.slow
-
 MS = 1_000_000
 RELAY = "feetthrough-relay"
 CUTS_NOTHING = [StopCutsNothing("emergency_stop"), StopCutsNothing("wearer_stop")]

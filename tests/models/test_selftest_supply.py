@@ -25,8 +25,6 @@ from etd_hal.fake.faults import (
 from selftest_rig import DATE, ChangedUnderstudy, bad, by_name, selftest_rig
 from stepped_board import shipped_board
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize(
     ("faults", "failed"),

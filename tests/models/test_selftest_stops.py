@@ -18,8 +18,6 @@ from etd_hal.fake.faults import (
 from etd_hal.fake.operator import FakeOperator
 from selftest_rig import LOAD_OHM, SelftestRig, bad, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513")
 
 

@@ -9,8 +9,6 @@ from etd_hal.fake.faults import RailOff
 from selftest_cases import ALL, BARE, RELAY
 from selftest_rig import selftest_rig
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize("board", [ALL, BARE, RELAY])
 @pytest.mark.parametrize("body_site", names("bodysites"))
