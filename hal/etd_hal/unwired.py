@@ -48,7 +48,7 @@ class MovedClock:
 
     def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
         if not wait(0.0):
-            self.sleep_until_ns(deadline_ns)
+            self.doze_until_ns(deadline_ns)
 
     def spend_ns(self, duration_ns: int) -> None:
         self.t_ns += duration_ns
