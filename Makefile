@@ -24,8 +24,10 @@ help: ## Show this list
 demo: $(VENV)/ready-daemon ## A moving pattern on the fake board, live in the terminal (SECONDS=10: for so long)
 	$(BIN)/etd demo $(if $(SECONDS),--seconds $(SECONDS))
 
-# On every core; an idle worker takes over tests of another. In any order, as always.
-PYTEST := $(BIN)/pytest -q --numprocesses auto --dist worksteal
+# Three workers for two cores, since many tests wait for a process that they have started; an idle
+# worker takes over tests of another. In any order, as always.
+WORKERS := $(shell expr $$(nproc) \* 3 / 2)
+PYTEST := $(BIN)/pytest -q --numprocesses $(WORKERS) --dist worksteal
 MODELS := tests/models
 
 # What a target took is said however it ends.
