@@ -39,6 +39,7 @@ def shortest_period_us(
     for `idle_us` each tick. Where the loop sleeps does not matter: a pause within a scan is as good
     as a wait after it.
     """
+    # A poll that took longer than a tick was held up: no plan is impossible because of it.
     awake = min(0.5, idle_us / (idle_us + TICK_US))
     missing_us = (1.0 - busy_fraction) * slots_us - slept_us
     return slots_us + max(0.0, missing_us) / (busy_fraction - awake)
