@@ -32,8 +32,8 @@ from etd.pulse.request import MaxGain, PulseRequest
 from etd.stabilize.pipeline import ElectrodeEstimate
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
+from etd_hal.bench import StopName
 from etd_hal.fake.faults import RailOff
-from etd_hal.fake.world import StopLine
 from etd_hal.ports import Clock
 
 _LEVEL_WIDTH_US, _LEVEL_RATE_HZ = 80, 20.0
@@ -191,12 +191,12 @@ class Teller:
                 (self.now_ns, electrode, body.contact(electrode).conductance_s)
             )
 
-    def press(self, line: StopLine) -> None:
+    def press(self, line: StopName) -> None:
         if getattr(self.rig.engine.components.loaded.board.guards, line) != "absent":
             self.story.presses.append(self.now_ns)
             self.rig.fake.world.press(line)
 
-    def release(self, line: StopLine) -> None:
+    def release(self, line: StopName) -> None:
         if getattr(self.rig.engine.components.loaded.board.guards, line) != "absent":
             self.rig.fake.world.release(line)
 

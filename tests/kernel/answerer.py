@@ -107,7 +107,7 @@ class Answerer:
     def follow_world(self) -> None:
         """The levels of the stop lines, as they are now, on the module's inputs."""
         now_ns = self.now_ns()
-        levels = {line: self._circuit.sense(now_ns, line) for line in self._stops}
+        levels = {line: self._circuit.gpio.sense(now_ns, line) for line in self._stops}
         if levels != self._levels:
             self._levels = levels
             self._put_inputs(levels)
@@ -126,7 +126,7 @@ class Answerer:
 
     def _take(self, t_ns: int, number: int, kind: int, payload: bytes) -> None:
         if kind == _LINE_DRIVEN:
-            self._circuit.drive(t_ns, *_PAIR.unpack(payload))
+            self._circuit.gpio.drive(t_ns, *_PAIR.unpack(payload))
             return
         try:
             status, answer = 0, self._answer(t_ns, kind, payload)
@@ -137,11 +137,11 @@ class Answerer:
     def _answer(self, t_ns: int, kind: int, payload: bytes) -> bytes:
         if kind == _LINE_READ:
             (line,) = struct.unpack("=I", payload)
-            return bytes((self._circuit.sense(t_ns, line),))
+            return bytes((self._circuit.gpio.sense(t_ns, line),))
         if kind == _SPI_MESSAGE:
             return self._play(t_ns, payload)
         if kind == _I2C_TRANSFER:
-            read, _ = self._circuit.i2c_transfer(t_ns, *i2c_transaction(payload))
+            read, _ = self._circuit.i2c.transfer(t_ns, *i2c_transaction(payload))
             if isinstance(read, BusError):
                 raise read
             return read
@@ -153,9 +153,9 @@ class Answerer:
             return bytes(sum(len(transfer.tx) for transfer in message.transfers))
         setup = SpiSetup(self._board.source.spi, mode, speed_hz)
         if setup != self._spi:
-            self._circuit.configure_spi(setup)
+            self._circuit.spi.open(setup)
             self._spi = setup
-        steps = self._circuit.play(t_ns, message)
+        steps = self._circuit.spi.play(t_ns, message)
         try:
             while True:
                 next(steps)

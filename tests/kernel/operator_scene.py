@@ -14,15 +14,15 @@ from pathlib import Path
 from etd.selftest.report import Report, load
 from etd_body.electrode import OPEN_CONTACT, Contact, grounded
 from etd_body.electrode import load as resistor
+from etd_hal.bench import StopName
 from etd_hal.fake import wire
-from etd_hal.fake.world import StopLine
 from etd_hal.linux.clock import LinuxClock
 from guest_board import Chips
 
 LOAD_OHM, SECOND_OHM = 47_000, 10_000
 _FIRST, _SECOND = 1, 2
 _STOP = re.compile(r"(press|release) the (emergency|wearer) stop(, and (release|HOLD) it.*)?")
-_NAMES: dict[str, StopLine] = {"emergency": "emergency_stop", "wearer": "wearer_stop"}
+_NAMES: dict[str, StopName] = {"emergency": "emergency_stop", "wearer": "wearer_stop"}
 _CLIP = re.compile(r"connect (\d+) ohm between electrodes (\d+) and (\d+)")
 _GROUND = re.compile(r"connect (\d+) ohm between electrode (\d+) and the board's ground")
 _PRESSES_NS = 200_000_000
@@ -50,7 +50,7 @@ class Operator:
         if stop:
             self._move(_NAMES[stop[2]], is_pressed=stop[1] == "press", is_held=stop[4] == "HOLD")
 
-    def _move(self, stop: StopLine, is_pressed: bool, is_held: bool) -> None:
+    def _move(self, stop: StopName, is_pressed: bool, is_held: bool) -> None:
         """A press that is not to be held is a release, too."""
         if is_pressed:
             self._chips.knock(wire.Press(stop, 0))
@@ -71,15 +71,7 @@ class Operator:
         self._on = electrodes
 
     def _touch(self, electrode: int, contact: Contact) -> None:
-        self._chips.knock(
-            wire.Touch(
-                electrode,
-                contact.kind,
-                contact.series_ohm,
-                contact.parallel_ohm,
-                contact.capacitance_nf,
-            )
-        )
+        self._chips.knock(wire.Touch(electrode, contact))
 
 
 def selftest(config: Path, chips: Chips, kept: Path) -> tuple[int, Report]:

@@ -35,8 +35,9 @@ from etd.protocol.link import (
 )
 from etd.protocol.messages import Limits
 from etd_body.electrode import skin
+from etd_hal.bench import StopName
 from etd_hal.fake.faults import Fault
-from etd_hal.fake.world import StopLine, Touchable
+from etd_hal.fake.world import Touchable
 
 _MS = 1_000_000
 #: A command that is not answered within so long is left alone.
@@ -148,11 +149,11 @@ class Stage:
     def take_out(self, fault: Fault) -> None:
         self.rig.fake.world.take_out(fault)
 
-    def press(self, line: StopLine) -> None:
+    def press(self, line: StopName) -> None:
         if getattr(self.rig.engine.components.loaded.board.guards, line) != "absent":
             self.rig.fake.world.press(line)
 
-    def release(self, line: StopLine) -> None:
+    def release(self, line: StopName) -> None:
         if getattr(self.rig.engine.components.loaded.board.guards, line) != "absent":
             self.rig.fake.world.release(line)
 

@@ -20,6 +20,7 @@ from etd_hal.fake.faults import Fault
 from etd_hal.fake.layouts import lay_out
 from etd_hal.fake.machines import PI4, MachineModel
 from etd_hal.fake.pressure_sensors import PressureModel, SensorUnderArray, lying
+from etd_hal.fake.processor import Call
 from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable, World
@@ -115,7 +116,7 @@ class FakeBoard:
     def let_float(self) -> None:
         """The process that held the outputs is gone: the pulls set their levels."""
         with self._lock:
-            self._circuit.let_float(self._clock.now_ns())
+            self._circuit.gpio.let_float(self._clock.now_ns())
 
     def close(self) -> None:
         """The end: a DAC that is not at zero is a violation."""
@@ -146,7 +147,7 @@ class FakeSpi:
         """See `ports.Spi`. The lock is free while the message waits: a stopper can get in."""
         calls = self._calls
         layout_ns = lay_out(message, self, self._device, self._calls.machine)
-        steps = calls.circuit.play(calls.clock.begin_message() + layout_ns, message)
+        steps = calls.circuit.spi.play(calls.clock.begin_message() + layout_ns, message)
         try:
             while True:
                 with calls.lock:
@@ -164,31 +165,29 @@ class FakeSpi:
 class FakeGpio:
     def __init__(self, calls: _Calls) -> None:
         self._calls = calls
+        self._lines = calls.circuit.gpio
 
     def set(self, changes: Changes) -> None:
         calls = self._calls
-        start_ns = calls.clock.begin_call(
-            "switch" if calls.circuit.moves_switch(changes) else "line"
-        )
+        call: Call = "switch" if self._lines.moves_switch(changes) else "line"
+        start_ns = calls.clock.begin_call(call)
         with calls.lock:
-            end_ns = calls.circuit.set_lines(start_ns, changes)
+            end_ns = self._lines.set(start_ns, changes)
         calls.clock.end_call(end_ns)
 
     def get(self, line: int) -> int:
-        calls = self._calls
-        start_ns = calls.clock.begin_call("line")
-        with calls.lock:
-            level, end_ns = calls.circuit.get_line(start_ns, line)
-        calls.clock.end_call(end_ns)
-        return level
+        return self._read(lambda start_ns: self._lines.get(start_ns, line))
 
     def edges(self) -> tuple[Edge, ...]:
+        return self._read(self._lines.take_edges)
+
+    def _read(self, read: Callable[[int], tuple[Said, int]]) -> Said:
         calls = self._calls
         start_ns = calls.clock.begin_call("line")
         with calls.lock:
-            edges, end_ns = calls.circuit.take_edges(start_ns)
+            found, end_ns = read(start_ns)
         calls.clock.end_call(end_ns)
-        return edges
+        return found
 
 
 class FakeI2c:
@@ -199,7 +198,7 @@ class FakeI2c:
         calls = self._calls
         start_ns = calls.clock.begin_call("line")
         with calls.lock:
-            answer, end_ns = calls.circuit.i2c_transfer(start_ns, address, write, read_length)
+            answer, end_ns = calls.circuit.i2c.transfer(start_ns, address, write, read_length)
         calls.clock.end_side_call(end_ns)
         if isinstance(answer, BusError):
             raise answer

@@ -1,13 +1,13 @@
 """One fake board behind its wires, put together.
 
-Owns: the wiring of chips, rail, switch, body and buses. Every call comes with the time it starts
-at and answers with the time it ends at.
+Owns: the wiring of chips, rail, switch, body and buses (`gpio`, `spi`, `i2c`). Every call comes
+with the time it starts at and answers with the time it ends at.
 Must not know: clocks, threads, sockets.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 from etd_body.interface import Side, Sides
 from etd_hal.boardfile import BoardFile, Relays
@@ -27,11 +27,11 @@ from etd_hal.fake.pressure_sensors import (
 )
 from etd_hal.fake.rail import Rail
 from etd_hal.fake.relays import RelayChain
-from etd_hal.fake.spibus import Played, SpiBus
+from etd_hal.fake.spibus import SpiBus
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable, World
-from etd_hal.ports import Changes, Edge, LineSetup, Message, SpiSetup
+from etd_hal.ports import LineSetup, SpiSetup
 
 #: Above this, two closed relays of one electrode would carry current.
 _RAIL_IS_UP_V = 30.0
@@ -68,15 +68,15 @@ class Circuit:
         self._path.set_sides(start_ns, self._switch.sides, self._switch.shorted)
         self._timeline.before_call.append(self._path.settle)
         self._timeline.reached.append(lambda: self._path.reached_ns)
-        self._header = Header(
+        self.gpio = Header(
             board, self._switch, self._path, self._rail, faulty, self._timeline, trace, machine
         )
-        self._spi = SpiBus(board.source, self._path, faulty, self._timeline, trace, machine)
+        self.spi = SpiBus(board.source, self._path, faulty, self._timeline, trace, machine)
         pressed = FakePressureSensors(sensors, pressing)
         self.world = World(
-            body, electrodes, self._rail, faulty, pressed, self._header.move_stop, self.now_ns
+            body, electrodes, self._rail, faulty, pressed, self.gpio.move_stop, self.now_ns
         )
-        self._i2c = I2cBus(board, self._rail, faulty, pressed, self._timeline, trace, machine)
+        self.i2c = I2cBus(board, self._rail, faulty, pressed, self._timeline, trace, machine)
         trace.begin(board, electrodes)
 
     @property
@@ -103,55 +103,19 @@ class Circuit:
 
         Raises: BusError (`busy`, `invalid`, `absent`).
         """
-        end_ns = self._header.request(t_ns, lines)
+        end_ns = self.gpio.request(t_ns, lines)
         try:
-            self._spi.open(spi)
+            self.spi.open(spi)
         except BusError:
-            self._header.release()
+            self.gpio.release()
             raise
         return end_ns
 
     def release(self) -> None:
         """Let go of everything; outputs keep their levels."""
-        self._header.release()
-        self._spi.close()
+        self.gpio.release()
+        self.spi.close()
         self._trace.write()
-
-    def set_lines(self, t_ns: int, changes: Changes) -> int:
-        return self._header.set(t_ns, changes)
-
-    def moves_switch(self, changes: Changes) -> bool:
-        """Whether the switch has any of the lines."""
-        return self._header.moves_switch(changes)
-
-    def let_float(self, t_ns: int) -> None:
-        """See `Header.let_float`."""
-        self._header.let_float(t_ns)
-
-    def get_line(self, t_ns: int, line: int) -> tuple[int, int]:
-        return self._header.get(t_ns, line)
-
-    def take_edges(self, t_ns: int) -> tuple[tuple[Edge, ...], int]:
-        return self._header.take_edges(t_ns)
-
-    def drive(self, t_ns: int, line: int, value: int) -> None:
-        """An output that somebody else's request holds: see `Header.drive`."""
-        self._header.drive(t_ns, line, value)
-
-    def sense(self, t_ns: int, line: int) -> int:
-        return self._header.sense(t_ns, line)
-
-    def configure_spi(self, spi: SpiSetup) -> None:
-        """Mode and speed of the messages to come. Raises: BusError (`absent`, `invalid`)."""
-        self._spi.open(spi)
-
-    def play(self, t_ns: int, message: Message) -> Generator[int, None, Played]:
-        return self._spi.play(t_ns, message)
-
-    def i2c_transfer(
-        self, t_ns: int, address: int, write: bytes, read_length: int
-    ) -> tuple[bytes | BusError, int]:
-        return self._i2c.transfer(t_ns, address, write, read_length)
 
     def mark(self, t_ns: int, event: str, seq: int, tag: int | None) -> None:
         """The engine's remark: the trace's, and nobody else's."""

@@ -6,6 +6,7 @@ Must not know: SPI, I2C, what the current does.
 
 from __future__ import annotations
 
+from etd_hal.bench import StopName
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.fake.currentpath import CurrentPath
 from etd_hal.fake.faults import (
@@ -24,11 +25,10 @@ from etd_hal.fake.rail import Rail
 from etd_hal.fake.relays import RelayChain
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
-from etd_hal.fake.world import StopLine
 from etd_hal.ports import Changes, Edge, LineSetup
 
 _SWITCH_LINES = frozenset(("POL", "DATA", "LE", "BL", "CLK"))
-_STOP_OF: dict[str, StopLine] = {
+_STOP_OF: dict[str, StopName] = {
     "EMERGENCY_STOP": "emergency_stop",
     "WEARER_STOP": "wearer_stop",
 }
@@ -106,6 +106,7 @@ class Header:
         return self._timeline.end(t_ns + self._machine.gpio_call_ns)
 
     def moves_switch(self, changes: Changes) -> bool:
+        """Whether the switch has any of the lines."""
         moves = self._moves.get(changes)
         if moves is None:
             moves = any(self._names.get(line) in _SWITCH_LINES for line, _ in changes)
@@ -151,7 +152,7 @@ class Header:
             return self._stuck("READBACK", self._switch.data_out)
         return self._stuck(self._names.get(line, ""), self._lines.level(line))
 
-    def move_stop(self, stop: StopLine, value: int, at_ns: int | None) -> None:
+    def move_stop(self, stop: StopName, value: int, at_ns: int | None) -> None:
         """The world opens (0) or closes (1) the loop of a stop line, now or at a time to come."""
         line = self._line_of.get(stop.upper())
         if line is None:

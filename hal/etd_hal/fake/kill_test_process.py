@@ -18,7 +18,7 @@ _DIES_NS = 3_000_000
 
 
 class FakeKillTestProcess:
-    """See `bench.Understudy`."""
+    """See `bench.KillTestProcess`."""
 
     def __init__(
         self, fake: FakeBoard, board: BoardFile, gpio: Gpio, setup: LineSetup, clock: SteppedClock

@@ -20,11 +20,10 @@ import socket
 import sys
 from collections.abc import Generator
 from pathlib import Path
-from typing import Literal, cast
+from typing import cast
 
 import msgspec
 
-from etd_body.electrode import Contact, ContactKind
 from etd_hal.boardfile import load_board
 from etd_hal.errors import BusError, EtdError
 from etd_hal.fake import wire
@@ -35,7 +34,7 @@ from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.pressure_sensors import Sensor
 from etd_hal.fake.spibus import Played
 from etd_hal.fake.trace import Trace
-from etd_hal.ports import InputLine, LineSetup, Message, Pull, SpiSetup, Transfer
+from etd_hal.ports import Message
 
 _LISTEN_BACKLOG = 8
 
@@ -81,12 +80,7 @@ class BoardServer:
         if call.board != board.name:
             detail = f"this is {board.name}, not {call.board}"
             raise BusError("invalid", "the board process", "request", detail)
-        inputs = tuple(
-            InputLine(line, cast(Pull, pull), edges) for line, pull, edges in call.inputs
-        )
-        setup = LineSetup(call.outputs, inputs, call.consumer)
-        spi = SpiSetup(call.device, call.mode, call.speed_hz)
-        end_ns = self._circuit.request(call.t_ns, setup, spi)
+        end_ns = self._circuit.request(call.t_ns, call.lines, call.spi)
         self._holder = client
         return wire.Done(end_ns)
 
@@ -94,26 +88,22 @@ class BoardServer:
         circuit = self._circuit
         match call:
             case wire.Play():
-                transfers = tuple(Transfer(*transfer) for transfer in call.transfers)
-                self._playing = circuit.play(call.t_ns, Message(transfers))
+                self._playing = circuit.spi.play(call.t_ns, Message(call.transfers))
                 return self._play_on()
             case wire.Resume():
                 return self._play_on()
             case wire.SetLines():
-                return wire.Done(circuit.set_lines(call.t_ns, call.changes))
+                return wire.Done(circuit.gpio.set(call.t_ns, call.changes))
             case wire.GetLine():
-                level, end_ns = circuit.get_line(call.t_ns, call.line)
+                level, end_ns = circuit.gpio.get(call.t_ns, call.line)
                 return wire.Done(end_ns, value=level)
             case wire.TakeEdges():
-                edges, end_ns = circuit.take_edges(call.t_ns)
-                flat = tuple((edge.line, edge.value, edge.t_ns) for edge in edges)
-                return wire.Done(end_ns, edges=flat)
+                edges, end_ns = circuit.gpio.take_edges(call.t_ns)
+                return wire.Done(end_ns, edges=edges)
             case wire.TransferI2c():
                 return self._transfer_i2c(call)
             case wire.Mark():
-                circuit.mark(
-                    call.t_ns, cast(Literal["frame", "mark"], call.event), call.seq, call.tag
-                )
+                circuit.mark(call.t_ns, call.event, call.seq, call.tag)
                 return wire.Done(call.t_ns)
             case _:
                 raise BusError("invalid", "the board process", "call", f"unexpected: {call}")
@@ -132,7 +122,7 @@ class BoardServer:
             raise
 
     def _transfer_i2c(self, call: wire.TransferI2c) -> wire.Answer:
-        answer, end_ns = self._circuit.i2c_transfer(
+        answer, end_ns = self._circuit.i2c.transfer(
             call.t_ns, call.address, call.write, call.read_length
         )
         if isinstance(answer, BusError):
@@ -149,9 +139,7 @@ def knock_at(circuit: Circuit, knock: wire.Knock, *, held: bool) -> wire.State:
         case wire.Press():
             world.release(knock.stop, knock.at_ns)
         case wire.Touch():
-            kind = cast(ContactKind, knock.kind)
-            contact = Contact(kind, knock.series_ohm, knock.parallel_ohm, knock.capacitance_nf)
-            world.touch(knock.electrode, contact)
+            world.touch(knock.electrode, knock.contact)
         case wire.PutIn():
             world.put_in(fault_of(knock.fault))
         case wire.AskState():

@@ -92,11 +92,8 @@ class RemoteSpi:
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         layout_ns = lay_out(message, self, self._device, PI4)
-        transfers = tuple(
-            (entry.tx, entry.delay_us, entry.cs_change) for entry in message.transfers
-        )
         start_ns = self._line.clock.begin_message() + layout_ns
-        return self._line.call(wire.Play(start_ns, transfers)).reads
+        return self._line.call(wire.Play(start_ns, message.transfers)).reads
 
 
 class RemoteGpio:
@@ -110,8 +107,7 @@ class RemoteGpio:
         return self._line.call(wire.GetLine(self._line.clock.begin_call("line"), line)).value
 
     def edges(self) -> tuple[Edge, ...]:
-        done = self._line.call(wire.TakeEdges(self._line.clock.begin_call("line")))
-        return tuple(Edge(*edge) for edge in done.edges)
+        return self._line.call(wire.TakeEdges(self._line.clock.begin_call("line"))).edges
 
 
 class RemoteI2c:
@@ -153,20 +149,8 @@ def open_remote(
     `invalid` when it plays another board file).
     """
     line = _Line(path, clock)
-    inputs = tuple((entry.line, entry.pull, entry.edges) for entry in lines.inputs)
     try:
-        line.call(
-            wire.TakeLines(
-                clock.begin_call("line"),
-                board.name,
-                lines.outputs,
-                inputs,
-                lines.consumer,
-                spi.device,
-                spi.mode,
-                spi.speed_hz,
-            )
-        )
+        line.call(wire.TakeLines(clock.begin_call("line"), board.name, lines, spi))
     except BusError:
         line.close()
         raise

@@ -9,12 +9,14 @@ which it ends; the client waits for that by itself.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
+from etd_body.electrode import Contact
+from etd_hal.bench import StopName
 from etd_hal.errors import BusErrorKind
-from etd_hal.fake.world import StopLine
+from etd_hal.ports import Changes, Edge, LineSetup, SpiSetup, Transfer
 
 #: The largest message (511 transfers) fits.
 MAX_DATAGRAM_BYTES = 65_536
@@ -29,17 +31,13 @@ class TakeLines(_Datagram, frozen=True):
 
     t_ns: int
     board: str
-    outputs: tuple[tuple[int, int], ...]
-    inputs: tuple[tuple[int, str, bool], ...]
-    consumer: str
-    device: str
-    mode: int
-    speed_hz: int
+    lines: LineSetup
+    spi: SpiSetup
 
 
 class Play(_Datagram, frozen=True):
     t_ns: int
-    transfers: tuple[tuple[bytes, int, bool], ...]
+    transfers: tuple[Transfer, ...]
 
 
 class Resume(_Datagram, frozen=True):
@@ -48,7 +46,7 @@ class Resume(_Datagram, frozen=True):
 
 class SetLines(_Datagram, frozen=True):
     t_ns: int
-    changes: tuple[tuple[int, int], ...]
+    changes: Changes
 
 
 class GetLine(_Datagram, frozen=True):
@@ -69,7 +67,7 @@ class TransferI2c(_Datagram, frozen=True):
 
 class Mark(_Datagram, frozen=True):
     t_ns: int
-    event: str
+    event: Literal["frame", "mark"]
     seq: int
     tag: int | None
 
@@ -77,7 +75,7 @@ class Mark(_Datagram, frozen=True):
 class Press(_Datagram, frozen=True):
     """The world moves a stop line: 0 opens its loop, 1 closes it. No time means now."""
 
-    stop: StopLine
+    stop: StopName
     level: int
     at_ns: int | None = None
 
@@ -86,10 +84,7 @@ class Touch(_Datagram, frozen=True):
     """The world puts a contact under an electrode."""
 
     electrode: int
-    kind: str
-    series_ohm: float
-    parallel_ohm: float
-    capacitance_nf: float
+    contact: Contact
 
 
 class PutIn(_Datagram, frozen=True):
@@ -114,7 +109,7 @@ class Done(_Datagram, frozen=True):
     end_ns: int
     reads: tuple[bytes, ...] = ()
     value: int = 0
-    edges: tuple[tuple[int, int, int], ...] = ()
+    edges: tuple[Edge, ...] = ()
 
 
 class Waits(_Datagram, frozen=True):

@@ -18,8 +18,6 @@ from etd_hal.fake.host import FakeHost
 from etd_hal.fake.pressure_sensors import FakePressureSensors
 from etd_hal.fake.rail import Rail
 
-StopLine = StopName
-
 
 class Touchable(Body, Protocol):
     """A body whose contacts can be changed from outside."""
@@ -39,7 +37,7 @@ class World:
         rail: Rail,
         faults: Faults,
         pressed: FakePressureSensors,
-        move_line: Callable[[StopLine, int, int | None], None],
+        move_line: Callable[[StopName, int, int | None], None],
         now_ns: Callable[[], int],
     ) -> None:
         self.body = body
@@ -52,11 +50,11 @@ class World:
         #: The machine that drives the board.
         self.host = FakeHost(faults)
 
-    def press(self, stop: StopLine, at_ns: int | None = None) -> None:
+    def press(self, stop: StopName, at_ns: int | None = None) -> None:
         """Open the loop of a stop line; without a time at once."""
         self._move_line(stop, 0, at_ns)
 
-    def release(self, stop: StopLine, at_ns: int | None = None) -> None:
+    def release(self, stop: StopName, at_ns: int | None = None) -> None:
         """Close the loop of a stop line."""
         self._move_line(stop, 1, at_ns)
 

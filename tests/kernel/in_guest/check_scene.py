@@ -61,9 +61,7 @@ def tested(tmp_path: Path) -> Iterator[tuple[Chips, Path]]:
         assert {check.stage for check in found.checks} == {name for name, _ in STAGES} | {"end"}
         report(f"self-test of a sound board: {len(found.checks)} checks passed")
         for electrode in range(BOARD.switch.outputs):
-            on = skin()
-            values = (on.kind, on.series_ohm, on.parallel_ohm, on.capacitance_nf)
-            chips.knock(wire.Touch(electrode, *values))
+            chips.knock(wire.Touch(electrode, skin()))
         kernel_trace.begin()
         yield chips, kept
         state = chips.state()
