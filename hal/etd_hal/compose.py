@@ -12,7 +12,7 @@ import dataclasses
 import datetime
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from etd_hal.backend import Backend, Bench
 from etd_hal.bench import ScanCore
@@ -22,6 +22,7 @@ from etd_hal.chips.codec import Codec
 from etd_hal.errors import BusError
 from etd_hal.linesetup import line_setup, spi_setup
 from etd_hal.ports import Gpio, I2c, Message, Spi
+from etd_hal.unwired import NoMarker
 from etd_hal.wakeups import NotingClock
 
 if TYPE_CHECKING:
@@ -42,13 +43,6 @@ _SAMPLES = {"AD7276": ad7276.code_of}
 def codec_of(source: Source) -> Codec:
     """The words of the board file's DAC and ADC."""
     return Codec(_WORDS[source.dac], _SAMPLES[source.adc])
-
-
-class NoMarker:
-    """Discards marks: real buses have no trace."""
-
-    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
-        pass
 
 
 class NoSpi:

@@ -170,6 +170,13 @@ class UnwiredGpio:
         return ()
 
 
+class NoMarker:
+    """Discards marks: there is no trace, as on real buses."""
+
+    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
+        pass
+
+
 def _samples(codec: Codec, codes: int) -> dict[int, bytes]:
     """The bytes that the codec reads as each sample: found by reading, whatever the chip."""
     found: dict[int, bytes] = {}

@@ -22,9 +22,10 @@ from etd.protocol.link import Alive, ArmBoard, Channel, NewFrame, OpenLease, ToE
 from etd.protocol.messages import Limits
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
-from etd_hal.compose import NoMarker, codec_of
+from etd_hal.compose import codec_of
 from etd_hal.cutlatch import LOOKED_NS
 from etd_hal.ports import Changes, Clock, Edge, Message, Wait
+from etd_hal.unwired import NoMarker
 
 #: A Pi 4 core beside one of the machines that run tests: assumed, from published benchmarks.
 PI4_FACTOR = 4.0

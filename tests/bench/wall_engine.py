@@ -24,10 +24,11 @@ from bench.processor import FreeGpio, answer, message_ns  # noqa: E402
 from etd.engine.process import run_engine  # noqa: E402
 from etd.files.configuration import LoadedConfig  # noqa: E402
 from etd_hal.backend import Backend  # noqa: E402
-from etd_hal.compose import NoMarker, codec_of  # noqa: E402
+from etd_hal.compose import codec_of  # noqa: E402
 from etd_hal.linux import realtime  # noqa: E402
 from etd_hal.linux.clock import LinuxClock  # noqa: E402
 from etd_hal.ports import Message, Wait  # noqa: E402
+from etd_hal.unwired import NoMarker  # noqa: E402
 
 _REST_US = 200
 _MACHINE = "rig"

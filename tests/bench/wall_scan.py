@@ -26,9 +26,10 @@ from etd.files.configuration import EngineConfig, LoadedConfig, fake_config  # n
 from etd.files.resources import find  # noqa: E402
 from etd_hal.backend import Backend  # noqa: E402
 from etd_hal.boardfile import load_machine  # noqa: E402
-from etd_hal.compose import NoMarker, codec_of  # noqa: E402
+from etd_hal.compose import codec_of  # noqa: E402
 from etd_hal.linux import realtime  # noqa: E402
 from etd_hal.linux.clock import LinuxClock  # noqa: E402
+from etd_hal.unwired import NoMarker  # noqa: E402
 
 BOARD = "reference-hv507"
 PRIORITY = 80

@@ -8,8 +8,9 @@ import pytest
 
 from etd_hal.backend import Backend
 from etd_hal.boardfile import load_board
-from etd_hal.compose import NoMarker, open_fake
+from etd_hal.compose import open_fake
 from etd_hal.linux.clock import LinuxClock
+from etd_hal.unwired import NoMarker
 from stepped_board import BOARDS, SteppedBoard, stepped_board
 
 

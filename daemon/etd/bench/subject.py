@@ -9,7 +9,6 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable
 from dataclasses import replace
-from types import TracebackType
 from typing import Self
 
 import msgspec
@@ -36,7 +35,7 @@ from etd_hal.boardfile import MachineFile
 from etd_hal.chips.codec import Codec
 from etd_hal.cutlatch import LOOKED_NS
 from etd_hal.ports import Clock
-from etd_hal.unwired import Mark, MarkedClock, SpendingClock, UnwiredGpio, UnwiredSpi
+from etd_hal.unwired import Mark, MarkedClock, NoMarker, SpendingClock, UnwiredGpio, UnwiredSpi
 from etd_hal.wakeups import WakeUps
 
 #: The board that most kits are, with all of its outputs on one array.
@@ -74,13 +73,6 @@ def loaded_with(machine: MachineFile, stabilize: Settings) -> LoadedConfig:
     return replace(loaded, board=board, body_site=site, machine=machine)
 
 
-class Unmarked:
-    """Discards marks of frames: there is no trace."""
-
-    def mark(self, event: str, seq: int, tag: int | None) -> None:
-        pass
-
-
 class Subject:
     """An armed engine and its gateway's end of the link. It is ended by leaving the block."""
 
@@ -103,7 +95,7 @@ class Subject:
         gpio = UnwiredGpio(marked, machine, mark)
         backend = Backend(
             "fake",
-            *(spi, gpio, None, marked, Unmarked(), lambda: None),
+            *(spi, gpio, None, marked, NoMarker(), lambda: None),
             host_clock=host_clock,
             codec=codec,
             wakeups=wakeups or WakeUps(),
@@ -129,12 +121,7 @@ class Subject:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._end()
 
     def _arm(self) -> None:
