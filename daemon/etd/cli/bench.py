@@ -24,7 +24,7 @@ from etd.cli.run import CONFIG_FOLDER
 from etd.files.atomic_file import write_atomically
 from etd.files.configuration import LoadedConfig, fake_config, load_config
 from etd.files.resources import find
-from etd.protocol.errors import BoardFault, FileError, HardwareMissing
+from etd.protocol.errors import BoardFault, HardwareMissing
 from etd_hal.board import Board
 from etd_hal.boardfile import MachineFile, load_machine
 from etd_hal.compose import (
@@ -88,15 +88,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises: FileError."""
-    try:
+    """Files that cannot be read or written are wrong use: status 2."""
+    with options.wrong_use(args):
         return _run(args)
-    except FileError as error:
-        args.misused(str(error))
-        raise
 
 
 def _run(args: argparse.Namespace) -> int:
+    """Raises: FileError."""
     check_new_file(args.report)
     check_new_file(args.write_machine)
     if _are_one(args.report, args.write_machine):

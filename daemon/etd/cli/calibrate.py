@@ -10,8 +10,6 @@ import argparse
 import contextlib
 import functools
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import get_args
 
@@ -130,7 +128,7 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Raises: Refused, FileError, HardwareMissing, DaemonGone, PartEnded."""
     _check_combinations(args)
-    with _wrong_use(args):
+    with options.wrong_use(args):
         check_new_file(args.out)
         which = check_name(args.which or args.participant, "the code, or --as")
     if args.method == "quest-plus":
@@ -140,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
         _address(args) as address,
         _display(args, address) as display,
     ):
-        with _wrong_use(args):
+        with options.wrong_use(args):
             calibrating = CalibrateSession(args, display, which)
         try:
             calibrating.run()
@@ -170,20 +168,10 @@ def _check_combinations(args: argparse.Namespace) -> None:
         args.misused("--array and --answers simulated go with --board fake")
 
 
-@contextmanager
-def _wrong_use(args: argparse.Namespace) -> Iterator[None]:
-    """A wrong value on the command line, or in a file that it names: status 2."""
-    try:
-        yield
-    except FileError as error:
-        args.misused(str(error))
-        raise
-
-
 def _address(args: argparse.Namespace) -> contextlib.AbstractContextManager[str | None]:
     if args.board is None:
         return contextlib.nullcontext()
-    with _wrong_use(args):
+    with options.wrong_use(args):
         loaded = fake_config(args.board.board, args.array)
     return private_daemon("calibrate", loaded)
 
@@ -196,7 +184,7 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
     if args.method == "equalize":
         return opened(calibration=args.baseline)
     with opened() as asking:
-        with _wrong_use(args):
+        with options.wrong_use(args):
             _check_limit(args.max_current_ua, asking.facts)
         width_us = args.width_us
         if width_us is None:

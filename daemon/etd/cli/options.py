@@ -1,8 +1,8 @@
 """Options that several verbs share.
 
 Owns: `--name`, `--json`, `--seconds`, `--returns`, `--config`, `--board fake[:BOARD]`, `--array`,
-`--machine`, numbers within bounds, and how a verb reports a failure that is not an exception. Must
-not know: verbs.
+`--machine`, numbers within bounds, how a verb reports a failure that is not an exception, and wrong
+use that shows late. Must not know: verbs.
 """
 
 from __future__ import annotations
@@ -10,11 +10,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 from etd.files.paths import DEFAULT_NAME
+from etd.protocol.errors import FileError
 from etd_hal.compose import MODELLED_MACHINES
 
 
@@ -39,6 +41,16 @@ def answer_no(args: argparse.Namespace, code: str, reason: str) -> None:
         print(json.dumps({"ok": False, "error": code, "reason": reason}))
     else:
         print(f"etd: {reason}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def wrong_use(args: argparse.Namespace) -> Iterator[None]:
+    """A wrong value on the command line, or in a file that it names: status 2."""
+    try:
+        yield
+    except FileError as error:
+        args.misused(str(error))
+        raise
 
 
 def add_seconds(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,6 @@ from etd.cli.selftest_ending import broken_off_once
 from etd.cli.selftest_table import Quiet, Table, table_of
 from etd.files.configuration import LoadedConfig
 from etd.files.lasting import why_forgotten
-from etd.protocol.errors import FileError
 from etd.selftest.fixture import DummyLoad, Fixture, SelftestOptions
 from etd.selftest.ladder import largest_ohm
 from etd.selftest.report import Check, Report, arming_refusal, save
@@ -103,11 +102,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Raises: HardwareMissing, BusError. Files that cannot be read are wrong use: status 2."""
-    try:
+    with options.wrong_use(args):
         return _run(args)
-    except FileError as error:
-        args.misused(str(error))
-        raise
 
 
 def _run(args: argparse.Namespace) -> int:
