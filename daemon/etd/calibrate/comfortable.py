@@ -27,9 +27,7 @@ class Comfortable:
     cap_ua: int
 
 
-def comfortable(
-    threshold_ua: int, headroom: float = HEADROOM, known_ua: float = 0.0
-) -> Procedure[Comfortable]:
+def comfortable(threshold_ua: int, known_ua: float = 0.0) -> Procedure[Comfortable]:
     """Steps are 10 % up to `known_ua`: the comfortable level of an earlier calibration is higher.
 
     Ends at the headroom, at the reach's cap, or before what was too strong. If nothing was called
@@ -48,7 +46,7 @@ def comfortable(
         accepted_ua = max(accepted_ua, heard.current_ua)
         if heard.answer == "comfortable" and chosen_ua is None:
             chosen_ua = heard.current_ua
-        enough_ua = None if chosen_ua is None else round(chosen_ua * headroom)
+        enough_ua = None if chosen_ua is None else round(chosen_ua * HEADROOM)
         if heard.is_at_cap or (enough_ua is not None and accepted_ua >= enough_ua):
             break
         requested_ua = min(heard.current_ua * RISE, max(known_ua, heard.current_ua * FINE))

@@ -2,8 +2,8 @@
 
 Owns: its steps and turns. Must not know: persons, daemons, reach.
 
-Going down after one felt presentation, it converges to 50 % felt; after two in a row to 71 %, after
-three to 79 % (Levitt's rules). A coarse ascent gives the start.
+Going down after one felt presentation, it converges to 50 % felt (Levitt's rules). A coarse ascent
+gives the start.
 """
 
 from __future__ import annotations
@@ -20,26 +20,22 @@ _IGNORED = 2
 _MISSES_AT_CAP = 2
 
 
-def staircase(start_ua: float, felt_in_a_row: int = 1) -> Procedure[Threshold]:
+def staircase(start_ua: float) -> Procedure[Threshold]:
     """Eight turns after the coarse ascent; the geometric mean of the last six."""
     first = yield from coarse(start_ua)
     if not first.is_felt:
         return first
-    requested_ua, row, misses, was_up = first.current_ua, 0, 0, None
+    requested_ua, misses, was_up = first.current_ua, 0, None
     turns: list[float] = []
     while len(turns) < TURNS:
         heard = yield requested_ua
-        requested_ua = heard.current_ua
-        row = row + 1 if heard.is_felt else 0
-        if heard.is_felt and row < felt_in_a_row:
-            continue
-        is_up, row = not heard.is_felt, 0
+        is_up = not heard.is_felt
         misses = misses + 1 if is_up and heard.is_at_cap and not heard.is_cap_felt else 0
         if misses == _MISSES_AT_CAP:
             return Threshold(heard.current_ua, is_felt=False)
         if was_up is not None and is_up is not was_up:
             turns.append(heard.current_ua)
         was_up = is_up
-        requested_ua *= FINE if is_up else 1.0 / FINE
+        requested_ua = heard.current_ua * (FINE if is_up else 1.0 / FINE)
     kept = turns[_IGNORED:]
     return Threshold(exp(sum(map(log, kept)) / len(kept)))
