@@ -49,7 +49,6 @@ class SourceRules:
 
     @classmethod
     def of(cls, source: Source) -> SourceRules:
-        """The bounds of one board."""
         step_v = source.node_uv_per_code / 1e6
         noise_v = _NOISE_CODES * step_v
         idle_v = max(_IDLE_UA * source.leak_ohm / 1e6, _OFFSET_V + noise_v)

@@ -64,7 +64,6 @@ def _around(found_us: float) -> Bounds:
 
 
 def toml_of(machine: MachineFile, result: Result) -> str:
-    """The text of the file."""
     return "\n".join(_lines_of(machine, result)) + "\n"
 
 

@@ -101,7 +101,6 @@ def _cost_of(processor_ns: Callable[[], int]) -> int:
 
 
 def stages_of(pulses: Sequence[Sequence[int]]) -> tuple[Stage, ...]:
-    """Each stage of these pulses."""
     return tuple(
         summed(name, [pulse[place] for pulse in pulses]) for place, name in enumerate(STAGES)
     )

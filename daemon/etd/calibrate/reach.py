@@ -41,7 +41,6 @@ class Reach:
         return min(self.cap_ua, self.tolerated_ua + step_ua)
 
     def bounded(self, requested_ua: float) -> int:
-        """The request, bounded."""
         return min(max(LEAST_UA, round(requested_ua)), self.most_ua)
 
     def update(self, current_ua: int, answer: Answer) -> None:

@@ -86,7 +86,6 @@ class Screen:
 
 
 def to_come(progress: Progress) -> str:
-    """What is left to do."""
     return (
         f"method {progress.conditions.method}: {len(progress.missing)} electrodes to do, at least"
         " half a minute each"
@@ -94,6 +93,5 @@ def to_come(progress: Progress) -> str:
 
 
 def count_of(progress: Progress) -> str:
-    """The progress in words."""
     done, all_of_them = len(progress.found), progress.conditions.electrodes
     return f"{done} of {all_of_them} electrodes, {progress.presentations} presentations"

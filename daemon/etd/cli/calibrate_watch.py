@@ -50,11 +50,9 @@ class Watch:
             self._bar.start()
 
     def presented(self, _electrode: int) -> None:
-        """After each presentation."""
         self._draw()
 
     def found(self) -> None:
-        """After each electrode."""
         if self._bar is None:
             print(count_of(self._progress), file=sys.stderr, flush=True)
         self._draw()

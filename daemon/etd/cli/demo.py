@@ -101,7 +101,6 @@ class Demo:
                 self._listen(reports, picture, self._begun_ns + self._frames * _FRAME_NS)
 
     def summary(self) -> str:
-        """One line."""
         status = self._display.status()
         pulses = status.counters.get("pulses", 0)
         late = f" ({self._late} too late to be shown)" if self._late else ""

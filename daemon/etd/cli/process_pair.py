@@ -72,7 +72,6 @@ class Part:
         self.is_ready |= b"READY=1" in self.ready_socket.recv(4096)
 
     def error(self) -> PartEnded:
-        """The error of a part that has ended."""
         code = self.process.wait()
         if self._had_to_be_killed:
             return PartEnded(self.name, f"killed: it did not end within {_END_WITHIN_S:g} s", 1)

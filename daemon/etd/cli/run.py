@@ -175,7 +175,6 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
 
 
 def _arguments(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> list[str]:
-    """The arguments for the parts."""
     arguments = ["--name", args.name, "--folder", str(folder)]
     arguments += ["--selftest", str(_selftest_file(args, loaded))]
     if args.board is not None:

@@ -14,8 +14,6 @@ from etd_hal.ports import Clock
 
 
 class ActiveSchedule:
-    """See the module."""
-
     def __init__(self, clock: Clock, reporter: Reporter) -> None:
         """Frames expire on the machine's clock; all else is timed with the board's `clock`."""
         self._clock = clock
@@ -82,7 +80,6 @@ class ActiveSchedule:
     # --- the scan under way ------------------------------------------------------------------
 
     def begin_scan(self, schedule: Schedule, now_ns: int) -> None:
-        """Begins a scan of `schedule`."""
         frame = schedule.plan.frame
         if not schedule.is_begun:
             self._reporter.frame_begun(frame, now_ns)

@@ -89,8 +89,6 @@ class _Repeatable:
 
 
 class Clearance:
-    """See the module."""
-
     def __init__(
         self,
         board: Board,

@@ -20,8 +20,6 @@ from etd_hal.phase import Pulse, PulseResult
 
 
 class Findings:
-    """See the module."""
-
     def __init__(
         self,
         maxima: MaximaInForce,

@@ -26,8 +26,6 @@ class CameFrame(msgspec.Struct, frozen=True):
 
 
 class FrameQueue:
-    """See the module."""
-
     def __init__(self) -> None:
         self._waiting: deque[CameFrame] = deque()
         self._newest_streamed: CameFrame | None = None

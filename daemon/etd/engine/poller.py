@@ -36,8 +36,6 @@ _BEATS_PER_WINDOW = 4
 
 
 class Poller:
-    """See the module."""
-
     def __init__(
         self,
         components: Components,

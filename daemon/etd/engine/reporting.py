@@ -38,8 +38,6 @@ STATE_PERIOD_NS = 1_000_000_000
 
 @dataclass(slots=True)
 class _ActiveFrame:
-    """A frame that is being shown."""
-
     frame: Frame
     begun_ns: int
     first_ns: int | None = None
@@ -167,7 +165,6 @@ class Reporter:
         self._has_news = True
 
     def fired(self, electrode: int, begun_ns: int, row: Row) -> None:
-        """A pulse of the frame was fired."""
         showing = self._active
         if showing is not None:
             if showing.first_ns is None:

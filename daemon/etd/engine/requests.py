@@ -26,8 +26,6 @@ _ALL_WITHIN_NS = MAX_AGE_NS * 4 // 5
 
 
 class Requests:
-    """See the module."""
-
     def __init__(
         self,
         adapter: StimulusAdapter,

@@ -26,8 +26,6 @@ _POLL_NS = 2_000_000
 
 
 class Sequencer:
-    """See the module."""
-
     def __init__(self, components: Components, supervisor: Supervisor, poller: Poller) -> None:
         self._clock = components.clock
         self._board = components.board

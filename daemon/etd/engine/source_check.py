@@ -24,8 +24,6 @@ _PART = 3
 
 
 class SourceCheck:
-    """See the module."""
-
     def __init__(self, board: Board, maxima: MaximaInForce, firing: Firing) -> None:
         self._board = board
         self._maxima = maxima

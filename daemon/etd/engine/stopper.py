@@ -104,7 +104,6 @@ class StopperThread(threading.Thread):
         return () if self._refusal is None else (self._refusal,)
 
     def watch(self, is_needed: bool) -> None:
-        """Supply on or off."""
         if is_needed:
             self._awake.set()
         else:

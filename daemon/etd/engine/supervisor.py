@@ -34,8 +34,6 @@ from etd_hal.cost import CostModel
 
 
 class Supervisor:
-    """See the module."""
-
     def __init__(
         self, components: Components, untested: Callable[[], str | None] = lambda: None
     ) -> None:

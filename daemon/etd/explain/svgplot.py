@@ -50,7 +50,6 @@ class _Scaled:
 
 
 def svg_of(figure: Figure) -> str:
-    """The whole file."""
     x = _scaled(figure.x, [value for curve in figure.curves for value in curve.x], room=False)
     y = _scaled(figure.y, [value for curve in figure.curves for value in curve.y], room=True)
     width = _paper_width(figure.curves)

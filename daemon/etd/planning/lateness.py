@@ -14,8 +14,6 @@ LATE = 1.1
 
 
 class Lateness:
-    """See the module."""
-
     def __init__(self) -> None:
         self._last: tuple[int, int] | None = None
         #: Of each scan how long it took, and should have taken.

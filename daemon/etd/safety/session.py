@@ -63,7 +63,6 @@ class Sessions:
         self._tried_ns: int | None = None
 
     def standing(self, now_ns: int) -> Session | None:
-        """The session that stands now."""
         session = self._session
         if session is not None and session.ends_in_ns(now_ns) == 0:
             self._end(f"{session} ended after {_UNUSED_MINUTES} minutes without use")

@@ -39,8 +39,6 @@ class DummyLoad:
 
 @dataclass(frozen=True, slots=True)
 class SelftestOptions:
-    """The operator's options."""
-
     load: DummyLoad | None = None
     #: The one-shot's time by an oscilloscope; software cannot measure it.
     one_shot_us: int | None = None

@@ -79,7 +79,6 @@ class Prober:
 
     @property
     def probe_ua(self) -> int:
-        """The current and width of a probe."""
         return self._maxima.probe_current_ua // _PART
 
     @property

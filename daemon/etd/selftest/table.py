@@ -42,8 +42,6 @@ _READINGS_OPEN = 4
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """The levels of the two lines."""
-
     bl: int
     pol: int
 

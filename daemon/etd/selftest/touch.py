@@ -108,7 +108,6 @@ class Touch:
         return self.read_v(electrode, self.others_anodic)
 
     def read_v(self, electrode: int, is_anodic: bool) -> float:
-        """One probe."""
         return self._prober.probe(electrode, is_anodic)[1].voltage_v
 
     def is_load(self, volts: float) -> bool:

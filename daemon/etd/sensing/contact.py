@@ -82,7 +82,6 @@ class ContactMap:
             self._reset_one(electrode)
 
     def state(self, electrode: int, now_ns: int) -> ContactState:
-        """The state of the contact now."""
         self._let_go(electrode, now_ns)
         is_touched = self.is_touched[electrode]
         if self.undelivered_ua[electrode] is not None:

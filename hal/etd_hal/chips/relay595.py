@@ -70,11 +70,9 @@ class RelaySwitch:
         """The skin discharges through the closed relays and the leak, the DAC being at zero."""
 
     def release(self) -> None:
-        """All relays open."""
         self._open_all()
 
     def isolate(self, whole: bool) -> None:
-        """All relays open."""
         self._is_whole = self._is_whole or whole
         self._open_all()
 

@@ -73,7 +73,6 @@ class Faults:
         self.changes += 1
 
     def clear(self) -> None:
-        """Remove all."""
         self._counts.clear()
         self.are_there = False
         self.changes += 1
