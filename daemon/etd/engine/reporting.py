@@ -249,16 +249,8 @@ class Reporter:
     def refused(self, frame: Frame, refusal: Refused, now_ns: int) -> None:
         """A frame that is not shown, and that no client waits for an answer to."""
         self.counters["frames_refused"] += 1
-        report = RefusedReport(
-            now_ns=now_ns,
-            error=refusal.code,
-            reason=refusal.reason,
-            count=self.counters["frames_refused"],
-            seq=frame.seq,
-            electrode=refusal.electrode,
-            achievable_hz=refusal.achievable_hz,
-            bound_by=refusal.bound_by,
-        )
+        count = self.counters["frames_refused"]
+        report = RefusedReport(now_ns=now_ns, count=count, seq=frame.seq, **refusal.fields)
         self._send_report(Report(refused=report))
 
     def undecodable(self, why: str, now_ns: int) -> None:

@@ -219,16 +219,7 @@ class Gateway:
             self._refuse(request.inbound, request.id, Refused("engine_gone", why))
 
     def _refuse(self, inbound: InboundMessage, id: Id | None, refusal: Refused) -> None:  # noqa: A002
-        failure = Failure(
-            ok=False,
-            error=refusal.code,
-            reason=refusal.reason,
-            now_ns=self._clock.now_ns(),
-            id=id,
-            electrode=refusal.electrode,
-            achievable_hz=refusal.achievable_hz,
-            bound_by=refusal.bound_by,
-        )
+        failure = Failure(ok=False, now_ns=self._clock.now_ns(), id=id, **refusal.fields)
         self._send(inbound, failure)
 
     def _reply(self, inbound: InboundMessage, id: Id | None, reply: Success) -> None:  # noqa: A002

@@ -73,14 +73,7 @@ class Publisher:
         self._refused_here += len(refusals)
         newest = {refusal.code: (seq, refusal) for seq, refusal in refusals}
         for seq, refusal in newest.values():
-            report = RefusedReport(
-                now_ns=now_ns,
-                error=refusal.code,
-                reason=refusal.reason,
-                count=self._refused,
-                seq=seq,
-                electrode=refusal.electrode,
-            )
+            report = RefusedReport(now_ns=now_ns, count=self._refused, seq=seq, **refusal.fields)
             self._publish("refused", report)
 
     def drop_engine(self) -> None:

@@ -14,7 +14,7 @@ protocol; adding to it is a change of the protocol.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, TypedDict
 
 from etd.protocol.text import escaped
 from etd_hal.errors import (
@@ -76,6 +76,16 @@ ErrorCode = Literal[
 TimePart = Literal["wire", "rest", "processor"]
 
 
+class RefusalFields(TypedDict):
+    """A refusal as every message has it that tells of one."""
+
+    error: ErrorCode
+    reason: str
+    electrode: int | None
+    achievable_hz: float | None
+    bound_by: TimePart | None
+
+
 class Refused(EtdError):
     """A frame or request was not accepted, and nothing else changed.
 
@@ -96,6 +106,17 @@ class Refused(EtdError):
         self.achievable_hz = achievable_hz
         self.bound_by = bound_by
         super().__init__(f"{reason} ({code})")
+
+    @property
+    def fields(self) -> RefusalFields:
+        """For a message to whoever asked."""
+        return {
+            "error": self.code,
+            "reason": self.reason,
+            "electrode": self.electrode,
+            "achievable_hz": self.achievable_hz,
+            "bound_by": self.bound_by,
+        }
 
 
 class DaemonGone(EtdError):

@@ -164,14 +164,7 @@ class Answer(_Message, frozen=True, kw_only=True):
     @classmethod
     def refusing(cls, ref: int, refusal: Refused) -> Answer:
         """The answer to a command or frame that was refused."""
-        return cls(
-            ref=ref,
-            error=refusal.code,
-            reason=refusal.reason,
-            electrode=refusal.electrode,
-            achievable_hz=refusal.achievable_hz,
-            bound_by=refusal.bound_by,
-        )
+        return cls(ref=ref, **refusal.fields)
 
 
 class LeaseEnded(_Message, frozen=True, kw_only=True):
