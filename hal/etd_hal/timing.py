@@ -189,10 +189,18 @@ def _round(codec: Codec) -> list[Message]:
 
 def check(timing: Timing, machine: MachineFile) -> None:
     """Raises: BoardFault, naming the first constant that the machine file does not allow."""
-    _check("one word", timing.word_us, machine.word_us)
-    _check("overhead of a delay", timing.delay_extra_us, machine.delay_extra_us)
-    _check("overhead of a message", timing.message_us, machine.message_us)
-    _check("spread of a message", timing.spread_us, Bounds(low=0.0, high=machine.spread_us))
+    for what, found_us, bounds in constants(timing, machine):
+        _check(what, found_us, bounds)
+
+
+def constants(timing: Timing, machine: MachineFile) -> tuple[tuple[str, float, Bounds], ...]:
+    """Each by its name, as it was found, and what the machine file allows."""
+    return (
+        ("one word", timing.word_us, machine.word_us),
+        ("overhead of a delay", timing.delay_extra_us, machine.delay_extra_us),
+        ("overhead of a message", timing.message_us, machine.message_us),
+        ("spread of a message", timing.spread_us, Bounds(low=0.0, high=machine.spread_us)),
+    )
 
 
 def _alike(groups: list[list[Round]], taken_us: Round, most_us: float) -> list[Round]:

@@ -1,6 +1,6 @@
 """Stage 4, DAC at code 0: the duration of messages on this machine, and its spread.
 
-Owns: the names of the constants. Must not know: how they are measured (`etd_hal.timing`).
+Owns: the names of the checks. Must not know: how constants are measured (`etd_hal.timing`).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from etd.selftest.fixture import Fixture
 from etd.selftest.log import CheckLog
 from etd.selftest.prober import Prober
 from etd_hal.errors import BoardFault
+from etd_hal.timing import constants
 
 _PREFIX = "timing calibration, "
 _ADVICE = (
@@ -24,26 +25,16 @@ def check(fixture: Fixture, log: CheckLog) -> None:
     try:
         found = fixture.board.calibrate()
     except BoardFault as fault:
-        name = fault.what.removeprefix(_PREFIX).replace(" ", "_")
+        name = _name_of(fault.what.removeprefix(_PREFIX))
         log.judge(name, False, fault.measured, fault.expected, _ADVICE)
         return
-    for name, found_us, low_us, high_us in (
-        ("one_word", found.word_us, machine.word_us.low, machine.word_us.high),
-        (
-            "overhead_of_a_delay",
-            found.delay_extra_us,
-            machine.delay_extra_us.low,
-            machine.delay_extra_us.high,
-        ),
-        (
-            "overhead_of_a_message",
-            found.message_us,
-            machine.message_us.low,
-            machine.message_us.high,
-        ),
-        ("spread_of_a_message", found.spread_us, 0.0, machine.spread_us),
-    ):
-        log.judge(name, True, f"{found_us:.2f} us", f"{low_us} to {high_us} us")
+    for what, found_us, bounds in constants(found, machine):
+        expected = f"{bounds.low} to {bounds.high} us"
+        log.judge(_name_of(what), True, f"{found_us:.2f} us", expected)
+
+
+def _name_of(constant: str) -> str:
+    return constant.replace(" ", "_")
 
 
 def check_longest(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
