@@ -13,6 +13,7 @@ from etd_hal.bench import CpuClock, Health, Obtained, ScanCore, Timekeeping
 from etd_hal.boardfile import MachineFile
 from etd_hal.linux import machine as this_machine
 from etd_hal.linux.clock import timekeeping
+from etd_hal.linux.machine import read_text
 from etd_hal.linux.realtime import obtained, set_up
 from etd_hal.linux.scan_core import scan_core
 
@@ -73,7 +74,7 @@ class LinuxHost:
         return scan_core(root=self._root)
 
     def _read(self, path: str) -> str:
-        return _text(self._root / path)
+        return read_text(self._root / path)
 
 
 def health(root: Path = this_machine.ROOT) -> Health:
@@ -91,29 +92,22 @@ def health(root: Path = this_machine.ROOT) -> Health:
 
 
 def _temperature_c(root: Path) -> float | None:
-    text = _text(root / _TEMPERATURE)
+    text = read_text(root / _TEMPERATURE)
     return int(text) / 1_000 if text.lstrip("-").isdigit() else None
 
 
 def _throttled_bits(root: Path) -> int | None:
     try:
-        return int(_text(root / _THROTTLED), 16)
+        return int(read_text(root / _THROTTLED), 16)
     except ValueError:
         return None
 
 
 def _alarm_of_voltage(root: Path) -> bool | None:
     for folder in sorted((root / _HWMON).glob("hwmon*")):
-        if _text(folder / "name") == "rpi_volt":
-            return _text(folder / "in0_lcrit_alarm") == "1"
+        if read_text(folder / "name") == "rpi_volt":
+            return read_text(folder / "in0_lcrit_alarm") == "1"
     return None
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="ascii").strip()
-    except (OSError, UnicodeDecodeError):
-        return ""
 
 
 def _version(package: str) -> str | None:

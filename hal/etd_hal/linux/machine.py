@@ -24,17 +24,19 @@ _INTERRUPT_DRIVEN = "brcm,bcm2712"
 
 def model(root: Path = ROOT) -> str:
     """The model in the device tree, else what the firmware calls a PC; "" if neither is there."""
-    from_tree = _read(root / _DEVICE_TREE / "model")
+    from_tree = read_text(root / _DEVICE_TREE / "model")
     if from_tree:
         return from_tree
-    return f"{_read(root / _DMI / 'sys_vendor')} {_read(root / _DMI / 'product_name')}".strip()
+    return (
+        f"{read_text(root / _DMI / 'sys_vendor')} {read_text(root / _DMI / 'product_name')}".strip()
+    )
 
 
 def identity(root: Path = ROOT) -> str:
     """A digest of the serial number in the device tree, or of the system's own identifier if there
     is no tree; "" if neither exists.
     """
-    number = _read(root / _DEVICE_TREE / "serial-number") or _read(root / _MACHINE_ID)
+    number = read_text(root / _DEVICE_TREE / "serial-number") or read_text(root / _MACHINE_ID)
     return hashlib.sha256(number.encode()).hexdigest()[:16] if number else ""
 
 
@@ -44,7 +46,7 @@ def problem(machine: MachineFile, root: Path = ROOT) -> str | None:
     A machine file without models takes any machine but one whose SPI is interrupt-driven.
     """
     here = model(root)
-    if _INTERRUPT_DRIVEN in _read(root / _DEVICE_TREE / "compatible"):
+    if _INTERRUPT_DRIVEN in read_text(root / _DEVICE_TREE / "compatible"):
         return (
             f"this is a {here}, whose SPI is driven by interrupts: every word would be late by"
             " tens of microseconds, and so the pulse as wide: use a Raspberry Pi 4, 3 or Zero 2 W"
@@ -61,7 +63,7 @@ def facts(root: Path = ROOT) -> tuple[str, ...]:
     """A sentence for each setting that helps to find a cause."""
     return (
         f"model: {model(root) or 'unknown'}",
-        f"kernel: {_read(root / 'proc/sys/kernel/osrelease') or 'unknown'}",
+        f"kernel: {read_text(root / 'proc/sys/kernel/osrelease') or 'unknown'}",
         _pins(root),
         _throttling(root),
         _isolation(root),
@@ -72,9 +74,9 @@ def facts(root: Path = ROOT) -> tuple[str, ...]:
 def cpu_clock(root: Path = ROOT) -> CpuClock | None:
     """Of the first core: on a Raspberry Pi all have one. None where nothing is reported."""
     folder = root / _CPU_CLOCK
-    governor = _read(folder / "scaling_governor")
-    khz = [_read(folder / name) for name in ("scaling_min_freq", "scaling_max_freq")]
-    now = _read(folder / "scaling_cur_freq")
+    governor = read_text(folder / "scaling_governor")
+    khz = [read_text(folder / name) for name in ("scaling_min_freq", "scaling_max_freq")]
+    now = read_text(folder / "scaling_cur_freq")
     if not governor or not all(each.isdigit() for each in (*khz, now)):
         return None
     return CpuClock(governor, int(khz[0]), int(khz[1]), int(now))
@@ -83,7 +85,7 @@ def cpu_clock(root: Path = ROOT) -> CpuClock | None:
 def _pins(root: Path) -> str:
     modules = ("pinctrl_bcm2835", "pinctrl_rp1")
     for module in modules:
-        value = _read(root / "sys/module" / module / "parameters/persist_gpio_outputs")
+        value = read_text(root / "sys/module" / module / "parameters/persist_gpio_outputs")
         if value in ("Y", "1"):
             return "pins: keep their last level when the daemon is gone (persist_gpio_outputs=Y)"
         if value:
@@ -92,8 +94,8 @@ def _pins(root: Path) -> str:
 
 
 def _throttling(root: Path) -> str:
-    runtime_us = _read(root / "proc/sys/kernel/sched_rt_runtime_us")
-    period_us = _read(root / "proc/sys/kernel/sched_rt_period_us")
+    runtime_us = read_text(root / "proc/sys/kernel/sched_rt_runtime_us")
+    period_us = read_text(root / "proc/sys/kernel/sched_rt_period_us")
     if runtime_us == "-1":
         return "real-time throttling: off"
     if runtime_us and period_us:
@@ -102,10 +104,10 @@ def _throttling(root: Path) -> str:
 
 
 def _isolation(root: Path) -> str:
-    return f"isolated cores: {_read(root / 'sys/devices/system/cpu/isolated') or 'none'}"
+    return f"isolated cores: {read_text(root / 'sys/devices/system/cpu/isolated') or 'none'}"
 
 
-def _read(path: Path) -> str:
+def read_text(path: Path) -> str:
     """The text of a kernel file without its NULs and line ends; "" if it cannot be read."""
     try:
         text = path.read_bytes().decode("utf-8", errors="replace")
