@@ -20,16 +20,7 @@ if TYPE_CHECKING:
     from etd_body.sensation import Felt
 
 
-def _no_realtime(_priority: int, _core: int | None) -> tuple[str, ...]:
-    return ("real-time scheduling cannot be had from this backend",)
-
-
-def _unknown_core() -> ScanCore:
-    return UNKNOWN_CORE
-
-
-def _no_urgent_thread(_priority: int) -> str | None:
-    return "real-time scheduling cannot be had from this backend"
+_NO_REALTIME = "real-time scheduling cannot be had from this backend"
 
 
 class SideTask(Protocol):
@@ -115,13 +106,13 @@ class Backend:
     modelled: Callable[[], Felt] | None = None
     #: Makes the calling thread real-time, at a priority and on a core, and its process fit for it;
     #: a sentence for each thing that was not granted.
-    set_up_realtime: Callable[[int, int | None], tuple[str, ...]] = _no_realtime
+    set_up_realtime: Callable[[int, int | None], tuple[str, ...]] = lambda *_: (_NO_REALTIME,)
     #: About the calling thread. It reads files: not within a scan.
-    scan_core: Callable[[], ScanCore] = _unknown_core
+    scan_core: Callable[[], ScanCore] = lambda: UNKNOWN_CORE
     #: None: the ports are in this process alone, and so are the threads that work beside the scan.
     beside: Beside | None = None
     #: The scheduling of the calling thread alone; a sentence if it was not granted.
-    set_up_urgent_thread: Callable[[int], str | None] = _no_urgent_thread
+    set_up_urgent_thread: Callable[[int], str | None] = lambda _: _NO_REALTIME
 
     def __post_init__(self) -> None:
         if self.name == "linux" and (self.host_clock is not self.clock or self.timeout_factor != 1):

@@ -45,7 +45,7 @@ def execute(core: Supervisor, command: ToEngine, host_ns: int) -> None:
         core.halt("fault", type(fault).__name__, str(fault))
         answer = Answer(ref=command.ref, error="halted", reason=str(fault))
     if answer is not None and command.ref:
-        core.answer(answer)
+        core.send(answer)
 
 
 def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | None:
@@ -142,7 +142,7 @@ def take_frame(
     lease.renew(host_ns)
     core.active.show(plan, begun_host_ns + ttl_ns)
     if message.ref:
-        core.answer(
+        core.send(
             Answer(ref=message.ref, rate_hz=plan.rate_hz, clamped=plan.clamped, slowed=plan.slowed)
         )
 
@@ -170,6 +170,6 @@ def _age_from(sent_ns: int | None, host_ns: int, came_host_ns: int) -> int:
 def _report_refusal(core: Supervisor, message: NewFrame, refusal: Refused) -> None:
     if message.ref:
         core.reporter.counters["frames_refused"] += 1
-        core.answer(Answer.refusing(message.ref, refusal))
+        core.send(Answer.refusing(message.ref, refusal))
     else:
         core.reporter.refused(message.frame, refusal, core.clock.now_ns())

@@ -245,7 +245,7 @@ class Supervisor:
         except Refused as refusal:
             self.power_up = None
             self.make_safe(refusal.reason)
-            self.answer(Answer.refusing(power_up.ref, refusal))
+            self.send(Answer.refusing(power_up.ref, refusal))
             return False
 
     def _check_source(self) -> None:
@@ -273,7 +273,7 @@ class Supervisor:
             self.soft_start.restart()
             self.board.guard.permit(self.maxima.current_ua)
             self.report_state(self.clock.now_ns())
-        self.answer(Answer(ref=power_up.ref, contact=contact))
+        self.send(Answer(ref=power_up.ref, contact=contact))
 
     def _measure_computing(self) -> None:
         """All probes were fired: plans now use the computing time measured meanwhile."""
@@ -317,7 +317,7 @@ class Supervisor:
     def _drop_power_up(self, why: str) -> None:
         power_up, self.power_up = self.power_up, None
         if power_up is not None:
-            self.answer(Answer(ref=power_up.ref, error="arm_failed", reason=f"cut short: {why}"))
+            self.send(Answer(ref=power_up.ref, error="arm_failed", reason=f"cut short: {why}"))
 
     def end_lease(self, why: str, counted: str = "") -> None:
         """The lease lapsed, was closed, or lost its gateway: silence, SAFE, no holder. `counted`
@@ -328,7 +328,7 @@ class Supervisor:
         self.planner_of_lease()
         if lease is not None:
             self.reporter.counters[f"leases_ended_{counted or why.split()[-1]}"] += 1
-            self._send(LeaseEnded(lease=lease.token, reason=why))
+            self.send(LeaseEnded(lease=lease.token, reason=why))
             self.report_state(self.clock.now_ns())
 
     def halt(self, cause: str, who: str, detail: str) -> None:
@@ -366,11 +366,8 @@ class Supervisor:
         states, backend = self.board.switch.states, self._components.backend
         self.gateway_link.send(engine_hello(self.loaded, self.maxima, states, backend.name))
 
-    def answer(self, answer: Answer) -> None:
-        """Send an answer to the gateway, if one is attached."""
-        self._send(answer)
-
-    def _send(self, message: Answer | LeaseEnded) -> None:
+    def send(self, message: Answer | LeaseEnded) -> None:
+        """To the gateway, if one is attached."""
         if not self.gateway_link.send(message):
             self.reporter.counters["answers_dropped"] += 1
 

@@ -143,22 +143,14 @@ def _judge_gone(
 
     `missed_ms`: see `judge_fall`; called at the end. `suffix`: added to what was measured.
     """
-    bound_v = _gone_v(prober)
-    read_v = 0.0
-
-    def look() -> bool:
-        nonlocal read_v
-        read_v = prober.probe(fixture.free[0])[1].voltage_v
-        fixture.wait_ms(_LOOK_EVERY_MS)
-        return read_v < bound_v
-
-    is_good = fixture.wait_until(look, within_ms)
+    supply = watch(fixture, log, prober)
+    is_good = fixture.wait_until(supply.is_gone, within_ms)
     return judge_fall(
         log,
         missed_ms(),
         name,
         is_good,
-        f"{read_v:.2f} V at {prober.probe_ua} uA{suffix}",
-        f"below {bound_v:.2f} V within {within_ms} ms",
+        f"{supply.reading()}{suffix}",
+        f"below {_gone_v(prober):.2f} V within {within_ms} ms",
         advice,
     )

@@ -89,8 +89,6 @@ class Faults:
 
     def spi_message(self) -> tuple[SpiError | SpiStall | SpiShort, ...]:
         """Count a message; return the faults that are due."""
-        if not self._counts:
-            return ()
         return tuple(
             fault
             for fault in self.of(SpiError) + self.of(SpiStall) + self.of(SpiShort)
@@ -99,8 +97,6 @@ class Faults:
 
     def spi_late_us(self) -> int:
         """Count a message; return the delay of the periodic faults that are due."""
-        if not self._counts:
-            return 0
         return sum(
             fault.late_us for fault in self.of(SpiJitter) if self._count(fault) % fault.every == 0
         )
