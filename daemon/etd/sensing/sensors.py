@@ -40,35 +40,49 @@ def slots_of(array: Array) -> int:
     return _FIRST_SLOT + len(array.pressure)
 
 
-class _Conversion:
-    """A conversion of one ADS1115 input: begun, and polled until it is done."""
+class _Input:
+    """One ADS1115 input: a conversion is begun, and polled until it is done. `lost` is called with
+    the reason where that fails.
+    """
 
-    def __init__(self, i2c: I2c, address: int, channel: int, clock: Clock) -> None:
+    def __init__(
+        self, i2c: I2c, address: int, channel: int, clock: Clock, lost: Callable[[str], None]
+    ) -> None:
         self._i2c = i2c
         self._address = address
         self._channel = channel
         self._clock = clock
+        self._lost = lost
         self._begun_ns: int | None = None
 
-    @property
-    def is_begun(self) -> bool:
-        return self._begun_ns is not None
-
     def begin(self) -> None:
-        """Raises: BusError."""
+        """Never raises."""
         self._begun_ns = None
-        ads1115.start(self._i2c, self._address, self._channel)
-        self._begun_ns = self._clock.now_ns()
+        try:
+            ads1115.start(self._i2c, self._address, self._channel)
+            self._begun_ns = self._clock.now_ns()
+        except EtdError as error:
+            self._lost(str(error))
 
-    def end_v(self) -> float | None:
-        """The volts, or None while it lasts. Raises: BusError, also where it does not end."""
+    def end(self, take: Callable[[float], None]) -> bool:
+        """Hand the volts of the conversion under way, if any, to `take`; False while it lasts: call
+        again. Never raises.
+        """
         begun_ns, self._begun_ns = self._begun_ns, None
-        volts = ads1115.read_v(self._i2c, self._address, self._channel)
-        if volts is None and begun_ns is not None:
-            if self._clock.now_ns() - begun_ns > ads1115.GIVE_UP_NS:
+        if begun_ns is None:
+            return True
+        try:
+            volts = ads1115.read_v(self._i2c, self._address, self._channel)
+            if volts is None and self._clock.now_ns() - begun_ns > ads1115.GIVE_UP_NS:
                 raise ads1115.unfinished(self._address)
+        except EtdError as error:
+            self._lost(str(error))
+            return True
+        if volts is None:
             self._begun_ns = begun_ns
-        return volts
+            return False
+        take(volts)
+        return True
 
 
 class RailSensor:
@@ -84,10 +98,10 @@ class RailSensor:
         self._clock = clock
         self._readings = Readings(1) if readings is None else readings
         self._is_set = self._setpoint == "absent"
-        self._conversion: _Conversion | None = None
+        self._input: _Input | None = None
         if i2c is not None and self._monitor != "absent":
             address, channel = self._monitor.address, self._monitor.channel
-            self._conversion = _Conversion(i2c, address, channel, clock)
+            self._input = _Input(i2c, address, channel, clock, self._lost)
 
     @property
     def problem(self) -> str:
@@ -113,32 +127,26 @@ class RailSensor:
             if not self._is_set and self._setpoint != "absent":
                 mcp4725.write(self._i2c, self._setpoint.address, self._setpoint.code)
                 self._is_set = True
-            if self._conversion is not None:
-                self._conversion.begin()
         except EtdError as error:
-            self._lost(error)
+            self._lost(str(error))
+            return
+        if self._input is not None:
+            self._input.begin()
 
     def end(self) -> bool:
-        """Read the conversion under way, if any; False while it lasts: call again. Never raises."""
-        conversion, monitor = self._conversion, self._monitor
-        if conversion is None or monitor == "absent" or not conversion.is_begun:
-            return True
-        try:
-            volts = conversion.end_v()
-        except EtdError as error:
-            self._lost(error)
-            return True
-        if volts is None:
-            return False
-        now_ns = self._clock.now_ns()
-        self._readings.put(RAIL_SLOT, volts * monitor.divider, now_ns)
-        if self._is_set:
-            self._readings.tell(RAIL_SLOT, "", now_ns)
-        return True
+        """See `_Input.end`."""
+        return self._input is None or self._input.end(self._take)
 
-    def _lost(self, error: EtdError) -> None:
+    def _take(self, volts: float) -> None:
+        if self._monitor != "absent":
+            now_ns = self._clock.now_ns()
+            self._readings.put(RAIL_SLOT, volts * self._monitor.divider, now_ns)
+            if self._is_set:
+                self._readings.tell(RAIL_SLOT, "", now_ns)
+
+    def _lost(self, why: str) -> None:
         self._readings.lose(RAIL_SLOT)
-        self._readings.tell(RAIL_SLOT, str(error), self._clock.now_ns())
+        self._readings.tell(RAIL_SLOT, why, self._clock.now_ns())
 
 
 class PressureSensors:
@@ -151,10 +159,12 @@ class PressureSensors:
         self._sensors = array.pressure
         self._of_electrode = [array.nearest_pressure(electrode) for electrode in range(array.count)]
         self._clock = clock
-        self._conversions = [
-            None if i2c is None else _Conversion(i2c, sensor.address, sensor.channel, clock)
-            for sensor in self._sensors
-        ]
+        self._inputs: list[_Input] | None = None
+        if i2c is not None:
+            self._inputs = [
+                _Input(i2c, sensor.address, sensor.channel, clock, partial(self._lost, index))
+                for index, sensor in enumerate(self._sensors)
+            ]
         self._readings = Readings(slots_of(array)) if readings is None else readings
         self._made_ns = clock.now_ns()
 
@@ -188,38 +198,20 @@ class PressureSensors:
 
     def begin(self, sensor: int) -> None:
         """Start a conversion. Never raises; see `problems`."""
-        conversion = self._conversions[sensor]
-        if conversion is None:
-            return
-        try:
-            conversion.begin()
-        except EtdError as error:
-            self._lost(sensor, str(error))
+        if self._inputs is not None:
+            self._inputs[sensor].begin()
 
     def end(self, sensor: int) -> bool:
-        """Read this sensor's conversion, if it was begun; False while it lasts: call again. Never
-        raises.
-        """
-        conversion, pressure_sensor = self._conversions[sensor], self._sensors[sensor]
-        if conversion is None or not conversion.is_begun:
-            return True
-        try:
-            volts = conversion.end_v()
-        except EtdError as error:
-            self._lost(sensor, str(error))
-            return True
-        if volts is None:
-            return False
-        if pressure_sensor.low_v <= volts <= pressure_sensor.high_v:
-            kpa = max(0.0, (volts - pressure_sensor.zero_v) * pressure_sensor.kpa_per_v)
-            self._readings.put(_FIRST_SLOT + sensor, kpa, self._clock.now_ns())
+        """See `_Input.end`."""
+        return self._inputs is None or self._inputs[sensor].end(partial(self._take, sensor))
+
+    def _take(self, index: int, volts: float) -> None:
+        sensor = self._sensors[index]
+        if sensor.low_v <= volts <= sensor.high_v:
+            kpa = max(0.0, (volts - sensor.zero_v) * sensor.kpa_per_v)
+            self._readings.put(_FIRST_SLOT + index, kpa, self._clock.now_ns())
         else:
-            self._lost(
-                sensor,
-                f"it reads {volts:.2f} V, not {pressure_sensor.low_v} to {pressure_sensor.high_v}"
-                " V",
-            )
-        return True
+            self._lost(index, f"it reads {volts:.2f} V, not {sensor.low_v} to {sensor.high_v} V")
 
     def _lost(self, sensor: int, why: str) -> None:
         self._readings.lose(_FIRST_SLOT + sensor)
