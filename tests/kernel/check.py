@@ -37,7 +37,7 @@ _CHECKS = TREE / "tests/kernel/in_guest"
 _CONTRACT = TREE / "tests/contract"
 _EVERYWHERE = ("check_lines.py", "check_faults.py", "check_pulse.py", "check_stopper.py")
 _ONLY: dict[Guest, tuple[str, ...]] = {
-    "x86": ("check_kills.py", "check_hog.py", "check_fade.py"),
+    "x86": ("check_kills.py", "check_hog.py", "check_fade.py", "check_scan_core.py"),
     "uml": (
         *("check_scene.py", "check_selftest.py", "check_unplugged.py", "check_refusals.py"),
         *("check_missing.py", "check_kill_test_process.py"),

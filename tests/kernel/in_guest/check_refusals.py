@@ -26,6 +26,7 @@ from etd_hal.linux.gpio import LinuxGpio, find_chip, holders, open_gpio
 from etd_hal.linux.machine import facts
 from etd_hal.linux.opening import open_to_make_safe
 from etd_hal.linux.realtime import obtained, set_up
+from etd_hal.linux.scan_core import scan_core
 from etd_hal.linux.side_process import SideProcess
 from etd_hal.ports import LineSetup, Message, Transfer
 from guest_board import BOARD, Chips, unplugged, without_rights
@@ -191,3 +192,8 @@ def test_what_the_kernel_does_to_threads_that_never_sleep_is_told() -> None:
     finally:
         throttle.write_text(usual)
     assert any("us of every" in sentence for sentence in facts())
+
+
+def test_a_thread_that_is_not_there_has_no_core_of_its_own() -> None:
+    found = scan_core(thread=int(Path("/proc/sys/kernel/pid_max").read_text()))
+    assert (found.core, found.is_isolated, found.is_left_alone) == (None, None, False)
