@@ -91,30 +91,15 @@ class CostModel:
     ) -> None:
         self._board = board
         self._timing = timing
-        self._computing = computing
+        self.computing = computing
         self._call_us = machine.gpio_call_us
-
-    @property
-    def stretch(self) -> float:
-        """How many times as long as this model says scans have taken of late."""
-        return self._computing.stretch
-
-    @property
-    def between_us(self) -> float:
-        """Computing of a scan beside its pulses."""
-        return self._computing.between_us
-
-    @property
-    def busy_fraction(self) -> float:
-        """The scan may be busy for at most this part of the time."""
-        return self._computing.busy_fraction
 
     def visit(self, width_us: int, phases: int, clocks: int, probe_us: int = 0) -> Cost:
         """A pulse whose selection is `clocks` shifts away from the one before. With a probe first,
         everything is decided anew after the probe, with the electrodes still connected.
         """
         switch, rest_us = self._board.switch, float(self._board.rest_us)
-        computing_us, spun_us = self._computing.pulse_us, self._computing.spun_us
+        computing_us, spun_us = self.computing.pulse_us, self.computing.spun_us
         wire_us = self.wire_us(width_us, phases, probe_us)
         firing_us = FIRING_PART * computing_us * phases + (computing_us if probe_us else 0.0)
         resting_us = (1.0 - FIRING_PART) * computing_us
@@ -137,7 +122,7 @@ class CostModel:
     @property
     def idle_us(self) -> float:
         """Computing of a poll where nothing is due."""
-        return IDLE_PART * self._computing.pulse_us
+        return IDLE_PART * self.computing.pulse_us
 
     def wire_us(self, width_us: int, phases: int, probe_us: int = 0) -> float:
         """Messages and calls of a pulse, from un-blanking to blanking."""

@@ -143,7 +143,8 @@ class ScanRate:
         return achievable_hz, (slowed,)
 
     def _fastest(self, counted: Counted) -> _Fastest:
-        wire_us, rest_us, processor_us = self._cost.rewrite_us(), 0.0, self._cost.between_us
+        computing = self._cost.computing
+        wire_us, rest_us, processor_us = self._cost.rewrite_us(), 0.0, computing.between_us
         busy_us = wire_us + processor_us
         for kinds in counted.rounds:
             once = self._round(kinds)
@@ -153,9 +154,9 @@ class ScanRate:
             processor_us += once.processor_us
             busy_us += once.busy_us * self.pulses
         slots_us = wire_us + rest_us + processor_us
-        fraction = self._cost.busy_fraction - BELOW_BRAKE
+        fraction = computing.busy_fraction - BELOW_BRAKE
         period_us = shortest_period_us(slots_us, slots_us - busy_us, self._cost.idle_us, fraction)
-        scan_us = self._cost.stretch * period_us / RESERVE
+        scan_us = computing.stretch * period_us / RESERVE
         return _Fastest(wire_us / 1e3, rest_us / 1e3, (scan_us - wire_us - rest_us) / 1e3)
 
     def _counted(
