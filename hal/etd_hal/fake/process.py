@@ -147,9 +147,12 @@ def knock_at(circuit: Circuit, knock: wire.Knock, *, held: bool) -> wire.State:
     return wire.State(tuple(circuit.violations), circuit.dac_code, world.rail_v(), held)
 
 
-def serve(server: BoardServer, paths: list[Path]) -> None:
-    """Answer at `paths` for ever. Says "listening" when all are there."""
+def serve(server: BoardServer, paths: list[Path], ending: socket.socket) -> None:
+    """Answer at `paths` until `ending` has something to read. Says "listening" when all are
+    there.
+    """
     selector = selectors.DefaultSelector()
+    selector.register(ending, selectors.EVENT_READ, "ending")
     for path in paths:
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         early = path.with_name(path.name + ".new")
@@ -163,6 +166,8 @@ def serve(server: BoardServer, paths: list[Path]) -> None:
     while True:
         for key, _ in selector.select():
             ready = cast(socket.socket, key.fileobj)
+            if key.data == "ending":
+                return
             if key.data == "listener":
                 client, _ = ready.accept()
                 selector.register(client, selectors.EVENT_READ, "client")
@@ -223,11 +228,14 @@ def main(arguments: list[str] | None = None) -> int:
     circuit = Circuit(
         board, body, electrodes, trace, (), start_ns=START_NS, seed=1, sensors=chosen.sensor
     )
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    # An exception that a handler raised would be lost, were it raised within a destructor.
+    ending, wakes = socket.socketpair()
+    wakes.setblocking(False)
+    signal.set_wakeup_fd(wakes.fileno())
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)
     try:
-        serve(BoardServer(circuit), [path for path in (chosen.socket, chosen.door) if path])
-    except KeyboardInterrupt:
-        return 0
+        serve(BoardServer(circuit), [path for path in (chosen.socket, chosen.door) if path], ending)
     finally:
         circuit.close()
     return 0
