@@ -103,6 +103,7 @@ kernel-test-pi: $(VENV)/ready-dev ## The same under the Pi's own drivers, on an 
 
 bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)
 	$(BIN)/python tests/bench/run.py $(ARGS)
+	$(if $(findstring json,$(ARGS)),,-$(BIN)/python hatch_build.py $(COMPILED))
 	$(if $(findstring json,$(ARGS)),,$(BIN)/python tests/bench/both.py)
 
 instructions: $(if $(findstring --arm,$(ARGS)),compiled-arm,compiled) ## The engine's instructions for a pulse, by valgrind (ARGS='--arm --tree FOLDER': of 64-bit ARM, and of another checkout)

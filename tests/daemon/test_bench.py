@@ -144,6 +144,7 @@ def result_of(computing_us: float, messages: Messages | None) -> Result:
         date="2026-01-01T00:00:00+00:00",
         etd="0.1.0",
         python="3.11.2",
+        code="interpreted",
         machine="pi4",
         facts=('model: a "quoted" one',),
         not_granted=("locked memory was not granted",),

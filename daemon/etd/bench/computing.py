@@ -9,7 +9,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import msgspec
 
@@ -31,6 +31,13 @@ class Computing(msgspec.Struct, frozen=True):
     pulses: int
     whole: Stage
     stages: tuple[Stage, ...]
+
+
+def visit_us(computing: Sequence[Computing]) -> float:
+    """What a machine file says of a pulse: the median, plain or with stabilizers, whichever takes
+    longer. A probe is counted as a pulse of its own.
+    """
+    return max(kind.whole.median_us for kind in computing if kind.kind != "with a probe first")
 
 
 class _LookedAt:

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 
 import msgspec
 
+from etd.bench.computing import visit_us
 from etd.bench.messages import Messages
 from etd.bench.result import Result
 from etd.protocol.errors import FileError
@@ -28,10 +29,8 @@ def measured_machine(machine: MachineFile, result: Result) -> MachineFile:
     """`machine` with what was found instead. Raises: FileError, where the guard's worst case would
     be passed.
     """
-    computing_us = max(
-        kind.whole.median_us for kind in result.computing if kind.kind != "with a probe first"
-    )
-    measured = msgspec.structs.replace(machine, name="measured", visit_us=round(computing_us, 1))
+    computing_us = round(visit_us(result.computing), 1)
+    measured = msgspec.structs.replace(machine, name="measured", visit_us=computing_us)
     if result.messages is None:
         return measured
     return _with_messages(measured, result.messages)

@@ -28,6 +28,7 @@ from etd_hal.bench import ScanCore
 from etd_hal.board import Board
 from etd_hal.boardfile import MachineFile
 from etd_hal.chips.codec import Codec
+from etd_hal.compiled import runs
 from etd_hal.wakeups import NotingClock
 
 FORMAT = 1
@@ -73,6 +74,7 @@ def measure(parts: Parts, seconds: float, tell: Callable[[str], object]) -> Resu
         date=parts.now.isoformat(),
         etd=__version__,
         python=platform.python_version(),
+        code=runs(),
         machine=machine.name,
         facts=(*parts.facts, told_of(busy_fraction(core.is_left_alone), str(core))),
         not_granted=not_granted,

@@ -18,6 +18,7 @@ as the pulse's own does.
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -109,5 +110,5 @@ def stages_of(pulses: Sequence[Sequence[int]]) -> tuple[Stage, ...]:
 def summed(name: str, times_ns: Sequence[int]) -> Stage:
     """Median and 99th percentile of some times."""
     ordered = sorted(times_ns)
-    p99_ns = ordered[int(0.99 * (len(ordered) - 1))]
+    p99_ns = ordered[math.ceil(0.99 * (len(ordered) - 1))]
     return Stage(name, statistics.median(ordered) / 1_000, p99_ns / 1_000)

@@ -127,7 +127,7 @@ def _affinity(core: int | None) -> str | None:
     return _asked(
         f"core {core} for the scan thread",
         lambda: os.sched_setaffinity(0, {core}),
-        "name a core that this machine has and this service may use, or none",
+        "name a core that this machine has and this service may use, or any",
     )
 
 
