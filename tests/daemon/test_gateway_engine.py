@@ -61,6 +61,20 @@ def test_a_newcomer_is_greeted_with_state_at_once_and_then_each_second() -> None
         assert heard(rig, socket, "state")["engine"] == "there"
 
 
+def test_an_engine_that_reports_nothing_is_told_as_silent_until_it_reports_again() -> None:
+    with GatewayRig() as rig:
+        socket = subscribe(rig)
+        rig.clock.t_ns += 2_900_000_000
+        assert heard(rig, socket, "state")["engine"] == "there"
+        rig.clock.t_ns += 1_000_000_000
+        told = heard(rig, socket, "state")
+        assert (told["engine"], told["state"]) == ("silent", "SAFE")
+
+        rig.engine.report_state()
+
+        assert heard(rig, socket, "state")["engine"] == "there"
+
+
 def test_a_stop_goes_out_before_what_came_earlier() -> None:
     with GatewayRig() as rig:
         for _ in range(PATIENCE):

@@ -80,7 +80,7 @@ class Monitor:
         """Any telemetry report."""
         match report:
             case StateReport():
-                self.state = report.state if report.engine == "there" else "engine gone"
+                self.state = report.state if report.engine == "there" else f"engine {report.engine}"
                 self.halt = report.halt
                 self.ceiling_ua = report.ceiling_ua
                 self.pulses = report.counters.get("pulses", self.pulses)

@@ -29,7 +29,7 @@ add_arguments = options.add_name_and_json
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status 3: no daemon answers, or the engine is gone. Raises: DaemonGone."""
+    """Exit status 3: no daemon answers, or no engine does. Raises: DaemonGone."""
     with Display(args.name, client="etd status") as display:
         report = display.status()
         facts = _facts(display)
@@ -79,6 +79,11 @@ def lines_of(name: str, report: StateReport, facts: HelloReply | None) -> list[s
 def _state(report: StateReport) -> str:
     if report.engine == "gone":
         return "the engine is gone, so nothing is driven (systemctl status etd-engine@NAME)"
+    if report.engine == "silent":
+        return (
+            f"the engine has reported nothing for seconds, it was {report.state}: it hangs, and"
+            " fires nothing; end it (systemctl restart etd-engine@NAME), then arm anew"
+        )
     if report.halt is not None:
         halt = report.halt
         return (

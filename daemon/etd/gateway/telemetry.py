@@ -18,6 +18,8 @@ from etd.protocol.messages import RefusedReport, StateReport, Topic
 
 #: `state` is repeated this often, for subscribers that came late.
 STATE_NS = 1_000_000_000
+#: An engine reports its state each second. One that hangs does not, and is told as silent.
+SILENT_NS = 3 * STATE_NS
 #: Of new subscriptions, at most this many are read in one turn.
 _SUBSCRIPTIONS_A_TURN = 64
 
@@ -32,20 +34,26 @@ class Publisher:
         self._engine = engine
         self._counters = counters
         self._state_due_ns = 0
+        #: When the engine reported its state last.
+        self._heard_ns = 0
         self._refused_here = 0
         self._refused_by_engine = 0
 
     def state(self, now_ns: int) -> StateReport:
         """The engine's last report with this process's counts added; without one, SAFE and `gone`.
-
-        `now_ns` is the time of the engine's report, so a stale report can be recognized.
+        `now_ns` is the time of the engine's report; one that is stale says `silent`.
         """
         said = self._engine.state
         if said is None:
             return StateReport(
                 state="SAFE", now_ns=now_ns, engine="gone", counters=dict(self._counters)
             )
-        return msgspec.structs.replace(said, counters=dict(Counter(said.counters) + self._counters))
+        is_silent = now_ns - self._heard_ns >= SILENT_NS * said.timeout_factor
+        return msgspec.structs.replace(
+            said,
+            engine="silent" if is_silent else said.engine,
+            counters=dict(Counter(said.counters) + self._counters),
+        )
 
     def publish_state(self, now_ns: int) -> None:
         self._state_due_ns = now_ns + STATE_NS
@@ -59,6 +67,7 @@ class Publisher:
     def pass_on(self, report: Report, now_ns: int) -> None:
         """Publish the engine's report unchanged, except for the counts."""
         if report.state is not None:
+            self._heard_ns = now_ns
             self.publish_state(now_ns)
         if report.refused is not None:
             self._refused_by_engine = report.refused.count
