@@ -182,7 +182,7 @@ def test_the_smallest_bound_wins_and_says_whose_it_is(
     got, clamp = clamp_to_limits(**asked)  # type: ignore[arg-type]
     assert got == allowed_ua
     assert clamp is not None
-    assert msgspec.structs.astuple(clamp) == (3, 4_000, allowed_ua, reason, limited_by)
+    assert msgspec.structs.astuple(clamp) == (3, 4_000, allowed_ua, reason, limited_by, None)
 
 
 def test_of_several_bounds_the_smallest_is_named() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -23,7 +22,6 @@ from etd.planning.plan import Plan
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Ring
-from etd.safety.limits import Path
 
 N = 16
 LEVELS = (0.5,) * N
@@ -317,44 +315,6 @@ def test_in_a_ring_or_a_set_each_return_counts_as_if_it_alone_carried_the_curren
     (clamp,) = plan.clamped
     assert (clamp.electrode, clamp.allowed_ua) == (2, 700)
     assert (clamp.reason, clamp.limited_by) == ("return_cap", 3)
-
-
-def carrying(part: float) -> Callable[[Path], Path]:
-    """All others, where the one with the smallest cap carries so much."""
-    return lambda path: path.with_returns(path.return_ua / part, path.return_electrode)
-
-
-def test_through_all_others_a_return_carries_its_share() -> None:
-    made = planner(caps_ua=caps(e3=300))
-    (clamp,) = made.plan(frame(current_ua=currents(e2=900)), carrying(0.5)).clamped
-    assert (clamp.allowed_ua, clamp.reason, clamp.limited_by) == (600, "return_cap", 3)
-    assert not made.plan(frame(current_ua=currents(e2=900)), carrying(0.3)).clamped
-
-
-def test_before_anything_is_known_of_them_all_others_carry_the_same() -> None:
-    made = planner(caps_ua=caps(e3=60))
-    (clamp,) = made.plan(frame(current_ua=currents(e2=1_000))).clamped
-    assert (clamp.allowed_ua, clamp.reason, clamp.limited_by) == (60 * (N - 1), "return_cap", 3)
-
-
-def test_the_weakest_of_all_is_not_its_own_return() -> None:
-    made = planner(caps_ua=caps(e3=500, e4=600))
-    (clamp,) = made.plan(frame(current_ua=currents(e3=2_900)), carrying(1.0)).clamped
-    assert (clamp.allowed_ua, clamp.limited_by) == (500, 3)
-    path = made.plan(frame(current_ua=currents(e3=100))).schedule[0].path
-    assert (path.cap_ua, path.return_ua, path.return_electrode) == (500, 600, 4)
-
-
-def test_strict_refuses_what_would_be_clamped() -> None:
-    made = planner(caps_ua=caps(e2=700))
-    refusal = refusal_of(made, current_ua=currents(e2=900), strict=True)
-    assert (refusal.code, refusal.electrode) == ("over_limit", 2)
-    assert "900 uA" in refusal.reason
-    assert "700 uA" in refusal.reason
-    made.plan(frame(current_ua=currents(e2=700), strict=True))
-
-
-# --- does it fit ----------------------------------------------------------------------------------
 
 
 def test_the_scan_has_the_rate_of_its_fastest_electrode() -> None:

@@ -37,6 +37,8 @@ _AGAIN_NS = 150 * _MS
 _LOOK_S = 0.02
 #: The current fired may be one step of the source lower than requested.
 _STEPS_UA = 12
+#: Clamps that pass by themselves: the presentation is repeated.
+_PASSING = ("soft_start", "recontact", "contact_open")
 #: Widths are accurate to a microsecond or two; stabilizers change them by steps of five.
 _WIDER_US = 4.0
 
@@ -202,11 +204,19 @@ class Stimulator:
             "rate_hz": conditions.rate_hz,
             "returns": {"ring_mm": returns.ring_mm} if isinstance(returns, Ring) else returns,
             "ttl_ms": ttl_ms,
-            "strict": True,
         }
         if pulses is not None:
             options["pulses"] = pulses
-        return self._display.show_current(currents_ua, **options).seq
+        reply = self._display.show_current(currents_ua, **options)
+        for clamp in reply.clamped:
+            if clamp.reason not in _PASSING:
+                raise Refused(
+                    "over_limit",
+                    f"electrode {clamp.electrode} would get {clamp.allowed_ua} of"
+                    f" {clamp.wanted_ua} uA ({clamp.reason} of electrode {clamp.limited_by})",
+                    clamp.electrode,
+                )
+        return reply.seq
 
     # --- telemetry ---------------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ import zmq.asyncio
 
 from etd.client import clock, values, wire
 from etd.client.connection import Connection
+from etd.client.opening import Opening
 from etd.client.options import FrameOptions, Kind, frame_fields, renewal_s, silent_fields
 from etd.client.session import KEEP_S, Ask, Flow, R
 from etd.client.telemetry import AsyncTelemetry
@@ -83,9 +84,13 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
     async def status(self) -> StateReport:
         return await self._run(self._session.status())
 
-    async def arm(self, timeout_s: float = 10.0) -> None:
-        """Open the lease if none stands, check the board and enable the supply; waits for it."""
+    async def arm(self, timeout_s: float = 10.0, *, open_to: Numbers | float | None = None) -> None:
+        """Open the lease if none stands, check the board and enable the supply; waits for it.
+        `open_to`: see `Display.arm`.
+        """
         await self._run(self._session.arm(timeout_s))
+        if open_to is not None:
+            await self._open_to(open_to)
 
     async def arm_holder(self, timeout_s: float = 10.0) -> None:
         """The operator's `arm`: arms the lease of its present holder."""
@@ -193,6 +198,15 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
                 await self._run(self._session.frame(silent_fields(fields)))
             raise
         await self._run(self._session.frame(silent_fields(fields)))
+
+    async def _open_to(self, levels: Numbers | float) -> None:
+        opening = Opening(levels, self.electrodes, clock.now_ns())
+        while True:
+            reply = await self._run(self._session.frame(opening.frame()))
+            if opening.is_done(reply, clock.now_ns()):
+                break
+            await asyncio.sleep(opening.renewal_s)
+        await self._run(self._session.frame(opening.silence()))
 
     async def _stream(self, fields: dict[str, object]) -> None:
         await self._run(self._session.opened())

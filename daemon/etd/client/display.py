@@ -17,6 +17,7 @@ import zmq
 
 from etd.client import clock, values, wire
 from etd.client.connection import Connection
+from etd.client.opening import Opening
 from etd.client.options import FrameOptions, Kind, frame_fields, renewal_s, silent_fields
 from etd.client.session import KEEP_S, Ask, Flow, R
 from etd.client.telemetry import Telemetry
@@ -68,9 +69,16 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """The state now; answered even while the engine is gone."""
         return self._run(self._session.status())
 
-    def arm(self, timeout_s: float = 10.0) -> None:
-        """Open the lease if none stands, check the board and enable the supply; blocks for it."""
+    def arm(self, timeout_s: float = 10.0, *, open_to: Numbers | float | None = None) -> None:
+        """Open the lease if none stands, check the board and enable the supply; blocks for it.
+
+        `open_to`: then fire these levels (one number: on all electrodes) until the soft start lets
+        them through, and be silent. It is felt: it takes a second for each 4 mA. Once a session is
+        enough, see docs/protocol.md. Raises: Refused (`wrong_state`) if they do not get through.
+        """
         self._run(self._session.arm(timeout_s))
+        if open_to is not None:
+            self._open_to(open_to)
 
     def arm_holder(self, timeout_s: float = 10.0) -> None:
         """The operator's `arm`: arms the lease of its present holder."""
@@ -178,6 +186,12 @@ class Display(Connection["zmq.Socket[bytes]"]):
                 self._run(self._session.frame(silent_fields(fields)))
             raise
         self._run(self._session.frame(silent_fields(fields)))
+
+    def _open_to(self, levels: Numbers | float) -> None:
+        opening = Opening(levels, self.electrodes, clock.now_ns())
+        while not opening.is_done(self._run(self._session.frame(opening.frame())), clock.now_ns()):
+            clock.sleep_s(opening.renewal_s)
+        self._run(self._session.frame(opening.silence()))
 
     def _stream(self, fields: dict[str, object]) -> None:
         self._run(self._session.opened())

@@ -15,6 +15,7 @@ from typing import Final
 from etd.engine.reporting import Reporter
 from etd.engine.returns import Returns
 from etd.firing import ReadyPulse, prepulse_of
+from etd.planning.outlook import Outlook
 from etd.planning.schedule import DuePulse
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.messages import Clamp
@@ -112,6 +113,19 @@ class Clearance:
         #: By electrode, the last probe before a pulse.
         self._leads: dict[int, _Lead] = {}
 
+    def outlook(self, now_ns: int) -> Outlook:
+        """What bounds a pulse that would be fired now."""
+        soft_start, returns = self._soft_start, self._returns
+        ceiling_ua, recontacts_ua = soft_start.ceilings(now_ns)
+
+        def path(path: Path) -> Path:
+            return returns.path_now(path, now_ns)
+
+        def risen_after_ns(electrode: int, current_ua: int, period_ns: int) -> int | None:
+            return soft_start.risen_after_ns(electrode, current_ua, period_ns, now_ns)
+
+        return Outlook(path, ceiling_ua, recontacts_ua, self._contact.is_touched, risen_after_ns)
+
     def limit(
         self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int
     ) -> Cleared | None:
@@ -170,8 +184,14 @@ class Clearance:
             return None
         if current_ua > ceiling_ua or self._contact.is_touched[electrode] is False:
             return None
-        recontact_ua = self._soft_start.recontact_ua(electrode, now_ns)
+        recontact_ua = self._recontact_ua(due, now_ns)
         return cleared if recontact_ua is None or current_ua <= recontact_ua else None
+
+    def _recontact_ua(self, due: DuePulse, now_ns: int) -> int | None:
+        """A measurement of contact is as strong at each electrode, or it would measure nothing."""
+        if due.purpose == "measurement":
+            return None
+        return self._soft_start.recontact_ua(due.scheduled.electrode, now_ns)
 
     def _limited(
         self,
@@ -190,7 +210,7 @@ class Clearance:
             request,
             maxima,
             ceiling_ua,
-            self._soft_start.recontact_ua(electrode, now_ns),
+            self._recontact_ua(due, now_ns),
             self._contact.is_touched[electrode] is False,
             scheduled.bounds,
             scheduled.probe_pc,

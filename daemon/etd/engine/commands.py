@@ -65,6 +65,7 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
         case DisarmBoard(lease=token):
             check_holder(core.lease, token)
             core.make_safe("disarmed")
+            core.soft_start.restart()
         case ArmBoard():
             core.begin_power_up("arm", command.ref)
             return None
@@ -133,7 +134,7 @@ def take_frame(
                 f"{how} {(host_ns - begun_host_ns) // 1_000_000} ms ago, its ttl is"
                 f" {ttl_ns // 1_000_000} ms",
             )
-        plan = yield from core.planner.steps(frame, core.returns.when_probed)
+        plan = yield from core.planner.steps(frame, core.outlook())
         _check_still_held(core, lease)
     except Refused as refusal:
         _report_refusal(core, message, refusal)

@@ -49,20 +49,26 @@ class Findings:
         self, due: DuePulse, cleared: Cleared, first: PulseResult, last: PulseResult
     ) -> None:
         """Stores what the first and the last phase of a pulse measured."""
-        electrode, pulse = due.scheduled.electrode, cleared.pulse
-        if due.purpose != "contact_poll":
+        electrode, pulse, contact = due.scheduled.electrode, cleared.pulse, self._contact
+        if due.purpose == "stimulus":
             given_ua = cleared.given.current_ua
             self._soft_start.fired(electrode, given_ua, pulse.commanded_ua, last.ended_ns)
         begun_ns, is_at_end = first.begun_ns, pulse.shape.has_end_sample
-        if self._contact.update(
+        was_touched = contact.is_touched[electrode]
+        if contact.update(
             electrode, pulse.commanded_ua, last.voltage_v, begun_ns, is_at_end=is_at_end
         ):
             self._soft_start.touched_again(electrode)
+        elif was_touched and not contact.is_touched[electrode] and not any(contact.is_touched):
+            # Nothing is touched any more: it may be another hand that comes back.
+            self._soft_start.restart()
+        if due.purpose == "measurement":
+            self._soft_start.found(electrode, is_touched=contact.is_touched[electrode] is True)
         if pulse.commanded_ua > self._maxima.now.probe_current_ua:
             # Before a second phase the skin is not at rest, so the first one is taken.
             probed_v = 0.0 if due.after is None else self._pre_probe.probed_v(electrode)
             self._adapter.update(electrode, _samples(pulse, first, probed_v), begun_ns)
-        touches, is_rested = self._contact.is_touched[electrode] is True, due.after is None
+        touches, is_rested = contact.is_touched[electrode] is True, due.after is None
         self._returns.update(due.scheduled, pulse, first, touches=touches, is_rested=is_rested)
         if due.purpose != "contact_poll":
             self._pre_probe.was_followed(electrode)

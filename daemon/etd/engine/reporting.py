@@ -15,7 +15,6 @@ from etd.protocol.errors import Refused
 from etd.protocol.frame import Frame
 from etd.protocol.link import Report
 from etd.protocol.messages import (
-    MAX_TELEMETRY_HZ,
     MODELLED_HZ,
     Clamp,
     Contact,
@@ -31,7 +30,8 @@ from etd.protocol.messages import (
 )
 from etd.sensing.contact import ContactMap
 
-_SCAN_PERIOD_NS = 1_000_000_000 // MAX_TELEMETRY_HZ
+#: Reports of scans come at most this often; no frame is lost by it.
+_SCAN_PERIOD_NS = 1_000_000_000 // 30
 _MODELLED_PERIOD_NS = 1_000_000_000 // MODELLED_HZ
 STATE_PERIOD_NS = 1_000_000_000
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from etd.planning.scheduled_pulse import ScheduledPulse
-from etd.safety.conductance import PathMeter, PathSamples, own_bounds
+from etd.safety.conductance import PathMeter, PathSamples
 from etd.safety.ledger import Entry, Ledger
 from etd.safety.limits import Path
 from etd.safety.return_caps import Known, ReturnCaps
@@ -39,9 +39,6 @@ class Returns:
         """The supply was off: any contact may have changed."""
         self.share.reset()
         self._take(ReturnCaps(self._caps_ua, [None] * len(self._caps_ua)))
-        self._caps_when_probed: ReturnCaps | None = None
-        #: By electrode, as long as these hold.
-        self._paths_when_probed: dict[int, Path] = {}
 
     # --- before a pulse --------------------------------------------------------------------------
 
@@ -49,25 +46,17 @@ class Returns:
         """The caps on its path, and the share for its ledger entry."""
         if scheduled.returns is not None:
             return scheduled.path, 1.0
-        share, electrode = self.share, scheduled.electrode
-        if share.refresh(now_ns):
-            self._keep_in_step(now_ns)
-        path = self._paths.get(electrode)
-        if path is None:
-            path = self._paths[electrode] = scheduled.path.with_returns(*self._caps.of(electrode))
-        return path, share.share(electrode)
+        path = self.path_now(scheduled.path, now_ns)
+        return path, self.share.share(scheduled.electrode)
 
-    def when_probed(self, path: Path) -> Path:
-        """The path of a pulse through all others once every contact is measured anew and none is
-        lost.
-        """
-        if self._caps_when_probed is None:
-            self._caps_when_probed = ReturnCaps(self._caps_ua, self._known_when_probed())
-            self._paths_when_probed.clear()
-        known = self._paths_when_probed.get(path.electrode)
+    def path_now(self, path: Path, now_ns: int) -> Path:
+        """The path of a pulse through all others, with the caps that hold now."""
+        if self.share.refresh(now_ns):
+            self._keep_in_step(now_ns)
+        known = self._paths.get(path.electrode)
         if known is None:
-            known = path.with_returns(*self._caps_when_probed.of(path.electrode))
-            self._paths_when_probed[path.electrode] = known
+            known = path.with_returns(*self._caps.of(path.electrode))
+            self._paths[path.electrode] = known
         return known
 
     def watch(self, scheduled: ScheduledPulse, request_ua: int, entry: Entry) -> None:
@@ -105,8 +94,6 @@ class Returns:
     def _keep_in_step(self, now_ns: int) -> None:
         known = [self._known(electrode, now_ns) for electrode in self._electrodes]
         self._take(ReturnCaps(self._caps_ua, known))
-        self._caps_when_probed = self._caps if all(known) else None
-        self._paths_when_probed.clear()
         self._ledger.set_weights(self.share.weights(now_ns), now_ns)
 
     def _take(self, caps: ReturnCaps) -> None:
@@ -122,24 +109,6 @@ class Returns:
         touches = share.last_touch(electrode) is not None
         least_s, most_s = share.least_s[electrode], share.most_s[electrode]
         return Known(least_s, most_s, reading.current_ua, touches)
-
-    def _known_when_probed(self) -> list[Known | None]:
-        """By the last measurement of each, however old."""
-        share = self.share
-        found: list[Known | None] = [
-            None if share.reading(electrode) is None else Known(0.0, 0.0, 0.0, touches=False)
-            for electrode in self._electrodes
-        ]
-        touching = [
-            (electrode, reading)
-            for electrode in self._electrodes
-            if (reading := share.last_touch(electrode))
-        ]
-        own = own_bounds(self._meter, [reading for _, reading in touching], 0.0)
-        for place, (electrode, reading) in enumerate(touching):
-            least_s, most_s = own.least_s[place], own.most_s[place]
-            found[electrode] = Known(least_s, most_s, reading.current_ua, touches=True)
-        return found
 
 
 def _samples(pulse: Pulse, result: PulseResult) -> PathSamples:

@@ -16,6 +16,7 @@ from etd.engine.timing_calibration import calibrate_at_start
 from etd.engine.timing_calibration import limitations as timing_limitations
 from etd.planning.duty import told_of
 from etd.planning.headroom import PlanRules
+from etd.planning.outlook import Outlook
 from etd.planning.plan import Planner
 from etd.planning.probes import probes_of
 from etd.planning.schedule import DuePulse
@@ -120,8 +121,8 @@ class Supervisor:
     # --- power-up ----------------------------------------------------------------------------
 
     def begin_lease(self, lease: Lease) -> None:
-        """A lease may bring a new person, so everything starts from zero: estimates and soft start
-        were reset when the last lease was silenced.
+        """A lease may bring a new person, so all estimates start from zero: they were reset when
+        the last lease was silenced. The soft start is when a new session goes live.
         """
         self.lease = lease
         self._lease_number += 1
@@ -187,6 +188,10 @@ class Supervisor:
         if has_new_probes:
             self.probes = probes_of(self.board, self.loaded.array, self.maxima, person)
 
+    def outlook(self) -> Outlook:
+        """What bounds a pulse that would be fired now."""
+        return self._components.clearance.outlook(self.clock.now_ns())
+
     @property
     def planner(self) -> Planner:
         """Raises: Refused (`no_lease`)."""
@@ -238,7 +243,8 @@ class Supervisor:
         try:
             if power_up.is_rail_there(now_ns) and self.lease is not None:
                 self._check_source()
-                self.sessions.went_live(self._subject(self.lease), self.host_clock.now_ns())
+                if self.sessions.went_live(self._subject(self.lease), self.host_clock.now_ns()):
+                    self.soft_start.restart()
                 self._components.computing.begin(self.clock.now_ns())
                 return True
             return False
@@ -270,7 +276,8 @@ class Supervisor:
             self.make_safe("measured")
         else:
             self.states.arm()
-            self.soft_start.restart()
+            if not any(self.contact.is_touched):
+                self.soft_start.restart()
             self.board.guard.permit(self.maxima.current_ua)
             self.report_state(self.clock.now_ns())
         self.send(Answer(ref=power_up.ref, contact=contact))
@@ -288,11 +295,14 @@ class Supervisor:
     # --- silence -----------------------------------------------------------------------------
 
     def make_safe(self, why: str) -> None:
-        """Silence, supply off, SAFE. A board that cannot be made safe halts."""
+        """Silence, supply off, SAFE. A board that cannot be made safe halts. What the soft start
+        has reached stands for the session's next lease.
+        """
         if self.states.state in ("PROBE", "ARMED"):
             problems = self._silence(why)
             self.states.safe()
             if problems:
+                self.soft_start.restart()
                 self._latch("fault", "safe_off", "; ".join(problems))
                 self.end_lease("halted")
                 return
@@ -305,7 +315,7 @@ class Supervisor:
         self.sessions.went_safe(self.host_clock.now_ns())
         self.supply_changed(False)
         self.active.silence()
-        self.soft_start.restart()
+        self.soft_start.supply_off(self.contact.is_touched)
         self.contact.reset()
         self.returns.reset()
         self.adapter.reset()
@@ -337,6 +347,7 @@ class Supervisor:
             self.board.safe_off()
             return
         problems = self._silence(f"halted by {cause}: {detail}")
+        self.soft_start.restart()
         self._latch(cause, who, "; ".join((detail, *problems)))
         self.end_lease("halted")
 

@@ -8,12 +8,13 @@ plan is refused as a whole, with the reason; nothing is left out of it silently.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from etd.files.body_site import SiteDefaults
 from etd.planning.headroom import Headroom, PlanRules, PulseKind
+from etd.planning.outlook import WHAT_TO_DO, Outlook
 from etd.planning.scan_rate import Counted, Groups, ScanRate
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.calibration import (
@@ -126,9 +127,9 @@ class Planner:
         self._counted_alike: list[object] = []
         self._counted: Counted | None = None
 
-    def plan(self, frame: Frame, returns: Callable[[Path], Path] | None = None) -> Plan:
+    def plan(self, frame: Frame, outlook: Outlook | None = None) -> Plan:
         """All of `steps` at once. Raises: Refused."""
-        steps = self.steps(frame, returns)
+        steps = self.steps(frame, outlook)
         while True:
             try:
                 next(steps)
@@ -136,20 +137,24 @@ class Planner:
                 plan: Plan = end.value
                 return plan
 
-    def steps(self, frame: Frame, returns: Callable[[Path], Path] | None = None) -> Steps[Plan]:
+    def steps(self, frame: Frame, outlook: Outlook | None = None) -> Steps[Plan]:
         """Plan a frame electrode by electrode: a plan for hundreds takes longer than two polls may
         be apart. The generator's value is the plan.
 
-        Raises: Refused. `returns`: sets what all others allow as returns of a path, for the preview
-        of clamps in the reply (None: not known yet, all carry the same share).
+        Raises: Refused. `outlook`: for the preview of clamps in the reply (None: nothing is known
+        yet, all returns carry the same share).
         """
         schedule = yield from self._pulses(frame)
-        clamped = yield from self._preview(schedule, returns or self._shared_equally)
-        if frame.strict and clamped:
-            self._refuse_strict(clamped[0])
+        if outlook is None:
+            outlook = self._unknown()
+        clamped = yield from self._preview(schedule, outlook)
         counted = self._cost_kinds(schedule)
         rate_hz, shortfalls = self._scan_rate.rate(frame, schedule, counted)
         self._check_array_mean(schedule, rate_hz, counted.wanted_hz)
+        if clamped:
+            clamped = tuple([outlook.with_time(clamp, rate_hz) for clamp in clamped])
+            if frame.strict:
+                _refuse_strict(clamped[0])
         yield
         return Plan(
             frame,
@@ -354,23 +359,36 @@ class Planner:
         others = [other for other in self._by_cap if other != electrode]
         return path_of(electrode, caps_ua, others)
 
+    def _unknown(self) -> Outlook:
+        return Outlook(
+            self._shared_equally, self._rules.maxima.current_ua, {}, [None] * self._count
+        )
+
     def _shared_equally(self, path: Path) -> Path:
         return path.with_returns(path.return_ua * max(1, self._count - 1), path.return_electrode)
 
     # --- the preview of clamps ---------------------------------------------------------------
 
     def _preview(
-        self, schedule: Sequence[ScheduledPulse], returns: Callable[[Path], Path]
+        self, schedule: Sequence[ScheduledPulse], outlook: Outlook
     ) -> Steps[tuple[Clamp, ...]]:
         """The clamps of the pulses to be fired, before any stabilizer responds to the skin. What
         was let through with the same caps on its path is let through when it is weaker.
         """
         found = []
+        ceiling_ua, recontacts_ua = outlook.ceiling_ua, outlook.recontacts_ua
         for number, scheduled in enumerate(schedule, 1):
-            planned, current_ua = self._planned[scheduled.electrode], scheduled.request.current_ua
-            path = returns(scheduled.path) if scheduled.returns is None else scheduled.path
-            if path is not planned.free_with or current_ua > planned.free_ua:
-                clamp = self._clamp(scheduled, path)
+            electrode, current_ua = scheduled.electrode, scheduled.request.current_ua
+            planned, is_open = self._planned[electrode], outlook.is_touched[electrode] is False
+            path = outlook.path(scheduled.path) if scheduled.returns is None else scheduled.path
+            if (
+                path is not planned.free_with
+                or current_ua > planned.free_ua
+                or current_ua > ceiling_ua
+                or electrode in recontacts_ua
+                or is_open
+            ):
+                clamp = self._clamp(scheduled, path, outlook)
                 if clamp is not None:
                     found.append(clamp)
                 elif self._is_plain:
@@ -379,27 +397,28 @@ class Planner:
                 yield
         return tuple(found)
 
-    def _clamp(self, scheduled: ScheduledPulse, path: Path) -> Clamp | None:
+    def _clamp(self, scheduled: ScheduledPulse, path: Path, outlook: Outlook) -> Clamp | None:
         maxima, shape = self._rules.maxima, self._rules.site.stabilize.shape
         return clamp_to_limits(
             path,
             scheduled.bounds.in_slot(shape.of(scheduled.request)),
             maxima,
-            maxima.current_ua,
-            None,
-            False,
+            outlook.ceiling_ua,
+            outlook.recontacts_ua.get(scheduled.electrode),
+            outlook.is_touched[scheduled.electrode] is False,
             scheduled.bounds,
             scheduled.probe_pc,
         )[1]
 
-    @staticmethod
-    def _refuse_strict(clamp: Clamp) -> None:
-        raise Refused(
-            "over_limit",
-            f"strict: electrode {clamp.electrode} asks for {clamp.wanted_ua} uA and would get"
-            f" {clamp.allowed_ua} uA ({clamp.reason} of electrode {clamp.limited_by})",
-            clamp.electrode,
-        )
+
+def _refuse_strict(clamp: Clamp) -> None:
+    what_to_do = WHAT_TO_DO.get(clamp.reason, "")
+    raise Refused(
+        "over_limit",
+        f"strict: electrode {clamp.electrode} asks for {clamp.wanted_ua} uA and would get"
+        f" {clamp.allowed_ua} uA ({clamp.reason} of electrode {clamp.limited_by}){what_to_do}",
+        clamp.electrode,
+    )
 
 
 def _check_conditions(frame: Frame, calibration: Calibration) -> None:

@@ -123,7 +123,10 @@ class DaemonGone(EtdError):
     """No daemon answers. Fields: address, what."""
 
     def __init__(
-        self, address: str, what: str, advice: str = "is the daemon running? (see `etd status`)"
+        self,
+        address: str,
+        what: str,
+        advice: str = "is a daemon running? (a fake one: etd run --board fake)",
     ) -> None:
         self.address = address
         self.what = what

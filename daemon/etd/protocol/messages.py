@@ -24,8 +24,6 @@ VERSION = 1
 MAX_MESSAGE_BYTES = 65_536
 #: A lease lives this long after the last accepted frame or `keep`.
 LEASE_MS = 1_000
-#: Streamed `scan` telemetry comes at most this often; no frame is lost by it.
-MAX_TELEMETRY_HZ = 30
 #: `modelled` telemetry of a fake board comes this often while its body feels anything.
 MODELLED_HZ = 10
 
@@ -235,6 +233,7 @@ class Clamp(msgspec.Struct, frozen=True, kw_only=True):
     """A current that was lowered: electrode, the requested and the allowed current, and why.
 
     `limited_by` is the electrode whose cap was the smallest in the path (a return, perhaps).
+    `ends_in_ms`: when a rise will be over, in the reply to a frame that is shown until then.
     """
 
     electrode: int
@@ -242,6 +241,7 @@ class Clamp(msgspec.Struct, frozen=True, kw_only=True):
     allowed_ua: int
     reason: ClampReason
     limited_by: int
+    ends_in_ms: int | None = None
 
 
 class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
@@ -311,7 +311,7 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
 
     state: State
     now_ns: int
-    engine: Literal["there", "gone"]
+    engine: Literal["there", "silent", "gone"]
     halt: Halt | None = None
     holder: str | None = None
     ceiling_ua: int = 0

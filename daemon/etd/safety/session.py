@@ -85,13 +85,17 @@ class Sessions:
         else:
             self._end(f"this lease is for another person or calibration than {session}")
 
-    def went_live(self, subject: Subject, now_ns: int) -> None:
-        """Current may flow to `subject` from now on. This uses up a test of the stop."""
+    def went_live(self, subject: Subject, now_ns: int) -> bool:
+        """Current may flow to `subject` from now on: True if that begins a session. This uses up a
+        test of the stop.
+        """
         self.opened(subject, now_ns)
+        is_new = self._session is None
         if self._session is None:
             self._session = Session(subject, now_ns)
         self._session.used_ns = None
         self._tried_ns = None
+        return is_new
 
     def went_safe(self, now_ns: int) -> None:
         """No current can flow any more. Idempotent."""

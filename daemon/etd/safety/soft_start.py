@@ -1,8 +1,10 @@
 """How fast current may rise: the array's soft start, and each electrode's own after a re-contact.
 
-Owns: one ceiling for the whole array, zero after arming, which rises through the pulses that are
-fired at it; and the same ramp for an electrode that was open and is touched again.
-Must not know: what the limits are, hardware, clocks: time comes in. A fall is never delayed.
+Owns: one ceiling for the whole array, zero at the beginning of a person's session, which rises
+through the pulses that are fired at it; the same ramp for an electrode that was open and is touched
+again; and how long both stand without a pulse.
+Must not know: what the limits are, what ends a session, hardware, clocks: time comes in. A fall is
+never delayed.
 
 Only fired pulses raise a ceiling: a standing frame and passing time do not. Two bounds hold for
 every pulse, and the lower bound is its ceiling:
@@ -13,17 +15,27 @@ every pulse, and the lower bound is its ceiling:
 
 By the first, no pulse within any 100 ms exceeds by more than 0.5 mA what was fired before them. By
 the second, the ceiling rises in small steps wherever pulses are close enough.
+
+What was fired stands for a minute without a pulse, also while the supply is off. Then the person
+may have forgotten how it feels, and the contact may be another one.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 #: 0.5 mA per 100 ms, in steps that keep prepared pulses few.
 STEP_UA = 50
 STEP_NS = 10_000_000
 RISE_UA = 500
 WINDOW_NS = 100_000_000
+#: Without a pulse for so long a ramp begins anew.
+FORGOTTEN_NS = 60_000_000_000
+#: Where a rise takes longer, its end is not foretold.
+_FORETOLD_NS = 60_000_000_000
+#: What is foretold of a pulse: it ends so long after it is due, and the source makes less of it.
+_PULSE_NS, _LESS_UA = 300_000, 3
 
 
 class Ramp:
@@ -46,12 +58,16 @@ class Ramp:
         #: Time counts from here; None until a pulse is due.
         self._counted_ns: int | None = None
         self._due_ns = 0
+        #: When the last pulse ended, or the first was due.
+        self._last_ns = 0
         self.ceiling_ua = 0
 
     def due(self, now_ns: int) -> int:
         """The ceiling in uA of a pulse that is due now; `ceiling_ua` keeps it."""
+        if now_ns - self._last_ns >= FORGOTTEN_NS:
+            self.restart()
         if self._counted_ns is None:
-            self._counted_ns = now_ns
+            self._counted_ns = self._last_ns = now_ns
         rises, settled_ns = self._rises, now_ns - WINDOW_NS
         while rises and rises[0][0] <= settled_ns:
             self._settled_ua = rises.popleft()[1]
@@ -69,6 +85,7 @@ class Ramp:
         """The pulse that was due was fired: the limits let `given_ua` through, the source was
         commanded to `commanded_ua`, and the message ended at `ended_ns`.
         """
+        self._last_ns = ended_ns
         if commanded_ua > self._fired_ua:
             self._fired_ua = commanded_ua
             self._rises.append((ended_ns, commanded_ua))
@@ -82,6 +99,28 @@ class Ramp:
         left_ns = passed_ns % STEP_NS if passed_ns < WINDOW_NS else 0
         self._counted_ns = self._due_ns - left_ns
 
+    def copy(self) -> Ramp:
+        """One that pulses can be tried on."""
+        ramp = Ramp(self._top_ua)
+        ramp._reached_ua, ramp._fired_ua = self._reached_ua, self._fired_ua
+        ramp._settled_ua, ramp._rises = self._settled_ua, deque(self._rises)
+        ramp._counted_ns, ramp._due_ns = self._counted_ns, self._due_ns
+        ramp._last_ns, ramp.ceiling_ua = self._last_ns, self.ceiling_ua
+        return ramp
+
+    def risen_after_ns(self, current_ua: int, period_ns: int, now_ns: int) -> int | None:
+        """In how long a pulse of `current_ua` that is due each period would be let through, if they
+        begin now; None where it would not within a minute.
+        """
+        ramp, due_ns = self.copy(), now_ns
+        while due_ns - now_ns <= _FORETOLD_NS:
+            ceiling_ua = ramp.due(due_ns)
+            if ceiling_ua >= current_ua:
+                return due_ns - now_ns
+            ramp.fired(ceiling_ua, max(0, ceiling_ua - _LESS_UA), due_ns + _PULSE_NS)
+            due_ns += period_ns
+        return None
+
 
 class SoftStart:
     """The ramp of the array, and those of re-contacted electrodes."""
@@ -90,6 +129,8 @@ class SoftStart:
         self._top_ua = top_ua
         self._array = Ramp(top_ua)
         self._recontacts: dict[int, Ramp] = {}
+        #: Known to be open when the supply went off.
+        self._were_open: set[int] = set()
 
     @property
     def ceiling_ua(self) -> int:
@@ -97,21 +138,54 @@ class SoftStart:
         return self._array.ceiling_ua
 
     def restart(self) -> None:
-        """Called with every silence (the end of a lease is one), and once armed, since the probes
-        of the power-up were fired like a frame's pulses.
-        """
+        """Called when a session begins, and with each silence but the end of a lease."""
         self._array.restart()
         self._recontacts.clear()
+        self._were_open.clear()
 
     def due(self, now_ns: int) -> int:
         """The array's ceiling in uA for a pulse that is due now."""
         return self._array.due(now_ns)
+
+    def ceilings(self, now_ns: int) -> tuple[int, dict[int, int]]:
+        """The array's ceiling in uA and those of re-contacted electrodes, for pulses that would be
+        due now. Nothing changes.
+        """
+        own_ua = {
+            electrode: ramp.copy().due(now_ns) for electrode, ramp in self._recontacts.items()
+        }
+        return self._array.copy().due(now_ns), own_ua
+
+    def risen_after_ns(
+        self, electrode: int, current_ua: int, period_ns: int, now_ns: int
+    ) -> int | None:
+        """In how long a pulse of `current_ua` would be let through, if the electrode is pulsed each
+        period from now on; None where it would not within a minute.
+        """
+        array_ns = self._array.risen_after_ns(current_ua, period_ns, now_ns)
+        ramp = self._recontacts.get(electrode)
+        if ramp is None or array_ns is None:
+            return array_ns
+        own_ns = ramp.risen_after_ns(current_ua, period_ns, now_ns)
+        return None if own_ns is None else max(array_ns, own_ns)
 
     def touched_again(self, electrode: int) -> None:
         """An open electrode is touched again: its own ramp begins at zero and holds until the soft
         start restarts.
         """
         self._recontacts[electrode] = Ramp(self._top_ua)
+
+    def supply_off(self, are_touched: Sequence[bool | None]) -> None:
+        """All contacts are unknown from now on, and the ceilings stand."""
+        for electrode, is_touched in enumerate(are_touched):
+            if is_touched is False:
+                self._were_open.add(electrode)
+
+    def found(self, electrode: int, *, is_touched: bool) -> None:
+        """What the probe of the power-up has found of an electrode."""
+        if is_touched and electrode in self._were_open:
+            self._were_open.discard(electrode)
+            self.touched_again(electrode)
 
     def recontact_ua(self, electrode: int, now_ns: int) -> int | None:
         """The electrode's own ceiling in uA for a pulse that is due now; None where it has none."""

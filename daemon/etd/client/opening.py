@@ -1,0 +1,67 @@
+"""The opening of a person's session: levels are fired until the soft start lets them through.
+
+Owns: the frames of an opening, and when it is done. Must not know: sockets, sleeping, the order of
+requests.
+
+The daemon raises the soft start's ceiling by what is fired, and by nothing else, and tells in the
+reply to each frame what it still cuts.
+"""
+
+from __future__ import annotations
+
+from numbers import Real
+from typing import cast
+
+from etd.client import clock
+from etd.client.options import frame_fields, renewal_s, silent_fields
+from etd.client.values import Numbers
+from etd.protocol.errors import Refused
+from etd.protocol.messages import FrameReply
+
+_RISING = ("soft_start", "recontact")
+#: 10 mA take 2.5 s at usual rates, and a pulse a second still rises in this time.
+_WITHIN_NS = 30_000_000_000
+
+
+class Opening:
+    """`levels`: one number for all electrodes, or one for each."""
+
+    def __init__(self, levels: Numbers | float, electrodes: int, now_ns: int) -> None:
+        if isinstance(levels, Real):
+            numbers: Numbers = [float(levels)] * electrodes
+        else:
+            # Numbers of numpy are `Real` too, but a type checker does not know that of `float`.
+            numbers = cast("Numbers", levels)
+        self._fields = frame_fields("level", numbers, {})
+        self._until_ns = now_ns + _WITHIN_NS
+        self.renewal_s = renewal_s({})
+
+    def frame(self) -> dict[str, object]:
+        """The next frame to send."""
+        return {**self._fields, "sent_ns": clock.now_ns()}
+
+    def silence(self) -> dict[str, object]:
+        """The frame to end with."""
+        return silent_fields(self._fields)
+
+    def is_done(self, reply: FrameReply, now_ns: int) -> bool:
+        """Whether nothing is cut any more. Raises: Refused (`wrong_state`) if nothing is touched,
+        or it takes too long.
+        """
+        rising = [clamp for clamp in reply.clamped if clamp.reason in _RISING]
+        if not rising:
+            wanted = self._fields["level"]
+            asked = sum(map(bool, wanted)) if isinstance(wanted, list) else 0
+            open_ones = [clamp for clamp in reply.clamped if clamp.reason == "contact_open"]
+            if asked and len(open_ones) == asked:
+                raise Refused("wrong_state", "nothing touches the display: it opens for nobody")
+            return True
+        if now_ns > self._until_ns:
+            first = rising[0]
+            raise Refused(
+                "wrong_state",
+                f"electrode {first.electrode} still gets {first.allowed_ua} of {first.wanted_ua} uA"
+                f" ({first.reason}): is it touched?",
+                first.electrode,
+            )
+        return False

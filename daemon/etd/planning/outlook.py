@@ -1,0 +1,56 @@
+"""What the limits would leave of a pulse that is fired now: what a frame's reply is told by.
+
+Owns: what is known, when a frame is planned, of the ceilings, the contacts and the returns. Must
+not know: how any of it came to be known, frames, clocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+import msgspec
+
+from etd.protocol.messages import Clamp, ClampReason
+from etd.safety.limits import Path
+
+#: In how long a pulse of this electrode and current would be let through, if it is pulsed each
+#: period in ns from now on; None where it would not within a minute.
+RisenAfter = Callable[[int, int, int], int | None]
+
+#: Of clamps that pass with time: what a refusal says of them.
+WHAT_TO_DO: Final[Mapping[ClampReason, str]] = {
+    "soft_start": ": show it without strict until its reply has no clamps, or arm(open_to=...)",
+    "recontact": ": show it without strict until its reply has no clamps",
+    "contact_open": ": nothing touches it",
+}
+
+
+class Outlook:
+    """`path` sets what all others allow as returns of a path. `recontacts_ua`: by electrode, the
+    ceilings of those that are touched again. `is_touched`: for all electrodes; None is unknown.
+    """
+
+    __slots__ = ("ceiling_ua", "is_touched", "path", "recontacts_ua", "risen_after_ns")
+
+    def __init__(
+        self,
+        path: Callable[[Path], Path],
+        ceiling_ua: int,
+        recontacts_ua: dict[int, int],
+        is_touched: Sequence[bool | None],
+        risen_after_ns: RisenAfter = lambda *_: None,
+    ) -> None:
+        self.path: Final = path
+        self.ceiling_ua: Final = ceiling_ua
+        self.recontacts_ua: Final = recontacts_ua
+        self.is_touched: Final = is_touched
+        self.risen_after_ns: Final = risen_after_ns
+
+    def with_time(self, clamp: Clamp, rate_hz: float) -> Clamp:
+        """The clamp with when it would end, where it ends by pulses that are fired."""
+        if clamp.reason not in ("soft_start", "recontact"):
+            return clamp
+        after_ns = self.risen_after_ns(clamp.electrode, clamp.wanted_ua, int(1e9 / rate_hz))
+        ends_in_ms = None if after_ns is None else -(-after_ns // 1_000_000)
+        return msgspec.structs.replace(clamp, ends_in_ms=ends_in_ms)
