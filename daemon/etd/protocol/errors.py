@@ -126,7 +126,7 @@ class DaemonGone(EtdError):
         self,
         address: str,
         what: str,
-        advice: str = "is a daemon running? (a fake one: etd run --board fake)",
+        advice: str = "is the daemon running? (a fake one: etd run --board fake)",
     ) -> None:
         self.address = address
         self.what = what
