@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine_parts import body_site, calibration, frame, planner
+from etd.planning.outlook import Outlook
 from etd.planning.plan import Planner
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Frame
@@ -49,6 +50,9 @@ def next_asked(rng: random.Random, before: dict[str, Any]) -> dict[str, Any]:
         "is_level": rng.random() < 0.5,
         "most_ua": rng.choice((100, 900, 2_000, 6_000)),
         "return_ua": rng.choice((300.0, 900.0, 90_000.0)),
+        "ceiling_ua": rng.choice((0, 700, 6_000, 6_000)),
+        "recontacts_ua": rng.choice(({}, {}, {1: 200, 4: 5_000})),
+        "is_touched": rng.choice(([None] * N, [electrode % 3 != 2 for electrode in range(N)])),
         "width_us": rng.choice((60, 150, tuple(rng.choice(widths_us) for _ in range(N)))),
         "rate_hz": rng.choice((10.0, 15.0, tuple(rng.choice(rates_hz) for _ in range(N)))),
         "polarity": rng.choice(("anodic", "biphasic")),
@@ -65,7 +69,9 @@ def next_asked(rng: random.Random, before: dict[str, Any]) -> dict[str, Any]:
 def asked_frame(asked: dict[str, Any], *, is_calibrated: bool) -> Frame:
     fields = dict(asked)
     parts, is_level = fields.pop("parts"), fields.pop("is_level")
-    most_ua, _ = fields.pop("most_ua"), fields.pop("return_ua")
+    most_ua = fields.pop("most_ua")
+    for known in ("return_ua", "ceiling_ua", "recontacts_ua", "is_touched"):
+        del fields[known]
     if is_level and is_calibrated:
         # A level has the conditions of its calibration.
         return frame(level=parts, allow_slower=True)
@@ -97,13 +103,16 @@ def test_each_plan_or_refusal_is_that_of_a_planner_that_has_planned_nothing(
         def returns(path: Path, return_ua: float = asked["return_ua"]) -> Path:
             return paths.setdefault((return_ua, path.electrode), path.with_returns(return_ua, 0))
 
+        outlook = Outlook(
+            returns, asked["ceiling_ua"], asked["recontacts_ua"], asked["is_touched"], lambda *_: 0
+        )
         wanted = asked_frame(asked, is_calibrated=is_calibrated)
-        assert outcome(plans, wanted, returns) == outcome(new(), wanted, returns)
+        assert outcome(plans, wanted, outlook) == outcome(new(), wanted, outlook)
 
 
-def outcome(plans: Planner, wanted: Frame, returns: Any) -> object:
+def outcome(plans: Planner, wanted: Frame, outlook: Outlook) -> object:
     try:
-        plan = plans.plan(wanted, returns)
+        plan = plans.plan(wanted, outlook)
     except Refused as refusal:
         return refusal.code, refusal.reason, refusal.electrode
     parts = {field.name: getattr(plan, field.name) for field in dataclasses.fields(plan)}
