@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import engine_rig
 from engine_rig import LEASE, EngineRig
-from engine_scenes import MS, calibration, felt_ua, only, open_calibrated, phases
+from engine_scenes import MS, calibration, felt_ua, only, open_calibrated, phases, scans
 from etd.protocol.link import Answer, ArmBoard, ClearHalt, CloseLease, DisarmBoard, StopNow
 from etd.protocol.messages import Clamp
 from etd_body.electrode import skin
@@ -202,6 +202,8 @@ def test_what_may_bring_another_hand_begins_the_opening_anew_and_is_told(
     assert clamp.allowed_ua <= 300
     rig.run_ms(90)
     assert max(felt_ua(rig, since_ns).values()) <= 500
+    # Not of this electrode alone, which was perhaps open: of all, and open ones get 300 uA.
+    assert scans(rig)[-1].ceiling_ua <= 300 + 500
 
 
 def test_an_electrode_that_was_open_before_a_pause_rises_by_itself_after_it(
