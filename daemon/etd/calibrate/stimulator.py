@@ -37,8 +37,9 @@ _AGAIN_NS = 150 * _MS
 _LOOK_S = 0.02
 #: The current fired may be one step of the source lower than requested.
 _STEPS_UA = 12
-#: Clamps that pass by themselves: the presentation is repeated.
-_PASSING = ("soft_start", "recontact", "contact_open")
+#: Clamps that may pass by themselves: the presentation is repeated. What a return carries is not
+#: known after a second of silence.
+_PASSING = ("soft_start", "recontact", "contact_open", "return_cap")
 #: Widths are accurate to a microsecond or two; stabilizers change them by steps of five.
 _WIDER_US = 4.0
 

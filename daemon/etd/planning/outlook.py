@@ -23,6 +23,8 @@ WHAT_TO_DO: Final[Mapping[ClampReason, str]] = {
     "soft_start": ": show it without strict until its reply has no clamps, or arm(open_to=...)",
     "recontact": ": show it without strict until its reply has no clamps",
     "contact_open": ": nothing touches it",
+    "return_cap": ": ask for less; or, after a silence of a second, show it once without strict, so"
+    " that contact polls tell what its returns carry",
 }
 
 
