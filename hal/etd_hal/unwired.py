@@ -102,8 +102,10 @@ class UnwiredSpi:
         self._clock = clock
         self._machine = machine
         self._source = source
-        #: Weaker than any probe: the check of the source, with no electrode connected.
+        #: Weaker than any probe and as short: the check of the source, with no electrode connected.
+        #: A pulse of the soft start is as weak, and longer.
         self._unloaded_ua = board.maxima.probe_current_ua / 2
+        self._unloaded_us = board.maxima.probe_width_us
         self._mark = mark
         self._code_of = {codec.word(code): code for code in range(source.codes)}
         #: The bytes of each sample, by the codec that will read them.
@@ -125,13 +127,15 @@ class UnwiredSpi:
     def _made(self, message: Message) -> _Made:
         codes = [self._code_of[transfer.tx] for transfer in message.transfers if transfer.tx]
         code, zero = max(codes), self._samples[0]
-        held = self._samples[self._held_code(code)]
+        held_us = sum(transfer.delay_us for transfer in message.transfers)
+        held = self._samples[self._held_code(code, is_short=held_us < self._unloaded_us)]
         return code, self._duration_ns(message, len(codes)), (zero, *(held,) * (len(codes) - 1))
 
-    def _held_code(self, code: int) -> int:
+    def _held_code(self, code: int, *, is_short: bool) -> int:
         """Where a touched electrode, or the leak alone, holds the node."""
         source, current_ua = self._source, self._source.current_of(code)
-        skin_s = 0.0 if current_ua < self._unloaded_ua else 1.0 / _SKIN_OHM
+        is_unloaded = is_short and current_ua < self._unloaded_ua
+        skin_s = 0.0 if is_unloaded else 1.0 / _SKIN_OHM
         volts = current_ua / 1e6 / (1.0 / source.leak_ohm + skin_s)
         return min(source.adc_codes - 1, int(volts / source.node_uv_per_code * 1e6))
 

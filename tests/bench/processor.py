@@ -112,8 +112,11 @@ def codes_of(message: Message) -> list[int]:
 
 
 def is_unloaded(message: Message) -> bool:
-    """Whether it is a check of the source."""
-    return 0 < max(codes_of(message)) < _LOWEST_LOADED_CODE
+    """Whether it is a check of the source, which is as short as a probe. A pulse of the soft start
+    is as weak, and longer.
+    """
+    held_us = sum(transfer.delay_us for transfer in message.transfers)
+    return 0 < max(codes_of(message)) < _LOWEST_LOADED_CODE and held_us < WIDTH_US // 2
 
 
 @cache
