@@ -109,7 +109,7 @@ bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual scr
 instructions: $(if $(findstring --arm,$(ARGS)),compiled-arm,compiled) ## The engine's instructions for a pulse, by valgrind (ARGS='--arm --tree FOLDER': of 64-bit ARM, and of another checkout)
 	$(BIN)/python tests/bench/instructions.py $(ARGS)
 
-wall: $(VENV)/ready-dev ## The engine beside a hog, on wall-clock ports: it must not halt (SECONDS=900; ARGS=--threads: it must)
+wall: $(VENV)/ready-dev ## The engine beside a hog, on wall-clock ports: it must not halt (SECONDS=900; ARGS=--threads: it must wait for the lock)
 	$(BIN)/python tests/bench/wall_scene.py --seconds $(or $(SECONDS),120) $(ARGS)
 
 bench-calibrate: $(VENV)/ready-dev ## Calibrate whole modelled bodies by each method, against their true thresholds (minutes)

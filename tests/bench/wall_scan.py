@@ -34,6 +34,7 @@ from etd_hal.unwired import NoMarker  # noqa: E402
 BOARD = "reference-hv507"
 PRIORITY = 80
 FIGURES = "figures.json"
+LOCK_WAITS = "waits for the interpreter's lock, us"
 #: See `WallGpio`.
 TRY_STOP = "try-stop"
 _NEVER_NS = 1 << 62
@@ -77,7 +78,7 @@ def main(folder: Path, library: Path, core: int, kind: str) -> int:
     checks = array("q")
     checks.frombytes((folder / CHECKS).read_bytes())
     spreads = {
-        "waits for the interpreter's lock, us": spread_us(calls.lock_waits_ns),
+        LOCK_WAITS: spread_us(calls.lock_waits_ns),
         "gaps between heartbeats, us": spread_us(gaps_ns(gpio.beats_ns, gpio.powered())),
         "gaps between the stopper's checks, us": spread_us(gaps_ns(checks, gpio.powered())),
     }

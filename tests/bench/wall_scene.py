@@ -1,4 +1,4 @@
-"""The engine beside a load, on wall-clock ports, for minutes: it must not halt.
+"""The engine on wall-clock ports beside a load, for minutes: it must not halt, nor wait for a lock.
 
     python tests/bench/wall_scene.py [--seconds 120] [--threads]
 
@@ -10,8 +10,11 @@ A halt is excused only where the machine took the scan's processor meanwhile. Tw
 the calls themselves, which hold no interpreter's lock, note when they were kept from it; and a
 witness on each core, at a priority above all else, notes when it woke late.
 
-Exit status: 0 no halt but excused ones, 1 a halt, 3 the machine does not grant what the scene
-needs.
+With `--threads` the verdict is on what the waits for the interpreter's lock are, and not on halts:
+whether a wait falls into a message, and so halts, is chance, and a host that often takes the
+processor excuses each.
+
+Exit status: 0 as it must be, 1 it is not, 3 the machine does not grant what the scene needs.
 """
 
 from __future__ import annotations
@@ -43,6 +46,9 @@ _WITNESS_PRIORITY = 99
 _READY_WITHIN_NS = 30_000_000_000
 _RATE_HZ = 20.0
 _TTL_MS = 1_000
+#: At p99.9: alone in its process the scan waits 1 to 2 us, beside threads 63 to 82, on a host
+#: that is busy as well.
+_LOCK_WAIT_US = 20.0
 #: A halt is stamped when the board has been made safe: its whole chain was written.
 _NOTED_NS = 5_000_000
 
@@ -73,6 +79,9 @@ class Found:
 
     def _is_the_hosts(self, halt_ns: int) -> bool:
         return any(begun <= halt_ns <= end + _NOTED_NS for begun, end in self.stalls_ns)
+
+    def waits_for_the_lock(self) -> bool:
+        return self.figures[wall_scan.LOCK_WAITS]["p99.9"] > _LOCK_WAIT_US
 
     def sentences(self) -> list[str]:
         told = [f"{self.seconds:.0f} s, {self.shown_s:.0f} of them shown"]
@@ -230,7 +239,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="wall_scene", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument(
-        "--threads", action="store_true", help="sensors and stopper as threads: it must halt"
+        "--threads",
+        action="store_true",
+        help="sensors and stopper as threads: it must wait for the interpreter's lock",
     )
     args = parser.parse_args(arguments)
     try:
@@ -242,7 +253,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(sentence)
     if any("not granted" in sentence for sentence in found.not_granted):
         return 3
-    return 0 if bool(found.unexcused()) == args.threads else 1
+    if args.threads:
+        return 0 if found.waits_for_the_lock() else 1
+    return 1 if found.unexcused() or found.waits_for_the_lock() else 0
 
 
 if __name__ == "__main__":
