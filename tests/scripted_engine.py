@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from etd.protocol.facts import ArrayFacts, BoardFacts, MaximaFacts
 from etd.protocol.link import (
     Alive,
     Answer,
@@ -24,7 +25,7 @@ from etd.protocol.link import (
     SetMark,
     ToEngine,
 )
-from etd.protocol.messages import ArrayFacts, BoardFacts, Contact, MaximaFacts, State, StateReport
+from etd.protocol.messages import Contact, State, StateReport
 
 ELECTRODES = 4
 

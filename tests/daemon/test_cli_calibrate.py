@@ -18,7 +18,7 @@ from etd.cli import USED_WRONGLY, main
 from etd.cli.calibrate_screen import Screen
 from etd.cli.keys import Keyboard, legend
 from etd.protocol.calibration import ElectrodeLimits
-from etd.protocol.messages import ArrayFacts
+from etd.protocol.facts import ArrayFacts
 
 pytestmark = pytest.mark.slow
 

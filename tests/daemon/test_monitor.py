@@ -10,10 +10,10 @@ import msgspec
 
 from etd.apps.monitor import CONTACT_SIGNS, Monitor, Panel
 from etd.gateway.replies import hello
+from etd.protocol.facts import Endpoints
 from etd.protocol.messages import (
     Clamp,
     Contact,
-    Endpoints,
     Fired,
     HelloReply,
     Modelled,

@@ -13,7 +13,8 @@ import msgspec
 from etd.calibrate.conditions import Conditions, identity
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import FileError
-from etd.protocol.messages import ArrayFacts, HelloReply
+from etd.protocol.facts import ArrayFacts
+from etd.protocol.messages import HelloReply
 from etd_hal.tomlfile import convert
 
 COMMAND_LINE = "the command line"

@@ -14,7 +14,7 @@ from etd.calibrate.answers import Answer, Ask, Question
 from etd.calibrate.progress import Progress
 from etd.cli.keys import legend
 from etd.cli.terminal import is_terminal
-from etd.protocol.messages import ArrayFacts
+from etd.protocol.facts import ArrayFacts
 
 _CLEAR = "\x1b[H\x1b[2J"
 _ASKED = {

@@ -6,8 +6,8 @@ Owns: the contents of `EngineHello`. Must not know: sockets, states, how anythin
 from __future__ import annotations
 
 from etd.files.configuration import LoadedConfig
+from etd.protocol.facts import ArrayFacts, BoardFacts, MaximaFacts
 from etd.protocol.link import EngineHello
-from etd.protocol.messages import ArrayFacts, BoardFacts, MaximaFacts
 from etd.safety.maxima import PC_PER_NC, Maxima
 from etd_hal import compiled
 

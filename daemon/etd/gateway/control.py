@@ -21,6 +21,7 @@ from etd.gateway.pending import MAX_WAIT_NS, Done, PendingRequest, PendingReques
 from etd.gateway.store import CalibrationStore
 from etd.gateway.telemetry import Publisher
 from etd.protocol.errors import Refused
+from etd.protocol.facts import Endpoints
 from etd.protocol.link import (
     Answer,
     ArmBoard,
@@ -41,7 +42,6 @@ from etd.protocol.messages import (
     Clear,
     Close,
     Disarm,
-    Endpoints,
     FrameRequest,
     GetCalibration,
     Hello,

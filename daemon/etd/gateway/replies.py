@@ -12,12 +12,12 @@ import msgspec
 
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
+from etd.protocol.facts import Endpoints
 from etd.protocol.link import Answer, EngineHello
 from etd.protocol.messages import (
     LEASE_MS,
     MAX_MESSAGE_BYTES,
     VERSION,
-    Endpoints,
     FrameReply,
     HelloReply,
     MarkReply,

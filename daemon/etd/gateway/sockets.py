@@ -16,7 +16,8 @@ import zmq
 
 from etd.files.paths import CONTROL, FRAMES, TELEMETRY
 from etd.protocol.errors import HardwareMissing
-from etd.protocol.messages import MAX_MESSAGE_BYTES, Endpoints
+from etd.protocol.facts import Endpoints
+from etd.protocol.messages import MAX_MESSAGE_BYTES
 
 Socket: TypeAlias = zmq.Socket[bytes]
 

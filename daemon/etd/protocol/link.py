@@ -23,15 +23,13 @@ from msgspec import Meta
 
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, TimePart, Undecodable
+from etd.protocol.facts import ArrayFacts, BoardFacts, MaximaFacts
 from etd.protocol.frame import ClientName, Frame, Int64, Polarity
 from etd.protocol.messages import (
-    ArrayFacts,
-    BoardFacts,
     Clamp,
     Contact,
     Halt,
     Limits,
-    MaximaFacts,
     Modelled,
     RefusedReport,
     Scan,

@@ -15,6 +15,7 @@ from msgspec import Meta
 
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode, TimePart
+from etd.protocol.facts import ArrayFacts, BoardFacts, Endpoints, MaximaFacts
 from etd.protocol.frame import ClientName, Frame, Int64, Name, Polarity
 from etd.pulse.measured import ContactState as ContactState
 from etd.stabilize.shape import PLAIN, Shape
@@ -152,49 +153,6 @@ class Success(msgspec.Struct, frozen=True, kw_only=True):
     ok: Literal[True]
     now_ns: int
     id: Id | None = None
-
-
-class BoardFacts(msgspec.Struct, frozen=True, kw_only=True):
-    name: str
-    backend: str
-    machine: str
-    code: str = "interpreted"
-    full_scale_ua: int
-    resolution_ua: float
-    leak_ohm: int
-    compliance_v: int
-    rest_us: int
-    states: tuple[str, ...]
-    present_guards: tuple[str, ...]
-    absent_guards: tuple[str, ...]
-
-
-class ArrayFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """Positions in mm, x right, y towards the fingertip, through the finger onto the electrodes."""
-
-    name: str
-    electrodes: int
-    x_mm: tuple[float, ...]
-    y_mm: tuple[float, ...]
-    diameter_mm: float
-
-
-class MaximaFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """The maxima: the smallest of code, board and body site."""
-
-    current_ua: int
-    uncalibrated_current_ua: int
-    width_us: int
-    charge_nc: float
-    rate_hz: float
-    mean_current_ua: int
-    array_mean_current_ua: int
-    probe_current_ua: int
-
-
-class Endpoints(msgspec.Struct, frozen=True, kw_only=True):
-    frames: str
-    telemetry: str
 
 
 class HelloReply(Success, frozen=True, kw_only=True):
