@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from etd.protocol.link import Report
-from etd.protocol.messages import Clamp, Scan
+from etd.protocol.messages import Scan
+from etd.protocol.outcome import Clamp
 from rise_witness import RISE_UA, Rise
 from skin_witness import Skin
 from trace_decoder import Facts, Phase, Record, decode, is_led, visits

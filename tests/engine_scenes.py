@@ -18,7 +18,8 @@ from engine_rig import LEASE, EngineRig
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.link import Answer, LeaseEnded, OpenLease
-from etd.protocol.messages import Clamp, Halt, Scan, Shortfall, Shown, StateReport
+from etd.protocol.messages import Halt, Scan, Shown, StateReport
+from etd.protocol.outcome import Clamp, Shortfall
 from etd_hal.boardfile import Guards
 from trace_decoder import Phase
 

@@ -8,11 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+import msgspec
 
 from etd.protocol.facts import ArrayFacts, BoardFacts, MaximaFacts
 from etd.protocol.link import (
     Alive,
     Answer,
+    AskAccount,
     Channel,
     Command,
     EngineHello,
@@ -26,6 +30,7 @@ from etd.protocol.link import (
     ToEngine,
 )
 from etd.protocol.messages import Contact, State, StateReport
+from etd.protocol.outcome import Account
 
 ELECTRODES = 4
 
@@ -70,10 +75,31 @@ def engine_hello(backend: str = "fake") -> EngineHello:
     )
 
 
+def account(seq: int, **changes: Any) -> Account:
+    """Of a frame that fired the first electrode as it was asked to."""
+    made = Account(
+        seq=seq,
+        tag=None,
+        ended="replaced",
+        rate_hz=60.0,
+        begun_ns=1_000 * seq,
+        first_ns=1_000 * seq,
+        last_ns=1_000 * seq + 500,
+        pulses=(6, 0, 0, 0),
+        wanted_ua=(2_000, 0, 0, 0),
+        least_ua=(1_998, 0, 0, 0),
+        most_ua=(1_998, 0, 0, 0),
+        delivered_ua=(1_900, 0, 0, 0),
+    )
+    return msgspec.structs.replace(made, **changes)
+
+
 def full_answer(message: Command | NewFrame) -> Answer:
     """Yes to everything, with what each kind of answer has to carry."""
     if isinstance(message, NewFrame):
         return Answer(ref=message.ref, rate_hz=60.0)
+    if isinstance(message, AskAccount):
+        return Answer(ref=message.ref, account=account(message.seq))
     if isinstance(message, MeasureContact):
         contact = Contact(
             contact=(True, True, False, None),

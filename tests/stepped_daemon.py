@@ -7,6 +7,7 @@ client is the shipped `Session` and the shipped decoders. Must not know: what is
 from __future__ import annotations
 
 import dataclasses
+import io
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,13 +18,16 @@ import msgspec
 import zmq
 
 from engine_rig import turn
+from etd.client.course import Course, Pause
 from etd.client.options import FrameOptions, frame_fields
+from etd.client.presenting import Presented, presenting
 from etd.client.session import Flow, R, Session
 from etd.engine.loop import Engine
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
 from etd.protocol.calibration import Calibration
+from etd.protocol.errors import Refused
 from etd.protocol.link import Channel, Listener, NewFrame, ToEngine
 from etd.protocol.messages import TELEMETRY_OF_TOPIC, FrameReply, HelloReply
 from etd.stabilize.settings import NO_STABILIZERS, Settings
@@ -33,7 +37,9 @@ from etd_hal.backend import Backend
 from etd_hal.compose import codec_of
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
+from etd_hal.fake.trace import Trace
 from etd_hal.linesetup import line_setup, spi_setup
+from followed_trace import FollowedTrace
 from stepped_stopper import SteppedStopper
 
 #: The gateway has a turn this often, when nobody waits for it.
@@ -54,13 +60,15 @@ class SteppedDaemon:
         body_seed: int = 1,
         script: Script = STILL,
         stabilize: Settings = NO_STABILIZERS,
+        *,
+        is_traced: bool = False,
     ) -> None:
         self.loaded = loaded = _loaded(array, stabilize)
         self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
         self.folder = Path(self._temporary.name)
         self.clock = SteppedClock()
         positions_mm = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
-        source = loaded.board.source
+        source, sink = loaded.board.source, io.BytesIO()
         self.body = LivingBody(
             positions_mm,
             leak_ohm=source.leak_ohm,
@@ -69,8 +77,14 @@ class SteppedDaemon:
             script=script,
         )
         self.fake = FakeBoard(
-            loaded.board, self.clock, self.body, electrodes=loaded.array.outputs(), trace=None
+            loaded.board,
+            self.clock,
+            self.body,
+            electrodes=loaded.array.outputs(),
+            trace=Trace(sink) if is_traced else None,
         )
+        #: What was written to the wires.
+        self.followed = FollowedTrace(sink)
         ports = self.fake.request(line_setup(loaded.board), spi_setup(loaded.board))
         backend = Backend(
             "fake",
@@ -189,6 +203,35 @@ class SteppedDisplay:
         del fields["sent_ns"]  # of another clock than the daemon's
         return self._run(self._session.frame(fields))
 
+    def play(self, course: Course[R]) -> R:
+        """As `Display` plays one; pauses take the daemon's time."""
+        try:
+            step = next(course)
+            while True:
+                try:
+                    done = self._do(step)
+                except Refused as refusal:
+                    step = course.throw(refusal)
+                else:
+                    step = course.send(done)
+        except StopIteration as end:
+            result: R = end.value
+            return result
+
+    def _do(self, step: Flow[Any] | Pause) -> object:
+        if isinstance(step, Pause):
+            return self._daemon.sleep_until_ns(self._daemon.now_ns() + int(step.seconds * 1e9))
+        return self._run(step)
+
+    def present(self, current_ua: Sequence[int], seconds: float, rate_hz: float) -> Presented:
+        return self.play(self.presenting(current_ua, seconds, rate_hz))
+
+    def presenting(
+        self, current_ua: Sequence[int], seconds: float, rate_hz: float
+    ) -> Course[Presented]:
+        fields = frame_fields("current_ua", list(current_ua), {"rate_hz": rate_hz})
+        return presenting(self._session, fields, {}, seconds, self._daemon.now_ns)
+
     def set_calibration(self, name: str, calibration: Calibration) -> None:
         self._run(self._session.set_calibration(name, calibration))
 
@@ -227,7 +270,12 @@ class SteppedDisplay:
             ask = next(flow)
             while True:
                 self._daemon.control.send(ask.data)
-                ask = flow.send(self._session.settle(ask, self._answer()))
+                try:
+                    reply = self._session.settle(ask, self._answer())
+                except Refused as refusal:
+                    ask = flow.throw(refusal)
+                else:
+                    ask = flow.send(reply)
         except StopIteration as end:
             result: R = end.value
             return result

@@ -9,7 +9,8 @@ import pytest
 from etd.apps.standing import Standing
 from etd.apps.steps import Step
 from etd.protocol.errors import Refused
-from etd.protocol.messages import Clamp, Fired, Scan, Shown
+from etd.protocol.messages import Fired, Scan, Shown
+from etd.protocol.outcome import Clamp
 
 MS = 1_000_000
 BEGUN_NS = 1_000 * MS

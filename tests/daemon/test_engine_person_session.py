@@ -13,7 +13,7 @@ import engine_rig
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, calibration, felt_ua, only, open_calibrated, phases, scans
 from etd.protocol.link import Answer, ArmBoard, ClearHalt, CloseLease, DisarmBoard, StopNow
-from etd.protocol.messages import Clamp
+from etd.protocol.outcome import Clamp
 from etd_body.electrode import skin
 from rise_witness import RISE_UA, Rise
 

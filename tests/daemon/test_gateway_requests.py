@@ -31,7 +31,7 @@ from etd.protocol.link import (
     NewFrame,
     SetMark,
 )
-from etd.protocol.messages import Clamp
+from etd.protocol.outcome import Clamp
 from gateway_rig import GatewayRig, HandClock
 from scripted_engine import engine_hello
 

@@ -11,16 +11,8 @@ import msgspec
 from etd.apps.monitor import CONTACT_SIGNS, Monitor, Panel
 from etd.gateway.replies import hello
 from etd.protocol.facts import Endpoints
-from etd.protocol.messages import (
-    Clamp,
-    Contact,
-    Fired,
-    HelloReply,
-    Modelled,
-    Scan,
-    Shown,
-    StateReport,
-)
+from etd.protocol.messages import Contact, Fired, HelloReply, Modelled, Scan, Shown, StateReport
+from etd.protocol.outcome import Clamp
 from etd.pulse.measured import MAX_AGE_NS
 from scripted_engine import engine_hello
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from engine_parts import frame
 from etd.engine.reporting import Reporter, Row
 from etd.protocol.link import Report
-from etd.protocol.messages import Clamp, Halt, Scan
+from etd.protocol.messages import Halt, Scan
+from etd.protocol.outcome import Clamp
 
 MS = 1_000_000
 START_NS = 2_000 * MS
@@ -94,7 +95,7 @@ def test_a_silence_is_told_at_once() -> None:
     made, listener = reporter()
     made.frame_begun(frame(), START_NS)
     made.scan_report(START_NS, 0)
-    made.frame_ended()
+    made.frame_ended("expired")
     made.scan_report(START_NS + 1, 0, is_due=True)
     assert listener.scans[-1].shown[0].ended
 
@@ -188,13 +189,13 @@ def test_every_frame_begun_is_told_exactly_once_as_ended(
             made.frame_begun(frame(seq=begun), now_ns)
             begun += 1
         elif step == "end":
-            made.frame_ended()
+            made.frame_ended("expired")
         elif step in ("report", "due"):
             made.scan_report(now_ns, 0, is_due=step == "due")
         else:
             listener.is_listening = step == "hear"
     listener.is_listening = True
-    made.frame_ended()
+    made.frame_ended("expired")
     made.scan_report(now_ns + 100 * MS, 0)
     ended = [shown.seq for scan in listener.scans for shown in scan.shown if shown.ended]
     assert ended == list(range(begun))

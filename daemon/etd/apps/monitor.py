@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from math import log
 
 from etd.protocol.messages import (
-    Clamp,
     Contact,
     ContactState,
     Fired,
@@ -21,6 +20,7 @@ from etd.protocol.messages import (
     Scan,
     StateReport,
 )
+from etd.protocol.outcome import Clamp
 from etd.pulse.measured import is_stale
 
 #: One sign for each kind of contact, in the order of the legend.

@@ -16,7 +16,8 @@ from etd.apps.standing import Standing
 from etd.apps.steps import Report, Step, silent
 from etd.client import Display, FrameOptions, Telemetry, clock
 from etd.protocol.errors import DaemonGone, Refused
-from etd.protocol.messages import Clamp, FrameReply, Halt, Scan, Shortfall
+from etd.protocol.messages import FrameReply, Halt, Scan
+from etd.protocol.outcome import Clamp, Shortfall
 
 _MS = 1_000_000
 #: A frame's ttl exceeds its duration by this, so that it lasts until the next one.

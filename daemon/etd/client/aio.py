@@ -11,18 +11,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import Any, Self, Unpack
+from collections.abc import AsyncIterator
+from typing import Self, Unpack
 
 import zmq
 import zmq.asyncio
 
-from etd.client import clock, values, wire
-from etd.client.connection import Connection
-from etd.client.opening import Opening
-from etd.client.options import FrameOptions, Kind, frame_fields, renewal_s, silent_fields
-from etd.client.session import KEEP_S, Ask, Flow, R
+from etd.client import clock, course, wire
+from etd.client.aio_exchange import AsyncExchange, is_writable
+from etd.client.connection import KEPT_S, Connection
+from etd.client.course import Course
+from etd.client.options import FrameOptions, Kind
+from etd.client.presenting import MOST_BEGUN_S, Presented, presenting
+from etd.client.session import KEEP_S, Flow, R
 from etd.client.telemetry import AsyncTelemetry
-from etd.client.values import Numbers
+from etd.client.values import Numbers, up_to_s
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import (
@@ -31,7 +34,6 @@ from etd.protocol.messages import (
     MarkReply,
     MeasureReply,
     StateReport,
-    Success,
     Topic,
 )
 
@@ -43,7 +45,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         return zmq.asyncio.Context()
 
     def _begin(self) -> None:
-        self._turn = asyncio.Lock()
+        self._exchange = self._new_exchange()
 
     async def __aenter__(self) -> Self:
         try:
@@ -90,7 +92,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         """
         await self._run(self._session.arm(timeout_s))
         if open_to is not None:
-            await self._open_to(open_to)
+            await self._play(course.opening(self._session, open_to, self.electrodes, clock.now_ns))
 
     async def arm_holder(self, timeout_s: float = 10.0) -> None:
         """The operator's `arm`: arms the lease of its present holder."""
@@ -105,32 +107,77 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
 
     async def show(self, levels: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
         """One frame of levels, 0..1 for each electrode."""
-        return await self._run(self._session.frame(frame_fields("level", levels, options)))
+        return await self._run(self._session.frame(self._fields("level", levels, options)))
 
     async def show_current(
         self, current_ua: Numbers, **options: Unpack[FrameOptions]
     ) -> FrameReply:
         """One frame of currents, in uA for each electrode; see `Display.show_current`."""
-        fields = frame_fields("current_ua", current_ua, options)
+        fields = self._fields("current_ua", current_ua, options)
         return await self._run(self._session.frame(fields))
+
+    async def preview(self, levels: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
+        """See `Display.preview`."""
+        fields = {**self._fields("level", levels, options), "preview": True}
+        return await self._run(self._session.frame(fields))
+
+    async def present(
+        self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
+    ) -> Presented:
+        """See `Display.present`. Cancelled, it ends silent."""
+        return await self._play(self._presenting("level", levels, seconds, options))
+
+    async def present_current(
+        self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
+    ) -> Presented:
+        """See `Display.present_current`. Cancelled, it ends silent."""
+        return await self._play(self._presenting("current_ua", current_ua, seconds, options))
+
+    def begin(
+        self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
+    ) -> asyncio.Task[Presented]:
+        """Present in a task, for 30 s at most: await it, or cancel it."""
+        up_to_s("seconds", seconds, MOST_BEGUN_S)
+        return asyncio.create_task(self.present(levels, seconds, **options))
+
+    def begin_current(
+        self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
+    ) -> asyncio.Task[Presented]:
+        """The same for currents in uA."""
+        up_to_s("seconds", seconds, MOST_BEGUN_S)
+        return asyncio.create_task(self.present_current(current_ua, seconds, **options))
+
+    @contextlib.asynccontextmanager
+    async def kept(self, at_most_s: float = KEPT_S) -> AsyncIterator[None]:
+        """`async with display.kept(): ...` holds the lease over pauses; see `Display.kept`."""
+        longest_ns = int(up_to_s("at_most_s", at_most_s, 24 * 3_600.0) * 1e9)
+        keeping = asyncio.create_task(self._keep(longest_ns))
+        try:
+            yield
+        finally:
+            keeping.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await keeping
 
     async def hold(self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]) -> None:
         """Show levels for `seconds`, then silence. Cancelled, it ends silent."""
-        await self._hold("level", levels, seconds, options)
+        fields = self._fields("level", levels, options)
+        await self._play(course.holding(self._session, fields, options, seconds, clock.now_ns))
 
     async def hold_current(
         self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
     ) -> None:
         """Show currents for `seconds`, then silence. Cancelled, it ends silent."""
-        await self._hold("current_ua", current_ua, seconds, options)
+        fields = self._fields("current_ua", current_ua, options)
+        await self._play(course.holding(self._session, fields, options, seconds, clock.now_ns))
 
     async def stream(self, levels: Numbers, **options: Unpack[FrameOptions]) -> None:
         """One frame without an answer; the newest wins. A refusal comes as telemetry `refused`."""
-        await self._stream(frame_fields("level", levels, options))
+        await self._stream(self._fields("level", levels, options))
 
     async def stream_current(self, current_ua: Numbers, **options: Unpack[FrameOptions]) -> None:
         """The same for currents in uA."""
-        await self._stream(frame_fields("current_ua", current_ua, options))
+        await self._stream(self._fields("current_ua", current_ua, options))
 
     async def measure(self, timeout_s: float = 10.0) -> MeasureReply:
         """Contact of all electrodes, with probe pulses; from SAFE back to SAFE."""
@@ -141,12 +188,11 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
 
     async def stop(self) -> None:
         """Silence at once, whichever client holds the lease and whatever is under way here."""
-        socket = wire.configure(self._context.socket(zmq.DEALER), self.address)
+        exchange = self._new_exchange()
         try:
-            flow = self._session.stop()
-            await self._exchange(socket, next(flow))
+            await exchange.run(self._session.stop())
         finally:
-            socket.close()
+            exchange.hang_up()
 
     async def clear(self) -> None:
         """Leave HALTED for SAFE; then `arm()` anew."""
@@ -181,77 +227,41 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         except DaemonGone:
             pass  # nobody is there to be told; the lease has ended with the daemon, or lapses
         finally:
+            self._exchange.hang_up()
             self._hang_up()
 
-    async def _hold(
-        self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
-    ) -> None:
-        fields = frame_fields(kind, numbers, options)
-        held_s = values.above_zero_s("seconds", seconds)
-        end_ns = clock.now_ns() + int(held_s * 1e9)
-        try:
-            while (left_s := (end_ns - clock.now_ns()) / 1e9) > 0:
-                await self._run(self._session.frame({**fields, "sent_ns": clock.now_ns()}))
-                await asyncio.sleep(min(renewal_s(options), left_s))
-        except asyncio.CancelledError:
-            with contextlib.suppress(EtdError):  # the frame expires by itself
-                await self._run(self._session.frame(silent_fields(fields)))
-            raise
-        await self._run(self._session.frame(silent_fields(fields)))
+    def _new_exchange(self) -> AsyncExchange:
+        return AsyncExchange(self._context, self.address, self._session)
 
-    async def _open_to(self, levels: Numbers | float) -> None:
-        opening = Opening(levels, self.electrodes, clock.now_ns())
-        while True:
-            reply = await self._run(self._session.frame(opening.frame()))
-            if opening.is_done(reply, clock.now_ns()):
-                break
-            await asyncio.sleep(opening.renewal_s)
-        await self._run(self._session.frame(opening.silence()))
+    def _presenting(
+        self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
+    ) -> Course[Presented]:
+        fields = self._fields(kind, numbers, options)
+        return presenting(self._session, fields, options, seconds, clock.now_ns)
+
+    async def _keep(self, longest_ns: int) -> None:
+        """For as long as the program comes by."""
+        exchange = self._new_exchange()
+        try:
+            while True:
+                await asyncio.sleep(KEEP_S)
+                has_come_by = clock.now_ns() - self._exchange.used_ns <= longest_ns
+                if has_come_by and self._session.lease is not None:
+                    with contextlib.suppress(EtdError):  # the program's next request says why
+                        await exchange.run(self._session.keep())
+        finally:
+            exchange.hang_up()
 
     async def _stream(self, fields: dict[str, object]) -> None:
         await self._run(self._session.opened())
         data = self._session.streamed(fields)
         frames = self._frames_socket()
-        if not await _is_writable(frames, self._timeout_s):
+        if not await is_writable(frames, self._timeout_s):
             raise DaemonGone(self.address, f"no frame was taken within {self._timeout_s:g} s")
         await frames.send(data)
 
+    async def _play(self, course: Course[R]) -> R:
+        return await self._exchange.play(course)
+
     async def _run(self, flow: Flow[R]) -> R:
-        """Drive one of the session's generators to its end, one caller after another."""
-        async with self._turn:
-            try:
-                ask = next(flow)
-                while True:
-                    try:
-                        reply = await self._exchange(self._connected(), ask)
-                    except Refused as refusal:
-                        ask = flow.throw(refusal)
-                    except DaemonGone:
-                        self._drop_control()
-                        raise
-                    else:
-                        ask = flow.send(reply)
-            except StopIteration as end:
-                result: R = end.value
-                return result
-
-    async def _exchange(self, socket: zmq.asyncio.Socket, ask: Ask) -> Success:
-        """Send one request and await its reply, keeping the lease if it is a slow one."""
-        deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
-        if await _is_writable(socket, ask.timeout_s):
-            await socket.send(ask.data)
-            while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
-                wait_s = left_s if ask.keep is None else min(left_s, KEEP_S)
-                if await socket.poll(max(1, int(wait_s * 1000))):
-                    parts: list[Any] = await socket.recv_multipart()
-                    reply = self._session.settle(ask, parts[-1])
-                    if reply is not None:
-                        return reply
-                elif ask.keep is not None:
-                    await socket.send(ask.keep())
-        raise DaemonGone(self.address, f"no answer to {ask.op} within {ask.timeout_s:g} s")
-
-
-async def _is_writable(socket: Any, timeout_s: float) -> bool:
-    """Any: pyzmq's stub of the awaited poll leaves out its flags."""
-    return bool(await socket.poll(int(timeout_s * 1000), zmq.POLLOUT))
+        return await self._exchange.run(flow)

@@ -12,6 +12,11 @@ import time
 now_ns = time.monotonic_ns
 
 
+def wall_offset_ns() -> int:
+    """What CLOCK_REALTIME is ahead of CLOCK_MONOTONIC."""
+    return time.time_ns() - now_ns()
+
+
 def sleep_s(seconds: float) -> None:
     """Sleep; nothing if `seconds` is not above 0."""
     if seconds > 0:

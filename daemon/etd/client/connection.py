@@ -12,11 +12,18 @@ from typing import Any, Generic, TypeVar
 import zmq
 
 from etd.client import wire
+from etd.client.array import ElectrodeArray
+from etd.client.options import FrameOptions, Kind, frame_fields
 from etd.client.session import Session
+from etd.client.values import Numbers
 from etd.files.paths import DEFAULT_NAME, FRAMES, TELEMETRY, sibling_address
-from etd.protocol.errors import DaemonGone
+from etd.protocol.messages import HelloReply
 
 S = TypeVar("S", bound="zmq.Socket[Any]")
+
+_ROWS = (list, tuple)
+#: A lease is kept for a program that calls nothing for so long.
+KEPT_S = 60.0
 
 
 class Connection(ABC, Generic[S]):
@@ -52,9 +59,13 @@ class Connection(ABC, Generic[S]):
         self.address = wire.resolve(name, address)
         self._timeout_s = timeout_s
         self._context = self._new_context()
-        self._control: S | None = None
         self._frames: S | None = None
         self._begin()
+
+    @property
+    @abstractmethod
+    def facts(self) -> HelloReply:
+        """Board, array with positions, maxima, calibrations. Raises: Refused (`engine_gone`)."""
 
     @abstractmethod
     def _new_context(self) -> zmq.Context[S]:
@@ -67,12 +78,20 @@ class Connection(ABC, Generic[S]):
         facts = self._session.facts
         return facts.endpoints.telemetry if facts else sibling_address(self.address, TELEMETRY)
 
-    def _connected(self) -> S:
-        if self._context.closed:
-            raise DaemonGone(self.address, "this display was closed: make a new one")
-        if self._control is None:
-            self._control = wire.configure(self._context.socket(zmq.DEALER), self.address)
-        return self._control
+    @property
+    def array(self) -> ElectrodeArray:
+        """Where the electrodes are. Raises: Refused (`engine_gone`)."""
+        return ElectrodeArray(self.facts.array)
+
+    def _fields(self, kind: Kind, numbers: Numbers, options: FrameOptions) -> dict[str, object]:
+        """A frame without lease and seq. Raises: Refused (`bad_frame`)."""
+        return frame_fields(kind, self._by_electrode(numbers), options)
+
+    def _by_electrode(self, numbers: Numbers) -> Numbers:
+        """A plain list, which most frames have, without a closer look."""
+        if isinstance(numbers, (list, tuple)) and not (numbers and type(numbers[0]) in _ROWS):
+            return numbers
+        return self.array.by_electrode(numbers)
 
     def _frames_socket(self) -> S:
         if self._frames is None:
@@ -80,12 +99,6 @@ class Connection(ABC, Generic[S]):
             address = facts.endpoints.frames if facts else sibling_address(self.address, FRAMES)
             self._frames = wire.configure(self._context.socket(zmq.PUSH), address)
         return self._frames
-
-    def _drop_control(self) -> None:
-        """What was not answered must not reach a daemon that comes back later."""
-        if self._control is not None:
-            self._control.close()
-            self._control = None
 
     def _hang_up(self) -> None:
         self._context.destroy(linger=0)

@@ -10,27 +10,29 @@ Must not know: the order of requests (session), the options of a frame (options)
 
 from __future__ import annotations
 
-import contextlib
+from collections.abc import Callable
 from typing import Self, Unpack
 
 import zmq
 
-from etd.client import clock, values, wire
-from etd.client.connection import Connection
-from etd.client.opening import Opening
-from etd.client.options import FrameOptions, Kind, frame_fields, renewal_s, silent_fields
-from etd.client.session import KEEP_S, Ask, Flow, R
+from etd.client import clock, course, wire
+from etd.client.beside import Keeper, Underway
+from etd.client.connection import KEPT_S, Connection
+from etd.client.course import Course
+from etd.client.exchange import Exchange
+from etd.client.options import FrameOptions, Kind
+from etd.client.presenting import MOST_BEGUN_S, Presented, presenting
+from etd.client.session import Flow, R
 from etd.client.telemetry import Telemetry
-from etd.client.values import Numbers
+from etd.client.values import Numbers, up_to_s
 from etd.protocol.calibration import Calibration
-from etd.protocol.errors import DaemonGone, EtdError, Refused
+from etd.protocol.errors import DaemonGone, Refused
 from etd.protocol.messages import (
     FrameReply,
     HelloReply,
     MarkReply,
     MeasureReply,
     StateReport,
-    Success,
     Topic,
 )
 
@@ -42,6 +44,7 @@ class Display(Connection["zmq.Socket[bytes]"]):
         return zmq.Context()
 
     def _begin(self) -> None:
+        self._exchange = self._new_exchange(clock.sleep_s)
         try:
             wire.check_there(self.address)
             self._greet()
@@ -78,7 +81,7 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """
         self._run(self._session.arm(timeout_s))
         if open_to is not None:
-            self._open_to(open_to)
+            self._play(course.opening(self._session, open_to, self.electrodes, clock.now_ns))
 
     def arm_holder(self, timeout_s: float = 10.0) -> None:
         """The operator's `arm`: arms the lease of its present holder."""
@@ -96,34 +99,80 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """One frame of levels for all electrodes: 0 is silent, 0..1 from threshold to comfortable.
         Returns when it is accepted, with the clamps of its limits.
         """
-        return self._run(self._session.frame(frame_fields("level", levels, options)))
+        return self._run(self._session.frame(self._fields("level", levels, options)))
 
     def show_current(self, current_ua: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
         """One frame of currents, in uA for each electrode: an upper bound, whatever stabilizers the
         body site has. Widths that `strength_duration` would change are refused.
         """
-        return self._run(self._session.frame(frame_fields("current_ua", current_ua, options)))
+        return self._run(self._session.frame(self._fields("current_ua", current_ua, options)))
+
+    def preview(self, levels: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
+        """The reply that `show` would get now, clamps and rate; nothing is shown."""
+        fields = {**self._fields("level", levels, options), "preview": True}
+        return self._run(self._session.frame(fields))
+
+    def present(
+        self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
+    ) -> Presented:
+        """Show levels for `seconds`, then silence; returns what was fired. Blocks.
+
+        First it waits, for a tenth of a second where need be, until it is known what the returns
+        carry. Ctrl-C ends it silent. Raises: Refused (`halted`, `no_lease`) if it is cut short.
+        """
+        return self._play(self._presenting("level", levels, seconds, options))
+
+    def present_current(
+        self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
+    ) -> Presented:
+        """The same for currents in uA."""
+        return self._play(self._presenting("current_ua", current_ua, seconds, options))
+
+    def begin(
+        self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
+    ) -> Underway[Presented]:
+        """Present while the program goes on, for 30 s at most; `wait()` says what was fired.
+        Another frame of this display ends it.
+        """
+        return self._begun("level", levels, seconds, options)
+
+    def begin_current(
+        self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
+    ) -> Underway[Presented]:
+        """The same for currents in uA."""
+        return self._begun("current_ua", current_ua, seconds, options)
+
+    def kept(self, at_most_s: float = KEPT_S) -> Keeper:
+        """`with display.kept(): ...` holds the lease over pauses; frames expire as always.
+
+        A program that hangs must not hold it for ever: the lease is kept until no method of this
+        display was called for `at_most_s`.
+        """
+        longest_s = up_to_s("at_most_s", at_most_s, 24 * 3_600.0)
+        return Keeper(self._new_exchange, self._session, lambda: self._exchange.used_ns, longest_s)
 
     def hold(self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]) -> None:
         """Show levels for `seconds`, then silence. Blocks; renews the frame within its ttl.
 
         Ctrl-C ends it silent.
         """
-        self._hold("level", levels, seconds, options)
+        fields = self._fields("level", levels, options)
+        self._play(course.holding(self._session, fields, options, seconds, clock.now_ns))
 
     def hold_current(
         self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
     ) -> None:
         """Show currents for `seconds`, then silence; as `hold`."""
-        self._hold("current_ua", current_ua, seconds, options)
+        fields = self._fields("current_ua", current_ua, options)
+        self._play(course.holding(self._session, fields, options, seconds, clock.now_ns))
 
     def stream(self, levels: Numbers, **options: Unpack[FrameOptions]) -> None:
         """One frame without an answer; the newest wins. A refusal comes as telemetry `refused`."""
-        self._stream(frame_fields("level", levels, options))
+        self._stream(self._fields("level", levels, options))
 
     def stream_current(self, current_ua: Numbers, **options: Unpack[FrameOptions]) -> None:
         """The same for currents in uA."""
-        self._stream(frame_fields("current_ua", current_ua, options))
+        self._stream(self._fields("current_ua", current_ua, options))
 
     def measure(self, timeout_s: float = 10.0) -> MeasureReply:
         """Contact of all electrodes, with probe pulses; from SAFE back to SAFE."""
@@ -171,27 +220,21 @@ class Display(Connection["zmq.Socket[bytes]"]):
         except DaemonGone:
             pass  # nobody is there to be told; the lease has ended with the daemon, or lapses
         finally:
+            self._exchange.hang_up()
             self._hang_up()
 
-    def _hold(self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions) -> None:
-        fields = frame_fields(kind, numbers, options)
-        held_s = values.above_zero_s("seconds", seconds)
-        end_ns = clock.now_ns() + int(held_s * 1e9)
-        try:
-            while (left_s := (end_ns - clock.now_ns()) / 1e9) > 0:
-                self._run(self._session.frame({**fields, "sent_ns": clock.now_ns()}))
-                clock.sleep_s(min(renewal_s(options), left_s))
-        except KeyboardInterrupt:
-            with contextlib.suppress(EtdError):  # the frame expires by itself
-                self._run(self._session.frame(silent_fields(fields)))
-            raise
-        self._run(self._session.frame(silent_fields(fields)))
+    def _presenting(
+        self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
+    ) -> Course[Presented]:
+        fields = self._fields(kind, numbers, options)
+        return presenting(self._session, fields, options, seconds, clock.now_ns)
 
-    def _open_to(self, levels: Numbers | float) -> None:
-        opening = Opening(levels, self.electrodes, clock.now_ns())
-        while not opening.is_done(self._run(self._session.frame(opening.frame())), clock.now_ns()):
-            clock.sleep_s(opening.renewal_s)
-        self._run(self._session.frame(opening.silence()))
+    def _begun(
+        self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
+    ) -> Underway[Presented]:
+        up_to_s("seconds", seconds, MOST_BEGUN_S)
+        self._run(self._session.opened())
+        return Underway(self._new_exchange, self._presenting(kind, numbers, seconds, options))
 
     def _stream(self, fields: dict[str, object]) -> None:
         self._run(self._session.opened())
@@ -210,33 +253,10 @@ class Display(Connection["zmq.Socket[bytes]"]):
                 raise
 
     def _run(self, flow: Flow[R]) -> R:
-        """Drive one of the session's generators to its end."""
-        try:
-            ask = next(flow)
-            while True:
-                try:
-                    reply = self._exchange(ask)
-                except Refused as refusal:
-                    ask = flow.throw(refusal)
-                else:
-                    ask = flow.send(reply)
-        except StopIteration as end:
-            result: R = end.value
-            return result
+        return self._exchange.run(flow)
 
-    def _exchange(self, ask: Ask) -> Success:
-        """Send one request and wait for its reply, keeping the lease if it is a slow one."""
-        socket = self._connected()
-        deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
-        if socket.poll(int(ask.timeout_s * 1000), zmq.POLLOUT):
-            socket.send(ask.data)
-            while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
-                wait_s = left_s if ask.keep is None else min(left_s, KEEP_S)
-                if socket.poll(max(1, int(wait_s * 1000))):
-                    reply = self._session.settle(ask, socket.recv_multipart()[-1])
-                    if reply is not None:
-                        return reply
-                elif ask.keep is not None:
-                    socket.send(ask.keep())
-        self._drop_control()
-        raise DaemonGone(self.address, f"no answer to {ask.op} within {ask.timeout_s:g} s")
+    def _play(self, course: Course[R]) -> R:
+        return self._exchange.play(course)
+
+    def _new_exchange(self, pause: Callable[[float], None]) -> Exchange:
+        return Exchange(self._context, self.address, self._session, pause)

@@ -12,7 +12,6 @@ from __future__ import annotations
 from numbers import Real
 from typing import cast
 
-from etd.client import clock
 from etd.client.options import frame_fields, renewal_s, silent_fields
 from etd.client.values import Numbers
 from etd.protocol.errors import Refused
@@ -36,13 +35,13 @@ class Opening:
         self._until_ns = now_ns + _WITHIN_NS
         self.renewal_s = renewal_s({})
 
-    def frame(self) -> dict[str, object]:
+    def frame(self, now_ns: int) -> dict[str, object]:
         """The next frame to send."""
-        return {**self._fields, "sent_ns": clock.now_ns()}
+        return {**self._fields, "sent_ns": now_ns}
 
-    def silence(self) -> dict[str, object]:
+    def silence(self, now_ns: int) -> dict[str, object]:
         """The frame to end with."""
-        return silent_fields(self._fields)
+        return silent_fields(self._fields, now_ns)
 
     def is_done(self, reply: FrameReply, now_ns: int) -> bool:
         """Whether nothing is cut any more. Raises: Refused (`wrong_state`) if nothing is touched,

@@ -58,9 +58,9 @@ def renewal_s(options: FrameOptions) -> float:
     return options.get("ttl_ms", DEFAULT_TTL_MS) / 3000
 
 
-def silent_fields(fields: dict[str, object]) -> dict[str, object]:
+def silent_fields(fields: dict[str, object], now_ns: int) -> dict[str, object]:
     """The same frame with every value 0, stamped anew."""
     kind = "level" if "level" in fields else "current_ua"
     numbers = fields[kind]
     zeros = [0] * len(numbers) if isinstance(numbers, list) else numbers
-    return {**fields, kind: zeros, "sent_ns": clock.now_ns()}
+    return {**fields, kind: zeros, "sent_ns": now_ns}

@@ -10,6 +10,8 @@ and `AsyncDisplay` differ only in how they send an `Ask` and receive its reply.
 
 from __future__ import annotations
 
+import itertools
+import threading
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
@@ -22,6 +24,7 @@ from etd.protocol.errors import ErrorCode, Refused
 from etd.protocol.messages import (
     MAX_MESSAGE_BYTES,
     REPLY_OF_OP,
+    AccountReply,
     CalibrationReply,
     Failure,
     FrameReply,
@@ -34,6 +37,7 @@ from etd.protocol.messages import (
     StatusReply,
     Success,
 )
+from etd.protocol.outcome import Account
 from etd.protocol.text import escaped
 
 #: While a slow request is under way, the lease is renewed this often.
@@ -87,8 +91,10 @@ class Session:
         self._max_current_ua = max_current_ua
         self._width_us = width_us
         self._timeout_s = values.above_zero_s("timeout_s", timeout_s)
-        self._last_id = 0
-        self._last_seq = 0
+        self._ids = itertools.count(1)
+        #: Of the newest frame, whichever thread sent it.
+        self.last_seq = 0
+        self._numbering = threading.Lock()
 
     def greet(self) -> Flow[HelloReply]:
         """Read the facts. Raises: Refused (`engine_gone`) while no engine runs."""
@@ -146,11 +152,20 @@ class Session:
         reply: MarkReply = yield self._ask("mark", {"lease": self._held_lease(), "tag": given})
         return reply
 
-    def frame(self, fields: dict[str, object]) -> Flow[FrameReply]:
-        """One frame with an answer; the lease is opened if none was."""
+    def frame(self, fields: dict[str, object], after: int | None = None) -> Flow[FrameReply]:
+        """One frame with an answer; the lease is opened if none was. Raises: Refused (`old_seq`) if
+        the newest frame is not the one `after` which this is to be sent.
+        """
         yield from self.opened()
-        reply: FrameReply = yield self._ask("frame", self._numbered(fields))
+        reply: FrameReply = yield self._ask("frame", self._numbered(fields, after))
         return reply
+
+    def account(self, seq: int) -> Flow[Account]:
+        """Of a frame that was sent with `account`; waits until it is over."""
+        reply: AccountReply = yield self._ask(
+            "account", {"lease": self._held_lease(), "seq": seq}, keep=self._keep_data
+        )
+        return reply.account
 
     def streamed(self, fields: dict[str, object]) -> bytes:
         """A frame for the frames socket. Raises: Refused (`no_lease`, `too_large`)."""
@@ -182,7 +197,7 @@ class Session:
             reply: Success = msgspec.json.decode(data, type=REPLY_OF_OP[ask.op])
             return reply
         failure = _failure_decoder.decode(data)
-        if failure.error in ("no_lease", "other_lease"):
+        if failure.error in ("no_lease", "other_lease", "halted"):
             self.lease = None
         raise Refused(
             failure.error,
@@ -210,7 +225,7 @@ class Session:
         limits = yield from self._limits()
         reply: LeaseReply = yield self._ask("open", {"client": self._client, **limits})
         self.lease = reply.lease
-        self._last_seq = 0
+        self.last_seq = 0
 
     def _limits(self) -> Flow[dict[str, object]]:
         """The limits of the lease: given here, or else the daemon's default calibration."""
@@ -232,9 +247,12 @@ class Session:
     def _keep_data(self) -> bytes:
         return self._ask("keep", {"lease": self.lease}).data
 
-    def _numbered(self, fields: dict[str, object]) -> dict[str, object]:
-        self._last_seq += 1
-        return {"lease": self._held_lease(), "seq": self._last_seq, **fields}
+    def _numbered(self, fields: dict[str, object], after: int | None = None) -> dict[str, object]:
+        with self._numbering:
+            if after is not None and self.last_seq != after:
+                raise Refused("old_seq", "the program has sent another frame meanwhile")
+            self.last_seq += 1
+            return {"lease": self._held_lease(), "seq": self.last_seq, **fields}
 
     def _ask(
         self,
@@ -247,10 +265,10 @@ class Session:
         wait_s = self._timeout_s
         if timeout_s is not None:
             wait_s = values.above_zero_s("timeout_s", timeout_s)
-        self._last_id += 1
+        number = next(self._ids)
         given = {key: value for key, value in (fields or {}).items() if value is not None}
-        data = _encoded({"op": op, "id": self._last_id, **given})
-        return Ask(op, self._last_id, data, wait_s, keep)
+        data = _encoded({"op": op, "id": number, **given})
+        return Ask(op, number, data, wait_s, keep)
 
 
 _TEACH_LIMITS = (

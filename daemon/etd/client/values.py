@@ -21,7 +21,8 @@ class ArrayLike(Protocol):
     def tolist(self) -> object: ...
 
 
-Numbers: TypeAlias = Iterable[float] | ArrayLike
+#: One number for each electrode, rows of them shaped as the grid, or `{electrode: number}`.
+Numbers: TypeAlias = Iterable[float] | Iterable[Iterable[float]] | Mapping[int, float] | ArrayLike
 
 
 def levels(values: Numbers) -> list[float]:
@@ -61,6 +62,14 @@ def above_zero_s(key: str, value: object) -> float:
         if 0.0 < seconds < math.inf:
             return seconds
     raise Refused("bad_message", f"{key}={value!r}: a number of seconds above 0 is needed")
+
+
+def up_to_s(key: str, value: object, most_s: float) -> float:
+    """A duration that has a bound. Raises: Refused (`bad_message`)."""
+    seconds = above_zero_s(key, value)
+    if seconds > most_s:
+        raise Refused("bad_message", f"{key}={value!r}: at most {most_s:g} s")
+    return seconds
 
 
 def tag(value: object) -> int | None:

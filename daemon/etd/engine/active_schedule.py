@@ -6,9 +6,11 @@ know: how a pulse is fired, the board, sockets.
 
 from __future__ import annotations
 
+from etd.engine.accounts import OpenAccount
 from etd.engine.reporting import Reporter
 from etd.planning.plan import Plan
 from etd.planning.schedule import Schedule
+from etd.protocol.outcome import FrameEnd
 from etd.safety.maxima import Maxima
 from etd_hal.ports import Clock
 
@@ -40,7 +42,7 @@ class ActiveSchedule:
         before = self.schedule
         if before is not None and not before.is_begun:
             self._reporter.superseded()
-        self._let_go()
+        self._let_go("replaced")
         self.schedule = Schedule(plan, expires_host_ns, self._clock.now_ns(), before)
 
     def fit(self, maxima: Maxima) -> None:
@@ -51,16 +53,23 @@ class ActiveSchedule:
         misfit = None if schedule is None else schedule.fit(maxima)
         if schedule is not None and misfit is not None:
             self._reporter.refused(schedule.plan.frame, misfit, self._clock.now_ns())
-            self._let_go()
+            self._let_go("silenced")
 
     def silence(self) -> None:
         """Drops the schedule that is shown and the one that waits."""
         self._coming = None
-        self._let_go()
+        self._let_go("silenced")
 
-    def _let_go(self) -> None:
+    def stands(self, seq: int) -> bool:
+        """Whether that frame is shown, or waits for the end of the scan under way."""
+        coming, schedule = self._coming, self.schedule
+        if coming is not None and coming[0].frame.seq == seq:
+            return True
+        return schedule is not None and schedule.plan.frame.seq == seq
+
+    def _let_go(self, why: FrameEnd) -> None:
         if self.schedule is not None and self.schedule.is_begun:
-            self._reporter.frame_ended()
+            self._reporter.frame_ended(why)
         self.schedule = None
 
     def expire(self, host_ns: int) -> None:
@@ -75,14 +84,15 @@ class ActiveSchedule:
         if has_expired and not schedule.is_begun:
             self._reporter.never_shown(schedule.plan.frame, self._clock.now_ns())
         if has_expired or schedule.has_had_its_pulses:
-            self._let_go()
+            self._let_go("pulses" if schedule.has_had_its_pulses else "expired")
 
     # --- the scan under way ------------------------------------------------------------------
 
     def begin_scan(self, schedule: Schedule, now_ns: int) -> None:
-        frame = schedule.plan.frame
         if not schedule.is_begun:
-            self._reporter.frame_begun(frame, now_ns)
+            plan = schedule.plan
+            account = OpenAccount(plan, now_ns) if plan.frame.account else None
+            self._reporter.frame_begun(plan.frame, now_ns, account)
         self._reporter.scan_begun()
         schedule.begin_scan(now_ns)
         self.scanning = schedule

@@ -18,7 +18,7 @@ from etd.firing import ReadyPulse, prepulse_of
 from etd.planning.outlook import Outlook
 from etd.planning.schedule import DuePulse
 from etd.planning.scheduled_pulse import ScheduledPulse
-from etd.protocol.messages import Clamp
+from etd.protocol.outcome import Clamp
 from etd.pulse.request import PulseRequest
 from etd.safety.ledger import Entry, Ledger
 from etd.safety.limits import Path, clamp_to_limits
@@ -124,7 +124,8 @@ class Clearance:
         def risen_after_ns(electrode: int, current_ua: int, period_ns: int) -> int | None:
             return soft_start.risen_after_ns(electrode, current_ua, period_ns, now_ns)
 
-        return Outlook(path, ceiling_ua, recontacts_ua, self._contact.is_touched, risen_after_ns)
+        touched, want = self._contact.is_touched, returns.share.want
+        return Outlook(path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want)
 
     def limit(
         self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int

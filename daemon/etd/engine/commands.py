@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Generator
 
 from etd.engine.supervisor import Supervisor
-from etd.protocol.errors import BoardFault, BusError, GuardRefusal, Refused
+from etd.protocol.errors import BoardFault, BusError, GuardRefusal, Refused, halted
 from etd.protocol.frame import check_shape
 from etd.protocol.link import (
     Alive,
     Answer,
     ArmBoard,
+    AskAccount,
     ClearHalt,
     CloseLease,
     DisarmBoard,
@@ -78,6 +79,10 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
         case SetMark(lease=token):
             check_holder(core.lease, token)
             return _mark(core, command)
+        case AskAccount(lease=token):
+            check_holder(core.lease, token)
+            core.reporter.accounts.awaited.append((command.ref, command.seq))
+            return None
     return Answer(ref=command.ref)
 
 
@@ -110,6 +115,30 @@ def _mark(core: Supervisor, command: SetMark) -> Answer:
     return Answer(ref=command.ref, marked_ns=now_ns, sync=core.board.sync())
 
 
+def answer_accounts(core: Supervisor) -> None:
+    """To those who ask for the account of a frame that is over."""
+    accounts = core.reporter.accounts
+    asked, accounts.awaited = accounts.awaited, []
+    for ref, seq in asked:
+        account = accounts.of(seq)
+        if account is not None:
+            core.send(Answer(ref=ref, account=account))
+        elif core.active.stands(seq):
+            accounts.awaited.append((ref, seq))
+        else:
+            core.send(Answer.refusing(ref, _why_no_account(core, seq)))
+
+
+def _why_no_account(core: Supervisor, seq: int) -> Refused:
+    halt = core.states.halt
+    if halt is not None:
+        return halted(halt.cause, halt.source, halt.detail)
+    if core.lease is None:
+        return Refused("no_lease", "the lease ended while its frame was shown")
+    why = f"there is no account of frame {seq}: it was sent without, or was never begun"
+    return Refused("not_found", why)
+
+
 def take_frame(
     core: Supervisor, message: NewFrame, host_ns: int, came_host_ns: int
 ) -> Generator[None, None, None]:
@@ -134,6 +163,8 @@ def take_frame(
                 f"{how} {(host_ns - begun_host_ns) // 1_000_000} ms ago, its ttl is"
                 f" {ttl_ns // 1_000_000} ms",
             )
+        if frame.preview and not message.ref:
+            raise Refused("bad_frame", "a preview is its answer: a streamed frame has none")
         plan = yield from core.planner.steps(frame, core.outlook())
         _check_still_held(core, lease)
     except Refused as refusal:
@@ -141,7 +172,8 @@ def take_frame(
         return
     lease.last_seq = frame.seq
     lease.renew(host_ns)
-    core.active.show(plan, begun_host_ns + ttl_ns)
+    if not frame.preview:
+        core.active.show(plan, begun_host_ns + ttl_ns)
     if message.ref:
         core.send(
             Answer(ref=message.ref, rate_hz=plan.rate_hz, clamped=plan.clamped, slowed=plan.slowed)

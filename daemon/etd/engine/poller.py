@@ -167,6 +167,8 @@ class Poller:
             commands.execute(self._supervisor, command, host_ns)
             executed += 1
             command = link.command(host_ns) if executed < _COMMANDS_A_POLL else None
+        if self._reporter.accounts.awaited:
+            commands.answer_accounts(self._supervisor)
 
     def take_frames(self) -> None:
         """Reads and plans the frames that wait. Planning takes time that the pulses need: only the

@@ -11,12 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from etd.engine.accounts import Accounts, OpenAccount
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Frame
 from etd.protocol.link import Report
 from etd.protocol.messages import (
     MODELLED_HZ,
-    Clamp,
     Contact,
     ContactState,
     Fired,
@@ -24,10 +24,10 @@ from etd.protocol.messages import (
     Modelled,
     RefusedReport,
     Scan,
-    Shortfall,
     Shown,
     StateReport,
 )
+from etd.protocol.outcome import Clamp, FrameEnd, Shortfall
 from etd.sensing.contact import ContactMap
 
 #: Reports of scans come at most this often; no frame is lost by it.
@@ -131,6 +131,9 @@ class Reporter:
         self._pressure = pressure
         self._electrodes = electrodes
         self._active: _ActiveFrame | None = None
+        #: Of the frame that is shown, if it asks for one; and of those before it.
+        self._account: OpenAccount | None = None
+        self.accounts = Accounts()
         self._pending = _Pending()
         #: Before then no scan report is due.
         self.due_ns = _SCAN_PERIOD_NS
@@ -143,16 +146,19 @@ class Reporter:
 
     # --- frames and scans --------------------------------------------------------------------
 
-    def frame_begun(self, frame: Frame, now_ns: int) -> None:
-        """Called at the start of the frame's first scan."""
-        self.frame_ended()
+    def frame_begun(self, frame: Frame, now_ns: int, account: OpenAccount | None = None) -> None:
+        """Called at the start of the frame's first scan. `account`: if the frame asks for one."""
+        self.frame_ended("replaced")
         self._active = _ActiveFrame(frame, now_ns)
+        self._account = account
         self._rows = [_nothing()] * self._electrodes
         self._has_news = True
         self.counters["frames_shown"] += 1
 
-    def frame_ended(self) -> None:
-        """The frame was replaced, expired, had its pulses, or was silenced."""
+    def frame_ended(self, why: FrameEnd) -> None:
+        if self._account is not None:
+            self.accounts.keep(self._account.closed(why, self._electrodes))
+            self._account = None
         showing, self._active = self._active, None
         if showing is not None:
             showing.is_ended = True
@@ -170,6 +176,8 @@ class Reporter:
             if showing.first_ns is None:
                 showing.first_ns = begun_ns
             showing.last_ns = begun_ns
+        if self._account is not None:
+            self._account.fired(electrode, begun_ns, row[1], row[2])
         self._rows[electrode] = row
         self.counters["pulses"] += 1
 
@@ -180,16 +188,22 @@ class Reporter:
     def clamped(self, clamp: Clamp) -> None:
         """The latest clamp of each electrode and reason is reported."""
         self._pending.clamped[clamp.electrode, clamp.reason] = clamp
+        if self._account is not None:
+            self._account.clamped(clamp)
         self.counters["clamped"] += 1
 
     def not_fired(self, electrode: int | None, reason: str) -> None:
         """A pulse that was not fired, or a scan that came late."""
         self._pending.not_fired[electrode, reason] += 1
+        if self._account is not None:
+            self._account.not_fired(electrode, reason)
         self.counters[f"not_fired_{reason}"] += 1
 
     def slowed(self, rate_hz: float) -> None:
         """Scans came late for a second, and go on at this rate."""
         self._pending.slowed_hz = rate_hz
+        if self._account is not None:
+            self._account.slowed(rate_hz)
         self._has_news = True
         self.counters["slowed"] += 1
 

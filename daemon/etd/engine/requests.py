@@ -15,7 +15,7 @@ from etd.engine.returns import Returns
 from etd.engine.stimulus_adapter import StimulusAdapter
 from etd.planning.schedule import DuePulse, Schedule
 from etd.planning.scheduled_pulse import ScheduledPulse
-from etd.protocol.messages import Clamp
+from etd.protocol.outcome import Clamp
 from etd.pulse.measured import MAX_AGE_NS
 from etd.pulse.request import PulseRequest
 from etd.sensing.contact import ContactMap

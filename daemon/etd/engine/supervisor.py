@@ -335,6 +335,7 @@ class Supervisor:
         """
         self.make_safe(why)
         lease, self.lease = self.lease, None
+        self.reporter.accounts.forget()
         self.planner_of_lease()
         if lease is not None:
             self.reporter.counters[f"leases_ended_{counted or why.split()[-1]}"] += 1

@@ -25,6 +25,7 @@ from etd.protocol.facts import Endpoints
 from etd.protocol.link import (
     Answer,
     ArmBoard,
+    AskAccount,
     ClearHalt,
     CloseLease,
     Command,
@@ -37,6 +38,7 @@ from etd.protocol.link import (
 )
 from etd.protocol.messages import (
     LEASE_MS,
+    AccountOf,
     Arm,
     CalibrationReply,
     Clear,
@@ -95,6 +97,7 @@ class ControlHandler:
             Clear: self._clear,
             Measure: self._measure,
             Mark: self._mark,
+            AccountOf: self._account,
             GetCalibration: self._calibration,
             FrameRequest: self._frame,
         }
@@ -190,6 +193,11 @@ class ControlHandler:
         command = SetMark(ref=self._pending.next_ref(), lease=lease, tag=request.tag)
         return self._sent(command, replies.marked)
 
+    def _account(self, request: AccountOf, inbound: InboundMessage) -> _Sent:
+        lease = self._held(request, inbound)
+        command = AskAccount(ref=self._pending.next_ref(), lease=lease, seq=request.seq)
+        return self._sent(command, replies.accounted)
+
     def _frame(self, request: FrameRequest, inbound: InboundMessage) -> _Sent:
         lease = self._frames.check(request, inbound.uid)
         ref = self._pending.next_ref()
@@ -228,10 +236,11 @@ class ControlHandler:
         return command.ref, done
 
     def _held(
-        self, request: Keep | Close | Disarm | Measure | Mark, inbound: InboundMessage
+        self, request: Keep | Close | Disarm | Measure | Mark | AccountOf, inbound: InboundMessage
     ) -> str:
-        """The lease named, if it stands. Raises: Refused (`engine_gone` and the lease's)."""
+        """The lease named, if it stands. Raises: Refused (`engine_gone`, `halted`, the lease's)."""
         self._engine.engine_hello()
+        self._engine.check_not_halted()
         return self._leases.check(request.lease, inbound.uid).token
 
     def _check_operator(self, inbound: InboundMessage) -> None:

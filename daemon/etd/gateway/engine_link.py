@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from etd.protocol import link
-from etd.protocol.errors import Refused, Undecodable
+from etd.protocol.errors import Refused, Undecodable, halted
 from etd.protocol.link import Alive, Channel, Command, EngineHello, NewFrame, Report, StopNow
 from etd.protocol.messages import StateReport
 
@@ -56,6 +56,12 @@ class EngineLink:
         if self._engine_hello is None:
             raise Refused("engine_gone", _GONE)
         return self._engine_hello
+
+    def check_not_halted(self) -> None:
+        """No lease outlives a halt, so this comes before the lease. Raises: Refused (`halted`)."""
+        halt = None if self.state is None else self.state.halt
+        if halt is not None:
+            raise halted(halt.cause, halt.source, halt.detail)
 
     def filenos(self) -> tuple[int, ...]:
         """For the poll."""

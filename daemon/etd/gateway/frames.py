@@ -23,8 +23,11 @@ class FrameHandler:
         self._leases = leases
 
     def check(self, request: FrameRequest, uid: int | None) -> StandingLease:
-        """Raises: Refused (`engine_gone`, `no_lease`, `other_lease`, `old_seq`, `bad_frame`)."""
+        """Raises: Refused (`engine_gone`, `halted`, `no_lease`, `other_lease`, `old_seq`,
+        `bad_frame`).
+        """
         electrodes = self._engine.engine_hello().array.electrodes
+        self._engine.check_not_halted()
         lease = self._leases.check(request.lease, uid)
         self._leases.check_seq(lease, request.seq)
         check_shape(request, electrodes)

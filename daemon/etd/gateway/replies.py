@@ -18,6 +18,7 @@ from etd.protocol.messages import (
     LEASE_MS,
     MAX_MESSAGE_BYTES,
     VERSION,
+    AccountReply,
     FrameReply,
     HelloReply,
     MarkReply,
@@ -75,6 +76,11 @@ def marked(answer: Answer) -> MarkReply:
     """Raises: Refused (`engine_gone`) for an incomplete answer."""
     marked_ns = _there(answer.marked_ns, "marked_ns")
     return MarkReply(ok=True, now_ns=0, marked_ns=marked_ns, sync=answer.sync)
+
+
+def accounted(answer: Answer) -> AccountReply:
+    """Raises: Refused (`engine_gone`) for an incomplete answer."""
+    return AccountReply(ok=True, now_ns=0, account=_there(answer.account, "account"))
 
 
 def check_fits(calibration: Calibration, engine_hello: EngineHello) -> None:

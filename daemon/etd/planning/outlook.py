@@ -11,7 +11,7 @@ from typing import Final
 
 import msgspec
 
-from etd.protocol.messages import Clamp, ClampReason
+from etd.protocol.outcome import Clamp, ClampReason
 from etd.safety.limits import Path
 
 #: In how long a pulse of this electrode and current would be let through, if it is pulsed each
@@ -23,17 +23,25 @@ WHAT_TO_DO: Final[Mapping[ClampReason, str]] = {
     "soft_start": ": show it without strict until its reply has no clamps, or arm(open_to=...)",
     "recontact": ": show it without strict until its reply has no clamps",
     "contact_open": ": nothing touches it",
-    "return_cap": ": ask for less; or, after a silence of a second, show it once without strict, so"
-    " that contact polls tell what its returns carry",
+    "return_cap": ": ask for less; or, after a silence of a second, show a silent frame for a tenth"
+    " of one, in which contact polls tell what its returns carry",
 }
 
 
 class Outlook:
     """`path` sets what all others allow as returns of a path. `recontacts_ua`: by electrode, the
     ceilings of those that are touched again. `is_touched`: for all electrodes; None is unknown.
+    `want_looks`: called where what is known of the returns takes something from a pulse.
     """
 
-    __slots__ = ("ceiling_ua", "is_touched", "path", "recontacts_ua", "risen_after_ns")
+    __slots__ = (
+        "ceiling_ua",
+        "is_touched",
+        "path",
+        "recontacts_ua",
+        "risen_after_ns",
+        "want_looks",
+    )
 
     def __init__(
         self,
@@ -42,12 +50,14 @@ class Outlook:
         recontacts_ua: dict[int, int],
         is_touched: Sequence[bool | None],
         risen_after_ns: RisenAfter = lambda *_: None,
+        want_looks: Callable[[], None] = lambda: None,
     ) -> None:
         self.path: Final = path
         self.ceiling_ua: Final = ceiling_ua
         self.recontacts_ua: Final = recontacts_ua
         self.is_touched: Final = is_touched
         self.risen_after_ns: Final = risen_after_ns
+        self.want_looks: Final = want_looks
 
     def with_time(self, clamp: Clamp, rate_hz: float) -> Clamp:
         """The clamp with when it would end, where it ends by pulses that are fired."""

@@ -25,7 +25,7 @@ from etd.protocol.calibration import (
 )
 from etd.protocol.errors import CannotSelect, Refused
 from etd.protocol.frame import Frame, Polarity, Returns, Ring, per_electrode
-from etd.protocol.messages import Clamp, Shortfall
+from etd.protocol.outcome import Clamp, Shortfall
 from etd.pulse.request import PulseRequest
 from etd.safety.limits import Path, clamp_to_limits, path_of
 from etd_hal.cost import CostModel
@@ -391,6 +391,8 @@ class Planner:
                 clamp = self._clamp(scheduled, path, outlook)
                 if clamp is not None:
                     found.append(clamp)
+                    if clamp.reason == "return_cap":
+                        outlook.want_looks()
                 elif self._is_plain:
                     planned.free_with, planned.free_ua = path, current_ua
             if not number % _A_STEP:

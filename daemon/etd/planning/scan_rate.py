@@ -16,7 +16,7 @@ from etd.planning.headroom import PlanRules
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.errors import Refused, TimePart
 from etd.protocol.frame import Frame
-from etd.protocol.messages import Shortfall
+from etd.protocol.outcome import Shortfall
 from etd.stabilize.bursts import groups
 from etd_hal.cost import Cost, CostModel
 

@@ -119,6 +119,15 @@ class Refused(EtdError):
         }
 
 
+def halted(cause: str, source: str, detail: str) -> Refused:
+    """What every request gets that needs another state."""
+    return Refused(
+        "halted",
+        f"halted by {cause} ({source}: {detail}): see that the cause is gone (`etd status` shows"
+        " it), then run `etd clear`",
+    )
+
+
 class DaemonGone(EtdError):
     """No daemon answers. Fields: address, what."""
 

@@ -51,6 +51,9 @@ class Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     Values that may be given once or N times: `width_us`, `polarity`, `rate_hz`; where they are not
     given, the calibration's or else the body site's hold. Level 0 is silent.
+
+    `account`: keep an account of it, for the request of that name. `preview`: answer what would be
+    fired now, and show nothing.
     """
 
     lease: str
@@ -68,6 +71,8 @@ class Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     sent_ns: Int64 | None = None
     tag: Int64 | None = None
     sync: bool = False
+    account: bool = False
+    preview: bool = False
 
 
 def per_electrode(value: T | tuple[T, ...], n: int, key: str) -> tuple[T, ...]:

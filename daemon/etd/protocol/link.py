@@ -25,17 +25,8 @@ from etd.protocol.calibration import Calibration
 from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, TimePart, Undecodable
 from etd.protocol.facts import ArrayFacts, BoardFacts, MaximaFacts
 from etd.protocol.frame import ClientName, Frame, Int64, Polarity
-from etd.protocol.messages import (
-    Clamp,
-    Contact,
-    Halt,
-    Limits,
-    Modelled,
-    RefusedReport,
-    Scan,
-    Shortfall,
-    StateReport,
-)
+from etd.protocol.messages import Contact, Halt, Limits, Modelled, RefusedReport, Scan, StateReport
+from etd.protocol.outcome import Account, Clamp, Shortfall
 from etd.stabilize.shape import PLAIN, Shape
 
 #: The gateway sends at least this often; after SILENCE_NS without a message the skin is silent.
@@ -105,6 +96,13 @@ class SetMark(Command, frozen=True, kw_only=True):
     tag: Int64 | None = None
 
 
+class AskAccount(Command, frozen=True, kw_only=True):
+    """The answer comes when the frame is over."""
+
+    lease: Token
+    seq: int
+
+
 class NewFrame(_Message, frozen=True, kw_only=True):
     """A frame of the right shape, with the token of its lease.
 
@@ -126,6 +124,7 @@ ToEngine = (
     | StopNow
     | MeasureContact
     | SetMark
+    | AskAccount
 )
 
 
@@ -156,6 +155,7 @@ class Answer(_Message, frozen=True, kw_only=True):
     clamped: tuple[Clamp, ...] = ()
     slowed: tuple[Shortfall, ...] = ()
     contact: Contact | None = None
+    account: Account | None = None
     marked_ns: int | None = None
     sync: bool = False
 

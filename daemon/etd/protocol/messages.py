@@ -17,6 +17,7 @@ from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode, TimePart
 from etd.protocol.facts import ArrayFacts, BoardFacts, Endpoints, MaximaFacts
 from etd.protocol.frame import ClientName, Frame, Int64, Name, Polarity
+from etd.protocol.outcome import Account, Clamp, Shortfall
 from etd.pulse.measured import ContactState as ContactState
 from etd.stabilize.shape import PLAIN, Shape
 
@@ -103,6 +104,13 @@ class Mark(_Request, frozen=True, tag="mark"):
     tag: Int64 | None = None
 
 
+class AccountOf(_Request, frozen=True, tag="account"):
+    """What became of a frame that was sent with `account`; answered when it is over."""
+
+    lease: Lease
+    seq: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+
+
 class GetCalibration(_Request, frozen=True, tag="calibration"):
     """`get` one by name, `list` all, `set` one (operate, SAFE), or `delete` one (operate)."""
 
@@ -129,6 +137,7 @@ Request = (
     | Clear
     | Measure
     | Mark
+    | AccountOf
     | GetCalibration
     | FrameRequest
 )
@@ -182,36 +191,6 @@ class LeaseReply(Success, frozen=True, kw_only=True):
     lease_ms: int
 
 
-ClampReason = Literal[
-    "cap", "return_cap", "soft_start", "recontact", "contact_open", "charge", "frame"
-]
-
-
-class Clamp(msgspec.Struct, frozen=True, kw_only=True):
-    """A current that was lowered: electrode, the requested and the allowed current, and why.
-
-    `limited_by` is the electrode whose cap was the smallest in the path (a return, perhaps).
-    `ends_in_ms`: when a rise will be over, in the reply to a frame that is shown until then.
-    """
-
-    electrode: int
-    wanted_ua: int
-    allowed_ua: int
-    reason: ClampReason
-    limited_by: int
-    ends_in_ms: int | None = None
-
-
-class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
-    """Pulses that were not fired, or a rate lowered to `rate_hz`, and what most of a scan is."""
-
-    electrode: int | None
-    reason: Literal["ledger", "rate", "processor", "overrun", "resolution", "timing"]
-    pulses: int = 0
-    rate_hz: float | None = None
-    bound_by: TimePart | None = None
-
-
 class FrameReply(Success, frozen=True, kw_only=True):
     """Accepted: shown from the next start of a scan. `clamped` is what its limits take away."""
 
@@ -241,6 +220,10 @@ class MeasureReply(Success, frozen=True, kw_only=True):
 class MarkReply(Success, frozen=True, kw_only=True):
     marked_ns: int
     sync: bool
+
+
+class AccountReply(Success, frozen=True, kw_only=True):
+    account: Account
 
 
 class CalibrationReply(Success, frozen=True, kw_only=True):
@@ -403,6 +386,7 @@ REPLY_OF_OP: dict[str, Any] = {
     "clear": Success,
     "measure": MeasureReply,
     "mark": MarkReply,
+    "account": AccountReply,
     "calibration": CalibrationReply,
     "frame": FrameReply,
 }

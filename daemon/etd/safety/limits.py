@@ -16,7 +16,8 @@ from typing import Final
 
 from etd.protocol.calibration import Calibration, check_order
 from etd.protocol.errors import FileError, Refused
-from etd.protocol.messages import Clamp, ClampReason, Limits
+from etd.protocol.messages import Limits
+from etd.protocol.outcome import Clamp, ClampReason
 from etd.pulse.request import PulseBounds, PulseRequest
 from etd.safety.maxima import Maxima
 

@@ -12,7 +12,7 @@ does it. The first cause stands; what follows from it is not a cause.
 
 from __future__ import annotations
 
-from etd.protocol.errors import Refused
+from etd.protocol.errors import Refused, halted
 from etd.protocol.messages import Halt, State
 
 
@@ -26,11 +26,7 @@ class StateMachine:
         if self.state in allowed:
             return
         if self.halt is not None:
-            raise Refused(
-                "halted",
-                f"halted by {self.halt.cause} ({self.halt.source}: {self.halt.detail}): see that"
-                " the cause is gone (`etd status` shows it), then run `etd clear`",
-            )
+            raise halted(self.halt.cause, self.halt.source, self.halt.detail)
         if allowed == ("ARMED",):
             raise Refused("not_armed", f"the state is {self.state}: arm first")
         raise Refused(

@@ -1,0 +1,109 @@
+"""Requests over one control socket, each with its reply, awaited.
+
+Owns: that socket, and driving flows and courses over it. Must not know: what is requested.
+
+Requests of several tasks are sent one after another.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, TypeVar
+
+import zmq
+import zmq.asyncio
+
+from etd.client import clock, wire
+from etd.client.course import CUT_SHORT, Course, Pause
+from etd.client.session import KEEP_S, Ask, Flow, Session
+from etd.protocol.errors import DaemonGone, EtdError, Refused
+from etd.protocol.messages import Success
+
+R = TypeVar("R")
+
+
+class AsyncExchange:
+    def __init__(
+        self, context: zmq.Context[zmq.asyncio.Socket], address: str, session: Session
+    ) -> None:
+        self._context = context
+        self._address = address
+        self._session = session
+        self._turn = asyncio.Lock()
+        self._socket: zmq.asyncio.Socket | None = None
+        #: When something was last asked.
+        self.used_ns = clock.now_ns()
+
+    async def play(self, course: Course[R]) -> R:
+        """Drive a course to its end; what interrupts a step is raised in the course as well."""
+        try:
+            step = next(course)
+            while True:
+                try:
+                    done = await self._do(step)
+                except (EtdError, *CUT_SHORT) as error:
+                    step = course.throw(error)
+                else:
+                    step = course.send(done)
+        except StopIteration as end:
+            result: R = end.value
+            return result
+
+    async def run(self, flow: Flow[R]) -> R:
+        """Drive one of the session's flows to its end, one caller after another."""
+        async with self._turn:
+            try:
+                ask = next(flow)
+                while True:
+                    try:
+                        reply = await self._ask(ask)
+                    except Refused as refusal:
+                        ask = flow.throw(refusal)
+                    else:
+                        ask = flow.send(reply)
+            except StopIteration as end:
+                result: R = end.value
+                return result
+
+    def hang_up(self) -> None:
+        """What was not answered must not reach a daemon that comes back later. Idempotent."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    async def _do(self, step: Flow[Any] | Pause) -> Any:
+        if isinstance(step, Pause):
+            await asyncio.sleep(step.seconds)
+            return None
+        return await self.run(step)
+
+    async def _ask(self, ask: Ask) -> Success:
+        """Send one request and await its reply, keeping the lease if it is a slow one."""
+        self.used_ns = clock.now_ns()
+        socket = self._connected()
+        deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
+        if await is_writable(socket, ask.timeout_s):
+            await socket.send(ask.data)
+            while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
+                wait_s = left_s if ask.keep is None else min(left_s, KEEP_S)
+                if await socket.poll(max(1, int(wait_s * 1000))):
+                    parts: list[Any] = await socket.recv_multipart()
+                    reply = self._session.settle(ask, parts[-1])
+                    if reply is not None:
+                        return reply
+                elif ask.keep is not None:
+                    await socket.send(ask.keep())
+        self.hang_up()
+        raise DaemonGone(self._address, f"no answer to {ask.op} within {ask.timeout_s:g} s")
+
+    def _connected(self) -> zmq.asyncio.Socket:
+        if self._context.closed:
+            raise DaemonGone(self._address, "this display was closed: make a new one")
+        if self._socket is None:
+            self._socket = wire.configure(self._context.socket(zmq.DEALER), self._address)
+        return self._socket
+
+
+async def is_writable(socket: Any, timeout_s: float) -> bool:
+    """Any: pyzmq's stub of the awaited poll leaves out its flags."""
+    return bool(await socket.poll(int(timeout_s * 1000), zmq.POLLOUT))

@@ -1,0 +1,104 @@
+"""Requests over one control socket, each with its reply, blocking.
+
+Owns: that socket, and driving flows and courses over it. Must not know: what is requested.
+
+For one thread. What goes on beside the program (`begin`, `kept`) has an exchange of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import zmq
+
+from etd.client import clock, wire
+from etd.client.course import CUT_SHORT, Course, Pause
+from etd.client.session import KEEP_S, Ask, Flow, Session
+from etd.protocol.errors import DaemonGone, EtdError, Refused
+from etd.protocol.messages import Success
+
+R = TypeVar("R")
+
+
+class Exchange:
+    def __init__(
+        self,
+        context: zmq.Context[zmq.Socket[bytes]],
+        address: str,
+        session: Session,
+        pause: Callable[[float], None] = clock.sleep_s,
+    ) -> None:
+        self._pause = pause
+        self._context = context
+        self._address = address
+        self._session = session
+        self._socket: zmq.Socket[bytes] | None = None
+        #: When something was last asked.
+        self.used_ns = clock.now_ns()
+
+    def play(self, course: Course[R]) -> R:
+        """Drive a course to its end; what interrupts a step is raised in the course as well."""
+        try:
+            step = next(course)
+            while True:
+                try:
+                    done = self._do(step)
+                except (EtdError, *CUT_SHORT) as error:
+                    step = course.throw(error)
+                else:
+                    step = course.send(done)
+        except StopIteration as end:
+            result: R = end.value
+            return result
+
+    def run(self, flow: Flow[R]) -> R:
+        """Drive one of the session's flows to its end."""
+        try:
+            ask = next(flow)
+            while True:
+                try:
+                    reply = self._ask(ask)
+                except Refused as refusal:
+                    ask = flow.throw(refusal)
+                else:
+                    ask = flow.send(reply)
+        except StopIteration as end:
+            result: R = end.value
+            return result
+
+    def hang_up(self) -> None:
+        """What was not answered must not reach a daemon that comes back later. Idempotent."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _do(self, step: Flow[object] | Pause) -> object:
+        if isinstance(step, Pause):
+            return self._pause(step.seconds)
+        return self.run(step)
+
+    def _ask(self, ask: Ask) -> Success:
+        """Send one request and wait for its reply, keeping the lease if it is a slow one."""
+        self.used_ns = clock.now_ns()
+        socket = self._connected()
+        deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
+        if socket.poll(int(ask.timeout_s * 1000), zmq.POLLOUT):
+            socket.send(ask.data)
+            while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
+                wait_s = left_s if ask.keep is None else min(left_s, KEEP_S)
+                if socket.poll(max(1, int(wait_s * 1000))):
+                    reply = self._session.settle(ask, socket.recv_multipart()[-1])
+                    if reply is not None:
+                        return reply
+                elif ask.keep is not None:
+                    socket.send(ask.keep())
+        self.hang_up()
+        raise DaemonGone(self._address, f"no answer to {ask.op} within {ask.timeout_s:g} s")
+
+    def _connected(self) -> zmq.Socket[bytes]:
+        if self._context.closed:
+            raise DaemonGone(self._address, "this display was closed: make a new one")
+        if self._socket is None:
+            self._socket = wire.configure(self._context.socket(zmq.DEALER), self._address)
+        return self._socket

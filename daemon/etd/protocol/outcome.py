@@ -1,0 +1,72 @@
+"""What becomes of a frame: what its limits take, what is not fired, and the account of it all.
+
+Owns: these structs. Must not know: sockets, requests, who decides.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from etd.protocol.errors import TimePart
+
+ClampReason = Literal[
+    "cap", "return_cap", "soft_start", "recontact", "contact_open", "charge", "frame"
+]
+
+
+class Clamp(msgspec.Struct, frozen=True, kw_only=True):
+    """A current that was lowered: electrode, the requested and the allowed current, and why.
+
+    `limited_by` is the electrode whose cap was the smallest in the path (a return, perhaps).
+    `ends_in_ms`: when a rise will be over, in the reply to a frame that is shown until then.
+    """
+
+    electrode: int
+    wanted_ua: int
+    allowed_ua: int
+    reason: ClampReason
+    limited_by: int
+    ends_in_ms: int | None = None
+
+
+class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
+    """Pulses that were not fired, or a rate lowered to `rate_hz`, and what most of a scan is."""
+
+    electrode: int | None
+    reason: Literal["ledger", "rate", "processor", "overrun", "resolution", "timing"]
+    pulses: int = 0
+    rate_hz: float | None = None
+    bound_by: TimePart | None = None
+
+
+#: `expired`: its ttl was over. `replaced`: by a newer frame. `pulses`: it had all of them.
+#: `silenced`: by a stop, a halt, disarming, the end of its lease, or other maxima.
+FrameEnd = Literal["expired", "replaced", "pulses", "silenced"]
+
+
+class Account(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of a frame that was begun. Times are on CLOCK_MONOTONIC; None: no pulse.
+
+    Per electrode: how many `pulses` were fired, the frame's current (`wanted_ua`), the lowest and
+    the highest current commanded to the source (`least_ua`, `most_ua`), and the mean that passed
+    the skin at the end of its pulses (`delivered_ua`). 0 where nothing was fired.
+
+    `clamped`: of each electrode and reason the clamp that left the least.
+    """
+
+    seq: int
+    tag: int | None
+    ended: FrameEnd
+    rate_hz: float
+    begun_ns: int
+    first_ns: int | None
+    last_ns: int | None
+    pulses: tuple[int, ...]
+    wanted_ua: tuple[int, ...]
+    least_ua: tuple[int, ...]
+    most_ua: tuple[int, ...]
+    delivered_ua: tuple[int, ...]
+    clamped: tuple[Clamp, ...] = ()
+    not_fired: tuple[Shortfall, ...] = ()
