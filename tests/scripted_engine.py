@@ -29,7 +29,7 @@ from etd.protocol.link import (
     SetMark,
     ToEngine,
 )
-from etd.protocol.messages import Contact, State, StateReport
+from etd.protocol.messages import Contact, Halt, State, StateReport
 from etd.protocol.outcome import Account
 
 ELECTRODES = 4
@@ -178,8 +178,10 @@ class ScriptedEngine:
         assert self._channels is not None
         assert self._channels[0].send(message)
 
-    def report_state(self, **counters: int) -> None:
-        state = StateReport(state=self.state, now_ns=7, engine="there", counters=counters)
+    def report_state(self, *, halt: Halt | None = None, **counters: int) -> None:
+        state = StateReport(
+            state=self.state, now_ns=7, engine="there", counters=counters, halt=halt
+        )
         self.say(Report(state=state))
 
     def hang_up(self) -> None:

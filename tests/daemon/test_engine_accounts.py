@@ -10,7 +10,18 @@ from hypothesis import strategies as st
 
 import engine_rig
 from engine_rig import LEASE, EngineRig
-from engine_scenes import MS, armed, calibration, fully_open, only, open_calibrated, phases, scans
+from engine_scenes import (
+    MS,
+    armed,
+    calibration,
+    fully_open,
+    only,
+    open_calibrated,
+    opened_to,
+    phases,
+    scans,
+)
+from etd.engine.accounts import OpenAccount
 from etd.protocol.frame import Frame
 from etd.protocol.link import Answer, ArmBoard, AskAccount, CloseLease, KeepLease, NewFrame, StopNow
 from etd.protocol.outcome import Account
@@ -97,11 +108,16 @@ def test_the_account_of_a_frame_that_stands_comes_when_it_is_over(make_rig: Make
 def test_the_account_of_a_frame_that_waits_for_the_scan_under_way_comes_too(
     make_rig: MakeRig,
 ) -> None:
-    rig = fully_open(make_rig(electrodes=N))
-    rig.send(current_ua=(2_000,) * N, rate_hz=50.0)
-    while rig.engine.is_between_scans:
+    """A scan of relays is long: frames are planned meanwhile, and shown at its end."""
+    rig = armed(make_rig(board="feetthrough-relay", electrodes=32))
+    opened_to(rig, 500)
+    rig.send(current_ua=(500,) * 32, rate_hz=1.0, ttl_ms=1_000)
+    for _ in range(20):
         rig.engine.step()
-    rig.show(current_ua=only(N, e3=2_000), ttl_ms=100, rate_hz=50.0, account=True)
+    rig.send(current_ua=only(32, e3=500), ttl_ms=900, rate_hz=5.0, account=True)
+    rig.engine.step()
+    assert rig.engine.components.active.stands(rig.last_seq)
+    assert not rig.engine.is_between_scans, "it waits"
     assert account_of(rig, rig.last_seq).pulses[3] > 0
 
 
@@ -138,6 +154,21 @@ def test_what_a_limit_took_stands_in_it_with_the_least_that_it_left(make_rig: Ma
     assert (clamp.electrode, clamp.wanted_ua, clamp.reason) == (3, 2_000, "soft_start")
     assert clamp.allowed_ua == 0, "the first pulse of all"
     assert 0 < account.least_ua[3] < account.most_ua[3] < 2_000, "it rises"
+
+
+def test_it_has_the_lowest_and_the_highest_of_an_electrodes_pulses(make_rig: MakeRig) -> None:
+    """As a law may make them, or a return that loses its contact."""
+    rig = fully_open(make_rig(electrodes=N))
+    rig.show(current_ua=only(N, e3=1_000), rate_hz=50.0)
+    rig.run_ms(30)
+    schedule = rig.engine.components.active.schedule
+    assert schedule is not None
+    made = OpenAccount(schedule.plan, 0)
+    for commanded_ua in (900, 700, 1_000, 800):
+        made.fired(3, commanded_ua, commanded_ua, commanded_ua - 100)
+    account = made.closed("expired", N)
+    assert (account.least_ua[3], account.most_ua[3], account.delivered_ua[3]) == (700, 1_000, 750)
+    assert (account.first_ns, account.last_ns) == (900, 800)
 
 
 # --- there is none --------------------------------------------------------------------------------
@@ -223,10 +254,7 @@ def test_after_a_preview_silent_frames_tell_what_the_returns_carry(make_rig: Mak
     assert open_calibrated(rig, made).error is None
     assert rig.ask(ArmBoard).error is None
     asked = {"current_ua": only(N, e0=1_500), "rate_hz": 50.0}
-    for _ in range(40):
-        if not rig.show(**asked).clamped:
-            break
-        rig.run_ms(50)
+    opened_to(rig, 1_500)
     for _ in range(4):
         rig.run_ms(500)
         assert rig.ask(KeepLease, lease=LEASE).error is None

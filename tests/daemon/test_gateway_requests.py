@@ -31,6 +31,7 @@ from etd.protocol.link import (
     NewFrame,
     SetMark,
 )
+from etd.protocol.messages import Halt
 from etd.protocol.outcome import Clamp
 from gateway_rig import GatewayRig, HandClock
 from scripted_engine import engine_hello
@@ -180,6 +181,24 @@ def test_a_lapsed_lease_is_no_lease() -> None:
         rig.step(2)
 
         assert rig.call(op="keep", lease=lease)["error"] == "no_lease"
+
+
+def test_after_a_halt_whatever_needs_the_lease_is_told_of_the_halt() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        rig.engine.state = "HALTED"
+        halt = Halt(cause="wearer_stop", source="wearer_stop", detail="it opened", t_ns=5)
+        rig.engine.report_state(halt=halt)
+        rig.engine.say(LeaseEnded(lease=lease, reason="halted"))
+        rig.step(2)
+        for op, more in (
+            *((op, {}) for op in ("keep", "disarm", "measure", "mark")),
+            ("account", {"seq": 1}),
+            ("frame", {"seq": 1, "level": [0] * 4}),
+        ):
+            reply = rig.call(op=op, lease=lease, **more)
+            assert reply["error"] == "halted"
+            assert "it opened" in reply["reason"]
 
 
 def test_without_a_lease_nothing_that_needs_one_is_passed_on() -> None:
