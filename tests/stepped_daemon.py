@@ -220,7 +220,8 @@ class SteppedDisplay:
 
     def _do(self, step: Flow[Any] | Pause) -> object:
         if isinstance(step, Pause):
-            return self._daemon.sleep_until_ns(self._daemon.now_ns() + int(step.seconds * 1e9))
+            self._daemon.sleep_until_ns(self._daemon.now_ns() + int(step.seconds * 1e9))
+            return None
         return self._run(step)
 
     def present(self, current_ua: Sequence[int], seconds: float, rate_hz: float) -> Presented:

@@ -259,7 +259,7 @@ class MachineFile(Strict, frozen=True):
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
     title: str
     #: Parts of the device tree's model string; empty for a machine without one.
-    models: tuple[str, ...]
+    models: tuple[Annotated[str, Meta(min_length=1)], ...]
     #: One 2-byte word with its chip-select gap.
     word_us: Bounds
     #: What a pure delay costs on top of its delay.
@@ -275,7 +275,7 @@ class MachineFile(Strict, frozen=True):
     #: A GPIO set call, and the processor time of a pulse: for planning. The guard derives from the
     #: first how long a flip of the switch may take.
     gpio_call_us: Positive
-    visit_us: Annotated[float, Meta(ge=0, le=100_000)]
+    visit_us: Annotated[float, Meta(gt=0, le=100_000)]
     #: The guard's own worst case for the two constants above: never the calibrated ones.
     guard_word_us: Positive
     guard_delay_extra_us: Positive

@@ -224,7 +224,3 @@ class TestTable:
         for loop in (figures, "fault: 545 us over its plan"):
             told = msgspec.structs.replace(result, loop=loop)
             assert "did not stay armed" in "\n".join(lines_of(told, PI4))
-
-    def test_a_machine_file_that_takes_computing_for_free_is_told(self) -> None:
-        free = msgspec.structs.replace(PI4, visit_us=0.0)
-        assert "for free" in "\n".join(lines_of(result_of(66.0, None), free))

@@ -179,8 +179,8 @@ def test_it_has_the_lowest_and_the_highest_of_an_electrodes_pulses(make_rig: Mak
 # --- there is none --------------------------------------------------------------------------------
 
 
-def refused(rig: EngineRig, seq: int, **fields: object) -> Answer:
-    return rig.ask(AskAccount, **{"lease": LEASE, "seq": seq, **fields})
+def refused(rig: EngineRig, seq: int, lease: str = LEASE) -> Answer:
+    return rig.ask(AskAccount, lease=lease, seq=seq)
 
 
 def test_a_frame_that_was_sent_without_or_never_began_has_none(make_rig: MakeRig) -> None:

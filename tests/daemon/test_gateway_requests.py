@@ -191,12 +191,13 @@ def test_after_a_halt_whatever_needs_the_lease_is_told_of_the_halt() -> None:
         rig.engine.report_state(halt=halt)
         rig.engine.say(LeaseEnded(lease=lease, reason="halted"))
         rig.step(2)
-        for op, more in (
-            *((op, {}) for op in ("keep", "disarm", "measure", "mark")),
-            ("account", {"seq": 1}),
-            ("frame", {"seq": 1, "level": [0] * 4}),
-        ):
-            reply = rig.call(op=op, lease=lease, **more)
+        requests: list[dict[str, Any]] = [
+            *({"op": op} for op in ("keep", "disarm", "measure", "mark")),
+            {"op": "account", "seq": 1},
+            {"op": "frame", "seq": 1, "level": [0] * 4},
+        ]
+        for request in requests:
+            reply = rig.call(**request, lease=lease)
             assert reply["error"] == "halted"
             assert "it opened" in reply["reason"]
 

@@ -75,8 +75,6 @@ def _computing(computing: tuple[Computing, ...], machine: MachineFile) -> Iterat
     yield (
         f"visit_us of the machine file: {machine.visit_us:.0f} us, pulses with stabilizers here"
         f" {found_us / machine.visit_us:.2f} times that"
-        if machine.visit_us
-        else f"the machine file takes computing for free, pulses here take {found_us:.0f} us"
     )
 
 

@@ -85,9 +85,26 @@ def run(args: argparse.Namespace) -> int:
         with progress_of(len(pattern.frames) * args.repeat, is_quiet=args.json) as on_frame:
             player = Player(display, steps, on_frame)
             _arm(args, display, player, teller)
-            summary = player.play(args.repeat)
+            try:
+                summary = player.play(args.repeat)
+            except Refused as refusal:
+                raise _on_modelled(args, refusal) from None
     _answer(args, backend, summary, teller)
     return 0
+
+
+def _on_modelled(args: argparse.Namespace, refusal: Refused) -> Refused:
+    """Of a modelled machine's processor it says where the figure is from."""
+    if args.machine is None or refusal.bound_by != "processor":
+        return refusal
+    return Refused(
+        refusal.code,
+        f"{refusal.reason} (the processor of the modelled {args.machine} is reckoned from what"
+        " computing takes on this computer: too much, while it is busy with something else)",
+        refusal.electrode,
+        refusal.achievable_hz,
+        refusal.bound_by,
+    )
 
 
 class _Teller:

@@ -55,7 +55,8 @@ def problem(machine: MachineFile, root: Path = ROOT) -> str | None:
         return None
     return (
         f"this machine is {here or 'of unknown model'!r}, and {machine.name} is for"
-        f" {', '.join(machine.models)}: name the right machine file in the configuration"
+        f" {', '.join(machine.models)}: name the right machine file in the configuration;"
+        " where none is for this machine, a copy of one with `models = []`"
     )
 
 
