@@ -14,8 +14,6 @@ from etd.protocol.errors import Refused
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 from trace_decoder import Phase
 
-pytestmark = pytest.mark.slow
-
 N = 8
 CAP_UA, WIDTH_US = 3_000, 100
 STEP_UA = 10_000 / 4_095
