@@ -22,12 +22,12 @@ Start the application (or `etd play`) first: arming is refused while no lease is
 """
 TIMEOUT_S = 20.0
 
-add_arguments = options.add_name_and_json
+add_arguments = options.add_daemon_and_json
 
 
 def run(args: argparse.Namespace) -> int:
     """Raises: Refused (with the check that failed), DaemonGone."""
-    with Display(args.name, client="etd arm") as display:
+    with Display(args.name, host=args.host, client="etd arm") as display:
         display.arm_holder(TIMEOUT_S)
         holder = display.status().holder
     if args.json:

@@ -54,7 +54,7 @@ no result, 2 wrong usage, 3 the daemon is missing
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("participant", metavar="CODE", help="a code for the person, never a name")
-    options.add_name(parser)
+    options.add_daemon(parser)
     parser.add_argument(
         "--method",
         choices=get_args(Method),
@@ -164,6 +164,8 @@ def _check_combinations(args: argparse.Namespace) -> None:
             args.misused("--method equalize uses the caps of --baseline: omit --max-current-ua")
     elif args.max_current_ua is None:
         args.misused("--max-current-ua is required: without a limit nothing is stimulated")
+    if args.board is not None and args.host is not None:
+        args.misused("--board fake is calibrated here, --host is another computer: one of the two")
     if args.board is None and (args.array or args.answers == "simulated"):
         args.misused("--array and --answers simulated go with --board fake")
 
@@ -179,7 +181,11 @@ def _address(args: argparse.Namespace) -> contextlib.AbstractContextManager[str 
 def _display(args: argparse.Namespace, address: str | None) -> Display:
     """A display whose lease has the operator's limit; with equalize, the baseline's caps."""
     opened = functools.partial(
-        Display, args.name, address=address, client=f"etd calibrate {args.participant}"
+        Display,
+        args.name,
+        host=args.host,
+        address=address,
+        client=f"etd calibrate {args.participant}",
     )
     if args.method == "equalize":
         return opened(calibration=args.baseline)

@@ -66,7 +66,7 @@ def _action(
 ) -> argparse.ArgumentParser:
     said = f"{what[0].upper()}{what[1:]}."
     parser = actions.add_parser(name, help=what, description=said, allow_abbrev=False)
-    options.add_name(parser)
+    options.add_daemon(parser)
     options.add_json(parser)
     parser.set_defaults(act=act)
     return parser
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _display(args: argparse.Namespace) -> Display:
-    return Display(args.name, client="etd calibration")
+    return Display(args.name, host=args.host, client="etd calibration")
 
 
 # --- what is there -----------------------------------------------------------------------------

@@ -19,12 +19,12 @@ example:
   etd clear      back to SAFE; next, an application opens a lease, and `etd arm` arms it
 """
 
-add_arguments = options.add_name_and_json
+add_arguments = options.add_daemon_and_json
 
 
 def run(args: argparse.Namespace) -> int:
     """Raises: Refused (nothing to clear, a stop line still open), DaemonGone."""
-    with Display(args.name, client="etd clear") as display:
+    with Display(args.name, host=args.host, client="etd clear") as display:
         halt = display.status().halt
         display.clear()
     cause = "" if halt is None else f"{halt.cause} ({halt.source})"

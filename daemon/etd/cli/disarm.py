@@ -11,9 +11,11 @@ import json
 import zmq
 
 from etd.cli import options
-from etd.client import wire
-from etd.client.session import Ask, Session
-from etd.protocol.errors import DaemonGone, Refused
+from etd.client.connection import way_to
+from etd.client.exchange import Exchange
+from etd.client.session import Session
+from etd.client.way import Way
+from etd.protocol.errors import Refused
 
 HELP = "switch the supply off; the lease stays with its holder"
 EPILOG = """
@@ -21,11 +23,10 @@ examples:
   etd disarm --lease TOKEN    for the program that holds the lease (TOKEN: the reply to its `open`)
   etd stop                    for all others: needs no lease; HALTED until `etd clear`
 """
-_TIMEOUT_MS = 2_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    options.add_name(parser)
+    options.add_daemon(parser)
     options.add_json(parser)
     parser.add_argument("--lease", metavar="TOKEN", help="the lease to disarm")
 
@@ -38,24 +39,21 @@ def run(args: argparse.Namespace) -> int:
             "only the holder of the lease may disarm: give its token with --lease TOKEN, or use"
             " `etd stop`, which needs no lease",
         )
-    _disarm(wire.resolve(args.name, None), args.lease)
+    _disarm(way_to(args.name, args.host, None), args.lease)
     print(json.dumps({"ok": True}) if args.json else "disarmed: the supply is off")
     return 0
 
 
-def _disarm(address: str, lease: str) -> None:
+def _disarm(way: Way, lease: str) -> None:
     session = Session("etd disarm")
     session.lease = lease
-    wire.check_there(address)
-    with zmq.Context() as context, context.socket(zmq.DEALER) as control:
-        wire.configure(control, address)
-        ask = next(session.disarm())
-        control.send(ask.data)
-        _settle(session, ask, control, address)
-
-
-def _settle(session: Session, ask: Ask, control: zmq.Socket[bytes], address: str) -> None:
-    while control.poll(_TIMEOUT_MS):
-        if session.settle(ask, control.recv_multipart()[-1]) is not None:
-            return
-    raise DaemonGone(address, f"no answer to disarm within {_TIMEOUT_MS / 1000:g} s")
+    try:
+        way.check_there()
+        with zmq.Context() as context:
+            exchange = Exchange(context, way, session)
+            try:
+                exchange.run(session.disarm())
+            finally:
+                exchange.hang_up()
+    finally:
+        way.close()

@@ -27,13 +27,17 @@ _LIMIT_UA, _LIMIT_US = 50, 20
 _TIMEOUT_S = 20.0
 _SIGNS = {True: "#", False: ".", None: "?"}
 
-add_arguments = options.add_name_and_json
+add_arguments = options.add_daemon_and_json
 
 
 def run(args: argparse.Namespace) -> int:
     """Raises: Refused (another client's lease, a check before the supply), DaemonGone."""
     with Display(
-        args.name, client="etd measure", max_current_ua=_LIMIT_UA, width_us=_LIMIT_US
+        args.name,
+        host=args.host,
+        client="etd measure",
+        max_current_ua=_LIMIT_UA,
+        width_us=_LIMIT_US,
     ) as display:
         found = display.measure(_TIMEOUT_S)
         array = display.facts.array

@@ -40,7 +40,7 @@ _SILENT_S = 5.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    options.add_name(parser)
+    options.add_daemon(parser)
     options.add_seconds(parser)
     options.add_json(parser, "JSON lines")
 
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     end_ns = None if args.seconds is None else clock.now_ns() + int(args.seconds * 1e9)
     with (
         contextlib.suppress(KeyboardInterrupt),
-        Display(args.name, client="etd monitor") as display,
+        Display(args.name, host=args.host, client="etd monitor") as display,
         display.telemetry() as reports,
     ):
         heard = _heard(reports, end_ns, display.address)

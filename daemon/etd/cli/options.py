@@ -1,8 +1,8 @@
 """Options that several verbs share.
 
-Owns: `--name`, `--json`, `--seconds`, `--returns`, `--config`, `--board fake[:BOARD]`, `--array`,
-`--machine`, numbers within bounds, how a verb reports a failure that is not an exception, and wrong
-use that shows late. Must not know: verbs.
+Owns: `--name`, `--host`, `--json`, `--seconds`, `--returns`, `--config`, `--board fake[:BOARD]`,
+`--array`, `--machine`, numbers within bounds, how a verb reports a failure that is not an
+exception, and wrong use that shows late. Must not know: verbs.
 """
 
 from __future__ import annotations
@@ -20,9 +20,23 @@ from etd.protocol.errors import FileError
 from etd_hal.compose import MODELLED_MACHINES
 
 
-def add_name_and_json(parser: argparse.ArgumentParser) -> None:
-    add_name(parser)
+def add_daemon_and_json(parser: argparse.ArgumentParser) -> None:
+    add_daemon(parser)
     add_json(parser)
+
+
+def add_daemon(parser: argparse.ArgumentParser) -> None:
+    """Which running daemon: its name, here or on another computer."""
+    add_name(parser)
+    add_host(parser)
+
+
+def add_host(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--host",
+        metavar="[USER@]HOST",
+        help="the daemon on another computer, over ssh (default: ETD_HOST, or else this one)",
+    )
 
 
 def add_name(parser: argparse.ArgumentParser) -> None:

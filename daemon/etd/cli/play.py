@@ -43,7 +43,7 @@ ARM_WITHIN_S = 20.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help="the pattern")
-    options.add_name(parser)
+    options.add_daemon(parser)
     options.add_fake(parser, "play on a fake board, with a daemon that ends with this command")
     options.add_machine(parser)
     parser.add_argument(
@@ -131,6 +131,8 @@ def _check_combinations(args: argparse.Namespace) -> None:
         args.misused(
             "--array, --machine and --trace go with --board fake: a running daemon has its own"
         )
+    if args.board is not None and args.host is not None:
+        args.misused("--board fake is played here, --host is another computer: one of the two")
     if (args.current_ua is None) != (args.width_us is None):
         args.misused("--current-ua and --width-us go together: a current needs a width")
     if args.current_ua is not None and (args.level or args.calibration):
@@ -150,6 +152,7 @@ def _address(
 def _display(args: argparse.Namespace, address: str | None) -> Display:
     return Display(
         args.name,
+        host=args.host,
         address=address,
         client=f"etd play {args.file.name}",
         calibration=args.calibration,

@@ -25,12 +25,12 @@ example:
 #: A board's clock that is less behind than this is as good as the machine's.
 _SHOWN_LAG_US = 1_000
 
-add_arguments = options.add_name_and_json
+add_arguments = options.add_daemon_and_json
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 3: no daemon answers, or no engine does. Raises: DaemonGone."""
-    with Display(args.name, client="etd status") as display:
+    with Display(args.name, host=args.host, client="etd status") as display:
         report = display.status()
         facts = _facts(display)
     if args.json:

@@ -9,13 +9,16 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import msgspec
 
 from etd.cli import NOT_THERE, options, status_of
 from etd.client import Display
+from etd.client.connection import host_asked_for
 from etd.files.paths import (
     CONTROL,
+    DEFAULT_NAME,
     SYSTEM_RUNTIME,
     RunningDaemon,
     address_of,
@@ -31,6 +34,7 @@ EPILOG = """
 examples:
   etd stop               all daemons that you can reach; with sudo, those of every user
   etd stop --name left   only this daemon
+  etd stop --host pi@display.local    the daemon on another computer (main, or --name)
 
 No lease and no operate rights are needed, and other requests do not delay it. It does not replace
 a hardware stop (docs/hardware.md).
@@ -50,17 +54,21 @@ class Stopped(msgspec.Struct, frozen=True, kw_only=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="only this daemon (default: all)")
+    options.add_host(parser)
     options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 3: a daemon did not answer (or there is none). 1: a daemon refused."""
-    if args.name is None:
+    host = host_asked_for(args.host)
+    if host is not None:
+        daemons = [RunningDaemon(args.name or DEFAULT_NAME, host)]
+    elif args.name is None:
         daemons = _all_daemons()
     else:
         daemons = [RunningDaemon(args.name, control_address(args.name))]
     with ThreadPoolExecutor(max_workers=len(daemons)) as pool:
-        answers = list(pool.map(_stop, daemons))
+        answers = list(pool.map(partial(_stop, host), daemons))
     all_good = all(stopped.error is None for stopped in answers)
     if args.json:
         print(msgspec.json.encode({"ok": all_good, "daemons": answers}).decode())
@@ -85,9 +93,13 @@ def _all_daemons() -> list[RunningDaemon]:
     return found
 
 
-def _stop(daemon: RunningDaemon) -> Stopped:
+def _stop(host: str | None, daemon: RunningDaemon) -> Stopped:
+    """`host`: where it is, then in the place of an address; None: here."""
+    address = daemon.address if host is None else None
     try:
-        with Display(address=daemon.address, client="etd stop", timeout_s=_TIMEOUT_S) as display:
+        with Display(
+            daemon.name, host=host, address=address, client="etd stop", timeout_s=_TIMEOUT_S
+        ) as display:
             display.stop()
     except EtdError as error:
         is_there = status_of(error) != NOT_THERE

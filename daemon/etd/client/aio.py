@@ -17,7 +17,7 @@ from typing import Self, Unpack
 import zmq
 import zmq.asyncio
 
-from etd.client import clock, course, wire
+from etd.client import clock, course
 from etd.client.aio_exchange import AsyncExchange, is_writable
 from etd.client.connection import KEPT_S, Connection
 from etd.client.course import Course
@@ -60,7 +60,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
 
     async def connect(self) -> None:
         """Learn the facts; without an engine there are none, and `status` and `stop` still work."""
-        wire.check_there(self.address)
+        self._way.check_there()
         try:
             await self._run(self._session.greet())
         except Refused as refusal:
@@ -215,8 +215,8 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
 
     def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> AsyncTelemetry:
         """`async with display.telemetry("scan") as reports: async for topic, report in reports`"""
-        address = self._telemetry_address()
-        return AsyncTelemetry(self._context, address, topics, timeout_s, join_s=self._timeout_s)
+        address, join_s = self._way.telemetry, self._timeout_s
+        return AsyncTelemetry(self._context, address, topics, timeout_s, join_s=join_s)
 
     async def close(self) -> None:
         """Give the lease back (which disarms) and hang up. Idempotent."""
@@ -231,7 +231,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
             self._hang_up()
 
     def _new_exchange(self) -> AsyncExchange:
-        return AsyncExchange(self._context, self.address, self._session)
+        return AsyncExchange(self._context, self._way, self._session)
 
     def _presenting(
         self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions

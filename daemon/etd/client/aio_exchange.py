@@ -16,6 +16,7 @@ import zmq.asyncio
 from etd.client import clock, wire
 from etd.client.course import CUT_SHORT, Course, Pause
 from etd.client.session import KEEP_S, Ask, Flow, Session
+from etd.client.way import Way
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import Success
 
@@ -24,10 +25,10 @@ R = TypeVar("R")
 
 class AsyncExchange:
     def __init__(
-        self, context: zmq.Context[zmq.asyncio.Socket], address: str, session: Session
+        self, context: zmq.Context[zmq.asyncio.Socket], way: Way, session: Session
     ) -> None:
         self._context = context
-        self._address = address
+        self._way = way
         self._session = session
         self._turn = asyncio.Lock()
         self._socket: zmq.asyncio.Socket | None = None
@@ -83,24 +84,29 @@ class AsyncExchange:
         socket = self._connected()
         deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
         if await is_writable(socket, ask.timeout_s):
+            sent_ns = clock.now_ns()
             await socket.send(ask.data)
             while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
-                wait_s = left_s if ask.keep is None else min(left_s, KEEP_S)
-                if await socket.poll(max(1, int(wait_s * 1000))):
+                if await socket.poll(max(1, int(min(left_s, KEEP_S) * 1000))):
                     parts: list[Any] = await socket.recv_multipart()
+                    got_ns = clock.now_ns()
                     reply = self._session.settle(ask, parts[-1])
                     if reply is not None:
+                        self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
                         return reply
-                elif ask.keep is not None:
-                    await socket.send(ask.keep())
+                else:
+                    self._way.check_alive()
+                    if ask.keep is not None:
+                        await socket.send(ask.keep())
         self.hang_up()
-        raise DaemonGone(self._address, f"no answer to {ask.op} within {ask.timeout_s:g} s")
+        self._way.check_alive()
+        raise DaemonGone(self._way.place, f"no answer to {ask.op} within {ask.timeout_s:g} s")
 
     def _connected(self) -> zmq.asyncio.Socket:
         if self._context.closed:
-            raise DaemonGone(self._address, "this display was closed: make a new one")
+            raise DaemonGone(self._way.place, "this display was closed: make a new one")
         if self._socket is None:
-            self._socket = wire.configure(self._context.socket(zmq.DEALER), self._address)
+            self._socket = wire.configure(self._context.socket(zmq.DEALER), self._way.control)
         return self._socket
 
 

@@ -6,6 +6,7 @@ a reply is waited for.
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from typing import Any, Generic, TypeVar
 
@@ -13,10 +14,13 @@ import zmq
 
 from etd.client import wire
 from etd.client.array import ElectrodeArray
+from etd.client.daemon_clock import DaemonClock
 from etd.client.options import FrameOptions, Kind, frame_fields
 from etd.client.session import Session
+from etd.client.ssh import SshWay
 from etd.client.values import Numbers
-from etd.files.paths import DEFAULT_NAME, FRAMES, TELEMETRY, sibling_address
+from etd.client.way import LocalWay, Way
+from etd.files.paths import DEFAULT_NAME
 from etd.protocol.messages import HelloReply
 
 S = TypeVar("S", bound="zmq.Socket[Any]")
@@ -29,11 +33,12 @@ KEPT_S = 60.0
 class Connection(ABC, Generic[S]):
     """One connection to one daemon.
 
-    `name` is the daemon's; `address` replaces it. The limits come from `calibration` (a name the
-    daemon knows), or from `max_current_ua` (50..10000) with `width_us` (20..200), or else from the
-    daemon's default calibration. Nothing is felt before `arm()`. Nothing is repeated in the
-    background: a frame that is not renewed expires, and a lease that is not renewed for a second
-    ends, which disarms.
+    `name` is the daemon's; `address` replaces it. `host` is another computer, reached by ssh as
+    that is set up here (`pi@display.local`); ETD_HOST stands for it where neither is given. The
+    limits come from `calibration` (a name the daemon knows), or from `max_current_ua` (50..10000)
+    with `width_us` (20..200), or else from the daemon's default calibration. Nothing is felt before
+    `arm()`. Nothing is repeated in the background but what `begin` and `kept` are for: a frame that
+    is not renewed expires, and a lease that is not renewed for a second ends, which disarms.
 
     Raises, from every method: DaemonGone (no daemon answers), Refused (code, reason, electrode).
     """
@@ -42,6 +47,7 @@ class Connection(ABC, Generic[S]):
         self,
         name: str = DEFAULT_NAME,
         *,
+        host: str | None = None,
         address: str | None = None,
         client: str | None = None,
         calibration: str | None = None,
@@ -56,7 +62,9 @@ class Connection(ABC, Generic[S]):
             width_us=width_us,
             timeout_s=timeout_s,
         )
-        self.address = wire.resolve(name, address)
+        self._way = way_to(name, host, address)
+        self._session.daemon_clock = DaemonClock(is_here=self._way.is_here)
+        self.address = self._way.control
         self._timeout_s = timeout_s
         self._context = self._new_context()
         self._frames: S | None = None
@@ -73,10 +81,6 @@ class Connection(ABC, Generic[S]):
 
     def _begin(self) -> None:
         """Called when made."""
-
-    def _telemetry_address(self) -> str:
-        facts = self._session.facts
-        return facts.endpoints.telemetry if facts else sibling_address(self.address, TELEMETRY)
 
     @property
     def array(self) -> ElectrodeArray:
@@ -95,10 +99,23 @@ class Connection(ABC, Generic[S]):
 
     def _frames_socket(self) -> S:
         if self._frames is None:
-            facts = self._session.facts
-            address = facts.endpoints.frames if facts else sibling_address(self.address, FRAMES)
-            self._frames = wire.configure(self._context.socket(zmq.PUSH), address)
+            self._frames = wire.configure(self._context.socket(zmq.PUSH), self._way.frames)
         return self._frames
 
     def _hang_up(self) -> None:
         self._context.destroy(linger=0)
+        self._way.close()
+
+
+def way_to(name: str, host: str | None, address: str | None) -> Way:
+    """Raises: Refused for an address that cannot be used; DaemonGone if ssh does not connect."""
+    if address is None:
+        host = host_asked_for(host)
+    if host is not None:
+        return SshWay(host, name, address)
+    return LocalWay(wire.resolve(name, address))
+
+
+def host_asked_for(host: str | None) -> str | None:
+    """`host`, or else ETD_HOST; None: this computer."""
+    return host or os.environ.get("ETD_HOST") or None

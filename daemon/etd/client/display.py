@@ -15,7 +15,7 @@ from typing import Self, Unpack
 
 import zmq
 
-from etd.client import clock, course, wire
+from etd.client import clock, course
 from etd.client.beside import Keeper, Underway
 from etd.client.connection import KEPT_S, Connection
 from etd.client.course import Course
@@ -46,7 +46,7 @@ class Display(Connection["zmq.Socket[bytes]"]):
     def _begin(self) -> None:
         self._exchange = self._new_exchange(clock.sleep_s)
         try:
-            wire.check_there(self.address)
+            self._way.check_there()
             self._greet()
         except BaseException:
             self._hang_up()
@@ -208,8 +208,8 @@ class Display(Connection["zmq.Socket[bytes]"]):
 
     def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> Telemetry:
         """`with display.telemetry("scan") as reports: for topic, report in reports: ...`"""
-        address = self._telemetry_address()
-        return Telemetry(self._context, address, topics, timeout_s, join_s=self._timeout_s)
+        address, join_s = self._way.telemetry, self._timeout_s
+        return Telemetry(self._context, address, topics, timeout_s, join_s=join_s)
 
     def close(self) -> None:
         """Give the lease back (which disarms) and hang up. Idempotent."""
@@ -259,4 +259,4 @@ class Display(Connection["zmq.Socket[bytes]"]):
         return self._exchange.play(course)
 
     def _new_exchange(self, pause: Callable[[float], None]) -> Exchange:
-        return Exchange(self._context, self.address, self._session, pause)
+        return Exchange(self._context, self._way, self._session, pause)

@@ -15,6 +15,7 @@ import zmq
 from etd.client import clock, wire
 from etd.client.course import CUT_SHORT, Course, Pause
 from etd.client.session import KEEP_S, Ask, Flow, Session
+from etd.client.way import Way
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import Success
 
@@ -25,13 +26,13 @@ class Exchange:
     def __init__(
         self,
         context: zmq.Context[zmq.Socket[bytes]],
-        address: str,
+        way: Way,
         session: Session,
         pause: Callable[[float], None] = clock.sleep_s,
     ) -> None:
         self._pause = pause
         self._context = context
-        self._address = address
+        self._way = way
         self._session = session
         self._socket: zmq.Socket[bytes] | None = None
         #: When something was last asked.
@@ -84,21 +85,27 @@ class Exchange:
         socket = self._connected()
         deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
         if socket.poll(int(ask.timeout_s * 1000), zmq.POLLOUT):
+            sent_ns = clock.now_ns()
             socket.send(ask.data)
             while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
-                wait_s = left_s if ask.keep is None else min(left_s, KEEP_S)
-                if socket.poll(max(1, int(wait_s * 1000))):
-                    reply = self._session.settle(ask, socket.recv_multipart()[-1])
+                if socket.poll(max(1, int(min(left_s, KEEP_S) * 1000))):
+                    data = socket.recv_multipart()[-1]
+                    got_ns = clock.now_ns()
+                    reply = self._session.settle(ask, data)
                     if reply is not None:
+                        self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
                         return reply
-                elif ask.keep is not None:
-                    socket.send(ask.keep())
+                else:
+                    self._way.check_alive()
+                    if ask.keep is not None:
+                        socket.send(ask.keep())
         self.hang_up()
-        raise DaemonGone(self._address, f"no answer to {ask.op} within {ask.timeout_s:g} s")
+        self._way.check_alive()
+        raise DaemonGone(self._way.place, f"no answer to {ask.op} within {ask.timeout_s:g} s")
 
     def _connected(self) -> zmq.Socket[bytes]:
         if self._context.closed:
-            raise DaemonGone(self._address, "this display was closed: make a new one")
+            raise DaemonGone(self._way.place, "this display was closed: make a new one")
         if self._socket is None:
-            self._socket = wire.configure(self._context.socket(zmq.DEALER), self._address)
+            self._socket = wire.configure(self._context.socket(zmq.DEALER), self._way.control)
         return self._socket

@@ -13,6 +13,7 @@ from datetime import datetime
 
 from etd.client import clock, values
 from etd.client.course import CUT_SHORT, Course, Now, Pause, falling_silent
+from etd.client.daemon_clock import DaemonClock
 from etd.client.options import FrameOptions, silent_fields
 from etd.client.session import Session
 from etd.protocol.errors import Refused
@@ -49,8 +50,10 @@ class Presented:
     seqs: tuple[int, ...]
     first_ns: int | None
     last_ns: int | None
-    #: What CLOCK_REALTIME is ahead of CLOCK_MONOTONIC.
+    #: What this computer's CLOCK_REALTIME is ahead of the daemon's CLOCK_MONOTONIC, and within how
+    #: much that is right: 0 on the daemon's own machine.
     wall_offset_ns: int
+    uncertainty_ns: int
     rate_hz: float
     pulses: tuple[int, ...]
     wanted_ua: tuple[int, ...]
@@ -108,7 +111,7 @@ def presenting(
         account = yield from _account_of(session, reply.seq)
         if account is not None:
             accounts.append(account)
-    return _presented(accounts, len(replies))
+    return _presented(accounts, len(replies), session.daemon_clock)
 
 
 def _looking(session: Session, fields: dict[str, object], now_ns: Now) -> Course[None]:
@@ -138,7 +141,7 @@ def _account_of(session: Session, seq: int) -> Course[Account | None]:
     return account
 
 
-def _presented(accounts: Sequence[Account], frames: int) -> Presented:
+def _presented(accounts: Sequence[Account], frames: int, daemon_clock: DaemonClock) -> Presented:
     if not accounts:
         raise Refused("expired", "none of its frames was begun: another one took its place")
     begun = [account.first_ns for account in accounts if account.first_ns is not None]
@@ -152,7 +155,8 @@ def _presented(accounts: Sequence[Account], frames: int) -> Presented:
         seqs=tuple(account.seq for account in accounts),
         first_ns=min(begun, default=None),
         last_ns=max(ended, default=None),
-        wall_offset_ns=clock.wall_offset_ns(),
+        wall_offset_ns=clock.wall_offset_ns() - daemon_clock.offset_ns,
+        uncertainty_ns=daemon_clock.uncertainty_ns,
         rate_hz=min(account.rate_hz for account in accounts),
         pulses=pulses,
         wanted_ua=wanted_ua,

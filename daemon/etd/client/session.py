@@ -19,6 +19,7 @@ from typing import Any, TypeAlias, TypeVar
 import msgspec
 
 from etd.client import values
+from etd.client.daemon_clock import DaemonClock
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode, Refused
 from etd.protocol.messages import (
@@ -83,6 +84,8 @@ class Session:
         width_us: int | None = None,
         timeout_s: float = 2.0,
     ) -> None:
+        #: What is known of the daemon's, by which frames are stamped.
+        self.daemon_clock = DaemonClock(is_here=True)
         _check_limits(calibration, max_current_ua, width_us)
         self.facts: HelloReply | None = None
         self.lease: str | None = None
@@ -252,7 +255,11 @@ class Session:
             if after is not None and self.last_seq != after:
                 raise Refused("old_seq", "the program has sent another frame meanwhile")
             self.last_seq += 1
-            return {"lease": self._held_lease(), "seq": self.last_seq, **fields}
+            numbered = {"lease": self._held_lease(), "seq": self.last_seq, **fields}
+        sent_ns = fields.get("sent_ns")
+        if isinstance(sent_ns, int):
+            numbered["sent_ns"] = self.daemon_clock.at_least_ns(sent_ns)
+        return numbered
 
     def _ask(
         self,

@@ -1,0 +1,53 @@
+"""The way to a daemon on this machine: the addresses of its three sockets.
+
+Owns: what a display needs to know of a way, whichever it is (`ssh.py` is the other). Must not know:
+messages, ZeroMQ.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from etd.client import wire
+from etd.files.paths import FRAMES, TELEMETRY, sibling_address
+
+
+class Way(Protocol):
+    """Addresses that work from here."""
+
+    control: str
+    frames: str
+    telemetry: str
+    #: As errors name the daemon's place.
+    place: str
+    #: Whether the daemon's clock is this computer's.
+    is_here: bool
+
+    def check_there(self) -> None:
+        """Before anything is sent. Raises: DaemonGone, with what to do."""
+
+    def check_alive(self) -> None:
+        """While an answer is awaited. Raises: DaemonGone, if none can come any more."""
+
+    def close(self) -> None:
+        """Idempotent."""
+
+
+class LocalWay:
+    """The daemon's own sockets."""
+
+    is_here = True
+
+    def __init__(self, address: str) -> None:
+        self.control = self.place = address
+        self.frames = sibling_address(address, FRAMES)
+        self.telemetry = sibling_address(address, TELEMETRY)
+
+    def check_there(self) -> None:
+        wire.check_there(self.control)
+
+    def check_alive(self) -> None:
+        """A gateway that has ended may come back while it is waited for."""
+
+    def close(self) -> None:
+        """Nothing is held."""
