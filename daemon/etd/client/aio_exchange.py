@@ -8,6 +8,7 @@ Requests of several tasks are sent one after another.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import zmq
@@ -83,24 +84,36 @@ class AsyncExchange:
         self.used_ns = clock.now_ns()
         socket = self._connected()
         deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
-        if await is_writable(socket, ask.timeout_s):
+        if await self._is_there(socket, zmq.POLLOUT, deadline_ns):
             sent_ns = clock.now_ns()
             await socket.send(ask.data)
-            while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
-                if await socket.poll(max(1, int(min(left_s, KEEP_S) * 1000))):
-                    parts: list[Any] = await socket.recv_multipart()
-                    got_ns = clock.now_ns()
-                    reply = self._session.settle(ask, parts[-1])
-                    if reply is not None:
-                        self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
-                        return reply
-                else:
-                    self._way.check_alive()
-                    if ask.keep is not None:
-                        await socket.send(ask.keep())
+            while await self._is_there(socket, zmq.POLLIN, deadline_ns, ask.keep):
+                parts: list[Any] = await socket.recv_multipart()
+                got_ns = clock.now_ns()
+                reply = self._session.settle(ask, parts[-1])
+                if reply is not None:
+                    self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
+                    return reply
         self.hang_up()
-        self._way.check_alive()
         raise DaemonGone(self._way.place, f"no answer to {ask.op} within {ask.timeout_s:g} s")
+
+    async def _is_there(
+        self,
+        socket: Any,
+        event: int,
+        deadline_ns: int,
+        keep: Callable[[], bytes] | None = None,
+    ) -> bool:
+        """Awaits the event; False after the deadline. Raises: DaemonGone, if it cannot come. Any:
+        pyzmq's stub of the awaited poll leaves out its flags.
+        """
+        while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
+            if await socket.poll(max(1, int(min(left_s, KEEP_S) * 1000)), event):
+                return True
+            self._way.check_alive()
+            if keep is not None:
+                await socket.send(keep())
+        return False
 
     def _connected(self) -> zmq.asyncio.Socket:
         if self._context.closed:

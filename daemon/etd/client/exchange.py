@@ -84,24 +84,34 @@ class Exchange:
         self.used_ns = clock.now_ns()
         socket = self._connected()
         deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
-        if socket.poll(int(ask.timeout_s * 1000), zmq.POLLOUT):
+        if self._is_there(socket, zmq.POLLOUT, deadline_ns):
             sent_ns = clock.now_ns()
             socket.send(ask.data)
-            while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
-                if socket.poll(max(1, int(min(left_s, KEEP_S) * 1000))):
-                    data = socket.recv_multipart()[-1]
-                    got_ns = clock.now_ns()
-                    reply = self._session.settle(ask, data)
-                    if reply is not None:
-                        self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
-                        return reply
-                else:
-                    self._way.check_alive()
-                    if ask.keep is not None:
-                        socket.send(ask.keep())
+            while self._is_there(socket, zmq.POLLIN, deadline_ns, ask.keep):
+                data = socket.recv_multipart()[-1]
+                got_ns = clock.now_ns()
+                reply = self._session.settle(ask, data)
+                if reply is not None:
+                    self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
+                    return reply
         self.hang_up()
-        self._way.check_alive()
         raise DaemonGone(self._way.place, f"no answer to {ask.op} within {ask.timeout_s:g} s")
+
+    def _is_there(
+        self,
+        socket: zmq.Socket[bytes],
+        event: int,
+        deadline_ns: int,
+        keep: Callable[[], bytes] | None = None,
+    ) -> bool:
+        """Waits for the event; False after the deadline. Raises: DaemonGone, if it cannot come."""
+        while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
+            if socket.poll(max(1, int(min(left_s, KEEP_S) * 1000)), event):
+                return True
+            self._way.check_alive()
+            if keep is not None:
+                socket.send(keep())
+        return False
 
     def _connected(self) -> zmq.Socket[bytes]:
         if self._context.closed:
