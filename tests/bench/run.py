@@ -32,6 +32,7 @@ from bench import (  # noqa: E402
     latency_modelled,
     machines,
     modelled,
+    over_ssh,
     processor,
     stages,
     usual_script,
@@ -162,6 +163,7 @@ def show(console: Console, figures: dict[str, Any], bounds: list[Bound]) -> None
     console.print(_latency_table(figures["latency"]))
     console.print(latency_modelled.front_table(figures["front"]))
     console.print(latency_modelled.table(figures["modelled latency"]))
+    console.print(over_ssh.table(figures["over ssh"]))
     for table in beside.tables(figures["beside"]):
         console.print(table)
     console.print(_body_table(figures["body"]))
@@ -366,6 +368,7 @@ def main() -> int:
         ],
         "modelled latency": latency_modelled.measure_all(20 if args.quick else 100),
         "clocks": clock_steps.measure_all(),
+        "over ssh": over_ssh.measure(args.quick),
         "beside": beside.measure(args.quick),
         "body": [body.measure(side) for side in ((8,) if args.quick else (8, 16))],
     }
@@ -399,6 +402,7 @@ def main() -> int:
             "front": [asdict(figure) for figure in figures["front"]],
             "modelled latency": [asdict(figure) for figure in figures["modelled latency"]],
             "clocks": [asdict(figure) for figure in figures["clocks"]],
+            "over ssh": asdict(figures["over ssh"]),
             "beside": asdict(figures["beside"]),
             "body": [asdict(figure) for figure in figures["body"]],
             "bounds": [asdict(bound) for bound in bounds],

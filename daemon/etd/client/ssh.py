@@ -116,7 +116,7 @@ class SshWay:
             raise DaemonGone(
                 self.place,
                 "this account may not use the daemon's socket",
-                "have its administrator add it to the group that owns the socket (etd)",
+                "have its administrator add it to the group that owns the socket (etd-users)",
             )
         if self._verdict != _READY:
             raise DaemonGone(
