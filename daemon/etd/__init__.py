@@ -16,6 +16,7 @@ from etd.protocol.errors import (
     FileError,
     PatternError,
     Refused,
+    WrongThread,
 )
 from etd.version import __version__
 
@@ -32,6 +33,7 @@ __all__ = [
     "FileError",
     "PatternError",
     "Refused",
+    "WrongThread",
     "__version__",
 ]
 

@@ -6,9 +6,11 @@ Owns: the blocking client from its methods to the engine's end of the link.
 from __future__ import annotations
 
 import math
+import os
 import signal
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from etd import DaemonGone, Display, FileError, Refused
+from etd import DaemonGone, Display, FileError, Refused, WrongThread
 from etd.client import values
 from etd.gateway.server import Gateway
 from etd.protocol.calibration import Calibration
@@ -50,6 +52,42 @@ def test_the_first_script_of_the_readme_works(rig: ServedRig) -> None:
     assert len(levels) >= 3, "renewed within its ttl"
     assert [sent.frame.seq for sent in rig.engine.frames] == list(range(1, len(levels) + 1))
     assert type(rig.engine.heard[-1]).__name__ == "CloseLease"
+
+
+def test_another_thread_is_told_at_once_and_may_stop(rig: ServedRig) -> None:
+    with display(rig) as d:
+        with ThreadPoolExecutor() as pool:
+            with pytest.raises(WrongThread, match="make one in each thread"):
+                pool.submit(d.status).result()
+            pool.submit(d.stop).result()
+        assert isinstance(rig.engine.heard[-1], StopNow)
+
+
+def test_a_child_of_the_process_is_told_at_once(rig: ServedRig) -> None:
+    with display(rig) as d:
+        reading, writing = os.pipe()
+        child = os.fork()
+        if child == 0:
+            try:
+                d.status()
+            except WrongThread as wrong:
+                os.write(writing, str(wrong).encode())
+            finally:
+                os._exit(0)
+        os.waitpid(child, 0)
+        os.close(writing)
+        with open(reading) as said:
+            assert "has forked" in said.read()
+        assert d.status().state == "SAFE"
+
+
+def test_whole_numbers_may_come_out_of_a_calculation(rig: ServedRig) -> None:
+    with display(rig) as d:
+        d.show([0] * 4, width_us=200 / 2, ttl_ms=np.float64(150.0), pulses=3.0)  # type: ignore[arg-type]
+        frame = rig.engine.frames[-1].frame
+        assert (frame.width_us, frame.ttl_ms, frame.pulses) == (100, 150, 3)
+        with pytest.raises(Refused, match="width_us"):
+            d.show([0] * 4, width_us=100.5)  # type: ignore[arg-type]
 
 
 def test_an_unknown_topic_is_refused_with_those_that_there_are(rig: ServedRig) -> None:

@@ -89,7 +89,7 @@ def test_what_nobody_has_told_for_a_second_is_drawn_as_unknown() -> None:
     made.hear(state(MAX_AGE_NS))
     assert panel(made, "contact").signs == ["?"] * 4
     assert panel(made, "resistance").bright == [None] * 4
-    assert "0 of 4 touch the skin" in made.line()
+    assert "0 touched, 0 open, 4 unknown" in made.line()
 
 
 def state(now_ns: int) -> StateReport:

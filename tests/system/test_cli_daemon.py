@@ -94,7 +94,7 @@ def test_measure_finds_all_electrodes_on_the_fakes_skin(rig: CommandRig) -> None
     with rig.daemon("--array", "pad-8"):
         told = rig.run("measure")
         assert told.status == 0
-        assert "8 of 8 touch" in told.out
+        assert "# 8 touched, . 0 open, ? 0 unknown" in told.out
         answer = rig.run("measure", "--json").answer
         assert answer["contact"] == [True] * 8
         assert all(10_000 < ohm < 500_000 for ohm in answer["resistance_ohm"])

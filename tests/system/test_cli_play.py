@@ -218,7 +218,7 @@ def test_the_demo_shows_lines_and_ends_by_itself(rig: CommandRig) -> None:
     first, second, *more, last = told.out.splitlines()
     assert "backend: fake" in first
     assert all(line.startswith("ARMED") for line in (second, *more))
-    assert "64 of 64 touch the skin" in second
+    assert "64 touched, 0 open, 0 unknown" in second
     assert "pulses in" in last
     assert sum(event.get("bus") == "body" for event in events(trace)) > 200
 

@@ -191,8 +191,7 @@ class Monitor:
             parts.append(f"{rate_hz:.0f} Hz")
         parts.append(f"{self.pulses} pulses")
         if self._contact:
-            touching = sum(state in ("closed", "soft") for state in self._contact.values())
-            parts.append(f"{touching} of {self.facts.array.electrodes} touch the skin")
+            parts.append(self._contacts())
         if self.silent_sensors:
             parts.append(f"no readings from {' and '.join(self.silent_sensors)}")
         if self.modelled is not None:
@@ -203,6 +202,17 @@ class Monitor:
         if self.halt is not None:
             parts.append(f"halted by {self.halt.cause}")
         return ", ".join(parts)
+
+    def _contacts(self) -> str:
+        """What is not known counts neither as touched nor as open."""
+        states = [
+            self._contact.get(electrode, "unknown")
+            for electrode in range(self.facts.array.electrodes)
+        ]
+        touched = sum(state in ("closed", "soft") for state in states)
+        unknown = states.count("unknown")
+        is_open = len(states) - touched - unknown
+        return f"{touched} touched, {is_open} open, {unknown} unknown"
 
     def _firing(self) -> str:
         active = [] if self.fired is None or self.is_silent else self.fired.delivered_ua

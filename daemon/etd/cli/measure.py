@@ -52,8 +52,10 @@ def run(args: argparse.Namespace) -> int:
 
 def lines_of(found: MeasureReply) -> list[str]:
     """The contacts as a picture, and a line for each electrode."""
-    touching = sum(touches is True for touches in found.contact)
-    lines = [f"# touches, . does not, ? not known: {touching} of {len(found.contact)} touch"]
+    counts = ((True, "touched"), (False, "open"), (None, "unknown"))
+    lines = [
+        ", ".join(f"{_SIGNS[kind]} {found.contact.count(kind)} {what}" for kind, what in counts)
+    ]
     for electrode, contact in enumerate(found.contact):
         ohm, volt = found.resistance_ohm[electrode], found.voltage_v[electrode]
         resistance = "" if ohm is None else f"{ohm:>9} ohm"

@@ -21,6 +21,7 @@ from etd.client.connection import KEPT_S, Connection
 from etd.client.course import Course
 from etd.client.exchange import Exchange
 from etd.client.options import FrameOptions, Kind
+from etd.client.owner import Owner
 from etd.client.presenting import MOST_BEGUN_S, Presented, presenting
 from etd.client.session import Flow, R
 from etd.client.telemetry import Telemetry
@@ -38,12 +39,13 @@ from etd.protocol.messages import (
 
 
 class Display(Connection["zmq.Socket[bytes]"]):
-    """Blocking; for one thread at a time. `Connection` describes the arguments."""
+    """Blocking; for the thread that made it. `Connection` describes the arguments."""
 
     def _new_context(self) -> zmq.Context[zmq.Socket[bytes]]:
         return zmq.Context()
 
     def _begin(self) -> None:
+        self._owner = Owner()
         self._exchange = self._new_exchange(clock.sleep_s)
         try:
             self._way.check_there()
@@ -183,8 +185,14 @@ class Display(Connection["zmq.Socket[bytes]"]):
         return self._run(self._session.mark(tag))
 
     def stop(self) -> None:
-        """Silence at once, whichever client holds the lease; HALTED until `clear`."""
-        self._run(self._session.stop())
+        """Silence at once, whichever client holds the lease; HALTED until `clear`. The one method
+        that any thread may call.
+        """
+        exchange = self._new_exchange(clock.sleep_s)
+        try:
+            exchange.run(self._session.stop())
+        finally:
+            exchange.hang_up()
 
     def clear(self) -> None:
         """Leave HALTED for SAFE; then `arm()` anew."""
@@ -253,9 +261,11 @@ class Display(Connection["zmq.Socket[bytes]"]):
                 raise
 
     def _run(self, flow: Flow[R]) -> R:
+        self._owner.check()
         return self._exchange.run(flow)
 
     def _play(self, course: Course[R]) -> R:
+        self._owner.check()
         return self._exchange.play(course)
 
     def _new_exchange(self, pause: Callable[[float], None]) -> Exchange:

@@ -38,6 +38,8 @@ class FrameOptions(TypedDict, total=False):
     sync: bool
 
 
+#: 100.0, as it comes out of a calculation, is 100.
+_WHOLE = frozenset({"width_us", "ttl_ms", "pulses", "tag"})
 _KNOWN = frozenset(FrameOptions.__annotations__)
 
 
@@ -49,7 +51,11 @@ def frame_fields(kind: Kind, numbers: values.Numbers, options: FrameOptions) -> 
                 "bad_frame", f"a frame has no option {key!r}; it has {', '.join(sorted(_KNOWN))}"
             )
     given = values.levels(numbers) if kind == "level" else values.currents_ua(numbers)
-    extra = {key: values.option(key, value) for key, value in options.items() if value is not None}
+    extra = {
+        key: values.option(key, value, is_whole=key in _WHOLE)
+        for key, value in options.items()
+        if value is not None
+    }
     return {kind: given, **extra, "sent_ns": clock.now_ns()}
 
 

@@ -42,8 +42,10 @@ def currents_ua(values: Numbers) -> list[int]:
     ]
 
 
-def option(key: str, value: object) -> object:
-    """One value, or one per electrode, as plain numbers or text. Raises: Refused."""
+def option(key: str, value: object, *, is_whole: bool = False) -> object:
+    """One value, or one per electrode, as plain numbers or text; `is_whole`: 100.0 is 100. Raises:
+    Refused.
+    """
     if isinstance(value, (str, bool)) or value is None or type(value) is int:
         return value
     if isinstance(value, Mapping):
@@ -51,8 +53,9 @@ def option(key: str, value: object) -> object:
     if isinstance(value, Integral):
         return int(value)
     if isinstance(value, Real):
-        return _finite(key, None, value)
-    return [option(key, item) for item in _items(key, value)]
+        number = _finite(key, None, value)
+        return int(number) if is_whole and number == int(number) else number
+    return [option(key, item, is_whole=is_whole) for item in _items(key, value)]
 
 
 def above_zero_s(key: str, value: object) -> float:

@@ -67,6 +67,8 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
             check_holder(core.lease, token)
             core.make_safe("disarmed")
             core.soft_start.restart()
+        case ArmBoard() if core.states.state == "ARMED":
+            return Answer(ref=command.ref)
         case ArmBoard():
             core.begin_power_up("arm", command.ref)
             return None

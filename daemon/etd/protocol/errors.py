@@ -142,6 +142,14 @@ class DaemonGone(EtdError):
         super().__init__(f"{what} at {address}: {advice}")
 
 
+class WrongThread(EtdError):
+    """A display is used where it cannot work. Fields: reason."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"this display cannot be used here: {reason}")
+
+
 class AlreadyRunning(EtdError):
     """A second daemon of the same name. Fields: name."""
 
