@@ -16,7 +16,7 @@ from typing import Any
 
 from etd.calibrate.limits import Threshold, coarse
 from etd.calibrate.trial import Procedure
-from etd.protocol.errors import HardwareMissing
+from etd.protocol.errors import PackageMissing
 
 #: Currents, and thresholds to choose from, relative to what the coarse ascent found.
 _STEP = 1.025
@@ -36,22 +36,17 @@ def ready_questplus() -> None:
     """Import questplus and make the initial state. The first call takes a second or more: call it
     before a lease is opened.
 
-    Raises: HardwareMissing, with what to install.
+    Raises: PackageMissing, with what to install.
     """
     try:
         import questplus  # noqa: F401
     except ModuleNotFoundError:
-        raise HardwareMissing(
-            (
-                "the Python package questplus is not installed: pip install 'etd[quest-plus]', or"
-                " choose another --method",
-            )
-        ) from None
+        raise PackageMissing("questplus", "quest-plus", ", or choose another --method") from None
     _fresh()
 
 
 def quest_plus(start_ua: float) -> Procedure[Threshold]:
-    """Around a coarse ascent; again if it ends at the grid's edge. Raises: HardwareMissing."""
+    """Around a coarse ascent; again if it ends at the grid's edge. Raises: PackageMissing."""
     ready_questplus()
     first = yield from coarse(start_ua)
     while first.is_felt:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from etd.cli import options
+from etd.cli.extras import check_installed
 
 if TYPE_CHECKING:
     from etd.explain.figure import Figure
@@ -55,6 +56,7 @@ def run(args: argparse.Namespace) -> int:
             f"--plot {args.plot}: plots are SVG: name a file that ends in .svg"
             " (`rsvg-convert FILE.svg -o FILE.png` converts it)"
         )
+    check_installed("numpy")
     from etd.explain import FIGURES
     from etd.explain.svgplot import svg_of
 

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
+from etd.cli.extras import check_fake
 from etd.cli.process_pair import ProcessPair
 from etd.files.configuration import LoadedConfig
 from etd.files.paths import prepare_runtime
@@ -34,8 +35,9 @@ def private_daemon(
 
     The output of the two processes is shown only if one of them ends.
     Raises: PartEnded then (also in place of the client's error), DaemonGone if it does not become
-    ready, FileError.
+    ready, FileError, PackageMissing.
     """
+    check_fake()
     with termination_as_ctrl_c(), tempfile.TemporaryDirectory(prefix="etd-") as temporary:
         folder = Path(temporary)
         prepare_runtime(folder)

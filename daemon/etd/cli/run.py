@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from etd.cli import options
+from etd.cli.extras import check_fake
 from etd.files.configuration import LoadedConfig, fake_config, load_config
 from etd.files.paths import (
     CONTROL,
@@ -95,6 +96,8 @@ def run(args: argparse.Namespace) -> int:
     """Raises: FileError, AlreadyRunning, HardwareMissing, PartEnded and what a part raises."""
     loaded = loaded_config(args)
     _check_fake_only(args, loaded)
+    if loaded.config.backend == "fake" and args.part != "gateway":
+        check_fake()
     if args.wait and args.part != "engine":
         args.misused("--wait needs --part engine: only a service can start before its devices")
     folder = args.folder if args.folder is not None else runtime_folder(args.name)

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from etd.protocol.errors import HardwareMissing
+from etd.cli.extras import check_installed
 
 
 def is_terminal() -> bool:
@@ -17,13 +17,8 @@ def is_terminal() -> bool:
 
 
 def check_rich() -> None:
-    """Raises: HardwareMissing, with what to install, before anything is begun."""
-    try:
-        import rich  # noqa: F401
-    except ModuleNotFoundError:
-        raise HardwareMissing(
-            ("the Python package rich is not installed: pip install 'etd[daemon]'",)
-        ) from None
+    """Raises: PackageMissing, with what to install, before anything is begun."""
+    check_installed("rich")
 
 
 @contextmanager

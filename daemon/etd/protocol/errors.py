@@ -142,6 +142,16 @@ class DaemonGone(EtdError):
         super().__init__(f"{what} at {address}: {advice}")
 
 
+class PackageMissing(EtdError):
+    """A Python package that this verb needs is not installed. Fields: package."""
+
+    def __init__(self, package: str, extra: str, otherwise: str = "") -> None:
+        self.package = package
+        super().__init__(
+            f"the Python package {package} is not installed: pip install 'etd[{extra}]'{otherwise}"
+        )
+
+
 class WrongThread(EtdError):
     """A display is used where it cannot work. Fields: reason."""
 
