@@ -70,6 +70,8 @@ class Monitor:
     halt: Halt | None = None
     pressure_kpa: tuple[float | None, ...] = ()
     silent_sensors: tuple[str, ...] = ()
+    #: How many were heard.
+    reports: int = 0
     _pressed_ns: int = 0
     _contact: dict[int, ContactState] = field(default_factory=dict)
     _known_ohm: dict[int, int] = field(default_factory=dict)
@@ -78,6 +80,7 @@ class Monitor:
 
     def hear(self, report: object) -> None:
         """Any telemetry report."""
+        self.reports += 1
         match report:
             case StateReport():
                 self.state = report.state if report.engine == "there" else f"engine {report.engine}"

@@ -125,15 +125,21 @@ class Demo:
         return self._display.show_current(currents_ua, width_us=_WIDTH_US, allow_slower=True)
 
     def _listen(self, reports: Telemetry, picture: Plain | Drawn, until_ns: int) -> None:
-        """What has arrived is drawn even where the next frame is late already."""
+        """All that has arrived is heard before it is drawn, and drawn even where the next frame is
+        late already.
+        """
+        wait_s = 0.0
         while True:
-            left_ns = until_ns - clock.now_ns()
-            item = reports.receive(max(0.0, left_ns / 1e9))
+            item = reports.receive(wait_s)
             if item is not None:
                 self._monitor.hear(item[1])
+                wait_s = 0.0
+                continue
             picture.draw(self._rate_hz)
-            if item is None and left_ns <= 0:
+            left_ns = until_ns - clock.now_ns()
+            if left_ns <= 0:
                 return
+            wait_s = left_ns / 1e9
 
     def _seconds(self) -> float:
         return (clock.now_ns() - self._begun_ns) / 1e9

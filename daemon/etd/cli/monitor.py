@@ -62,14 +62,18 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _heard(reports: Telemetry, end_ns: int | None, address: str) -> Iterator[Item | None]:
-    """The reports, or None a few times a second. Raises: DaemonGone, when no report comes."""
-    heard_ns = clock.now_ns()
+    """The reports, and None whenever all that have come are heard. Raises: DaemonGone, when no
+    report comes.
+    """
+    heard_ns, wait_s = clock.now_ns(), 0.0
     while end_ns is None or clock.now_ns() < end_ns:
-        item = reports.receive(_TURN_S)
+        item = reports.receive(wait_s)
         if item is not None:
-            heard_ns = clock.now_ns()
+            heard_ns, wait_s = clock.now_ns(), 0.0
         elif clock.now_ns() - heard_ns > _SILENT_S * 1e9:
             raise DaemonGone(address, f"no telemetry for {_SILENT_S:g} s")
+        else:
+            wait_s = _TURN_S
         yield item
 
 
@@ -87,4 +91,5 @@ def _draw(facts: HelloReply, heard: Iterator[Item | None]) -> None:
         for item in heard:
             if item is not None:
                 monitor.hear(item[1])
-            picture.draw()
+            else:
+                picture.draw()
