@@ -19,6 +19,8 @@ from etd.protocol.outcome import Clamp, Shortfall
 from gateway_rig import ServedRig
 from scripted_engine import account, full_answer
 
+pytestmark = pytest.mark.slow
+
 FIRST = [2_000, 0, 0, 0]
 
 

@@ -17,7 +17,8 @@ from command_rig import WITHIN_S, command_rig, wait_for_end
 from ssh_rig import SshRig, missing, ssh_rig
 
 WHY_NOT = missing()
-pytestmark = pytest.mark.skipif(WHY_NOT is not None, reason=str(WHY_NOT))
+IS_MISSING = pytest.mark.skipif(WHY_NOT is not None, reason=str(WHY_NOT))
+pytestmark = [pytest.mark.slow, IS_MISSING]
 
 #: What a program on a laptop does. It prints what it found as one JSON object.
 EXPERIMENT = """
