@@ -1,0 +1,124 @@
+"""The examples, as they stand there, against the daemon that they name."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from command_rig import WITHIN_S, CommandRig, command_rig
+
+pytestmark = pytest.mark.slow
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+ALONE = ("two_displays.py", "stop_button.py", "plain_json.py")
+#: What each says last.
+SAID = {
+    "hello.py": r"felt at .* - as asked$",
+    "moving_bar.py": r"^$",
+    "two_intervals.py": r"after 6 trials the difference is 0\.\d+",
+    "stream_numpy.py": r"^$",
+    "with_asyncio.py": r"ARMED while it is felt\n\d\d pulses, \d\d ticks meanwhile$",
+    "contact.py": r"touched before: 64 of 64\n\d+ (soft|closed).*; up to \d+ ohm$",
+    "markers.py": r"trial 2: marked at \d+ ns .*; first pulse at \d+ ns, 20\d\d-",
+}
+
+
+@pytest.fixture
+def rig() -> Iterator[CommandRig]:
+    with command_rig() as made:
+        yield made
+
+
+def run(rig: CommandRig, name: str, *words: str) -> str:
+    ran = subprocess.run(
+        [sys.executable, EXAMPLES / name, *words],
+        capture_output=True,
+        text=True,
+        env=rig.environment,
+        cwd=rig.folder,
+        stdin=subprocess.DEVNULL,
+        timeout=WITHIN_S,
+        check=False,
+    )
+    assert (ran.returncode, ran.stderr) == (0, ""), ran
+    return ran.stdout.strip()
+
+
+def fired(trace: Path) -> int:
+    return len(re.findall(r'"bus": "body"', trace.read_text()))
+
+
+def test_each_is_listed_and_run_here() -> None:
+    names = {path.name for path in EXAMPLES.glob("*.py")}
+    assert names == {*SAID, *ALONE}
+    assert set(re.findall(r"\]\((\w+\.py)\)", (EXAMPLES / "README.md").read_text())) == names
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_it_runs_and_is_felt(rig: CommandRig, name: str) -> None:
+    trace = rig.folder / "trace.jsonl"
+    with rig.daemon("--trace", str(trace)):
+        said = run(rig, name, *(("6",) if name == "two_intervals.py" else ()))
+    assert re.search(SAID[name], said), said
+    # 64 electrodes are measured when it is armed.
+    assert fired(trace) > 64 + 5
+
+
+def test_the_experiment_leaves_a_row_for_each_trial(rig: CommandRig) -> None:
+    with rig.daemon():
+        run(rig, "two_intervals.py", "4")
+    with (rig.folder / "trials.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 4
+    assert all(row["as_asked"] == "True" for row in rows)
+    assert all(int(row["second_ns"]) > int(row["first_ns"]) for row in rows)
+
+
+def test_two_displays_are_two_daemons(rig: CommandRig) -> None:
+    with ExitStack() as stack:
+        for name in ("left", "right"):
+            stack.enter_context(rig.daemon("--name", name))
+        assert re.match(r"first pulses [\d.]+ ms apart", run(rig, "two_displays.py"))
+
+
+def test_enter_stops_it_from_another_thread(rig: CommandRig) -> None:
+    with (
+        rig.daemon(),
+        subprocess.Popen(
+            [sys.executable, EXAMPLES / "stop_button.py"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=rig.environment,
+            text=True,
+        ) as program,
+    ):
+        assert program.stdout is not None
+        assert program.stdout.readline() == "Enter stops it\n"
+        said, _ = program.communicate("\n", timeout=WITHIN_S)
+        assert said.startswith("stopped: halted by stop")
+        assert program.returncode == 0
+
+
+def test_plain_json_needs_nothing_but_pyzmq_and_an_old_python(rig: CommandRig) -> None:
+    source = (EXAMPLES / "plain_json.py").read_text()
+    tree = ast.parse(source, feature_version=(3, 8))
+    imported = {
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import)
+        for alias in node.names
+    }
+    assert imported == {"json", "sys", "time", "zmq"}
+    with rig.daemon():
+        address = f"ipc://{rig.folder}/run/etd/main/control.sock"
+        said = run(rig, "plain_json.py", address)
+    assert re.search(r"\d+ pulses of up to \d+ uA in the last frame$", said)
+    assert "soft_start" in said
