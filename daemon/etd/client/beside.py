@@ -43,6 +43,7 @@ class Underway(Generic[R]):
 
     @property
     def is_over(self) -> bool:
+        """Whether `wait` would return at once."""
         return not self._thread.is_alive()
 
     def wait(self, timeout_s: float | None = None) -> R:

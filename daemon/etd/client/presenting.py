@@ -65,6 +65,7 @@ class Presented:
 
     @property
     def as_asked(self) -> bool:
+        """Whether nothing was less than it was asked for."""
         return not self.why_not
 
     @property
