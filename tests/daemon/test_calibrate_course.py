@@ -26,7 +26,7 @@ from etd.calibrate.staircase import staircase
 from etd.calibrate.stimulator import Delivered, NotDelivered
 from etd.calibrate.trial import Stopped, run
 from etd.protocol.calibration import Calibration, ElectrodeLimits, Method, check_order
-from etd.protocol.errors import FileError, HardwareMissing, Refused
+from etd.protocol.errors import FileError, PackageMissing, Refused
 from etd.pulse.request import PulseRequest
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.prepulse import Prepulse
@@ -138,7 +138,7 @@ def test_caps_were_all_presented_and_levels_are_comfortable() -> None:
 
 def test_without_questplus_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "questplus", None)
-    with pytest.raises(HardwareMissing, match=r"etd\[quest-plus\]"):
+    with pytest.raises(PackageMissing, match=r"etd\[quest-plus\]"):
         calibrated(NoisySkin(2, 1), "quest-plus")
 
 
