@@ -39,6 +39,7 @@ VERBS = (
     "selftest",
     "bench",
     "check",
+    "report",
     "explain",
     "safe",
 )
