@@ -18,7 +18,7 @@ from etd.client.array import ElectrodeArray
 from etd.client.beside import Underway
 from etd.client.connection import Connection
 from etd.client.options import FrameOptions
-from etd.client.presenting import Presented
+from etd.client.presented import Presented
 from etd.client.telemetry import Telemetry
 
 _HEAD = """\

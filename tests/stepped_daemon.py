@@ -20,7 +20,8 @@ import zmq
 from engine_rig import turn
 from etd.client.course import Course, Pause
 from etd.client.options import FrameOptions, frame_fields
-from etd.client.presenting import Presented, presenting
+from etd.client.presented import Presented
+from etd.client.presenting import presenting
 from etd.client.session import Flow, R, Session
 from etd.engine.loop import Engine
 from etd.files.configuration import LoadedConfig, fake_config
@@ -224,14 +225,24 @@ class SteppedDisplay:
             return None
         return self._run(step)
 
-    def present(self, current_ua: Sequence[int], seconds: float, rate_hz: float) -> Presented:
-        return self.play(self.presenting(current_ua, seconds, rate_hz))
+    def present(
+        self,
+        current_ua: Sequence[int],
+        seconds: float,
+        rate_hz: float,
+        **options: Unpack[FrameOptions],
+    ) -> Presented:
+        return self.play(self.presenting(current_ua, seconds, rate_hz, **options))
 
     def presenting(
-        self, current_ua: Sequence[int], seconds: float, rate_hz: float
+        self,
+        current_ua: Sequence[int],
+        seconds: float,
+        rate_hz: float,
+        **options: Unpack[FrameOptions],
     ) -> Course[Presented]:
-        fields = frame_fields("current_ua", list(current_ua), {"rate_hz": rate_hz})
-        return presenting(self._session, fields, {}, seconds, self._daemon.now_ns)
+        fields = frame_fields("current_ua", list(current_ua), {"rate_hz": rate_hz, **options})
+        return presenting(self._session, fields, seconds, self._daemon.now_ns)
 
     def set_calibration(self, name: str, calibration: Calibration) -> None:
         self._run(self._session.set_calibration(name, calibration))

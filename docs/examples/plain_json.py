@@ -17,7 +17,10 @@ control.connect(sys.argv[1] if len(sys.argv) > 1 else "ipc:///run/etd/main/contr
 
 def ask(**request):
     control.send_string(json.dumps(request))
-    reply = json.loads(control.recv())
+    try:
+        reply = json.loads(control.recv())
+    except zmq.Again:
+        raise SystemExit("no daemon answers there: give its address, which `etd run` prints")
     if not reply["ok"]:
         raise SystemExit("{error}: {reason}".format(**reply))
     return reply

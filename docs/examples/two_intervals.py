@@ -26,7 +26,8 @@ def answer(first: float, second: float) -> int:
     return 1 if felt[0] > felt[1] else 2
 
 
-with Display() as display, display.kept(), open("trials.csv", "w", newline="") as file:
+# A person may think for ten minutes; then the lease lapses, and the board is disarmed.
+with Display() as display, display.kept(at_most_s=600), open("trials.csv", "w", newline="") as file:
     table = csv.writer(file)
     table.writerow(
         ["trial", "comparison", "stronger", "answer", "first_ns", "second_ns", "as_asked"]

@@ -59,6 +59,8 @@ def test_another_thread_is_told_at_once_and_may_stop(rig: ServedRig) -> None:
         with ThreadPoolExecutor() as pool:
             with pytest.raises(WrongThread, match="make one in each thread"):
                 pool.submit(d.status).result()
+            with pytest.raises(WrongThread):
+                pool.submit(d.close).result()
             pool.submit(d.stop).result()
         assert isinstance(rig.engine.heard[-1], StopNow)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -13,6 +14,9 @@ import pytest
 from etd import AsyncDisplay, Display, Refused
 from etd.client import clock
 from etd.client.array import ElectrodeArray
+from etd.client.course import Pause, holding
+from etd.client.presenting import presenting
+from etd.client.session import Session
 from etd.protocol.facts import ArrayFacts
 from etd.protocol.link import Answer, AskAccount, Command, KeepLease, NewFrame
 from etd.protocol.outcome import Clamp, Shortfall
@@ -63,7 +67,7 @@ def test_present_shows_for_so_long_falls_silent_and_says_what_was_fired(rig: Ser
     assert silence.current_ua == (0, 0, 0, 0)
     assert presented.as_asked
     assert presented.pulses == (6, 0, 0, 0)
-    assert presented.commanded_ua == (1_998, 0, 0, 0)
+    assert presented.least_ua == (1_998, 0, 0, 0)
     assert presented.delivered_ua == (1_900, 0, 0, 0)
     assert presented.first_at is not None
     assert presented.first_at.utcoffset() is not None
@@ -150,8 +154,9 @@ def test_what_the_returns_carry_is_looked_at_first(
 
     rig.engine.answer = answer
     with display(rig) as d:
-        d.present_current(FIRST, seconds=0.05)
+        d.present_current(FIRST, seconds=0.05, strict=True)
     assert left == []
+    assert not any(sent.frame.strict for sent in rig.engine.frames if sent.frame.preview)
     *looks, shown, _ = frames_of(rig)
     assert [frame.current_ua for frame in looks] == [(0, 0, 0, 0)] * silences
     assert shown.current_ua == (2_000, 0, 0, 0)
@@ -162,6 +167,89 @@ def test_a_preview_shows_nothing(rig: ServedRig) -> None:
         assert d.preview([1, 0, 0, 0]).rate_hz == 60.0
     assert frames_of(rig) == []
     assert len(rig.engine.frames) == 1
+
+
+def test_so_many_pulses_are_one_frame_and_are_counted(rig: ServedRig) -> None:
+    with display(rig) as d:
+        assert d.present_current(FIRST, seconds=0.1, pulses=6, ttl_ms=20).as_asked
+        shown, _ = frames_of(rig)
+        assert (shown.pulses, shown.ttl_ms) == (6, 100)
+        presented = d.present_current(FIRST, seconds=0.1, pulses=50)
+        assert presented.why_not == ("electrode 0: 6 of 50 pulses",)
+        with pytest.raises(Refused, match="for a second at most"):
+            d.present_current(FIRST, seconds=1.5, pulses=6)
+
+
+def test_fewer_pulses_than_rate_and_time_make_are_told(rig: ServedRig) -> None:
+    with display(rig) as d:
+        (why,) = d.present_current(FIRST, seconds=0.4).why_not
+    assert why.startswith("6 of about 24 pulses")
+
+
+def test_the_lag_of_a_fakes_clock_is_in_what_is_said_of_times(rig: ServedRig) -> None:
+    rig.engine.answer = answering(clock_lag_us=500_000)
+    with display(rig) as d:
+        presented = d.present_current(FIRST, seconds=0.05)
+    assert presented.uncertainty_ns == 500_000_000
+    assert abs(presented.wall_offset_ns - clock.wall_offset_ns() - 500_000_000) < 50_000_000
+
+
+def test_a_renewal_that_came_too_late_is_told_and_the_next_one_sent(rig: ServedRig) -> None:
+    late = [False, True, False]
+
+    def answer(message: Command | NewFrame) -> Answer:
+        is_shown = isinstance(message, NewFrame) and message.frame.account
+        if is_shown and late and late.pop(0):
+            return Answer(ref=message.ref, error="expired", reason="sent 300 ms ago")
+        return full_answer(message)
+
+    rig.engine.answer = answer
+    with display(rig) as d:
+        presented = d.present_current(FIRST, seconds=0.3, ttl_ms=150)
+    assert late == []
+    assert "it was renewed too late: give it a longer ttl_ms" in presented.why_not
+
+
+@pytest.mark.parametrize("options", [{"ttl_ms": np.int64(300)}, {"ttl_ms": None}])
+def test_options_of_any_kind_are_read_once(rig: ServedRig, options: dict[str, Any]) -> None:
+    with display(rig) as d:
+        d.present_current(FIRST, seconds=0.02, **options)
+        d.hold_current(FIRST, seconds=0.02, **options)
+
+
+@pytest.mark.parametrize("what", [RuntimeError, SystemExit, KeyboardInterrupt])
+def test_whatever_ends_a_program_ends_it_silent(what: type[BaseException]) -> None:
+    session = Session("me", max_current_ua=3_000, width_us=100)
+    session.lease = "a"
+    for course in (
+        holding(session, {"current_ua": FIRST}, 1.0, clock.now_ns),
+        presenting(session, {"current_ua": FIRST}, 1.0, clock.now_ns),
+    ):
+        next(course)
+        step = course.throw(what("gone"))
+        assert not isinstance(step, Pause)
+        assert b'"current_ua":[0,0,0,0]' in next(step).data
+        with pytest.raises(what):
+            course.send(None)
+
+
+def test_a_refusal_of_an_old_lease_leaves_the_new_one(rig: ServedRig) -> None:
+    session = Session("me", max_current_ua=3_000, width_us=100)
+    session.lease = "old"
+    ask = next(session.keep())
+    session.lease = "new"
+    refusal = b'{"ok":false,"error":"no_lease","reason":"","now_ns":1,"id":1}'
+    with pytest.raises(Refused):
+        session.settle(ask, refusal)
+    assert session.lease == "new"
+
+
+def test_currents_can_be_opened_to_as_well(rig: ServedRig) -> None:
+    with display(rig) as d:
+        d.arm(open_to_ua=900)
+        d.arm(open_to_ua={1: 500})
+    opened = [frame.current_ua for frame in frames_of(rig)]
+    assert opened == [(900,) * 4, (0,) * 4, (0, 500, 0, 0), (0,) * 4]
 
 
 # --- begin ----------------------------------------------------------------------------------------
@@ -186,8 +274,30 @@ def test_another_frame_of_the_program_ends_it_and_nothing_of_it_comes_after(
         while not frames_of(rig):
             clock.sleep_s(0.005)
         d.show_current([0, 500, 0, 0])
-        underway.wait()
+        (why,) = [why for why in underway.wait().why_not if "pulses" not in why]
+        assert why.startswith("another frame of the program replaced it after 0.")
         assert frames_of(rig)[-1].current_ua == (0, 500, 0, 0)
+
+
+def test_what_the_program_shows_right_after_it_wins(rig: ServedRig) -> None:
+    """Whichever of the two threads is faster."""
+    for _ in range(10):
+        with display(rig) as d:
+            underway = d.begin_current(FIRST, seconds=2.0, ttl_ms=100)
+            d.show_current([0, 500, 0, 0])
+            with contextlib.suppress(Refused):  # not one of its frames was begun
+                assert not underway.wait().as_asked
+            assert frames_of(rig)[-1].current_ua == (0, 500, 0, 0)
+
+
+def test_a_preview_leaves_it_alone(rig: ServedRig) -> None:
+    with display(rig) as d:
+        underway = d.begin_current(FIRST, seconds=0.3, ttl_ms=100)
+        while not frames_of(rig):
+            clock.sleep_s(0.005)
+        d.preview([0, 1, 0, 0])
+        underway.wait()
+        assert len(frames_of(rig)) > 3
 
 
 def test_it_can_be_ended_early(rig: ServedRig) -> None:
@@ -197,8 +307,8 @@ def test_it_can_be_ended_early(rig: ServedRig) -> None:
             clock.sleep_s(0.005)
         underway.end()
         assert underway.is_over
-        with pytest.raises(Refused, match="ended early"):
-            underway.wait()
+        (why,) = underway.wait().why_not
+        assert why.startswith("it was ended after")
         assert frames_of(rig)[-1].current_ua == (0, 0, 0, 0)
 
 
@@ -297,6 +407,7 @@ def test_the_asyncio_display_presents_begins_and_keeps(rig: ServedRig) -> None:
         {np.int64(1): 0.5, np.uint8(3): 1.0},
         [[0, 0.5, 0, 1]],
         np.array([[0, 0.5, 0, 1]]),
+        list(np.array([[0, 0.5, 0, 1]])),
         np.array([0, 0.5, 0, 1]),
     ],
 )

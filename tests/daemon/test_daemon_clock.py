@@ -80,4 +80,11 @@ def test_frames_are_stamped_by_it() -> None:
     session.daemon_clock = DaemonClock(is_here=False)
     session.daemon_clock.observe(0, 2 * MS, 7 * SECOND_NS)
     sent = next(session.frame({"level": [0.0], "sent_ns": 5 * MS}))
-    assert json.loads(sent.data)["sent_ns"] == 7 * SECOND_NS + 3 * MS
+    # Less what the clocks may have drifted apart in 3 ms.
+    assert json.loads(sent.data)["sent_ns"] == 7 * SECOND_NS + 3 * MS - 300
+
+
+def test_a_stamp_after_a_long_pause_allows_for_the_drift() -> None:
+    known = DaemonClock(is_here=False)
+    known.observe(0, 0, 0)
+    assert known.at_least_ns(100 * SECOND_NS) == 100 * SECOND_NS - 10 * MS

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from etd.client.course import Course, Pause
-from etd.client.presenting import Presented
+from etd.client.presented import Presented
 from etd.protocol.errors import Refused
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 from trace_decoder import Phase
@@ -82,7 +82,7 @@ def check(presented: Presented, fired: Sequence[Phase], wanted_ua: Sequence[int]
     for electrode in range(N):
         mine_ua = [phase.current_ua for phase in fired if phase.electrode == electrode]
         assert presented.pulses[electrode] == len(mine_ua)
-        assert presented.commanded_ua[electrode] == pytest.approx(min(mine_ua, default=0), abs=1)
+        assert presented.least_ua[electrode] == pytest.approx(min(mine_ua, default=0), abs=1)
         if presented.as_asked and wanted_ua[electrode]:
             assert all(
                 wanted_ua[electrode] - STEP_UA <= ua <= wanted_ua[electrode] for ua in mine_ua
@@ -124,6 +124,24 @@ def test_a_presentation_that_is_longer_than_a_frame_is_renewed_and_told_as_one(
     assert presented.first_ns is not None
     assert presented.last_ns - presented.first_ns == pytest.approx(2.48 * SECOND_NS, abs=1e6)
     assert 0 < presented.delivered_ua[3] <= 2_000
+
+
+def test_a_long_one_of_many_frames_is_told_whole(daemon: SteppedDaemon) -> None:
+    """More of them than the engine keeps accounts of."""
+    display = opened(daemon)
+    wanted_ua = [0, 0, 0, 2_000, 0, 0, 0, 0]
+    presented = display.present(wanted_ua, 10.0, 50.0, ttl_ms=90)
+    assert presented.as_asked, presented.why_not
+    assert len(presented.seqs) > 256
+    assert presented.pulses[3] == 500
+    check(presented, flowed(daemon, presented), wanted_ua)
+
+
+def test_a_slow_rate_needs_no_frame_to_begin_in_each_ttl(daemon: SteppedDaemon) -> None:
+    display = opened(daemon)
+    presented = display.present([0, 0, 0, 2_000, 0, 0, 0, 0], 3.0, 0.5)
+    assert presented.as_asked, presented.why_not
+    assert presented.pulses[3] == 2
 
 
 def test_it_waits_until_it_is_known_what_the_returns_carry(daemon: SteppedDaemon) -> None:

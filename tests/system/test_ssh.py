@@ -31,7 +31,8 @@ with Display(host="display") as display, display.kept():
         time.sleep(1.2)  # without the keeper the lease would lapse
         found.append(display.present({27: 0.5}, seconds=0.2))
     print(json.dumps([
-        [shown.as_asked, shown.first_ns, shown.wall_offset_ns, shown.uncertainty_ns]
+        # On a busy machine the fake fires less, and says so.
+        [all("of about" in why for why in shown.why_not), shown.first_ns, shown.wall_offset_ns, shown.uncertainty_ns]
         for shown in found
     ]))
 """

@@ -22,7 +22,8 @@ from etd.client.aio_exchange import AsyncExchange, is_writable
 from etd.client.connection import KEPT_S, Connection
 from etd.client.course import Course
 from etd.client.options import FrameOptions, Kind
-from etd.client.presenting import MOST_BEGUN_S, Presented, presenting
+from etd.client.presented import Presented
+from etd.client.presenting import MOST_BEGUN_S, presenting
 from etd.client.session import KEEP_S, Flow, R
 from etd.client.telemetry import AsyncTelemetry
 from etd.client.values import Numbers, up_to_s
@@ -46,6 +47,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
 
     def _begin(self) -> None:
         self._exchange = self._new_exchange()
+        self._underway: set[asyncio.Task[Presented]] = set()
 
     async def __aenter__(self) -> Self:
         try:
@@ -86,13 +88,19 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
     async def status(self) -> StateReport:
         return await self._run(self._session.status())
 
-    async def arm(self, timeout_s: float = 10.0, *, open_to: Numbers | float | None = None) -> None:
+    async def arm(
+        self,
+        timeout_s: float = 10.0,
+        *,
+        open_to: Numbers | float | None = None,
+        open_to_ua: Numbers | float | None = None,
+    ) -> None:
         """Open the lease if none stands, check the board and enable the supply; waits for it.
-        `open_to`: see `Display.arm`.
+        `open_to`, `open_to_ua`: see `Display.arm`.
         """
         await self._run(self._session.arm(timeout_s))
-        if open_to is not None:
-            await self._play(course.opening(self._session, open_to, self.electrodes, clock.now_ns))
+        for made in self._openings(open_to, open_to_ua):
+            await self._play(course.opening(self._session, made, clock.now_ns))
 
     async def arm_holder(self, timeout_s: float = 10.0) -> None:
         """The operator's `arm`: arms the lease of its present holder."""
@@ -118,34 +126,31 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
 
     async def preview(self, levels: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
         """See `Display.preview`."""
-        fields = {**self._fields("level", levels, options), "preview": True}
-        return await self._run(self._session.frame(fields))
+        return await self._run(self._session.preview(self._fields("level", levels, options)))
 
     async def present(
         self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
     ) -> Presented:
         """See `Display.present`. Cancelled, it ends silent."""
-        return await self._play(self._presenting("level", levels, seconds, options))
+        return await self._present("level", levels, seconds, options, None)
 
     async def present_current(
         self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
     ) -> Presented:
         """See `Display.present_current`. Cancelled, it ends silent."""
-        return await self._play(self._presenting("current_ua", current_ua, seconds, options))
+        return await self._present("current_ua", current_ua, seconds, options, None)
 
     def begin(
         self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
     ) -> asyncio.Task[Presented]:
         """Present in a task, for 30 s at most: await it, or cancel it."""
-        up_to_s("seconds", seconds, MOST_BEGUN_S)
-        return asyncio.create_task(self.present(levels, seconds, **options))
+        return self._begun("level", levels, seconds, options)
 
     def begin_current(
         self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
     ) -> asyncio.Task[Presented]:
         """The same for currents in uA."""
-        up_to_s("seconds", seconds, MOST_BEGUN_S)
-        return asyncio.create_task(self.present_current(current_ua, seconds, **options))
+        return self._begun("current_ua", current_ua, seconds, options)
 
     @contextlib.asynccontextmanager
     async def kept(self, at_most_s: float = KEPT_S) -> AsyncIterator[None]:
@@ -162,14 +167,14 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
     async def hold(self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]) -> None:
         """Show levels for `seconds`, then silence. Cancelled, it ends silent."""
         fields = self._fields("level", levels, options)
-        await self._play(course.holding(self._session, fields, options, seconds, clock.now_ns))
+        await self._play(course.holding(self._session, fields, seconds, clock.now_ns))
 
     async def hold_current(
         self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
     ) -> None:
         """Show currents for `seconds`, then silence. Cancelled, it ends silent."""
         fields = self._fields("current_ua", current_ua, options)
-        await self._play(course.holding(self._session, fields, options, seconds, clock.now_ns))
+        await self._play(course.holding(self._session, fields, seconds, clock.now_ns))
 
     async def stream(self, levels: Numbers, **options: Unpack[FrameOptions]) -> None:
         """One frame without an answer; the newest wins. A refusal comes as telemetry `refused`."""
@@ -233,11 +238,29 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
     def _new_exchange(self) -> AsyncExchange:
         return AsyncExchange(self._context, self._way, self._session)
 
-    def _presenting(
-        self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
-    ) -> Course[Presented]:
+    async def _present(
+        self,
+        kind: Kind,
+        numbers: Numbers,
+        seconds: float,
+        options: FrameOptions,
+        after: int | None,
+    ) -> Presented:
         fields = self._fields(kind, numbers, options)
-        return presenting(self._session, fields, options, seconds, clock.now_ns)
+        course = presenting(self._session, fields, seconds, clock.now_ns, after)
+        return await self._play(course)
+
+    def _begun(
+        self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
+    ) -> asyncio.Task[Presented]:
+        up_to_s("seconds", seconds, MOST_BEGUN_S)
+        # Whatever the program sends from now on is newer; without a lease there is nothing older.
+        after = None if self._session.lease is None else self._session.last_seq
+        task = asyncio.create_task(self._present(kind, numbers, seconds, options, after))
+        # asyncio itself refers to a task only weakly.
+        self._underway.add(task)
+        task.add_done_callback(self._underway.discard)
+        return task
 
     async def _keep(self, longest_ns: int) -> None:
         """For as long as the program comes by."""

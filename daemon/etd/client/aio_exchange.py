@@ -15,10 +15,10 @@ import zmq
 import zmq.asyncio
 
 from etd.client import clock, wire
-from etd.client.course import CUT_SHORT, Course, Pause
+from etd.client.course import Course, Pause
 from etd.client.session import KEEP_S, Ask, Flow, Session
 from etd.client.way import Way
-from etd.protocol.errors import DaemonGone, EtdError, Refused
+from etd.protocol.errors import DaemonGone, Refused
 from etd.protocol.messages import Success
 
 R = TypeVar("R")
@@ -43,7 +43,7 @@ class AsyncExchange:
             while True:
                 try:
                     done = await self._do(step)
-                except (EtdError, *CUT_SHORT) as error:
+                except BaseException as error:  # noqa: BLE001 (the course raises it again)
                     step = course.throw(error)
                 else:
                     step = course.send(done)

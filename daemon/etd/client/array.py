@@ -72,6 +72,11 @@ class ElectrodeArray:
         if isinstance(numbers, Mapping):
             return self._of_mapping(numbers)
         rows: Any = numbers.tolist() if isinstance(numbers, ArrayLike) else numbers
+        if isinstance(rows, (list, tuple)):
+            rows = [
+                row.tolist() if isinstance(row, ArrayLike) and _has_length(row) else row
+                for row in rows
+            ]
         if isinstance(rows, Sequence) and rows and _is_row(rows[0]):
             return self._of_rows(rows)
         return rows if isinstance(rows, (list, tuple)) else numbers
@@ -112,6 +117,11 @@ class ElectrodeArray:
             raise Refused(
                 "bad_frame", f"there is no electrode {electrode}: 0 to {self.electrodes - 1}"
             )
+
+
+def _has_length(value: object) -> bool:
+    """A number of numpy has `tolist` too."""
+    return hasattr(value, "__len__")
 
 
 def _is_row(value: object) -> bool:

@@ -10,23 +10,18 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from asyncio import CancelledError
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from etd.client import clock
-from etd.client.course import Course
+from etd.client.course import Course, Ended
 from etd.client.exchange import Exchange
 from etd.client.session import KEEP_S, Session
-from etd.protocol.errors import EtdError, Refused
+from etd.protocol.errors import EtdError
 
 R = TypeVar("R")
 #: Makes an exchange that pauses by this function.
 NewExchange = Callable[[Callable[[float], None]], Exchange]
-
-
-class _Ended(CancelledError):
-    """The program has ended what goes on."""
 
 
 class Underway(Generic[R]):
@@ -49,35 +44,32 @@ class Underway(Generic[R]):
     def wait(self, timeout_s: float | None = None) -> R:
         """Blocks until it is over, and says what was fired.
 
-        Raises: TimeoutError; what the presentation was refused with; Refused (`expired`) if it was
-        ended early.
+        Raises: TimeoutError; what the presentation was refused with.
         """
         self._thread.join(timeout_s)
         if self._thread.is_alive():
             raise TimeoutError(f"the presentation is not over after {timeout_s:g} s")
-        if isinstance(self._error, _Ended):
-            raise Refused("expired", "the presentation was ended early")
         if self._error is not None:
             raise self._error
         result: R = self._result  # type: ignore[assignment]
         return result
 
     def end(self) -> None:
-        """Silence now. Idempotent."""
+        """Silence now; `wait` says what was fired until then. Idempotent."""
         self._ending.set()
         self._thread.join()
 
     def _play(self) -> None:
         try:
             self._result = self._exchange.play(self._course)
-        except (Exception, CancelledError) as error:  # noqa: BLE001 (`wait` raises it)
+        except BaseException as error:  # noqa: BLE001 (`wait` raises it)
             self._error = error
         finally:
             self._exchange.hang_up()
 
     def _pause(self, seconds: float) -> None:
         if self._ending.wait(seconds):
-            raise _Ended
+            raise Ended
 
 
 class Keeper:
@@ -95,14 +87,17 @@ class Keeper:
         self._came_by_ns = came_by_ns
         self._at_most_ns = int(at_most_s * 1e9)
         self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._keep, name="etd keeps", daemon=True)
+        self._thread: threading.Thread | None = None
 
     def __enter__(self) -> None:
+        self._ending.clear()
+        self._thread = threading.Thread(target=self._keep, name="etd keeps", daemon=True)
         self._thread.start()
 
     def __exit__(self, *_: object) -> None:
         self._ending.set()
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
 
     def _keep(self) -> None:
         while not self._ending.wait(KEEP_S):

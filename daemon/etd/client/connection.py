@@ -12,9 +12,10 @@ from typing import Any, Generic, TypeVar
 
 import zmq
 
-from etd.client import wire
+from etd.client import clock, wire
 from etd.client.array import ElectrodeArray
 from etd.client.daemon_clock import DaemonClock
+from etd.client.opening import Opening
 from etd.client.options import FrameOptions, Kind, frame_fields
 from etd.client.session import Session
 from etd.client.ssh import SshWay
@@ -25,7 +26,6 @@ from etd.protocol.messages import HelloReply
 
 S = TypeVar("S", bound="zmq.Socket[Any]")
 
-_ROWS = (list, tuple)
 #: A lease is kept for a program that calls nothing for so long.
 KEPT_S = 60.0
 
@@ -91,9 +91,28 @@ class Connection(ABC, Generic[S]):
         """A frame without lease and seq. Raises: Refused (`bad_frame`)."""
         return frame_fields(kind, self._by_electrode(numbers), options)
 
+    def _openings(
+        self, levels: Numbers | float | None, currents_ua: Numbers | float | None
+    ) -> list[Opening]:
+        """What is to be opened to, if anything."""
+        given: tuple[tuple[Kind, Numbers | float | None], ...] = (
+            ("level", levels),
+            ("current_ua", currents_ua),
+        )
+        return [
+            Opening(kind, strengths, self.electrodes, self._by_electrode, clock.now_ns())
+            for kind, strengths in given
+            if strengths is not None
+        ]
+
+    @property
+    @abstractmethod
+    def electrodes(self) -> int:
+        """How many values a frame has."""
+
     def _by_electrode(self, numbers: Numbers) -> Numbers:
         """A plain list, which most frames have, without a closer look."""
-        if isinstance(numbers, (list, tuple)) and not (numbers and type(numbers[0]) in _ROWS):
+        if isinstance(numbers, (list, tuple)) and not (numbers and hasattr(numbers[0], "__len__")):
             return numbers
         return self.array.by_electrode(numbers)
 

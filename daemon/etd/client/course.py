@@ -13,18 +13,20 @@ import contextlib
 from asyncio import CancelledError
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from etd.client import values
 from etd.client.opening import Opening
-from etd.client.options import FrameOptions, renewal_s, silent_fields
+from etd.client.options import renewal_s, silent_fields
 from etd.client.session import Flow, Session
-from etd.protocol.errors import EtdError
+from etd.protocol.errors import EtdError, Refused
+from etd.protocol.messages import FrameReply
 
 R = TypeVar("R")
 
-#: What cuts a course short, which then ends silent.
-CUT_SHORT: Final = (KeyboardInterrupt, CancelledError)
+
+class Ended(CancelledError):
+    """The program has ended a presentation that goes on beside it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +42,7 @@ Course: TypeAlias = Generator[Flow[Any] | Pause, Any, R]
 
 
 def holding(
-    session: Session,
-    fields: dict[str, object],
-    options: FrameOptions,
-    seconds: float,
-    now_ns: Now,
+    session: Session, fields: dict[str, object], seconds: float, now_ns: Now
 ) -> Course[None]:
     """The frame for so long, renewed within its ttl, then silence."""
     held_s = values.above_zero_s("seconds", seconds)
@@ -52,21 +50,38 @@ def holding(
     try:
         while (left_s := (end_ns - now_ns()) / 1e9) > 0:
             yield session.frame({**fields, "sent_ns": now_ns()})
-            yield Pause(min(renewal_s(options), left_s))
-    except CUT_SHORT:
+            yield Pause(min(renewal_s(fields), left_s))
+    except EtdError:
+        raise
+    except BaseException:
         yield from falling_silent(session, fields, now_ns)
         raise
     yield session.frame(silent_fields(fields, now_ns()))
 
 
-def opening(
-    session: Session, levels: values.Numbers | float, electrodes: int, now_ns: Now
-) -> Course[None]:
+def opening(session: Session, course: Opening, now_ns: Now) -> Course[None]:
     """See `Opening`. Raises: Refused (`wrong_state`)."""
-    course = Opening(levels, electrodes, now_ns())
-    while not course.is_done((yield session.frame(course.frame(now_ns()))), now_ns()):
-        yield Pause(course.renewal_s)
+    try:
+        while not course.is_done((yield from _shown(session, course, now_ns)), now_ns()):
+            yield Pause(course.renewal_s)
+    except EtdError:
+        raise
+    except BaseException:
+        yield from falling_silent(session, course.frame(now_ns()), now_ns)
+        raise
     yield session.frame(course.silence(now_ns()))
+
+
+def _shown(session: Session, course: Opening, now_ns: Now) -> Course[FrameReply]:
+    """A frame that came too late on a busy machine is sent again."""
+    while True:
+        try:
+            reply: FrameReply = yield session.frame(course.frame(now_ns()))
+        except Refused as refusal:
+            if refusal.code != "expired" or course.is_overdue(now_ns()):
+                raise
+        else:
+            return reply
 
 
 def falling_silent(session: Session, fields: dict[str, object], now_ns: Now) -> Course[None]:

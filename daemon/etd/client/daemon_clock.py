@@ -28,7 +28,7 @@ class DaemonClock:
             return
         low, high = daemon_ns - got_ns, daemon_ns - sent_ns
         if self._bounds is not None:
-            drift_ns = (got_ns - self._seen_ns) * _DRIFT_PPM // 1_000_000
+            drift_ns = self._drift_ns(got_ns)
             known_low, known_high = self._bounds[0] - drift_ns, self._bounds[1] + drift_ns
             # Bounds that exclude one another: one of the clocks has slept.
             if low <= known_high and known_low <= high:
@@ -39,7 +39,11 @@ class DaemonClock:
         """What the daemon's clock showed at least: a frame stamped with it is never shown for
         longer than it was meant to be.
         """
-        return here_ns + (0 if self._bounds is None else self._bounds[0])
+        return here_ns + (0 if self._bounds is None else self._bounds[0] - self._drift_ns(here_ns))
+
+    def _drift_ns(self, here_ns: int) -> int:
+        """By how much the bounds have widened since the last exchange."""
+        return 0 if self._is_here else max(0, here_ns - self._seen_ns) * _DRIFT_PPM // 1_000_000
 
     @property
     def offset_ns(self) -> int:

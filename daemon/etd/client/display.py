@@ -22,7 +22,8 @@ from etd.client.course import Course
 from etd.client.exchange import Exchange
 from etd.client.options import FrameOptions, Kind
 from etd.client.owner import Owner
-from etd.client.presenting import MOST_BEGUN_S, Presented, presenting
+from etd.client.presented import Presented
+from etd.client.presenting import MOST_BEGUN_S, presenting
 from etd.client.session import Flow, R
 from etd.client.telemetry import Telemetry
 from etd.client.values import Numbers, up_to_s
@@ -74,16 +75,23 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """The state now; answered even while the engine is gone."""
         return self._run(self._session.status())
 
-    def arm(self, timeout_s: float = 10.0, *, open_to: Numbers | float | None = None) -> None:
+    def arm(
+        self,
+        timeout_s: float = 10.0,
+        *,
+        open_to: Numbers | float | None = None,
+        open_to_ua: Numbers | float | None = None,
+    ) -> None:
         """Open the lease if none stands, check the board and enable the supply; blocks for it.
 
         `open_to`: then fire these levels (one number: on all electrodes) until the soft start lets
-        them through, and be silent. It is felt: it takes a second for each 4 mA. Once a session is
-        enough, see docs/protocol.md. Raises: Refused (`wrong_state`) if they do not get through.
+        them through, and be silent; `open_to_ua` the same for currents. It is felt: it takes a
+        second for each 4 mA. Once a session is enough, see docs/protocol.md. Raises: Refused
+        (`wrong_state`) if they do not get through.
         """
         self._run(self._session.arm(timeout_s))
-        if open_to is not None:
-            self._play(course.opening(self._session, open_to, self.electrodes, clock.now_ns))
+        for made in self._openings(open_to, open_to_ua):
+            self._play(course.opening(self._session, made, clock.now_ns))
 
     def arm_holder(self, timeout_s: float = 10.0) -> None:
         """The operator's `arm`: arms the lease of its present holder."""
@@ -111,8 +119,7 @@ class Display(Connection["zmq.Socket[bytes]"]):
 
     def preview(self, levels: Numbers, **options: Unpack[FrameOptions]) -> FrameReply:
         """The reply that `show` would get now, clamps and rate; nothing is shown."""
-        fields = {**self._fields("level", levels, options), "preview": True}
-        return self._run(self._session.frame(fields))
+        return self._run(self._session.preview(self._fields("level", levels, options)))
 
     def present(
         self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
@@ -122,13 +129,15 @@ class Display(Connection["zmq.Socket[bytes]"]):
         First it waits, for a tenth of a second where need be, until it is known what the returns
         carry. Ctrl-C ends it silent. Raises: Refused (`halted`, `no_lease`) if it is cut short.
         """
-        return self._play(self._presenting("level", levels, seconds, options))
+        fields = self._fields("level", levels, options)
+        return self._play(presenting(self._session, fields, seconds, clock.now_ns))
 
     def present_current(
         self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
     ) -> Presented:
         """The same for currents in uA."""
-        return self._play(self._presenting("current_ua", current_ua, seconds, options))
+        fields = self._fields("current_ua", current_ua, options)
+        return self._play(presenting(self._session, fields, seconds, clock.now_ns))
 
     def begin(
         self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
@@ -159,14 +168,14 @@ class Display(Connection["zmq.Socket[bytes]"]):
         Ctrl-C ends it silent.
         """
         fields = self._fields("level", levels, options)
-        self._play(course.holding(self._session, fields, options, seconds, clock.now_ns))
+        self._play(course.holding(self._session, fields, seconds, clock.now_ns))
 
     def hold_current(
         self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
     ) -> None:
         """Show currents for `seconds`, then silence; as `hold`."""
         fields = self._fields("current_ua", current_ua, options)
-        self._play(course.holding(self._session, fields, options, seconds, clock.now_ns))
+        self._play(course.holding(self._session, fields, seconds, clock.now_ns))
 
     def stream(self, levels: Numbers, **options: Unpack[FrameOptions]) -> None:
         """One frame without an answer; the newest wins. A refusal comes as telemetry `refused`."""
@@ -223,6 +232,7 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """Give the lease back (which disarms) and hang up. Idempotent."""
         if self._context.closed:
             return
+        self._owner.check()
         try:
             self._run(self._session.close())
         except DaemonGone:
@@ -231,18 +241,16 @@ class Display(Connection["zmq.Socket[bytes]"]):
             self._exchange.hang_up()
             self._hang_up()
 
-    def _presenting(
-        self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
-    ) -> Course[Presented]:
-        fields = self._fields(kind, numbers, options)
-        return presenting(self._session, fields, options, seconds, clock.now_ns)
-
     def _begun(
         self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
     ) -> Underway[Presented]:
         up_to_s("seconds", seconds, MOST_BEGUN_S)
+        fields = self._fields(kind, numbers, options)
         self._run(self._session.opened())
-        return Underway(self._new_exchange, self._presenting(kind, numbers, seconds, options))
+        # Whatever the program sends from now on is newer.
+        after = self._session.last_seq
+        course = presenting(self._session, fields, seconds, clock.now_ns, after)
+        return Underway(self._new_exchange, course)
 
     def _stream(self, fields: dict[str, object]) -> None:
         self._run(self._session.opened())

@@ -13,10 +13,10 @@ from typing import TypeVar
 import zmq
 
 from etd.client import clock, wire
-from etd.client.course import CUT_SHORT, Course, Pause
+from etd.client.course import Course, Pause
 from etd.client.session import KEEP_S, Ask, Flow, Session
 from etd.client.way import Way
-from etd.protocol.errors import DaemonGone, EtdError, Refused
+from etd.protocol.errors import DaemonGone, Refused
 from etd.protocol.messages import Success
 
 R = TypeVar("R")
@@ -45,7 +45,7 @@ class Exchange:
             while True:
                 try:
                     done = self._do(step)
-                except (EtdError, *CUT_SHORT) as error:
+                except BaseException as error:  # noqa: BLE001 (the course raises it again)
                     step = course.throw(error)
                 else:
                     step = course.send(done)

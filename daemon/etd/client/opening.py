@@ -9,10 +9,11 @@ reply to each frame what it still cuts.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from numbers import Real
 from typing import cast
 
-from etd.client.options import frame_fields, renewal_s, silent_fields
+from etd.client.options import Kind, frame_fields, renewal_s, silent_fields
 from etd.client.values import Numbers
 from etd.protocol.errors import Refused
 from etd.protocol.messages import FrameReply
@@ -23,18 +24,27 @@ _WITHIN_NS = 30_000_000_000
 
 
 class Opening:
-    """`levels`: one number for all electrodes, or one for each."""
+    """`strengths`: one number for all electrodes, or one for each; levels, or currents in uA."""
 
-    def __init__(self, levels: Numbers | float, electrodes: int, now_ns: int) -> None:
-        if isinstance(levels, Real):
-            numbers: Numbers = [float(levels)] * electrodes
+    def __init__(
+        self,
+        kind: Kind,
+        strengths: Numbers | float,
+        electrodes: int,
+        by_electrode: Callable[[Numbers], Numbers],
+        now_ns: int,
+    ) -> None:
+        """`by_electrode`: one number for each, from a mapping or rows."""
+        if isinstance(strengths, Real):
+            numbers: Numbers = [float(strengths)] * electrodes
         else:
             # Numbers of numpy are `Real` too, but a type checker does not know that of `float`.
-            numbers = cast("Numbers", levels)
+            numbers = by_electrode(cast("Numbers", strengths))
         # All electrodes at once may not fit at their rate; the ceiling rises at a lower one too.
-        self._fields = frame_fields("level", numbers, {"allow_slower": True})
+        self._fields = frame_fields(kind, numbers, {"allow_slower": True})
         self._until_ns = now_ns + _WITHIN_NS
-        self.renewal_s = renewal_s({})
+        self.renewal_s = renewal_s(self._fields)
+        self._kind = kind
 
     def frame(self, now_ns: int) -> dict[str, object]:
         """The next frame to send."""
@@ -44,19 +54,22 @@ class Opening:
         """The frame to end with."""
         return silent_fields(self._fields, now_ns)
 
+    def is_overdue(self, now_ns: int) -> bool:
+        return now_ns > self._until_ns
+
     def is_done(self, reply: FrameReply, now_ns: int) -> bool:
         """Whether nothing is cut any more. Raises: Refused (`wrong_state`) if nothing is touched,
         or it takes too long.
         """
         rising = [clamp for clamp in reply.clamped if clamp.reason in _RISING]
         if not rising:
-            wanted = self._fields["level"]
+            wanted = self._fields[self._kind]
             asked = sum(map(bool, wanted)) if isinstance(wanted, list) else 0
             open_ones = [clamp for clamp in reply.clamped if clamp.reason == "contact_open"]
             if asked and len(open_ones) == asked:
                 raise Refused("wrong_state", "nothing touches the display: it opens for nobody")
             return True
-        if now_ns > self._until_ns:
+        if self.is_overdue(now_ns):
             first = rising[0]
             raise Refused(
                 "wrong_state",

@@ -59,9 +59,15 @@ def frame_fields(kind: Kind, numbers: values.Numbers, options: FrameOptions) -> 
     return {kind: given, **extra, "sent_ns": clock.now_ns()}
 
 
-def renewal_s(options: FrameOptions) -> float:
+def renewal_s(fields: dict[str, object]) -> float:
     """How often a held frame is sent again: three times within its ttl."""
-    return options.get("ttl_ms", DEFAULT_TTL_MS) / 3000
+    return ttl_ms_of(fields, DEFAULT_TTL_MS) / 3000
+
+
+def ttl_ms_of(fields: dict[str, object], default_ms: int) -> int:
+    """A frame's own, or else the default. Another kind of value is the daemon's to refuse."""
+    ttl_ms = fields.get("ttl_ms")
+    return ttl_ms if isinstance(ttl_ms, int) and ttl_ms > 0 else default_ms
 
 
 def silent_fields(fields: dict[str, object], now_ns: int) -> dict[str, object]:

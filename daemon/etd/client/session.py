@@ -43,6 +43,8 @@ from etd.protocol.text import escaped
 
 #: While a slow request is under way, the lease is renewed this often.
 KEEP_S = 0.3
+#: A frame of the program that others have overtaken is sent again so often.
+_OVERTAKEN = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,8 @@ class Ask:
     data: bytes
     timeout_s: float
     keep: Callable[[], bytes] | None = None
+    #: The lease that the request names.
+    lease: str | None = None
 
 
 R = TypeVar("R")
@@ -160,7 +164,23 @@ class Session:
         the newest frame is not the one `after` which this is to be sent.
         """
         yield from self.opened()
-        reply: FrameReply = yield self._ask("frame", self._numbered(fields, after))
+        for _ in range(_OVERTAKEN):
+            try:
+                reply: FrameReply = yield self._ask("frame", self._numbered(fields, after))
+            except Refused as refusal:
+                # A frame that goes on beside the program was numbered later, and came first.
+                if refusal.code != "old_seq" or after is not None:
+                    raise
+            else:
+                return reply
+        raise Refused("old_seq", "other frames of this program are faster: send one at a time")
+
+    def preview(self, fields: dict[str, object]) -> Flow[FrameReply]:
+        """As `frame`, for a frame that is not shown: no number is used up."""
+        yield from self.opened()
+        asked = {**fields, "preview": True}
+        numbered = self._stamped({"lease": self._held_lease(), "seq": self.last_seq + 1, **asked})
+        reply: FrameReply = yield self._ask("frame", numbered)
         return reply
 
     def account(self, seq: int) -> Flow[Account]:
@@ -200,7 +220,7 @@ class Session:
             reply: Success = msgspec.json.decode(data, type=REPLY_OF_OP[ask.op])
             return reply
         failure = _failure_decoder.decode(data)
-        if failure.error in ("no_lease", "other_lease", "halted"):
+        if failure.error in ("no_lease", "other_lease", "halted") and ask.lease == self.lease:
             self.lease = None
         raise Refused(
             failure.error,
@@ -256,10 +276,14 @@ class Session:
                 raise Refused("old_seq", "the program has sent another frame meanwhile")
             self.last_seq += 1
             numbered = {"lease": self._held_lease(), "seq": self.last_seq, **fields}
+        return self._stamped(numbered)
+
+    def _stamped(self, fields: dict[str, object]) -> dict[str, object]:
+        """By the daemon's clock."""
         sent_ns = fields.get("sent_ns")
         if isinstance(sent_ns, int):
-            numbered["sent_ns"] = self.daemon_clock.at_least_ns(sent_ns)
-        return numbered
+            return {**fields, "sent_ns": self.daemon_clock.at_least_ns(sent_ns)}
+        return fields
 
     def _ask(
         self,
@@ -275,7 +299,8 @@ class Session:
         number = next(self._ids)
         given = {key: value for key, value in (fields or {}).items() if value is not None}
         data = _encoded({"op": op, "id": number, **given})
-        return Ask(op, number, data, wait_s, keep)
+        lease = given.get("lease")
+        return Ask(op, number, data, wait_s, keep, lease if isinstance(lease, str) else None)
 
 
 _TEACH_LIMITS = (

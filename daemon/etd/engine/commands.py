@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Generator
 
+import msgspec
+
 from etd.engine.supervisor import Supervisor
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal, Refused, halted
 from etd.protocol.frame import check_shape
@@ -124,7 +126,9 @@ def answer_accounts(core: Supervisor) -> None:
     for ref, seq in asked:
         account = accounts.of(seq)
         if account is not None:
-            core.send(Answer(ref=ref, account=account))
+            lag_us = core.lag_ns() // 1_000
+            told = msgspec.structs.replace(account, clock_lag_us=lag_us)
+            core.send(Answer(ref=ref, account=told))
         elif core.active.stands(seq):
             accounts.awaited.append((ref, seq))
         else:
@@ -172,9 +176,9 @@ def take_frame(
     except Refused as refusal:
         _report_refusal(core, message, refusal)
         return
-    lease.last_seq = frame.seq
     lease.renew(host_ns)
     if not frame.preview:
+        lease.last_seq = frame.seq
         core.active.show(plan, begun_host_ns + ttl_ns)
     if message.ref:
         core.send(

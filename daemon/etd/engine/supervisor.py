@@ -387,7 +387,7 @@ class Supervisor:
         self.reported_ns = now_ns
         self.reporter.state(self.state_report(now_ns))
 
-    def _lag_ns(self) -> int:
+    def lag_ns(self) -> int:
         """How far the board's clock lags behind the machine's, which is read first."""
         host_ns = self.host_clock.now_ns()
         return max(0, host_ns - self.clock.now_ns())
@@ -424,7 +424,7 @@ class Supervisor:
             counters=self._counters(),
             busy_percent=round(self.clock.busy_percent, 1),
             busy_at_most=told_of(self.clock.busy_fraction, self._components.scan_core.told(now_ns)),
-            clock_lag_us=self._lag_ns() // 1_000,
+            clock_lag_us=self.lag_ns() // 1_000,
             timeout_factor=self.timeouts.factor,
             timing={
                 "word_us": round(timing.word_us, 3),

@@ -37,4 +37,5 @@ class FrameHandler:
         """Ref 0: the engine reports a refusal and nothing else. Raises: Refused (`busy`)."""
         frame = Frame(**{name: getattr(request, name) for name in _FIELDS})
         self._engine.frame(NewFrame(ref=ref, frame=frame))
-        lease.last_seq = request.seq
+        if not request.preview:
+            lease.last_seq = request.seq

@@ -47,7 +47,8 @@ FrameEnd = Literal["expired", "replaced", "pulses", "silenced"]
 
 
 class Account(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a frame that was begun. Times are on CLOCK_MONOTONIC; None: no pulse.
+    """What became of a frame that was begun. Times are of the board's clock, which is
+    CLOCK_MONOTONIC but for a fake's, which was behind it by `clock_lag_us`; None: no pulse.
 
     Per electrode: how many `pulses` were fired, the frame's current (`wanted_ua`), the lowest and
     the highest current commanded to the source (`least_ua`, `most_ua`), and the mean that passed
@@ -70,3 +71,4 @@ class Account(msgspec.Struct, frozen=True, kw_only=True):
     delivered_ua: tuple[int, ...]
     clamped: tuple[Clamp, ...] = ()
     not_fired: tuple[Shortfall, ...] = ()
+    clock_lag_us: int = 0
