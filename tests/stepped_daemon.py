@@ -226,22 +226,15 @@ class SteppedDisplay:
         return self._run(step)
 
     def present(
-        self,
-        current_ua: Sequence[int],
-        seconds: float,
-        rate_hz: float,
-        **options: Unpack[FrameOptions],
+        self, current_ua: Sequence[int], seconds: float, rate_hz: float, **options: Any
     ) -> Presented:
         return self.play(self.presenting(current_ua, seconds, rate_hz, **options))
 
     def presenting(
-        self,
-        current_ua: Sequence[int],
-        seconds: float,
-        rate_hz: float,
-        **options: Unpack[FrameOptions],
+        self, current_ua: Sequence[int], seconds: float, rate_hz: float, **options: Any
     ) -> Course[Presented]:
-        fields = frame_fields("current_ua", list(current_ua), {"rate_hz": rate_hz, **options})
+        given: FrameOptions = {"rate_hz": rate_hz}
+        fields = {**frame_fields("current_ua", list(current_ua), given), **options}
         return presenting(self._session, fields, seconds, self._daemon.now_ns)
 
     def set_calibration(self, name: str, calibration: Calibration) -> None:

@@ -20,7 +20,8 @@ def ask(**request):
     try:
         reply = json.loads(control.recv())
     except zmq.Again:
-        raise SystemExit("no daemon answers there: give its address, which `etd run` prints")
+        said = "no daemon answers there: give its address, which `etd run` prints"
+        raise SystemExit(said) from None
     if not reply["ok"]:
         raise SystemExit("{error}: {reason}".format(**reply))
     return reply

@@ -13,11 +13,9 @@ import pytest
 
 from etd import AsyncDisplay, Display, Refused
 from etd.client import clock
-from etd.client.array import ElectrodeArray
 from etd.client.course import Pause, holding
 from etd.client.presenting import presenting
 from etd.client.session import Session
-from etd.protocol.facts import ArrayFacts
 from etd.protocol.link import Answer, AskAccount, Command, KeepLease, NewFrame
 from etd.protocol.outcome import Clamp, Shortfall
 from gateway_rig import ServedRig
@@ -395,64 +393,3 @@ def test_the_asyncio_display_presents_begins_and_keeps(rig: ServedRig) -> None:
 
     asyncio.run(script())
     assert frames_of(rig)[-1].level == (0, 0, 0, 0)
-
-
-# --- by place -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "levels",
-    [
-        {1: 0.5, 3: 1},
-        {np.int64(1): 0.5, np.uint8(3): 1.0},
-        [[0, 0.5, 0, 1]],
-        np.array([[0, 0.5, 0, 1]]),
-        list(np.array([[0, 0.5, 0, 1]])),
-        np.array([0, 0.5, 0, 1]),
-    ],
-)
-def test_levels_may_be_given_by_electrode_or_as_rows(rig: ServedRig, levels: Any) -> None:
-    with display(rig) as d:
-        d.show(levels)
-    assert rig.engine.frames[-1].frame.level == (0, 0.5, 0, 1)
-
-
-def test_the_array_knows_its_grid_and_its_distances(rig: ServedRig) -> None:
-    with display(rig) as d:
-        array = d.array
-    assert array.shape == (1, 4)
-    assert array.at(0, 2) == 2
-    assert array.place(3) == (0, 3)
-    assert array.nearest(5.9, 3.0) == 2
-    assert array.distance_mm(0, 3) == 7.5
-    with pytest.raises(Refused, match="rows 0 to 0 and columns 0 to 3"):
-        array.at(1, 0)
-
-
-def test_rows_are_counted_from_the_fingertip_and_columns_from_the_left() -> None:
-    """Whatever the order of the electrodes' numbers."""
-    facts = ArrayFacts(
-        name="two-by-three",
-        electrodes=6,
-        x_mm=(0.0, 0.0, 2.5, 2.5, 5.0, 5.0),
-        y_mm=(0.0, 2.0, 0.0, 2.0, 0.0, 2.0),
-        diameter_mm=1.0,
-    )
-    array = ElectrodeArray(facts)
-    assert array.shape == (2, 3)
-    assert [[array.at(row, column) for column in range(3)] for row in range(2)] == [
-        [1, 3, 5],
-        [0, 2, 4],
-    ]
-    assert array.by_electrode([[1, 3, 5], [0, 2, 4]]) == [0, 1, 2, 3, 4, 5]
-
-
-def test_electrodes_that_form_no_grid_have_no_rows() -> None:
-    facts = ArrayFacts(
-        name="three", electrodes=3, x_mm=(0.0, 1.0, 2.0), y_mm=(0.0, 1.0, 0.0), diameter_mm=1.0
-    )
-    array = ElectrodeArray(facts)
-    assert array.shape is None
-    assert array.by_electrode({2: 0.5}) == [0, 0, 0.5]
-    with pytest.raises(Refused, match="form no grid"):
-        array.by_electrode([[1, 2, 3]])

@@ -32,7 +32,7 @@ with Display(host="display") as display, display.kept():
         found.append(display.present({27: 0.5}, seconds=0.2))
     print(json.dumps([
         # On a busy machine the fake fires less, and says so.
-        [all("of about" in why for why in shown.why_not), shown.first_ns, shown.wall_offset_ns, shown.uncertainty_ns]
+        [all("of about" in why for why in shown.why_not), shown.first_ns, shown.uncertainty_ns]
         for shown in found
     ]))
 """
@@ -74,10 +74,10 @@ def test_an_experiment_is_the_same_over_ssh_as_beside_the_daemon(rig: SshRig) ->
     shown = json.loads(ran.stdout)
     assert all(as_asked for as_asked, *_ in shown)
     begun_ns = first_pulses_ns(trace)
-    for _, first_ns, _, uncertainty_ns in shown:
+    for _, first_ns, uncertainty_ns in shown:
         assert any(abs(first_ns - at_ns) < 1_000_000 for at_ns in begun_ns)
-        # Both clocks are one here, and the client does not know: so it is as far off as it says.
-        assert 0 < uncertainty_ns < 100_000_000
+        # Both computers' clocks are one here, which the client does not know; and a fake's lags.
+        assert uncertainty_ns > 0
 
 
 def test_the_clocks_offset_is_right_within_what_is_said(rig: SshRig) -> None:
