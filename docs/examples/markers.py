@@ -16,4 +16,4 @@ with Display() as display, display.kept():
         edge = "with an edge on SYNC" if marked.sync else "without one: this board has no SYNC"
         print(f"trial {trial}: marked at {marked.marked_ns} ns {edge};", end=" ")
         print(f"first pulse at {shown.first_ns} ns, {shown.first_at}")
-        time.sleep(0.3)
+        time.sleep(0.2)

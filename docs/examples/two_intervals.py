@@ -13,7 +13,7 @@ import time
 
 from etd import Display
 
-ELECTRODE, REFERENCE, PAUSE_S = 27, 0.4, 0.5
+ELECTRODE, REFERENCE, PAUSE_S = 27, 0.4, 0.3
 TRIALS = int(sys.argv[1]) if len(sys.argv) > 1 else 12
 chance = random.Random(1)
 

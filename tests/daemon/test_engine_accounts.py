@@ -67,7 +67,7 @@ frames = st.tuples(
 )
 
 
-@settings(deadline=None, max_examples=20, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=12, suppress_health_check=[HealthCheck.too_slow])
 @given(script=st.lists(frames, min_size=1, max_size=4))
 def test_the_account_of_any_frame_is_what_flowed(
     script: list[tuple[float, list[int], int, float]],

@@ -27,7 +27,7 @@ from etd import Display
 found = []
 with Display(host="display") as display, display.kept():
     display.arm(open_to=0.6)
-    for _ in range(3):
+    for _ in range(2):
         time.sleep(1.2)  # without the keeper the lease would lapse
         found.append(display.present({27: 0.5}, seconds=0.2))
     print(json.dumps([
@@ -101,6 +101,7 @@ def test_a_client_without_unix_sockets_goes_over_the_loopback(rig: SshRig) -> No
     with rig.commands.daemon("--trace", str(trace)):
         rig.admit()
         script = EXPERIMENT + "    assert display.address.startswith('tcp://127.0.0.1:')\n"
+        script = script.replace("range(2)", "range(1)")
         ran = python(rig, "import socket; del socket.AF_UNIX\n" + script)
     assert (ran.returncode, ran.stderr) == (0, "")
     assert all(as_asked for as_asked, *_ in json.loads(ran.stdout))

@@ -84,26 +84,20 @@ def test_the_bare_package_is_the_client_and_needs_nothing_else(wheel: Path, tmp_
     assert run([str(programs / "python"), "-c", missing], tmp_path).strip() == "[]"
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
+def test_a_verb_that_needs_more_says_the_line_that_installs_it(wheel: Path, tmp_path: Path) -> None:
+    programs = make_installed(wheel, tmp_path / "client", extra="")
+    for words in (
         ("demo", "--seconds", "1"),
         ("run", "--board", "fake"),
         ("calibrate", "P1", "--board", "fake", "--max-current-ua", "900"),
         ("explain", "thickness"),
-    ],
-)
-def test_a_verb_that_needs_more_says_the_line_that_installs_it(
-    wheel: Path, tmp_path: Path, words: tuple[str, ...]
-) -> None:
-    programs = make_installed(wheel, tmp_path / "client", extra="")
-    ran = subprocess.run(
-        [str(programs / "etd"), *words], capture_output=True, text=True, cwd=tmp_path, check=False
-    )
-    assert ran.returncode == 1
-    assert ran.stderr.splitlines() == [
-        "etd: the Python package numpy is not installed: pip install 'etd[daemon]'"
-    ]
+    ):
+        command = [str(programs / "etd"), *words]
+        ran = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+        assert ran.returncode == 1
+        assert ran.stderr.splitlines() == [
+            "etd: the Python package numpy is not installed: pip install 'etd[daemon]'"
+        ]
 
 
 def test_boards_and_units_travel_in_the_wheel(wheel: Path, tmp_path: Path) -> None:

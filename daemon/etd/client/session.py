@@ -74,6 +74,11 @@ class _Envelope(msgspec.Struct):
 
 _envelope_decoder = msgspec.json.Decoder(_Envelope)
 _failure_decoder = msgspec.json.Decoder(Failure)
+#: Made while this module is imported, by one thread: two that are the first to decode into the same
+#: struct crash msgspec 0.22 (a segmentation fault while it looks at the annotations).
+_reply_decoders: dict[str, msgspec.json.Decoder[Any]] = {
+    op: msgspec.json.Decoder(kind) for op, kind in REPLY_OF_OP.items()
+}
 
 
 class Session:
@@ -217,7 +222,7 @@ class Session:
         if envelope.id != ask.id:
             return None
         if envelope.ok:
-            reply: Success = msgspec.json.decode(data, type=REPLY_OF_OP[ask.op])
+            reply: Success = _reply_decoders[ask.op].decode(data)
             return reply
         failure = _failure_decoder.decode(data)
         if failure.error in ("no_lease", "other_lease", "halted") and ask.lease == self.lease:
