@@ -26,7 +26,7 @@ demo: $(VENV)/ready-daemon ## A moving pattern on the fake board, live in the te
 
 # Three workers for two cores, since many tests wait for a process that they have started; an idle
 # worker takes over tests of another. In any order, as always.
-WORKERS := $(shell expr $$(nproc) \* 2)
+WORKERS := $(shell expr $$(nproc) \* 3 / 2)
 PYTEST := $(BIN)/pytest -q --numprocesses $(WORKERS) --dist worksteal
 MODELS := tests/models
 

@@ -22,6 +22,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -244,6 +245,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="sensors and stopper as threads: it must wait for the interpreter's lock",
     )
     args = parser.parse_args(arguments)
+    # Ended from outside, it leaves no hog behind.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         found = play(args.seconds, "threads" if args.threads else "processes")
     except OSError as error:

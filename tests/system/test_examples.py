@@ -104,7 +104,8 @@ def test_enter_stops_it_from_another_thread(rig: CommandRig) -> None:
         assert program.stdout is not None
         assert program.stdout.readline() == "Enter stops it\n"
         said, _ = program.communicate("\n", timeout=WITHIN_S)
-        assert said.startswith("stopped: halted by stop")
+        # A frame that was on its way to the engine already finds that its lease has ended.
+        assert re.match("stopped: (halted by stop|no lease stands)", said)
         assert program.returncode == 0
 
 
