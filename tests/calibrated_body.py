@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from statistics import median
 
 from msgspec.structs import replace
 
+from etd.calibrate.answers import Presentation
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished
-from etd.calibrate.stimulator import Stimulator
+from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.files.array import Array
 from etd.protocol.calibration import Calibration, ElectrodeLimits, Method
 from etd_body.course import STILL, Script
@@ -124,7 +126,9 @@ class _Sitting:
         self._stimulator = Stimulator(
             display, display, daemon, conditions, person.wants_stop, felt.hear
         )
-        self._progress = Progress(conditions=replace(conditions, reference=self._reference))
+        self._progress = Progress(
+            conditions=replace(conditions, reference=self._reference), seed=person_seed
+        )
         self._course = Course(
             self._progress,
             FeltPresenter(self._stimulator, felt),
@@ -141,6 +145,8 @@ class _Sitting:
         self._stimulator.open()
         begun_ns = daemon.now_ns()
         progress = self._course.run(electrodes)
+        with suppress(NotDelivered):  # a limit of the array, or a contact that has opened
+            self._course.feel_whole()
         outcome.presentations = progress.presentations
         outcome.minutes = (daemon.now_ns() - begun_ns) / 60e9
         outcome.most_pain, outcome.left = self._felt.most_pain, self._course.left
@@ -149,7 +155,8 @@ class _Sitting:
 
     # --- the truth ---------------------------------------------------------------------------
 
-    def _look(self, electrode: int) -> None:
+    def _look(self, presented: Presentation) -> None:
+        electrode = presented.electrode
         body, times = self._daemon.body, 1.0
         if self._baseline is not None:
             strong_ua = self._baseline.electrode[self._reference].comfortable_ua

@@ -6,7 +6,7 @@ Owns: the spread, what was presented, and what it felt like. Must not know: proc
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import exp
 
@@ -32,6 +32,10 @@ class NoisySkin:
     presented: list[tuple[int, int]] = field(default_factory=list)
     paused_s: float = 0.0
     kept: int = 0
+    silences: int = 0
+    #: All electrodes at once, and how many times stronger than each that is felt.
+    wholes: list[dict[int, int]] = field(default_factory=list)
+    summation: float = 1.0
     stops: int = 0
     #: Called with each presentation, before it arrives.
     meanwhile: Callable[[int, int], None] = lambda _, __: None
@@ -41,13 +45,27 @@ class NoisySkin:
         each = range(self.electrodes)
         self.threshold_ua = [self.median_ua * exp(spread.gauss(0, self.sigma)) for _ in each]
         self.pain_ua = [value * spread.uniform(1.3, 4.0) for value in self.threshold_ua]
+        self._whole: dict[int, int] = {}
         self._last = dict.fromkeys(each, 0)
 
     def present(self, electrode: int, current_ua: int) -> Delivered:
         self.meanwhile(electrode, current_ua)
         self.presented.append((electrode, current_ua))
-        self._last[electrode] = current_ua
+        self._last[electrode], self._whole = current_ua, {}
         return Delivered(electrode, current_ua, resistance_ohm(current_ua))
+
+    def present_whole(self, currents_ua: Mapping[int, int]) -> Delivered:
+        for electrode, current_ua in currents_ua.items():
+            self.meanwhile(electrode, current_ua)
+        self.wholes.append(dict(currents_ua))
+        self._whole = dict(currents_ua)
+        electrode = max(currents_ua, key=currents_ua.__getitem__)
+        return Delivered(electrode, currents_ua[electrode], None)
+
+    def silence(self, electrode: int) -> Delivered:
+        self.silences += 1
+        self._last[electrode], self._whole = 0, {}
+        return Delivered(electrode, 0, None)
 
     def pause(self, seconds: float) -> None:
         self.paused_s += seconds
@@ -59,7 +77,14 @@ class NoisySkin:
         self.stops += 1
 
     def sense(self, electrode: int) -> Felt:
-        current_ua = self._last[electrode]
+        if self._whole:
+            together = [self._felt(*one) for one in self._whole.items()]
+            times = self.summation
+            strength = max(felt.strength for felt in together)
+            return Felt(times * strength, times * max(felt.pain for felt in together))
+        return self._felt(electrode, self._last[electrode])
+
+    def _felt(self, electrode: int, current_ua: int) -> Felt:
         return Felt(current_ua / self.threshold_ua[electrode], current_ua / self.pain_ua[electrode])
 
     def most_of_pain(self) -> float:

@@ -22,6 +22,7 @@ from etd_body.electrode import Contact
 from etd_body.interface import Side, Sides
 from etd_body.nerve import Nerves, NerveSpread
 from etd_body.sensation import Felt, Polarity, Sensation, Singles, pain_of_heat
+from etd_body.shifts import UNSHIFTED, FeelingFigures, Shifts
 from etd_body.skin import Skin, SkinFigures
 from etd_body.source import Loop, parallel
 from etd_body.tissue import Floats
@@ -59,12 +60,14 @@ class LivingBody:
         script: Script = LYING,
         figures: SkinFigures = SkinFigures(),  # noqa: B008 - frozen
         spread: NerveSpread = NerveSpread(),  # noqa: B008 - frozen
+        feeling: FeelingFigures = UNSHIFTED,
     ) -> None:
         count = len(positions_mm)
         self._leak_s = 1.0 / leak_ohm
         self._compliance_v = compliance_v
         self.skin = Skin(figures, Course(script, positions_mm, seed=seed), positions_mm, seed=seed)
-        self.sensation = Sensation(Nerves(positions_mm, seed=seed, spread=spread))
+        shifts = None if feeling == UNSHIFTED else Shifts(feeling, positions_mm)
+        self.sensation = Sensation(Nerves(positions_mm, seed=seed, spread=spread), shifts)
         self._born_ns: int | None = None
         self._t_ns = 0
         self._looked_ns = 0
@@ -113,7 +116,7 @@ class LivingBody:
         if was_a > 0.0:
             self._let_nerves_have_it()
             if source_ua <= 0.0 or sides is not self._sides:
-                self.sensation.end_pulse()
+                self.sensation.end_pulse(self._way.lone)
         if source_ua > 0.0 and was_a <= 0.0 and t_ns - self._looked_ns >= self._look_ns:
             self._look(t_ns)
         self._sides = sides
@@ -224,6 +227,7 @@ class LivingBody:
     def _look(self, t_ns: int) -> None:
         self._looked_ns = t_ns
         self.skin.refresh((t_ns - (self._born_ns or 0)) * 1e-9)
+        self.sensation.let_pass(t_ns)
         self._use_skin()
 
     def _use_skin(self) -> None:

@@ -35,6 +35,9 @@ NOMINAL_RADIUS_MM = 0.5
 SITES = 3
 _FITTED_AT_US = np.geomspace(8.0, 1_000.0, 40)
 _SITES_AT_US = (15.0, 120.0)
+#: Where pain is said to begin at so many times the threshold: of what pulse, and the spread of it
+#: between electrodes [design].
+_PAIN_AT_US, _PAIN_SIGMA = 100.0, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +111,9 @@ class NerveSpread:
     threshold_sigma: float = 0.15
     #: A layer between electrodes and skin, a gel's thickness: everything lies that much deeper.
     extra_depth_mm: float = 0.0
+    #: The least, over the electrodes, that pain is of the touch threshold (one pulse of 100 us by
+    #: the nominal way in); None: what the fibres' own figures make of it, about 3.
+    pain_times: float | None = None
 
 
 class Nerves:
@@ -139,6 +145,19 @@ class Nerves:
             lines[:, :, 2] += (deeper[:, None] - 1.0) * kind.depth_mm + spread.extra_depth_mm
             rows = slice(index * SITES, (index + 1) * SITES)
             self._place(kind, lines, places, weaker * THRESHOLD_MV, rows)
+        if spread.pain_times is not None:
+            above = np.abs(np.random.default_rng([seed, 6]).normal(0.0, _PAIN_SIGMA, count))
+            self._make_pain_begin_at(spread.pain_times * np.exp(above))
+
+    def _make_pain_begin_at(self, times: Floats) -> None:
+        """Of each electrode's touch threshold: the thin fibres' thresholds are scaled to it."""
+        grown = -np.expm1(-_PAIN_AT_US / TAU_US)
+        nominal = int(np.abs(RADII_MM - NOMINAL_RADIUS_MM).argmin())
+        reached = np.einsum("t,etr->er", grown, self.own[:, nominal])
+        touch = reached[:, :TOUCH_ROWS].max(axis=1)
+        scale = touch / (reached[:, TOUCH_ROWS:].max(axis=1) * times)
+        self.own[..., TOUCH_ROWS:] *= scale[:, None, None, None]
+        self.everywhere[:, :, TOUCH_ROWS:] *= scale
 
     def _place(
         self, kind: FibreKind, lines: Floats, places: Floats, threshold_mv: Floats, rows: slice

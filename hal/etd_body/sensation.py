@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etd_body.nerve import NOMINAL_RADIUS_MM, RADII_MM, ROWS, TAU_US, TOUCH_ROWS, Nerves
+from etd_body.shifts import Shifts
 from etd_body.tissue import Floats
 
 #: What is touched at every pulse is kept short: with 256 electrodes memory is what it waits for.
@@ -57,7 +58,9 @@ class Sensation:
     together -1 for its returns.
     """
 
-    def __init__(self, nerves: Nerves) -> None:
+    def __init__(self, nerves: Nerves, shifts: Shifts | None = None) -> None:
+        """`shifts`: what use and neighbors make of the thresholds; None is nothing."""
+        self._shifts = shifts
         self._own = nerves.own.astype(np.float32)
         count = self.electrode_count = nerves.electrode_count
         shape = (len(TAU_US), ROWS * count)
@@ -127,11 +130,20 @@ class Sensation:
         before = self._heat_uj_per_mm2.get(electrode, 0.0)
         self._heat_uj_per_mm2[electrode] = before + uj_per_mm2
 
-    def end_pulse(self) -> None:
-        """What was passed since the last call was one pulse, prepulse and all."""
+    def let_pass(self, t_ns: float) -> None:
+        """Until `t_ns`: what use has raised comes back."""
+        if self._shifts is not None:
+            self._shifts.let_pass(t_ns)
+
+    def end_pulse(self, driven: int | None = None) -> None:
+        """What was passed since the last call was one pulse, prepulse and all, by the electrode
+        `driven` if it was one against others.
+        """
         for electrode, heat in self._heat_uj_per_mm2.items():
             self._pain[electrode] = max(self._pain[electrode], pain_of_heat(heat))
         self._heat_uj_per_mm2.clear()
+        if self._shifts is not None:
+            self._peak = self._shifts.shifted(self._peak, driven, self._state_ns)
         for strong in np.flatnonzero(self._peak >= 1.0):
             self._feel(int(strong), float(self._peak[strong]), self._state_ns)
         self._peak[:] = 0.0
@@ -163,9 +175,13 @@ class Sensation:
         """The current through the skin at which one pulse against all others is just felt.
 
         In the state that the contacts are in now. A biphasic pulse is felt by the phase that
-        needs less. inf where no current would do it.
+        needs less. What use has raised counts, what a neighbor's pulse before it would lower does
+        not. inf where no current would do it.
         """
-        return self._threshold_ua(electrode, width_us, polarity, slice(0, TOUCH_ROWS))
+        threshold_ua = self._threshold_ua(electrode, width_us, polarity, slice(0, TOUCH_ROWS))
+        return (
+            threshold_ua if self._shifts is None else threshold_ua * self._shifts.raised(electrode)
+        )
 
     def pain_threshold_ua(
         self, electrode: int, width_us: float, polarity: Polarity = "anodic"

@@ -5,7 +5,8 @@ course says of the time, and from what somebody put under it.
 Must not know: sources, what is connected, nerves.
 
 Rp falls as the current rises (van Boxtel 1977; the shape a / (I + b) is [design]): the nominal
-value holds at 5 mA, as the 50 kOhm of Kajimoto, Electro-tactile Display, section 3.1, do.
+value holds at 5 mA, as the 50 kOhm of Kajimoto, Electro-tactile Display, section 3.1, do. Whether
+the way in follows the resistance is a figure of the skin: see `kinds`.
 """
 
 from __future__ import annotations
@@ -51,11 +52,17 @@ class SkinFigures:
     #: Paste between all neighbors; inf is none.
     paste_bridge_ohm: float = float("inf")
     gel: Gel | None = None
+    #: Rp falls to half from no current to this one.
+    bend_ua: float = _BEND_UA
+    #: The way in goes with the area of contact, and with what sweat conducts, to these powers: 1
+    #: and 1 make feeling follow resistance, 0 and 0 ignore it, below 0 the way narrows.
+    way_by_area: float = 1.0
+    way_by_sweat: float = 1.0
 
 
-def ease(current_ua: float) -> float:
+def ease(current_ua: float, bend_ua: float = _BEND_UA) -> float:
     """Rp at this current, over its nominal value."""
-    return (_AT_UA + _BEND_UA) / (current_ua + _BEND_UA)
+    return (_AT_UA + bend_ua) / (current_ua + bend_ua)
 
 
 class Skin:
@@ -87,6 +94,8 @@ class Skin:
         self.is_touching: NDArray[np.bool_] = np.zeros(count, dtype=bool)
         self.is_skin: NDArray[np.bool_] = np.ones(count, dtype=bool)
         self.gain: Floats = np.ones(count)
+        #: The area that the current enters by, as a fraction of the electrode's.
+        self.way_in: Floats = np.ones(count)
         self.bridges_s: Floats = np.zeros((count, count))
         self.has_bridges = False
         self.refresh(0.0)
@@ -97,6 +106,8 @@ class Skin:
         area = self._area * now.area
         self.is_touching = area >= _LEAST_AREA
         self.gain = np.maximum(area, _LEAST_AREA) * now.sweat_gain
+        by_area, by_sweat = figures.way_by_area, figures.way_by_sweat
+        self.way_in = self.gain**by_area * now.sweat_gain ** (by_sweat - by_area)
         self.series_ohm = figures.series_ohm / self.gain + self._gel_ohm
         self.parallel_ohm = figures.parallel_ohm / self.gain
         self.capacitance_nf = figures.capacitance_nf * self.gain
@@ -129,22 +140,24 @@ class Skin:
     def parallel_at(self, electrode: int, current_ua: float) -> float:
         """One electrode's parallel resistance while `current_ua` passes it."""
         nominal_ohm = float(self.parallel_ohm[electrode])
-        return nominal_ohm * ease(current_ua) if self.is_skin[electrode] else nominal_ohm
+        if not self.is_skin[electrode]:
+            return nominal_ohm
+        return nominal_ohm * ease(current_ua, self.figures.bend_ua)
 
     def conductance_at(self, current_ua: float) -> Floats:
         """Every electrode's way into the tissue while each passes so much; 0 where none touches."""
-        bent = np.where(self.is_skin, ease(current_ua), 1.0)
+        bent = np.where(self.is_skin, ease(current_ua, self.figures.bend_ua), 1.0)
         return np.asarray(self.is_touching / (self.series_ohm + self.parallel_ohm * bent))
 
     def area_mm2(self, electrode: int) -> float:
         """Of the way in."""
-        return float(self.gain[electrode]) * pi * self.figures.diameter_mm**2 / 4.0
+        return float(self.way_in[electrode]) * pi * self.figures.diameter_mm**2 / 4.0
 
     def radius_mm(self) -> Floats:
         """Of the disk that the current enters by: a wetter contact is a wider one (Watanabe,
         Futami, Hoshimiya: thresholds follow the widening of the area that carries current).
         """
-        return np.asarray(self.figures.diameter_mm / 2.0 * self.gain**_WIDENING)
+        return np.asarray(self.figures.diameter_mm / 2.0 * self.way_in**_WIDENING)
 
     def _use(self, electrode: int, contact: Contact) -> None:
         self.is_touching[electrode] = contact.kind != "open"
@@ -155,6 +168,7 @@ class Skin:
         self.capacitance_nf[electrode] = contact.capacitance_nf
         nominal_ohm = self.figures.series_ohm + self.figures.parallel_ohm
         self.gain[electrode] = nominal_ohm / contact.resistance_ohm
+        self.way_in[electrode] = self.gain[electrode] ** self.figures.way_by_area
 
 
 def _least_gap_mm(positions_mm: Sequence[tuple[float, float]]) -> float:

@@ -17,6 +17,8 @@ from etd_body.mesh import Gel
 from etd_body.minimal import MinimalBody
 from etd_body.skin import SkinFigures, ease
 
+pytestmark = pytest.mark.slow
+
 US, MS = 1_000, 1_000_000
 LEAK_OHM = 66_000
 PITCH_MM = 2.5
@@ -167,6 +169,22 @@ def test_a_burst_of_six_is_felt_about_twice_as_strong_as_one_pulse() -> None:
         pulse(body, 3_000 * MS + number * 2_857 * US, commanded_ua, 100)
     burst = body.take_felt().felt[MIDDLE]
     assert (burst - 1.0) / (single - 1.0) == pytest.approx(2.0, rel=0.1)
+
+
+def test_a_lower_rate_is_never_felt_or_hurts_more() -> None:
+    """What a level frame at a lower rate than calibrated rests on (decision 0060)."""
+    found = []
+    for rate_hz in (200, 100, 60, 30, 10, 3):
+        body = living()
+        current_ua = 1.8 * body.commanded_threshold_ua(MIDDLE, 100)
+        for number in range(rate_hz // 2):
+            pulse(body, number * 1_000 * MS // rate_hz, current_ua, 100)
+        felt = body.take_felt()
+        found.append((felt.felt[MIDDLE], felt.pain[MIDDLE]))
+    for (faster_felt, faster_pain), (felt_of_it, pain_of_it) in pairwise(found):
+        assert 1.0 < felt_of_it <= faster_felt
+        assert pain_of_it <= faster_pain * 1.001
+    assert found[-1][0] < 0.8 * found[0][0]
 
 
 def test_no_rate_makes_a_pulse_below_threshold_felt() -> None:

@@ -10,17 +10,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from html import escape
 from math import ceil, floor, isfinite, log10
-from xml.sax.saxutils import escape
 
+from etd.draw.palette import (
+    BLUE,
+    GREEN,
+    GRID,
+    INK,
+    ORANGE,
+    PAPER,
+    PURPLE,
+    SKY,
+    SOFT,
+    VERMILLION,
+)
 from etd.explain.figure import Axis, Curve, Figure
 
 #: Without what a long name needs beside its curve's end.
 WIDTH, HEIGHT = 720, 440
 _LEFT, _RIGHT, _TOP, _BOTTOM = 76, 168, 58, 58
 _ACROSS, _UP = WIDTH - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
-_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-_INK, _SOFT, _GRID, _PAPER = "#222222", "#555555", "#E4E4E4", "#FFFFFF"
+_COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 _FORMULA = "#888888"
 _FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Helvetica, sans-serif"
 #: Of a name in the widest of the fonts, and between it and the curve's end.
@@ -57,8 +68,8 @@ def svg_of(figure: Figure) -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {HEIGHT}" width="{width}"'
         f' height="{HEIGHT}" font-family="{_FONT}" font-size="12" role="img"'
         f' aria-label="{escape(figure.title)}">',
-        f'<rect width="{width}" height="{HEIGHT}" fill="{_PAPER}"/>',
-        _text(_LEFT, 30, figure.title, size=16, color=_INK, weight=600),
+        f'<rect width="{width}" height="{HEIGHT}" fill="{PAPER}"/>',
+        _text(_LEFT, 30, figure.title, size=16, color=INK, weight=600),
         *_grid(x, y),
         f'<clipPath id="inside"><rect x="{_LEFT}" y="{_TOP}" width="{_ACROSS}"'
         f' height="{_UP}"/></clipPath>',
@@ -124,19 +135,19 @@ def _grid(x: _Scaled, y: _Scaled) -> Iterator[str]:
     bottom, right = HEIGHT - _BOTTOM, WIDTH - _RIGHT
     for tick in y.ticks():
         at = _y(y, tick)
-        yield _line(_LEFT, at, right, at, _GRID)
+        yield _line(_LEFT, at, right, at, GRID)
         yield _text(_LEFT - 8, at + 4, _number(tick), anchor="end")
     for tick in x.ticks():
         at = _x(x, tick)
-        yield _line(at, _TOP, at, bottom, _GRID)
+        yield _line(at, _TOP, at, bottom, GRID)
         yield _text(at, bottom + 18, _number(tick), anchor="middle")
     if y.axis.scale == "linear" and y.low < 0.0 < y.high:
-        yield _line(_LEFT, _y(y, 0.0), right, _y(y, 0.0), _SOFT)
-    yield _line(_LEFT, bottom, right, bottom, _SOFT)
-    yield _line(_LEFT, _TOP, _LEFT, bottom, _SOFT)
-    yield _text(_LEFT + _ACROSS / 2, HEIGHT - 14, x.axis.label, anchor="middle", color=_INK)
+        yield _line(_LEFT, _y(y, 0.0), right, _y(y, 0.0), SOFT)
+    yield _line(_LEFT, bottom, right, bottom, SOFT)
+    yield _line(_LEFT, _TOP, _LEFT, bottom, SOFT)
+    yield _text(_LEFT + _ACROSS / 2, HEIGHT - 14, x.axis.label, anchor="middle", color=INK)
     middle = _TOP + _UP / 2
-    label = _text(20, middle, y.axis.label, anchor="middle", color=_INK)
+    label = _text(20, middle, y.axis.label, anchor="middle", color=INK)
     yield f'<g transform="rotate(-90 20 {middle:g})">{label}</g>'
 
 
@@ -198,11 +209,11 @@ def _text(
     text: str,
     *,
     anchor: str = "start",
-    color: str = _SOFT,
+    color: str = SOFT,
     size: int = 12,
     weight: int = 400,
 ) -> str:
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{color}" font-size="{size}"'
-        f' font-weight="{weight}">{escape(text)}</text>'
+        f' font-weight="{weight}">{escape(text, quote=False)}</text>'
     )
