@@ -1,4 +1,6 @@
-"""`make bench-steady`: how steady the sensation stays, without and with each stabilizer.
+"""`make bench-finger`: how steady the sensation stays on the fake's own finger, law by law.
+
+Feeling follows resistance on it, by choice; `steady_bodies.py` plays bodies that disagree.
 
 Owns: what is run, what must hold, and how it is shown. What is felt is modelled: nobody is
 measured. Exit status 1 where something does not hold.
@@ -123,7 +125,7 @@ def show(console: Console, found: list[SteadyFigures], held: list[Bound], said: 
 
 def main() -> int:
     parser = argparse.ArgumentParser(
-        prog="bench-steady", description=(__doc__ or "").split("\n")[0]
+        prog="bench-finger", description=(__doc__ or "").split("\n")[0]
     )
     parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
     parser.add_argument(

@@ -9,6 +9,8 @@ finger lies with on average: who lies lighter gets less.
 
 from __future__ import annotations
 
+from etd.files.body_site import load_body_site
+from etd.files.resources import find, names
 from etd.stabilize.bursts import Bursts
 from etd.stabilize.law_settings import (
     ContactSettings,
@@ -28,9 +30,13 @@ CALIBRATED = "contact + power_law"
 #: The same, looking ahead before every pulse.
 AHEAD = "contact + power_law + probe"
 CONTACT_AHEAD = "contact + probe"
+#: What docs/stabilization.md shows how to switch on.
+ENERGY_AHEAD = "contact + energy + probe"
 
 _CONTACT = ContactSettings()
-_FITTED = PowerLawSettings(k=1.05)
+#: Of modelled fingers that nothing else here is judged on.
+K = 1.05
+_FITTED = PowerLawSettings()
 _LINES = LinearLawSettings(charge_slope=-0.48, energy_slope=0.22)
 
 LAWS: dict[str, Settings] = {
@@ -47,9 +53,30 @@ LAWS: dict[str, Settings] = {
     AHEAD: Settings(
         order=("contact", "power_law"), contact=_CONTACT, power_law=_FITTED, probe_first=True
     ),
+    ENERGY_AHEAD: Settings(
+        order=("contact", "energy"), contact=_CONTACT, energy=EnergySettings(), probe_first=True
+    ),
     "strength_duration": Settings(
         order=("strength_duration",), strength_duration=StrengthDuration(width_us=50, tau_us=151.0)
     ),
     "prepulse": Settings(order=("prepulse",), prepulse=Prepulse(below_db=6.0, width_us=20)),
     "bursts": Settings(bursts=Bursts(pulses=2, rate_hz=350.0)),
 }
+
+
+def _shipped() -> dict[str, Settings]:
+    """Of the body sites that ship with a law switched on, each by a name of its own."""
+    sites = {site: load_body_site(find("bodysites", site)).stabilize for site in names("bodysites")}
+    return {f"site {site}": sites[site] for site in sites if sites[site] != NO_STABILIZERS}
+
+
+_SITES = _shipped()
+LAWS |= _SITES
+#: The names of those that ship.
+SHIPPED = tuple(_SITES)
+#: Those whose work is steadiness, in the order in which they are played on all bodies: what was
+#: nearest to a recommendation first. The others serve the range.
+FOR_STEADINESS = (
+    *(NONE, *SHIPPED, AHEAD, ENERGY_AHEAD, "energy", CONTACT, "power_law", "pressure"),
+    *(CALIBRATED, "linear_law", CONTACT_AHEAD),
+)

@@ -15,12 +15,15 @@ import numpy as np
 
 import engine_rig
 from bench import steady_skin
+from bench.steady_laws import K
 from bench.steady_skin import Finger
 from engine_rig import EngineRig
+from engine_scenes import exponent
 from etd.files.array import PressureSensor
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.link import OpenLease
 from etd.stabilize.settings import Settings
+from etd_body.kinds import BodyKind
 from etd_body.tissue import Floats
 from etd_hal.backend import Backend
 from etd_hal.boardfile import BoardFile, RailMonitor
@@ -63,7 +66,7 @@ class _Scans:
         self._scan_ns: int | None = None
         self.found: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = []
 
-    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
+    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | str | None) -> None:
         felt, pain = self._finger.body.take_felt()
         if self._scan_ns is not None:
             self.found.append((self._scan_ns, felt, pain))
@@ -99,11 +102,11 @@ class _Sensed:
         self._is_rail_next = not self._is_rail_next
 
 
-def loaded_with(settings: Settings) -> LoadedConfig:
+def loaded_with(settings: Settings, electrodes: int) -> LoadedConfig:
     """The fake's board and a site with these stabilizers; for those that go by pressure, with a
     sensor under the middle of the array, on the chip that watches the rail.
     """
-    loaded = fake_config(electrodes=ELECTRODES)
+    loaded = fake_config(electrodes=electrodes)
     site = msgspec.structs.replace(loaded.body_site, stabilize=settings)
     loaded = replace(loaded, body_site=site)
     if settings.pressure is None:
@@ -129,11 +132,20 @@ def _monitor(board: BoardFile) -> RailMonitor:
     )
 
 
-def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int | None) -> Kept:
+def run(
+    seed: int,
+    settings: Settings,
+    level: float,
+    minutes: float,
+    pieces: int | None,
+    *,
+    electrodes: int = ELECTRODES,
+    kind: BodyKind | None = None,
+) -> Kept:
     """All electrodes at the same level, all the time (None) or in so many pieces of it."""
     gc.set_threshold(_COLLECT_AFTER)
-    loaded = loaded_with(settings)
-    finger = steady_skin.finger(seed, loaded.board, loaded.array, minutes, pieces)
+    loaded = loaded_with(settings, electrodes)
+    finger = steady_skin.finger(seed, loaded.board, loaded.array, minutes, pieces, kind)
     made: list[_Scans] = []
 
     def watched(backend: Backend) -> Backend:
@@ -148,7 +160,9 @@ def run(seed: int, settings: Settings, level: float, minutes: float, pieces: int
         lease=engine_rig.LEASE,
         client="bench",
         # It was made with plain pulses all the same: what narrow ones and prepulses change shows.
-        calibration=msgspec.structs.replace(finger.calibration, shape=settings.shape),
+        calibration=msgspec.structs.replace(
+            finger.calibration, shape=settings.shape, exponent=exponent(K)
+        ),
     )
     assert answer.error is None, answer.reason
     rig.arm()

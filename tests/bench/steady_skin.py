@@ -21,6 +21,7 @@ import numpy as np
 from etd.files.array import Array
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd_body.course import BUSY, Course, SkinNow
+from etd_body.kinds import BodyKind, drawn
 from etd_body.living import LivingBody
 from etd_body.tissue import Floats
 from etd_body.ways import Ways
@@ -102,17 +103,29 @@ class Finger:
     attachment: Course
 
 
-def finger(seed: int, board: BoardFile, array: Array, minutes: float, count: int | None) -> Finger:
-    """`count` pieces, spread over the minutes; None is all of them."""
+def finger(
+    seed: int,
+    board: BoardFile,
+    array: Array,
+    minutes: float,
+    count: int | None,
+    kind: BodyKind | None = None,
+) -> Finger:
+    """`count` pieces, spread over the minutes; None is all of them. `kind`: None is the body that
+    the fake has.
+
+    Between pieces the skin's time runs on and the finger's use does not: it adapts so much faster
+    that the pieces have the minutes' adaptation in the end.
+    """
     attachment = attachment_of(seed, array)
-    calibration = calibrated(seed, board, array)
-    body = body_of(seed, board, array)
+    calibration = calibrated(seed, board, array, kind)
     lasting_s = minutes * 60.0
     pieces = (
         whole_of(attachment, lasting_s)
         if count is None
         else pieces_of(attachment, lasting_s, count)
     )
+    body = body_of(seed, board, array, kind, faster=lasting_s / pieces.engine_s)
     course = PiecewiseCourse(body.skin.course, pieces)
     body.skin.course = course
     body.skin.refresh(0.0)
@@ -120,14 +133,32 @@ def finger(seed: int, board: BoardFile, array: Array, minutes: float, count: int
     return Finger(body, course, pieces, calibration, attachment)
 
 
-def body_of(seed: int, board: BoardFile, array: Array) -> LivingBody:
-    """Just laid on."""
+def body_of(
+    seed: int,
+    board: BoardFile,
+    array: Array,
+    kind: BodyKind | None = None,
+    *,
+    faster: float = 1.0,
+) -> LivingBody:
+    """Just laid on. `faster`: so much faster it adapts to use."""
+    places = list(zip(array.x_mm, array.y_mm, strict=True))
+    leak_ohm, compliance_v = board.source.leak_ohm, board.source.compliance_v
+    if kind is None:
+        return LivingBody(
+            places, leak_ohm=leak_ohm, compliance_v=compliance_v, seed=seed, script=SCRIPT
+        )
+    found = drawn(kind, seed, doing=SCRIPT)
+    feeling = found.feeling
     return LivingBody(
-        list(zip(array.x_mm, array.y_mm, strict=True)),
-        leak_ohm=board.source.leak_ohm,
-        compliance_v=board.source.compliance_v,
+        places,
+        leak_ohm=leak_ohm,
+        compliance_v=compliance_v,
         seed=seed,
-        script=SCRIPT,
+        script=found.script,
+        figures=found.skin,
+        spread=found.spread,
+        feeling=replace(feeling, adapting_tau_s=feeling.adapting_tau_s / faster),
     )
 
 
@@ -162,11 +193,13 @@ def _peeling_after(attachment: Course, from_s: float) -> float:
         t_s += _GRAIN_S
 
 
-def calibrated(seed: int, board: BoardFile, array: Array) -> Calibration:
+def calibrated(
+    seed: int, board: BoardFile, array: Array, kind: BodyKind | None = None
+) -> Calibration:
     """What a person with this finger says when it has lain for a while, one electrode after
     another.
     """
-    body, attachment = body_of(seed, board, array), attachment_of(seed, array)
+    body, attachment = body_of(seed, board, array, kind), attachment_of(seed, array)
     # The body's time begins when it is first looked at.
     body.look_at(0)
     return Calibration(

@@ -1,0 +1,178 @@
+"""`make bench-steady`: every law on every body, gain and harm side by side.
+
+Owns: what is played, in which order, and how it is shown. What is felt is modelled: nobody is
+measured. Exit status 1 where a law that ships or is recommended is out of bounds on any body, or
+was not played. A run that was cut continues where it stopped.
+Must not know: how a run is made, how a figure is counted, what is out of bounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import asdict
+from itertools import product
+from pathlib import Path
+
+# Run as a script, from a clone: the benchmark and the test rigs stand beside one another.
+_TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(_TESTS)]
+
+import msgspec  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from bench import steady_docs  # noqa: E402
+from bench.run import Bound  # noqa: E402
+from bench.steady_cells import KEPT, Cell, Form  # noqa: E402
+from bench.steady_figures import SteadyFigures  # noqa: E402
+from bench.steady_harm import BOUND, MOST_TIMES, Harm, exclusions, harms, held  # noqa: E402
+from bench.steady_laws import FOR_STEADINESS, LAWS, NONE  # noqa: E402
+from bench.steady_skin import PIECE_S  # noqa: E402
+from etd_body.kinds import BodyKind  # noqa: E402
+
+#: Fingers that nothing was tuned on, and those of the short form, which everybody looks at.
+SEEDS, LOOKED_AT = (901, 902), (31,)
+#: 64 electrodes for all of ten minutes cost three to five minutes of a processor for a law, a body
+#: and a finger: twelve hours in all. Eight pieces of 9.6 s, spread over the ten minutes, take an
+#: hour on two cores.
+FULL = Form("full", 64, 10.0, 8)
+SHORT = Form("short", 8, 10.0, 4)
+Found = dict[tuple[BodyKind, str, int], SteadyFigures]
+
+
+def cells(
+    form: Form, laws: Sequence[str], bodies: Sequence[BodyKind], seeds: Sequence[int]
+) -> list[Cell]:
+    """In the order of playing: finger by finger, no law first, since all is judged beside it."""
+    of_law = [NONE, *(law for law in laws if law != NONE)]
+    return [Cell(form, body, law, seed) for seed, law, body in product(seeds, of_law, bodies)]
+
+
+def play(wanted: Sequence[Cell], *, processes: int, within_s: float, folder: Path = KEPT) -> Found:
+    """All that is kept, and what can be begun within this time: each is told as it ends."""
+    console = Console(stderr=True, width=None if sys.stderr.isatty() else 120)
+    found = {cell: kept for cell in wanted if (kept := cell.kept(folder)) is not None}
+    left = iter([cell for cell in wanted if cell not in found])
+    columns = ("[progress.description]{task.description}", BarColumn())
+    with (
+        ProcessPoolExecutor(processes) as pool,
+        Progress(*columns, MofNCompleteColumn(), TimeElapsedColumn(), console=console) as progress,
+    ):
+        task = progress.add_task("fingers", total=len(wanted), completed=len(found))
+        running: dict[Future[SteadyFigures], Cell] = {}
+        while True:
+            elapsed_s = progress.tasks[task].elapsed or 0.0
+            while len(running) < processes and elapsed_s < within_s and (cell := next(left, None)):
+                running[pool.submit(cell.played, folder)] = cell
+            if not running:
+                break
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                cell = running.pop(future)
+                found[cell] = future.result()
+                told = f"{cell.body}, {cell.law}, finger {cell.seed}: {_said(found[cell])}"
+                progress.console.log(told)
+                progress.advance(task)
+    return {(cell.body, cell.law, cell.seed): figures for cell, figures in found.items()}
+
+
+def _said(found: SteadyFigures) -> str:
+    return (
+        f"variation {found.over_time:.1%}, not felt {found.below_threshold:.1%}, "
+        f"above pain {found.scans_above_pain}"
+    )
+
+
+def show(console: Console, made: Sequence[Harm], said: str) -> None:
+    """Laws x bodies, worst first in both directions; then each that is out, worst first."""
+    bodies = sorted(
+        BodyKind, key=lambda body: -sum(harm.is_out for harm in made if harm.body is body)
+    )
+    table = Table(title=f"beside no law, modelled: {said}")
+    table.add_column("")
+    for body in bodies:
+        table.add_column(body.value, justify="right", no_wrap=True)
+    by_both = {(harm.law, harm.body): harm for harm in made}
+    for law in exclusions(made):
+        row = (by_both.get((law, body)) for body in bodies)
+        table.add_row(law, *(_cell(harm) for harm in row))
+    table.caption = (
+        "variation over time, part not felt, and scans above pain, in times of no law's (inf: where"
+        f" there are none without a law). Out of bounds: above {MOST_TIMES:g}"
+    )
+    console.print(table)
+    for harm in made:
+        if harm.is_out:
+            console.print(steady_docs.harm_said(harm))
+
+
+def _cell(harm: Harm | None) -> str:
+    if harm is None:
+        return "-"
+    text = f"{harm.variation_times:.2f} {harm.not_felt_times:.2f} {harm.pain_times:.2f}"
+    return f"[red]{text}[/]" if harm.is_out else text
+
+
+def conditions(form: Form, seeds: Sequence[int], ran: int, wanted: int) -> str:
+    """What was played, in words."""
+    pieces = "all" if form.pieces is None else f"{form.pieces} pieces of {PIECE_S:g} s"
+    fingers = ", ".join(map(str, seeds))
+    return (
+        f"{form.electrodes} electrodes, fingers {fingers}, {pieces} of each one's"
+        f" {form.minutes:g} min, {ran} of {wanted} runs"
+    )
+
+
+def verdict(console: Console, bounds: Sequence[Bound]) -> bool:
+    """Whether all of what must hold does; what does not is told."""
+    for bound in bounds:
+        if not bound.is_met:
+            console.print(f"[red]NOT MET[/]  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
+    if not bounds:
+        console.print("No law ships switched on, and none is recommended: nothing is bound.")
+    return all(bound.is_met for bound in bounds)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="bench-steady", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("--short", action="store_true", help="8 electrodes, four pieces: minutes")
+    parser.add_argument("--seeds", type=int, nargs="+", help="the fingers")
+    parser.add_argument("--only", nargs="+", choices=LAWS, default=list(FOR_STEADINESS))
+    parser.add_argument("--bodies", type=BodyKind, nargs="+", default=list(BodyKind))
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument(
+        "--within", type=float, default=600.0, help="minutes after which no run begins; 0: show"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
+    parser.add_argument(
+        "--write-docs", action="store_true", help="write what was found into docs/stabilization.md"
+    )
+    args = parser.parse_args()
+    form = SHORT if args.short else FULL
+    seeds = args.seeds or list(LOOKED_AT if args.short else SEEDS)
+    laws = [*args.only, *(law for law in BOUND if law not in args.only)]
+    wanted = cells(form, laws, args.bodies, seeds)
+    found = play(wanted, processes=args.processes, within_s=args.within * 60.0)
+    made = harms(found)
+    played = sorted({seed for _, _, seed in found})
+    said = conditions(form, played, len(found), len(wanted))
+    bounds = held(made)
+    console = Console(width=None if sys.stdout.isatty() else 210)
+    if args.json:
+        plain = {"conditions": said, "harms": [asdict(harm) for harm in made]}
+        print(msgspec.json.encode(plain | {"bounds": [asdict(bound) for bound in bounds]}).decode())
+    else:
+        show(console, made, said)
+    if args.write_docs:
+        steady_docs.write_harms(steady_docs.PAGE, form.name, made, said)
+    is_held = verdict(Console(stderr=True) if args.json else console, bounds)
+    return 0 if is_held else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

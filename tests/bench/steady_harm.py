@@ -1,0 +1,141 @@
+"""What a law gave and what it took, of each body, beside no law: and whether it may.
+
+Owns: the bounds of harm, and what follows of them: a law's exclusions. Must not know: how a figure
+is made, how it is shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+
+from bench.run import Bound
+from bench.steady_figures import SteadyFigures
+from bench.steady_laws import NONE, SHIPPED
+from etd_body.kinds import BodyKind
+
+#: Of no law's: variation over time, the part not felt, and the scans above pain: so none, where
+#: there are none without a law.
+MOST_TIMES = 1.2
+#: What a page of ours says to use. None keeps the bounds on every body today.
+RECOMMENDED: tuple[str, ...] = ()
+#: What must keep the bounds on every body.
+BOUND = (*SHIPPED, *RECOMMENDED)
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """Several fingers of one body under one law: means, and scans above pain in all."""
+
+    over_time: float
+    not_felt: float
+    scans_above_pain: int
+    mean_felt: float
+
+    @classmethod
+    def of(cls, fingers: Sequence[SteadyFigures]) -> Pooled:
+        count = len(fingers)
+        return cls(
+            sum(finger.over_time for finger in fingers) / count,
+            sum(finger.below_threshold for finger in fingers) / count,
+            sum(finger.scans_above_pain for finger in fingers),
+            sum(finger.mean_felt for finger in fingers) / count,
+        )
+
+
+@dataclass(frozen=True)
+class Harm:
+    """One law on one body, beside no law on the same fingers."""
+
+    body: BodyKind
+    law: str
+    with_law: Pooled
+    plain: Pooled
+    fingers: int
+
+    @property
+    def variation_times(self) -> float:
+        return _times(self.with_law.over_time, self.plain.over_time)
+
+    @property
+    def not_felt_times(self) -> float:
+        return _times(self.with_law.not_felt, self.plain.not_felt)
+
+    @property
+    def pain_times(self) -> float:
+        """Above pain: without end, where nothing is without a law."""
+        return _times(self.with_law.scans_above_pain, self.plain.scans_above_pain)
+
+    @property
+    def worst(self) -> float:
+        """Of the three."""
+        return max(self.variation_times, self.not_felt_times, self.pain_times)
+
+    @property
+    def is_out(self) -> bool:
+        return self.worst > MOST_TIMES
+
+    def bounds(self) -> list[Bound]:
+        of = f"{self.law} on {self.body}"
+        return [
+            _at_most(f"{of}: variation over time, of no law's", self.variation_times, MOST_TIMES),
+            _at_most(f"{of}: not felt, of no law's", self.not_felt_times, MOST_TIMES),
+            _at_most(f"{of}: scans above pain, of no law's", self.pain_times, MOST_TIMES),
+        ]
+
+
+def _times(found: float, plain: float) -> float:
+    if plain > 0.0:
+        return found / plain
+    return inf if found > 0.0 else 1.0
+
+
+def _at_most(what: str, value: float, bound: float) -> Bound:
+    return Bound(what, round(value, 3), bound, is_met=value <= bound)
+
+
+def harms(found: Mapping[tuple[BodyKind, str, int], SteadyFigures]) -> list[Harm]:
+    """Of every law and body of which there are fingers with and without the law, worst first.
+
+    `found` by body, law and finger: only fingers that have both count.
+    """
+    bodies_and_laws = {(body, law) for body, law, _ in found if law != NONE}
+    made: list[Harm] = []
+    for body, law in bodies_and_laws:
+        seeds = sorted(
+            seed
+            for of_body, of_law, seed in found
+            if (of_body, of_law) == (body, law) and (body, NONE, seed) in found
+        )
+        if seeds:
+            with_law = Pooled.of([found[body, law, seed] for seed in seeds])
+            plain = Pooled.of([found[body, NONE, seed] for seed in seeds])
+            made.append(Harm(body, law, with_law, plain, len(seeds)))
+    return sorted(made, key=lambda harm: (-harm.worst, -harm.variation_times, harm.law, harm.body))
+
+
+def exclusions(made: Iterable[Harm]) -> dict[str, list[BodyKind]]:
+    """{law: the bodies that it is out of bounds on}, those with the most first."""
+    out: dict[str, list[BodyKind]] = {}
+    for harm in made:
+        bodies = out.setdefault(harm.law, [])
+        if harm.is_out:
+            bodies.append(harm.body)
+    return dict(sorted(out.items(), key=lambda item: -len(item[1])))
+
+
+def held(made: Iterable[Harm], laws: Sequence[str] = BOUND) -> list[Bound]:
+    """What must hold: the bounds on every body, of each of these laws. What was not played is not
+    met.
+    """
+    by_both = {(harm.law, harm.body): harm for harm in made}
+    bounds: list[Bound] = []
+    for law in laws:
+        for body in BodyKind:
+            harm = by_both.get((law, body))
+            if harm is None:
+                bounds.append(Bound(f"{law} on {body}: not played", 0.0, 0.0, is_met=False))
+            else:
+                bounds += harm.bounds()
+    return bounds

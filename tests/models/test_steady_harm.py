@@ -1,0 +1,139 @@
+"""The bench of laws on bodies: what it calls harm, that it keeps what it played, and its short
+form, with the bounds of what ships or is recommended.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bench import steady_cells
+from bench.steady_bodies import LOOKED_AT, SEEDS, SHORT, cells, play
+from bench.steady_cells import Cell
+from bench.steady_figures import SteadyFigures
+from bench.steady_harm import BOUND, Harm, exclusions, harms, held
+from bench.steady_laws import AHEAD, FOR_STEADINESS, LAWS, NONE
+from etd_body.kinds import BodyKind
+
+LAW, BODY, SEED = "energy", BodyKind.INDIFFERENT, 1
+PLAIN = SteadyFigures(NONE, 2.0, 0.1, 0.1, 0.05, 0.0, 0, 0, 0.9, None, None, 0, 0, 0, 0, 1_000)
+KEPT = replace(PLAIN, name=LAW, over_time=0.119, below_threshold=0.059)
+
+
+def found(with_law: SteadyFigures, plain: SteadyFigures = PLAIN) -> Harm:
+    (harm,) = harms({(BODY, LAW, SEED): with_law, (BODY, NONE, SEED): plain})
+    return harm
+
+
+def test_what_stays_within_the_bounds_is_not_out() -> None:
+    assert not found(KEPT).is_out
+    assert all(bound.is_met for bound in found(KEPT).bounds())
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [
+        replace(KEPT, over_time=0.121),
+        replace(KEPT, below_threshold=0.061),
+        replace(KEPT, scans_above_pain=1),
+    ],
+)
+def test_each_bound_can_say_no(worse: SteadyFigures) -> None:
+    harm = found(worse)
+    assert harm.is_out
+    assert sum(not bound.is_met for bound in harm.bounds()) == 1
+    assert exclusions([harm]) == {LAW: [BODY]}
+
+
+def test_what_hurts_without_a_law_may_not_hurt_much_more_with_one() -> None:
+    hurting = replace(PLAIN, scans_above_pain=10)
+    assert not found(replace(KEPT, scans_above_pain=12), hurting).is_out
+    assert found(replace(KEPT, scans_above_pain=13), hurting).is_out
+
+
+def test_what_is_not_felt_where_all_is_felt_without_a_law_is_out() -> None:
+    assert found(KEPT, replace(PLAIN, below_threshold=0.0)).is_out
+    assert not found(replace(KEPT, below_threshold=0.0), replace(PLAIN, below_threshold=0.0)).is_out
+
+
+def test_fingers_are_pooled_and_only_those_with_both_count() -> None:
+    other = replace(PLAIN, over_time=0.3)
+    (harm,) = harms(
+        {
+            (BODY, LAW, 1): KEPT,
+            (BODY, NONE, 1): PLAIN,
+            (BODY, LAW, 2): replace(KEPT, over_time=0.319),
+            (BODY, NONE, 2): other,
+            (BODY, LAW, 3): replace(KEPT, over_time=9.0),
+        }
+    )
+    assert harm.fingers == 2
+    assert harm.variation_times == pytest.approx((0.119 + 0.319) / 0.4)
+
+
+def test_the_worst_comes_first() -> None:
+    figures = {(body, NONE, SEED): PLAIN for body in BodyKind}
+    figures |= {(body, LAW, SEED): KEPT for body in BodyKind}
+    figures[BodyKind.DUCTS, LAW, SEED] = replace(KEPT, over_time=0.5)
+    figures[BodyKind.SWEAT, LAW, SEED] = replace(KEPT, scans_above_pain=2)
+    assert [harm.body for harm in harms(figures)[:2]] == [BodyKind.SWEAT, BodyKind.DUCTS]
+
+
+def test_a_bound_law_that_was_not_played_on_a_body_is_not_met() -> None:
+    bounds = held([found(KEPT)], [LAW])
+    unmet = [bound.what for bound in bounds if not bound.is_met]
+    assert len(unmet) == len(BodyKind) - 1
+    assert all("not played" in what for what in unmet)
+
+
+def test_the_fingers_of_the_full_form_are_not_those_that_are_looked_at() -> None:
+    assert not set(SEEDS) & set(LOOKED_AT)
+
+
+def test_no_law_is_played_first_on_every_body_of_a_finger() -> None:
+    order = cells(SHORT, FOR_STEADINESS, list(BodyKind), (1, 2))
+    assert len(order) == 2 * len(FOR_STEADINESS) * len(BodyKind)
+    assert {cell.law for cell in order[: len(BodyKind)]} == {NONE}
+    assert {cell.seed for cell in order[: len(order) // 2]} == {1}
+
+
+def test_what_was_played_is_kept_and_other_code_finds_none_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = Cell(replace(SHORT, minutes=0.5, pieces=1), BODY, NONE, LOOKED_AT[0])
+    assert cell.kept(tmp_path) is None
+    played = cell.played(tmp_path)
+    monkeypatch.setitem(LAWS, NONE, None)
+    assert cell.played(tmp_path) == cell.kept(tmp_path) == played
+    monkeypatch.setattr(steady_cells, "digest", lambda: "another")
+    assert cell.kept(tmp_path) is None
+
+
+def test_what_ships_or_is_recommended_keeps_the_bounds_on_every_body(tmp_path: Path) -> None:
+    """The short form: 8 electrodes, four pieces of ten minutes of one finger."""
+    wanted = cells(SHORT, BOUND, list(BodyKind), LOOKED_AT) if BOUND else []
+    bounds = held(harms(play(wanted, processes=1, within_s=600.0, folder=tmp_path)))
+    assert [bound.what for bound in bounds if not bound.is_met] == []
+
+
+@pytest.mark.parametrize("body", [BodyKind.INDIFFERENT, BodyKind.DUCTS])
+def test_a_law_by_resistance_is_out_where_feeling_does_not_follow_it(
+    body: BodyKind, tmp_path: Path
+) -> None:
+    wanted = cells(SHORT, [AHEAD], [body], LOOKED_AT)
+    (harm,) = harms(play(wanted, processes=1, within_s=600.0, folder=tmp_path))
+    assert harm.variation_times > 1.5
+    assert harm.is_out
+
+
+def test_a_run_that_is_cut_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    form = replace(SHORT, minutes=0.5, pieces=1)
+    wanted = cells(form, [NONE], list(BodyKind)[:3], LOOKED_AT)
+    first = wanted[0].played(tmp_path)
+    cut = play(wanted, processes=1, within_s=0.0, folder=tmp_path)
+    assert cut == {(wanted[0].body, NONE, LOOKED_AT[0]): first}
+    whole = play(wanted, processes=2, within_s=600.0, folder=tmp_path)
+    assert len(whole) == len(wanted)
+    assert {key: whole[key] for key in cut} == cut
