@@ -9,7 +9,6 @@ and power density. All are the most that the maxima allow, on one electrode.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from typing import Final
 
@@ -88,15 +87,7 @@ def figures_of(loaded: LoadedConfig, selftest: str) -> Figures:
         board=board.name,
         machine=loaded.machine.name,
         backend=loaded.config.backend,
-        digests={
-            name: _digest(part)
-            for name, part in (
-                ("configuration", loaded.config),
-                ("board", board),
-                ("machine", loaded.machine),
-                ("body site", loaded.body_site),
-            )
-        },
+        digests=loaded.digests,
         selftest=selftest,
         body_site=loaded.body_site.name,
         array=array.name,
@@ -156,7 +147,3 @@ def _pitch_mm(x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> float:
         (math.dist(one, other) for at, one in enumerate(places) for other in places[:at]),
         default=0.0,
     )
-
-
-def _digest(part: object) -> str:
-    return hashlib.sha256(msgspec.json.encode(part, order="sorted")).hexdigest()

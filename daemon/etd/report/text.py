@@ -5,7 +5,7 @@ Owns: words and rounding. Must not know: how a figure is calculated.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TypeAlias
 
@@ -34,7 +34,10 @@ def sections(found: Figures) -> list[Section]:
                 ("configuration", found.source),
                 ("board, machine", f"{found.board} on {found.machine} (backend: {found.backend})"),
                 ("self-test", found.selftest),
-                *((f"SHA-256, {name}", digest) for name, digest in found.digests.items()),
+                *(
+                    (f"SHA-256, {name.replace('_', ' ')}", digest)
+                    for name, digest in found.digests.items()
+                ),
             ],
         ),
         (
@@ -91,8 +94,9 @@ def sections(found: Figures) -> list[Section]:
     ]
 
 
-def lines(found: Figures) -> Iterator[str]:
-    for heading, rows in sections(found):
+def lines(found: Figures, more: Sequence[Section] = ()) -> Iterator[str]:
+    """`more`: sections after those of the configuration."""
+    for heading, rows in (*sections(found), *more):
         yield ""
         yield heading
         wide = max(len(what) for what, _ in rows) if rows else 0
@@ -100,13 +104,13 @@ def lines(found: Figures) -> Iterator[str]:
             yield f"  {what:{wide}}  {how_much}".rstrip()
 
 
-def html(found: Figures) -> str:
+def html(found: Figures, more: Sequence[Section] = ()) -> str:
     """One page that prints well, without anything from elsewhere."""
     body = "".join(
         f"<h2>{escape(heading)}</h2><table>"
         + "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows)
         + "</table>"
-        for heading, rows in sections(found)
+        for heading, rows in (*sections(found), *more)
     )
     return (
         '<!doctype html><html lang="en"><meta charset="utf-8"><title>etd: what it can do to a'

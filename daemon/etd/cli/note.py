@@ -1,0 +1,33 @@
+"""`etd note`: a remark in the record that is being written.
+
+Owns: the printed answer. Must not know: records.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from etd.cli import options
+from etd.client import Display
+
+HELP = "write a remark into the record that is being written"
+EPILOG = """
+example:
+  etd record start p01-block1
+  etd note "the participant changed the finger"
+
+Never a person's name: a record goes to others. `etd record --help` says what becomes of a record.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("text", metavar="TEXT", help="up to 1 000 characters, in one line")
+    options.add_daemon_and_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Raises: Refused (`no_record`, `bad_message`), DaemonGone."""
+    with Display(args.name, host=args.host, client="etd note") as display:
+        display.note(args.text)
+    print('{"ok":true}' if args.json else "noted")
+    return 0

@@ -1,0 +1,86 @@
+"""The records on disk, each a file of JSON lines with the record's name.
+
+Owns: their folder, names and sizes, what all of them may take, and reading a piece of one. Must not
+know: what is in a record, who asks.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from etd.gateway.record_file import MOST_BYTES, RecordFile, Write
+from etd.protocol.errors import Refused
+from etd.protocol.facts import RecordFacts
+
+#: All records together.
+MOST_IN_ALL_BYTES = 4 * MOST_BYTES
+#: A reply of 48 KiB with the rest of its keys stays within the size of a message.
+PIECE_BYTES = 36 * 1024
+_SUFFIX = ".jsonl"
+
+
+class RecordStore:
+    def __init__(self, state_dir: Path, write: Write = os.write) -> None:
+        self._folder = state_dir / "records"
+        self._write = write
+
+    def create(self, name: str) -> RecordFile:
+        """Raises: Refused (`record_failed`)."""
+        taken_bytes = sum(facts.bytes for facts in self.facts(None))
+        if taken_bytes + MOST_BYTES > MOST_IN_ALL_BYTES:
+            raise Refused(
+                "record_failed",
+                f"the records in {self._folder} take {taken_bytes / 1e6:.0f} MB: fetch some (`etd"
+                " record get`), then delete them (`etd record delete`)",
+            )
+        path = self._folder / f"{name}{_SUFFIX}"
+        try:
+            self._folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+        except OSError as error:
+            raise Refused(
+                "record_failed", f"{self._folder} cannot be a folder: {error.strerror}"
+            ) from error
+        try:
+            return RecordFile(path, write=self._write)
+        except FileExistsError:
+            why = f"there is a record {name!r} already: choose another name, or delete that one"
+        except OSError as error:
+            why = f"{path} cannot be written: {error.strerror}"
+        raise Refused("record_failed", why)
+
+    def facts(self, running: str | None) -> tuple[RecordFacts, ...]:
+        """All records, by name. `running`: the one that is being written."""
+        found: list[RecordFacts] = []
+        for path in sorted(self._folder.glob(f"*{_SUFFIX}")):
+            try:
+                size = path.stat().st_size
+            except OSError:
+                continue  # deleted meanwhile
+            name = path.name.removesuffix(_SUFFIX)
+            found.append(RecordFacts(name=name, bytes=size, is_running=name == running))
+        return tuple(found)
+
+    def piece(self, name: str, offset: int) -> bytes:
+        """From `offset` on; empty at the end. Raises: Refused (`not_found`, `record_failed`)."""
+        path = self._found(name)
+        try:
+            with path.open("rb") as file:
+                return os.pread(file.fileno(), PIECE_BYTES, offset)
+        except OSError as error:
+            raise Refused("record_failed", f"{path} cannot be read: {error.strerror}") from error
+
+    def delete(self, name: str) -> None:
+        """Raises: Refused (`not_found`, `record_failed`)."""
+        path = self._found(name)
+        try:
+            path.unlink()
+        except OSError as error:
+            raise Refused("record_failed", f"{path} cannot be deleted: {error.strerror}") from error
+
+    def _found(self, name: str) -> Path:
+        path = self._folder / f"{name}{_SUFFIX}"
+        if path.is_file():
+            return path
+        names = ", ".join(facts.name for facts in self.facts(None)) or "none"
+        raise Refused("not_found", f"there is no record {name!r}; there are: {names}")

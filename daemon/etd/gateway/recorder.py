@@ -1,0 +1,362 @@
+"""Writes a record of all that passes the gateway while one runs: asked, fired, and why less.
+
+Owns: which event becomes which line, the relation of the clocks, and how a record ends. Must not
+know: sockets, how a line reaches the disk (`record_file.py`), what else an event means.
+"""
+
+from __future__ import annotations
+
+import datetime
+import functools
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from etd.gateway.inbound import InboundMessage
+from etd.gateway.lease import LeaseView, StandingLease
+from etd.gateway.record_file import RecordFile
+from etd.gateway.record_store import RecordStore
+from etd.protocol.errors import Refused
+from etd.protocol.frame import Frame
+from etd.protocol.link import EngineHello, PulseBatch, RecordBegins, Report, ToGateway
+from etd.protocol.link import LeaseEnded as LeaseEndedMessage
+from etd.protocol.messages import VERSION, Failure, Request, StateReport, Success
+from etd.protocol.pulse_row import PulseRow, rows_of
+from etd.record import lines
+from etd.version import __version__
+
+#: Clocks and state are written again this often.
+MINUTE_NS = 60_000_000_000
+#: Of a line, so that each stays far within a message.
+_ROWS_A_LINE = 200
+#: More than may come, at a thousand a second, while one is shown.
+_FRAMES = 256
+#: What changes nothing and tells nothing is not recorded.
+_UNRECORDED = ("hello", "status", "account", "record", "note")
+#: CLOCK_MONOTONIC and the wall's time in ns, read together, and how long that took.
+ReadClocks = Callable[[], tuple[int, int, int]]
+
+
+class Recorder:
+    """Does nothing while no record runs."""
+
+    def __init__(
+        self,
+        name: str,
+        store: RecordStore,
+        leases: LeaseView,
+        read_clocks: ReadClocks,
+        turn: Callable[[bool], bool],
+    ) -> None:
+        """`turn` has the engine tell every pulse, or none any more; False: it was not told."""
+        self._daemon = name
+        self._store = store
+        self._leases = leases
+        self._read_clocks = read_clocks
+        self._turn = turn
+        #: Whether the engine tells every pulse.
+        self._is_told = False
+        self._file: RecordFile | None = None
+        #: One that has ended, while the disk takes the rest of it; and its record's name.
+        self._closing: RecordFile | None = None
+        self.closing: str | None = None
+        self.running: str | None = None
+        #: Who started it.
+        self.uid: int | None = None
+        #: Why the last record ended by itself.
+        self.problem: str | None = None
+        self._clocks_due_ns = 0
+        #: The numbers of requests in this record to which no reply was sent yet.
+        self._unanswered: set[int] = set()
+        self._state: tuple[object, ...] = ()
+        #: The last frames that were asked for, also while no record runs.
+        self._frames: deque[Frame] = deque(maxlen=_FRAMES)
+        #: Of the board's clock, as the engine told it last: each second, and at each change.
+        self._lag_us = 0
+
+    # --- beginning and end -----------------------------------------------------------------------
+
+    def start(
+        self, name: str, uid: int | None, engine: EngineHello | None, state: StateReport | None
+    ) -> None:
+        """Raises: Refused (`wrong_state`, `record_failed`)."""
+        if self.running is not None:
+            raise Refused(
+                "wrong_state",
+                f"the record {self.running!r} is being written: stop it first (`etd record stop`)",
+            )
+        self._look_whether_closed()
+        if self.closing is not None:
+            raise Refused(
+                "wrong_state",
+                f"the end of the record {self.closing!r} is still being written: the disk is slow,"
+                " so try again later",
+            )
+        self._file = self._store.create(name)
+        self.running, self.uid, self.problem = name, uid, None
+        self._state = ()
+        self._unanswered.clear()
+        now_ns, wall_ns, uncertainty_ns = self._read_clocks()
+        begun = datetime.datetime.fromtimestamp(wall_ns / 1e9, datetime.UTC)
+        self._put(
+            lines.Header(
+                format=lines.FORMAT,
+                name=name,
+                etd=__version__,
+                daemon=self._daemon,
+                protocol=VERSION,
+                begun=begun.isoformat(timespec="milliseconds"),
+                begun_ns=now_ns,
+                uid=uid,
+                columns=PulseRow.__struct_fields__,
+            )
+        )
+        self._put_clocks(now_ns, wall_ns, uncertainty_ns)
+        if engine is not None:
+            self.engine_found(engine, now_ns)
+        if self._leases.standing is not None:
+            self.lease_begun(self._leases.standing, now_ns)
+        if state is not None:
+            self._put_state(state)
+
+    def stop(self, why: lines.Why, now_ns: int) -> None:
+        """Idempotent. `closing` is the record's name until the disk has the rest of it."""
+        file = self._file
+        if file is None:
+            return
+        lost = file.take_lost()
+        if lost:
+            file.put(lines.encoded(lines.Lost(t_ns=now_ns, lines=lost)))
+        self._close(file, why, now_ns)
+
+    def _close(self, file: RecordFile, why: lines.Why, now_ns: int) -> None:
+        """The last line is let past the bound. No turn waits for a disk."""
+        file.put(lines.encoded(lines.End(t_ns=now_ns, why=why)), is_last=True)
+        file.close()
+        self._closing, self.closing = file, self.running
+        self._file = self.running = None
+
+    def wait_closed(self, timeout_s: float) -> None:
+        """For one who has nobody to serve any more."""
+        if self._closing is not None:
+            self._closing.wait_closed(timeout_s)
+
+    def _look_whether_closed(self) -> None:
+        file = self._closing
+        if file is None or not file.is_closed:
+            return
+        self._closing = self.closing = None
+        if file.problem is not None and self.problem is None:
+            self.problem = f"{file.path.name}: {file.problem}"
+
+    def look(self, now_ns: int) -> None:
+        """Once a turn: the clocks each minute, lines that were lost, and a disk that failed."""
+        file = self._file
+        self._look_whether_closed()
+        self._have_pulses_told()
+        if file is None:
+            return
+        if file.problem is not None:
+            name = self.running
+            self.stop("ended", now_ns)
+            self.problem = f"the record {name!r} ended: {file.path}: {file.problem}"
+            return
+        lost = file.take_lost()
+        if lost:
+            self._put(lines.Lost(t_ns=now_ns, lines=lost))
+        if now_ns >= self._clocks_due_ns:
+            self._state = ()
+            self._put_clocks(*self._read_clocks())
+
+    # --- what is written -------------------------------------------------------------------------
+
+    def engine_found(self, engine: EngineHello, now_ns: int) -> None:
+        if self._file is not None:
+            self._put(lines.Engine(t_ns=now_ns, facts=engine))
+            self._have_pulses_told()
+
+    def _standing_frames(self, message: RecordBegins) -> tuple[dict[str, Any], ...]:
+        """Without its contents, what a frame fires says nothing."""
+        lease, shown = self._leases.standing, message.carried.shown_seq
+        if lease is None or shown is None:
+            return ()
+        return tuple(
+            {"op": "frame", **_given(frame)}
+            for frame in self._frames
+            if frame.lease == lease.token and frame.seq >= shown
+        )
+
+    def _have_pulses_told(self) -> None:
+        """Tried again each turn, until the engine has taken it."""
+        is_wanted = self._file is not None
+        if is_wanted is not self._is_told and self._turn(is_wanted):
+            self._is_told = is_wanted
+
+    def engine_gone(self, now_ns: int) -> None:
+        self._is_told = False
+        self._lag_us = 0
+        self._put(lines.EngineGone(t_ns=now_ns))
+
+    def lease_begun(self, lease: StandingLease, now_ns: int) -> None:
+        if self._file is None:
+            return
+        first = lease.calibrations[0] if lease.calibrations else None
+        self._put(
+            lines.LeaseBegun(
+                t_ns=now_ns,
+                client=lease.client,
+                uid=lease.uid,
+                calibration_name=None if first is None else first.name,
+                calibration_digest=None if first is None else first.digest,
+                calibration=None if first is None else first.calibration,
+                others=lease.calibrations[1:],
+                limits=lease.limits,
+            )
+        )
+
+    def asked(self, request: Request, inbound: InboundMessage, now_ns: int) -> None:
+        if isinstance(request, Frame):
+            self._frames.append(request)
+        if self._file is None or _op_of(request) in _UNRECORDED:
+            return
+        self._unanswered.add(inbound.number)
+        self._put(
+            lines.Asked(
+                t_ns=now_ns,
+                number=inbound.number,
+                client=self._client_of(request),
+                uid=inbound.uid,
+                request={"op": _op_of(request), **_given(request)},
+            )
+        )
+
+    def streamed(self, frame: Frame, uid: int | None, now_ns: int) -> None:
+        """A frame that was passed on."""
+        self._frames.append(frame)
+        if self._file is not None:
+            request = {"op": "frame", **_given(frame)}
+            client = self._client_of(frame)
+            self._put(lines.Asked(t_ns=now_ns, number=0, client=client, uid=uid, request=request))
+
+    def replied(self, inbound: InboundMessage, reply: Success | Failure, now_ns: int) -> None:
+        if inbound.number not in self._unanswered:
+            return
+        self._unanswered.remove(inbound.number)
+        said = msgspec.to_builtins(reply)
+        told = {key: value for key, value in said.items() if key not in _ENVELOPE}
+        self._put(lines.Replied(t_ns=now_ns, number=inbound.number, ok=reply.ok, reply=told))
+
+    def heard(self, message: ToGateway, now_ns: int) -> None:
+        """Of the engine."""
+        if isinstance(message, Report) and message.state is not None:
+            # Also while no record runs: one that begins has clocks that hold.
+            self._lag_us = message.state.clock_lag_us
+        if self._file is None:
+            return
+        if isinstance(message, PulseBatch):
+            self._put_pulses(message, now_ns)
+        elif isinstance(message, LeaseEndedMessage):
+            self._put(lines.LeaseEnded(t_ns=now_ns, reason=message.reason))
+        elif isinstance(message, EngineHello):
+            self.engine_found(message, now_ns)
+        elif isinstance(message, RecordBegins):
+            frames = self._standing_frames(message)
+            self._put(lines.Carried(carried=message.carried, frames=frames))
+        elif isinstance(message, Report):
+            self._put_report(message)
+
+    def note(self, text: str, uid: int | None, now_ns: int) -> None:
+        """Raises: Refused (`no_record`)."""
+        if self._file is None:
+            raise Refused("no_record", "no record is being written: etd record start NAME")
+        board_ns = now_ns - self._lag_us * 1_000
+        self._put(lines.Note(t_ns=board_ns, text=text, uid=uid))
+
+    def _put_pulses(self, batch: PulseBatch, now_ns: int) -> None:
+        if batch.lost:
+            self._put(lines.Lost(t_ns=now_ns, pulses=batch.lost))
+        rows = tuple(rows_of(batch.rows))
+        for at in range(0, len(rows), _ROWS_A_LINE):
+            self._put(lines.Pulses(rows=rows[at : at + _ROWS_A_LINE]))
+
+    def _put_report(self, report: Report) -> None:
+        if report.scan is not None:
+            scan = report.scan
+            fields = {name: getattr(scan, name) for name in lines.Scans.__struct_fields__}
+            self._put(lines.Scans(**fields))
+        elif report.state is not None:
+            self._put_state(report.state)
+        elif report.contact is not None:
+            self._put(lines.Touched(report=report.contact))
+        elif report.halt is not None:
+            self._put(lines.Halted(report=report.halt))
+        elif report.refused is not None:
+            self._put(lines.Refusal(report=report.refused))
+
+    def _put_state(self, report: StateReport) -> None:
+        """At each change of what a reader looks for; counters alone are no change."""
+        told = (
+            report.state,
+            report.halt,
+            report.holder,
+            report.not_granted,
+            report.session and report.session.participant,
+            tuple(report.sensor_problems),
+            report.felt and (report.felt.answers, report.felt.laws_off),
+        )
+        if told != self._state:
+            self._state = told
+            self._put(lines.State(report=report))
+
+    def _put_clocks(self, now_ns: int, wall_ns: int, uncertainty_ns: int) -> None:
+        self._clocks_due_ns = now_ns + MINUTE_NS
+        self._put(
+            lines.Clocks(
+                t_ns=now_ns,
+                wall_ns=wall_ns,
+                uncertainty_ns=uncertainty_ns,
+                clock_lag_us=self._lag_us,
+            )
+        )
+
+    def _put(self, line: lines.Line) -> None:
+        file = self._file
+        if file is not None and not file.put(lines.encoded(line)):
+            self.problem = f"the record {self.running!r} is full and has ended"
+            now_ns, _, _ = self._read_clocks()
+            self._close(file, "full", now_ns)
+
+    def _client_of(self, request: Request | Frame) -> str:
+        named = getattr(request, "client", "")
+        if named:
+            return str(named)
+        lease = self._leases.standing
+        # Who does not name the lease does not hold it.
+        is_holder = getattr(request, "lease", None) is not None
+        return lease.client if lease is not None and is_holder else ""
+
+
+#: Of a reply: what is in the line itself, and the lease's token.
+_ENVELOPE = ("ok", "now_ns", "id", "lease")
+
+
+def _op_of(request: Request | Frame) -> str:
+    tag = request.__struct_config__.tag
+    return str(tag)
+
+
+def _given(request: msgspec.Struct) -> dict[str, Any]:
+    """What has no default there, without the lease's token and the reply's address."""
+    return {
+        name: msgspec.to_builtins(value)
+        for name, default in _defaults_of(type(request))
+        if (value := getattr(request, name)) != default
+    }
+
+
+@functools.cache
+def _defaults_of(kind: type[msgspec.Struct]) -> tuple[tuple[str, object], ...]:
+    fields = msgspec.structs.fields(kind)
+    return tuple((it.name, it.default) for it in fields if it.name not in ("id", "lease"))

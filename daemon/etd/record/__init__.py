@@ -1,0 +1,1 @@
+"""Records of what was asked, fired and felt: their lines, reading them, what is made of them."""

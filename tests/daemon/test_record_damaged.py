@@ -1,0 +1,243 @@
+"""Records with one value changed, as an editor, a script or a bad disk leaves them.
+
+Owns: that whatever is made of such a record ends in a result or in a sentence that names the line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeAlias
+
+import msgspec
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from etd.files.configuration import fake_config
+from etd.protocol.carried import CarriedOver, RampState, SoftStartState
+from etd.protocol.errors import EtdError, FileError
+from etd.protocol.messages import Halt, Limits, RefusedReport, Shown, StateReport
+from etd.protocol.outcome import Clamp, Shortfall
+from etd.protocol.pulse_row import PulseRow
+from etd.record import lines
+from etd.record.events import table
+from etd.record.lines import Line
+from etd.record.pattern import FramesToPattern, Kind
+from etd.record.reader import RecordReader
+from etd.record.summary import summary_of
+from etd.record.text import lines_of
+from etd.replay.timeline import Timeline
+from etd.report.figures import figures_of
+from etd.report.recorded import recorded_sections, recorded_sentence
+from record_rows import pulse
+from scripted_engine import engine_hello
+
+MS = 1_000_000
+#: Where a value stands in a record: the line, then keys and places in it.
+Place: TypeAlias = tuple[int | str, ...]
+
+
+def asked(number: int, t_ms: int, **request: Any) -> lines.Asked:
+    return lines.Asked(t_ns=t_ms * MS, number=number, client="study", uid=1, request=request)
+
+
+RECORD: tuple[Line, ...] = (
+    lines.Header(
+        format=1,
+        name="p01",
+        etd="0.1.0",
+        daemon="main",
+        protocol=1,
+        begun="2026-09-21T13:33:20.000+00:00",
+        begun_ns=0,
+        uid=1,
+        columns=PulseRow.__struct_fields__,
+    ),
+    lines.Clocks(t_ns=0, wall_ns=1_790_000_000 * 10**9, uncertainty_ns=100, clock_lag_us=10),
+    lines.Engine(t_ns=1, facts=engine_hello()),
+    lines.LeaseBegun(
+        t_ns=2, client="study", uid=1, limits=Limits(max_current_ua=3000, width_us=100)
+    ),
+    lines.Carried(
+        carried=CarriedOver(
+            t_ns=3,
+            state="SAFE",
+            soft_start=SoftStartState(
+                array=RampState(reached_ua=900, rises=((2, 900),)), recontacts={1: RampState()}
+            ),
+            has_session=True,
+        ),
+    ),
+    asked(1, 50, op="arm"),
+    lines.Replied(t_ns=51 * MS, number=1, ok=True),
+    lines.State(report=StateReport(state="ARMED", now_ns=52 * MS, engine="there")),
+    asked(2, 100, op="frame", seq=1, level=[0.5, 0.0, 0.0, 0.25], rate_hz=50.0, tag=3),
+    lines.Replied(t_ns=101 * MS, number=2, ok=True, reply={"seq": 1, "rate_hz": 50.0}),
+    lines.Pulses(rows=(pulse(110, 0, 1, 1_000), pulse(130, 3, 1, 900, limited="cap"))),
+    lines.Scans(
+        now_ns=140 * MS,
+        shown=(
+            Shown(
+                seq=1,
+                tag=3,
+                begun_ns=109 * MS,
+                first_ns=110 * MS,
+                last_ns=130 * MS,
+                ended=True,
+                ended_ns=135 * MS,
+            ),
+        ),
+        scans=2,
+        clamped=(Clamp(electrode=3, wanted_ua=1_000, allowed_ua=900, reason="cap", limited_by=3),),
+        not_fired=(Shortfall(electrode=0, reason="ledger", pulses=1),),
+    ),
+    asked(3, 150, op="frame", seq=2, level=[0.0, 0.0, 0.0, 0.0]),
+    asked(4, 160, op="mark", tag="now"),
+    lines.Replied(t_ns=161 * MS, number=4, ok=True, reply={"marked_ns": 160 * MS, "sync": False}),
+    asked(0, 400, op="frame", seq=3, current_ua=[0, 800, 0, 0], ttl_ms=500),
+    lines.Pulses(rows=(pulse(410, 1, 3, 0), pulse(415, 2, None, 300), pulse(430, 1, 3, 800))),
+    lines.Refusal(
+        report=RefusedReport(now_ns=440 * MS, error="old_seq", reason="old", count=1, seq=3)
+    ),
+    lines.Note(t_ns=600 * MS, text="a remark", uid=1),
+    lines.Lost(t_ns=610 * MS, pulses=2),
+    lines.Halted(report=Halt(cause="stop", source="study", detail="asked", t_ns=700 * MS)),
+    lines.LeaseEnded(t_ns=701 * MS, reason="halted"),
+    lines.EngineGone(t_ns=702 * MS),
+    lines.End(t_ns=9_000 * MS, why="stopped"),
+)
+WHOLE: list[Any] = [json.loads(lines.encoded(line)) for line in RECORD]
+
+
+def places(value: Any, here: Place = ()) -> Iterator[Place]:
+    """Of all that is within the value."""
+    if isinstance(value, dict | list):
+        for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+            yield (*here, key)
+            yield from places(inner, (*here, key))
+
+
+FOUND = figures_of(fake_config(), "passed on a day")
+PLACES = list(places(WHOLE))
+#: Of three electrodes, where the array has four.
+CONTACTS = {key: [False] * 3 for key in ("is_touched", "is_shorted", "was_at_end")} | {
+    key: [0] * 3
+    for key in (
+        *("resistance_ohm", "voltage_v", "undelivered_ua", "soft_since_ns", "commanded_ua"),
+        "measured_ns",
+    )
+}
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(10**30), 10**30)
+    | st.integers(-3, 10)
+    | st.sampled_from([0, -1, 2**31, 2**53, 2**63 - 1, -(2**63), 2**63, 10**400])
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(max_size=4)
+    | st.sampled_from([line["kind"] for line in WHOLE] + ["frame", "mark", "stimulus", "HALTED"]),
+    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=4), inner),
+    max_leaves=8,
+)
+
+
+def damaged(place: Place, value: Any) -> bytes:
+    record = json.loads(json.dumps(WHOLE))
+    *way, last = place
+    within = record
+    for key in way:
+        within = within[key]
+    within[last] = value
+    return b"".join(json.dumps(line).encode() + b"\n" for line in record)
+
+
+def sums(path: Path) -> None:
+    summary = summary_of(RecordReader(path))
+    msgspec.json.encode(summary)
+    list(lines_of(summary))
+    recorded_sections(summary, FOUND)
+    recorded_sentence(summary, FOUND)
+
+
+def events(path: Path) -> None:
+    list(table(RecordReader(path)))
+
+
+def pattern(path: Path) -> None:
+    kinds: tuple[Kind, ...] = ("levels", "currents")
+    for kind in kinds:
+        made = FramesToPattern(RecordReader(path), str(path), kind)
+        json.dumps((made.pattern, made.left_out))
+
+
+def timeline(path: Path) -> None:
+    _ = Timeline(RecordReader(path)).told
+
+
+MADE = (sums, events, pattern, timeline)
+
+
+def stored(folder: Path, place: Place, value: Any) -> Path:
+    path = folder / "p01.jsonl"
+    path.write_bytes(damaged(place, value))
+    return path
+
+
+def test_the_record_itself_is_whole(tmp_path: Path) -> None:
+    path = stored(tmp_path, (0, "name"), "p02")
+    for make in MADE:
+        make(path)
+    assert [told.act for told in Timeline(RecordReader(path)).told][:3] == [
+        "open",
+        "measure",
+        "resume",
+    ]
+
+
+@given(place=st.sampled_from(PLACES), value=JSON)
+@example(place=(14, "reply"), value={})
+@example(place=(14, "reply", "marked_ns"), value="soon")
+@example(place=(1, "wall_ns"), value=10**30)
+@example(place=(20, "report", "t_ns"), value=10**400)
+@example(place=(8, "request"), value={"op": "frame"})
+@example(place=(15, "request", "current_ua"), value=["much"])
+@example(place=(15, "request", "current_ua"), value=[])
+@example(place=(10, "rows", 0, 2), value=1_000)
+@example(place=(10, "rows", 0, 11), value=10**400)
+def test_a_value_in_place_of_another_ends_in_a_result_or_a_sentence(
+    place: Place, value: Any
+) -> None:
+    with TemporaryDirectory() as folder:
+        path = stored(Path(folder), place, value)
+        for make in MADE:
+            with contextlib.suppress(EtdError):
+                make(path)
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        ((8, "request", "seq"), "first"),
+        ((8, "request", "seq"), None),
+        ((8, "request", "level"), [0.5, "strong"]),
+        ((15, "request", "current_ua"), {"1": 800}),
+        ((14, "reply", "marked_ns"), None),
+        ((1, "wall_ns"), 10**30),
+        ((20, "report", "t_ns"), 10**30),
+        ((10, "rows", 1, 2), 4),
+        ((10, "rows", 1, 2), -1),
+        ((4, "carried", "soft_start", "recontacts"), {"4": {}}),
+        ((4, "carried", "soft_start", "were_open"), [-1]),
+        ((4, "carried", "contacts"), CONTACTS),
+        ((4, "frames"), [{"seq": "first"}]),
+    ],
+)
+def test_what_cannot_be_is_told_with_its_line(tmp_path: Path, place: Place, value: Any) -> None:
+    path = stored(tmp_path, place, value)
+    for make in (sums, events, pattern, timeline):
+        with pytest.raises(FileError, match=rf"line {int(place[0]) + 1}\b"):
+            make(path)
