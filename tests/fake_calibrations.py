@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Literal
 
 CLONE = Path(__file__).parents[1]
 sys.path[:0] = [str(CLONE / "daemon"), str(CLONE / "hal")]
@@ -35,11 +36,20 @@ _BELOW_PAIN, _COMFORTABLE_BELOW_PAIN = 0.9, 0.75
 
 def array_of(file: Path) -> Array:
     """The array that a shipped calibration of the fake is for; its name says so."""
-    name = file.stem.removeprefix("fake-fingertip").removeprefix("-") or "grid-8x8"
+    name = _words_of(file).removesuffix("cathodic").removesuffix("-") or "grid-8x8"
     return load_array(CLONE / "config" / "arrays" / f"{name}.toml")
 
 
-def calibration_of(array: Array) -> Calibration:
+def polarity_of(file: Path) -> Literal["anodic", "cathodic"]:
+    """Its polarity, likewise."""
+    return "cathodic" if _words_of(file).endswith("cathodic") else "anodic"
+
+
+def _words_of(file: Path) -> str:
+    return file.stem.removeprefix("fake-fingertip").removeprefix("-")
+
+
+def calibration_of(array: Array, polarity: Literal["anodic", "cathodic"]) -> Calibration:
     """All boards that are shipped have the same leak, so one of them stands for all."""
     board = load_board(CLONE / "config" / "boards" / "kajimoto-hv507.toml")
     body = living_fingertip(board, list(zip(array.x_mm, array.y_mm, strict=True)))
@@ -47,19 +57,21 @@ def calibration_of(array: Array) -> Calibration:
         participant="fake",
         body_site="fingertip",
         array=array.name,
-        polarity="anodic",
+        polarity=polarity,
         width_us=WIDTH_US,
         rate_hz=RATE_HZ,
         returns="all",
         date=datetime.date(2025, 1, 15),
         program="etd 0.1.0",
-        electrode=tuple(limits_of(body, electrode) for electrode in range(array.count)),
+        electrode=tuple(limits_of(body, electrode, polarity) for electrode in range(array.count)),
     )
 
 
-def limits_of(body: LivingBody, electrode: int) -> ElectrodeLimits:
-    threshold_ua = body.commanded_threshold_ua(electrode, WIDTH_US)
-    pain_ua = body.commanded_pain_threshold_ua(electrode, WIDTH_US)
+def limits_of(
+    body: LivingBody, electrode: int, polarity: Literal["anodic", "cathodic"]
+) -> ElectrodeLimits:
+    threshold_ua = body.commanded_threshold_ua(electrode, WIDTH_US, polarity)
+    pain_ua = body.commanded_pain_threshold_ua(electrode, WIDTH_US, polarity)
     comfortable_ua = min(2.0 * threshold_ua, _COMFORTABLE_BELOW_PAIN * pain_ua, _MOST_UA)
     return ElectrodeLimits(
         threshold_ua=_down(threshold_ua) + _STEP_UA,
@@ -69,13 +81,14 @@ def limits_of(body: LivingBody, electrode: int) -> ElectrodeLimits:
     )
 
 
-def text_of(array: Array) -> str:
+def text_of(file: Path) -> str:
     """The file's content."""
+    array = array_of(file)
     head = (
         f"# The calibration of the fake's own body on {array.name}: modelled, no person was"
         " measured.\n"
     )
-    return head + to_toml(calibration_of(array))
+    return head + to_toml(calibration_of(array, polarity_of(file)))
 
 
 def _down(current_ua: float) -> int:
@@ -84,4 +97,4 @@ def _down(current_ua: float) -> int:
 
 if __name__ == "__main__":
     for path in sorted(FOLDER.glob("fake-*.toml")):
-        path.write_text(text_of(array_of(path)), encoding="utf-8")
+        path.write_text(text_of(path), encoding="utf-8")

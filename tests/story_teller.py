@@ -116,6 +116,7 @@ class Teller:
         )
         self._look(range(setting.electrodes))
         self._calibration: Calibration | None = None
+        self._person = 0
 
     @property
     def now_ns(self) -> int:
@@ -125,7 +126,7 @@ class Teller:
         """A lease for somebody with these caps."""
         loaded = self.rig.engine.components.loaded
         calibration = Calibration(
-            participant="P",
+            participant=f"P{self._person}",
             body_site=loaded.body_site.name,
             array=loaded.array.name,
             polarity="anodic",
@@ -212,6 +213,8 @@ class Teller:
         self.release("wearer_stop")
         self.close()
         self.clear()
+        # Also one with the caps of the one before.
+        self._person += 1
         self.open(caps_ua)
         self.arm()
 

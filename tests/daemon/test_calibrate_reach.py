@@ -96,6 +96,37 @@ def test_what_does_not_settle_is_given_up() -> None:
     assert given_up.value.presentations == MOST_PRESENTATIONS
 
 
+def comfortable_said(said: list[Answer]) -> tuple[Comfortable, list[int]]:
+    """The answers in turn, then `felt`."""
+    presented: list[int] = []
+
+    def present(current_ua: int) -> Answer:
+        presented.append(current_ua)
+        return said[len(presented) - 1] if len(presented) <= len(said) else "felt"
+
+    return run(comfortable(1_000), Reach(3_000, 1_000, 1_000), present), presented
+
+
+def test_a_comfortable_level_is_felt_twice_before_it_is_one() -> None:
+    found, presented = comfortable_said(["felt", "felt", "comfortable", "comfortable"])
+    assert presented[:5] == [1_000, 1_050, 1_102, 1_102, 1_157]
+    assert found == Comfortable(1_102, round(1_102 * 1.2))
+
+
+def test_a_key_that_slipped_sets_no_level() -> None:
+    found, presented = comfortable_said(
+        ["comfortable", "felt", "felt", "comfortable", "not_felt", "comfortable", "comfortable"]
+    )
+    assert presented[:7] == [1_000, 1_000, 1_050, 1_102, 1_102, 1_157, 1_157]
+    assert found.comfortable_ua == 1_157
+
+
+def test_what_is_too_strong_when_it_is_felt_again_is_not_accepted() -> None:
+    found, presented = comfortable_said(["felt", "felt", "comfortable", "too_strong"])
+    assert presented == [1_000, 1_050, 1_102, 1_102, 1_001]
+    assert found == Comfortable(1_001, 1_001)
+
+
 def comfortable_with(
     said: dict[int, Answer], cap_ua: int = 3_000, tolerated_ua: int = 1_000
 ) -> tuple[Comfortable, list[int]]:

@@ -48,7 +48,9 @@ BASELINE = Calibration(
 
 
 class Says:
-    """Answers in turn, and the last one for ever; looks at each question before it answers."""
+    """Answers in turn, and the last one for ever; looks at each question before it answers. What
+    it called too strong it is sure of.
+    """
 
     def __init__(
         self, answers: Iterable[Answer], look: Callable[[Question], None] = lambda _: None
@@ -59,7 +61,7 @@ class Says:
 
     def answer(self, question: Question, _: Callable[[], None]) -> Answer:
         self._look(question)
-        return next(self._answers)
+        return "too_strong" if question.ask == "sure" else next(self._answers)
 
     def wants_stop(self) -> bool:
         return False
@@ -201,6 +203,34 @@ def test_a_file_that_does_not_hold_together_is_not_gone_on_with(
         load_progress(path, ROW)
 
 
+@pytest.mark.parametrize(("instead", "kept"), [("too_strong", {0: 181}), ("felt", {})])
+def test_it_is_asked_again_whether_it_was_too_strong_and_kept_until_it_was_not(
+    instead: Answer, kept: dict[int, int], tmp_path: Path
+) -> None:
+    """The first presentation is of 200 uA."""
+    path, skin, asked = tmp_path / "P01.json", NoisySkin(4, 5), list[tuple[Question, object]]()
+    answers: list[Answer] = ["too_strong", instead, "pause"]
+
+    class Slips:
+        def answer(self, question: Question, _: Callable[[], None]) -> Answer:
+            saved = load_progress(path, ROW).lowered_ua if path.exists() else None
+            asked.append((question, saved))
+            return answers.pop(0)
+
+        def wants_stop(self) -> bool:
+            return False
+
+    course = Course(
+        Progress(conditions=ROW), skin, Slips(), lambda: TODAY,
+        on_progress=lambda now: save_progress(path, now),
+    )  # fmt: skip
+    with pytest.raises(Stopped):
+        course.run(EACH)
+    assert asked[:2] == [(Question("strength", 0), None), (Question("sure", 0), {0: 181})]
+    assert load_progress(path, ROW).lowered_ua == kept
+    assert len(skin.presented) == 2, "the second question is about the same presentation"
+
+
 def test_what_was_lowered_stays_the_lowest_and_takes_back_what_was_found_above() -> None:
     found = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=1_500, cap_ua=1_800)
     progress = Progress(conditions=ROW, found={0: found, 1: found})
@@ -230,6 +260,41 @@ def test_it_is_asked_which_of_two_was_too_strong_and_the_second_is_lowered(tmp_p
     assert asked[-2] == Question("which", 0, REFERENCE)
     assert compared == [1_000, 1_100, 1_210, 1_100]
     assert sittings.kept.lowered_ua == {0: 1_100}
+
+
+def test_where_neither_was_too_strong_it_is_compared_again_and_nothing_is_lowered(
+    tmp_path: Path,
+) -> None:
+    sittings = Sittings(tmp_path, EQUAL)
+    asked: list[Question] = []
+    said: list[Answer] = [*led_up(), "weaker", "too_strong", "neither", "weaker", "pause"]
+    presented = sittings.sit(said, (0,), asked.append)
+    assert [question.ask for question in asked[-4:]] == ["compare", "which", "compare", "compare"]
+    assert [ua for where, ua in presented if where == 0] == [1_000, 1_100, 1_210]
+    assert sittings.kept.lowered_ua == {}
+
+
+def test_after_the_reference_in_the_second_place_the_first_is_the_electrode() -> None:
+    """Each electrode is lowered, never the reference, wherever that came."""
+    asked: list[Question] = []
+
+    class Compares:
+        def answer(self, question: Question, _: Callable[[], None]) -> Answer:
+            if question.ask == "strength":
+                return "felt"
+            asked.append(question)
+            if question.ask == "which":
+                return "first" if question.is_reference_last else "second"
+            return "too_strong" if len(asked) > 4 else "same"
+
+        def wants_stop(self) -> bool:
+            return False
+
+    skin, progress = NoisySkin(4, 5), Progress(conditions=EQUAL, seed=3)
+    Course(progress, skin, Compares(), lambda: TODAY, baseline=BASELINE).run(EACH)
+    assert {one.is_reference_last for one in asked if one.ask == "which"} == {True, False}
+    assert REFERENCE not in progress.lowered_ua
+    assert set(progress.lowered_ua) == {0, 2, 3}
 
 
 @pytest.mark.parametrize(
@@ -320,7 +385,8 @@ def test_of_two_whatever_is_said_nothing_as_strong_as_what_hurt_comes_again(
                 return answer
             which: Answer = self._which  # type: ignore[assignment]
             for electrode, current_ua in self._skin.presented[-2:]:
-                if which != ("second" if electrode == question.reference else "first"):
+                other = "second" if electrode == question.reference else "first"
+                if which not in (other, "neither"):
                     hurt[electrode] = min(current_ua, hurt.get(electrode, current_ua))
             return which
 

@@ -7,16 +7,20 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
 from calibrate_scenes import FOUND, ROW
 from etd.calibrate import quest_plus
-from etd.calibrate.answers import ANSWERS, Answer, Ask, Question
+from etd.calibrate.answers import ANSWERS, Answer, Ask, Presentation, Question
 from etd.calibrate.progress import Progress
 from etd.cli import USED_WRONGLY, main
 from etd.cli.calibrate_screen import Screen
 from etd.cli.keys import Keyboard, legend
+from etd.files import resources
+from etd.files.array import load_array
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.facts import ArrayFacts
 
@@ -136,7 +140,7 @@ def test_a_terminal_that_has_gone_is_a_stop(typed: Typed) -> None:
     assert typed.keyboard.answer(Question("strength", 3), lambda: None) == "stop"
 
 
-@pytest.mark.parametrize("ask", ["strength", "compare", "which"])
+@pytest.mark.parametrize("ask", list(ANSWERS))
 def test_the_legend_names_every_answer_and_the_stop(ask: Ask) -> None:
     said = legend(ask)
     assert all(answer.replace("_", " ") in said for answer in ANSWERS[ask])
@@ -152,7 +156,11 @@ def test_the_help_names_every_key(capsys: pytest.CaptureFixture[str]) -> None:
     assert legend("which") in said
 
 
-def test_the_picture_shows_what_is_done_without_a_current(
+def shown(electrode: int, current_ua: int, **more: Any) -> Presentation:
+    return Presentation(electrode, current_ua, current_ua - 2, begun_ns=0, **more)
+
+
+def test_the_picture_shows_what_is_done_and_what_was_presented(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     facts = ArrayFacts(
@@ -181,6 +189,9 @@ def test_the_picture_shows_what_is_done_without_a_current(
     assert "# x @ ." in said
     assert "2 of 4 electrodes, 50 presentations" in said
     assert not any(figure in said for figure in ("1111", "2222", "2333", "777"))
+    screen.presented(shown(2, 850))
+    screen.ask(Question("strength", 2))
+    assert capsys.readouterr().out.startswith("electrode 2: 850 uA\nHow strong was it?\n")
 
     for answer in ("not_felt", None, "pause"):
         screen.heard(answer)
@@ -205,10 +216,60 @@ def test_the_picture_shows_where_something_was_too_strong(
     assert "# ! @ ." in said
     assert "! too strong" in said
     assert not any(figure in said for figure in ("777", "888", "2340"))
-    *_, heard, asked, first, second = said.splitlines()
+    *_, heard, which, asked, keys, first, second = said.splitlines()
     assert heard == "   too strong", "it is asked which one, and nothing is presented"
-    assert asked == f"Which one was too strong?   {legend('which')}"
+    assert which == "first electrode 0, second electrode 2"
+    assert (asked, keys) == ("Which one was too strong?", legend("which"))
     assert (first, second) == ("   first", "   second; next presentation")
+
+
+@pytest.mark.parametrize("array", resources.names("arrays"))
+@pytest.mark.parametrize("is_blind", [False, True])
+def test_the_screen_fits_80_columns(
+    array: str, is_blind: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = load_array(resources.find("arrays", array))
+    facts = ArrayFacts(
+        name=array,
+        electrodes=made.count,
+        x_mm=made.x_mm,
+        y_mm=made.y_mm,
+        diameter_mm=1.0,
+    )
+    conditions = msgspec.structs.replace(ROW, array=array, electrodes=made.count)
+    progress = Progress(
+        conditions=conditions,
+        found=dict.fromkeys(range(made.count - 1), FOUND),
+        presentations=12_345,
+    )
+    screen = Screen(facts, progress, is_quiet=False, is_blind=is_blind)
+    screen.begin()
+    last, before = made.count - 1, made.count - 2
+    for question in (
+        Question("strength", last),
+        Question("compare", last, before),
+        Question("which", last, before),
+    ):
+        screen.presented(shown(last, 10_000, reference=before, reference_ua=9_999))
+        screen.ask(question)
+        for answer in (*ANSWERS[question.ask], None):
+            screen.heard(answer)
+    screen.found()
+    said = capsys.readouterr().out
+    assert max(map(len, said.splitlines())) <= 80
+    assert (f"first electrode {before}: 9999 uA, second electrode {last}: 10000 uA" in said) == (
+        not is_blind
+    )
+    assert ("uA" in said) == (not is_blind)
+
+
+def test_the_help_fits_80_columns(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main(["calibrate", "--help"])
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 import pytest
 
 from calibrate_scenes import FOUND, ROW
+from etd.calibrate.answers import Presentation
 from etd.calibrate.progress import Progress
 from etd.cli.calibrate_watch import Watch
 
@@ -21,7 +22,9 @@ def progress() -> Progress:
 
 
 @contextmanager
-def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], list[str]]]:
+def terminal(
+    monkeypatch: pytest.MonkeyPatch, columns: int = 100
+) -> Iterator[Callable[[], list[str]]]:
     """Standard error goes to one; what is yielded closes it and tells the lines that were drawn
     there, without colors.
     """
@@ -33,7 +36,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], list[str]
         return [line for line in re.split(r"[\r\n]+", plain) if line]
 
     monkeypatch.setenv("TERM", "xterm-256color")
-    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("COLUMNS", str(columns))
     with os.fdopen(worker, "w") as file, monkeypatch.context() as here:
         here.setattr(sys, "stderr", file)
         yield lines
@@ -55,7 +58,7 @@ def play(watch: Watch, progress: Progress) -> None:
         watch.begin()
         for _ in range(3):
             progress.presentations += 1
-            watch.presented(1)
+            watch.presented(Presentation(1, 850, 848, begun_ns=0))
         progress.found[1] = FOUND
         watch.found()
 
@@ -84,3 +87,15 @@ def test_a_terminal_shows_every_presentation_and_how_long_it_takes(
     assert "2 of 4 electrodes, 43 presentations" in drawn[-1]
     assert re.search(r"0:00:0\d to go", drawn[-1])
     assert not any(figure in "".join(drawn) for figure in ("1111", "2222", "2333"))
+
+
+def test_the_bar_fits_80_columns_with_many_presentations(
+    progress: Progress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    progress.presentations = 12_342
+    with terminal(monkeypatch, columns=80) as lines:
+        play(Watch(progress), progress)
+        _, *drawn = lines()
+    assert max(map(len, drawn)) <= 80
+    assert "2 of 4 electrodes, 12345 presentations" in drawn[-1]
+    assert re.search(r"0:00:0\d to go", drawn[-1])

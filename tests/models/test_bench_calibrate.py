@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bench import calibrate as bench_calibrate
+from bench import calibrate_persons
 
 
 @pytest.mark.parametrize(
@@ -45,3 +46,23 @@ def test_a_reference_that_was_not_felt_is_told_in_a_sentence() -> None:
     said = bench_calibrate.sit(job)
     assert isinstance(said, str)
     assert "electrode 4 was not felt in the baseline" in said
+
+
+@pytest.mark.parametrize("person", ["good", "all"])
+def test_the_default_holds_its_bounds_with_a_person_who_answers_badly(
+    person: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["--method", "staircase", "--person", person, "--seeds", "21", "22"]
+    assert calibrate_persons.main(given) == 0
+    assert "holds" in capsys.readouterr().out
+
+
+def test_a_method_that_is_not_the_default_has_a_bound_for_pain_only() -> None:
+    sitting = calibrate_persons.Sitting(errors=[0.9] * 9, pain=1.0)
+    for method, pain, is_held in (
+        ("limits", 1.0, True),
+        ("limits", 1.2, False),
+        ("staircase", 1.0, False),
+    ):
+        sitting.pain = pain
+        assert calibrate_persons.row_of(method, "all", [sitting])["ok"] is is_held  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from etd.protocol.calibration import Calibration, ElectrodeLimits, Method
 from etd.protocol.errors import Refused
 from etd.protocol.messages import FrameReply
 from etd.stabilize.bursts import Bursts
-from etd.stabilize.law_settings import ContactSettings, PowerLawSettings
+from etd.stabilize.law_settings import ContactSettings, EnergySettings
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.settings import Settings
 from etd.stabilize.strength_duration import StrengthDuration
@@ -86,6 +86,42 @@ def test_a_presentation_is_so_many_pulses_of_the_current_asked_for(daemon: Stepp
     assert delivered.resistance_ohm is not None
     assert daemon.engine.components.reporter.counters["pulses"] - before == 10
     assert daemon.engine.components.reporter.counters["clamped"] == clamped
+    display.close()
+
+
+def test_all_electrodes_are_presented_at_once_each_at_its_own_current(
+    daemon: SteppedDaemon,
+) -> None:
+    display = armed(daemon)
+    stimulating = stimulator(daemon, display)
+    stimulating.open()
+    currents_ua = {electrode: 900 + 50 * electrode for electrode in range(8) if electrode != 5}
+    for electrode in currents_ua:
+        stimulating.present(electrode, currents_ua[electrode])
+    before = daemon.engine.components.reporter.counters["pulses"]
+
+    delivered = stimulating.present_whole(currents_ua)
+
+    assert delivered.electrode == 7
+    assert 1_240 <= delivered.current_ua <= 1_250
+    assert daemon.engine.components.reporter.counters["pulses"] - before == 70
+    display.close()
+
+
+def test_a_silent_trial_fires_nothing_and_lasts_as_long_as_others(daemon: SteppedDaemon) -> None:
+    display = armed(daemon)
+    stimulating = stimulator(daemon, display)
+    stimulating.open()
+    begun_ns = daemon.now_ns()
+    stimulating.present(3, 500)
+    lasted_s = (daemon.now_ns() - begun_ns) / 1e9
+    before = daemon.engine.components.reporter.counters["pulses"]
+
+    silent = stimulating.silence(3)
+
+    assert (silent.electrode, silent.current_ua) == (3, 0)
+    assert (daemon.now_ns() - silent.begun_ns) / 1e9 == pytest.approx(lasted_s, abs=0.03)
+    assert daemon.engine.components.reporter.counters["pulses"] == before
     display.close()
 
 
@@ -162,8 +198,8 @@ def test_pulses_that_would_be_made_narrower_and_stronger_are_not_presented() -> 
         display.close()
 
 
-def test_pulses_of_another_width_than_asked_for_are_no_presentation() -> None:
-    law = Settings(order=("power_law",), power_law=PowerLawSettings(k=1.0))
+def test_pulses_that_a_stabilizer_has_made_others_are_no_presentation() -> None:
+    law = Settings(order=("energy",), energy=EnergySettings())
     with SteppedDaemon("pad-8", stabilize=law) as daemon:
         daemon.fake.ask_body(lambda: daemon.body.touch(daemon.now_ns(), 3, skin(2e3, 2e4, 0.3)))
         display = armed(daemon)
@@ -173,7 +209,7 @@ def test_pulses_of_another_width_than_asked_for_are_no_presentation() -> None:
         for _ in range(8):
             stimulating.present(3, 800)
         daemon.fake.ask_body(lambda: daemon.body.touch(daemon.now_ns(), 3, skin(2e3, 4e4, 0.3)))
-        with pytest.raises(NotDelivered, match="us were fired instead of 100 us: a stabilizer"):
+        with pytest.raises(NotDelivered, match=r"fired instead of (800 uA|100 us)"):
             stimulating.present(3, 800)
         display.close()
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import os
 import pty
 import select
@@ -10,10 +12,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 
+import msgspec
 import pytest
 
 from command_rig import WITHIN_S, Command, CommandRig, command_rig
-from etd.files.calibration import load_calibration
+from etd.calibrate.order import is_catch
+from etd.files import resources
+from etd.files.calibration import load_calibration, to_toml
 
 pytestmark = pytest.mark.slow
 
@@ -40,12 +45,22 @@ class AtTerminal:
         )
         os.close(theirs)
         self.command = Command(self.process)
+        self._trial = 0
 
     def answer(self, keys: str) -> None:
-        """A key for each question."""
+        """A key for each question; what is silent is not felt."""
         for key in keys:
-            self.command.line_with("How strong was it", "stdout")
-            os.write(self._keys, key.encode())
+            while is_catch(SEED, self._trial):
+                self._press("n")
+            self._press(key)
+            if key == "t":
+                self.command.line_with("Too strong: it does not come again", "stdout")
+                os.write(self._keys, b"t")
+
+    def _press(self, key: str) -> None:
+        self.command.line_with("How strong was it", "stdout")
+        os.write(self._keys, key.encode())
+        self._trial += 1
 
     def press(self, key: bytes) -> None:
         os.write(self._keys, key)
@@ -57,7 +72,11 @@ class AtTerminal:
         os.close(self._keys)
 
 
-ARGUMENTS = ("calibrate", "P01", "--max-current-ua", "2000", "--board", "fake", "--array", "pad-8")
+#: Of an order that begins with electrode 0.
+SEED = 4
+OF_LIMITS = ("--method", "limits", "--seed", str(SEED))
+ARGUMENTS = ("calibrate", "P01", "--max-current-ua", "2000", "--board", "fake", "--array", "pad-8",
+             *OF_LIMITS)  # fmt: skip
 
 
 def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -> None:
@@ -65,7 +84,7 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
     try:
         # A coarse ascent, seven fine ones (they lie apart), comfortable, more accepted, too strong;
         # a stop on the next electrode.
-        at.answer("nf" * 8 + "cfft" + "ff" + " ")
+        at.answer("nf" * 8 + "ccfft" + "ff" + " ")
         said = at.command.ended()
     finally:
         at.close()
@@ -73,14 +92,20 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
     assert "halted; the results are saved: the same command continues" in said.err
     kept = list(rig.folder.glob("state/etd/fake/calibrating/P01.json"))
     assert len(kept) == 1
+    (trials,) = rig.folder.glob("P01_pad-8_*_trials.tsv")
+    assert f"trials: {trials.name}" in said.err
+    _, *rows = trials.read_text().splitlines()
+    assert len(rows) == 29, "four were silent, and one was asked about twice"
+    assert "\tstop\t" in rows[-1]
 
     out = rig.folder / "P01.toml"
     others = "1,2,3,4,5,6,7"
     done = rig.run(*ARGUMENTS, "--leave-out", others, "--out", str(out), "--json")
     assert done.status == 0, done.err
-    assert "continuing: 1 electrodes are done" in done.err
+    assert "continuing: electrodes done so far: 1" in done.err
     assert done.answer["presentations"] >= 17
     assert done.answer["too_strong"] == [0]
+    assert done.answer["trials"] is None, "nothing was presented this time"
     made = load_calibration(out)
     assert [limits.felt for limits in made.electrode] == [True] + [False] * 7
     assert 140 <= made.electrode[0].threshold_ua <= 200
@@ -90,7 +115,7 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
 
 def test_a_daemon_that_is_not_armed_is_waited_for(rig: CommandRig) -> None:
     with rig.daemon("--array", "pad-8"):
-        at = AtTerminal(rig, "calibrate", "P01", "--max-current-ua", "2000")
+        at = AtTerminal(rig, "calibrate", "P01", "--max-current-ua", "2000", *OF_LIMITS)
         try:
             assert "etd arm" in at.command.line_with("waiting for the operator")
             assert rig.run("arm").status == 0
@@ -103,6 +128,41 @@ def test_a_daemon_that_is_not_armed_is_waited_for(rig: CommandRig) -> None:
         missing = rig.run("calibrate", "P02", "--method", "equalize", "--baseline", "P01")
         assert missing.status == 1
         assert "not_found" in missing.err or "no calibration" in missing.err
+
+
+@pytest.mark.parametrize("is_running", [False, True])
+def test_a_private_fake_finds_the_calibrations_of_the_daemon(
+    rig: CommandRig, is_running: bool
+) -> None:
+    shipped = resources.find("calibrations", "fake-fingertip-pad-8")
+    made = msgspec.structs.replace(load_calibration(shipped), participant="P01")
+    stored = rig.folder / "state" / "etd" / "main" / "calibrations" / "P01.toml"
+    stored.parent.mkdir(parents=True)
+    stored.write_text(to_toml(made))
+    equalize = ("calibrate", "P01", "--method", "equalize", "--board", "fake")
+    with rig.daemon("--array", "pad-8") if is_running else contextlib.nullcontext():
+        at = AtTerminal(rig, *equalize, "--baseline", "P01")
+        try:
+            at.answer("q")
+            said = at.command.ended()
+        finally:
+            at.close()
+        # The reference has one at once, if its turn is the first.
+        assert "paused; " in said.err
+    if is_running:
+        return
+    missing = rig.run(*equalize, "--baseline", "P07")
+    assert missing.status == 1
+    assert "there is no calibration 'P07': neither has the daemon 'main' one" in missing.err
+    played = rig.run("play", pattern_of_8(rig), "--board", "fake", "--calibration", "P01")
+    assert played.status == 0, played.err
+
+
+def pattern_of_8(rig: CommandRig) -> str:
+    path = rig.folder / "one.json"
+    frames = [{"duration_ms": 50, "active": [0]}]
+    path.write_text(json.dumps({"etd_pattern": 1, "electrodes": 8, "frames": frames}))
+    return str(path)
 
 
 def test_what_was_too_strong_is_kept_though_the_command_is_killed(rig: CommandRig) -> None:
@@ -137,7 +197,7 @@ def test_what_was_too_strong_is_kept_though_the_command_is_killed(rig: CommandRi
 def test_what_goes_on_with_it_is_the_command_without_restart(rig: CommandRig) -> None:
     at = AtTerminal(rig, *ARGUMENTS, "--restart")
     try:
-        at.answer("nf" * 8 + "c" + "f" * 7 + "q")
+        at.answer("nf" * 8 + "cc" + "f" * 7 + "q")
         said = at.command.ended()
     finally:
         at.close()
@@ -151,7 +211,7 @@ def test_the_keys_that_end_it_are_heard_while_the_operator_is_waited_for(
     rig: CommandRig, key: bytes, said: str, state: str
 ) -> None:
     with rig.daemon("--array", "pad-8"):
-        at = AtTerminal(rig, "calibrate", "P01", "--max-current-ua", "2000")
+        at = AtTerminal(rig, "calibrate", "P01", "--max-current-ua", "2000", *OF_LIMITS)
         try:
             assert "SPACE STOP   q pause" in at.command.line_with("waiting for the operator")
             at.press(key)
@@ -166,7 +226,7 @@ def test_the_keys_that_end_it_are_heard_while_the_operator_is_waited_for(
 @pytest.mark.parametrize("ending", [signal.SIGHUP, signal.SIGTERM])
 def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Signals) -> None:
     with rig.daemon("--array", "pad-8"):
-        at = AtTerminal(rig, "calibrate", "P01", "--max-current-ua", "2000")
+        at = AtTerminal(rig, "calibrate", "P01", "--max-current-ua", "2000", *OF_LIMITS)
         try:
             at.command.line_with("waiting for the operator")
             assert rig.run("arm").status == 0

@@ -10,9 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-#: `strength`: is it felt, and how strongly? `compare`: is the second as strong as the first?
-#: `which`: after `too_strong` to that: which of the two?
-Ask = Literal["strength", "compare", "which"]
+#: `strength`: is it felt, and how strongly? `sure`: after `too_strong` to that: again, or what it
+#: was instead, since keys slip. `compare`: is the second as strong as the first? `which`: after
+#: `too_strong` to that: which of the two? `whole`: all electrodes at once, at level 1. `quality`
+#: and `place`: what does it feel like, and where, at the comfortable level?
+Ask = Literal["strength", "sure", "compare", "which", "whole", "quality", "place"]
 Answer = Literal[
     "not_felt",
     "felt",
@@ -24,14 +26,26 @@ Answer = Literal[
     "first",
     "second",
     "both",
+    "neither",
+    "vibration",
+    "pressure",
+    "prickling",
+    "other",
+    "under",
+    "around",
+    "elsewhere",
     "stop",
     "pause",
 ]
 
 ANSWERS: dict[Ask, tuple[Answer, ...]] = {
     "strength": ("not_felt", "felt", "comfortable", "too_strong"),
+    "sure": ("not_felt", "felt", "comfortable", "too_strong"),
     "compare": ("weaker", "same", "stronger", "too_strong"),
-    "which": ("first", "second", "both"),
+    "which": ("first", "second", "both", "neither"),
+    "whole": ("not_felt", "felt", "comfortable", "too_strong"),
+    "quality": ("vibration", "pressure", "prickling", "other", "too_strong"),
+    "place": ("under", "around", "elsewhere"),
 }
 
 
@@ -41,8 +55,37 @@ class Question:
 
     ask: Ask
     electrode: int
-    #: With `compare` and `which`: what was presented first.
+    #: With `compare` and `which`: what it is compared with, presented before it or after it. The
+    #: answers are about the second, or name the first and the second.
     reference: int | None = None
+    is_reference_last: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Presentation:
+    """What a question is about: for whoever runs the calibration, and for its record. Times are of
+    the stimulator's clock. Of the whole array the electrode with the highest current stands here.
+    """
+
+    electrode: int
+    #: As requested, and as it was commanded to the source.
+    current_ua: int
+    commanded_ua: int
+    begun_ns: int
+    resistance_ohm: int | None = None
+    #: With `compare` and `which`: what it was compared with, and whether that came after it.
+    reference: int | None = None
+    reference_ua: int | None = None
+    is_reference_last: bool = False
+    #: Of a catch trial, which is silent: the current that comes to this electrode next. Whoever
+    #: sees currents sees this one, since a zero would tell.
+    stands_for_ua: int | None = None
+    #: All electrodes at once.
+    is_whole: bool = False
+
+    @property
+    def is_catch(self) -> bool:
+        return self.stands_for_ua is not None
 
 
 class Answerer(Protocol):

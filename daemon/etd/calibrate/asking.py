@@ -1,20 +1,22 @@
 """One presentation and its question.
 
-Owns: the pauses, the question which of two was too strong, and that what was too strong is in the
+Owns: the pauses, the second question after `too strong`, and that what was too strong is in the
 progress before anything else happens. Must not know: procedures, the order of electrodes, how a
 current is presented, who answers, where progress is stored.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import Protocol, TypeAlias, get_args
 
-from etd.calibrate.answers import Answer, Answerer, Question
+from etd.calibrate.answers import Answer, Answerer, Ask, Presentation, Question
+from etd.calibrate.order import is_reference_last
 from etd.calibrate.progress import Progress
-from etd.calibrate.reach import Reach, a_step_below
+from etd.calibrate.reach import RISE, Reach, a_step_below
 from etd.calibrate.stimulator import Delivered
 from etd.calibrate.trial import Stopped
+from etd.protocol.calibration import ElectrodeLimits, Place, Quality
 from etd.protocol.errors import Refused
 
 #: Before each presentation, in turn: without a rhythm that answers could follow.
@@ -23,10 +25,30 @@ _PAUSES_S = (0.4, 0.6, 0.3, 0.5)
 _BETWEEN_S = 0.4
 
 
+Sensation: TypeAlias = tuple[Quality | None, Place | None]
+#: What an answer about the reference says of the electrode, and the other way round.
+_TURNED: dict[Answer, Answer] = {
+    "weaker": "stronger",
+    "stronger": "weaker",
+    "first": "second",
+    "second": "first",
+}
+#: Of the progress: what was found, and the lowered caps.
+_Kept: TypeAlias = tuple[dict[int, ElectrodeLimits], dict[int, int]]
+
+
 class Presenter(Protocol):
     """What is needed of a `Stimulator`."""
 
     def present(self, electrode: int, current_ua: int) -> Delivered: ...
+
+    def present_whole(self, currents_ua: Mapping[int, int]) -> Delivered:
+        """Of all these electrodes at once. What is delivered is that of the highest current."""
+        ...
+
+    def silence(self, electrode: int) -> Delivered:
+        """Nothing, for as long as a presentation there takes."""
+        ...
 
     def pause(self, seconds: float) -> None: ...
 
@@ -37,7 +59,8 @@ class Presenter(Protocol):
 
 class Asking:
     """`on_progress` is called with `progress` at once when something was too strong, `on_presented`
-    with the electrode of each presentation.
+    with each presentation, `on_answered` with what was asked about it and the answer: None if it
+    was not answered, because something else ended it.
     """
 
     def __init__(
@@ -46,57 +69,157 @@ class Asking:
         presenter: Presenter,
         answerer: Answerer,
         on_progress: Callable[[Progress], None],
-        on_presented: Callable[[int], None],
+        on_presented: Callable[[Presentation], None],
+        on_answered: Callable[[Presentation, Ask, Answer | None], None],
     ) -> None:
         self._progress = progress
         self._presenter = presenter
         self._answerer = answerer
         self._on_progress = on_progress
         self._on_presented = on_presented
-        #: Of the present electrode, by current; the caller empties it before another electrode.
-        self.resistances: dict[int, int] = {}
+        self._on_answered = on_answered
+        #: By electrode and current: the last one measured.
+        self.resistances: dict[int, dict[int, int]] = {}
+        self._comparisons: dict[int, int] = {}
 
     def strength(self, electrode: int, reach: Reach, current_ua: int) -> Answer:
         """Raises: Stopped, NotDelivered."""
         self._pause()
-        self._present(electrode, current_ua)
-        answer = self._answered(Question("strength", electrode))
-        if answer == "too_strong":
-            self._lower({electrode: reach.left_below(current_ua)})
-        return answer
+        presented = self._present(electrode, current_ua)
+        left_ua = {electrode: reach.left_below(current_ua)}
+        return self._strength_of(presented, lambda: self._lower(left_ua))
+
+    def catch(self, electrode: int, stands_for_ua: int) -> None:
+        """A silent trial, and the same question. Nothing was presented, so nothing is lowered.
+
+        Raises: Stopped.
+        """
+        self._pause()
+        delivered = self._presenter.silence(electrode)
+        progress = self._progress
+        progress.presentations += 1
+        presented = Presentation(electrode, 0, 0, delivered.begun_ns, stands_for_ua=stands_for_ua)
+        self._on_presented(presented)
+        answer = self._strength_of(presented, lambda: None)
+        progress.catch_trials += 1
+        progress.false_alarms += answer != "not_felt"
+
+    def sensation(self, electrode: int, comfortable_ua: int) -> Sensation:
+        """What the comfortable level feels like, and where. None: no such answer, or too strong,
+        which is kept. Raises: Stopped, NotDelivered.
+        """
+        self._pause()
+        presented = self._present(electrode, comfortable_ua)
+        left_ua = {electrode: a_step_below(comfortable_ua)}
+        quality = self._strength_of(presented, lambda: self._lower(left_ua), "quality")
+        if quality not in get_args(Quality):
+            return None, None
+        place = self._answered(Question("place", electrode), presented)
+        return (
+            next((one for one in get_args(Quality) if one == quality), None),
+            next((one for one in get_args(Place) if one == place), None),
+        )
+
+    def whole(self, part: float) -> Answer:
+        """All at once at this part of level 1, and how that was. Too strong takes all levels down
+        to a step below it.
+
+        Raises: Stopped, NotDelivered.
+        """
+        self._pause()
+        level_1_ua = self._progress.level_1_ua
+        currents_ua = {one: max(1, int(ua * part)) for one, ua in level_1_ua.items()}
+        delivered = self._presenter.present_whole(currents_ua)
+        self._progress.presentations += 1
+        electrode = delivered.electrode
+        presented = Presentation(
+            electrode,
+            currents_ua[electrode],
+            delivered.current_ua,
+            delivered.begun_ns,
+            is_whole=True,
+        )
+        self._on_presented(presented)
+        return self._strength_of(presented, lambda: self._take_down(RISE / part), "whole")
+
+    def _take_down(self, times: float) -> None:
+        self._progress.take_down(times)
+        self._on_progress(self._progress)
 
     def compared(
         self, electrode: int, reach: Reach, current_ua: int, reference: int, reference_ua: int
     ) -> Answer:
-        """Present the reference, then the electrode. `too_strong` refers to the electrode.
+        """Present the reference and the electrode, in the order that is due; the answer is what the
+        electrode is to the reference. `too_strong` refers to the electrode.
 
         Raises: Stopped, NotDelivered, Refused (`bad_calibration`: the reference was too strong).
         """
         self._pause()
-        self._presenter.present(reference, reference_ua)
-        self._presenter.pause(_BETWEEN_S)
-        self._present(electrode, current_ua)
-        answer = self._answered(Question("compare", electrode, reference))
-        if answer == "too_strong":
-            left_ua = {
-                reference: a_step_below(reference_ua),
-                electrode: reach.left_below(current_ua),
-            }
-            self._keep_which(electrode, reference, left_ua)
-        return answer
+        done = self._comparisons.get(electrode, 0)
+        self._comparisons[electrode] = done + 1
+        is_last = is_reference_last(self._progress.seed, electrode, done)
+        if not is_last:
+            self._presenter.present(reference, reference_ua)
+            self._presenter.pause(_BETWEEN_S)
+        presented = self._present(electrode, current_ua, reference, reference_ua, is_last)
+        left_ua = {
+            reference: a_step_below(reference_ua),
+            electrode: reach.left_below(current_ua),
+        }
+        question = Question("compare", electrode, reference, is_last)
+        while True:
+            before = self._kept()
+            answer = self._answered(question, presented, lambda: self._lower(left_ua))
+            if answer != "too_strong":
+                return _TURNED.get(answer, answer) if is_last else answer
+            if self._keep_which(presented, reference, left_ua, before):
+                return answer
 
-    def _keep_which(self, electrode: int, reference: int, left_ua: dict[int, int]) -> None:
-        """Both count as too strong until the answer says which: it may never come."""
-        progress = self._progress
-        found, lowered_ua = dict(progress.found), dict(progress.lowered_ua)
-        self._lower(left_ua)
-        which = self._answered(Question("which", electrode, reference))
+    def _keep_which(
+        self,
+        presented: Presentation,
+        reference: int,
+        left_ua: dict[int, int],
+        before: _Kept,
+    ) -> bool:
+        """Both count as too strong until the answer says which: it may never come. False: neither.
+
+        Raises: Refused.
+        """
+        electrode, is_last = presented.electrode, presented.is_reference_last
+        which = self._answered(Question("which", electrode, reference, is_last), presented)
+        if is_last:
+            which = _TURNED.get(which, which)
+        if which == "neither":
+            self._take_back(before)
+            return False
         if which in ("first", "second"):
-            progress.found, progress.lowered_ua = found, lowered_ua
+            self._take_back(before)
             too_strong = reference if which == "first" else electrode
             self._lower({too_strong: left_ua[too_strong]})
         if which != "second":
             raise too_strong_reference(reference)
+        return True
+
+    def _strength_of(
+        self, presented: Presentation, lower: Callable[[], None], ask: Ask = "strength"
+    ) -> Answer:
+        """It counts as too strong until the second answer says otherwise: it may never come."""
+        before = self._kept()
+        answer = self._answered(Question(ask, presented.electrode), presented, lower)
+        if answer != "too_strong":
+            return answer
+        answer = self._answered(Question("sure", presented.electrode), presented)
+        if answer != "too_strong":
+            self._take_back(before)
+        return answer
+
+    def _kept(self) -> _Kept:
+        return dict(self._progress.found), dict(self._progress.lowered_ua)
+
+    def _take_back(self, before: _Kept) -> None:
+        self._progress.found, self._progress.lowered_ua = dict(before[0]), dict(before[1])
+        self._on_progress(self._progress)
 
     def _lower(self, left_ua: dict[int, int]) -> None:
         for electrode, one_ua in left_ua.items():
@@ -108,18 +231,57 @@ class Asking:
     def _pause(self) -> None:
         self._presenter.pause(_PAUSES_S[self._progress.presentations % len(_PAUSES_S)])
 
-    def _present(self, electrode: int, current_ua: int) -> None:
-        delivered = self._presenter.present(electrode, current_ua)
+    def _present(
+        self,
+        electrode: int,
+        current_ua: int,
+        reference: int | None = None,
+        reference_ua: int | None = None,
+        is_reference_last: bool = False,
+    ) -> Presentation:
+        """The reference too, if it comes last."""
+        delivered = last = self._presenter.present(electrode, current_ua)
+        if is_reference_last and reference is not None and reference_ua is not None:
+            self._presenter.pause(_BETWEEN_S)
+            last = self._presenter.present(reference, reference_ua)
         self._progress.presentations += 1
         if delivered.resistance_ohm is not None:
-            self.resistances[current_ua] = delivered.resistance_ohm
-        self._on_presented(electrode)
+            seen = self.resistances.setdefault(electrode, {})
+            seen[current_ua] = delivered.resistance_ohm
+        presented = Presentation(
+            electrode=electrode,
+            current_ua=current_ua,
+            commanded_ua=delivered.current_ua,
+            begun_ns=last.begun_ns,
+            resistance_ohm=delivered.resistance_ohm,
+            reference=reference,
+            reference_ua=reference_ua,
+            is_reference_last=is_reference_last,
+        )
+        self._on_presented(presented)
+        return presented
 
-    def _answered(self, question: Question) -> Answer:
-        """Raises: Stopped."""
-        answer = self._answerer.answer(question, self._presenter.keep)
-        if answer == "stop":
-            self._presenter.stop()
+    def _answered(
+        self,
+        question: Question,
+        presented: Presentation,
+        lower: Callable[[], None] = lambda: None,
+    ) -> Answer:
+        """`lower`: what is done where it was too strong. That, and a stop, come before the trial is
+        told of. Raises: Stopped.
+        """
+        try:
+            answer = self._answerer.answer(question, self._presenter.keep)
+        except BaseException:
+            self._on_answered(presented, question.ask, None)
+            raise
+        try:
+            if answer == "stop":
+                self._presenter.stop()
+            elif answer == "too_strong":
+                lower()
+        finally:
+            self._on_answered(presented, question.ask, answer)
         if answer in ("stop", "pause"):
             raise Stopped(answer)
         return answer

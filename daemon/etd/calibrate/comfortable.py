@@ -3,8 +3,10 @@
 Owns: the steps, and when to stop. Must not know: persons, daemons, reach.
 
 Steps are 5 %: on some electrodes pain is near the threshold. The cap is the highest current that
-was presented and accepted, never an untried one. After `comfortable` the ascent continues by at
-most 20 % (what stabilizers may need above a level of 1), and ends at the first `too_strong`.
+was presented and accepted, never an untried one. After `comfortable` the same current is presented
+once more, and counts when it is called so again: a key slips, and a level is what is felt. Then the
+ascent continues by at most 20 % (what stabilizers may need above a level of 1), and ends at the
+first `too_strong`.
 """
 
 from __future__ import annotations
@@ -35,17 +37,26 @@ def comfortable(threshold_ua: int, known_ua: float = 0.0) -> Procedure[Comfortab
     """
     requested_ua: float = threshold_ua
     chosen_ua: int | None = None
+    #: Called comfortable once.
+    once_ua: int | None = None
     accepted_ua = 0
     while True:
         heard = yield requested_ua
         if heard.answer == "too_strong":
-            if accepted_ua or heard.current_ua <= LEAST_UA:
+            if 0 < accepted_ua < heard.current_ua:
+                break
+            # Not even what was accepted before: what is left must be felt to be accepted.
+            accepted_ua, chosen_ua, once_ua = 0, None, None
+            if heard.current_ua <= LEAST_UA:
                 break
             requested_ua = heard.current_ua / FINE
             continue
         accepted_ua = max(accepted_ua, heard.current_ua)
         if heard.answer == "comfortable" and chosen_ua is None:
-            chosen_ua = heard.current_ua
+            if heard.current_ua != once_ua:
+                requested_ua = once_ua = heard.current_ua
+                continue
+            chosen_ua = once_ua
         enough_ua = None if chosen_ua is None else round(chosen_ua * HEADROOM)
         if heard.is_at_cap or (enough_ua is not None and accepted_ua >= enough_ua):
             break

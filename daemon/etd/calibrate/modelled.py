@@ -6,6 +6,8 @@ Real boards do not send it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from etd.calibrate.asking import Presenter
 from etd.calibrate.person import Felt
 from etd.calibrate.stimulator import Delivered
@@ -61,6 +63,24 @@ class FeltPresenter:
         self._body.begin(electrode)
         try:
             delivered = self._presenter.present(electrode, current_ua)
+            self._presenter.pause(_REPORTED_WITHIN_S)
+        finally:
+            self._body.end()
+        return delivered
+
+    def present_whole(self, currents_ua: Mapping[int, int]) -> Delivered:
+        self._body.begin(max(currents_ua, key=currents_ua.__getitem__))
+        try:
+            delivered = self._presenter.present_whole(currents_ua)
+            self._presenter.pause(_REPORTED_WITHIN_S)
+        finally:
+            self._body.end()
+        return delivered
+
+    def silence(self, electrode: int) -> Delivered:
+        self._body.begin(electrode)
+        try:
+            delivered = self._presenter.silence(electrode)
             self._presenter.pause(_REPORTED_WITHIN_S)
         finally:
             self._body.end()

@@ -4,8 +4,10 @@ Owns: the response model. Must not know: currents, how a sensation comes about: 
 strength (1: felt half of the time) and pain (1: pain) of the last presentation on an electrode, as
 the body behind a fake board does.
 
-The model [design]: the perceived strength is the felt strength with log-normal noise. A lapse is a
-random answer. It does not represent any real person.
+The model [design]: the perceived strength is the felt strength with log-normal noise, over what the
+person's thresholds have become by drift and adaptation. A lapse is a random answer, a false alarm
+feels what is not there, a slip is another key than was meant. It does not represent any real
+person.
 """
 
 from __future__ import annotations
@@ -15,7 +17,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp, log
 
-from etd.calibrate.answers import Answer, Question
+from etd.calibrate.answers import ANSWERS, Answer, Question
+
+#: Adaptation comes within a quarter of an hour of use [abs]: so many presentations, of which it
+#: has nearly all at the end.
+_QUARTER_HOUR = 1_000
+_NEARLY = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,18 +35,31 @@ class Felt:
 
 @dataclass(frozen=True, slots=True)
 class ResponseModel:
-    """How a simulated person answers."""
+    """How a simulated person answers. Shares are of 1."""
 
     #: The standard deviation of the logarithm of the perceived strength.
     noise: float = 0.05
     #: The share of presentations answered by chance.
     lapses: float = 0.01
+    #: The share of presentations not felt, silent ones included, that are said to be felt.
+    false_alarms: float = 0.0
+    #: The share of answers where another key is pressed than was meant.
+    slips: float = 0.0
+    #: The standard deviation of what thresholds and pain change by from one presentation to the
+    #: next, up or down (logarithm).
+    drift: float = 0.0
+    #: The share by which thresholds and pain have risen after a quarter of an hour.
+    adaptation: float = 0.0
     #: Felt strength that is called comfortable.
     comfortable: float = 1.7
     #: Pain from which on it is called too strong.
     discomfort: float = 0.85
+    #: Who endures says so only at so many times this pain.
+    endures: float = 1.0
     #: Two strengths nearer than this (logarithm) are called the same.
     alike: float = 0.06
+    #: The second of two is felt stronger by this (logarithm).
+    second: float = 0.0
 
 
 class SimulatedPerson:
@@ -51,31 +71,63 @@ class SimulatedPerson:
         self._sense = sense
         self._model = model or ResponseModel()
         self._random = random.Random(seed)
+        self._presentations = 0
+        self._drifted = 0.0
+        #: The answer to the last presentation, before any slip.
+        self._meant: Answer = "not_felt"
+
+    @property
+    def threshold_times(self) -> float:
+        """What drift and adaptation have made of thresholds and pain: times those of the body."""
+        adapted = 1.0 - exp(-_NEARLY * self._presentations / _QUARTER_HOUR)
+        return exp(self._drifted) * (1.0 + self._model.adaptation * adapted)
 
     def answer(self, question: Question, _: Callable[[], None]) -> Answer:
-        felt = self._sense(question.electrode)
         if question.ask == "which":
-            return "second"  # what it called too strong was the second
-        noise = exp(self._random.gauss(0.0, self._model.noise))
-        if felt.pain * noise >= self._model.discomfort:
-            return "too_strong"
-        if question.reference is not None:
-            return self._compared(felt.strength * noise, question.reference)
-        if self._random.random() < self._model.lapses:
-            return self._random.choice(("not_felt", "felt"))
-        if felt.strength * noise < 1.0:
-            return "not_felt"
-        return "comfortable" if felt.strength * noise >= self._model.comfortable else "felt"
+            # What it called too strong was the electrode, if it was.
+            electrode: Answer = "first" if question.is_reference_last else "second"
+            return self._pressed(question, electrode if self._meant == "too_strong" else "neither")
+        if question.ask in ("quality", "place"):
+            return self._pressed(question, ANSWERS[question.ask][0])
+        if question.ask != "sure":
+            self._meant = self._judged(question)
+            self._presentations += 1
+            self._drifted += self._random.gauss(0.0, self._model.drift)
+        return self._pressed(question, self._meant)
 
     def wants_stop(self) -> bool:
         return False
 
-    def _compared(self, perceived: float, reference: int) -> Answer:
-        noise = exp(self._random.gauss(0.0, self._model.noise))
-        first = self._sense(reference).strength * noise
-        if perceived <= 0.0 or first <= 0.0:
-            return "same" if perceived == first else "weaker" if first > 0.0 else "stronger"
-        apart = log(perceived / first)
-        if abs(apart) < self._model.alike:
+    def _pressed(self, question: Question, meant: Answer) -> Answer:
+        """The key for it, or another one of this question."""
+        if self._random.random() >= self._model.slips:
+            return meant
+        return self._random.choice([one for one in ANSWERS[question.ask] if one != meant])
+
+    def _judged(self, question: Question) -> Answer:
+        model, chance = self._model, self._random
+        felt, noise = self._sense(question.electrode), exp(chance.gauss(0.0, model.noise))
+        if felt.pain * noise / self.threshold_times >= model.discomfort * model.endures:
+            return "too_strong"
+        perceived = felt.strength * noise / self.threshold_times
+        if question.reference is not None:
+            return self._compared(perceived, question.reference, question)
+        if chance.random() < model.lapses:
+            return chance.choice(("not_felt", "felt"))
+        if perceived < 1.0:
+            return "felt" if chance.random() < model.false_alarms else "not_felt"
+        return "comfortable" if perceived >= model.comfortable else "felt"
+
+    def _compared(self, perceived: float, reference: int, question: Question) -> Answer:
+        """The second with the first. What comes second is felt stronger, by `second`."""
+        model, noise = self._model, exp(self._random.gauss(0.0, self._model.noise))
+        other = self._sense(reference).strength * noise / self.threshold_times
+        first, second = perceived, other
+        if not question.is_reference_last:
+            first, second = second, first
+        if first <= 0.0 or second <= 0.0:
+            return "same" if first == second else "weaker" if first > 0.0 else "stronger"
+        apart = log(second / first) + model.second
+        if abs(apart) < model.alike:
             return "same"
         return "stronger" if apart > 0.0 else "weaker"

@@ -16,21 +16,38 @@ from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
 from etd.files.atomic_file import write_atomically
-from etd.protocol.calibration import Calibration, ElectrodeLimits, Ua, resisted_as_skin
+from etd.protocol.calibration import (
+    Calibration,
+    ElectrodeLimits,
+    Seed,
+    SkinCelsius,
+    Ua,
+    resisted_as_skin,
+)
 from etd.protocol.errors import FileError
 
 
 class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """What has been found so far, by electrode; `presentations` counts all of them.
+    """What has been found so far, by electrode; `presentations` counts all of them, silent ones
+    included: `catch_trials`, of which `false_alarms` were said to be felt.
 
     `lowered_ua`: by electrode, the cap after something was too strong there. It bounds all further
-    presentations and the finished calibration.
+    presentations and the finished calibration. `seed`: of the random order; None in a file of
+    before there was one, which continues in the array's order. `is_whole_accepted`: all electrodes
+    at once, at level 1, were presented with these figures and not too strong. `drift`, and
+    `skin_celsius`: as in the calibration.
     """
 
     conditions: Conditions
     found: dict[int, ElectrodeLimits] = {}
     presentations: Annotated[int, Meta(ge=0)] = 0
     lowered_ua: dict[int, Ua] = {}
+    seed: Seed | None = None
+    catch_trials: Annotated[int, Meta(ge=0)] = 0
+    false_alarms: Annotated[int, Meta(ge=0)] = 0
+    is_whole_accepted: bool = False
+    drift: Annotated[float, Meta(ge=-1)] | None = None
+    skin_celsius: SkinCelsius | None = None
 
     @property
     def missing(self) -> tuple[int, ...]:
@@ -49,8 +66,35 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
         """`left_ua` is the most allowed there from now on; a result with more is deleted."""
         left_ua = min(left_ua, self.lowered_ua.get(electrode, left_ua))
         self.lowered_ua[electrode] = left_ua
+        self.is_whole_accepted = False
         if electrode in self.found and self.found[electrode].cap_ua > left_ua:
             del self.found[electrode]
+
+    @property
+    def is_whole_due(self) -> bool:
+        """A single electrode was accepted already."""
+        return not self.is_whole_accepted and len(self.level_1_ua) > 1
+
+    @property
+    def level_1_ua(self) -> dict[int, int]:
+        """By electrode, where there is such a level."""
+        return {
+            electrode: limits.comfortable_ua
+            for electrode, limits in self.found.items()
+            if limits.felt and limits.comfortable_ua
+        }
+
+    def take_down(self, times: float) -> None:
+        """All levels at once, and with them the caps: together they were too strong."""
+        for electrode, limits in self.found.items():
+            if limits.felt:
+                comfortable_ua = int(limits.comfortable_ua / times)
+                self.found[electrode] = msgspec.structs.replace(
+                    limits,
+                    threshold_ua=min(limits.threshold_ua, comfortable_ua),
+                    comfortable_ua=comfortable_ua,
+                    cap_ua=int(limits.cap_ua / times),
+                )
 
 
 def save_progress(path: Path, progress: Progress) -> None:
@@ -60,8 +104,11 @@ def save_progress(path: Path, progress: Progress) -> None:
     write_atomically(path, data + b"\n", mode=0o600)
 
 
-def load_progress(path: Path, conditions: Conditions) -> Progress:
-    """Raises: FileError, also for other conditions, or figures that they cannot have given."""
+def load_progress(path: Path, conditions: Conditions, seed: int | None = None) -> Progress:
+    """`seed`: the one asked for; None takes the saved one.
+
+    Raises: FileError, also for other conditions, or figures that they cannot have given.
+    """
     try:
         progress = msgspec.json.decode(path.read_bytes(), type=Progress)
     except OSError as error:
@@ -81,11 +128,30 @@ def load_progress(path: Path, conditions: Conditions) -> Progress:
                 f"the saved progress has {was}, this calibration {now}",
                 "use the same conditions, or start again with --restart",
             )
+    _check_order(str(path), progress, seed)
     for electrode, limits in progress.found.items():
         _check_found(str(path), progress, electrode, limits)
     for electrode in progress.lowered_ua:
         _check_electrode(str(path), "lowered_ua", conditions, electrode)
     return progress
+
+
+def _check_order(path: str, progress: Progress, seed: int | None) -> None:
+    if seed not in (None, progress.seed):
+        raise FileError(
+            path,
+            "seed",
+            f"the saved progress has {progress.seed}, this calibration {seed}",
+            "leave --seed out: the order continues; or start again with --restart",
+        )
+    if not progress.false_alarms <= progress.catch_trials <= progress.presentations:
+        raise FileError(
+            path,
+            "false_alarms",
+            f"{progress.false_alarms} of {progress.catch_trials} catch trials in"
+            f" {progress.presentations} presentations cannot be",
+            "start again with --restart",
+        )
 
 
 def _check_electrode(path: str, key: str, conditions: Conditions, electrode: int) -> None:
@@ -128,7 +194,7 @@ def finished(
 
     Raises: FileError if nothing was felt anywhere.
     """
-    conditions = progress.conditions
+    conditions, catches = progress.conditions, progress.catch_trials
     felt_ua = [limits.threshold_ua for limits in progress.found.values() if limits.felt]
     if not felt_ua:
         raise FileError("the calibration", "", "nothing was felt anywhere", "check contact and cap")
@@ -143,6 +209,12 @@ def finished(
         program=program,
         electrode=tuple(_dated(limits, date) for limits in each),
         gamma=gamma,
+        seed=progress.seed,
+        catch_trials=catches or None,
+        is_whole_accepted=progress.is_whole_accepted or None,
+        drift=progress.drift,
+        skin_celsius=progress.skin_celsius,
+        false_alarm_rate=round(progress.false_alarms / catches, 3) if catches else None,
     )
 
 

@@ -41,7 +41,8 @@ def ready_questplus() -> None:
     try:
         import questplus  # noqa: F401
     except ModuleNotFoundError:
-        raise PackageMissing("questplus", "quest-plus", ", or choose another --method") from None
+        otherwise = " (every other --method does without)"
+        raise PackageMissing("questplus", "quest-plus", otherwise) from None
     _fresh()
 
 

@@ -12,9 +12,9 @@ one before do not count as tries.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, Unpack
+from typing import TYPE_CHECKING, Protocol
 
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.trial import Stopped
@@ -24,6 +24,9 @@ from etd.protocol.frame import Ring
 from etd.protocol.messages import FrameReply, Halt, Scan
 from etd_hal.ports import Clock
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 _MS = 1_000_000
 #: Far below any threshold, and how far the soft start rises by pulses that weak.
 _PRIME_UA, _PRIMED_UA = 50, 500
@@ -32,6 +35,8 @@ _FIRED_WITHIN_NS = 5_000 * _MS
 #: A lease lasts for a second, and a busy machine may take half of it for one message.
 _KEEP_NS = 200 * _MS
 _TRIES = 8
+#: The whole array may be slower, and take longer.
+_MOST_TTL_MS = 1_000
 _AGAIN_NS = 150 * _MS
 #: Reports come 30 times a second; the stop is polled more often.
 _LOOK_S = 0.02
@@ -46,11 +51,14 @@ _WIDER_US = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Delivered:
-    """One presentation: the commanded current, and the skin's resistance as stabilizers use it."""
+    """One presentation: the commanded current, the skin's resistance as stabilizers use it, and
+    when its frame was sent, on the stimulator's clock. The first pulse follows within milliseconds.
+    """
 
     electrode: int
     current_ua: int
     resistance_ohm: int | None
+    begun_ns: int = 0
 
 
 class NotDelivered(EtdError):
@@ -100,6 +108,7 @@ class Stimulator:
         self._on_report = on_report
         self._ceiling_ua = 0
         self._kept_ns = 0
+        self._lasted_s = conditions.presentation_s
 
     def open(self) -> None:
         """Pass through the soft start's beginning with a current that is not felt. Presentations
@@ -112,22 +121,40 @@ class Stimulator:
                 raise Refused(
                     "wrong_state", f"the soft start is at {self._ceiling_ua} uA and does not rise"
                 )
-            self._show(0, current_ua, pulses=None, ttl_ms=500)
+            self._show({0: current_ua}, pulses=None, ttl_ms=500)
             self.pause(0.2)
-        self._show(0, 0, pulses=None, ttl_ms=500)
+        self._show({}, pulses=None, ttl_ms=500)
 
     def present(self, electrode: int, current_ua: int) -> Delivered:
         """Present the conditions' pulses of this current, once. Raises: NotDelivered."""
+        delivered = self._repeated({electrode: current_ua})
+        self._lasted_s = (self._clock.now_ns() - delivered.begun_ns) / 1e9
+        return delivered
+
+    def present_whole(self, currents_ua: Mapping[int, int]) -> Delivered:
+        """The conditions' pulses of all these at once, slower where they do not fit in. What is
+        delivered is that of the highest current. Raises: NotDelivered.
+        """
+        return self._repeated(currents_ua)
+
+    def _repeated(self, currents_ua: Mapping[int, int]) -> Delivered:
+        """Until it was fired as requested."""
         why, tries, most_ua = "", 0, 0
         while tries < _TRIES:
-            delivered, why, fired_ua = self._presented(electrode, current_ua)
+            delivered, why, fired_ua = self._presented(currents_ua)
             if delivered is not None:
                 return delivered
             if fired_ua <= most_ua + _STEPS_UA:
                 tries += 1
             most_ua = max(most_ua, fired_ua)
             self._sleep(_AGAIN_NS)
-        raise NotDelivered(electrode, why)
+        raise NotDelivered(_highest(currents_ua), why)
+
+    def silence(self, electrode: int) -> Delivered:
+        """Nothing, for as long as the last presentation took: its length must not tell."""
+        begun_ns = self._clock.now_ns()
+        self.pause(self._lasted_s)
+        return Delivered(electrode, 0, None, begun_ns)
 
     def pause(self, seconds: float) -> None:
         """Wait; the lease is renewed, and a halt or a stop raises."""
@@ -157,12 +184,15 @@ class Stimulator:
 
     # --- one presentation --------------------------------------------------------------------
 
-    def _presented(self, electrode: int, current_ua: int) -> tuple[Delivered | None, str, int]:
-        """The presentation, or why there was none; and the current of its last pulse in uA."""
-        conditions = self._conditions
+    def _presented(self, currents_ua: Mapping[int, int]) -> tuple[Delivered | None, str, int]:
+        """The presentation, or why there was none; and the highest current of its last pulses, in
+        uA.
+        """
+        conditions, is_whole = self._conditions, len(currents_ua) > 1
         self._look()
-        ttl_ms = int(conditions.presentation_s * 1000) + 250
-        seq = self._show(electrode, current_ua, conditions.pulses, ttl_ms)
+        ttl_ms = _MOST_TTL_MS if is_whole else int(conditions.presentation_s * 1000) + 250
+        begun_ns = self._clock.now_ns()
+        seq = self._show(currents_ua, conditions.pulses, ttl_ms, allow_slower=is_whole)
         until_ns = self._clock.now_ns() + _FIRED_WITHIN_NS
         trouble: set[str] = set()
         while self._clock.now_ns() < until_ns:
@@ -170,35 +200,55 @@ class Stimulator:
             scan = self._receive(_LOOK_S)
             if not isinstance(scan, Scan) or all(shown.seq != seq for shown in scan.shown):
                 continue
-            trouble |= {clamp.reason for clamp in scan.clamped if clamp.electrode == electrode}
-            trouble |= {
-                shortfall.reason for shortfall in scan.not_fired if shortfall.electrode == electrode
-            }
+            trouble |= {one.reason for one in scan.clamped if one.electrode in currents_ua}
+            trouble |= {one.reason for one in scan.not_fired if one.electrode in currents_ua}
             if any(shown.seq == seq and shown.ended for shown in scan.shown):
-                fired_ua = scan.fired.current_ua[electrode]
-                return *self._settled(scan, electrode, current_ua, trouble), fired_ua
+                fired_ua = max(scan.fired.current_ua[electrode] for electrode in currents_ua)
+                delivered, why = self._settled(scan, currents_ua, trouble, begun_ns)
+                return delivered, why, fired_ua
         return None, "nothing was fired", 0
 
     def _settled(
-        self, scan: Scan, electrode: int, current_ua: int, trouble: set[str]
+        self, scan: Scan, currents_ua: Mapping[int, int], trouble: set[str], begun_ns: int
     ) -> tuple[Delivered | None, str]:
+        whys = (
+            self._departed(scan, electrode, current_ua, trouble)
+            for electrode, current_ua in currents_ua.items()
+        )
+        if why := next((why for why in whys if why), ""):
+            return None, why
+        highest = _highest(currents_ua)
+        fired = scan.fired
+        return (
+            Delivered(highest, fired.current_ua[highest], fired.skin_ohm[highest], begun_ns),
+            "",
+        )
+
+    def _departed(self, scan: Scan, electrode: int, current_ua: int, trouble: set[str]) -> str:
+        """In what it was not fired as requested; empty if it was."""
         fired_ua = scan.fired.current_ua[electrode]
         if trouble:
-            return None, f"{' and '.join(sorted(trouble))}: {fired_ua} of {current_ua} uA"
+            return f"{' and '.join(sorted(trouble))}: {fired_ua} of {current_ua} uA"
         fired_us, asked_us = scan.fired.width_us[electrode], self._conditions.width_us
         if abs(fired_us - asked_us) >= _WIDER_US:
-            return None, (
+            return (
                 f"pulses of {fired_us:g} us were fired instead of {asked_us} us: a stabilizer of"
                 " the body site changes the width"
             )
         if not current_ua - _STEPS_UA <= fired_ua <= current_ua:
-            return None, f"{fired_ua} uA were fired instead of {current_ua} uA"
-        return Delivered(electrode, fired_ua, scan.fired.skin_ohm[electrode]), ""
+            return f"{fired_ua} uA were fired instead of {current_ua} uA"
+        return ""
 
-    def _show(self, electrode: int, current_ua: int, pulses: int | None, ttl_ms: int) -> int:
+    def _show(
+        self,
+        currents_ua: Mapping[int, int],
+        pulses: int | None,
+        ttl_ms: int,
+        *,
+        allow_slower: bool = False,
+    ) -> int:
         conditions, returns = self._conditions, self._conditions.returns
-        currents_ua = [0] * conditions.electrodes
-        currents_ua[electrode] = current_ua
+        each_ua = [currents_ua.get(electrode, 0) for electrode in range(conditions.electrodes)]
         options: FrameOptions = {
             "width_us": conditions.width_us,
             "polarity": conditions.polarity,
@@ -206,9 +256,11 @@ class Stimulator:
             "returns": {"ring_mm": returns.ring_mm} if isinstance(returns, Ring) else returns,
             "ttl_ms": ttl_ms,
         }
+        if allow_slower:
+            options["allow_slower"] = True
         if pulses is not None:
             options["pulses"] = pulses
-        reply = self._display.show_current(currents_ua, **options)
+        reply = self._display.show_current(each_ua, **options)
         for clamp in reply.clamped:
             if clamp.reason not in _PASSING:
                 raise Refused(
@@ -244,3 +296,8 @@ class Stimulator:
 
     def _sleep(self, duration_ns: int) -> None:
         self._clock.sleep_until_ns(self._clock.now_ns() + duration_ns)
+
+
+def _highest(currents_ua: Mapping[int, int]) -> int:
+    """The electrode of the highest current."""
+    return max(currents_ua, key=currents_ua.__getitem__)

@@ -1,4 +1,4 @@
-"""A procedure as a generator, and the loop that runs it within its reach.
+"""A procedure as a generator, and running it within its reach: alone, or in turn with others.
 
 Owns: the interface of procedures (it yields the current it requests next, and is sent the current
 presented and the answer), and that no request exceeds the reach. Must not know: which procedures
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import TypeAlias, TypeVar
+from typing import Generic, TypeAlias, TypeVar
 
 from etd.calibrate.answers import Answer
 from etd.calibrate.reach import Reach
@@ -66,19 +66,50 @@ class BelowThreshold(EtdError):
         )
 
 
+class Track(Generic[R]):
+    """One procedure under way, within its reach. There is a `result` when it `is_over`."""
+
+    def __init__(self, procedure: Procedure[R], reach: Reach) -> None:
+        self._procedure = procedure
+        self._reach = reach
+        self._presentations = 0
+        self._requested_ua = 0.0
+        self.is_over = False
+        self._advance(lambda: next(procedure))
+
+    @property
+    def current_ua(self) -> int:
+        """What is presented next."""
+        return self._reach.bounded(self._requested_ua)
+
+    @property
+    def result(self) -> R:
+        return self._result
+
+    def hear(self, current_ua: int, answer: Answer) -> None:
+        """The answer to this presentation. Raises: Stopped, Unsettled."""
+        if answer in ("stop", "pause"):
+            raise Stopped(answer)
+        reach = self._reach
+        reach.update(current_ua, answer)
+        heard = Heard(current_ua, answer, current_ua >= reach.cap_ua, reach.is_cap_felt)
+        self._advance(lambda: self._procedure.send(heard))
+        self._presentations += 1
+        if not self.is_over and self._presentations >= MOST_PRESENTATIONS:
+            raise Unsettled(MOST_PRESENTATIONS)
+
+    def _advance(self, step: Callable[[], float]) -> None:
+        try:
+            self._requested_ua = step()
+        except StopIteration as end:
+            self._result: R = end.value
+            self.is_over = True
+
+
 def run(procedure: Procedure[R], reach: Reach, present: Callable[[int], Answer]) -> R:
     """`present` shows a current and returns the answer. Raises: Stopped, Unsettled."""
-    try:
-        requested_ua = next(procedure)
-        for _ in range(MOST_PRESENTATIONS):
-            current_ua = reach.bounded(requested_ua)
-            answer = present(current_ua)
-            if answer in ("stop", "pause"):
-                raise Stopped(answer)
-            reach.update(current_ua, answer)
-            is_at_cap = current_ua >= reach.cap_ua
-            requested_ua = procedure.send(Heard(current_ua, answer, is_at_cap, reach.is_cap_felt))
-    except StopIteration as end:
-        result: R = end.value
-        return result
-    raise Unsettled(MOST_PRESENTATIONS)
+    track = Track(procedure, reach)
+    while not track.is_over:
+        current_ua = track.current_ua
+        track.hear(current_ua, present(current_ua))
+    return track.result

@@ -10,45 +10,63 @@ import argparse
 import contextlib
 import functools
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
+
+import msgspec
 
 from etd.calibrate.quest_plus import ready_questplus
 from etd.calibrate.trial import Stopped
 from etd.cli import options
+from etd.cli.borrowed import array_of, calibration_of, lend
 from etd.cli.calibrate_conditions import COMMAND_LINE
 from etd.cli.calibrate_session import CalibrateSession
+from etd.cli.extras import check_fake
+from etd.cli.fit_session import FitSession
 from etd.cli.keys import legend
 from etd.cli.new_file import check_new_file
 from etd.cli.private_daemon import private_daemon, termination_as_ctrl_c
 from etd.client import Display
-from etd.files.configuration import fake_config
+from etd.files.configuration import LoadedConfig, fake_config
 from etd.files.paths import check_name
-from etd.protocol.calibration import Method
-from etd.protocol.errors import FileError
+from etd.protocol.calibration import MOST_SEED, Calibration, Method, SkinCelsius
+from etd.protocol.errors import EtdError, FileError
 from etd.protocol.frame import Polarity
 from etd.protocol.messages import HelloReply
 
 HELP = "find a person's thresholds, comfortable levels and caps, one key per answer"
 EPILOG = f"""
 examples:
-  etd calibrate P01 --max-current-ua 2500                  method of limits
-  etd calibrate P01 --max-current-ua 2500 --method staircase --baseline P01
-  etd calibrate P01 --method equalize --baseline P01       equal strength on all electrodes
-  etd calibrate P01 --max-current-ua 2500 --board fake --array pad-8 --answers simulated
+  etd calibrate P01 --max-current-ua 2500              by a staircase
+  etd calibrate P01 --max-current-ua 2500 --rate-hz 100
+  etd calibrate P01 --max-current-ua 2500 --method limits --baseline P01
+  etd calibrate P01 --method equalize --baseline P01   equal strength everywhere
+  etd calibrate P01 --fit --max-current-ua 2500        k of the law power_law
+  etd calibrate P01 --max-current-ua 2500 --board fake --answers simulated
 
 keys, without Enter:
   {legend("strength")}
-  {legend("compare")}   (equalize)
-  {legend("which")}   (equalize, after t)
+  after t: t again, or what it was instead
+with equalize:
+  {legend("compare")}
+  {legend("which")}
+  (after t)
+with --ask-sensation:
+{legend("quality")}
+{legend("place")}
 
-Each presentation is at most 10 % above the strongest accepted before, and never above
---max-current-ua. SPACE stops at once (also Esc and Ctrl-C). Results are saved, also what was
-too strong; the same command (without --restart) continues from there.
+Electrodes come in random order, and one trial in eight is silent; how many of
+those were felt is kept. Each presentation is at most 10 % above the strongest
+accepted before, and never above --max-current-ua. SPACE stops at once (also
+Esc and Ctrl-C). Results are saved, also what was too strong; the same command
+(without --restart) continues from there. Every trial is kept in a table, which
+is named at the end. Levels hold at every rate up to that of the calibration:
+calibrate at the highest rate of the study.
 docs/calibration.md describes each method, and how long it takes.
 
-exit status: 0 the daemon has stored the calibration, 1 stopped, refused, or some electrodes have
-no result, 2 wrong usage, 3 the daemon is missing
+exit status: 0 the daemon has stored the calibration, 1 stopped, refused, or
+some electrodes have no result, 2 wrong usage, 3 the daemon is missing
 """
 
 
@@ -58,9 +76,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--method",
         choices=get_args(Method),
-        default="limits",
-        help="limits (default): several ascents until it is felt; staircase: up and down around"
-        " the threshold; quest-plus: QUEST+ (needs 'etd[quest-plus]'); equalize: as strong as a"
+        default="staircase",
+        help="staircase (default): up and down around the threshold; limits: several ascents until"
+        " it is felt; quest-plus: QUEST+ (needs 'etd[quest-plus]'); equalize: as strong as a"
         " reference electrode",
     )
     parser.add_argument(
@@ -80,6 +98,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="E",
         help="with equalize: the electrode that the others are compared with (default: the felt"
         " electrode nearest to the middle)",
+    )
+    parser.add_argument(
+        "--fit",
+        action="store_true",
+        help="measure how far the thresholds of this calibration follow the skin's resistance, for"
+        " the law power_law: six electrodes in five states of the skin, half an hour",
+    )
+    parser.add_argument(
+        "--electrodes",
+        type=_electrodes,
+        default=(),
+        metavar="E,E",
+        help="with --fit: those that are asked, four or more (default: six over the array)",
     )
     parser.add_argument(
         "--leave-out",
@@ -105,9 +136,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="simulated: with --board fake, a modelled person answers",
     )
     parser.add_argument(
-        "--seed", type=int, default=1, help="random seed of simulated answers (default: 1)"
+        "--seed",
+        type=_seed,
+        help="of the random order of electrodes and silent trials, which the file keeps, and of"
+        " simulated answers (default: drawn; 1 with simulated answers)",
+    )
+    parser.add_argument(
+        "--ask-sensation",
+        action="store_true",
+        help="ask of each electrode what it feels like, and where",
+    )
+    parser.add_argument(
+        "--skin-celsius",
+        type=_skin_celsius,
+        metavar="T",
+        help="the temperature of the skin under the array, to be noted",
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="also write it to this new file")
+    parser.add_argument(
+        "--trials",
+        type=Path,
+        metavar="FILE",
+        help="the new table of trials (default: a name with person, array and time, beside --out or"
+        " in this folder)",
+    )
+    parser.add_argument(
+        "--blind",
+        action="store_true",
+        help="do not show currents: for a person who sees the screen and answers",
+    )
     options.add_json(parser)
 
 
@@ -118,7 +175,13 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate-hz", type=options.positive, metavar="HZ", help=f"pulse rate ({default})"
     )
-    parser.add_argument("--polarity", choices=get_args(Polarity), help=default)
+    polarities = get_args(Polarity)
+    parser.add_argument(
+        "--polarity",
+        choices=polarities,
+        metavar="POLARITY",
+        help=f"{', '.join(polarities)} ({default})",
+    )
     options.add_returns(parser)
     parser.add_argument(
         "--pulses", type=int, default=10, metavar="N", help="pulses a presentation (default: 10)"
@@ -126,10 +189,11 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises: Refused, FileError, HardwareMissing, DaemonGone, PartEnded."""
+    """Raises: Refused, FileError, HardwareMissing, DaemonGone, PartEnded, PythonTooOld (a fake)."""
     _check_combinations(args)
     with options.wrong_use(args):
         check_new_file(args.out)
+        check_new_file(args.trials)
         which = check_name(args.which or args.participant, "the code, or --as")
     if args.method == "quest-plus":
         ready_questplus()
@@ -139,7 +203,8 @@ def run(args: argparse.Namespace) -> int:
         _display(args, address) as display,
     ):
         with options.wrong_use(args):
-            calibrating = CalibrateSession(args, display, which)
+            kind = FitSession if args.fit else CalibrateSession
+            calibrating: CalibrateSession | FitSession = kind(args, display, which)
         try:
             calibrating.run()
         except KeyboardInterrupt:
@@ -148,15 +213,23 @@ def run(args: argparse.Namespace) -> int:
             with contextlib.suppress(OSError):
                 said = calibrating.after(Stopped("stop"))
                 print(f"etd: {said}", file=sys.stderr, flush=True)
+                calibrating.tell_trials()
             raise
         except Stopped as stopped:
             code = "paused" if stopped.answer == "pause" else "stopped"
-            options.answer_no(args, code, calibrating.after(stopped))
+            said = calibrating.after(stopped)
+            options.answer_no(args, code, said, trials=calibrating.trials)
+            calibrating.tell_trials()
             return 1
+        except EtdError:
+            calibrating.tell_trials()
+            raise
         return calibrating.settle()
 
 
 def _check_combinations(args: argparse.Namespace) -> None:
+    if args.fit:
+        _check_fit(args)
     if args.method == "equalize":
         if args.baseline is None:
             args.misused("--method equalize needs --baseline: it uses its thresholds and caps")
@@ -166,16 +239,45 @@ def _check_combinations(args: argparse.Namespace) -> None:
         args.misused("--max-current-ua is required: without a limit nothing is stimulated")
     if args.board is not None and args.host is not None:
         args.misused("--board fake is calibrated here, --host is another computer: one of the two")
-    if args.board is None and (args.array or args.answers == "simulated"):
-        args.misused("--array and --answers simulated go with --board fake")
+    fakes = args.array, args.timeout_factor, args.answers == "simulated"
+    if args.board is None and any(fakes):
+        args.misused("--array, --timeout-factor and --answers simulated go with --board fake")
+
+
+def _check_fit(args: argparse.Namespace) -> None:
+    """It asks for the thresholds of one calibration again, which it adds k to."""
+    if args.leave_out or args.reference is not None:
+        args.misused(
+            "--fit asks a few electrodes: omit --leave-out and --reference, and name them"
+            " with --electrodes"
+        )
+    if args.method == "equalize":
+        args.misused("--fit asks for thresholds: choose another --method")
+    if args.answers == "simulated":
+        args.misused("--fit needs a person whose skin becomes damp and dry: omit --answers")
+    if args.baseline is None:
+        args.baseline = args.which or args.participant
 
 
 def _address(args: argparse.Namespace) -> contextlib.AbstractContextManager[str | None]:
     if args.board is None:
         return contextlib.nullcontext()
+    check_fake()
+    lent = None if args.baseline is None else calibration_of(args.name, args.baseline)
     with options.wrong_use(args):
-        loaded = fake_config(args.board.board, args.array)
-    return private_daemon("calibrate", loaded)
+        loaded = fake_config(args.board.board, args.array or array_of(lent))
+    return _private(args, loaded, lent)
+
+
+@contextlib.contextmanager
+def _private(
+    args: argparse.Namespace, loaded: LoadedConfig, lent: Calibration | None
+) -> Iterator[str]:
+    own = private_daemon("calibrate", loaded, timeout_factor=args.timeout_factor)
+    with own as address:
+        if args.baseline is not None:
+            lend(address, args.name, args.baseline, lent)
+        yield address
 
 
 def _display(args: argparse.Namespace, address: str | None) -> Display:
@@ -210,6 +312,21 @@ def _check_limit(max_current_ua: int, facts: HelloReply) -> None:
             f"at most {most_ua} uA is allowed without a calibration"
             f" (uncalibrated_current_ua of body site {facts.body_site}, and the board's maxima)",
         )
+
+
+def _seed(text: str) -> int:
+    """Raises: ArgumentTypeError."""
+    if not text.isdecimal() or int(text) > MOST_SEED:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number up to {MOST_SEED}")
+    return int(text)
+
+
+def _skin_celsius(text: str) -> float:
+    """Raises: ArgumentTypeError."""
+    try:
+        return msgspec.convert(float(text), SkinCelsius)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a temperature from 5 to 45") from None
 
 
 def _electrodes(text: str) -> tuple[int, ...]:

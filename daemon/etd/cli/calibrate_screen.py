@@ -1,8 +1,9 @@
 """The screen during a calibration: the array, the progress, and the keys.
 
-Owns: the printed lines, and redrawing them on a terminal. Must not know: procedures, the meanings
-of keys, daemons. Currents are never shown: they could influence the answers. If the result is
-printed as JSON (`is_quiet`), only the progress is printed, to standard error.
+Owns: the printed lines, of at most 80 columns, and redrawing them on a terminal. Must not know:
+procedures, the meanings of keys, daemons. Currents can be left out (`is_blind`), since they could
+influence who sees them and answers. If the result is printed as JSON (`is_quiet`), only the
+progress is printed, to standard error.
 """
 
 from __future__ import annotations
@@ -10,27 +11,36 @@ from __future__ import annotations
 import sys
 
 from etd.apps.picture import Picture
-from etd.calibrate.answers import Answer, Ask, Question
+from etd.calibrate.answers import Answer, Ask, Presentation, Question
 from etd.calibrate.progress import Progress
 from etd.cli.keys import legend
 from etd.cli.terminal import is_terminal
 from etd.protocol.facts import ArrayFacts
 
 _CLEAR = "\x1b[H\x1b[2J"
+_SIGNS = "@ now   # done   x not felt   ! too strong   . to do"
 _ASKED = {
     "strength": "How strong was it?",
+    "sure": "Too strong: it does not come again. Was it so? t again, or what it was.",
     "compare": "Was the second as strong as the first?",
     "which": "Which one was too strong?",
+    "whole": "How strong was all of it together?",
+    "quality": "What does it feel like?",
+    "place": "Where: under the electrode, around it, or elsewhere?",
 }
 
 
 class Screen:
     """`progress` is read, never changed."""
 
-    def __init__(self, array: ArrayFacts, progress: Progress, is_quiet: bool) -> None:
+    def __init__(
+        self, array: ArrayFacts, progress: Progress, is_quiet: bool, is_blind: bool = False
+    ) -> None:
         self._picture = Picture(array.x_mm, array.y_mm)
         self._progress = progress
         self._is_quiet = is_quiet
+        self._is_blind = is_blind
+        self._presented: Presentation | None = None
         self._electrode: int | None = None
         self._ask: Ask | None = None
 
@@ -39,16 +49,21 @@ class Screen:
         where = sys.stderr if self._is_quiet else sys.stdout
         print(to_come(self._progress), file=where, flush=True)
 
+    def presented(self, presented: Presentation) -> None:
+        """Before the question about it."""
+        self._presented = presented
+
     def ask(self, question: Question) -> None:
-        """Print the question, and the picture when the electrode has changed."""
+        """Print what was presented, the question, and the picture of another electrode."""
         self._ask = question.ask
         if self._is_quiet:
             return
         if is_terminal() or question.electrode != self._electrode:
             self._electrode = question.electrode
             above = [_CLEAR] if is_terminal() else []
-            print("\n".join([*above, *self.rows(), self.line()]))
-        print(f"{_ASKED[question.ask]}   {legend(question.ask)}", flush=True)
+            print("\n".join([*above, *self.rows(), self.line(), _SIGNS]))
+        print(self._what(question))
+        print(f"{_ASKED[question.ask]}\n{legend(question.ask)}", flush=True)
 
     def heard(self, answer: Answer | None) -> None:
         """After each key: confirm it, and say whether another presentation follows."""
@@ -57,7 +72,9 @@ class Screen:
         if answer is None:
             print("   this key is not one of the answers", flush=True)
         elif answer not in ("stop", "pause"):
-            ends = answer in ("first", "both") or (self._ask, answer) == ("compare", "too_strong")
+            is_asked_again = answer == "too_strong" and self._ask != "sure"
+            is_first_of_two = self._ask == "quality"
+            ends = answer in ("first", "both", "neither") or is_asked_again or is_first_of_two
             follows = "" if ends else "; next presentation"
             print(f"   {answer.replace('_', ' ')}{follows}", flush=True)
 
@@ -75,7 +92,20 @@ class Screen:
         )
 
     def line(self) -> str:
-        return f"{count_of(self._progress)}   (@ now, # done, x not felt, ! too strong, . to do)"
+        return count_of(self._progress)
+
+    def _what(self, question: Question) -> str:
+        """`electrode 12: 850 uA`, after what it is compared with."""
+        shown, is_told = self._presented, not self._is_blind
+        if shown is not None and shown.is_whole:
+            return "all electrodes at once, up to level 1"
+        one = _at(question.electrode, _told_ua(shown) if shown and is_told else None)
+        if question.reference is None:
+            return one
+        before_ua = shown.reference_ua if shown and is_told else None
+        other = _at(question.reference, before_ua)
+        first, second = (one, other) if question.is_reference_last else (other, one)
+        return f"first {first}, second {second}"
 
     def _sign(self, electrode: int) -> str:
         if electrode in self._progress.found:
@@ -83,6 +113,15 @@ class Screen:
         if electrode == self._electrode:
             return "@"
         return "!" if electrode in self._progress.lowered_ua else "."
+
+
+def _told_ua(shown: Presentation) -> int:
+    """A catch trial looks like the presentation that it stands for."""
+    return shown.current_ua if shown.stands_for_ua is None else shown.stands_for_ua
+
+
+def _at(electrode: int, current_ua: int | None) -> str:
+    return f"electrode {electrode}" + ("" if current_ua is None else f": {current_ua} uA")
 
 
 def to_come(progress: Progress) -> str:

@@ -10,6 +10,8 @@ import argparse
 import datetime
 import sys
 from contextlib import ExitStack
+from pathlib import Path
+from random import randrange
 
 import msgspec
 
@@ -20,26 +22,26 @@ from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
-from etd.calibrate.stimulator import Stimulator
+from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.calibrate.trial import Stopped
 from etd.cli import options
+from etd.cli.arming import ARM_WITHIN_S, armed_for, safe_again
 from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_watch import Watch
-from etd.cli.keys import Keyboard, keyboard
+from etd.cli.false_alarms import said_of_false_alarms
+from etd.cli.keys import keyboard
+from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import to_toml
 from etd.files.paths import calibrating_file
-from etd.protocol.calibration import Calibration
-from etd.protocol.errors import Refused
+from etd.protocol.calibration import MOST_SEED, Calibration
 from etd.version import __version__
 from etd_hal.compose import wall_time
 
-ARM_WITHIN_S = 20.0
-_SAFE_WITHIN_S = 5.0
-_LOOK_S = 0.3
-_SILENT_MS = 300
+#: So that a simulated calibration is the same each time.
+_SIMULATED_SEED = 1
 
 
 class CalibrateSession:
@@ -57,7 +59,15 @@ class CalibrateSession:
         if self._baseline is not None:
             check_baseline(conditions, self._baseline)
         self._progress = self._begun(conditions)
-        self._screen = Screen(display.facts.array, self._progress, is_quiet=args.json)
+        if args.skin_celsius is not None:
+            self._progress.skin_celsius = args.skin_celsius
+        self._screen = Screen(
+            display.facts.array, self._progress, is_quiet=args.json, is_blind=args.blind
+        )
+        folder = Path() if args.out is None else args.out.parent
+        begun, array = wall_time(), conditions.array
+        path = new_trials_path(folder, which, array, begun, args.trials)
+        self._trials = TrialsFile(path, conditions, clock.now_ns, clock.wall_offset_ns)
         self._is_simulated = args.answers == "simulated"
         #: Used instead of the screen for simulated answers, unless the output is JSON.
         self._watch = Watch(self._progress) if self._is_simulated and not args.json else None
@@ -65,17 +75,19 @@ class CalibrateSession:
 
     def run(self) -> None:
         """Raises: Stopped, Refused, DaemonGone."""
-        if not self._wanted():
+        if not self._wanted() and not self._progress.is_whole_due:
             return
         body = ModelledBody()
         with ExitStack() as stack:
+            stack.callback(self._trials.close)
             answerer: Answerer
             if self._is_simulated:
-                answerer = SimulatedPerson(body.sense, self._args.seed)
+                answerer = SimulatedPerson(body.sense, self._progress.seed or 0)
                 self._display.arm(ARM_WITHIN_S)
             else:
                 answerer = stack.enter_context(keyboard(self._screen.ask, self._screen.heard))
-                self._arm(answerer)
+                at_once = self._args.board is not None or self._args.arm
+                armed_for(self._display, answerer, at_once=at_once)
             reports = stack.enter_context(
                 self._display.telemetry("scan", "halt", "modelled", "state")
             )
@@ -104,13 +116,29 @@ class CalibrateSession:
             _today,
             baseline=self._baseline,
             on_progress=lambda progress: save_progress(self._file, progress),
-            on_presented=self._presented,
+            on_presented=self._shown.presented,
+            on_answered=self._trials.answered,
             on_found=lambda _: self._shown.found(),
+            on_drift=_propose_a_rest,
+            asks_sensation=self._args.ask_sensation,
         )
         self._shown.begin()
         stimulator.open()
         course.run(self._wanted())
         self._left = course.left
+        if not self._wanted():
+            self._feel_whole(course)
+
+    def _feel_whole(self, course: Course) -> None:
+        """What cannot be presented leaves the levels as each electrode was accepted."""
+        try:
+            course.feel_whole()
+        except NotDelivered as error:
+            print(
+                f"the whole array was not presented at once ({error.why}): levels were accepted"
+                " one electrode at a time only",
+                file=sys.stderr,
+            )
 
     def settle(self) -> int:
         """Store a complete calibration in the daemon; otherwise report what is missing."""
@@ -123,18 +151,29 @@ class CalibrateSession:
                 f"{len(missing)} electrodes have no result, so nothing is stored:"
                 f" {self._same_command} tries them again, --leave-out"
                 f" {','.join(map(str, missing))} omits them",
+                trials=self.trials,
             )
+            self.tell_trials()
             return 1
         gamma = 1.0 if self._baseline is None else self._baseline.gamma
         made = finished(self._progress, _today(), f"etd {__version__}", gamma)
-        self._display.disarm()
-        self._wait_for_safe()
+        safe_again(self._display)
         self._display.set_calibration(self._which, made)
         if self._args.out is not None:
             write_atomically(self._args.out, to_toml(made).encode(), mode=0o640)
         self._file.unlink(missing_ok=True)
         self._answer(made)
         return 0
+
+    @property
+    def trials(self) -> str | None:
+        """The file that they are in, if there were any."""
+        return None if self._trials.path is None else str(self._trials.path)
+
+    def tell_trials(self) -> None:
+        """Where nothing is told on standard output."""
+        if self.trials is not None and not self._args.json:
+            print(f"trials: {self.trials}", file=sys.stderr, flush=True)
 
     # --- progress ----------------------------------------------------------------------------
 
@@ -156,10 +195,11 @@ class CalibrateSession:
 
     def _begun(self, conditions: Conditions) -> Progress:
         """The saved progress. Raises: FileError if its conditions differ."""
+        seed = self._args.seed
         if self._args.restart or not self._file.exists():
-            return Progress(conditions=conditions)
-        progress = load_progress(self._file, conditions)
-        print(f"continuing: {len(progress.found)} electrodes are done", file=sys.stderr)
+            return Progress(conditions=conditions, seed=self._new_seed() if seed is None else seed)
+        progress = load_progress(self._file, conditions, seed)
+        print(f"continuing: electrodes done so far: {len(progress.found)}", file=sys.stderr)
         if progress.troubled:
             where = ", ".join(map(str, progress.troubled))
             print(
@@ -168,6 +208,9 @@ class CalibrateSession:
             )
         return progress
 
+    def _new_seed(self) -> int:
+        return _SIMULATED_SEED if self._args.answers == "simulated" else randrange(MOST_SEED + 1)
+
     def _wanted(self) -> list[int]:
         return [
             electrode
@@ -175,50 +218,11 @@ class CalibrateSession:
             if electrode not in self._args.leave_out
         ]
 
-    # --- the daemon --------------------------------------------------------------------------
-
-    def _arm(self, keys: Keyboard) -> None:
-        """Arm a fake board at once; for a real board wait for the operator. Raises: Stopped."""
-        if self._args.board is not None or self._args.arm:
-            self._display.arm(ARM_WITHIN_S)
-            return
-        is_armed = self._is_armed()
-        if not is_armed:
-            print("waiting for the operator: `etd arm`   (SPACE STOP   q pause)", file=sys.stderr)
-        while not is_armed:
-            if (ending := keys.asked_to_end()) is not None:
-                if ending == "stop":
-                    self._display.stop()
-                raise Stopped(ending)
-            self._display.keep()
-            clock.sleep_s(_LOOK_S)
-            is_armed = self._is_armed()
-
-    def _is_armed(self) -> bool:
-        """Sends a silent frame, which also opens the lease."""
-        try:
-            self._display.show_current([0] * self._display.electrodes, ttl_ms=_SILENT_MS)
-        except Refused as refusal:
-            if refusal.code != "not_armed":
-                raise
-            return False
-        return True
-
-    def _wait_for_safe(self) -> None:
-        until_ns = clock.now_ns() + int(_SAFE_WITHIN_S * 1e9)
-        while self._display.status().state != "SAFE" and clock.now_ns() < until_ns:
-            clock.sleep_s(_LOOK_S / 10)
-
     # --- the screen --------------------------------------------------------------------------
 
     @property
     def _shown(self) -> Screen | Watch:
         return self._screen if self._watch is None else self._watch
-
-    def _presented(self, electrode: int) -> None:
-        """Updates the bar; the screen is updated by the question."""
-        if self._watch is not None:
-            self._watch.presented(electrode)
 
     # --- the result --------------------------------------------------------------------------
 
@@ -230,6 +234,8 @@ class CalibrateSession:
                 "name": self._which,
                 "presentations": count,
                 "too_strong": sorted(self._progress.lowered_ua),
+                "trials": self.trials,
+                "warning": said_of_false_alarms(made),
                 "calibration": made,
             }
             print(msgspec.json.encode(answer).decode())
@@ -238,9 +244,13 @@ class CalibrateSession:
         print(
             f"{self._which}: {len(felt)} of {len(made.electrode)} electrodes are felt, thresholds"
             f" {min(limits.threshold_ua for limits in felt)} to"
-            f" {max(limits.threshold_ua for limits in felt)} uA, {count} presentations;"
+            f" {max(limits.threshold_ua for limits in felt)} uA\n{count} presentations;"
             f" {self._where()}"
         )
+        if self.trials is not None:
+            print(f"trials: {self.trials}")
+        if (warning := said_of_false_alarms(made)) is not None:
+            print(warning)
 
     def _where(self) -> str:
         """Where the calibration is stored; this command's fake board ends with its own."""
@@ -249,6 +259,15 @@ class CalibrateSession:
         if self._args.out is None:
             return "the fake's daemon ends now and discards it: --out FILE stores a copy"
         return f"stored in {self._args.out}"
+
+
+def _propose_a_rest(drift: float) -> None:
+    print(
+        f"the threshold of the first electrode has {'risen' if drift > 0 else 'fallen'} by"
+        f" {abs(drift):.0%}: a rest of five minutes is advised (q; then the same command)",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def _today() -> datetime.date:

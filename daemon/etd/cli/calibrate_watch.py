@@ -6,8 +6,9 @@ Owns: both, on standard error. Must not know: procedures, daemons, where answers
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
+from etd.calibrate.answers import Presentation
 from etd.calibrate.progress import Progress
 from etd.cli.calibrate_screen import count_of, to_come
 from etd.cli.terminal import check_rich
@@ -15,6 +16,7 @@ from etd.cli.terminal import check_rich
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
+    from typing_extensions import Self
 
 #: An electrode takes half a minute: the time left is estimated from the last twenty.
 _REMEMBERED_S = 600.0
@@ -49,7 +51,7 @@ class Watch:
             self._draw()
             self._bar.start()
 
-    def presented(self, _electrode: int) -> None:
+    def presented(self, _: Presentation) -> None:
         self._draw()
 
     def found(self) -> None:
@@ -76,7 +78,7 @@ def _bar() -> Bar:
 
     return Bar(
         TextColumn("{task.description}"),
-        BarColumn(),
+        BarColumn(bar_width=None),
         TimeElapsedColumn(),
         TextColumn("to go"),
         TimeRemainingColumn(),

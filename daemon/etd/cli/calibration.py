@@ -14,6 +14,7 @@ import msgspec
 
 from etd.apps.picture import Picture
 from etd.cli import options
+from etd.cli.false_alarms import said_of_false_alarms
 from etd.cli.new_file import check_new_file
 from etd.client import Display
 from etd.files.atomic_file import write_atomically
@@ -114,12 +115,14 @@ def _show(args: argparse.Namespace) -> int:
         _print_json({"ok": True, "name": args.which, "calibration": calibration})
         return 0
     for key, value in _conditions(calibration).items():
-        print(f"{key:<14} {'not given' if value is None else escaped(str(value))}")
+        print(f"{key:<16} {'not given' if value is None else escaped(str(value))}")
     if calibration.array == array.name and len(calibration.electrode) == array.electrodes:
         signs = _signs([limits.threshold_ua for limits in calibration.electrode])
         print("thresholds, low to high from 0 to 9:")
         print("\n".join(Picture(array.x_mm, array.y_mm).rows(signs)))
     print("\n".join(_table(calibration)))
+    if (warning := said_of_false_alarms(calibration)) is not None:
+        print(warning)
     return 0
 
 

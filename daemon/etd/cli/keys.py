@@ -15,6 +15,7 @@ import select
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TextIO
 
 from etd.calibrate.answers import ANSWERS, Answer, Ask, Question
 
@@ -29,19 +30,30 @@ KEYS: dict[str, Answer] = {
     "1": "first",
     "2": "second",
     "b": "both",
+    "0": "neither",
+    "v": "vibration",
+    "p": "pressure",
+    "k": "prickling",
+    "o": "other",
+    "u": "under",
+    "a": "around",
+    "e": "elsewhere",
     "q": "pause",
     " ": "stop",
     "\x1b": "stop",
     "\x03": "stop",
 }
 _KEEP_S = 0.25
+_COLUMNS = 80
 
 
 def legend(ask: Ask) -> str:
     """`n not felt   f felt ...   SPACE STOP   q pause`"""
     by_answer = {answer: key for key, answer in KEYS.items()}
     parts = [f"{by_answer[answer]} {answer.replace('_', ' ')}" for answer in ANSWERS[ask]]
-    return "   ".join([*parts, "SPACE STOP", "q pause"])
+    said = [*parts, "SPACE STOP", "q pause"]
+    line = "   ".join(said)
+    return line if len(line) <= _COLUMNS - 2 else "  ".join(said)
 
 
 class Keyboard:
@@ -87,6 +99,14 @@ class Keyboard:
             heard = "pause" if answer == "pause" else heard
         return heard
 
+    def ready(self, keep: Callable[[], None]) -> Answer | None:
+        """Wait for any key; `stop` or `pause` where it means that. Drops those pressed before."""
+        if (ending := self.asked_to_end()) is not None:
+            return ending
+        while (pressed := self._pressed(_KEEP_S)) is None:
+            keep()
+        return "stop" if pressed == "stop" else "pause" if pressed == "pause" else None
+
     def _pressed(self, timeout_s: float) -> Answer | str | None:
         """The meaning of the next key ("" for an unknown one); None after the time-out."""
         ready, _, _ = select.select([self._fd], [], [], timeout_s)
@@ -102,12 +122,12 @@ def keyboard(
 ) -> Iterator[Keyboard]:
     """Keys of the terminal, without Enter; of a pipe where there is no terminal."""
     fd = sys.stdin.fileno()
-    with _key_by_key(fd):
+    with key_by_key(fd):
         yield Keyboard(fd, show, heard)
 
 
 @contextmanager
-def _key_by_key(fd: int) -> Iterator[None]:
+def key_by_key(fd: int) -> Iterator[None]:
     if not os.isatty(fd):
         yield
         return
@@ -121,3 +141,19 @@ def _key_by_key(fd: int) -> Iterator[None]:
     finally:
         with contextlib.suppress(termios.error):
             termios.tcsetattr(fd, termios.TCSADRAIN, before)
+
+
+@contextmanager
+def keys_of(stream: TextIO) -> Iterator[Callable[[], str]]:
+    """What was pressed since the last call; never anything where there is no terminal."""
+    if not stream.isatty():
+        yield lambda: ""
+        return
+    fd = stream.fileno()
+
+    def pressed() -> str:
+        ready, _, _ = select.select([fd], [], [], 0.0)
+        return os.read(fd, 64).decode(errors="replace") if ready else ""
+
+    with key_by_key(fd):
+        yield pressed

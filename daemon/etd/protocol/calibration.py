@@ -4,7 +4,7 @@ Owns: the file type, its loader and writer, its rules, and the level map (thresh
 Must not know: where a level comes from, boards, time.
 
 A calibration belongs to a participant code (never a name) and to every condition it was made
-under; a `level` frame that departs from them is refused.
+under; a `level` frame that departs from them is refused, except for a lower rate.
 """
 
 from __future__ import annotations
@@ -18,12 +18,20 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from etd.protocol.errors import Refused
-from etd.protocol.frame import Name, PlainText, Polarity, Returns
+from etd.protocol.exponent import FittedExponent
+from etd.protocol.frame import Frame, Name, PlainText, Polarity, Returns
 from etd.pulse.measured import MAX_SKIN_OHM, MIN_SKIN_OHM
 from etd.stabilize.shape import PLAIN, Shape
 from etd_hal.errors import FileError
 
 Ua = Annotated[int, Meta(ge=0, le=10_000)]
+#: Of a random order.
+MOST_SEED = 2**31 - 1
+SkinCelsius = Annotated[float, Meta(ge=5, le=45)]
+Seed = Annotated[int, Meta(ge=0, le=MOST_SEED)]
+#: What a person says of an electrode at its comfortable level: what it feels like, and where.
+Quality = Literal["vibration", "pressure", "prickling", "other"]
+Place = Literal["under", "around", "elsewhere"]
 Method = Literal["limits", "staircase", "quest-plus", "equalize"]
 
 
@@ -42,6 +50,9 @@ class ElectrodeLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     date: datetime.date | None = None
     #: Where threshold and cap are an earlier day's than the rest, which was matched to a reference.
     threshold_date: datetime.date | None = None
+    #: Where they were asked.
+    quality: Quality | None = None
+    place: Place | None = None
 
 
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -65,6 +76,19 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     #: The shape that the body site gave every pulse then. A file without it was made with plain
     #: pulses.
     shape: Shape = PLAIN
+    #: Of the random order of electrodes and catch trials. Absent, as all that follows: not known.
+    seed: Seed | None = None
+    #: Silent trials, and the part of them that was said to be felt.
+    catch_trials: Annotated[int, Meta(ge=1)] | None = None
+    false_alarm_rate: Annotated[float, Meta(ge=0, le=1)] | None = None
+    #: All electrodes at once, at level 1, were presented in the end and not too strong.
+    is_whole_accepted: Literal[True] | None = None
+    #: By how much the threshold of the first electrode had changed when it was last asked again.
+    drift: Annotated[float, Meta(ge=-1)] | None = None
+    #: Of the skin under the array, as noted by the operator.
+    skin_celsius: SkinCelsius | None = None
+    #: How far this person's thresholds follow the resistance, for `power_law`.
+    exponent: FittedExponent | None = None
 
 
 def current_of_level(limits: ElectrodeLimits, level: float, gamma: float) -> int:
@@ -83,18 +107,94 @@ def currents_of_levels(calibration: Calibration, levels: Sequence[float]) -> tup
 
     Raises: Refused (`level_needs_calibration`).
     """
-    for electrode, (limits, level) in enumerate(zip(calibration.electrode, levels, strict=True)):
-        if level > 0.0 and not limits.felt:
-            raise Refused(
-                "level_needs_calibration",
-                f"electrode {electrode} was not felt when it was calibrated (felt = false), so a"
-                " level has no meaning there: leave it out (level 0), or calibrate it again",
-                electrode,
-            )
+    if len(levels) != len(calibration.electrode):
+        raise ValueError(f"{len(levels)} levels for {len(calibration.electrode)} electrodes")
     return tuple(
-        current_of_level(limits, level, calibration.gamma)
-        for limits, level in zip(calibration.electrode, levels, strict=True)
+        current_of_felt(calibration, electrode, level) if level > 0.0 else 0
+        for electrode, level in enumerate(levels)
     )
+
+
+def current_of_felt(calibration: Calibration, electrode: int, level: float) -> int:
+    """The current of a level above 0 at one electrode, in uA.
+
+    Raises: Refused (`level_needs_calibration`).
+    """
+    limits = calibration.electrode[electrode]
+    if not limits.felt:
+        raise Refused(
+            "level_needs_calibration",
+            f"electrode {electrode} was not felt when it was calibrated (felt = false,"
+            f" {calibration.polarity}), so a level has no meaning there: leave it out (level 0), or"
+            " calibrate it again",
+            electrode,
+        )
+    return current_of_level(limits, level, calibration.gamma)
+
+
+def check_conditions_of_levels(
+    calibration: Calibration,
+    frame: Frame,
+    most_hz: float,
+    others: Sequence[Calibration] = (),
+) -> None:
+    """A level frame must have the conditions of its calibration, or a lower rate: fewer pulses of
+    the same current never feel stronger. `most_hz` is the highest rate here. `others` are the
+    calibrations of other polarities, which have all other conditions in common. Raises: Refused.
+    """
+    made_with: dict[str, tuple[object, ...]] = {
+        "polarity": (calibration.polarity, *(other.polarity for other in others)),
+        "width_us": (calibration.width_us,),
+        "returns": (calibration.returns,),
+    }
+    for key, made in made_with.items():
+        asked = getattr(frame, key)
+        if asked is None or asked in made:
+            continue
+        is_each = key != "returns" and isinstance(asked, tuple)
+        if is_each and all(entry in made for entry in asked):
+            continue
+        raise Refused(
+            "bad_frame",
+            f"level means what it was calibrated to with {key} {' or '.join(map(str, made))}; the"
+            " frame asks for"
+            f" another {key}: leave it out, calibrate for it, or send current_ua",
+        )
+    fastest_hz = max(_rates_hz(frame), default=0.0)
+    if fastest_hz > calibration.rate_hz:
+        raise _too_fast_for_levels(calibration.rate_hz, fastest_hz, most_hz)
+
+
+def _too_fast_for_levels(made_hz: float, asked_hz: float, most_hz: float) -> Refused:
+    """Pulses that follow faster add up to more than the person has accepted."""
+    other = f"no frame here may have more than {most_hz:g}"
+    if asked_hz <= most_hz:
+        other = (
+            f"or calibrate with rate_hz {asked_hz:g}, whose levels hold at all lower rates, or send"
+            " current_ua"
+        )
+    return Refused(
+        "bad_frame",
+        f"level means what it was calibrated to with rate_hz {made_hz:g}, and may be had at lower"
+        f" rates too; the frame asks for {asked_hz:g}: leave it out or ask for at most"
+        f" {min(made_hz, most_hz):g}; {other}",
+    )
+
+
+def lower_than_calibrated(calibration: Calibration | None, frame: Frame) -> float | None:
+    """The rate of the calibration, in Hz, where a level frame asks for a lower one."""
+    if calibration is None or frame.level is None:
+        return None
+    made_hz = calibration.rate_hz
+    return made_hz if min(_rates_hz(frame), default=made_hz) < made_hz else None
+
+
+def _rates_hz(frame: Frame) -> tuple[float, ...]:
+    """Those that it asks for."""
+    rate_hz = frame.rate_hz
+    if rate_hz is None:
+        return ()
+    return rate_hz if isinstance(rate_hz, tuple) else (rate_hz,)
 
 
 def check_shape_of_levels(calibration: Calibration, shape: Shape) -> None:

@@ -1,0 +1,233 @@
+"""A person's exponent, measured: the thresholds of a few electrodes, in one state of the skin after
+another.
+
+Owns: the states, which electrodes are asked, how far currents go, and what of it all is kept. Must
+not know: procedures, the fit itself (exponent), terminals, daemons.
+
+The skin becomes damp and dry again, and again, so that a person who adapts meanwhile can be told
+from one whose thresholds follow the resistance. Currents begin at half of the lowest threshold that
+the electrode had so far, since nobody knows which way a person's go, and rise as in any
+calibration: each step was answered before the next, up to the limit of this one.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Final, NamedTuple
+
+import msgspec
+from msgspec import Meta
+
+from etd.calibrate.conditions import Conditions
+from etd.calibrate.exponent import LEAST_ELECTRODES, Asked, NoFit, fitted
+from etd.calibrate.progress import Progress
+from etd.files.atomic_file import write_atomically
+from etd.protocol.calibration import MOST_SEED, Calibration, Seed, Ua
+from etd.protocol.errors import FileError
+from etd.protocol.exponent import FittedExponent
+from etd.pulse.measured import BEND_UA
+
+#: So many electrodes are asked, if nobody names others: with four of them a person without a k got
+#: one four times as often.
+USUAL_ELECTRODES = 6
+#: Above every current.
+MOST_UA = 10_000
+
+
+class SkinState(NamedTuple):
+    name: str
+    todo: str
+
+
+STATES: Final = (
+    SkinState("dry", "Lay the finger on as for the calibration, and let it rest for a minute."),
+    SkinState(
+        "damp", "Breathe on array and fingertip, ten slow breaths, and lay the finger on again."
+    ),
+    SkinState("dry again", "Wipe array and finger with a dry cloth; wait two minutes in the air."),
+    SkinState("pressed", "Breathe on it again, and press more firmly than before, all the time."),
+    SkinState("dry at last", "Wipe both; wait two minutes in the air; press as at first."),
+)
+
+
+class FitProgress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """What has been asked so far; complete states only."""
+
+    conditions: Conditions
+    electrodes: tuple[Annotated[int, Meta(ge=0)], ...]
+    seed: Seed
+    #: Of the states that are over.
+    states: Annotated[int, Meta(ge=0, le=len(STATES))] = 0
+    asked: list[Asked] = []
+    #: What was too strong in one state is not presented in another; and in the state under way,
+    #: where a slipped key can still be taken back.
+    lowered_ua: dict[int, Ua] = {}
+    lowering_ua: dict[int, Ua] = {}
+
+
+class Fitting:
+    """`progress` is filled in; see the module."""
+
+    def __init__(self, progress: FitProgress) -> None:
+        self._progress = progress
+        self._found_s: dict[int, float] = {}
+
+    @property
+    def state(self) -> SkinState | None:
+        """The next one to be asked in; None after the last."""
+        done = self._progress.states
+        return STATES[done] if done < len(STATES) else None
+
+    def progress_of_state(self) -> Progress:
+        """For a course of it, with nothing found yet."""
+        progress = self._progress
+        self._found_s.clear()
+        self._keep_lowered()
+        seed = (progress.seed + progress.states) % (MOST_SEED + 1)
+        return Progress(conditions=progress.conditions, seed=seed)
+
+    @property
+    def caps_ua(self) -> dict[int, int]:
+        """By electrode, the most that is presented: damp skin may need more than the calibration's
+        cap, which was accepted on skin of another kind.
+        """
+        progress = self._progress
+        most_ua = progress.conditions.presented_ua
+        return {one: progress.lowered_ua.get(one, most_ua) for one in progress.electrodes}
+
+    def threshold_found(self, electrode: int, now_s: float) -> None:
+        """Called as it is found: a state takes minutes."""
+        self._found_s[electrode] = now_s
+
+    def take(self, of_state: Progress) -> tuple[int, ...]:
+        """Keep what was found in the state; it is over. Returns those that have nothing."""
+        progress = self._progress
+        self.lower(of_state)
+        self._keep_lowered()
+        missing = []
+        for electrode in progress.electrodes:
+            found = of_state.found.get(electrode)
+            if found is None or not found.felt or found.resistance_ohm is None:
+                missing.append(electrode)
+                continue
+            # Skin resists less at higher currents, and thresholds differ from state to state.
+            bent = (found.threshold_ua + BEND_UA) / BEND_UA
+            progress.asked.append(
+                Asked(
+                    electrode=electrode,
+                    state=progress.states,
+                    at_s=self._found_s[electrode],
+                    threshold_ua=float(found.threshold_ua),
+                    resistance_ohm=found.resistance_ohm * bent,
+                )
+            )
+        progress.states += 1
+        return tuple(missing)
+
+    def lower(self, of_state: Progress) -> None:
+        """Called when something was too strong, and when that is taken back."""
+        self._progress.lowering_ua = dict(of_state.lowered_ua)
+
+    def _keep_lowered(self) -> None:
+        """Also of a state that was interrupted."""
+        progress = self._progress
+        for electrode, left_ua in progress.lowering_ua.items():
+            before_ua = progress.lowered_ua.get(electrode, left_ua)
+            progress.lowered_ua[electrode] = min(before_ua, left_ua)
+        progress.lowering_ua = {}
+
+    @property
+    def least_ua(self) -> dict[int, int]:
+        """By electrode, the lowest threshold in the states so far."""
+        found: dict[int, int] = {}
+        for one in self._progress.asked:
+            found[one.electrode] = min(int(one.threshold_ua), found.get(one.electrode, MOST_UA))
+        return found
+
+    def fit(self, today: datetime.date) -> FittedExponent:
+        """By the electrodes that have a threshold in every state. Raises: NoFit."""
+        asked = self._progress.asked
+        count = {one.electrode: 0 for one in asked}
+        for one in asked:
+            count[one.electrode] += 1
+        whole = [one for one in asked if count[one.electrode] == self._progress.states]
+        known = len({one.electrode for one in whole})
+        if known < LEAST_ELECTRODES:
+            raise NoFit(
+                f"{known} of {len(self._progress.electrodes)} electrodes have a threshold in every"
+                f" state, and {LEAST_ELECTRODES} are needed: damp skin may need more current, so"
+                " raise --max-current-ua, or choose --electrodes with lower thresholds"
+            )
+        return fitted(whole, today)
+
+
+def electrodes_to_ask(baseline: Calibration, named: Sequence[int] = ()) -> tuple[int, ...]:
+    """Those `named`, or some that have room above their threshold, spread over the array.
+
+    Raises: FileError, where they are too few, or not felt.
+    """
+    felt = [
+        electrode
+        for electrode, limits in enumerate(baseline.electrode)
+        if limits.felt and limits.cap_ua > limits.threshold_ua
+    ]
+    for electrode in named:
+        if electrode not in felt:
+            raise FileError(
+                "the command line",
+                "--electrodes",
+                f"electrode {electrode} was not felt, or has no room above its threshold",
+                f"choose of {', '.join(map(str, felt)) or 'none'}",
+            )
+    chosen = sorted(set(named)) or _spread(felt)
+    if len(chosen) < LEAST_ELECTRODES:
+        raise FileError(
+            "the calibration",
+            "electrode",
+            f"{len(chosen)} electrodes could be asked",
+            f"at least {LEAST_ELECTRODES} that were felt, with room above the threshold",
+        )
+    return tuple(chosen)
+
+
+def _spread(felt: Sequence[int]) -> list[int]:
+    if len(felt) <= USUAL_ELECTRODES:
+        return list(felt)
+    step = (len(felt) - 1) / (USUAL_ELECTRODES - 1)
+    return [felt[round(place * step)] for place in range(USUAL_ELECTRODES)]
+
+
+# --- its file ------------------------------------------------------------------------------------
+
+
+def save_fit(path: Path, progress: FitProgress) -> None:
+    """Raises: OSError."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    data = msgspec.json.format(msgspec.json.encode(progress), indent=1)
+    write_atomically(path, data + b"\n", mode=0o600)
+
+
+def load_fit(path: Path, asked_for: FitProgress, has_seed: bool) -> FitProgress:
+    """The saved one, for the same conditions and electrodes. `has_seed`: it was named.
+
+    Raises: FileError.
+    """
+    again = "start again with --restart"
+    try:
+        saved = msgspec.json.decode(path.read_bytes(), type=FitProgress)
+    except OSError as error:
+        why = f"it cannot be read ({error.strerror})"
+        raise FileError(str(path), "", why, "check its permissions") from error
+    except msgspec.DecodeError as error:
+        raise FileError(str(path), "", f"it is no saved fit ({error})", again) from error
+    for key in ("conditions", "electrodes", *(("seed",) if has_seed else ())):
+        if getattr(saved, key) != getattr(asked_for, key):
+            raise FileError(str(path), key, "it was begun with others", again)
+    expected = {(one.electrode, one.state) for one in saved.asked}
+    if len(expected) != len(saved.asked) or any(
+        one.electrode not in saved.electrodes or one.state >= saved.states for one in saved.asked
+    ):
+        raise FileError(str(path), "asked", "it has what was not asked", again)
+    return saved

@@ -1,0 +1,185 @@
+"""The exponent of a person: who gets one, and who does not."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import math
+import random
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import engine_rig
+from engine_rig import LEASE, EngineRig
+from engine_scenes import calibration, config, exponent, open_calibrated
+from etd.calibrate.exponent import Asked, NoFit, fitted
+from etd.protocol.exponent import FittedExponent, usable_k
+from etd.protocol.link import OpenLease
+from etd.protocol.messages import Limits
+from etd.stabilize.law_settings import PowerLawSettings
+from etd.stabilize.settings import Settings
+
+DAY = datetime.date(2026, 1, 15)
+#: The logarithm by which the skin's resistance falls in each state, and its spread over persons:
+#: dry, breathed on, after rest, pressed, after rest.
+STATES = ((0.0, 0.0), (1.1, 0.35), (0.15, 0.1), (0.8, 0.3), (0.15, 0.1))
+BETWEEN_ASKED_S = 40.0
+#: The logarithmic errors of a threshold, of a person's criterion in a state, and of a resistance.
+NOISE, CRITERION, METER = 0.08, 0.04, 0.03
+
+
+def asked_of(chance: random.Random, k: float, electrodes: int = 6) -> list[Asked]:
+    """A person with this k whose thresholds rise by up to 60 % while they are asked."""
+    adapts, at_s = chance.uniform(0.0, 0.6), 0.0
+    own = [(chance.gauss(7.0, 0.3), chance.gauss(10.8, 0.4)) for _ in range(electrodes)]
+    found = []
+    for state, (fallen, spread) in enumerate(STATES):
+        criterion, common = chance.gauss(0.0, CRITERION), chance.gauss(fallen, spread)
+        for electrode in chance.sample(range(electrodes), electrodes):
+            at_s += BETWEEN_ASKED_S
+            fall = common + chance.gauss(0.0, 0.15) if state else chance.gauss(0.0, 0.08)
+            drift = math.log1p(adapts * -math.expm1(-at_s / 600.0))
+            threshold, resistance = own[electrode]
+            error = criterion + chance.gauss(0.0, NOISE)
+            found.append(
+                Asked(
+                    electrode,
+                    state,
+                    at_s,
+                    math.exp(threshold + k * fall + drift + error),
+                    math.exp(resistance - fall + chance.gauss(0.0, METER)),
+                )
+            )
+    return found
+
+
+@contextmanager
+def fitted_site() -> Iterator[EngineRig]:
+    """An engine whose body site has `power_law`."""
+    loaded = config(electrodes=8)
+    law = Settings(order=("power_law",), power_law=PowerLawSettings())
+    site = msgspec.structs.replace(loaded.body_site, stabilize=law)
+    with closing(engine_rig.make(loaded=dataclasses.replace(loaded, body_site=site))) as rig:
+        yield rig
+
+
+def found_k(asked: list[Asked]) -> float | None:
+    try:
+        found = fitted(asked, DAY)
+    except NoFit:
+        return None
+    return found.k if found.why_not is None else None
+
+
+def test_of_200_persons_without_a_k_at_most_ten_get_one() -> None:
+    chance = random.Random(7)
+    found = [found_k(asked_of(chance, 0.0)) for _ in range(200)]
+    assert sum(k is not None for k in found) <= 10
+
+
+def test_of_200_persons_with_a_k_180_get_theirs_within_a_quarter() -> None:
+    chance = random.Random(8)
+    right = 0
+    for _ in range(200):
+        k = chance.uniform(0.5, 1.3)
+        found = found_k(asked_of(chance, k))
+        right += found is not None and abs(found - k) <= 0.25 * k
+    assert right >= 180
+
+
+exact = st.floats(-1.5, 1.5), st.floats(-0.001, 0.001), st.integers(0, 10**6)
+
+
+@given(*exact)
+def test_what_has_no_error_is_found_whatever_the_drift(k: float, drift: float, seed: int) -> None:
+    chance = random.Random(seed)
+    falls = [0.0, 1.2, 0.1, 0.9]
+    asked = [
+        Asked(
+            electrode,
+            state,
+            at_s,
+            math.exp(7.0 + 0.1 * electrode + k * fall + drift * at_s),
+            math.exp(10.0 - 0.2 * electrode - fall),
+        )
+        for state, fall in enumerate(falls)
+        for electrode, at_s in enumerate(state * 200.0 + 40.0 * place for place in range(4))
+    ]
+    chance.shuffle(asked)
+    found = fitted(asked, DAY)
+    assert found.k == pytest.approx(k, abs=1e-3)
+    assert found.low <= found.k <= found.high
+    assert (found.electrodes, found.states) == ((0, 1, 2, 3), 4)
+    assert found.fold == pytest.approx(math.exp(1.2), abs=1e-3)
+
+
+def test_states_that_are_too_alike_are_refused_with_what_to_do() -> None:
+    asked = [
+        msgspec.structs.replace(one, resistance_ohm=50_000.0 * (1.9 if one.state % 2 else 1.0))
+        for one in asked_of(random.Random(1), 1.0)
+    ]
+    with pytest.raises(NoFit, match=r"only 1.9 times .* 2 times are needed: breathe"):
+        fitted(asked, DAY)
+
+
+def test_a_resistance_that_only_falls_cannot_be_told_from_adaptation() -> None:
+    asked = [
+        msgspec.structs.replace(one, resistance_ohm=200_000.0 * math.exp(-one.at_s / 600.0))
+        for one in asked_of(random.Random(1), 1.0)
+    ]
+    with pytest.raises(NoFit, match="become dry again"):
+        fitted(asked, DAY)
+
+
+def test_too_few_states_or_electrodes_and_gaps_are_refused() -> None:
+    asked = asked_of(random.Random(1), 1.0)
+    with pytest.raises(NoFit, match=r"6 electrodes in 3 states .* 4 in 4 are needed"):
+        fitted([one for one in asked if one.state < 3], DAY)
+    with pytest.raises(NoFit, match="3 electrodes in 5 states"):
+        fitted([one for one in asked if one.electrode < 3], DAY)
+    with pytest.raises(NoFit, match="not every electrode"):
+        fitted(asked[1:], DAY)
+    with pytest.raises(NoFit, match="0 electrodes"):
+        fitted([], DAY)
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"low": -0.1}, "has zero in it"),
+        ({"explained": 0.49}, "explains 49% .* less than 50%"),
+        ({"k": 2.1, "high": 2.5}, "is not believed"),
+        ({"low": 0.8}, "lies outside of its interval"),
+    ],
+)
+def test_an_exponent_that_is_not_known_well_is_not_for_this_person(
+    changes: dict[str, float], why: str
+) -> None:
+    fields = {name: getattr(exponent(0.7), name) for name in FittedExponent.__struct_fields__}
+    poor = FittedExponent(**{**fields, **changes})
+    assert poor.why_not is not None
+    with fitted_site() as rig:
+        made = calibration(rig, (3_000,) * 8, exponent=poor)
+        assert usable_k(poor) is None
+        answer = open_calibrated(rig, made)
+        assert answer.error == "bad_calibration"
+        assert "power_law is not for this person: k = " in answer.reason
+        assert poor.why_not in answer.reason
+
+
+def test_where_a_site_has_power_law_nobody_without_a_k_gets_a_lease() -> None:
+    with fitted_site() as rig:
+        for by in (
+            {"calibration": calibration(rig, (3_000,) * 8)},
+            {"limits": Limits(max_current_ua=3_000, width_us=100)},
+        ):
+            answer = rig.ask(OpenLease, lease=LEASE, client="test", **by)
+            assert answer.error == "bad_calibration"
+            assert "etd calibrate CODE --fit" in answer.reason
+        answer = open_calibrated(rig, calibration(rig, (3_000,) * 8, exponent=exponent(0.7)))
+        assert answer.error is None

@@ -1,0 +1,120 @@
+"""A fit from the first state to the last: who gets a k, what is presented, and how it goes on after
+an interruption.
+"""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from etd.calibrate.exponent import NoFit
+from etd.calibrate.fitting import (
+    STATES,
+    Fitting,
+    electrodes_to_ask,
+    load_fit,
+    save_fit,
+)
+from etd.calibrate.person import ResponseModel
+from etd.calibrate.reach import RISE
+from etd.protocol.calibration import ElectrodeLimits
+from etd.protocol.errors import FileError
+from fit_scenes import ADAPTING, POOR, TODAY, N, StateSkin, ask_all, baseline, begun, found
+
+
+@pytest.mark.parametrize(("model", "least"), [(ADAPTING, 9), (POOR, 5)], ids=["adapting", "poor"])
+def test_who_has_a_k_gets_it_and_hardly_anybody_without(model: ResponseModel, least: int) -> None:
+    """Ten of each here; `make bench-fit` plays 200."""
+    chance = random.Random(3)
+    right = 0
+    for seed in range(10):
+        k = chance.uniform(0.5, 1.1)
+        one = found(k, seed, model)
+        right += one is not None and one.why_not is None and abs(one.k - k) <= 0.25 * k
+    assert right >= least
+    without = [found(0.0, seed, model) for seed in range(10)]
+    assert sum(one is not None and one.why_not is None for one in without) <= 1
+
+
+def test_nothing_is_presented_that_was_not_answered_a_step_below() -> None:
+    skin = StateSkin(0.8, 1)
+    progress = begun(skin, 1)
+    fitting = ask_all(skin, progress, 1)
+    assert fitting.fit(TODAY).why_not is None
+    most = 0.0
+    for electrode in progress.electrodes:
+        tolerated_ua = 0
+        for shown, current_ua in skin.presented:
+            if shown == electrode and current_ua:
+                most = max(most, current_ua / tolerated_ua if tolerated_ua else 0.0)
+                tolerated_ua = max(tolerated_ua, current_ua)
+    assert 1.0 < most <= RISE + 0.01
+
+
+def test_an_interruption_between_two_states_loses_nothing(tmp_path: Path) -> None:
+    skin = StateSkin(0.8, 1)
+    progress = begun(skin, 1)
+    whole = ask_all(skin, progress, 1, until=2)
+    path = tmp_path / "fit.json"
+    save_fit(path, progress)
+    saved = load_fit(path, begun(skin, 1), has_seed=True)
+    assert msgspec.to_builtins(saved) == msgspec.to_builtins(progress)
+    assert whole.state == STATES[2]
+    assert ask_all(skin, saved, 2).state is None
+    assert {one.state for one in saved.asked} == set(range(len(STATES)))
+
+
+def test_a_saved_fit_of_other_conditions_is_refused(tmp_path: Path) -> None:
+    skin = StateSkin(0.8, 1)
+    progress = begun(skin, 1)
+    path = tmp_path / "fit.json"
+    save_fit(path, progress)
+    other = msgspec.structs.replace(
+        progress, conditions=msgspec.structs.replace(progress.conditions, width_us=50)
+    )
+    with pytest.raises(FileError, match=r"conditions.*--restart"):
+        load_fit(path, other, has_seed=False)
+    with pytest.raises(FileError, match="seed"):
+        load_fit(path, msgspec.structs.replace(progress, seed=9), has_seed=True)
+    assert load_fit(path, msgspec.structs.replace(progress, seed=9), has_seed=False).seed == 1
+    path.write_text("{}")
+    with pytest.raises(FileError, match="no saved fit"):
+        load_fit(path, progress, has_seed=False)
+
+
+def test_what_was_too_strong_stays_below_in_later_states_unless_it_is_taken_back() -> None:
+    progress = begun(StateSkin(0.8, 1), 1)
+    fitting = Fitting(progress)
+    of_state = fitting.progress_of_state()
+    electrode = progress.electrodes[0]
+    of_state.lower(electrode, 700)
+    fitting.lower(of_state)
+    of_state.lowered_ua.clear()
+    fitting.lower(of_state)
+    fitting.progress_of_state()
+    assert fitting.caps_ua[electrode] == 4_000
+    of_state.lower(electrode, 700)
+    fitting.lower(of_state)
+    fitting.progress_of_state()
+    assert fitting.caps_ua[electrode] == 700
+
+
+def test_electrodes_without_room_or_feeling_are_not_asked() -> None:
+    made = baseline(StateSkin(0.8, 1))
+    assert electrodes_to_ask(made) == (0, 1, 3, 4, 6, 7)
+    flat = ElectrodeLimits(threshold_ua=900, comfortable_ua=900, cap_ua=900)
+    few = msgspec.structs.replace(made, electrode=(*made.electrode[:3], *[flat] * (N - 3)))
+    with pytest.raises(FileError, match="3 electrodes could be asked"):
+        electrodes_to_ask(few)
+    with pytest.raises(FileError, match=r"electrode 5 was not .*choose of 0, 1"):
+        electrodes_to_ask(few, (5,))
+
+
+def test_a_person_whose_electrodes_need_more_than_the_limit_is_told_so() -> None:
+    skin = StateSkin(1.9, 1)
+    skin.threshold_ua = [1_500.0] * N
+    with pytest.raises(NoFit, match=r"of 6 electrodes have a threshold .* raise --max-current-ua"):
+        ask_all(skin, begun(skin, 1), 1).fit(TODAY)
