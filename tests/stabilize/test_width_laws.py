@@ -23,10 +23,27 @@ pytestmark = pytest.mark.slow
 LEAK_OHM = 66_000.0
 MS = 1_000_000
 FRAME = PulseRequest(2_000, 100)
+
+
+class Worn:
+    """Implements `Stabilizer`: the law, by a person with this k."""
+
+    def __init__(self, k: float, max_widening: float = 1.5) -> None:
+        self._law = PowerLaw(PowerLawSettings(max_widening=max_widening))
+        self._k = k
+        self.max_gain = self._law.max_gain
+
+    def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        return self._law.adapt(request, changed(estimate, exponent=self._k))
+
+    def reset(self) -> None:
+        self._law.reset()
+
+
 LAWS: dict[str, Callable[[], Stabilizer]] = {
     "energy": lambda: Energy(EnergySettings(max_widening=2.0), LEAK_OHM),
-    "power_law": lambda: PowerLaw(PowerLawSettings(k=1.0, max_widening=2.0)),
-    "fitted the other way": lambda: PowerLaw(PowerLawSettings(k=-0.5)),
+    "power_law": lambda: Worn(1.0, max_widening=2.0),
+    "fitted the other way": lambda: Worn(-0.5),
     "linear_law": lambda: LinearLaw(LinearLawSettings(max_widening=2.0), LEAK_OHM),
     "steep lines": lambda: LinearLaw(
         LinearLawSettings(charge_slope=-0.8, energy_slope=0.4, max_widening=2.0), LEAK_OHM
@@ -151,7 +168,7 @@ def test_a_mean_over_pulses_delays_no_fall(
 
 @pytest.mark.parametrize(("skin_ohm", "factor"), [(100_000, 0.5), (40_000, 1.25), (10_000, 2.0)])
 def test_a_fitted_width_is_a_power_of_the_resistance(skin_ohm: int, factor: float) -> None:
-    asked = settled(PowerLaw(PowerLawSettings(k=1.0, max_widening=2.0)), skin_ohm)
+    asked = settled(Worn(1.0, max_widening=2.0), skin_ohm)
     assert asked.current_ua * asked.width_us == pytest.approx(2_000 * 100 * factor, rel=0.01)
 
 
@@ -186,8 +203,14 @@ def test_no_line_is_followed_below_a_tenth_and_none_turns_there(skin_ohm: float)
 
 
 def test_a_reference_is_carried_over_to_the_current_of_the_pulse() -> None:
-    law = PowerLaw(PowerLawSettings(k=1.0, max_widening=2.0))
+    law = Worn(1.0, max_widening=2.0)
     eased_ohm = 50_000.0 * (4_000 + BEND_UA) / (2_000 + BEND_UA)
     for step in range(30):
         asked = law.adapt(FRAME, known(eased_ohm, 100 * step, reference_at_ua=4_000))
     assert asked == FRAME
+
+
+def test_without_a_persons_k_the_pulse_is_what_was_wanted() -> None:
+    law = PowerLaw(PowerLawSettings())
+    for step in range(30):
+        assert law.adapt(FRAME, known(10_000.0, 100 * step)) == FRAME

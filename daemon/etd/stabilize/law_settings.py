@@ -43,9 +43,9 @@ class LinearLawSettings(ResistanceLawSettings, frozen=True, kw_only=True):
 
 
 class PowerLawSettings(ResistanceLawSettings, frozen=True, kw_only=True):
-    """`[stabilize.power_law]`."""
-
-    k: Annotated[float, Meta(ge=-2.0, le=2.0)]
+    """`[stabilize.power_law]`: those of all laws by resistance. k is the person's, and stands in
+    the calibration.
+    """
 
 
 class PressureSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -33,6 +33,7 @@ class ElectrodeEstimate:
     __slots__ = (
         "early_ohm",
         "electrode",
+        "exponent",
         "firmness",
         "is_estimated",
         "is_reference_early",
@@ -67,6 +68,7 @@ class ElectrodeEstimate:
         is_reference_early: bool = False,
         threshold_ua: int | None = None,
         pressure_kpa: float | None = None,
+        exponent: float | None = None,
     ) -> None:
         self.electrode: Final = electrode
         self.now_ns: Final = now_ns
@@ -91,6 +93,8 @@ class ElectrodeEstimate:
         self.threshold_ua: Final = threshold_ua
         #: Of the sensor under this electrode.
         self.pressure_kpa: Final = pressure_kpa
+        #: From the calibration: how far the person's thresholds follow the resistance.
+        self.exponent: Final = exponent
 
     def higher_ohm(self) -> float | None:
         """Of `skin_ohm` and `latest_ohm`."""
@@ -124,15 +128,6 @@ class Stabilizer(Protocol):
     def reset(self) -> None:
         """The supply was off: any contact may have changed."""
         ...
-
-
-def adapt_all(
-    stabilizers: Sequence[Stabilizer], request: PulseRequest, estimate: ElectrodeEstimate
-) -> PulseRequest:
-    """The request after all stabilizers, in the order of the body-site file."""
-    for stabilizer in stabilizers:
-        request = stabilizer.adapt(request, estimate)
-    return request
 
 
 def max_gain_of(stabilizers: Sequence[Stabilizer]) -> MaxGain:

@@ -1,6 +1,6 @@
 """Power law: a width for a resistance, by a power that was fitted to a person.
 
-Owns: the law below. Must not know: how resistance is measured, how k is fitted, limits.
+Owns: the law below. Must not know: how resistance is measured, how k is measured, limits.
 
 Absolute threshold can be measured against skin resistance, and a function found that gives the
 width for a resistance; it took away spatial and much temporal variation (Kajimoto, Electro-tactile
@@ -11,8 +11,9 @@ bounded, monotone, one number a person,
     w = w0 x (R / R0)^-k
 
 k = 0 changes nothing, k = 1 holds I^2 R w (the skin's power without the board's leak), k < 0
-lengthens the pulse as resistance rises. k comes from a regression of log threshold width on log
-resistance over the electrodes of a calibration; there is no default. Width grows by at most
+lengthens the pulse as resistance rises. k is measured on the person, within electrodes over several
+states of the skin (`etd.calibrate.exponent`), and stands in the calibration; there is no default,
+and without it the pulse is what was wanted. Width grows by at most
 `max_widening`; below `min_width_us` the current falls instead, so that the charge is the same. The
 factor rises by at most `rise_per_s` and falls at once. Without an accepted resistance the pulse is
 what was wanted; not all widening is believed (`plausibility.py`), and a soft contact gets none.
@@ -32,9 +33,13 @@ from etd.stabilize.rounding import as_charge
 class PowerLaw(ResistanceLaw):
     def __init__(self, law: PowerLawSettings, on_rejected: OnRejected = ignore_rejection) -> None:
         super().__init__(law, on_rejected)
-        self._k = law.k
+        #: Of the person that wears the display now.
+        self._k = 0.0
 
     def adapt(self, request: PulseRequest, estimate: ElectrodeEstimate) -> PulseRequest:
+        if estimate.exponent is None:
+            return request
+        self._k = estimate.exponent
         factor = self._factor(request, estimate, self._wanted)
         if factor == 1.0:
             return request

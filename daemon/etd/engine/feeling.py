@@ -1,0 +1,140 @@
+"""What the person says of the strength, as the engine heeds it.
+
+Owns: who may say what, the factors that follow (`stabilize/said.py`), what laws gave to the pulses
+it was said of, and when laws are given up. Must not know: limits, hardware, sockets. Time comes in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from etd.protocol.errors import Refused
+from etd.protocol.felt import FeltFacts
+from etd.protocol.link import SayFelt
+from etd.stabilize.law_watch import LAST, LawWatch
+from etd.stabilize.offset_estimate import Answer
+from etd.stabilize.said import FeltOffsets
+
+
+class Feeling:
+    """One per engine: what was said is gone when the supply is off, and laws that were given up
+    stay so until the lease ends.
+    """
+
+    def __init__(self, electrodes: int) -> None:
+        self._count = electrodes
+        self._offsets = FeltOffsets(electrodes)
+        self._watch = LawWatch()
+        self._gave = [1.0] * electrodes
+        self._answers = 0
+        self._last: tuple[int, SayFelt] | None = None
+        #: Why laws by resistance are off; empty: they are not.
+        self.laws_off = ""
+
+    def reset(self) -> None:
+        """The supply was off."""
+        self._offsets.reset()
+        self._answers, self._last = 0, None
+        self._gave = [1.0] * self._count
+
+    def lease_begun(self) -> None:
+        """Perhaps another person's: laws are judged anew."""
+        self.reset()
+        self._watch.reset()
+        self.laws_off = ""
+
+    # --- pulses ------------------------------------------------------------------------------
+
+    def fired(self, electrode: int, now_ns: int) -> None:
+        """A pulse of a frame was fired."""
+        self._offsets.fired(electrode, now_ns)
+
+    def laws_gave(self, electrode: int, factor: float) -> None:
+        """What laws made of the charge of its next pulse, in times of the frame's."""
+        self._gave[electrode] = factor
+
+    def factor(self, electrode: int) -> float:
+        """On the requested current."""
+        return self._offsets.factor(electrode)
+
+    def felt_ua(self, electrode: int, current_ua: int) -> int | None:
+        """What is left of a current since the person said too strong; None: all of it."""
+        factor = self._offsets.factor(electrode)
+        return None if factor >= 1.0 else int(current_ua * factor)
+
+    def lowered(self) -> tuple[float, ...] | None:
+        """The factor of each electrode; None where none is below 1."""
+        if self._offsets.is_idle:
+            return None
+        factors = self._offsets.factors()
+        return factors if min(factors) < 1.0 else None
+
+    # --- answers -----------------------------------------------------------------------------
+
+    def hear(self, said: SayFelt, now_ns: int) -> None:
+        """Raises: Refused, and nothing changes."""
+        self._check(said, now_ns)
+        about = self._felt_of(said.electrodes, now_ns)
+        if said.lease is not None and about:
+            self._judge_laws(said.answer, about)
+        self._offsets.hear(said.answer, said.electrodes, now_ns)
+        self._answers += 1
+        self._last = now_ns, said
+
+    def _check(self, said: SayFelt, now_ns: int) -> None:
+        for electrode in said.electrodes or ():
+            if electrode >= self._count:
+                raise Refused(
+                    "bad_message",
+                    f"there is no electrode {electrode}: this array has {self._count}, from 0 on",
+                    electrode,
+                )
+        if said.answer == "too_strong":
+            return
+        for electrode in said.electrodes or ():
+            if not self._offsets.was_felt(electrode, now_ns):
+                raise Refused(
+                    "wrong_state",
+                    f"electrode {electrode} was not fired in the last minute: say it of what is"
+                    " felt now",
+                    electrode,
+                )
+        if not self._offsets.felt(now_ns):
+            raise Refused(
+                "wrong_state",
+                "nothing was fired in the last minute: say it of what is felt now",
+            )
+
+    def _felt_of(self, electrodes: Sequence[int] | None, now_ns: int) -> tuple[int, ...]:
+        """Those that an answer is about."""
+        felt = self._offsets.felt(now_ns)
+        return felt if electrodes is None else tuple([it for it in felt if it in electrodes])
+
+    def _judge_laws(self, answer: Answer, about: Sequence[int]) -> None:
+        # A current that a law took whole is as little as can be told.
+        logs = [math.log(max(self._gave[electrode], 0.01)) for electrode in about]
+        self._watch.hear(answer, math.exp(sum(logs) / len(logs)))
+        if self._watch.is_refuted and not self.laws_off:
+            self.laws_off = (
+                "laws by resistance are off until the lease ends: of the last"
+                f" {LAST} answers where they changed the strength, {self._watch.against} said the"
+                " opposite"
+            )
+
+    # --- reports -----------------------------------------------------------------------------
+
+    def facts(self) -> FeltFacts | None:
+        """None where nothing was said."""
+        if self._last is None and not self.laws_off:
+            return None
+        said_ns, said = self._last or (0, None)
+        return FeltFacts(
+            answers=self._answers,
+            said_ns=said_ns,
+            answer=None if said is None else said.answer,
+            electrodes=None if said is None else said.electrodes,
+            lowers_only=said is not None and said.lease is None,
+            factors=tuple([round(factor, 3) for factor in self._offsets.factors()]),
+            laws_off=self.laws_off,
+        )

@@ -1,0 +1,35 @@
+"""What the person said of the strength, and what followed from it, as the state report tells it.
+
+Owns: this struct, and the form of a list of electrodes. Must not know: sockets, how an answer is
+heeded.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from etd.stabilize.offset_estimate import Answer
+
+#: Electrodes that an answer is about.
+Named = Annotated[
+    tuple[Annotated[int, Meta(ge=0, le=255)], ...], Meta(min_length=1, max_length=256)
+]
+
+
+class FeltFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """`answers`: how many since arming. The last one was said at `said_ns`, of these `electrodes`
+    (null: all), by the lease's holder or (`lowers_only`) by somebody else. `factors`: on the
+    current of each electrode, as of its last pulse. `laws_off`: why laws by resistance are off
+    until the lease ends; empty: they are not.
+    """
+
+    answers: int
+    said_ns: int
+    answer: Answer | None
+    electrodes: tuple[int, ...] | None
+    lowers_only: bool
+    factors: tuple[float, ...]
+    laws_off: str = ""

@@ -1,0 +1,179 @@
+"""The factor on an electrode's current that follows from what the person says of it.
+
+Owns: the rules below, electrode by electrode. Must not know: limits, laws, clocks, who says it: who
+may raise is decided by the caller. It is a request like any other: the limits come after it.
+
+- *too strong* lowers at once, by 3 % and at least to the estimate: every electrode, or
+  those that are named. Said again within half a minute it lowers twice as much as the time before,
+  at most to half.
+- *good* and *too weak* let the factor rise to the estimate (`offset_estimate.py`), by at most 5 % a
+  minute within the minute that follows, and never above 1.2. *Good* may take from a rise above the
+  frame's own, where less is expected by now; otherwise neither lowers anything.
+- Up only while the electrode is fired: not for one that was not fired in the last minute, whose
+  rise above the frame's own is lost as well.
+- Nothing rises by itself: without an answer a factor stays, or is lost by `reset`.
+
+`lower` takes the word of somebody who may not raise: it only ever lowers, the estimate too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from etd.stabilize.offset_estimate import Answer, OffsetEstimate
+
+#: What an answer is about: pulses of the last minute. And how long one lets a factor rise.
+FELT_NS: Final = 60_000_000_000
+#: The most that a factor reaches, and by how much it rises in a minute.
+MOST: Final = 1.2
+RISE_A_MINUTE: Final = 1.05
+#: What *too strong* takes at once; twice as much where it is said again so soon; the most.
+LOWERED_BY: Final = 0.03
+AGAIN_NS: Final = 30_000_000_000
+MOST_LOWERED_BY: Final = 0.5
+_MOST_LOG: Final = math.log(MOST)
+_RISE_PER_NS: Final = math.log(RISE_A_MINUTE) / 60e9
+
+
+class _Electrode:
+    """`offset`: the logarithm of its factor, as of `at_ns`; `target`: how far it may rise until
+    `until_ns`.
+    """
+
+    __slots__ = ("at_ns", "fired_ns", "offset", "own", "target", "until_ns")
+
+    def __init__(self) -> None:
+        self.offset = 0.0
+        self.target = 0.0
+        self.at_ns = 0
+        self.until_ns = 0
+        self.fired_ns: int | None = None
+        self.own: OffsetEstimate | None = None
+
+    def own_mean(self, now_ns: int) -> float:
+        return 0.0 if self.own is None else self.own.mean(now_ns)
+
+    def was_felt(self, now_ns: int) -> bool:
+        return self.fired_ns is not None and now_ns - self.fired_ns <= FELT_NS
+
+    def fired(self, now_ns: int) -> None:
+        """Rises for the time since its last pulse, or loses its rise after a minute without one."""
+        if self.was_felt(now_ns):
+            self._rise(now_ns)
+        else:
+            self.offset = self.target = min(self.offset, 0.0)
+        self.fired_ns = self.at_ns = now_ns
+
+    def _rise(self, now_ns: int) -> None:
+        if self.offset < self.target:
+            elapsed_ns = max(0, min(now_ns, self.until_ns) - self.at_ns)
+            self.offset = min(self.target, self.offset + _RISE_PER_NS * elapsed_ns)
+        self.at_ns = now_ns
+
+    def let_go_to(self, wanted: float, now_ns: int, *, is_weak: bool) -> None:
+        """Down at once, where it may go down, and up from now on."""
+        self._rise(now_ns)
+        least = self.offset if is_weak else min(self.offset, 0.0)
+        wanted = min(max(wanted, least), _MOST_LOG)
+        self.offset = min(self.offset, wanted)
+        self.target, self.until_ns = wanted, now_ns + FELT_NS
+
+    def lower_to(self, wanted: float) -> None:
+        """At once, and nothing rises until the next word."""
+        self.offset = self.target = min(self.offset, wanted)
+
+
+class FeltOffsets:
+    """For all electrodes of an array; factors are 1 until somebody says something."""
+
+    def __init__(self, electrodes: int) -> None:
+        self._electrodes = [_Electrode() for _ in range(electrodes)]
+        self._common = OffsetEstimate()
+        #: Whether any factor can differ from 1.
+        self.is_idle = True
+        #: What the last *too strong* took, and until when another one takes more.
+        self._lowered_by = 0.0
+        self._again_ns = 0
+
+    def reset(self) -> None:
+        """All that was said is gone."""
+        self._electrodes = [_Electrode() for _ in self._electrodes]
+        self._common = OffsetEstimate()
+        self.is_idle = True
+        self._lowered_by = 0.0
+
+    def fired(self, electrode: int, now_ns: int) -> None:
+        """A pulse of a frame was fired at this electrode."""
+        self._electrodes[electrode].fired(now_ns)
+
+    def factor(self, electrode: int) -> float:
+        """On the current that is requested: at most `MOST`; as of its last pulse."""
+        return 1.0 if self.is_idle else math.exp(self._electrodes[electrode].offset)
+
+    def factors(self) -> tuple[float, ...]:
+        """Of all electrodes."""
+        return tuple([math.exp(electrode.offset) for electrode in self._electrodes])
+
+    def was_felt(self, electrode: int, now_ns: int) -> bool:
+        """Whether it was fired in the last minute."""
+        return self._electrodes[electrode].was_felt(now_ns)
+
+    def felt(self, now_ns: int) -> tuple[int, ...]:
+        """The electrodes that were fired in the last minute."""
+        return tuple(
+            [
+                number
+                for number, electrode in enumerate(self._electrodes)
+                if electrode.was_felt(now_ns)
+            ]
+        )
+
+    def hear(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> None:
+        """The word of who may raise: about these electrodes, or None: all in common. Of those it
+        is about, only such as were fired in the last minute can rise.
+        """
+        self.is_idle = False
+        self._estimate(answer, electrodes, now_ns)
+        if answer == "too_strong":
+            self._lower(electrodes, now_ns)
+            return
+        for electrode in self._those(electrodes):
+            if electrode.was_felt(now_ns):
+                wanted = self._wanted(electrode, now_ns)
+                electrode.let_go_to(wanted, now_ns, is_weak=answer == "too_weak")
+
+    def lower(self, electrodes: Sequence[int] | None, now_ns: int) -> None:
+        """*Too strong*, by anybody."""
+        self.hear("too_strong", electrodes, now_ns)
+
+    def _lower(self, electrodes: Sequence[int] | None, now_ns: int) -> None:
+        again_by = 2.0 * self._lowered_by if now_ns <= self._again_ns else 0.0
+        self._lowered_by = min(max(LOWERED_BY, again_by), MOST_LOWERED_BY)
+        self._again_ns = now_ns + AGAIN_NS
+        step = math.log(1.0 - self._lowered_by)
+        for electrode in self._those(electrodes):
+            electrode.lower_to(min(electrode.offset + step, self._wanted(electrode, now_ns)))
+
+    def _estimate(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> None:
+        """An answer about all is about their mean, beside what is known of each alone."""
+        if electrodes is None:
+            felt = [electrode for electrode in self._electrodes if electrode.was_felt(now_ns)]
+            shared = [electrode.offset - electrode.own_mean(now_ns) for electrode in felt]
+            offset = sum(shared) / len(shared) if shared else 0.0
+            self._common.hear(answer, offset, now_ns)
+            return
+        common = self._common.mean(now_ns)
+        for electrode in self._those(electrodes):
+            if electrode.own is None:
+                electrode.own = OffsetEstimate()
+            electrode.own.hear(answer, electrode.offset - common, now_ns)
+
+    def _wanted(self, electrode: _Electrode, now_ns: int) -> float:
+        return self._common.mean(now_ns) + electrode.own_mean(now_ns)
+
+    def _those(self, electrodes: Sequence[int] | None) -> list[_Electrode]:
+        if electrodes is None:
+            return self._electrodes
+        return [self._electrodes[number] for number in sorted(set(electrodes))]

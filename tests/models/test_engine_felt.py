@@ -1,0 +1,256 @@
+"""What a person says of the strength, on the wires: who may say it, and what the skin gets then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import pytest
+
+from engine_rig import LEASE, EngineRig
+from engine_scenes import (
+    calibration,
+    clamps,
+    exponent,
+    only,
+    open_calibrated,
+    opened_to,
+    phases,
+    states,
+)
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.calibration import ElectrodeLimits
+from etd.protocol.felt import FeltFacts
+from etd.protocol.link import Answer, DisarmBoard, SayFelt
+from etd.stabilize.law_settings import PowerLawSettings
+from etd.stabilize.law_watch import TOO_MANY, LawWatch
+from etd.stabilize.said import LOWERED_BY, MOST, RISE_A_MINUTE
+from etd.stabilize.settings import Settings
+from etd_body.electrode import skin
+
+MakeRig = Callable[..., EngineRig]
+N = 16
+CAP_UA = 3_000
+
+
+def ready(rig: EngineRig, cap_ua: int = CAP_UA) -> EngineRig:
+    """Armed for a calibrated person: threshold at 1000 uA, comfortable at 2000 uA."""
+    made = calibration(rig, [cap_ua] * N)
+    limits = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=2_000, cap_ua=cap_ua)
+    made = msgspec.structs.replace(made, electrode=(limits,) * N, exponent=exponent(1.05))
+    assert open_calibrated(rig, made).error is None
+    rig.arm()
+    opened_to(rig, CAP_UA)
+    return rig
+
+
+def felt_rig(make_rig: MakeRig, cap_ua: int = CAP_UA) -> EngineRig:
+    """Its electrode 4 at a middle level for some seconds."""
+    rig = ready(make_rig(electrodes=N), cap_ua)
+    hold(rig, 2_000)
+    return rig
+
+
+def hold(rig: EngineRig, duration_ms: float, level: float = 0.5) -> None:
+    rig.hold(duration_ms, level=only_level(level), rate_hz=20.0, ttl_ms=1_000)
+
+
+def only_level(level: float) -> tuple[float, ...]:
+    return tuple(level if electrode == 4 else 0.0 for electrode in range(N))
+
+
+def say(rig: EngineRig, answer: str, lease: str | None = LEASE, **about: Any) -> Answer:
+    return rig.ask(SayFelt, answer=answer, lease=lease, **about)
+
+
+def last_ua(rig: EngineRig) -> float:
+    return [phase.current_ua for phase in phases(rig) if phase.electrode == 4][-1]
+
+
+def facts(rig: EngineRig) -> FeltFacts:
+    found = states(rig)[-1].felt
+    assert found is not None
+    return found
+
+
+def test_too_strong_lowers_the_next_pulse_and_is_told_as_a_clamp(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig)
+    before_ua = last_ua(rig)
+    assert say(rig, "too_strong").error is None
+    rig.reports.clear()
+    hold(rig, 200)
+    assert last_ua(rig) == pytest.approx((1 - LOWERED_BY) * before_ua, abs=5)
+    told = {clamp.reason for clamp in clamps(rig)}
+    assert told == {"felt"}
+    assert clamps(rig)[-1].limited_by == 4
+    assert clamps(rig)[-1].wanted_ua == pytest.approx(before_ua, abs=5)
+
+
+def test_the_reply_to_a_frame_tells_it_and_a_strict_frame_is_refused(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig)
+    say(rig, "too_strong")
+    answer = rig.show(level=only_level(0.5), rate_hz=20.0)
+    assert [clamp.reason for clamp in answer.clamped] == ["felt"]
+    refused = rig.show(level=only_level(0.5), rate_hz=20.0, strict=True)
+    assert refused.error == "over_limit"
+    assert "too strong" in refused.reason
+
+
+def test_an_account_tells_it(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig)
+    say(rig, "too_strong")
+    rig.show(level=only_level(0.5), rate_hz=20.0, account=True, pulses=3)
+    seq = rig.last_seq
+    rig.run_ms(400)
+    account = rig.engine.components.reporter.accounts.of(seq)
+    assert account is not None
+    assert account.most_ua[4] < account.wanted_ua[4]
+    assert [clamp.reason for clamp in account.clamped] == ["felt"]
+
+
+def test_too_weak_raises_a_level_slowly_and_the_cap_stays(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig, cap_ua=2_050)
+    before_ua = last_ua(rig)
+    for _ in range(8):
+        assert say(rig, "too_weak").error is None
+        hold(rig, 15_000)
+    risen = last_ua(rig) / before_ua
+    assert 1.03 < risen <= 1.001 * RISE_A_MINUTE**2
+    hold(rig, 2_000, level=1.0)
+    assert last_ua(rig) <= 2_050
+    assert facts(rig).factors[4] <= MOST
+
+
+def test_a_current_that_the_frame_names_is_never_raised(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig)
+    frame = {"current_ua": only(N, e4=1_000), "rate_hz": 20.0, "ttl_ms": 1_000}
+    rig.hold(500, **frame)
+    before_ua = last_ua(rig)
+    say(rig, "too_weak")
+    rig.hold(20_000, **frame)
+    assert last_ua(rig) == before_ua
+    assert not [clamp for clamp in clamps(rig) if clamp.reason == "frame"]
+
+
+def test_who_does_not_hold_the_lease_can_only_lower(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig)
+    for answer in ("good", "too_weak"):
+        refused = say(rig, answer, lease=None)
+        assert refused.error == "other_lease"
+        assert "only its holder" in refused.reason
+    assert say(rig, "too_strong", lease=None).error is None
+    assert facts(rig).lowers_only
+    assert facts(rig).factors[4] < 1.0
+
+
+def test_without_a_lease_or_unarmed_nothing_can_be_said(make_rig: MakeRig) -> None:
+    rig = make_rig(electrodes=N)
+    assert say(rig, "too_weak", lease=None).error == "no_lease"
+    assert say(rig, "good").error == "no_lease"
+    assert say(rig, "too_strong", lease=None).error == "not_armed"
+    rig.open()
+    assert say(rig, "good").error == "not_armed"
+
+
+def test_what_was_not_fired_in_the_last_minute_cannot_be_good(make_rig: MakeRig) -> None:
+    rig = ready(make_rig(electrodes=N))
+    assert say(rig, "too_weak").error == "wrong_state"
+    hold(rig, 300)
+    assert say(rig, "too_weak").error is None
+    refused = say(rig, "good", electrodes=(4, 5))
+    assert (refused.error, refused.electrode) == ("wrong_state", 5)
+    assert say(rig, "too_strong", electrodes=(N,)).error == "bad_message"
+    assert say(rig, "too_strong", electrodes=(5,)).error is None
+    assert facts(rig).factors[4] >= 1.0 > facts(rig).factors[5]
+
+
+def test_disarming_forgets_all_of_it(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig)
+    before_ua = last_ua(rig)
+    say(rig, "too_strong")
+    hold(rig, 200)
+    rig.ask(DisarmBoard, lease=LEASE)
+    assert states(rig)[-1].felt is None
+    rig.arm()
+    opened_to(rig, CAP_UA)
+    hold(rig, 2_000)
+    assert last_ua(rig) == before_ua
+
+
+# --- laws ----------------------------------------------------------------------------------------
+
+
+def with_law() -> LoadedConfig:
+    loaded = fake_config(electrodes=N)
+    settings = Settings(order=("power_law",), power_law=PowerLawSettings())
+    return replace(loaded, body_site=msgspec.structs.replace(loaded.body_site, stabilize=settings))
+
+
+def widened(make_rig: MakeRig) -> EngineRig:
+    """A law by resistance gives much more than the frame, since the skin has become wet."""
+    rig = make_rig(loaded=with_law())
+    rig.fake.world.touch(4, skin(1_000.0, 30_000.0, 0.8))
+    ready(rig)
+    hold(rig, 4_000)
+    rig.fake.world.touch(4, skin(800.0, 15_000.0, 0.8))
+    hold(rig, 3_000)
+    return rig
+
+
+def last_us(rig: EngineRig) -> float:
+    return [phase.width_us for phase in phases(rig) if phase.electrode == 4][-1]
+
+
+def test_a_law_that_goes_against_the_person_is_switched_off_until_the_lease_ends(
+    make_rig: MakeRig,
+) -> None:
+    rig = widened(make_rig)
+    wide_us = last_us(rig)
+    assert wide_us > 1.2 * 100
+    for _ in range(TOO_MANY - 1):
+        say(rig, "too_strong")
+        hold(rig, 500)
+    assert facts(rig).laws_off == ""
+    assert last_us(rig) == pytest.approx(wide_us, abs=10)
+    say(rig, "too_strong")
+    hold(rig, 3_000)
+    assert "said the opposite" in facts(rig).laws_off
+    assert last_us(rig) == pytest.approx(100, abs=2)
+    rig.ask(DisarmBoard, lease=LEASE)
+    assert facts(rig).laws_off
+    assert facts(rig).factors == (1.0,) * N
+
+
+def test_the_word_of_somebody_else_switches_no_law_off(make_rig: MakeRig) -> None:
+    rig = widened(make_rig)
+    for _ in range(2 * TOO_MANY):
+        say(rig, "too_strong", lease=None)
+    assert facts(rig).laws_off == ""
+
+
+def test_what_counts_against_laws() -> None:
+    watch = LawWatch()
+    for _ in range(9):
+        watch.hear("too_strong", 0.5)
+        watch.hear("too_weak", 1.5)
+        watch.hear("good", 2.0)
+        watch.hear("too_strong", 1.05)
+    assert watch.against == 0
+    for _ in range(2):
+        watch.hear("too_strong", 1.2)
+        watch.hear("too_weak", 0.8)
+    assert not watch.is_refuted
+    watch.hear("too_strong", 3.0)
+    assert watch.is_refuted
+    watch.reset()
+    assert not watch.is_refuted
+
+
+def test_how_likely_the_page_says_that_it_is() -> None:
+    def five_of_six(chance: float) -> float:
+        return chance**6 + 6 * chance**5 * (1 - chance)
+
+    assert five_of_six(0.8) == pytest.approx(0.66, abs=0.01)
+    assert five_of_six(0.1) < 1e-4

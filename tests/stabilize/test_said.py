@@ -1,0 +1,287 @@
+"""What a person says of the strength: each rule of it, whatever is said, when, and of what."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import get_args
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etd.stabilize.offset_estimate import Answer, OffsetEstimate
+from etd.stabilize.said import (
+    FELT_NS,
+    LOWERED_BY,
+    MOST,
+    MOST_LOWERED_BY,
+    RISE_A_MINUTE,
+    FeltOffsets,
+)
+
+pytestmark = pytest.mark.slow
+
+N = 3
+S = 1_000_000_000
+MINUTE = 60 * S
+
+
+@dataclass(frozen=True)
+class Moment:
+    """So long after the one before: pulses at some electrodes, and perhaps a word."""
+
+    after_ns: int
+    fired: frozenset[int]
+    answer: Answer | None
+    about: tuple[int, ...] | None
+
+
+electrodes = st.integers(0, N - 1)
+moments = st.builds(
+    Moment,
+    st.one_of(st.integers(0, 20 * S), st.integers(0, 3 * MINUTE)),
+    st.frozensets(electrodes),
+    st.one_of(st.none(), st.sampled_from(get_args(Answer))),
+    st.one_of(st.none(), st.lists(electrodes, min_size=1, max_size=N).map(tuple)),
+)
+stories = st.lists(moments, max_size=60)
+
+
+class Played:
+    """Offsets that a story is told to, with the time."""
+
+    def __init__(self) -> None:
+        self.offsets = FeltOffsets(N)
+        self.now_ns = 0
+
+    def fire(self, moment: Moment) -> None:
+        self.now_ns += moment.after_ns
+        for electrode in sorted(moment.fired):
+            self.offsets.fired(electrode, self.now_ns)
+
+    def say(self, moment: Moment) -> None:
+        if moment.answer is not None:
+            self.offsets.hear(moment.answer, moment.about, self.now_ns)
+
+
+@given(stories)
+def test_no_factor_is_ever_above_the_most(story: list[Moment]) -> None:
+    played = Played()
+    for moment in story:
+        played.fire(moment)
+        played.say(moment)
+        assert max(played.offsets.factors()) <= MOST + 1e-9
+
+
+@given(stories)
+def test_a_factor_rises_by_at_most_five_percent_a_minute(story: list[Moment]) -> None:
+    """Between any two moments: it is told as of its last pulse or word."""
+    played, per_ns = Played(), math.log(RISE_A_MINUTE) / MINUTE
+    told: list[tuple[int, tuple[float, ...]]] = [(0, (1.0,) * N)]
+    for moment in story:
+        played.fire(moment)
+        played.say(moment)
+        told.append((played.now_ns, played.offsets.factors()))
+    for electrode in range(N):
+        reached, at_ns = 1.0, 0
+        for now_ns, factors in told:
+            assert factors[electrode] <= reached * math.exp(per_ns * (now_ns - at_ns)) + 1e-9
+            if factors[electrode] != reached:
+                # What it could have risen meanwhile, and did not, is not made up for.
+                reached, at_ns = factors[electrode], now_ns
+
+
+@given(stories)
+def test_an_electrode_that_was_not_fired_in_the_last_minute_does_not_rise(
+    story: list[Moment],
+) -> None:
+    played, fired_ns = Played(), dict.fromkeys(range(N), -10 * MINUTE)
+    for moment in story:
+        before = played.offsets.factors()
+        played.fire(moment)
+        for electrode in range(N):
+            if played.now_ns - fired_ns[electrode] > FELT_NS:
+                assert played.offsets.factor(electrode) <= before[electrode] + 1e-9
+        fired_ns |= dict.fromkeys(moment.fired, played.now_ns)
+        said = played.offsets.factors()
+        played.say(moment)
+        # A word is never a rise in itself.
+        for now, was in zip(played.offsets.factors(), said, strict=True):
+            assert now <= was + 1e-9 or moment.answer != "too_strong"
+
+
+@given(stories)
+def test_nothing_rises_more_than_a_minute_after_the_last_word(story: list[Moment]) -> None:
+    played, said_ns = Played(), -10 * MINUTE
+    for moment in story:
+        before = played.offsets.factors()
+        then_ns = played.now_ns
+        played.fire(moment)
+        if then_ns - said_ns >= FELT_NS:
+            for was, now in zip(before, played.offsets.factors(), strict=True):
+                assert now <= was + 1e-9
+        played.say(moment)
+        if moment.answer is not None:
+            said_ns = played.now_ns
+
+
+@given(stories, st.one_of(st.none(), st.just((1,))))
+def test_too_strong_lowers_at_once_whatever_was_said_before(
+    story: list[Moment], about: tuple[int, ...] | None
+) -> None:
+    played = Played()
+    for moment in story:
+        played.fire(moment)
+        played.say(moment)
+    before = played.offsets.factors()
+    played.offsets.lower(about, played.now_ns)
+    lowered = range(N) if about is None else about
+    for electrode in range(N):
+        at_most = (1.0 - LOWERED_BY) if electrode in lowered else 1.0
+        assert played.offsets.factor(electrode) <= before[electrode] * at_most + FELT_NS * 1e-12
+
+
+@given(stories)
+def test_too_weak_lowers_nothing_and_good_nothing_below_the_frames_own(
+    story: list[Moment],
+) -> None:
+    played = Played()
+    for moment in story:
+        played.fire(moment)
+        before = played.offsets.factors()
+        played.say(moment)
+        for was, now in zip(before, played.offsets.factors(), strict=True):
+            if moment.answer == "too_weak":
+                assert now >= was - 1e-9
+            if moment.answer == "good":
+                assert now >= min(was, 1.0) - 1e-9
+
+
+@given(stories)
+def test_who_only_says_too_strong_never_raises_anything(story: list[Moment]) -> None:
+    played = Played()
+    for moment in story:
+        before = played.offsets.factors()
+        played.fire(moment)
+        if moment.answer is not None:
+            played.offsets.lower(moment.about, played.now_ns)
+        for was, now in zip(before, played.offsets.factors(), strict=True):
+            assert now <= was + 1e-9
+
+
+@given(stories)
+def test_a_reset_leaves_nothing_of_what_was_said(story: list[Moment]) -> None:
+    told, fresh = Played(), Played()
+    for moment in story:
+        told.fire(moment)
+        told.say(moment)
+    told.offsets.reset()
+    fresh.now_ns = told.now_ns
+    assert told.offsets.factors() == (1.0,) * N
+    assert told.offsets.is_idle
+    for moment in story:
+        for played in (told, fresh):
+            played.fire(moment)
+            played.say(moment)
+        assert told.offsets.factors() == fresh.offsets.factors()
+
+
+def test_said_again_at_once_it_takes_twice_as_much_and_never_more_than_half() -> None:
+    offsets, steps = FeltOffsets(1), []
+    for second in range(8):
+        offsets.fired(0, second * S)
+        before = offsets.factor(0)
+        offsets.lower(None, second * S)
+        steps.append(1.0 - offsets.factor(0) / before)
+    assert steps[1] == pytest.approx(2 * LOWERED_BY)
+    assert steps[2] == pytest.approx(4 * LOWERED_BY)
+    assert max(steps) == pytest.approx(MOST_LOWERED_BY)
+
+
+def hold(offsets: FeltOffsets, answer: Answer, minutes: int, from_minute: int = 0) -> None:
+    """The same word each minute, and a pulse a second in between."""
+    for second in range(from_minute * 60, (from_minute + minutes) * 60):
+        offsets.fired(0, second * S)
+        if second % 60 == 59:
+            offsets.hear(answer, None, second * S)
+
+
+def test_too_weak_again_and_again_comes_to_the_most_after_minutes() -> None:
+    offsets = FeltOffsets(1)
+    hold(offsets, "too_weak", 3)
+    assert 1.0 < offsets.factor(0) < RISE_A_MINUTE**3
+    hold(offsets, "too_weak", 10, 3)
+    assert offsets.factor(0) == pytest.approx(MOST)
+
+
+def test_good_leaves_what_is_good() -> None:
+    offsets = FeltOffsets(1)
+    hold(offsets, "good", 10)
+    assert offsets.factor(0) == pytest.approx(1.0, abs=0.01)
+
+
+def test_one_too_strong_among_many_good_is_nearly_taken_back_by_the_next_good() -> None:
+    offsets = FeltOffsets(1)
+    hold(offsets, "good", 5)
+    hold(offsets, "too_strong", 1, 5)
+    hold(offsets, "good", 3, 6)
+    assert 0.95 < offsets.factor(0) <= 1.0
+
+
+def test_what_is_said_of_one_electrode_is_of_that_one() -> None:
+    offsets = FeltOffsets(N)
+    for electrode in range(N):
+        offsets.fired(electrode, S)
+    offsets.hear("too_strong", (1,), S)
+    assert [factor < 1.0 for factor in offsets.factors()] == [False, True, False]
+
+
+def test_a_rise_is_lost_where_nothing_was_fired_for_more_than_a_minute() -> None:
+    offsets = FeltOffsets(1)
+    hold(offsets, "too_weak", 4)
+    assert offsets.factor(0) > 1.0
+    offsets.fired(0, 4 * MINUTE + FELT_NS + S)
+    assert offsets.factor(0) == 1.0
+
+
+def test_what_was_said_is_forgotten_in_the_estimate() -> None:
+    estimate = OffsetEstimate()
+    for minute in range(5):
+        estimate.hear("too_weak", 0.0, minute * MINUTE)
+    soon, late = estimate.mean(5 * MINUTE), estimate.mean(60 * MINUTE)
+    assert soon > 0.1
+    assert 0.0 < late < 0.01
+
+
+@given(st.lists(st.tuples(st.sampled_from(get_args(Answer)), st.integers(0, 20 * MINUTE))))
+def test_too_strong_never_raises_the_estimate_and_too_weak_never_lowers_it(
+    said: list[tuple[Answer, int]],
+) -> None:
+    estimate, now_ns = OffsetEstimate(), 0
+    for answer, after_ns in said:
+        now_ns += after_ns
+        before = estimate.mean(now_ns)
+        estimate.hear(answer, 0.0, now_ns)
+        change = estimate.mean(now_ns) - before
+        assert {"too_strong": change <= 1e-9, "too_weak": change >= -1e-9, "good": True}[answer]
+
+
+def test_many_words_at_once_raise_for_a_minute_and_no_longer() -> None:
+    offsets = FeltOffsets(1)
+    offsets.fired(0, 0)
+    for _ in range(5):
+        offsets.hear("too_weak", None, 0)
+    for second in range(600):
+        offsets.fired(0, second * S)
+    assert offsets.factor(0) == pytest.approx(RISE_A_MINUTE)
+
+
+def test_too_weak_keeps_a_rise_whose_reasons_are_long_forgotten() -> None:
+    offsets = FeltOffsets(1)
+    hold(offsets, "too_weak", 14)
+    raised = offsets.factor(0)
+    for second in range(14 * 60, 74 * 60, 30):
+        offsets.fired(0, second * S)
+    offsets.hear("too_weak", None, 74 * MINUTE - 30 * S)
+    assert offsets.factor(0) == pytest.approx(raised)
