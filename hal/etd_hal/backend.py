@@ -1,12 +1,12 @@
 """The ports of a board as a program gets them, and how to close them.
 
-Owns: the two types. It opens nothing and imports neither `linux` nor `fake`; `compose` makes them.
+Owns: these types. It opens nothing and imports neither `linux` nor `fake`; `compose` makes them.
 Must not know: how ports are opened, frames, people.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -128,3 +128,22 @@ class Bench:
     #: None where a person operates the board.
     operator: Operator | None
     kill_test_process: KillTestProcess
+
+
+class ReplaySamples(Protocol):
+    """What the pulses of a record measured, told one by one."""
+
+    def expect(self, electrode: int, samples_v: Sequence[float], *, has_prepulse: bool) -> None:
+        """The next pulse at this electrode measures these: three for each phase."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayStage:
+    """A fake board in stepped time on which a record is played once more. `at` puts an action on
+    the way of its clock: it runs when time comes to it.
+    """
+
+    backend: Backend
+    samples: ReplaySamples
+    at: Callable[[int, Callable[[], object]], None]

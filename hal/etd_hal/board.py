@@ -1,6 +1,7 @@
 """One board file made live: select, fire, discharge, supply, heartbeat, stop lines, safe_off.
 
-Owns: the order of the calls of a pulse, the rest after it, and the way to the safe state.
+Owns: the order of the calls of a pulse, the rest after it, edges of stops and trigger, and the way
+to the safe state.
 Must not know: frames, limits of persons, electrodes: it knows output numbers only.
 
 Everything that fires goes through the guard's ports. `safe_off` and `blank_now` use the
@@ -76,6 +77,8 @@ class Board:
         self.rules = SourceRules.of(file.source)
         self._stop_lines = _stop_lines(file.guards)
         self._stop_names = {line: name for name, line in self._stop_lines.items()}
+        self._trigger = _trigger(file)
+        self._triggers_ns: list[int] = []
 
     # --- what the board can do -------------------------------------------------------------
 
@@ -312,13 +315,25 @@ class Board:
         lines = self._stop_lines.items()
         return {name: self._bare_gpio.get(line) == 0 for name, line in lines}
 
-    def stop_edges(self) -> tuple[tuple[StopName, bool], ...]:
-        """(which, whether it opened) since the last call, oldest first. Never blocks."""
+    def stop_edges(self, with_trigger: bool = False) -> tuple[tuple[StopName, bool], ...]:
+        """(which, whether it opened) since the last call, oldest first. Never blocks. A read gives
+        the edges of all inputs: those of the trigger are kept for `take_triggers` if asked for.
+        """
         names = self._stop_names
-        edges = self._bare_gpio.edges() if names else ()
+        edges = self._bare_gpio.edges() if names or with_trigger else ()
         if not edges:
             return ()
+        if with_trigger:
+            found = [edge.t_ns for edge in edges if (edge.line, edge.value) == self._trigger]
+            self._triggers_ns += found
         return tuple((names[edge.line], edge.value == 0) for edge in edges if edge.line in names)
+
+    def take_triggers(self) -> list[int]:
+        """When the edges of the trigger came that were read, oldest first; each is given once, by
+        the kernel's time (CLOCK_MONOTONIC).
+        """
+        found, self._triggers_ns = self._triggers_ns, []
+        return found
 
     # --- the safe state --------------------------------------------------------------------
 
@@ -391,6 +406,12 @@ def _stop_lines(guards: Guards) -> dict[StopName, int]:
         "wearer_stop": guards.wearer_stop,
     }
     return {name: line for name, line in lines.items() if line != "absent"}
+
+
+def _trigger(file: BoardFile) -> tuple[int, int] | None:
+    """Its line, and the level after the edge that counts."""
+    trigger = file.trigger
+    return None if trigger == "absent" else (trigger.line, int(trigger.edge == "rising"))
 
 
 def _safe_changes(file: BoardFile) -> Changes:

@@ -177,6 +177,15 @@ class OneShot(Strict, frozen=True):
     on_us: Annotated[int, Meta(ge=200, le=1_000)]
 
 
+class Trigger(Strict, frozen=True):
+    """An input whose edge begins a frame that waits for it. It is pulled to the level before that
+    edge, so that a plug that comes off makes none.
+    """
+
+    line: Line
+    edge: Literal["rising", "falling"]
+
+
 class RailSetpoint(Strict, frozen=True):
     """An MCP4725 that sets the rail: 0 V at its output is the lowest rail."""
 
@@ -218,6 +227,7 @@ class BoardFile(Strict, frozen=True):
     i2c: str | Absent = "absent"
     gpio_chip_labels: tuple[str, ...] = ("pinctrl-bcm2711", "pinctrl-bcm2835")
     sync_line: Line | Absent = "absent"
+    trigger: Trigger | Absent = "absent"
     rail_setpoint: RailSetpoint | Absent = "absent"
 
     @property
@@ -243,6 +253,8 @@ class BoardFile(Strict, frozen=True):
                 lines[name.upper()] = line
         if self.sync_line != "absent":
             lines["SYNC"] = self.sync_line
+        if self.trigger != "absent":
+            lines["TRIGGER"] = self.trigger.line
         return lines
 
 

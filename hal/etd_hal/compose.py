@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from etd_hal.backend import Backend, Bench
+from etd_hal.backend import Backend, Bench, ReplayStage
 from etd_hal.bench import ScanCore
 from etd_hal.boardfile import BoardFile, MachineFile, Source
 from etd_hal.chips import ad5452, ad7276
@@ -26,7 +26,7 @@ from etd_hal.unwired import NoMarker
 from etd_hal.wakeups import NotingClock
 
 if TYPE_CHECKING:
-    from etd_hal.fake.board import FakePorts
+    from etd_hal.fake.board import FakeBoard, FakePorts
     from etd_hal.fake.clock import BoardClock
     from etd_hal.fake.machines import MachineModel
     from etd_hal.fake.pressure_sensors import SensorUnderArray
@@ -179,6 +179,29 @@ def open_fake(
     return dataclasses.replace(backend, timeout_factor=timeout_factor)
 
 
+def open_replay(
+    board: BoardFile, *, electrodes: Sequence[int], sensors: Sequence[SensorUnderArray] = ()
+) -> ReplayStage:
+    """A fake board in stepped time, whose pulses measure what its SPI is told to expect."""
+    from etd_hal.fake.board import FakeBoard
+    from etd_hal.fake.clock import SteppedClock
+    from etd_hal.fake.fingertip import fingertip_body
+    from etd_hal.fake.replayed import ReplayedSpi
+
+    clock = SteppedClock()
+    fake = FakeBoard(
+        board,
+        clock,
+        fingertip_body(board, len(electrodes)),
+        electrodes=electrodes,
+        sensors=sensors,
+    )
+    ports = fake.request(line_setup(board), spi_setup(board))
+    spi = ReplayedSpi(ports.spi, board.source, lambda: fake.sides)
+    backend = dataclasses.replace(_on_fake(board, ports, clock, ports.close), spi=spi)
+    return ReplayStage(_with_wearer(board, fake, backend), spi, clock.at)
+
+
 def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
     """A real board. Raises: HardwareMissing, BusError.
 
@@ -237,9 +260,9 @@ def _open_in_process(
 ) -> Backend:
     from etd_hal.fake.board import FakeBoard
     from etd_hal.fake.fingertip import fingertip_body, living_fingertip
+    from etd_hal.fake.jumper import GpioWithJumper
     from etd_hal.fake.pressure_sensors import lying
     from etd_hal.fake.trace import Trace
-    from etd_hal.fake.wearer import GpioWithWearer
 
     living = None if positions_mm is None else living_fingertip(board, positions_mm)
     fake = FakeBoard(
@@ -260,18 +283,32 @@ def _open_in_process(
 
     backend = _on_fake(board, ports, clock, close)
     backend = dataclasses.replace(backend, scan_core=fake.world.host.scan_core)
-    if board.guards.wearer_stop != "absent":
+    backend = _with_wearer(board, fake, backend)
+    if board.sync_line != "absent" and board.trigger != "absent":
 
-        def try_stop() -> None:
-            fake.world.press("wearer_stop")
-            fake.world.release("wearer_stop")
+        def give_edge() -> None:
+            fake.ask_body(fake.world.trigger)
 
-        wearing = GpioWithWearer(ports.gpio, board.guards, lambda: fake.ask_body(try_stop))
-        backend = dataclasses.replace(backend, gpio=wearing)
+        wired = GpioWithJumper(backend.gpio, board.sync_line, give_edge)
+        backend = dataclasses.replace(backend, gpio=wired)
     if living is None:
         return backend
     take_felt = living.take_felt
     return dataclasses.replace(backend, modelled=lambda: fake.ask_body(take_felt))
+
+
+def _with_wearer(board: BoardFile, fake: FakeBoard, backend: Backend) -> Backend:
+    """Where there is a wearer's stop, it is tried before each arming."""
+    if board.guards.wearer_stop == "absent":
+        return backend
+    from etd_hal.fake.wearer import GpioWithWearer
+
+    def try_stop() -> None:
+        fake.world.press("wearer_stop")
+        fake.world.release("wearer_stop")
+
+    wearing = GpioWithWearer(backend.gpio, board.guards, lambda: fake.ask_body(try_stop))
+    return dataclasses.replace(backend, gpio=wearing)
 
 
 def _open_board_process(board: BoardFile, path: Path, clock: BoardClock) -> Backend:

@@ -6,7 +6,8 @@
     ├── BoardFault         the board does not behave: what, measured, expected
     ├── GuardRefusal       bytes about to go out break a rule: rule, value, allowed
     ├── CannotSelect       the board has no such state of an output: output, wanted
-    └── FileError          a file says something that cannot be: file, key, value, allowed
+    ├── FileError          a file says something that cannot be: file, key, value, allowed
+    └── PythonTooOld       the client runs on this Python, this does not: what, needed, found
 
 (`etd.protocol.errors` adds what can be wrong with a frame, a request or a daemon.)
 
@@ -16,6 +17,7 @@ Owns: what can go wrong at the edge, with fields. Must not know: frames, clients
 from __future__ import annotations
 
 import errno as errno_names
+import sys
 from typing import Literal
 
 #: `permission`: the file's owner, group and mode do not let it be opened. `forbidden`: they do, and
@@ -149,3 +151,20 @@ class FileError(EtdError):
         self.allowed = allowed
         where = f"{file}: {key}" if key else file
         super().__init__(f"{where}: {value}; {allowed}")
+
+
+class PythonTooOld(EtdError):
+    """Something that needs a newer Python than the client does.
+
+    Fields: what, needed, found (both like "3.11").
+    """
+
+    def __init__(self, what: str, needed: str, found: str) -> None:
+        self.what = what
+        self.needed = needed
+        self.found = found
+        super().__init__(
+            f"{what} needs Python {needed} or newer, and {sys.executable} is Python {found}, which"
+            " runs etd's client only: install 'etd[daemon]' for a newer Python, here or on the"
+            " computer with the board"
+        )

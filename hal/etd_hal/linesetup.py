@@ -7,7 +7,7 @@ backends, how a line is requested.
 from __future__ import annotations
 
 from etd_hal.boardfile import BoardFile
-from etd_hal.ports import InputLine, LineSetup, SpiSetup
+from etd_hal.ports import InputLine, LineSetup, Pull, SpiSetup
 
 
 def line_setup(board: BoardFile) -> LineSetup:
@@ -37,6 +37,9 @@ def _input_lines(board: BoardFile) -> tuple[InputLine, ...]:
     for stop in (guards.emergency_stop, guards.wearer_stop):
         if stop != "absent":
             inputs.append(InputLine(stop, pull="down", edges=True))
+    if board.trigger != "absent":
+        pull: Pull = "down" if board.trigger.edge == "rising" else "up"
+        inputs.append(InputLine(board.trigger.line, pull=pull, edges=True))
     return tuple(inputs)
 
 

@@ -148,7 +148,7 @@ class WakingClock(Clock, Protocol):
 
 
 class Marker(Protocol):
-    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
+    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | str | None) -> None:
         """Write a mark of the engine into the record of the buses, if there is one."""
         ...
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import datetime
 import re
-import tomllib
+import sys
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from etd_hal import schema_hints
+from etd_hal.daemon_python import too_old
 from etd_hal.errors import FileError
 
 T = TypeVar("T")
@@ -39,7 +40,9 @@ class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 def load_toml(path: Path, kind: type[T]) -> T:
-    """Read `path` into `kind`. Raises: FileError, naming file, key, value and what is allowed."""
+    """Read `path` into `kind`. Raises: FileError, naming file, key, value and what is allowed;
+    PythonTooOld.
+    """
     data = read_toml(path)
     try:
         return convert(data, kind, str(path))
@@ -48,17 +51,28 @@ def load_toml(path: Path, kind: type[T]) -> T:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """What the file says, unchecked. Raises: FileError, for all that is no TOML file."""
+    """What the file says, unchecked. Raises: FileError, for all that is no TOML file; PythonTooOld,
+    since Python reads TOML from 3.11 on, and the client runs on 3.10.
+    """
     try:
-        return tomllib.loads(_text_of(path))
+        return _read(path)
     except FileNotFoundError:
         raise FileError(str(path), "", "there is no such file", "name one that exists") from None
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(str(path), "", f"it cannot be read ({error})", "check it") from error
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:
         raise FileError(str(path), "", f"it is not TOML ({error})", "correct the line") from error
     except RecursionError as error:
         raise _too_deep(path) from error
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Raises: FileError, PythonTooOld, OSError, RecursionError, ValueError (no text, no TOML)."""
+    if sys.version_info >= (3, 11):
+        import tomllib  # novm
+
+        return tomllib.loads(_text_of(path))
+    raise too_old(f"{path}: reading TOML")
 
 
 def _too_deep(path: Path) -> FileError:

@@ -177,7 +177,7 @@ class UnwiredGpio:
 class NoMarker:
     """Discards marks: there is no trace, as on real buses."""
 
-    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
+    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | str | None) -> None:
         pass
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 
+import msgspec
 import pytest
 
 from board_rig import BoardRig, fire_phase
@@ -12,6 +13,7 @@ from etd_hal.cutlatch import DUE_NS
 from etd_hal.errors import BoardFault, BusError, GuardRefusal
 from etd_hal.fake.faults import DacGain, MisoStuck, SpiError, SpiShort, SpiStall
 from etd_hal.switch_shadow import Approval
+from stepped_board import BOARDS, shipped_board
 
 Boards = Callable[..., BoardRig]
 
@@ -304,14 +306,19 @@ class TestHeartbeat:
 
 
 class TestSync:
-    def test_it_is_one_pulse_on_its_line(self, boards: Boards) -> None:
-        rig = boards("reference-hv507")
+    @pytest.mark.parametrize("name", sorted(path.stem for path in BOARDS.glob("*.toml")))
+    def test_it_is_one_pulse_on_its_line_which_was_low_before(
+        self, boards: Boards, name: str
+    ) -> None:
+        rig = boards(name)
         before = len(rig.records())
+        assert rig.times("SYNC", 1) == []
         assert rig.board.sync()
         assert rig.story(before) == ["SYNC=1", "SYNC=0"]
 
     def test_without_its_line_it_says_so(self, boards: Boards) -> None:
-        rig = boards()
+        bare = msgspec.structs.replace(shipped_board("kajimoto-hv507"), sync_line="absent")
+        rig = boards(board=bare)
         before = rig.gpio.calls
         assert not rig.board.sync()
         assert rig.gpio.calls == before

@@ -32,10 +32,15 @@ class TestShipped:
         assert (kit.absent_guards, kit.present_guards) == (GUARDS, ())
         assert (reference.absent_guards, reference.present_guards) == ((), GUARDS)
 
+    @pytest.mark.parametrize("path", sorted(BOARDS.glob("*.toml")), ids=lambda path: path.stem)
+    def test_sync_and_trigger_are_on_the_same_pins_of_every_board(self, path: Path) -> None:
+        used = load_board(path).used_lines()
+        assert (used["SYNC"], used["TRIGGER"]) == (12, 13)
+
     def test_lines_are_told_by_function(self) -> None:
         assert load_board(BOARDS / "reference-hv507.toml").used_lines() == {
             "POL": 4, "DATA": 5, "LE": 22, "BL": 23, "CLK": 24, "HV": 25, "HEARTBEAT": 27,
-            "READBACK": 18, "EMERGENCY_STOP": 17, "WEARER_STOP": 16, "SYNC": 12,
+            "READBACK": 18, "EMERGENCY_STOP": 17, "WEARER_STOP": 16, "SYNC": 12, "TRIGGER": 13,
         }  # fmt: skip
 
     @pytest.mark.parametrize(
@@ -60,6 +65,8 @@ class TestLines:
             ("wearer_stop = 16", "wearer_stop = 17", 17, "EMERGENCY_STOP", "WEARER_STOP"),
             ("sync_line = 12", "sync_line = 16", 16, "WEARER_STOP", "SYNC"),
             ("sync_line = 12", "sync_line = 11", 11, "/dev/spidev0.0", "SYNC"),
+            ("trigger = { line = 13", "trigger = { line = 12", 12, "SYNC", "TRIGGER"),
+            ("trigger = { line = 13", "trigger = { line = 9", 9, "/dev/spidev0.0", "TRIGGER"),
             ("POL = 4", "POL = 2", 2, "/dev/i2c-1", "POL"),
             ("DATA = 5", "DATA = 8", 8, "/dev/spidev0.0", "DATA"),
         ],
@@ -107,7 +114,7 @@ class TestLines:
         text = spoiled(KIT, "BL = 23, ", "")
         refused(load_board, tmp_path, text, "switch.lines", "missing required field `BL`")
 
-    @given(st.permutations(range(12, 26)))
+    @given(st.permutations(range(14, 28)))
     def test_whatever_the_order_what_loads_has_safe_steps(
         self, tmp_path_factory: pytest.TempPathFactory, lines: list[int]
     ) -> None:
@@ -118,7 +125,7 @@ class TestLines:
             text = spoiled(text, f"{name} = {old}", f"{name} = {names[name]}")
         path = write(tmp_path_factory.getbasetemp(), "any-order.toml", text)
         if is_safe:
-            assert load_board(path).used_lines() == names
+            assert load_board(path).used_lines() == {**names, "SYNC": 12, "TRIGGER": 13}
         else:
             with pytest.raises(FileError, match="ascending order"):
                 load_board(path)

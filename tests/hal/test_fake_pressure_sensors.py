@@ -19,6 +19,8 @@ from etd_hal.fake.pressure_sensors import LYING_KPA, FakePressureSensors
 from etd_hal.linesetup import line_setup, spi_setup
 from stepped_board import shipped_board
 
+pytestmark = pytest.mark.slow
+
 BOARD = shipped_board("reference-hv507")
 PLACES = [(0.0, 0.0), (2.5, 0.0), (0.0, 2.5), (2.5, 2.5)]
 

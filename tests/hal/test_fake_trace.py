@@ -28,7 +28,15 @@ class TestTrace:
             *("etd_trace", "board", "switch", "outputs", "lines"),
             *("full_scale_ua", "codes", "probe_current_ua", "electrodes"),
         ]
-        assert header["lines"] == {"POL": 4, "DATA": 5, "LE": 22, "BL": 23, "CLK": 24}
+        assert header["lines"] == {
+            "POL": 4,
+            "DATA": 5,
+            "LE": 22,
+            "BL": 23,
+            "CLK": 24,
+            "SYNC": 12,
+            "TRIGGER": 13,
+        }
         assert (header["switch"], header["electrodes"]) == ("HV507", [5, 3, 60])
 
     def test_a_relay_board_adds_how_to_read_its_stages(self) -> None:
@@ -40,13 +48,13 @@ class TestTrace:
             "ton_us",
             "toff_us",
         ]
-        assert set(header["lines"]) == {"DATA", "LE", "CLK", "HV"}
+        assert set(header["lines"]) == {"DATA", "LE", "CLK", "HV", "SYNC", "TRIGGER"}
 
     def test_the_reference_board_names_its_guards_lines(self) -> None:
         lines = stepped_board("reference-hv507").trace_lines()[0]["lines"]
         assert set(lines) == {
             *("POL", "DATA", "LE", "BL", "CLK", "HV", "HEARTBEAT"),
-            *("READBACK", "EMERGENCY_STOP", "WEARER_STOP", "SYNC"),
+            *("READBACK", "EMERGENCY_STOP", "WEARER_STOP", "SYNC", "TRIGGER"),
         }
 
     @pytest.mark.parametrize("name", ALL_BOARDS)
@@ -110,9 +118,11 @@ class TestTrace:
         rig = stepped_board()
         rig.backend.marker.mark("frame", 7, 3)
         rig.backend.marker.mark("mark", 8, None)
+        rig.backend.marker.mark("mark", 9, 'a "µ"')
         assert [list(event.values())[1:] for event in rig.events("engine")] == [
             ["engine", "frame", 7, 3],
             ["engine", "mark", 8, None],
+            ["engine", "mark", 9, 'a "µ"'],
         ]
 
     @given(st.lists(st.integers(0, 5), max_size=12))

@@ -16,6 +16,8 @@ from etd_hal.visitrule import VisitRule, VisitState, longest_flip_ns
 from stepped_board import shipped_board
 from trace_decoder import Phase, decode
 
+pytestmark = pytest.mark.slow
+
 MS = 1_000_000
 SECOND_NS = 1_000 * MS
 RATE_HZ = 3

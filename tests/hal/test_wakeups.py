@@ -14,6 +14,8 @@ from etd_hal.linux.clock import LinuxClock
 from etd_hal.ports import SPIN_NS
 from etd_hal.wakeups import LEAST_SPIN_NS, WakeUps
 
+pytestmark = pytest.mark.slow
+
 US = 1_000
 MS = 1_000_000
 

@@ -209,7 +209,7 @@ class FakeMarker:
     def __init__(self, calls: _Calls) -> None:
         self._calls = calls
 
-    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
+    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | str | None) -> None:
         calls = self._calls
         start_ns = calls.clock.begin_call("mark")
         with calls.lock:

@@ -74,7 +74,14 @@ class Circuit:
         self.spi = SpiBus(board.source, self._path, faulty, self._timeline, trace, machine)
         pressed = FakePressureSensors(sensors, pressing)
         self.world = World(
-            body, electrodes, self._rail, faulty, pressed, self.gpio.move_stop, self.now_ns
+            body,
+            electrodes,
+            self._rail,
+            faulty,
+            pressed,
+            self.gpio.move_stop,
+            self.gpio.give_edge,
+            self.now_ns,
         )
         self.i2c = I2cBus(board, self._rail, faulty, pressed, self._timeline, trace, machine)
         trace.begin(board, electrodes)
@@ -117,7 +124,7 @@ class Circuit:
         self.spi.close()
         self._trace.write()
 
-    def mark(self, t_ns: int, event: str, seq: int, tag: int | None) -> None:
+    def mark(self, t_ns: int, event: str, seq: int, tag: int | str | None) -> None:
         """The engine's remark: the trace's, and nobody else's."""
         self._trace.engine(self._timeline.start(t_ns), event, seq, tag)
         self._trace.write()

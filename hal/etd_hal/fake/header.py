@@ -60,7 +60,8 @@ class Header:
         self._lines = Lines(self._levels_at_power_up())
         #: By the changes of a call, whether they move the switch.
         self._moves: dict[Changes, bool] = {}
-        self._presses: list[tuple[int, int, int]] = []
+        #: What the world does to inputs at a time to come: when, line, level.
+        self._doings: list[tuple[int, int, int]] = []
         #: The level that the board sees of a line whatever is driven; None: no change of it. As of
         #: the faults' count of changes.
         self._altered: dict[str, int | None] = {}
@@ -76,6 +77,9 @@ class Header:
         for name in ("POL", "EMERGENCY_STOP", "WEARER_STOP"):
             if name in self._line_of:
                 levels[self._line_of[name]] = 1
+        trigger = self._board.trigger
+        if trigger != "absent":
+            levels[trigger.line] = int(trigger.edge == "falling")
         if hv_enable != "absent":
             levels[hv_enable.line] = 1 - hv_enable.on
         return levels
@@ -157,13 +161,30 @@ class Header:
         line = self._line_of.get(stop.upper())
         if line is None:
             raise ValueError(f"{self._board.name} has no {stop}")
-        self._presses.append((self._timeline.now_ns if at_ns is None else at_ns, line, value))
-        self._presses.sort()
+        self._move(at_ns, line, value)
+
+    def give_edge(self, lasts_ns: int, at_ns: int | None) -> None:
+        """The world gives the edge of the trigger that counts, now or at a time to come; the line
+        is back at rest after `lasts_ns`.
+        """
+        trigger = self._board.trigger
+        if trigger == "absent":
+            raise ValueError(f"{self._board.name} has no trigger")
+        begins_ns = self._timeline.now_ns if at_ns is None else at_ns
+        level = int(trigger.edge == "rising")
+        self._move(begins_ns, trigger.line, level)
+        self._move(begins_ns + lasts_ns, trigger.line, 1 - level)
+
+    def _move(self, at_ns: int | None, line: int, value: int) -> None:
+        self._doings.append((self._timeline.now_ns if at_ns is None else at_ns, line, value))
+        self._doings.sort()
 
     def _follow_world(self, t_ns: int) -> None:
-        while self._presses and self._presses[0][0] <= t_ns:
-            at_ns, line, value = self._presses.pop(0)
-            self._rail.stop(at_ns, _STOP_OF[self._names[line]], value == 0)
+        while self._doings and self._doings[0][0] <= t_ns:
+            at_ns, line, value = self._doings.pop(0)
+            stop = _STOP_OF.get(self._names[line])
+            if stop is not None:
+                self._rail.stop(at_ns, stop, value == 0)
             if self._lines.move_input(at_ns, line, value):
                 self._trace.gpio(max(at_ns, self._timeline.now_ns), line, value)
 

@@ -7,6 +7,7 @@ Released outputs keep their level, as with Raspberry Pi kernels since 2024.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 
 from etd_hal.errors import BusError
@@ -23,7 +24,8 @@ class Lines:
         self._watched: frozenset[int] = frozenset()
         self._requested: frozenset[int] = frozenset()
         self._consumer: str | None = None
-        self._edges: list[Edge] = []
+        #: The oldest are lost, as in the kernel's queue.
+        self._edges: deque[Edge] = deque(maxlen=_MOST_EDGES_KEPT)
         #: Calls of this request that were checked, in order: drivers repeat a few.
         self._ascending: dict[Changes, list[tuple[int, int]]] = {}
 
@@ -91,7 +93,7 @@ class Lines:
         """The world drives an input; tells whether that is a change."""
         if not self.put(line, value):
             return False
-        if line in self._watched and len(self._edges) < _MOST_EDGES_KEPT:
+        if line in self._watched:
             self._edges.append(Edge(line, value, t_ns))
         return True
 

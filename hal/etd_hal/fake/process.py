@@ -49,7 +49,7 @@ class BoardServer:
 
     def answer(self, client: socket.socket, call: wire.Call | wire.Knock) -> wire.Answer:
         """Execute a call. What is wrong with it is part of the answer."""
-        if isinstance(call, wire.Press | wire.Touch | wire.PutIn | wire.AskState):
+        if isinstance(call, wire.Knock):
             return knock_at(self._circuit, call, held=self._holder is not None)
         try:
             if isinstance(call, wire.TakeLines):
@@ -138,6 +138,8 @@ def knock_at(circuit: Circuit, knock: wire.Knock, *, held: bool) -> wire.State:
             world.press(knock.stop, knock.at_ns)
         case wire.Press():
             world.release(knock.stop, knock.at_ns)
+        case wire.GiveEdge():
+            world.trigger(knock.at_ns, knock.lasts_ns)
         case wire.Touch():
             world.touch(knock.electrode, knock.contact)
         case wire.PutIn():

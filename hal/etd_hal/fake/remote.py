@@ -124,7 +124,7 @@ class RemoteMarker:
     def __init__(self, line: _Line) -> None:
         self._line = line
 
-    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | None) -> None:
+    def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | str | None) -> None:
         self._line.side_call(wire.Mark(self._line.clock.now_ns(), event, seq, tag))
 
 

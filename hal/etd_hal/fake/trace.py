@@ -91,10 +91,10 @@ class Trace:
             words = (tx.hex().encode(), rx.hex().encode())
             self._events.append(text % (t_ns, address, *words))
 
-    def engine(self, t_ns: int, event: str, seq: int, tag: int | None) -> None:
+    def engine(self, t_ns: int, event: str, seq: int, tag: int | str | None) -> None:
         if self._wanted:
             text = b'{"t_ns": %d, "bus": "engine", "event": "%s", "seq": %d, "tag": %s}\n'
-            tag_text = b"null" if tag is None else b"%d" % tag
+            tag_text = json.dumps(tag).encode()
             self._events.append(text % (t_ns, event.encode(), seq, tag_text))
 
     def body(

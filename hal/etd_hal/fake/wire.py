@@ -69,7 +69,7 @@ class Mark(_Datagram, frozen=True):
     t_ns: int
     event: Literal["frame", "mark"]
     seq: int
-    tag: int | None
+    tag: int | str | None
 
 
 class Press(_Datagram, frozen=True):
@@ -77,6 +77,13 @@ class Press(_Datagram, frozen=True):
 
     stop: StopName
     level: int
+    at_ns: int | None = None
+
+
+class GiveEdge(_Datagram, frozen=True):
+    """Another instrument gives an edge on the trigger, and lets go of it after so long."""
+
+    lasts_ns: int
     at_ns: int | None = None
 
 
@@ -100,7 +107,7 @@ class AskState(_Datagram, frozen=True):
 Call = (
     TakeLines | Play | Resume | SetLines | GetLine | TakeEdges | TransferI2c | Mark
 )  # from a client
-Knock = Press | Touch | PutIn | AskState  # through the second door
+Knock = Press | GiveEdge | Touch | PutIn | AskState  # through the second door
 
 
 class Done(_Datagram, frozen=True):

@@ -1,4 +1,4 @@
-"""The fake board's second interface: contacts, stops, sensors and faults, for tests and demos.
+"""The fake board's second interface: contacts, inputs, sensors and faults, for tests and demos.
 
 Owns: its methods. Must not know: buses, words.
 """
@@ -38,6 +38,7 @@ class World:
         faults: Faults,
         pressed: FakePressureSensors,
         move_line: Callable[[StopName, int, int | None], None],
+        give_edge: Callable[[int, int | None], None],
         now_ns: Callable[[], int],
     ) -> None:
         self.body = body
@@ -45,6 +46,7 @@ class World:
         self._rail = rail
         self._faults = faults
         self._move_line = move_line
+        self._give_edge = give_edge
         self._now_ns = now_ns
         self._pressed = pressed
         #: The machine that drives the board.
@@ -57,6 +59,12 @@ class World:
     def release(self, stop: StopName, at_ns: int | None = None) -> None:
         """Close the loop of a stop line."""
         self._move_line(stop, 1, at_ns)
+
+    def trigger(self, at_ns: int | None = None, lasts_ns: int = 1_000_000) -> None:
+        """Another instrument gives an edge on the trigger; without a time at once. Raises:
+        ValueError for a board without one.
+        """
+        self._give_edge(lasts_ns, at_ns)
 
     def touch(self, electrode: int, contact: Contact) -> None:
         """Put something else under an electrode."""

@@ -66,7 +66,7 @@ def thread_time_ns() -> int:
 
 def wall_time() -> datetime.datetime:
     """The date and time of day, for reports; nothing is ever timed with it."""
-    return datetime.datetime.now(datetime.UTC).replace(microsecond=0)
+    return datetime.datetime.now(datetime.timezone.utc).replace(microsecond=0)
 
 
 def timekeeping(source: str) -> Timekeeping:
@@ -78,7 +78,7 @@ def timekeeping(source: str) -> Timekeeping:
         resolution_ns=round(time.clock_getres(time.CLOCK_MONOTONIC) * 1e9),
         least_step_ns=min(after - before for before, after in pairwise(readings)),
         now=wall_time(),
-        not_before=datetime.datetime.fromtimestamp(int(installed_s), datetime.UTC),
+        not_before=datetime.datetime.fromtimestamp(int(installed_s), datetime.timezone.utc),
         is_synchronized=_is_synchronized(),
     )
 
