@@ -13,11 +13,13 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from etd import DaemonGone, Display, Refused, WrongThread
+from etd import CutShort, DaemonGone, Display, Refused, WrongThread
 from etd.client.array import ElectrodeArray
 from etd.client.beside import Underway
 from etd.client.connection import Connection
 from etd.client.options import FrameOptions
+from etd.client.patterns import PatternOptions
+from etd.client.playing import Played
 from etd.client.presented import Presented
 from etd.client.telemetry import Telemetry
 
@@ -29,12 +31,28 @@ how it is used, the [protocol](protocol.md) says what each request means, and
 [install.md](install.md#from-another-computer) how a program on another computer gets there.
 
 `AsyncDisplay` has the same methods, awaited; `begin` returns a task, `kept` is for `async with`,
-and `async with` connects.
+and `async with` connects:
+
+```python
+import asyncio
+
+from etd import AsyncDisplay
+
+
+async def main():
+    async with AsyncDisplay() as display:
+        await display.arm(open_to=0.8)
+        shown = await display.present({27: 0.8, 28: 0.8}, seconds=0.5)
+        print(shown.first_at, shown.why_not or "as asked")
+
+
+asyncio.run(main())
+```
 """
 
 #: (heading, the methods of a display).
 _SECTIONS = (
-    ("Facts", ("facts", "electrodes", "array", "status")),
+    ("Facts", ("facts", "electrodes", "array", "status", "daemon_clock")),
     ("Lease and supply", ("arm", "kept", "keep", "disarm", "stop", "clear", "arm_holder", "close")),
     (
         "A stimulus, and what was fired",
@@ -44,7 +62,20 @@ _SECTIONS = (
         "Frames",
         ("show", "show_current", "hold", "hold_current", "stream", "stream_current"),
     ),
-    ("Contact, marks, reports", ("measure", "mark", "telemetry")),
+    ("Patterns", ("play", "check_pattern")),
+    ("Contact, what is felt, marks, reports", ("measure", "felt", "mark", "telemetry")),
+    (
+        "Records",
+        (
+            "record",
+            "note",
+            "start_record",
+            "stop_record",
+            "records",
+            "fetch_record",
+            "delete_record",
+        ),
+    ),
     (
         "Calibrations",
         ("calibrations", "calibration", "set_calibration", "delete_calibration"),
@@ -70,15 +101,17 @@ def _lines() -> Iterator[str]:
             yield from _member(Display, name)
     yield "## Options of a frame\n"
     yield from _fields(FrameOptions, _text(FrameOptions))
-    for kind in (Presented, Underway, ElectrodeArray, Telemetry):
+    yield "## Options of a pattern\n"
+    yield from _fields(PatternOptions, _text(PatternOptions))
+    for kind in (Presented, Played, Underway, ElectrodeArray, Telemetry):
         yield f"## {kind.__name__}\n"
         yield f"{_text(kind)}\n"
-        if kind is Presented:
+        if kind in (Presented, Played):
             yield from _fields(kind, "")
         for name in _own(kind):
             yield from _member(kind, name)
     yield "## Errors\n"
-    for error in (Refused, DaemonGone, WrongThread):
+    for error in (Refused, CutShort, DaemonGone, WrongThread):
         yield f"**`etd.{error.__name__}`**: {_text(error)}\n"
 
 

@@ -1,4 +1,5 @@
-"""Which of two intervals was stronger? An adaptive staircase, and a file with every trial.
+"""Which of two intervals was stronger? An adaptive staircase, a file with every trial, and a record
+of every pulse on the daemon's disk (`etd record show`).
 
 The reference is level 0.4 at electrode 27; the comparison comes nearer after two right answers and
 goes away after a wrong one (2 down, 1 up: it settles where 71 % are right). Without a keyboard a
@@ -13,8 +14,10 @@ import time
 
 from etd import Display
 
-ELECTRODE, REFERENCE, PAUSE_S = 27, 0.4, 0.3
+ELECTRODE, REFERENCE = 27, 0.4
 TRIALS = int(sys.argv[1]) if len(sys.argv) > 1 else 12
+PAUSE_S = float(sys.argv[2]) if len(sys.argv) > 2 else 0.3
+RECORD = time.strftime("two-intervals-%Y%m%d-%H%M%S")
 chance = random.Random(1)
 
 
@@ -27,7 +30,12 @@ def answer(first: float, second: float) -> int:
 
 
 # A person may think for ten minutes; then the lease lapses, and the board is disarmed.
-with Display() as display, display.kept(at_most_s=600), open("trials.csv", "w", newline="") as file:
+with (
+    Display() as display,
+    display.kept(at_most_s=600),
+    display.record(RECORD),
+    open("trials.csv", "w", newline="") as file,
+):
     table = csv.writer(file)
     table.writerow(
         ["trial", "comparison", "stronger", "answer", "first_ns", "second_ns", "as_asked"]
@@ -52,4 +60,5 @@ with Display() as display, display.kept(at_most_s=600), open("trials.csv", "w", 
             difference = min(0.6, difference * 1.5)
         elif right == 2:
             difference, right = difference / 1.5, 0
-    print(f"after {TRIALS} trials the difference is {difference:.3f}; trials.csv has them all")
+    print(f"after {TRIALS} trials the difference is {difference:.3f}; they are in trials.csv,")
+    print(f"and their pulses in the record {RECORD}")

@@ -138,7 +138,6 @@ def test_one_number_per_electrode_may_come_in_many_shapes(rig: ServedRig, levels
         (np.zeros((1, 4, 1)), r"level\[0\] is a list: a number is needed"),
         ({4: 1.0}, "there is no electrode 4: 0 to 3"),
         ({"1": 1.0}, "'1' is no electrode: give its number"),
-        ([True, 0, 0, 0], r"level\[0\] is a bool"),
         (0.5, "level is a float: give a list"),
         (None, "level is missing"),
     ],
@@ -154,10 +153,10 @@ def test_what_the_daemon_refuses_is_raised_with_its_fields(rig: ServedRig) -> No
     with display(rig) as d:
         with pytest.raises(Refused, match="level has 2 values, the array has 4") as wrong:
             d.show([0, 1])
-        with pytest.raises(Refused, match=r"level\[2\]: expected `float` <= 1") as too_much:
+        with pytest.raises(Refused, match=r"level\[2\] is 2: levels go from 0") as too_much:
             d.show([0, 0, 2, 0])
     assert wrong.value.code == "bad_frame"
-    assert (too_much.value.code, too_much.value.electrode) == ("bad_message", 2)
+    assert (too_much.value.code, too_much.value.electrode) == ("bad_frame", 2)
 
 
 def test_half_a_microampere_is_no_current() -> None:
@@ -342,15 +341,6 @@ def test_a_timeout_that_is_no_duration_is_refused_wherever_it_is_given(
             with pytest.raises(Refused, match="timeout_s="):
                 give(timeout_s=timeout_s)
         assert d.status().state == "SAFE"
-
-
-@pytest.mark.parametrize("tag", [math.nan, 1.5, "go", True])
-def test_a_mark_has_a_whole_number_or_none(rig: ServedRig, tag: Any) -> None:
-    with display(rig) as d:
-        d.arm()
-        with pytest.raises(Refused, match="tag="):
-            d.mark(tag)
-        d.mark(np.int64(7))  # type: ignore[arg-type]
 
 
 def test_control_c_ends_a_hold_silent(rig: ServedRig) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etd import AsyncDisplay, Display, Refused
+from etd import AsyncDisplay, CutShort, Display, Refused
 from etd.client import clock
 from etd.client.course import Pause, holding
 from etd.client.presenting import presenting
@@ -64,6 +64,7 @@ def test_present_shows_for_so_long_falls_silent_and_says_what_was_fired(rig: Ser
     assert (shown.current_ua, shown.ttl_ms, shown.account) == ((2_000, 0, 0, 0), 100, True)
     assert silence.current_ua == (0, 0, 0, 0)
     assert presented.as_asked
+    assert str(presented) == "6 pulses at electrode 0, 1998 uA, 60.0 Hz: as asked"
     assert presented.pulses == (6, 0, 0, 0)
     assert presented.least_ua == (1_998, 0, 0, 0)
     assert presented.delivered_ua == (1_900, 0, 0, 0)
@@ -242,12 +243,58 @@ def test_a_refusal_of_an_old_lease_leaves_the_new_one(rig: ServedRig) -> None:
     assert session.lease == "new"
 
 
-def test_currents_can_be_opened_to_as_well(rig: ServedRig) -> None:
+def halting_after(frames: int) -> Callable[[Command | NewFrame], Answer]:
+    """So many frames are shown, and are then accounted for."""
+    shown = 0
+
+    def answer(message: Command | NewFrame) -> Answer:
+        nonlocal shown
+        if isinstance(message, NewFrame) and not message.frame.preview:
+            shown += 1
+            if shown > frames:
+                return Answer(ref=message.ref, error="halted", reason="the wearer stopped it")
+        return full_answer(message)
+
+    return answer
+
+
+def test_what_a_halt_cuts_short_says_what_was_fired(rig: ServedRig) -> None:
     with display(rig) as d:
-        d.arm(open_to_ua=900)
-        d.arm(open_to_ua={1: 500})
-    opened = [frame.current_ua for frame in frames_of(rig)]
-    assert opened == [(900,) * 4, (0,) * 4, (0, 500, 0, 0), (0,) * 4]
+        rig.engine.answer = halting_after(2)
+        with pytest.raises(CutShort, match=r"the wearer stopped it.*after 12 pulses") as caught:
+            d.present_current(FIRST, seconds=0.5, ttl_ms=150)
+        assert caught.value.code == "halted"
+        assert caught.value.presented.pulses == (12, 0, 0, 0)
+        with pytest.raises(Refused, match=r"the wearer stopped it.*call arm\(\) first") as later:
+            d.mark("trial 2")
+        assert later.value.code == "halted"
+        d.clear()
+        with pytest.raises(Refused, match=r"call arm\(\) first") as cleared:
+            d.keep()
+        assert cleared.value.code == "no_lease"
+
+
+def test_what_is_refused_before_its_first_pulse_is_a_refusal(rig: ServedRig) -> None:
+    with display(rig) as d:
+        rig.engine.answer = halting_after(0)
+        with pytest.raises(Refused, match="the wearer stopped it") as caught:
+            d.present_current(FIRST, seconds=0.5)
+    assert not isinstance(caught.value, CutShort)
+
+
+def test_a_halt_of_which_no_account_is_left_is_a_refusal(rig: ServedRig) -> None:
+    halting = halting_after(2)
+
+    def answer(message: Command | NewFrame) -> Answer:
+        if isinstance(message, AskAccount):
+            return Answer(ref=message.ref, error="no_lease", reason="another lease was opened")
+        return halting(message)
+
+    with display(rig) as d:
+        rig.engine.answer = answer
+        with pytest.raises(Refused, match="the wearer stopped it") as caught:
+            d.present_current(FIRST, seconds=0.5, ttl_ms=150)
+    assert not isinstance(caught.value, CutShort)
 
 
 # --- begin ----------------------------------------------------------------------------------------
@@ -273,7 +320,7 @@ def test_another_frame_of_the_program_ends_it_and_nothing_of_it_comes_after(
             clock.sleep_s(0.005)
         d.show_current([0, 500, 0, 0])
         (why,) = [why for why in underway.wait().why_not if "pulses" not in why]
-        assert why.startswith("another frame of the program replaced it after 0.")
+        assert why.startswith("another frame of the program replaced it")
         assert frames_of(rig)[-1].current_ua == (0, 500, 0, 0)
 
 
@@ -306,7 +353,7 @@ def test_it_can_be_ended_early(rig: ServedRig) -> None:
         underway.end()
         assert underway.is_over
         (why,) = underway.wait().why_not
-        assert why.startswith("it was ended after")
+        assert why.startswith("it was ended")
         assert frames_of(rig)[-1].current_ua == (0, 0, 0, 0)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import log
 
+from etd.protocol.felt import FeltFacts
 from etd.protocol.messages import (
     Contact,
     ContactState,
@@ -68,6 +69,10 @@ class Monitor:
     pulses: int = 0
     clamped: tuple[Clamp, ...] = ()
     halt: Halt | None = None
+    #: What the person said of the strength.
+    said: FeltFacts | None = None
+    #: Why a key did nothing; until the next one does something.
+    refused: str = ""
     pressure_kpa: tuple[float | None, ...] = ()
     silent_sensors: tuple[str, ...] = ()
     #: How many were heard.
@@ -86,6 +91,7 @@ class Monitor:
                 self.state = report.state if report.engine == "there" else f"engine {report.engine}"
                 self.halt = report.halt
                 self.ceiling_ua = report.ceiling_ua
+                self.said = report.felt
                 self.pulses = report.counters.get("pulses", self.pulses)
                 self.silent_sensors = tuple(report.sensor_problems)
                 self._drop_stale(report.now_ns)
@@ -202,6 +208,10 @@ class Monitor:
         if self.clamped:
             reasons = sorted({clamp.reason for clamp in self.clamped})
             parts.append(f"clamped by {' and '.join(reasons)}")
+        if self.said is not None:
+            parts.append(_said(self.said))
+        if self.refused:
+            parts.append(self.refused)
         if self.halt is not None:
             parts.append(f"halted by {self.halt.cause}")
         return ", ".join(parts)
@@ -229,6 +239,15 @@ def _bright_of_ohm(resistance_ohm: int | None) -> float | None:
         return None
     part = log(resistance_ohm / _LEAST_OHM) / log(_MOST_OHM / _LEAST_OHM)
     return 1.0 - min(1.0, max(0.0, part))
+
+
+def _said(said: FeltFacts) -> str:
+    """What the person's words took and gave, as factors on the current."""
+    least, most = min(said.factors), max(said.factors)
+    parts = [f"said x{least:.2f}" if least == most else f"said x{least:.2f}-{most:.2f}"]
+    if said.laws_off:
+        parts.append("LAWS OFF")
+    return ", ".join(parts)
 
 
 def _felt(modelled: Modelled) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from etd.client.aio import AsyncDisplay
 from etd.client.display import Display
 from etd.client.options import FrameOptions
+from etd.client.presented import CutShort
 from etd.client.telemetry import AsyncTelemetry, Telemetry
 
-__all__ = ["AsyncDisplay", "AsyncTelemetry", "Display", "FrameOptions", "Telemetry"]
+__all__ = ["AsyncDisplay", "AsyncTelemetry", "CutShort", "Display", "FrameOptions", "Telemetry"]

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
-from typing import Self, Unpack
+import os
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
 
 import zmq
 import zmq.asyncio
@@ -22,13 +24,16 @@ from etd.client.aio_exchange import AsyncExchange, is_writable
 from etd.client.connection import KEPT_S, Connection
 from etd.client.course import Course
 from etd.client.options import FrameOptions, Kind
+from etd.client.patterns import PatternOptions, playing_pattern, steps_to_play
+from etd.client.playing import Played
 from etd.client.presented import Presented
-from etd.client.presenting import MOST_BEGUN_S, presenting
+from etd.client.presenting import MOST_BEGUN_S, WAIT_S, presenting
 from etd.client.session import KEEP_S, Flow, R
 from etd.client.telemetry import AsyncTelemetry
 from etd.client.values import Numbers, up_to_s
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, EtdError, Refused
+from etd.protocol.facts import RecordFacts
 from etd.protocol.messages import (
     FrameReply,
     HelloReply,
@@ -37,10 +42,19 @@ from etd.protocol.messages import (
     StateReport,
     Topic,
 )
+from etd.stabilize.offset_estimate import Answer as FeltAnswer
+
+if TYPE_CHECKING:
+    from typing_extensions import Self, Unpack
+
+    from etd.files.pattern import Pattern
 
 
 class AsyncDisplay(Connection[zmq.asyncio.Socket]):
-    """`async with AsyncDisplay() as display:`; the methods of `Display`, awaited."""
+    """`async with AsyncDisplay() as display:`; the methods of `Display`, awaited.
+
+    With a `host` it is there once ssh has connected: make it before other tasks run.
+    """
 
     def _new_context(self) -> zmq.asyncio.Context:
         return zmq.asyncio.Context()
@@ -98,8 +112,9 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         """Open the lease if none stands, check the board and enable the supply; waits for it.
         `open_to`, `open_to_ua`: see `Display.arm`.
         """
+        openings = self._openings(open_to, open_to_ua)
         await self._run(self._session.arm(timeout_s))
-        for made in self._openings(open_to, open_to_ua):
+        for made in openings:
             await self._play(course.opening(self._session, made, clock.now_ns))
 
     async def arm_holder(self, timeout_s: float = 10.0) -> None:
@@ -129,28 +144,48 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         return await self._run(self._session.preview(self._fields("level", levels, options)))
 
     async def present(
-        self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
+        self,
+        levels: Numbers,
+        seconds: float,
+        *,
+        wait_s: float = WAIT_S,
+        **options: Unpack[FrameOptions],
     ) -> Presented:
         """See `Display.present`. Cancelled, it ends silent."""
-        return await self._present("level", levels, seconds, options, None)
+        return await self._present("level", levels, seconds, wait_s, options, None)
 
     async def present_current(
-        self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
+        self,
+        current_ua: Numbers,
+        seconds: float,
+        *,
+        wait_s: float = WAIT_S,
+        **options: Unpack[FrameOptions],
     ) -> Presented:
         """See `Display.present_current`. Cancelled, it ends silent."""
-        return await self._present("current_ua", current_ua, seconds, options, None)
+        return await self._present("current_ua", current_ua, seconds, wait_s, options, None)
 
     def begin(
-        self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
+        self,
+        levels: Numbers,
+        seconds: float,
+        *,
+        wait_s: float = WAIT_S,
+        **options: Unpack[FrameOptions],
     ) -> asyncio.Task[Presented]:
         """Present in a task, for 30 s at most: await it, or cancel it."""
-        return self._begun("level", levels, seconds, options)
+        return self._begun("level", levels, seconds, wait_s, options)
 
     def begin_current(
-        self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
+        self,
+        current_ua: Numbers,
+        seconds: float,
+        *,
+        wait_s: float = WAIT_S,
+        **options: Unpack[FrameOptions],
     ) -> asyncio.Task[Presented]:
         """The same for currents in uA."""
-        return self._begun("current_ua", current_ua, seconds, options)
+        return self._begun("current_ua", current_ua, seconds, wait_s, options)
 
     @contextlib.asynccontextmanager
     async def kept(self, at_most_s: float = KEPT_S) -> AsyncIterator[None]:
@@ -163,6 +198,34 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
             keeping.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await keeping
+
+    async def play(
+        self, pattern: Pattern | str | os.PathLike[str], **options: Unpack[PatternOptions]
+    ) -> Played:
+        """See `Display.play`. Cancelled, it ends silent."""
+        playing = self._playing(options)
+        async with self.telemetry("scan", "halt") as reports:
+
+            async def listen(seconds: float) -> None:
+                item = await reports.receive(seconds)
+                if item is not None:
+                    playing.hear(item[1])
+
+            exchange = self._new_exchange(listen)
+            try:
+                course = playing_pattern(self._session, playing, pattern, options)
+                return await exchange.play(course)
+            finally:
+                self._exchange.used_ns = exchange.used_ns
+                exchange.hang_up()
+
+    async def check_pattern(
+        self, pattern: Pattern | str | os.PathLike[str], **options: Unpack[PatternOptions]
+    ) -> tuple[str, ...]:
+        """See `Display.check_pattern`."""
+        told: list[str] = []
+        await self._play(steps_to_play(self._session, pattern, options, told.append))
+        return tuple(told)
 
     async def hold(self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]) -> None:
         """Show levels for `seconds`, then silence. Cancelled, it ends silent."""
@@ -185,11 +248,52 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         await self._stream(self._fields("current_ua", current_ua, options))
 
     async def measure(self, timeout_s: float = 10.0) -> MeasureReply:
-        """Contact of all electrodes, with probe pulses; from SAFE back to SAFE."""
+        """See `Display.measure`."""
         return await self._run(self._session.measure(timeout_s))
 
-    async def mark(self, tag: int | None = None) -> MarkReply:
+    async def mark(self, tag: int | str | None = None) -> MarkReply:
+        """See `Display.mark`."""
         return await self._run(self._session.mark(tag))
+
+    async def felt(self, answer: FeltAnswer, electrodes: Iterable[int] | None = None) -> None:
+        """See `Display.felt`."""
+        await self._run(self._session.felt(answer, electrodes))
+
+    async def note(self, text: str) -> None:
+        """A remark in the record that is being written. Raises: Refused (`no_record`)."""
+        await self._run(self._session.note(text))
+
+    async def start_record(self, name: str) -> None:
+        """See `Display.start_record`."""
+        await self._run(self._session.start_record(name))
+
+    async def stop_record(self) -> None:
+        """End the record that is being written. Raises: Refused (`no_record`, `record_failed`)."""
+        await self._run(self._session.stop_record())
+
+    async def records(self) -> tuple[RecordFacts, ...]:
+        """Those on the daemon's disk, with their sizes."""
+        return await self._run(self._session.records())
+
+    async def fetch_record(self, name: str, write: Callable[[bytes], object]) -> int:
+        """See `Display.fetch_record`."""
+        return await self._run(self._session.fetch_record(name, write))
+
+    async def delete_record(self, name: str) -> None:
+        """Needs operate rights. Raises: Refused (`not_found`)."""
+        await self._run(self._session.delete_record(name))
+
+    @asynccontextmanager
+    async def record(self, name: str) -> AsyncIterator[None]:
+        """`async with display.record("p01-block2"): ...`, as `Display.record`."""
+        await self._run(self._session.start_record(name))
+        try:
+            yield
+        except BaseException:
+            with contextlib.suppress(EtdError):  # what ended the block matters more
+                await self._run(self._session.end_record(name))
+            raise
+        await self._run(self._session.end_record(name))
 
     async def stop(self) -> None:
         """Silence at once, whichever client holds the lease and whatever is under way here."""
@@ -235,28 +339,32 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
             self._exchange.hang_up()
             self._hang_up()
 
-    def _new_exchange(self) -> AsyncExchange:
-        return AsyncExchange(self._context, self._way, self._session)
+    def _new_exchange(
+        self, pause: Callable[[float], Awaitable[None]] = asyncio.sleep
+    ) -> AsyncExchange:
+        return AsyncExchange(self._context, self._way, self._session, pause)
 
     async def _present(
         self,
         kind: Kind,
         numbers: Numbers,
         seconds: float,
+        wait_s: float,
         options: FrameOptions,
         after: int | None,
     ) -> Presented:
         fields = self._fields(kind, numbers, options)
-        course = presenting(self._session, fields, seconds, clock.now_ns, after)
+        course = presenting(self._session, fields, seconds, clock.now_ns, after, wait_s)
         return await self._play(course)
 
     def _begun(
-        self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
+        self, kind: Kind, numbers: Numbers, seconds: float, wait_s: float, options: FrameOptions
     ) -> asyncio.Task[Presented]:
         up_to_s("seconds", seconds, MOST_BEGUN_S)
+        up_to_s("wait_s", wait_s, MOST_BEGUN_S)
         # Whatever the program sends from now on is newer; without a lease there is nothing older.
         after = None if self._session.lease is None else self._session.last_seq
-        task = asyncio.create_task(self._present(kind, numbers, seconds, options, after))
+        task = asyncio.create_task(self._present(kind, numbers, seconds, wait_s, options, after))
         # asyncio itself refers to a task only weakly.
         self._underway.add(task)
         task.add_done_callback(self._underway.discard)

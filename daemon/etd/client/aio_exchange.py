@@ -8,7 +8,7 @@ Requests of several tasks are sent one after another.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
 import zmq
@@ -18,7 +18,7 @@ from etd.client import clock, wire
 from etd.client.course import Course, Pause
 from etd.client.session import KEEP_S, Ask, Flow, Session
 from etd.client.way import Way
-from etd.protocol.errors import DaemonGone, Refused
+from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import Success
 
 R = TypeVar("R")
@@ -26,8 +26,13 @@ R = TypeVar("R")
 
 class AsyncExchange:
     def __init__(
-        self, context: zmq.Context[zmq.asyncio.Socket], way: Way, session: Session
+        self,
+        context: zmq.Context[zmq.asyncio.Socket],
+        way: Way,
+        session: Session,
+        pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
+        self._pause = pause
         self._context = context
         self._way = way
         self._session = session
@@ -41,15 +46,18 @@ class AsyncExchange:
         try:
             step = next(course)
             while True:
+                raised: BaseException | None = None
                 try:
                     done = await self._do(step)
                 except BaseException as error:  # noqa: BLE001 (the course raises it again)
-                    step = course.throw(error)
-                else:
-                    step = course.send(done)
+                    raised = error
+                # As in `drive`: not while it is handled.
+                step = course.send(done) if raised is None else course.throw(raised)
         except StopIteration as end:
             result: R = end.value
             return result
+        except EtdError as error:
+            raise error.with_traceback(None)  # noqa: B904 (the same one, as `Exchange` does)
 
     async def run(self, flow: Flow[R]) -> R:
         """Drive one of the session's flows to its end, one caller after another."""
@@ -57,15 +65,17 @@ class AsyncExchange:
             try:
                 ask = next(flow)
                 while True:
+                    refused: Refused | None = None
                     try:
                         reply = await self._ask(ask)
                     except Refused as refusal:
-                        ask = flow.throw(refusal)
-                    else:
-                        ask = flow.send(reply)
+                        refused = refusal
+                    ask = flow.send(reply) if refused is None else flow.throw(refused)
             except StopIteration as end:
                 result: R = end.value
                 return result
+            except EtdError as error:
+                raise error.with_traceback(None)  # noqa: B904
 
     def hang_up(self) -> None:
         """What was not answered must not reach a daemon that comes back later. Idempotent."""
@@ -75,7 +85,7 @@ class AsyncExchange:
 
     async def _do(self, step: Flow[Any] | Pause) -> Any:
         if isinstance(step, Pause):
-            await asyncio.sleep(step.seconds)
+            await self._pause(step.seconds)
             return None
         return await self.run(step)
 
@@ -110,10 +120,18 @@ class AsyncExchange:
         while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
             if await socket.poll(max(1, int(min(left_s, KEEP_S) * 1000)), event):
                 return True
-            self._way.check_alive()
+            self._check_alive()
             if keep is not None:
                 await socket.send(keep())
         return False
+
+    def _check_alive(self) -> None:
+        """Raises: DaemonGone."""
+        try:
+            self._way.check_alive()
+        except DaemonGone:
+            self.hang_up()
+            raise
 
     def _connected(self) -> zmq.asyncio.Socket:
         if self._context.closed:

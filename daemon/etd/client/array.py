@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 from etd.client.values import ArrayLike, Numbers
@@ -52,7 +53,12 @@ class ElectrodeArray:
         return self._places[electrode]
 
     def nearest(self, x_mm: float, y_mm: float) -> int:
-        """The electrode nearest to that place; of several the one with the lowest number."""
+        """The electrode nearest to that place; of several the one with the lowest number. Raises:
+        Refused (`bad_frame`) for what is no finite number.
+        """
+        for key, value in (("x_mm", x_mm), ("y_mm", y_mm)):
+            if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+                raise Refused("bad_frame", f"{key}={value!r:.40}: a finite number is needed")
         places = zip(self.x_mm, self.y_mm, strict=True)
         distances = [math.hypot(x - x_mm, y - y_mm) for x, y in places]
         return distances.index(min(distances))

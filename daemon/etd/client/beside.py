@@ -2,8 +2,8 @@
 
 Owns: their threads. Must not know: what a presentation consists of, the order of requests.
 
-Each has an exchange of its own, and ends with the program: a thread that would outlive it would
-stimulate a person for nobody.
+Each has an exchange of its own, and ends with the program: a thread that outlived it would
+stimulate a person for no program.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any, Generic, TypeVar
 
 import zmq
@@ -17,6 +18,8 @@ from etd.client.array import ElectrodeArray
 from etd.client.daemon_clock import DaemonClock
 from etd.client.opening import Opening
 from etd.client.options import FrameOptions, Kind, frame_fields
+from etd.client.patterns import PatternOptions
+from etd.client.playing import Playing
 from etd.client.session import Session
 from etd.client.ssh import SshWay
 from etd.client.values import Numbers
@@ -36,9 +39,11 @@ class Connection(ABC, Generic[S]):
     `name` is the daemon's; `address` replaces it. `host` is another computer, reached by ssh as
     that is set up here (`pi@display.local`); ETD_HOST stands for it where neither is given. The
     limits come from `calibration` (a name the daemon knows), or from `max_current_ua` (50..10000)
-    with `width_us` (20..200), or else from the daemon's default calibration. Nothing is felt before
-    `arm()`. Nothing is repeated in the background but what `begin` and `kept` are for: a frame that
-    is not renewed expires, and a lease that is not renewed for a second ends, which disarms.
+    with `width_us` (20..200), or else from the daemon's default calibration. Several names are one
+    person's calibrations, each made with another polarity: a frame may mix these polarities, and
+    the first one's is that of a frame that names none. Nothing is felt before `arm()`. Nothing is
+    repeated in the background but what `begin` and `kept` are for: a frame that is not renewed
+    expires, and a lease that is not renewed for a second ends, which disarms.
 
     Raises, from every method: DaemonGone (no daemon answers), Refused (code, reason, electrode).
     """
@@ -50,7 +55,7 @@ class Connection(ABC, Generic[S]):
         host: str | None = None,
         address: str | None = None,
         client: str | None = None,
-        calibration: str | None = None,
+        calibration: str | Sequence[str] | None = None,
         max_current_ua: int | None = None,
         width_us: int | None = None,
         timeout_s: float = 2.0,
@@ -83,6 +88,11 @@ class Connection(ABC, Generic[S]):
         """Called when made."""
 
     @property
+    def daemon_clock(self) -> DaemonClock:
+        """How far the daemon's clock is ahead of this computer's, as well as it is known."""
+        return self._session.daemon_clock
+
+    @property
     def array(self) -> ElectrodeArray:
         """Where the electrodes are. Raises: Refused (`engine_gone`)."""
         return ElectrodeArray(self.facts.array)
@@ -90,6 +100,17 @@ class Connection(ABC, Generic[S]):
     def _fields(self, kind: Kind, numbers: Numbers, options: FrameOptions) -> dict[str, object]:
         """A frame without lease and seq. Raises: Refused (`bad_frame`)."""
         return frame_fields(kind, self._by_electrode(numbers), options)
+
+    def _playing(self, options: PatternOptions) -> Playing:
+        """What plays a pattern."""
+        tell, on_frame = options.get("tell"), options.get("on_frame")
+        return Playing(
+            self._session,
+            self.address,
+            clock.now_ns,
+            tell or (lambda _: None),
+            on_frame or (lambda _: None),
+        )
 
     def _openings(
         self, levels: Numbers | float | None, currents_ua: Numbers | float | None
@@ -100,7 +121,7 @@ class Connection(ABC, Generic[S]):
             ("current_ua", currents_ua),
         )
         return [
-            Opening(kind, strengths, self.electrodes, self._by_electrode, clock.now_ns())
+            Opening(kind, strengths, self.electrodes, self._by_electrode)
             for kind, strengths in given
             if strengths is not None
         ]

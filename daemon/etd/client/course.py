@@ -46,6 +46,8 @@ def holding(
 ) -> Course[None]:
     """The frame for so long, renewed within its ttl, then silence."""
     held_s = values.above_zero_s("seconds", seconds)
+    if fields.get("on_trigger"):
+        raise Refused("bad_frame", "on_trigger: use present, which goes on after the edge")
     end_ns = now_ns() + int(held_s * 1e9)
     try:
         while (left_s := (end_ns - now_ns()) / 1e9) > 0:
@@ -60,12 +62,10 @@ def holding(
 
 
 def opening(session: Session, course: Opening, now_ns: Now) -> Course[None]:
-    """See `Opening`. Raises: Refused (`wrong_state`)."""
+    """See `Opening`. Raises: Refused (`wrong_state`, `over_limit`); then the skin is silent."""
     try:
         while not course.is_done((yield from _shown(session, course, now_ns)), now_ns()):
             yield Pause(course.renewal_s)
-    except EtdError:
-        raise
     except BaseException:
         yield from falling_silent(session, course.frame(now_ns()), now_ns)
         raise
@@ -85,6 +85,9 @@ def _shown(session: Session, course: Opening, now_ns: Now) -> Course[FrameReply]
 
 
 def falling_silent(session: Session, fields: dict[str, object], now_ns: Now) -> Course[None]:
-    """Where a course is cut short: as far as the daemon answers."""
-    with contextlib.suppress(EtdError):  # the frame expires by itself
-        yield session.frame(silent_fields(fields, now_ns()))
+    """Where a course is cut short: as far as the daemon answers. The end of its lease has silenced
+    it: no other is opened for it.
+    """
+    if session.lease is not None:
+        with contextlib.suppress(EtdError):  # the frame expires by itself
+            yield session.frame(silent_fields(fields, now_ns()), lease=session.lease)

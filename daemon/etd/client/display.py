@@ -10,8 +10,11 @@ Must not know: the order of requests (session), the options of a frame (options)
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Self, Unpack
+import contextlib
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import zmq
 
@@ -22,13 +25,16 @@ from etd.client.course import Course
 from etd.client.exchange import Exchange
 from etd.client.options import FrameOptions, Kind
 from etd.client.owner import Owner
+from etd.client.patterns import PatternOptions, playing_pattern, steps_to_play
+from etd.client.playing import Played
 from etd.client.presented import Presented
-from etd.client.presenting import MOST_BEGUN_S, presenting
+from etd.client.presenting import MOST_BEGUN_S, WAIT_S, presenting
 from etd.client.session import Flow, R
 from etd.client.telemetry import Telemetry
 from etd.client.values import Numbers, up_to_s
 from etd.protocol.calibration import Calibration
-from etd.protocol.errors import DaemonGone, Refused
+from etd.protocol.errors import DaemonGone, EtdError, Refused
+from etd.protocol.facts import RecordFacts
 from etd.protocol.messages import (
     FrameReply,
     HelloReply,
@@ -37,6 +43,12 @@ from etd.protocol.messages import (
     StateReport,
     Topic,
 )
+from etd.stabilize.offset_estimate import Answer as FeltAnswer
+
+if TYPE_CHECKING:
+    from typing_extensions import Self, Unpack
+
+    from etd.files.pattern import Pattern
 
 
 class Display(Connection["zmq.Socket[bytes]"]):
@@ -87,10 +99,11 @@ class Display(Connection["zmq.Socket[bytes]"]):
         `open_to`: then fire these levels (one number: on all electrodes) until the soft start lets
         them through, and be silent; `open_to_ua` the same for currents. It is felt: it takes a
         second for each 4 mA. Once a session is enough, see docs/protocol.md. Raises: Refused
-        (`wrong_state`) if they do not get through.
+        (`wrong_state`) if they do not get through, `over_limit` for more than a cap.
         """
+        openings = self._openings(open_to, open_to_ua)
         self._run(self._session.arm(timeout_s))
-        for made in self._openings(open_to, open_to_ua):
+        for made in openings:
             self._play(course.opening(self._session, made, clock.now_ns))
 
     def arm_holder(self, timeout_s: float = 10.0) -> None:
@@ -122,36 +135,59 @@ class Display(Connection["zmq.Socket[bytes]"]):
         return self._run(self._session.preview(self._fields("level", levels, options)))
 
     def present(
-        self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
+        self,
+        levels: Numbers,
+        seconds: float,
+        *,
+        wait_s: float = WAIT_S,
+        **options: Unpack[FrameOptions],
     ) -> Presented:
         """Show levels for `seconds`, then silence; returns what was fired. Blocks.
 
         First it waits, for a tenth of a second where need be, until it is known what the returns
-        carry. Ctrl-C ends it silent. Raises: Refused (`halted`, `no_lease`) if it is cut short.
+        carry. With `on_trigger=True` it then waits for an edge on TRIGGER, for `wait_s` (30 s at
+        most), and begins with it: `trigger_ns` and `latency_ns` say when. Ctrl-C ends it silent.
+        Raises: CutShort (`halted`, `no_lease`) with what was fired until then, if it is cut short;
+        Refused (`expired`), if no edge came.
         """
         fields = self._fields("level", levels, options)
-        return self._play(presenting(self._session, fields, seconds, clock.now_ns))
+        return self._play(presenting(self._session, fields, seconds, clock.now_ns, None, wait_s))
 
     def present_current(
-        self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
+        self,
+        current_ua: Numbers,
+        seconds: float,
+        *,
+        wait_s: float = WAIT_S,
+        **options: Unpack[FrameOptions],
     ) -> Presented:
         """The same for currents in uA."""
         fields = self._fields("current_ua", current_ua, options)
-        return self._play(presenting(self._session, fields, seconds, clock.now_ns))
+        return self._play(presenting(self._session, fields, seconds, clock.now_ns, None, wait_s))
 
     def begin(
-        self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]
+        self,
+        levels: Numbers,
+        seconds: float,
+        *,
+        wait_s: float = WAIT_S,
+        **options: Unpack[FrameOptions],
     ) -> Underway[Presented]:
         """Present while the program goes on, for 30 s at most; `wait()` says what was fired.
         Another frame of this display ends it.
         """
-        return self._begun("level", levels, seconds, options)
+        return self._begun("level", levels, seconds, wait_s, options)
 
     def begin_current(
-        self, current_ua: Numbers, seconds: float, **options: Unpack[FrameOptions]
+        self,
+        current_ua: Numbers,
+        seconds: float,
+        *,
+        wait_s: float = WAIT_S,
+        **options: Unpack[FrameOptions],
     ) -> Underway[Presented]:
         """The same for currents in uA."""
-        return self._begun("current_ua", current_ua, seconds, options)
+        return self._begun("current_ua", current_ua, seconds, wait_s, options)
 
     def kept(self, at_most_s: float = KEPT_S) -> Keeper:
         """`with display.kept(): ...` holds the lease over pauses; frames expire as always.
@@ -161,6 +197,41 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """
         longest_s = up_to_s("at_most_s", at_most_s, 24 * 3_600.0)
         return Keeper(self._new_exchange, self._session, lambda: self._exchange.used_ns, longest_s)
+
+    def play(
+        self, pattern: Pattern | str | os.PathLike[str], **options: Unpack[PatternOptions]
+    ) -> Played:
+        """Play a pattern (an `etd.Pattern`, or the path of a pattern file of ours or of
+        eTactileKit) on the armed display, then silence; returns what became of it. Blocks.
+
+        A frame that the soft start cuts is held until it does not; its time begins then. Ctrl-C
+        ends it silent. Raises: PatternError, Refused, with the number of the frame.
+        """
+        self._owner.check()
+        playing = self._playing(options)
+        with self.telemetry("scan", "halt") as reports:
+
+            def listen(seconds: float) -> None:
+                item = reports.receive(seconds)
+                if item is not None:
+                    playing.hear(item[1])
+
+            exchange = self._new_exchange(listen)
+            try:
+                return exchange.play(playing_pattern(self._session, playing, pattern, options))
+            finally:
+                self._exchange.used_ns = exchange.used_ns
+                exchange.hang_up()
+
+    def check_pattern(
+        self, pattern: Pattern | str | os.PathLike[str], **options: Unpack[PatternOptions]
+    ) -> tuple[str, ...]:
+        """What `play` would do otherwise than the pattern says, in sentences; nothing is shown.
+        Raises: PatternError, Refused, if it cannot be played.
+        """
+        told: list[str] = []
+        self._play(steps_to_play(self._session, pattern, options, told.append))
+        return tuple(told)
 
     def hold(self, levels: Numbers, seconds: float, **options: Unpack[FrameOptions]) -> None:
         """Show levels for `seconds`, then silence. Blocks; renews the frame within its ttl.
@@ -186,12 +257,73 @@ class Display(Connection["zmq.Socket[bytes]"]):
         self._stream(self._fields("current_ua", current_ua, options))
 
     def measure(self, timeout_s: float = 10.0) -> MeasureReply:
-        """Contact of all electrodes, with probe pulses; from SAFE back to SAFE."""
+        """Contact of all electrodes, with probe pulses; from SAFE back to SAFE. Where limits leave
+        no room for a probe, as soon after strong pulses, contact is None (unknown): `withheld` has
+        the electrode, the limit, and in how many ms there is room (None: not until it changes).
+        """
         return self._run(self._session.measure(timeout_s))
 
-    def mark(self, tag: int | None = None) -> MarkReply:
-        """Mark this time in telemetry, with an edge on SYNC if the board has that line."""
+    def mark(self, tag: int | str | None = None) -> MarkReply:
+        """Mark this time in telemetry, with an edge on SYNC if the board has that line. `tag`: a
+        whole number, or at most 64 characters of text.
+        """
         return self._run(self._session.mark(tag))
+
+    def felt(self, answer: FeltAnswer, electrodes: Iterable[int] | None = None) -> None:
+        """What the person says of the strength: "too_weak", "good" or "too_strong", of these
+        electrodes or of all (None). Too strong lowers at once, by 3 % and more if it is said again
+        soon. Too weak raises levels, by at most 5 % a minute and 20 % in all. What was said is gone
+        when the board is disarmed. A program that does not hold the lease can only lower. Raises:
+        Refused (`not_armed`, `other_lease`, `no_lease`; `wrong_state`: not fired in the last
+        minute).
+        """
+        self._run(self._session.felt(answer, electrodes))
+
+    def note(self, text: str) -> None:
+        """A remark in the record that is being written. Raises: Refused (`no_record`)."""
+        self._run(self._session.note(text))
+
+    def start_record(self, name: str) -> None:
+        """Begin a record that other programs end; `record` ends its own. Raises: Refused
+        (`wrong_state`, `record_failed`).
+        """
+        self._run(self._session.start_record(name))
+
+    def stop_record(self) -> None:
+        """End the record that is being written. Raises: Refused (`no_record`, `record_failed`)."""
+        self._run(self._session.stop_record())
+
+    def records(self) -> tuple[RecordFacts, ...]:
+        """Those on the daemon's disk, with their sizes."""
+        return self._run(self._session.records())
+
+    def fetch_record(self, name: str, write: Callable[[bytes], object]) -> int:
+        """Write a record piece by piece, as it is on the daemon's disk; returns its length in
+        bytes. Raises: Refused (`not_found`).
+        """
+        return self._run(self._session.fetch_record(name, write))
+
+    def delete_record(self, name: str) -> None:
+        """Needs operate rights. Raises: Refused (`not_found`)."""
+        self._run(self._session.delete_record(name))
+
+    @contextmanager
+    def record(self, name: str) -> Iterator[None]:
+        """`with display.record("p01-block2"): ...` has the daemon write a record of all that is
+        asked and fired, on its own disk; `etd record` shows and fetches it. It goes on while the
+        block does, whichever client asks, and ends with it, not with this program's death.
+
+        Raises: Refused (`wrong_state` while another is written, `record_failed`: also at the end,
+        if it could not be written whole).
+        """
+        self._run(self._session.start_record(name))
+        try:
+            yield
+        except BaseException:
+            with contextlib.suppress(EtdError):  # what ended the block matters more
+                self._run(self._session.end_record(name))
+            raise
+        self._run(self._session.end_record(name))
 
     def stop(self) -> None:
         """Silence at once, whichever client holds the lease; HALTED until `clear`. The one method
@@ -242,14 +374,15 @@ class Display(Connection["zmq.Socket[bytes]"]):
             self._hang_up()
 
     def _begun(
-        self, kind: Kind, numbers: Numbers, seconds: float, options: FrameOptions
+        self, kind: Kind, numbers: Numbers, seconds: float, wait_s: float, options: FrameOptions
     ) -> Underway[Presented]:
         up_to_s("seconds", seconds, MOST_BEGUN_S)
+        up_to_s("wait_s", wait_s, MOST_BEGUN_S)
         fields = self._fields(kind, numbers, options)
         self._run(self._session.opened())
         # Whatever the program sends from now on is newer.
         after = self._session.last_seq
-        course = presenting(self._session, fields, seconds, clock.now_ns, after)
+        course = presenting(self._session, fields, seconds, clock.now_ns, after, wait_s)
         return Underway(self._new_exchange, course)
 
     def _stream(self, fields: dict[str, object]) -> None:

@@ -14,9 +14,10 @@ import zmq
 
 from etd.client import clock, wire
 from etd.client.course import Course, Pause
+from etd.client.drive import drive
 from etd.client.session import KEEP_S, Ask, Flow, Session
 from etd.client.way import Way
-from etd.protocol.errors import DaemonGone, Refused
+from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import Success
 
 R = TypeVar("R")
@@ -41,32 +42,17 @@ class Exchange:
     def play(self, course: Course[R]) -> R:
         """Drive a course to its end; what interrupts a step is raised in the course as well."""
         try:
-            step = next(course)
-            while True:
-                try:
-                    done = self._do(step)
-                except BaseException as error:  # noqa: BLE001 (the course raises it again)
-                    step = course.throw(error)
-                else:
-                    step = course.send(done)
-        except StopIteration as end:
-            result: R = end.value
-            return result
+            return drive(course, self._do)
+        except EtdError as error:
+            # Where in the client it came up tells a program nothing.
+            raise error.with_traceback(None)  # noqa: B904 (it is the same one)
 
     def run(self, flow: Flow[R]) -> R:
         """Drive one of the session's flows to its end."""
         try:
-            ask = next(flow)
-            while True:
-                try:
-                    reply = self._ask(ask)
-                except Refused as refusal:
-                    ask = flow.throw(refusal)
-                else:
-                    ask = flow.send(reply)
-        except StopIteration as end:
-            result: R = end.value
-            return result
+            return drive(flow, self._ask, Refused)
+        except EtdError as error:
+            raise error.with_traceback(None)  # noqa: B904
 
     def hang_up(self) -> None:
         """What was not answered must not reach a daemon that comes back later. Idempotent."""
@@ -108,10 +94,18 @@ class Exchange:
         while (left_s := (deadline_ns - clock.now_ns()) / 1e9) > 0:
             if socket.poll(max(1, int(min(left_s, KEEP_S) * 1000)), event):
                 return True
-            self._way.check_alive()
+            self._check_alive()
             if keep is not None:
                 socket.send(keep())
         return False
+
+    def _check_alive(self) -> None:
+        """Raises: DaemonGone."""
+        try:
+            self._way.check_alive()
+        except DaemonGone:
+            self.hang_up()
+            raise
 
     def _connected(self) -> zmq.Socket[bytes]:
         if self._context.closed:

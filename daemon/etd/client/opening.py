@@ -32,7 +32,6 @@ class Opening:
         strengths: Numbers | float,
         electrodes: int,
         by_electrode: Callable[[Numbers], Numbers],
-        now_ns: int,
     ) -> None:
         """`by_electrode`: one number for each, from a mapping or rows."""
         if isinstance(strengths, Real):
@@ -42,12 +41,15 @@ class Opening:
             numbers = by_electrode(cast("Numbers", strengths))
         # All electrodes at once may not fit at their rate; the ceiling rises at a lower one too.
         self._fields = frame_fields(kind, numbers, {"allow_slower": True})
-        self._until_ns = now_ns + _WITHIN_NS
+        #: From the first frame on: arming takes its own time.
+        self._until_ns: int | None = None
         self.renewal_s = renewal_s(self._fields)
         self._kind = kind
 
     def frame(self, now_ns: int) -> dict[str, object]:
         """The next frame to send."""
+        if self._until_ns is None:
+            self._until_ns = now_ns + _WITHIN_NS
         return {**self._fields, "sent_ns": now_ns}
 
     def silence(self, now_ns: int) -> dict[str, object]:
@@ -55,11 +57,22 @@ class Opening:
         return silent_fields(self._fields, now_ns)
 
     def is_overdue(self, now_ns: int) -> bool:
-        return now_ns > self._until_ns
+        return self._until_ns is not None and now_ns > self._until_ns
+
+    def _check_caps(self, reply: FrameReply) -> None:
+        """Raises: Refused (`over_limit`): to what is above a cap it never opens."""
+        for clamp in reply.clamped:
+            if clamp.reason == "cap":
+                raise Refused(
+                    "over_limit",
+                    f"electrode {clamp.electrode} gets {clamp.allowed_ua} uA at most"
+                    f" ({clamp.wanted_ua} asked for): open to what its cap allows",
+                    clamp.electrode,
+                )
 
     def is_done(self, reply: FrameReply, now_ns: int) -> bool:
         """Whether nothing is cut any more. Raises: Refused (`wrong_state`) if nothing is touched,
-        or it takes too long.
+        or it takes too long; `over_limit` for more than a cap.
         """
         rising = [clamp for clamp in reply.clamped if clamp.reason in _RISING]
         if not rising:
@@ -67,7 +80,11 @@ class Opening:
             asked = sum(map(bool, wanted)) if isinstance(wanted, list) else 0
             open_ones = [clamp for clamp in reply.clamped if clamp.reason == "contact_open"]
             if asked and len(open_ones) == asked:
-                raise Refused("wrong_state", "nothing touches the display: it opens for nobody")
+                raise Refused(
+                    "wrong_state",
+                    "nothing touches the display: touch it, then arm again, and it opens",
+                )
+            self._check_caps(reply)
             return True
         if self.is_overdue(now_ns):
             first = rising[0]

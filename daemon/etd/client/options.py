@@ -22,8 +22,9 @@ class FrameOptions(TypedDict, total=False):
     width_us 20..200, polarity and rate_hz (0.1..200): one value, or one per electrode.
     returns: "all", {"ring_mm": r}, or one list of electrodes for each electrode.
     ttl_ms 1..1000. pulses: that many per electrode, then silence. strict: refuse what would be
-    clamped. allow_slower: slow down what does not fit. tag: repeated in telemetry. sync: an edge on
-    SYNC.
+    clamped. allow_slower: slow down what does not fit. tag: a whole number, repeated in telemetry.
+    sync: an edge on SYNC. on_trigger: begin with the next edge on TRIGGER; lasts_ms: for so long
+    from it on; renews: the seq whose wait it goes on with. `present` gives the last two itself.
     """
 
     width_us: int | Sequence[int]
@@ -36,11 +37,21 @@ class FrameOptions(TypedDict, total=False):
     allow_slower: bool
     tag: int
     sync: bool
+    on_trigger: bool
+    lasts_ms: int
+    renews: int
 
 
 #: 100.0, as it comes out of a calculation, is 100.
-_WHOLE = frozenset({"width_us", "ttl_ms", "pulses", "tag"})
+_WHOLE = frozenset({"width_us", "ttl_ms", "pulses", "tag", "lasts_ms", "renews"})
+#: What only a frame has that waits for the trigger.
+_OF_WAITING = frozenset({"on_trigger", "lasts_ms", "renews"})
 _KNOWN = frozenset(FrameOptions.__annotations__)
+_CHECKS = (
+    ("tag", values.check_frame_tag),
+    ("polarity", values.check_polarity),
+    ("returns", values.check_returns),
+)
 
 
 def frame_fields(kind: Kind, numbers: values.Numbers, options: FrameOptions) -> dict[str, object]:
@@ -56,6 +67,9 @@ def frame_fields(kind: Kind, numbers: values.Numbers, options: FrameOptions) -> 
         for key, value in options.items()
         if value is not None
     }
+    for key, check in _CHECKS:
+        if key in extra:
+            check(extra[key])
     return {kind: given, **extra, "sent_ns": clock.now_ns()}
 
 
@@ -76,3 +90,8 @@ def silent_fields(fields: dict[str, object], now_ns: int) -> dict[str, object]:
     numbers = fields[kind]
     zeros = [0] * len(numbers) if isinstance(numbers, list) else numbers
     return {**fields, kind: zeros, "sent_ns": now_ns}
+
+
+def at_once_fields(fields: dict[str, object]) -> dict[str, object]:
+    """The same frame without a wait for the trigger."""
+    return {key: value for key, value in fields.items() if key not in _OF_WAITING}

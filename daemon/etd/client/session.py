@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
 
@@ -22,6 +22,7 @@ from etd.client import values
 from etd.client.daemon_clock import DaemonClock
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode, Refused
+from etd.protocol.facts import RecordFacts
 from etd.protocol.messages import (
     MAX_MESSAGE_BYTES,
     REPLY_OF_OP,
@@ -34,6 +35,7 @@ from etd.protocol.messages import (
     LeaseReply,
     MarkReply,
     MeasureReply,
+    RecordReply,
     StateReport,
     StatusReply,
     Success,
@@ -43,6 +45,8 @@ from etd.protocol.text import escaped
 
 #: While a slow request is under way, the lease is renewed this often.
 KEEP_S = 0.3
+#: The end of a record is answered when the disk has it, or after five seconds.
+_DISK_S = 10.0
 #: A frame of the program that others have overtaken is sent again so often.
 _OVERTAKEN = 5
 
@@ -88,18 +92,21 @@ class Session:
         self,
         client: str,
         *,
-        calibration: str | None = None,
+        calibration: str | Sequence[str] | None = None,
         max_current_ua: int | None = None,
         width_us: int | None = None,
         timeout_s: float = 2.0,
     ) -> None:
         #: What is known of the daemon's, by which frames are stamped.
         self.daemon_clock = DaemonClock(is_here=True)
-        _check_limits(calibration, max_current_ua, width_us)
+        calibrations = _names(calibration)
+        _check_limits(calibrations, max_current_ua, width_us)
         self.facts: HelloReply | None = None
         self.lease: str | None = None
+        #: The halt that ended the newest lease.
+        self._halted: Refused | None = None
         self._client = escaped(client)[:64] or "client"
-        self._calibration = calibration
+        self._calibrations = calibrations
         self._max_current_ua = max_current_ua
         self._width_us = width_us
         self._timeout_s = values.above_zero_s("timeout_s", timeout_s)
@@ -107,6 +114,14 @@ class Session:
         #: Of the newest frame, whichever thread sent it.
         self.last_seq = 0
         self._numbering = threading.Lock()
+
+    @property
+    def calibration_names(self) -> tuple[str, ...]:
+        """Those that its lease is opened with, as far as they are known; empty: with limits."""
+        if self._calibrations or self._max_current_ua is not None:
+            return self._calibrations
+        default = None if self.facts is None else self.facts.default_calibration
+        return () if default is None else (default,)
 
     def greet(self) -> Flow[HelloReply]:
         """Read the facts. Raises: Refused (`engine_gone`) while no engine runs."""
@@ -123,7 +138,7 @@ class Session:
     def clear(self) -> Flow[None]:
         """Leave HALTED. No lease outlives a halt, so the next `arm` opens a new one."""
         yield self._ask("clear")
-        self.lease = None
+        self.lease = self._halted = None
 
     def arm(self, timeout_s: float) -> Flow[None]:
         """Open a lease if there is none, then arm it; it is renewed while arming lasts."""
@@ -159,19 +174,31 @@ class Session:
         )
         return reply
 
-    def mark(self, tag: int | None) -> Flow[MarkReply]:
-        given = values.tag(tag)
+    def mark(self, tag: int | str | None) -> Flow[MarkReply]:
+        given = values.mark_tag(tag)
         reply: MarkReply = yield self._ask("mark", {"lease": self._held_lease(), "tag": given})
         return reply
 
-    def frame(self, fields: dict[str, object], after: int | None = None) -> Flow[FrameReply]:
-        """One frame with an answer; the lease is opened if none was. Raises: Refused (`old_seq`) if
-        the newest frame is not the one `after` which this is to be sent.
+    def felt(self, answer: str, electrodes: Iterable[int] | None) -> Flow[Success]:
+        """With the program's lease where it holds one; without one it can only lower."""
+        given = values.felt(answer, electrodes)
+        if self.lease is not None:
+            given["lease"] = self.lease
+        reply: Success = yield self._ask("felt", given)
+        return reply
+
+    def frame(
+        self, fields: dict[str, object], after: int | None = None, lease: str | None = None
+    ) -> Flow[FrameReply]:
+        """One frame with an answer, under this lease; without one, under that of the program, which
+        is opened if none was. Raises: Refused (`old_seq`) if the newest frame is not the one
+        `after` which this is to be sent; `no_lease`, `halted`, if the lease has ended.
         """
-        yield from self.opened()
+        if lease is None:
+            yield from self.opened()
         for _ in range(_OVERTAKEN):
             try:
-                reply: FrameReply = yield self._ask("frame", self._numbered(fields, after))
+                reply: FrameReply = yield self._ask("frame", self._numbered(fields, after, lease))
             except Refused as refusal:
                 # A frame that goes on beside the program was numbered later, and came first.
                 if refusal.code != "old_seq" or after is not None:
@@ -180,19 +207,22 @@ class Session:
                 return reply
         raise Refused("old_seq", "other frames of this program are faster: send one at a time")
 
-    def preview(self, fields: dict[str, object]) -> Flow[FrameReply]:
+    def preview(self, fields: dict[str, object], lease: str | None = None) -> Flow[FrameReply]:
         """As `frame`, for a frame that is not shown: no number is used up."""
-        yield from self.opened()
-        asked = {**fields, "preview": True}
-        numbered = self._stamped({"lease": self._held_lease(), "seq": self.last_seq + 1, **asked})
+        if lease is None:
+            yield from self.opened()
+        held, asked = self._held_lease(lease), {**fields, "preview": True}
+        numbered = self._stamped({"lease": held, "seq": self.last_seq + 1, **asked})
         reply: FrameReply = yield self._ask("frame", numbered)
         return reply
 
-    def account(self, seq: int) -> Flow[Account]:
-        """Of a frame that was sent with `account`; waits until it is over."""
-        reply: AccountReply = yield self._ask(
-            "account", {"lease": self._held_lease(), "seq": seq}, keep=self._keep_data
-        )
+    def account(self, seq: int, lease: str | None = None) -> Flow[Account]:
+        """Of a frame that was sent with `account`; waits until it is over. `lease`: the one that it
+        was sent under, if that may have ended.
+        """
+        asked = {"lease": lease or self._held_lease(), "seq": seq}
+        keep = None if self.lease is None else self._keep_data
+        reply: AccountReply = yield self._ask("account", asked, keep=keep)
         return reply.account
 
     def streamed(self, fields: dict[str, object]) -> bytes:
@@ -216,6 +246,50 @@ class Session:
     def delete_calibration(self, name: str) -> Flow[None]:
         yield self._ask("calibration", {"do": "delete", "name": name})
 
+    def start_record(self, name: str) -> Flow[None]:
+        yield self._ask("record", {"do": "start", "name": name})
+
+    def stop_record(self) -> Flow[None]:
+        """Raises: Refused (`no_record`; `record_failed`, if its end is not on the disk)."""
+        keep = None if self.lease is None else self._keep_data
+        reply: RecordReply = yield self._ask(
+            "record", {"do": "stop"}, timeout_s=max(_DISK_S, self._timeout_s), keep=keep
+        )
+        if reply.problem is not None:
+            raise Refused("record_failed", f"its end is missing: {reply.problem}")
+
+    def end_record(self, name: str) -> Flow[None]:
+        """As `stop_record`, of this record. Raises: Refused (`record_failed`), if it had ended by
+        itself.
+        """
+        listed: RecordReply = yield self._ask("record", {"do": "list"})
+        if any(facts.is_running and facts.name == name for facts in listed.records):
+            yield from self.stop_record()
+            return
+        why = listed.problem or "another client stopped it, or the daemon was restarted"
+        raise Refused("record_failed", f"the record {name!r} ended too early: {why}")
+
+    def records(self) -> Flow[tuple[RecordFacts, ...]]:
+        reply: RecordReply = yield self._ask("record", {"do": "list"})
+        return reply.records
+
+    def fetch_record(self, name: str, write: Callable[[bytes], object]) -> Flow[int]:
+        """Piece by piece, up to what was written when the last piece was read."""
+        offset = 0
+        while True:
+            asked = {"do": "get", "name": name, "offset": offset}
+            reply: RecordReply = yield self._ask("record", asked)
+            if not reply.data:
+                return offset
+            write(reply.data)
+            offset += len(reply.data)
+
+    def delete_record(self, name: str) -> Flow[None]:
+        yield self._ask("record", {"do": "delete", "name": name})
+
+    def note(self, text: str) -> Flow[None]:
+        yield self._ask("note", {"text": text})
+
     def settle(self, ask: Ask, data: bytes) -> Success | None:
         """The reply to `ask`; None if it answers another. Raises: Refused, as the daemon says."""
         envelope = _envelope_decoder.decode(data)
@@ -225,15 +299,17 @@ class Session:
             reply: Success = _reply_decoders[ask.op].decode(data)
             return reply
         failure = _failure_decoder.decode(data)
-        if failure.error in ("no_lease", "other_lease", "halted") and ask.lease == self.lease:
-            self.lease = None
-        raise Refused(
+        refusal = Refused(
             failure.error,
             failure.reason,
             failure.electrode,
             failure.achievable_hz,
             failure.bound_by,
         )
+        if refusal.code in ("no_lease", "other_lease", "halted") and ask.lease == self.lease:
+            self.lease = None
+            self._halted = refusal if refusal.code == "halted" else None
+        raise refusal
 
     def _standing_lease(self) -> Flow[None]:
         """Renew the lease, or open a new one if it has lapsed."""
@@ -252,13 +328,14 @@ class Session:
             return
         limits = yield from self._limits()
         reply: LeaseReply = yield self._ask("open", {"client": self._client, **limits})
-        self.lease = reply.lease
+        self.lease, self._halted = reply.lease, None
         self.last_seq = 0
 
     def _limits(self) -> Flow[dict[str, object]]:
         """The limits of the lease: given here, or else the daemon's default calibration."""
-        if self._calibration is not None:
-            return {"calibration": self._calibration}
+        if self._calibrations:
+            first, *others = self._calibrations
+            return {"calibration": self._calibrations if others else first}
         if self._max_current_ua is not None:
             return {"limits": {"max_current_ua": self._max_current_ua, "width_us": self._width_us}}
         if self.facts is None:
@@ -267,20 +344,34 @@ class Session:
             return {"calibration": self.facts.default_calibration}
         raise Refused("limits_missing", _TEACH_LIMITS)
 
-    def _held_lease(self) -> str:
-        if self.lease is None:
-            raise Refused("no_lease", "this display holds no lease: call arm() first")
-        return self.lease
+    def _held_lease(self, wanted: str | None = None) -> str:
+        """`wanted`: no other will do. Raises: Refused (`halted`, if a halt has ended it;
+        `no_lease`).
+        """
+        held = self.lease
+        if held is not None and wanted in (None, held):
+            return held
+        if self._halted is not None:
+            raise Refused("halted", f"{self._halted.reason}; it ended the lease: call arm() first")
+        if wanted is not None:
+            why = (
+                "the lease that it was shown under has ended (not renewed for too long, or closed)"
+            )
+            raise Refused("no_lease", f"{why}: call arm() first")
+        raise Refused("no_lease", "this display holds no lease: call arm() first")
 
     def _keep_data(self) -> bytes:
         return self._ask("keep", {"lease": self.lease}).data
 
-    def _numbered(self, fields: dict[str, object], after: int | None = None) -> dict[str, object]:
+    def _numbered(
+        self, fields: dict[str, object], after: int | None = None, lease: str | None = None
+    ) -> dict[str, object]:
         with self._numbering:
+            held = self._held_lease(lease)
             if after is not None and self.last_seq != after:
                 raise Refused("old_seq", "the program has sent another frame meanwhile")
             self.last_seq += 1
-            numbered = {"lease": self._held_lease(), "seq": self.last_seq, **fields}
+            numbered = {"lease": held, "seq": self.last_seq, **fields}
         return self._stamped(numbered)
 
     def _stamped(self, fields: dict[str, object]) -> dict[str, object]:
@@ -315,13 +406,29 @@ _TEACH_LIMITS = (
 )
 
 
+def _names(calibration: str | Sequence[str] | None) -> tuple[str, ...]:
+    """Of one calibration, or of several. Raises: Refused (`bad_message`)."""
+    if calibration is None:
+        return ()
+    if isinstance(calibration, str):
+        return (calibration,)
+    names = tuple(calibration) if isinstance(calibration, Sequence) else ()
+    if not names or not all(isinstance(name, str) for name in names):
+        raise Refused(
+            "bad_message",
+            f"calibration={calibration!r}: a name is needed, or several names of one person's"
+            " calibrations, each made with another polarity",
+        )
+    return names
+
+
 def _check_limits(
-    calibration: str | None, max_current_ua: int | None, width_us: int | None
+    calibrations: tuple[str, ...], max_current_ua: int | None, width_us: int | None
 ) -> None:
     if (max_current_ua is None) != (width_us is None):
         missing = "width_us" if width_us is None else "max_current_ua"
         raise Refused("limits_missing", f"{missing} is missing: limits are a current and a width")
-    if calibration is not None and max_current_ua is not None:
+    if calibrations and max_current_ua is not None:
         raise Refused("bad_message", "give either calibration, or max_current_ua and width_us")
 
 

@@ -31,6 +31,8 @@ from etd.protocol.errors import DaemonGone, Refused
 #: A person may have to type a passphrase.
 _READY_WITHIN_S = 60.0
 _POLL_S = 0.02
+#: What it said is read within that, once it has ended.
+_READ_WITHIN_S = 1.0
 _OPTIONS = (
     "ExitOnForwardFailure=yes",
     "ConnectTimeout=10",
@@ -78,8 +80,11 @@ class SshWay:
             raise DaemonGone(
                 host, f"ssh cannot be started ({error.strerror})", "install OpenSSH's client"
             ) from error
-        for stream, take in (("stdout", self._take_verdict), ("stderr", self._said.append)):
-            reader = threading.Thread(target=self._read, args=(stream, take), daemon=True)
+        self._readers = [
+            threading.Thread(target=self._read, args=(stream, take), daemon=True)
+            for stream, take in (("stdout", self._take_verdict), ("stderr", self._said.append))
+        ]
+        for reader in self._readers:
             reader.start()
         try:
             self._wait_until_ready()
@@ -88,7 +93,7 @@ class SshWay:
             raise
 
     def check_there(self) -> None:
-        """The connection was made only because somebody was there."""
+        """The connection could only be made to a daemon."""
         self.check_alive()
 
     def check_alive(self) -> None:
@@ -108,7 +113,10 @@ class SshWay:
         deadline_ns = clock.now_ns() + int(_READY_WITHIN_S * 1e9)
         while self._verdict is None:
             if self._process.poll() is not None:
-                raise DaemonGone(self._host, "ssh could not connect", self._why())
+                why = self._why()
+                if self._verdict is None:
+                    raise DaemonGone(self._host, "ssh could not connect", why)
+                break
             if clock.now_ns() >= deadline_ns:
                 raise DaemonGone(self._host, f"ssh is not ready after {_READY_WITHIN_S:g} s", "")
             clock.sleep_s(_POLL_S)
@@ -134,7 +142,10 @@ class SshWay:
             take(line.rstrip())  # type: ignore[operator]
 
     def _why(self) -> str:
-        """What ssh said last."""
+        """What ssh said last, once it has ended."""
+        for reader in self._readers:
+            # It reads to the end at once, unless a process that ssh left holds the pipe.
+            reader.join(_READ_WITHIN_S)
         return self._said[-1] if self._said else "ssh said nothing: try `ssh` by hand"
 
     def _forget_folder(self) -> None:
@@ -161,7 +172,7 @@ def _unix_sockets(folder: Path) -> list[tuple[str, str]]:
 
 
 def _ports() -> list[tuple[str, str]]:
-    """The same on the loopback; nobody else has these ports now."""
+    """The same on the loopback, with ports that are free now."""
     sockets = [socket.socket() for _ in range(3)]
     try:
         for each in sockets:

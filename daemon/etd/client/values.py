@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, TypeAlias, get_args, runtime_checkable
 
 from etd.protocol.errors import Refused
+from etd.protocol.frame import MOST_OF_A_TAG, POLARITIES, RETURNS_IN_WORDS
+from etd.stabilize.offset_estimate import Answer
 
 
 @runtime_checkable
@@ -26,9 +28,12 @@ Numbers: TypeAlias = Iterable[float] | Iterable[Iterable[float]] | Mapping[int, 
 
 
 def levels(values: Numbers) -> list[float]:
-    """One finite number per electrode. Raises: Refused (`bad_frame`), with the electrode."""
+    """One number from 0 to 1 per electrode; of a mask True is 1, False is 0. Raises: Refused
+    (`bad_frame`), with the electrode.
+    """
     return [
-        value if type(value) is float and math.isfinite(value) else _finite("level", index, value)
+        # False for nan, too.
+        value if type(value) is float and 0.0 <= value <= 1.0 else _level(index, value)
         for index, value in enumerate(_items("level", values))
     ]
 
@@ -60,11 +65,16 @@ def option(key: str, value: object, *, is_whole: bool = False) -> object:
 
 def above_zero_s(key: str, value: object) -> float:
     """A duration in seconds. Raises: Refused (`bad_message`)."""
+    return above_zero(key, value, "a number of seconds")
+
+
+def above_zero(key: str, value: object, what: str = "a number") -> float:
+    """Raises: Refused (`bad_message`)."""
     if isinstance(value, Real) and not isinstance(value, bool):
-        seconds = float(value)
-        if 0.0 < seconds < math.inf:
-            return seconds
-    raise Refused("bad_message", f"{key}={value!r}: a number of seconds above 0 is needed")
+        number = float(value)
+        if 0.0 < number < math.inf:
+            return number
+    raise Refused("bad_message", f"{key}={value!r}: {what} above 0 is needed")
 
 
 def up_to_s(key: str, value: object, most_s: float) -> float:
@@ -75,13 +85,46 @@ def up_to_s(key: str, value: object, most_s: float) -> float:
     return seconds
 
 
-def tag(value: object) -> int | None:
+def mark_tag(value: object) -> int | str | None:
     """The tag of a mark, if any. Raises: Refused (`bad_message`)."""
     if value is None:
         return None
+    if isinstance(value, str):
+        if len(value) > MOST_OF_A_TAG:
+            why = f"{len(value)} characters, and at most {MOST_OF_A_TAG} are allowed"
+            raise Refused("bad_message", f"tag={value!r:.40}: {why}")
+        return str(value)
     if isinstance(value, bool) or not isinstance(value, Integral):
-        raise Refused("bad_message", f"tag={value!r}: a whole number is needed, or nothing")
+        reason = f"tag={value!r}: a whole number or a text is needed, or nothing"
+        raise Refused("bad_message", reason)
     return int(value)
+
+
+def check_frame_tag(value: object) -> None:
+    """A number: each report of the frame repeats it. Raises: Refused (`bad_frame`) for a text."""
+    if isinstance(value, str):
+        raise Refused(
+            "bad_frame",
+            f"tag={value!r:.40}: the tag of a frame is a whole number, which every report repeats"
+            " that tells of the frame; mark('...') takes a text",
+        )
+
+
+def check_polarity(value: object) -> None:
+    """One, or one per electrode. Raises: Refused (`bad_frame`), with the electrode."""
+    for index, polarity in enumerate(value if isinstance(value, list) else [value]):
+        if polarity not in POLARITIES:
+            electrode = index if isinstance(value, list) else None
+            where = "polarity" if electrode is None else f"polarity[{electrode}]"
+            choices = ", ".join(POLARITIES)
+            raise Refused("bad_frame", f"{where}={polarity!r:.40}: choose of {choices}", electrode)
+
+
+def check_returns(value: object) -> None:
+    """Their kind; the daemon checks electrodes and radius. Raises: Refused (`bad_frame`)."""
+    is_ring = isinstance(value, Mapping) and set(value) == {"ring_mm"}
+    if value != "all" and not is_ring and not isinstance(value, list):
+        raise Refused("bad_frame", f"returns={value!r:.60}: give {RETURNS_IN_WORDS}")
 
 
 def _items(key: str, values: object) -> list[object]:
@@ -98,11 +141,29 @@ def _items(key: str, values: object) -> list[object]:
     return list(values)
 
 
+def _level(index: int, value: object) -> float:
+    if isinstance(value, ArrayLike):
+        value = value.tolist()
+    level = float(value) if isinstance(value, bool) else _finite("level", index, value)
+    if not 0.0 <= level <= 1.0:
+        raise Refused(
+            "bad_frame",
+            f"level[{index}] is {level:g}: levels go from 0, silent, to 1, the calibration's"
+            " strongest; microamperes are given as current_ua",
+            index,
+        )
+    return level
+
+
 def _finite(key: str, index: int | None, value: object) -> float:
     where = key if index is None else f"{key}[{index}]"
     if isinstance(value, bool) or not isinstance(value, Real):
-        flat = "" if not isinstance(value, (list, tuple)) else " (flatten the array first)"
-        raise Refused("bad_frame", f"{where} is {_called(value)}: a number is needed{flat}", index)
+        hint = ""
+        if isinstance(value, (list, tuple)):
+            hint = " (flatten the array first)"
+        elif isinstance(value, bool) and key == "current_ua":
+            hint = " (a mask says where, not how much: multiply it by microamperes)"
+        raise Refused("bad_frame", f"{where} is {_called(value)}: a number is needed{hint}", index)
     if not math.isfinite(value):
         raise Refused("bad_frame", f"{where} is {float(value)}: a finite number is needed", index)
     return int(value) if isinstance(value, Integral) else float(value)
@@ -120,3 +181,16 @@ def _called(value: object) -> str:
     if isinstance(value, (str, bytes)):
         return f"the text {value!r:.40}"
     return f"a {type(value).__name__}" if value is not None else "missing"
+
+
+def felt(answer: str, electrodes: Iterable[int] | None) -> dict[str, object]:
+    """What a person said, and of which electrodes. Raises: Refused (`bad_message`)."""
+    if answer not in get_args(Answer):
+        said = ", ".join(get_args(Answer))
+        raise Refused("bad_message", f"answer is {answer!r}: it can be {said}")
+    if electrodes is None:
+        return {"answer": answer}
+    named = [int(electrode) for electrode in electrodes]
+    if not named:
+        raise Refused("bad_message", "electrodes is empty: name some, or leave it out for all")
+    return {"answer": answer, "electrodes": named}

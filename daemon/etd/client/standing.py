@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from etd.apps.steps import Step
+from etd.client.steps import Step
 from etd.protocol.errors import Refused
 from etd.protocol.messages import Scan, Shown
 

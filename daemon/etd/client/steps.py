@@ -3,20 +3,24 @@
 Owns: levels and currents, rates and polarities, and what of a file cannot be played. Must not know:
 sockets, time, the terminal.
 
-With levels, rate, width and polarity are the calibration's: levels hold for its conditions only.
+With levels, width and polarity are the calibration's, and its rate is the highest: levels hold for
+its conditions, and for lower rates. Of several calibrations, that of a frame's polarity holds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from etd.client import FrameOptions
-from etd.files.pattern import Pattern, PatternFrame
+from etd.client.options import FrameOptions
 from etd.protocol.calibration import Calibration, currents_of_levels
+from etd.protocol.calibration_set import polarities_in_words
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Polarity
+
+if TYPE_CHECKING:
+    from etd.files.pattern import Pattern, PatternFrame
 
 Report = Callable[[str], None]
 
@@ -61,11 +65,13 @@ def steps_of(
     pattern: Pattern,
     play_options: PlayOptions,
     electrodes: int,
-    calibration: Calibration | None,
+    calibrations: Sequence[Calibration],
     tell: Report,
 ) -> list[Step]:
     """All steps of a pattern on an array of `electrodes`. `tell` gets a sentence for each deviation
-    from the file. Raises: Refused, for what cannot be played.
+    from the file. `calibrations` of the lease; none where currents are played.
+
+    Raises: Refused, for what cannot be played.
     """
     if pattern.electrodes != electrodes:
         raise Refused(
@@ -74,13 +80,13 @@ def steps_of(
         )
     if play_options.currents is not None:
         _report_lower_rates(pattern, play_options, tell)
-    elif calibration is not None:
-        _check_polarity(pattern, play_options, calibration)
-        _check_rate(pattern, play_options, calibration, tell)
+    elif calibrations:
+        _check_polarity(pattern, play_options, calibrations)
+        _report_rates(pattern, play_options, calibrations[0], tell)
     return [
         step
         for tag, frame in enumerate(pattern.frames)
-        for step in _frame_steps(tag, frame, play_options, calibration)
+        for step in _frame_steps(tag, frame, play_options, calibrations)
     ]
 
 
@@ -91,7 +97,10 @@ def silent(step: Step, duration_ms: int) -> Step:
 
 
 def _frame_steps(
-    tag: int, frame: PatternFrame, play_options: PlayOptions, calibration: Calibration | None
+    tag: int,
+    frame: PatternFrame,
+    play_options: PlayOptions,
+    calibrations: Sequence[Calibration],
 ) -> list[Step]:
     options: FrameOptions = {"tag": tag}
     if play_options.returns is not None:
@@ -101,7 +110,7 @@ def _frame_steps(
     numbers: tuple[float, ...]
     if play_options.currents is None:
         numbers = tuple(value * play_options.level for value in frame.level)
-        in_ua = (0,) if calibration is None else currents_of_levels(calibration, numbers)
+        in_ua = _of_levels(frame, play_options, calibrations, numbers, options)
     else:
         numbers = in_ua = _currents_ua(frame, play_options, play_options.currents, options)
     step = Step(
@@ -113,6 +122,26 @@ def _frame_steps(
         ends_frame=not frame.off_ms,
     )
     return [step] if step.ends_frame else [step, silent(step, frame.off_ms)]
+
+
+def _of_levels(
+    frame: PatternFrame,
+    play_options: PlayOptions,
+    calibrations: Sequence[Calibration],
+    levels: tuple[float, ...],
+    options: FrameOptions,
+) -> tuple[int, ...]:
+    """The options get the rate, where it is not the calibration's, and which calibration holds."""
+    if not calibrations:
+        return (0,)
+    polarity = play_options.polarity or frame.polarity or calibrations[0].polarity
+    calibration = next(it for it in calibrations if it.polarity == polarity)
+    if len(calibrations) > 1:
+        options["polarity"] = polarity
+    rate_hz = _level_rate_hz(frame, play_options, calibration)
+    if rate_hz is not None:
+        options["rate_hz"] = rate_hz
+    return currents_of_levels(calibration, levels)
 
 
 def _currents_ua(
@@ -137,34 +166,47 @@ def _report_lower_rates(pattern: Pattern, play_options: PlayOptions, tell: Repor
         tell(f"{faster} frames have more than {most_hz:g} Hz and are played at {most_hz:g} Hz")
 
 
-def _check_polarity(pattern: Pattern, play_options: PlayOptions, calibration: Calibration) -> None:
+def _check_polarity(
+    pattern: Pattern, play_options: PlayOptions, calibrations: Sequence[Calibration]
+) -> None:
+    known = {None, *(calibration.polarity for calibration in calibrations)}
     asked = {play_options.polarity or frame.polarity for frame in pattern.frames}
-    others = sorted(
-        polarity for polarity in asked if polarity is not None and polarity != calibration.polarity
-    )
+    others = sorted(polarity for polarity in asked - known if polarity is not None)
     if others:
         raise Refused(
             "bad_frame",
             f"the pattern has {others[0]} pulses, and the calibration was made with"
-            f" {calibration.polarity} ones: play with --current-ua and --width-us, or with a"
-            f" calibration made with {others[0]} pulses",
+            f" {polarities_in_words(calibrations)} ones: play with --current-ua and --width-us, or"
+            f" with a calibration made with {others[0]} pulses",
         )
 
 
-def _check_rate(
+def _level_rate_hz(
+    frame: PatternFrame, play_options: PlayOptions, calibration: Calibration
+) -> float | None:
+    """The file's rate, or the highest allowed, if it is below the calibration's; else None."""
+    made_hz = calibration.rate_hz
+    rate_hz = min(frame.rate_hz or made_hz, play_options.max_rate_hz or made_hz)
+    return rate_hz if rate_hz < made_hz else None
+
+
+def _report_rates(
     pattern: Pattern, play_options: PlayOptions, calibration: Calibration, tell: Report
 ) -> None:
-    rate_hz = calibration.rate_hz
-    if play_options.max_rate_hz is not None and rate_hz > play_options.max_rate_hz:
-        raise Refused(
-            "bad_frame",
-            f"levels are played at the calibration's {rate_hz:g} Hz, which is above --max-rate"
-            f" {play_options.max_rate_hz:g}: play with --current-ua and --width-us",
-        )
-    asked = {frame.rate_hz for frame in pattern.frames}
-    others = sorted(value for value in asked if value is not None and value != rate_hz)
-    if others:
+    made_hz, most_hz = calibration.rate_hz, play_options.max_rate_hz
+    asked = {frame.rate_hz for frame in pattern.frames} - {None}
+    faster = sorted(rate_hz for rate_hz in asked if rate_hz is not None and rate_hz > made_hz)
+    if faster:
+        lowered_hz = min(made_hz, most_hz or made_hz)
         tell(
-            f"the file has {', '.join(f'{value:g}' for value in others)} Hz; levels are played at"
-            f" the calibration's {rate_hz:g} Hz (with --current-ua: at the file's)"
+            f"the file has {', '.join(f'{value:g}' for value in faster)} Hz; levels are played at"
+            f" {lowered_hz:g} Hz, the calibration has {made_hz:g} Hz (with a current and a width:"
+            " at the file's)"
+        )
+    slower = {_level_rate_hz(frame, play_options, calibration) for frame in pattern.frames} - {None}
+    if slower:
+        rates = ", ".join(f"{value:g}" for value in sorted(value for value in slower if value))
+        tell(
+            f"levels are played at {rates} Hz, below the calibration's {made_hz:g} Hz: they may be"
+            " felt less, or not at all near the threshold"
         )

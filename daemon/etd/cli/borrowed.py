@@ -1,0 +1,62 @@
+"""A calibration of the daemon, lent to a private fake, whose own daemon has the shipped ones only.
+
+Owns: where it is looked for (the running daemon, or else its folder), and which array it is for.
+Must not know: what it is used for.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from etd.client import Display
+from etd.files import resources
+from etd.files.calibration import load_calibration
+from etd.files.paths import check_name, state_folder
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import DaemonGone, Refused
+
+
+def calibration_of(name: str, which: str) -> Calibration | None:
+    """The calibration `which` of the daemon `name`; None if it has none.
+
+    Raises: FileError for a name that cannot be one, or a file that is none.
+    """
+    check_name(which, "the calibration's name")
+    try:
+        with Display(name) as display:
+            return display.calibration(which)
+    except DaemonGone:
+        return _stored(state_folder(name), which)
+    except Refused:
+        return None
+
+
+def array_of(calibration: Calibration | None) -> str | None:
+    """The shipped array that it was made for."""
+    if calibration is None or calibration.array not in resources.names("arrays"):
+        return None
+    return calibration.array
+
+
+def lend(address: str, name: str, which: str, calibration: Calibration | None) -> None:
+    """So that the private daemon at `address` has it, as the daemon `name` does.
+
+    Raises: Refused (`not_found` if neither has it; `bad_calibration` if it is for another array).
+    """
+    with Display(address=address) as private:
+        there = private.calibrations()
+        if which in there:
+            return
+        if calibration is None:
+            raise Refused(
+                "not_found",
+                f"there is no calibration {which!r}: neither has the daemon {name!r} one"
+                " (`etd calibration list`), nor is it shipped for this fake"
+                f" ({', '.join(there) or 'none is'})",
+            )
+        private.set_calibration(which, calibration)
+
+
+def _stored(folder: Path, which: str) -> Calibration | None:
+    path = folder / "calibrations" / f"{which}.toml"
+    return load_calibration(path) if path.is_file() else None
