@@ -16,13 +16,14 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 ROOT = Path(__file__).resolve().parent
+#: Before it a wheel can be built as well: of the sources, for the client.
+DAEMON_PYTHON = (3, 11)
 PACKAGES = ("daemon/etd", "hal/etd_hal", "hal/etd_body")
 DATA = ("config", "systemd")
 #: What mypyc needs; with msgspec it knows the types of messages.
@@ -37,6 +38,8 @@ def why_not() -> str | None:
     """Why nothing can be compiled here; None if it can."""
     if os.environ.get("ETD_INTERPRETED"):
         return "ETD_INTERPRETED is set"
+    if sys.version_info < DAEMON_PYTHON:
+        return "this Python runs etd's client only; the daemon needs 3.11 or newer"
     compiler = (os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc").split()[0]
     if shutil.which(compiler) is None:
         return f"there is no C compiler ({compiler}): sudo apt install gcc python3-dev"
@@ -49,6 +52,8 @@ def compile_into(folder: Path) -> None:
     """The compiled modules, each in the folder of its package. Several C files, one after the
     other: a small Raspberry Pi has not the memory for all in one.
     """
+    import tomllib
+
     from mypyc.build import mypycify
     from setuptools import Distribution
     from setuptools.command.build_ext import build_ext

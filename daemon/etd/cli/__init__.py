@@ -4,6 +4,9 @@ Owns: the list of verbs, how an error becomes a message and an exit status, and 
 Must not know: what any verb does. It imports only the standard library and the errors, so that
 `etd safe` works when little else does.
 
+On a Python that runs only the client (3.10), the daemon's verbs are refused before their modules,
+which need a newer one, are imported.
+
 A verb is a module with HELP, EPILOG (an example), `add_arguments(parser)` and `run(args)`, which
 returns the exit status: 0 done, 1 refused or failed, 2 used wrongly, 3 the hardware or the
 daemon is not there, 130 ended by Ctrl-C. `args.misused(sentence)` ends with status 2.
@@ -19,9 +22,18 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from etd.protocol.errors import BusError, DaemonGone, EtdError, HardwareMissing, PartEnded, Refused
+from etd.protocol.errors import (
+    BusError,
+    DaemonGone,
+    EtdError,
+    HardwareMissing,
+    PartEnded,
+    PythonTooOld,
+    Refused,
+)
 from etd.protocol.text import escaped
 from etd.version import __version__
+from etd_hal.daemon_python import check_python, is_old
 
 VERBS = (
     "run",
@@ -33,15 +45,23 @@ VERBS = (
     "stop",
     "clear",
     "monitor",
+    "lsl",
     "measure",
     "calibrate",
     "calibration",
     "selftest",
     "bench",
     "check",
+    "record",
+    "note",
     "report",
     "explain",
     "safe",
+)
+
+#: Those that start a daemon, or do its work themselves. The others need one that runs somewhere.
+DAEMON_VERBS = frozenset(
+    ("run", "demo", "selftest", "bench", "check", "report", "explain", "safe"),
 )
 
 DONE, NO, USED_WRONGLY, NOT_THERE, INTERRUPTED = 0, 1, 2, 3, 130
@@ -53,6 +73,17 @@ first steps, without any hardware:
   etd play FILE --board fake          plays a pattern file on a fake board
 
 exit status: 0 done, 1 refused, or a check failed, 2 wrong usage, 3 the hardware or the daemon is
+missing, 130 ended by Ctrl-C
+`etd VERB --help` explains each verb, with an example.
+"""
+
+
+_CLIENT_ONLY = """
+This Python runs etd's client. These verbs are the daemon's, and need a newer Python:
+{}.
+Those listed above are for a daemon that is running, here or elsewhere (--host).
+
+exit status: 0 done, 1 refused, or a check failed, 2 wrong usage, 3 the daemon or a newer Python is
 missing, 130 ended by Ctrl-C
 `etd VERB --help` explains each verb, with an example.
 """
@@ -84,12 +115,30 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _of_verb(given: Sequence[str]) -> int:
     verb = given[0] if given and given[0] in VERBS else None
-    parser = _parser((verb,) if verb else VERBS, as_json="--json" in given)
+    as_json = "--json" in given
+    if verb in DAEMON_VERBS:
+        try:
+            check_python(f"etd {verb}")
+        except PythonTooOld as error:
+            _tell(error, as_json)
+            return status_of(error)
+    parser = _parser((verb,) if verb else _verbs(), as_json)
     args = parser.parse_args(given)
     if verb is None:
         parser.print_help()
         return USED_WRONGLY
     return _answered(args)
+
+
+def _verbs() -> tuple[str, ...]:
+    """Those whose modules this Python can import."""
+    return tuple(verb for verb in VERBS if not is_old() or verb not in DAEMON_VERBS)
+
+
+def _epilog() -> str:
+    if not is_old():
+        return _EPILOG
+    return _CLIENT_ONLY.format(", ".join(verb for verb in VERBS if verb in DAEMON_VERBS))
 
 
 def _open_standard_streams() -> bool:
@@ -128,7 +177,7 @@ def _parser(verbs: Sequence[str], as_json: bool) -> argparse.ArgumentParser:
     parser = (_JsonParser if as_json else _Parser)(
         prog="etd",
         description="Drive an electro-tactile display.",
-        epilog=_EPILOG,
+        epilog=_epilog(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
@@ -180,10 +229,10 @@ _NOT_THERE_KINDS = ("absent", "busy", "forbidden", "gone", "permission")
 
 
 def status_of(error: EtdError) -> int:
-    """3 where hardware or daemon is not there, 1 for a refusal or a failure."""
+    """3 where hardware, daemon or a newer Python is not there, 1 for a refusal or a failure."""
     if isinstance(error, PartEnded):
         return error.status
-    if isinstance(error, DaemonGone | HardwareMissing):
+    if isinstance(error, DaemonGone | HardwareMissing | PythonTooOld):
         return NOT_THERE
     if isinstance(error, BusError) and error.kind in _NOT_THERE_KINDS:
         return NOT_THERE
@@ -196,7 +245,14 @@ def _tell(error: EtdError | OSError, as_json: bool) -> None:
     if as_json:
         print(json.dumps({"ok": False, "error": code_of(error), "reason": _sentence(error)}))
     else:
-        print(f"etd: {escaped(_sentence(error))}", file=sys.stderr)
+        print(f"etd: {_printed(error)}", file=sys.stderr)
+
+
+def _printed(error: EtdError | OSError) -> str:
+    """What is missing stands on lines of its own; no other error breaks a line."""
+    if isinstance(error, HardwareMissing):
+        return "\n  - ".join(map(escaped, ("the hardware cannot be used:", *error.problems)))
+    return escaped(_sentence(error))
 
 
 def _sentence(error: EtdError | OSError) -> str:

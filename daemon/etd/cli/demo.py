@@ -19,7 +19,7 @@ from etd.client import Display, clock
 from etd.client.telemetry import Telemetry
 from etd.files.configuration import fake_config
 from etd.protocol.errors import Refused
-from etd.protocol.messages import FrameReply
+from etd.protocol.messages import FrameReply, HelloReply
 
 HELP = "show a moving pattern on a fake board, without hardware"
 EPILOG = """
@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--array", help="a shipped array, or a file (eTactileKit's layouts too)")
     parser.add_argument("--trace", type=Path, metavar="FILE", help="record the fake's buses")
+    options.add_timeout_factor(parser, f"default: {options.PRIVATE_TIMEOUT_FACTOR}")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -56,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     loaded = fake_config(args.board.board, args.array)
     has_calibration = loaded.config.default_calibration is not None
     with (
-        private_daemon("demo", loaded, args.trace) as address,
+        private_daemon("demo", loaded, args.trace, timeout_factor=args.timeout_factor) as address,
         _display(address, has_calibration) as display,
     ):
         demo = Demo(display, has_calibration)
@@ -69,6 +70,14 @@ def run(args: argparse.Namespace) -> int:
 def _display(address: str, has_calibration: bool) -> Display:
     current_ua, width_us = (None, None) if has_calibration else (_CURRENT_UA, _WIDTH_US)
     return Display(address=address, client="etd demo", max_current_ua=current_ua, width_us=width_us)
+
+
+def title_of(facts: HelloReply) -> str:
+    """Above the picture."""
+    return (
+        f"etd demo (backend: {facts.board.backend}; {facts.board.name}, {facts.array.name}):"
+        " a bar sweeps across the skin; Ctrl-C ends it"
+    )
 
 
 class Demo:
@@ -87,11 +96,7 @@ class Demo:
 
     def run(self, seconds: float | None) -> None:
         """Run for `seconds`, or until Ctrl-C."""
-        facts = self._display.facts
-        title = (
-            f"etd demo (backend: {facts.board.backend}; {facts.board.name}, {facts.array.name}):"
-            " a bar sweeps across the skin; Ctrl-C ends it"
-        )
+        title = title_of(self._display.facts)
         with self._display.telemetry() as reports, picture_of(self._monitor, title) as picture:
             self._display.arm(_ARM_WITHIN_S)
             self._begun_ns = clock.now_ns()

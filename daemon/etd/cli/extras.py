@@ -5,9 +5,16 @@ Owns: the check before anything is begun. Must not know: verbs.
 
 from __future__ import annotations
 
+import importlib
 from importlib.util import find_spec
 
-from etd.protocol.errors import PackageMissing
+from etd.protocol.errors import LibraryMissing, PackageMissing
+from etd_hal.daemon_python import check_python
+
+_GET_LIBLSL = (
+    "pylsl comes without it on this machine. On a Raspberry Pi: pip install --no-deps mne-lsl, and"
+    " name the file in it in PYLSL_LIB (docs/lsl.md); or run etd lsl --host on another computer"
+)
 
 
 def check_installed(package: str) -> None:
@@ -16,6 +23,20 @@ def check_installed(package: str) -> None:
         raise PackageMissing(package, "daemon")
 
 
+def check_lsl() -> None:
+    """Raises: PackageMissing; LibraryMissing, since on some machines the package comes without."""
+    if find_spec("pylsl") is None:
+        raise PackageMissing("pylsl", "lsl")
+    try:
+        importlib.import_module("pylsl")
+    except RuntimeError as error:
+        raise LibraryMissing("liblsl", _GET_LIBLSL) from error
+
+
 def check_fake() -> None:
-    """The body behind a fake board is calculated with numpy. Raises: PackageMissing."""
+    """A fake board has a daemon in this Python, and a body that is calculated with numpy.
+
+    Raises: PythonTooOld, PackageMissing.
+    """
+    check_python("a fake board")
     check_installed("numpy")

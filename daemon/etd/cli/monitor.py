@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 
 import msgspec
 
 from etd.apps.monitor import Monitor
 from etd.cli import options
+from etd.cli.keys import keys_of
 from etd.cli.live import picture_of
 from etd.client import Display, clock
 from etd.client.telemetry import Item, Telemetry
-from etd.protocol.errors import DaemonGone
-from etd.protocol.messages import HelloReply
+from etd.protocol.errors import DaemonGone, Refused
 
 HELP = "show live what is fired, and what limits it"
 EPILOG = """
@@ -32,8 +33,12 @@ lower) and the contact; on a fake board also for what a modelled body feels, wit
 "?" means not known, or older than a second. The line below shows the state (`etd status` shows
 more), and the limits that clamped a current (names as in docs/protocol.md).
 
-The command only reads telemetry: it needs no lease and changes nothing.
+"said x0.81" is what the person's answers on the strength left of the current (display.felt).
+The key - says too strong for them: all electrodes get less at once. It can only lower, since the
+monitor does not hold the lease. Otherwise the command only reads telemetry.
 """
+#: The key for it.
+TOO_STRONG = "-"
 _TURN_S = 0.05
 #: `state` comes each second: after this long without it the daemon is gone.
 _SILENT_S = 5.0
@@ -52,12 +57,13 @@ def run(args: argparse.Namespace) -> int:
         contextlib.suppress(KeyboardInterrupt),
         Display(args.name, host=args.host, client="etd monitor") as display,
         display.telemetry() as reports,
+        keys_of(sys.stdin) as pressed,
     ):
         heard = _heard(reports, end_ns, display.address)
         if args.json:
             _print_lines(heard)
         else:
-            _draw(display.facts, heard)
+            _draw(display, heard, pressed)
     return 0
 
 
@@ -84,7 +90,8 @@ def _print_lines(heard: Iterator[Item | None]) -> None:
             print(msgspec.json.encode(line).decode(), flush=True)
 
 
-def _draw(facts: HelloReply, heard: Iterator[Item | None]) -> None:
+def _draw(display: Display, heard: Iterator[Item | None], pressed: Callable[[], str]) -> None:
+    facts = display.facts
     monitor = Monitor(facts)
     title = f"etd {facts.name} (backend: {facts.board.backend}; {facts.board.name})"
     with picture_of(monitor, title) as picture:
@@ -92,4 +99,16 @@ def _draw(facts: HelloReply, heard: Iterator[Item | None]) -> None:
             if item is not None:
                 monitor.hear(item[1])
             else:
+                if TOO_STRONG in pressed():
+                    _lower(display, monitor)
                 picture.draw()
+
+
+def _lower(display: Display, monitor: Monitor) -> None:
+    """Who watches can lower what is felt, and not raise it."""
+    try:
+        display.felt("too_strong")
+    except Refused as refusal:
+        monitor.refused = str(refusal)
+    else:
+        monitor.refused = ""

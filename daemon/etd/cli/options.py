@@ -1,8 +1,8 @@
 """Options that several verbs share.
 
 Owns: `--name`, `--host`, `--json`, `--seconds`, `--returns`, `--config`, `--board fake[:BOARD]`,
-`--array`, `--machine`, numbers within bounds, how a verb reports a failure that is not an
-exception, and wrong use that shows late. Must not know: verbs.
+`--array`, `--timeout-factor`, `--machine`, numbers within bounds, how a verb reports a failure that
+is not an exception, and wrong use that shows late. Must not know: verbs.
 """
 
 from __future__ import annotations
@@ -18,6 +18,11 @@ from typing import NamedTuple
 from etd.files.paths import DEFAULT_NAME
 from etd.protocol.errors import FileError
 from etd_hal.compose import MODELLED_MACHINES
+
+#: A frame on the fake is shown for at most 100 s after its client has died.
+MAX_TIMEOUT_FACTOR = 100
+#: Of a verb's own daemon: no person is connected, and a busy machine must not end what is shown.
+PRIVATE_TIMEOUT_FACTOR = 20
 
 
 def add_daemon_and_json(parser: argparse.ArgumentParser) -> None:
@@ -49,10 +54,10 @@ def add_json(parser: argparse.ArgumentParser, what: str = "one JSON object") -> 
     parser.add_argument("--json", action="store_true", help=f"print {what}, also for errors")
 
 
-def answer_no(args: argparse.Namespace, code: str, reason: str) -> None:
-    """Print it like an error: a sentence, or with `--json` the object."""
+def answer_no(args: argparse.Namespace, code: str, reason: str, **more: object) -> None:
+    """Print it like an error: a sentence, or with `--json` the object, which has `more`."""
     if args.json:
-        print(json.dumps({"ok": False, "error": code, "reason": reason}))
+        print(json.dumps({"ok": False, "error": code, "reason": reason, **more}))
     else:
         print(f"etd: {reason}", file=sys.stderr, flush=True)
 
@@ -92,9 +97,20 @@ def add_configuration(parser: argparse.ArgumentParser, fake: str) -> None:
 
 
 def add_fake(parser: argparse.ArgumentParser, fake: str) -> None:
-    """`--board fake[:BOARD]` with `--array`."""
+    """`--board fake[:BOARD]` with `--array` and `--timeout-factor`, for a daemon of the verb's."""
     parser.add_argument("--board", type=fake_board, metavar="fake[:BOARD]", help=fake)
     _add_array(parser)
+    add_timeout_factor(parser, f"default: {PRIVATE_TIMEOUT_FACTOR}")
+
+
+def add_timeout_factor(parser: argparse.ArgumentParser, more: str) -> None:
+    parser.add_argument(
+        "--timeout-factor",
+        type=whole(1, MAX_TIMEOUT_FACTOR),
+        metavar="N",
+        help="with --board fake, on a busy machine: a frame's ttl, the lease and the gateway's"
+        f" time-out last N times as long ({more})",
+    )
 
 
 def _add_array(parser: argparse.ArgumentParser) -> None:

@@ -1,7 +1,7 @@
 """`etd play FILE`: plays a pattern file on the running daemon or on a fake board.
 
 Owns: which daemon plays it, how it is armed, and what is printed while it plays and at its end.
-Must not know: when the next frame is due (apps.player), what is sent (apps.steps).
+Must not know: how a pattern is played (`Display.play`).
 """
 
 from __future__ import annotations
@@ -9,19 +9,22 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import get_args
+from typing import cast, get_args
 
 import msgspec
 
-from etd.apps.player import Player, Summary
-from etd.apps.steps import Currents, PlayOptions, steps_of
 from etd.cli import options
+from etd.cli.arming import is_armed
+from etd.cli.borrowed import array_of, calibration_of, lend
+from etd.cli.extras import check_fake
 from etd.cli.private_daemon import private_daemon
 from etd.cli.terminal import progress_of
 from etd.client import Display
-from etd.files.configuration import fake_config
+from etd.client.patterns import PatternOptions
+from etd.client.playing import Played
+from etd.files.configuration import LoadedConfig, fake_config
 from etd.files.pattern import Pattern, load_pattern
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
@@ -33,12 +36,15 @@ examples:
   etd play wave.json --board fake                  on a fake board, with a daemon of its own
   etd play wave.json --calibration P01             on the running daemon; the operator arms it
   etd play wave.json --calibration P01 --level 0.5
+  etd play wave.json --calibration P01-anodic,P01-cathodic    a frame's polarity says which holds
   etd play wave.json --current-ua 1500 --width-us 100 --max-rate 60
 
-Levels are those of the calibration, at the rate and polarity it was made with. With --current-ua, a
-level of 1 is that current, which is also the limit, at the file's rate and polarity.
+Levels are those of the calibration, at its polarity, and at the file's rate up to the
+calibration's. With --current-ua, a level of 1 is that current, which is also the
+limit, at the file's rate and polarity. In Python: display.play("wave.json").
 """
 ARM_WITHIN_S = 20.0
+_LOOK_S = 0.3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trace", type=Path, metavar="FILE", help="with --board fake: record its buses"
     )
-    parser.add_argument("--calibration", metavar="NAME", help="default: the daemon's default")
+    parser.add_argument(
+        "--calibration",
+        type=_names,
+        metavar="NAME",
+        help="default: the daemon's default; NAME,NAME for one made with each polarity",
+    )
     parser.add_argument(
         "--level", type=_level, metavar="L", help="play level 1 of the file as level L"
     )
@@ -69,42 +80,66 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises: PatternError, FileError, Refused, DaemonGone, PartEnded."""
+    """Raises: PatternError, FileError, Refused, DaemonGone, PartEnded, PythonTooOld (a fake)."""
     _check_combinations(args)
     pattern, told = load_pattern(args.file)
     teller = _Teller(list(told), is_quiet=args.json)
     with _address(args, pattern) as address, _display(args, address) as display:
         backend = display.facts.board.backend
-        steps = steps_of(
-            pattern,
-            _play_options(args, display),
-            display.electrodes,
-            _calibration(args, display),
-            teller,
-        )
+        _check_limits(args, display)
+        asked = _options(args)
+        display.check_pattern(pattern, **asked)
         with progress_of(len(pattern.frames) * args.repeat, is_quiet=args.json) as on_frame:
-            player = Player(display, steps, on_frame)
-            _arm(args, display, player, teller)
+            asked["tell"], asked["on_frame"] = teller, on_frame
+            _arm(args, display, teller)
             try:
-                summary = player.play(args.repeat)
+                played = display.play(pattern, **asked)
             except Refused as refusal:
-                raise _on_modelled(args, refusal) from None
-    _answer(args, backend, summary, teller)
+                raise _advised(args, refusal) from None
+    _answer(args, backend, played, teller)
     return 0
 
 
-def _on_modelled(args: argparse.Namespace, refusal: Refused) -> Refused:
-    """Of a modelled machine's processor it says where the figure is from."""
-    if args.machine is None or refusal.bound_by != "processor":
-        return refusal
-    return Refused(
-        refusal.code,
-        f"{refusal.reason} (the processor of the modelled {args.machine} is reckoned from what"
-        " computing takes on this computer: too much, while it is busy with something else)",
-        refusal.electrode,
-        refusal.achievable_hz,
-        refusal.bound_by,
-    )
+def _check_limits(args: argparse.Namespace, display: Display) -> None:
+    """Raises: Refused (`limits_missing`), with the options that help."""
+    facts = display.facts
+    if (args.current_ua, args.calibration, facts.default_calibration) == (None, None, None):
+        raise Refused(
+            "limits_missing",
+            "levels need a calibration: give --calibration"
+            f" ({', '.join(facts.calibrations) or 'the daemon has none'}), or"
+            " --current-ua and --width-us",
+        )
+
+
+def _options(args: argparse.Namespace) -> PatternOptions:
+    """Of `Display.play`."""
+    given = {
+        "level": args.level,
+        "current_ua": args.current_ua,
+        "width_us": args.width_us,
+        "polarity": args.polarity,
+        "returns": args.returns,
+        "max_rate_hz": args.max_rate,
+        "allow_slower": args.allow_slower,
+        "repeat": args.repeat,
+    }
+    asked = {key: value for key, value in given.items() if value is not None}
+    return cast("PatternOptions", asked)
+
+
+def _advised(args: argparse.Namespace, refusal: Refused) -> Refused:
+    """With the options that help, and where the figures of a modelled processor are from."""
+    reason = refusal.reason
+    if refusal.code == "too_fast":
+        lower = "" if refusal.achievable_hz is None else f" {int(refusal.achievable_hz)}"
+        reason += f"; play it with --max-rate{lower} or --allow-slower"
+    if args.machine is not None and refusal.bound_by == "processor":
+        reason += (
+            f" (the processor of the modelled {args.machine} is reckoned from what computing takes"
+            " on this computer: too much, while it is busy with something else)"
+        )
+    return Refused(refusal.code, reason, refusal.electrode, refusal.achievable_hz, refusal.bound_by)
 
 
 class _Teller:
@@ -127,9 +162,11 @@ class _Teller:
 
 def _check_combinations(args: argparse.Namespace) -> None:
     """Options that do not go together end with status 2."""
-    if args.board is None and (args.array or args.machine or args.trace):
+    fakes = args.array, args.machine, args.trace, args.timeout_factor
+    if args.board is None and any(fakes):
         args.misused(
-            "--array, --machine and --trace go with --board fake: a running daemon has its own"
+            "--array, --machine, --trace and --timeout-factor go with --board fake: a running"
+            " daemon has its own"
         )
     if args.board is not None and args.host is not None:
         args.misused("--board fake is played here, --host is another computer: one of the two")
@@ -145,8 +182,22 @@ def _address(
     """The control address of the fake's own daemon; None for the running one."""
     if args.board is None:
         return contextlib.nullcontext()
-    loaded = fake_config(args.board.board, args.array, pattern.electrodes)
-    return private_daemon("play", loaded, args.trace, args.machine)
+    check_fake()
+    lent = [calibration_of(args.name, name) for name in args.calibration or ()]
+    array = args.array or next((array_of(one) for one in lent if one is not None), None)
+    loaded = fake_config(args.board.board, array, pattern.electrodes)
+    return _private(args, loaded, lent)
+
+
+@contextlib.contextmanager
+def _private(
+    args: argparse.Namespace, loaded: LoadedConfig, lent: Sequence[Calibration | None]
+) -> Iterator[str]:
+    own = private_daemon("play", loaded, args.trace, args.machine, args.timeout_factor)
+    with own as address:
+        for name, one in zip(args.calibration or (), lent, strict=True):
+            lend(address, args.name, name, one)
+        yield address
 
 
 def _display(args: argparse.Namespace, address: str | None) -> Display:
@@ -161,71 +212,46 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
     )
 
 
-def _play_options(args: argparse.Namespace, display: Display) -> PlayOptions:
-    currents = None
-    if args.current_ua is not None:
-        currents = Currents(args.current_ua, args.width_us, display.facts.default_rate_hz)
-    return PlayOptions(
-        level=1.0 if args.level is None else args.level,
-        currents=currents,
-        polarity=args.polarity,
-        returns=args.returns,
-        max_rate_hz=args.max_rate,
-        allows_slower=args.allow_slower,
-    )
-
-
-def _calibration(args: argparse.Namespace, display: Display) -> Calibration | None:
-    """What levels refer to; None with --current-ua. Raises: Refused (`limits_missing`)."""
-    if args.current_ua is not None:
-        return None
-    name = args.calibration or display.facts.default_calibration
-    if name is None:
-        raise Refused(
-            "limits_missing",
-            "levels need a calibration: give --calibration"
-            f" ({', '.join(display.facts.calibrations) or 'the daemon has none'}), or"
-            " --current-ua and --width-us",
-        )
-    return display.calibration(name)
-
-
-def _arm(
-    args: argparse.Namespace, display: Display, player: Player, tell: Callable[[str], None]
-) -> None:
-    """Arm a fake board at once; for a real board wait for the operator."""
+def _arm(args: argparse.Namespace, display: Display, tell: Callable[[str], None]) -> None:
+    """Arm a fake board at once; for a real board wait for the operator, keeping the lease."""
     if args.board is not None or args.arm:
         display.arm(ARM_WITHIN_S)
-    else:
-        player.wait_until_armed(tell)
+        return
+    if is_armed(display):
+        return
+    tell("waiting for the operator: `etd arm`")
+    with display.telemetry("state") as reports:
+        while not is_armed(display):
+            display.keep()
+            reports.receive(_LOOK_S)
 
 
 # --- the answer --------------------------------------------------------------------------------
 
 
-def _answer(args: argparse.Namespace, backend: str, summary: Summary, teller: _Teller) -> None:
+def _answer(args: argparse.Namespace, backend: str, played: Played, teller: _Teller) -> None:
     if args.json:
-        played = {
+        answer = {
             "ok": True,
             "file": str(args.file),
             "backend": backend,
-            "frames": summary.frames,
-            "clamped_frames": len(summary.clamped_frames),
-            "clamped": list(summary.clamped.values()),
-            "not_fired": dict(summary.not_fired),
-            "slowed_to_hz": summary.slowed_to_hz,
-            "soft_start_s": round(summary.soft_start_s, 3),
-            "played_s": round(summary.played_s, 3),
+            "frames": played.frames,
+            "clamped_frames": played.clamped_frames,
+            "clamped": list(played.clamped),
+            "not_fired": played.not_fired,
+            "slowed_to_hz": played.slowed_to_hz,
+            "soft_start_s": round(played.soft_start_s, 3),
+            "played_s": round(played.played_s, 3),
             "told": teller.told,
         }
-        print(msgspec.json.encode(played).decode())
+        print(msgspec.json.encode(answer).decode())
         return
-    for clamp in summary.clamped.values():
+    for clamp in played.clamped:
         print(
             f"clamped: electrode {clamp.electrode} got {clamp.allowed_ua} uA instead of"
             f" {clamp.wanted_ua} uA ({clamp.reason} of electrode {clamp.limited_by})"
         )
-    print(_last_line(args, backend, summary))
+    print(_last_line(args, backend, played))
 
 
 #: What a count of the summary counts.
@@ -237,17 +263,21 @@ _NOT_FIRED = {
 }
 
 
-def _last_line(args: argparse.Namespace, backend: str, summary: Summary) -> str:
-    slowed = "" if summary.slowed_to_hz is None else f", slowed to {summary.slowed_to_hz:.1f} Hz"
+def _last_line(args: argparse.Namespace, backend: str, played: Played) -> str:
+    slowed = "" if played.slowed_to_hz is None else f", slowed to {played.slowed_to_hz:.1f} Hz"
     shortfalls = ", ".join(
-        f"{count} {_NOT_FIRED.get(reason, reason)}" for reason, count in summary.not_fired.items()
+        f"{count} {_NOT_FIRED.get(reason, reason)}" for reason, count in played.not_fired.items()
     )
     return (
-        f"{args.file.name}: {summary.frames} frames in {summary.played_s:.1f} s on {backend},"
-        f" after {summary.soft_start_s:.1f} s of soft start; {len(summary.clamped_frames)} frames"
+        f"{args.file.name}: {played.frames} frames in {played.played_s:.1f} s on {backend},"
+        f" after {played.soft_start_s:.1f} s of soft start; {played.clamped_frames} frames"
         " clamped"
         f"{slowed}; not fired: {shortfalls or 'nothing'}"
     )
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(","))
 
 
 def _level(text: str) -> float:

@@ -13,35 +13,45 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from etd.cli.extras import check_fake
-from etd.cli.process_pair import ProcessPair
+from etd.cli.options import PRIVATE_TIMEOUT_FACTOR
 from etd.files.configuration import LoadedConfig
 from etd.files.paths import prepare_runtime
 from etd.protocol.errors import DaemonGone, PartEnded, Refused
 
+if TYPE_CHECKING:
+    from etd.cli.process_pair import ProcessPair
+
 _ENDINGS = (signal.SIGTERM, signal.SIGHUP)
-#: No person is connected, and a busy machine must not end what is shown.
-_TIMEOUT_FACTOR = 20
 _HELD_UP = "its processes run, but were held up: start it again on a machine that has time for them"
 
 
 @contextmanager
 def private_daemon(
-    name: str, loaded: LoadedConfig, trace: Path | None = None, machine: str | None = None
+    name: str,
+    loaded: LoadedConfig,
+    trace: Path | None = None,
+    machine: str | None = None,
+    timeout_factor: int | None = None,
 ) -> Iterator[str]:
     """The control address of a daemon that is ready. `loaded` comes from `fake_config`; `machine`
-    is that of `etd run --machine`.
+    and `timeout_factor` are those of `etd run`.
 
     The output of the two processes is shown only if one of them ends.
     Raises: PartEnded then (also in place of the client's error), DaemonGone if it does not become
-    ready, FileError, PackageMissing.
+    ready, FileError, PackageMissing, PythonTooOld.
     """
     check_fake()
+    # After the check: it needs the daemon's Python.
+    from etd.cli.process_pair import ProcessPair
+
     with termination_as_ctrl_c(), tempfile.TemporaryDirectory(prefix="etd-") as temporary:
         folder = Path(temporary)
         prepare_runtime(folder)
-        arguments = _arguments(name, loaded, folder, trace, machine)
+        factor = timeout_factor or PRIVATE_TIMEOUT_FACTOR
+        arguments = _arguments(name, loaded, folder, trace, machine, factor)
         with open(folder / "log", "w+", encoding="utf-8") as log:
             try:
                 with ProcessPair(arguments, folder, log) as both:
@@ -84,12 +94,17 @@ def _death_explains(both: ProcessPair) -> Iterator[None]:
 
 
 def _arguments(
-    name: str, loaded: LoadedConfig, folder: Path, trace: Path | None, machine: str | None
+    name: str,
+    loaded: LoadedConfig,
+    folder: Path,
+    trace: Path | None,
+    machine: str | None,
+    timeout_factor: int,
 ) -> list[str]:
     config = loaded.config
     arguments = ["--name", name, "--folder", str(folder)]
     arguments += ["--board", f"fake:{config.board}", "--array", config.array]
-    arguments += ["--timeout-factor", str(_TIMEOUT_FACTOR)]
+    arguments += ["--timeout-factor", str(timeout_factor)]
     if machine is not None:
         arguments += ["--machine", machine]
     return arguments if trace is None else [*arguments, "--trace", str(trace)]

@@ -24,6 +24,7 @@ from etd.cli.extras import check_fake
 from etd.files.configuration import LoadedConfig, fake_config, load_config
 from etd.files.paths import (
     CONTROL,
+    check_name,
     prepare_runtime,
     runtime_folder,
     selftest_file,
@@ -49,8 +50,6 @@ As a service (systemd), each part is a unit: etd run --part engine, etd run --pa
 
 CONFIG_FOLDER = Path("/etc/etd")
 PARTS = ("engine", "gateway")
-#: A frame on the fake is shown for at most 100 s after its client has died.
-MAX_TIMEOUT_FACTOR = 100
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -66,16 +65,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--board-socket", type=Path, metavar="PATH", help="use the fake board process at PATH"
     )
+    options.add_timeout_factor(parser, "`etd status` shows it")
     parser.add_argument(
-        "--timeout-factor",
-        type=options.whole(1, MAX_TIMEOUT_FACTOR),
-        metavar="N",
-        help="with --board fake, on a busy machine: a frame's ttl, the lease and the gateway's"
-        " time-out last N times as long; `etd status` shows it",
+        "--record",
+        metavar="NAME",
+        help="write a record of all that is asked and fired, from the beginning on (etd record)",
     )
     parser.add_argument("--part", choices=PARTS, help="run one part in the foreground")
     parser.add_argument(
         "--folder", type=Path, metavar="DIR", help="keep sockets and calibrations in DIR"
+    )
+    parser.add_argument(
+        "--state",
+        type=Path,
+        metavar="DIR",
+        help="keep calibrations in DIR (default: the daemon's own, or in --folder)",
     )
     parser.add_argument(
         "--selftest", type=Path, metavar="FILE", help="the self-test report that arming requires"
@@ -102,6 +106,8 @@ def run(args: argparse.Namespace) -> int:
         args.misused("--wait needs --part engine: only a service can start before its devices")
     folder = args.folder if args.folder is not None else runtime_folder(args.name)
     prepare_runtime(folder)
+    if args.record is not None:
+        check_name(args.record, "the record's name")
     if args.part is None:
         return _run_both(args, loaded, folder)
     if args.lifeline:
@@ -180,9 +186,10 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
 def _arguments(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> list[str]:
     arguments = ["--name", args.name, "--folder", str(folder)]
     arguments += ["--selftest", str(_selftest_file(args, loaded))]
+    arguments += ["--state", str(_state_folder(args, folder))]
     if args.board is not None:
         arguments += ["--board", f"fake:{args.board.board or ''}"]
-    for key in ("config", "array", "machine", "trace", "board_socket", "timeout_factor"):
+    for key in ("config", "array", "machine", "trace", "board_socket", "timeout_factor", "record"):
         value = getattr(args, key)
         if value is not None:
             arguments += [f"--{key.replace('_', '-')}", str(value)]
@@ -252,6 +259,13 @@ def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
     return kept_selftest(args.name, loaded)
 
 
+def _state_folder(args: argparse.Namespace, folder: Path) -> Path:
+    """Not with the sockets, unless it was asked for: their folder is gone after a restart."""
+    if args.state is not None:
+        return Path(args.state)
+    return state_folder(args.name) if args.folder is None else folder / "state"
+
+
 def kept_selftest(name: str, loaded: LoadedConfig) -> Path:
     """The report file of this configuration's last self-test. Raises: FileError."""
     backend = loaded.config.backend
@@ -287,10 +301,11 @@ def _run_gateway(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -
     config = GatewayConfig(
         name=args.name,
         runtime_folder=folder,
-        state_dir=state_folder(args.name) if args.folder is None else folder / "state",
+        state_dir=_state_folder(args, folder),
         shipped_calibrations=config_dir() / "calibrations",
         default_calibration=loaded.config.default_calibration,
         operators=loaded.config.operators,
+        record=args.record,
     )
     with contextlib.closing(Notifier()) as notifier:
         return run_gateway(config, system_clock(), lambda: notifier.ready("serving clients"))

@@ -1,7 +1,8 @@
 """The accounts of frames that ask for one: what became of each, electrode by electrode.
 
-Owns: what gathers while such a frame is shown, and the last accounts of the standing lease. Must
-not know: who asks, sockets, limits. A frame that asks for none costs nothing here.
+Owns: what gathers while such a frame is shown, and the last accounts of a lease, which outlast it
+until another is opened. Must not know: who asks, sockets, limits. A frame that asks for none costs
+nothing here.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ class _Pulses:
 class OpenAccount:
     """Of the frame that is shown; see `Account`."""
 
-    def __init__(self, plan: Plan, begun_ns: int) -> None:
+    def __init__(self, plan: Plan, begun_ns: int, trigger_ns: int | None = None) -> None:
         self._plan: Final = plan
         self._begun_ns: Final = begun_ns
+        self._trigger_ns: Final = trigger_ns
         self._first_ns: int | None = None
         self._last_ns: int | None = None
         self._rate_hz = plan.rate_hz
@@ -68,7 +70,7 @@ class OpenAccount:
     def slowed(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
 
-    def closed(self, ended: FrameEnd, electrodes: int) -> Account:
+    def closed(self, ended: FrameEnd, ended_ns: int, electrodes: int) -> Account:
         frame, wanted_ua = self._plan.frame, [0] * electrodes
         for scheduled in self._plan.schedule:
             wanted_ua[scheduled.electrode] = scheduled.request.current_ua
@@ -94,6 +96,10 @@ class OpenAccount:
             delivered_ua=delivered_ua,
             clamped=tuple(self._clamped.values()),
             not_fired=self._shortfalls(),
+            calibrated_hz=self._plan.calibrated_hz,
+            trigger_ns=self._trigger_ns,
+            # A fake's clock may have stood still since it was over.
+            ended_ns=max(ended_ns, self._last_ns or self._begun_ns),
         )
 
     def _shortfalls(self) -> tuple[Shortfall, ...]:
@@ -113,6 +119,8 @@ class Accounts:
     """Of one lease: a new one numbers its frames anew."""
 
     def __init__(self) -> None:
+        #: The token of the lease whose frames they are of: the one that stands, or the last one.
+        self.lease: str | None = None
         self._closed: deque[Account] = deque(maxlen=MOST_KEPT)
         #: (ref, seq) of those who ask for the account of a frame that stands.
         self.awaited: list[tuple[int, int]] = []
@@ -127,6 +135,7 @@ class Accounts:
                 return account
         return None
 
-    def forget(self) -> None:
-        """The lease has ended."""
+    def begin(self, lease: str) -> None:
+        """Another lease was opened."""
+        self.lease = lease
         self._closed.clear()

@@ -3,24 +3,26 @@
 Owns: their order, which safety depends on: they come after the stabilizers, and nothing after them
 increases anything. What they take away is reported here.
 
-A pulse that is as the electrode's pulse before, and that no limit has lowered, is not made again
-while nothing has changed that it was made of. The ledger looks at each.
+A pulse that is as the electrode's pulse before, and that no limit has lowered but what the person
+said, is not made again while nothing has changed that it was made of. The ledger looks at each.
 Must not know: what is due when, what a stabilizer does, states, sockets.
 """
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from typing import Final, get_args
 
+from etd.engine.feeling import Feeling
 from etd.engine.reporting import Reporter
 from etd.engine.returns import Returns
 from etd.firing import ReadyPulse, prepulse_of
 from etd.planning.outlook import Outlook
 from etd.planning.schedule import DuePulse
 from etd.planning.scheduled_pulse import ScheduledPulse
-from etd.protocol.outcome import Clamp
-from etd.pulse.request import PulseRequest
-from etd.safety.ledger import Entry, Ledger
+from etd.protocol.outcome import Clamp, Withheld, WithheldReason
+from etd.pulse.request import PulseBounds, PulseRequest
+from etd.safety.ledger import Entry, Ledger, LedgerReason
 from etd.safety.limits import Path, clamp_to_limits
 from etd.safety.maxima import Maxima, MaximaInForce
 from etd.safety.soft_start import SoftStart
@@ -30,13 +32,15 @@ from etd_hal.phase import Pulse
 from etd_hal.selection import Selection
 from etd_hal.timing import Timing
 
+_LEDGER_REASONS = get_args(LedgerReason)
+
 
 class Cleared(ReadyPulse):
     """A pulse that limits and ledger let through, with its request and the clamp to report, if any.
     `leads`: the pulse is the probe before another, and leaves the electrode connected.
     """
 
-    __slots__ = ("clamp", "leads", "request")
+    __slots__ = ("clamp", "leads", "request", "row")
 
     def __init__(
         self,
@@ -53,6 +57,8 @@ class Cleared(ReadyPulse):
         self.request: Final = request
         self.clamp: Final = clamp
         self.leads: Final = leads
+        #: What a record's rows of it have in common (`pulse_log.py`); empty until it is recorded.
+        self.row = b""
 
 
 class _Lead:
@@ -68,9 +74,9 @@ class _Lead:
 
 
 class _Repeatable:
-    """A cleared pulse that no limit has lowered, and all that it was made of."""
+    """A cleared pulse that no limit has lowered but `felt_ua`, and all that it was made of."""
 
-    __slots__ = ("cleared", "maxima", "path", "scheduled", "share", "timing")
+    __slots__ = ("cleared", "felt_ua", "maxima", "path", "scheduled", "share", "timing")
 
     def __init__(
         self,
@@ -80,6 +86,7 @@ class _Repeatable:
         share: float,
         maxima: Maxima,
         timing: Timing,
+        felt_ua: int | None,
     ) -> None:
         self.cleared = cleared
         self.scheduled = scheduled
@@ -87,6 +94,7 @@ class _Repeatable:
         self.share = share
         self.maxima = maxima
         self.timing = timing
+        self.felt_ua = felt_ua
 
 
 class Clearance:
@@ -99,8 +107,10 @@ class Clearance:
         contact: ContactMap,
         returns: Returns,
         reporter: Reporter,
+        feeling: Feeling,
     ) -> None:
         self._board = board
+        self._feeling = feeling
         self._maxima = maxima
         self._ledger = ledger
         self._soft_start = soft_start
@@ -112,6 +122,8 @@ class Clearance:
         self._led: dict[int, _Repeatable] = {}
         #: By electrode, the last probe before a pulse.
         self._leads: dict[int, _Lead] = {}
+        #: By electrode, why it had no probe in the measurement under way.
+        self._withheld: dict[int, WithheldReason] = {}
 
     def outlook(self, now_ns: int) -> Outlook:
         """What bounds a pulse that would be fired now."""
@@ -125,7 +137,8 @@ class Clearance:
             return soft_start.risen_after_ns(electrode, current_ua, period_ns, now_ns)
 
         touched, want = self._contact.is_touched, returns.share.want
-        return Outlook(path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want)
+        factors = self._feeling.lowered()
+        return Outlook(path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want, factors)
 
     def limit(
         self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int
@@ -152,11 +165,29 @@ class Clearance:
         if probe is not None:
             lead = self._lead(due, cleared, probe)
             found, entry = lead.cleared, lead.both
-        if self._ledger.first_violation(entry, now_ns) is None:
+        violation = self._ledger.first_violation(entry, now_ns)
+        if violation is None:
+            if self._withheld and due.purpose == "measurement":
+                self._withheld.pop(due.scheduled.electrode, None)
             return found
         if due.purpose != "contact_poll":
             self._reporter.not_fired(due.scheduled.electrode, "ledger")
+        if due.purpose == "measurement":
+            self._withheld[due.scheduled.electrode] = violation
         return None
+
+    def take_withheld(self, now_ns: int) -> tuple[Withheld, ...]:
+        """The probes that the measurement which is over now went without."""
+        room_ms = math.ceil(max(0, self._ledger.forgotten_ns() - now_ns) / 1e6)
+        withheld, self._withheld = self._withheld, {}
+        return tuple(
+            Withheld(
+                electrode=electrode,
+                reason=reason,
+                after_ms=room_ms if reason in _LEDGER_REASONS else None,
+            )
+            for electrode, reason in sorted(withheld.items())
+        )
 
     def _again(
         self,
@@ -168,7 +199,7 @@ class Clearance:
         now_ns: int,
     ) -> Cleared | None:
         """The electrode's last pulse, if this one is the same and no limit lowers it now."""
-        scheduled, current_ua = due.scheduled, request.current_ua
+        scheduled = due.scheduled
         electrode = scheduled.electrode
         last = (self._alone if due.after is None else self._led).get(electrode)
         if (
@@ -178,15 +209,28 @@ class Clearance:
             or last.share != share
             or last.maxima is not self._maxima.now
             or last.timing is not self._board.timing
+            or last.felt_ua != self._felt_ua(due, request)
         ):
             return None
         cleared = last.cleared
         if cleared.request is not request and cleared.request != request:
             return None
+        current_ua = cleared.given.current_ua
         if current_ua > ceiling_ua or self._contact.is_touched[electrode] is False:
             return None
         recontact_ua = self._recontact_ua(due, now_ns)
         return cleared if recontact_ua is None or current_ua <= recontact_ua else None
+
+    def _felt_ua(self, due: DuePulse, request: PulseRequest) -> int | None:
+        """What is left since the person said too strong; what measures contact is not felt."""
+        if due.purpose != "stimulus":
+            return None
+        return self._feeling.felt_ua(due.scheduled.electrode, request.current_ua)
+
+    def _bounds(self, due: DuePulse) -> PulseBounds:
+        """The frame's, higher where the person said that it is too weak."""
+        bounds, factor = due.scheduled.bounds, self._feeling.factor(due.scheduled.electrode)
+        return bounds if factor <= 1.0 or due.purpose != "stimulus" else bounds.raised(factor)
 
     def _recontact_ua(self, due: DuePulse, now_ns: int) -> int | None:
         """A measurement of contact is as strong at each electrode, or it would measure nothing."""
@@ -205,7 +249,7 @@ class Clearance:
     ) -> Cleared | None:
         """The same, made anew."""
         scheduled, maxima = due.scheduled, self._maxima.now
-        electrode = scheduled.electrode
+        electrode, felt_ua = scheduled.electrode, self._felt_ua(due, request)
         current_ua, clamp = clamp_to_limits(
             path,
             request,
@@ -213,22 +257,26 @@ class Clearance:
             ceiling_ua,
             self._recontact_ua(due, now_ns),
             self._contact.is_touched[electrode] is False,
-            scheduled.bounds,
+            self._bounds(due),
             scheduled.probe_pc,
+            felt_ua,
         )
         given = request.at(current_ua)
         pulse = self._board.pulse(current_ua, given.width_us, prepulse_of(given))
         if pulse.code == 0:
             if due.purpose != "contact_poll":
                 self._report_nothing(scheduled, request, clamp)
+            if due.purpose == "measurement":
+                reason = "felt" if clamp is None else clamp.reason
+                self._withheld[electrode] = "resolution" if reason == "felt" else reason
             return None
         entry = _entry_of(scheduled, given, share, pulses=0 if due.after is not None else 1)
         selection, phases = scheduled.selection, scheduled.phases
         cleared = Cleared(entry, selection, phases, pulse, given, request, clamp)
-        if clamp is None:
+        if clamp is None or clamp.reason == "felt":
             kept = self._alone if due.after is None else self._led
             kept[electrode] = _Repeatable(
-                cleared, scheduled, path, share, maxima, self._board.timing
+                cleared, scheduled, path, share, maxima, self._board.timing, felt_ua
             )
         return cleared
 

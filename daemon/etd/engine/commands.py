@@ -11,7 +11,9 @@ from collections.abc import Generator
 import msgspec
 
 from etd.engine.supervisor import Supervisor
+from etd.protocol.carried import CarriedOver
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal, Refused, halted
+from etd.protocol.exponent import check_exponent
 from etd.protocol.frame import check_shape
 from etd.protocol.link import (
     Alive,
@@ -25,12 +27,16 @@ from etd.protocol.link import (
     MeasureContact,
     NewFrame,
     OpenLease,
+    RecordBegins,
+    RecordPulses,
+    SayFelt,
     SetMark,
     StopNow,
     ToEngine,
 )
+from etd.protocol.messages import Marked
 from etd.safety.lease import Lease, check_holder, check_seq
-from etd.safety.limits import limits_of_calibration, limits_of_numbers
+from etd.safety.limits import limits_of_calibrations, limits_of_numbers
 
 #: A client on this machine reads the same clock; more than this ahead is not that clock.
 _AHEAD_NS = 100_000_000
@@ -61,12 +67,12 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
         case OpenLease():
             _open(core, command, host_ns)
         case KeepLease(lease=token):
-            check_holder(core.lease, token).renew(host_ns)
+            _holder(core, token).renew(host_ns)
         case CloseLease(lease=token):
-            check_holder(core.lease, token)
+            _holder(core, token)
             core.end_lease("closed")
         case DisarmBoard(lease=token):
-            check_holder(core.lease, token)
+            _holder(core, token)
             core.make_safe("disarmed")
             core.soft_start.restart()
         case ArmBoard() if core.states.state == "ARMED":
@@ -75,19 +81,57 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
             core.begin_power_up("arm", command.ref)
             return None
         case MeasureContact(lease=token):
-            check_holder(core.lease, token)
+            _holder(core, token)
             core.begin_power_up("measure", command.ref)
             return None
         case ClearHalt():
             core.clear()
         case SetMark(lease=token):
-            check_holder(core.lease, token)
+            _holder(core, token)
             return _mark(core, command)
+        case SayFelt():
+            _hear(core, command)
         case AskAccount(lease=token):
-            check_holder(core.lease, token)
+            # Also when it has ended: what a stop cut short is asked for after it.
+            if token != core.reporter.accounts.lease:
+                _holder(core, token)
             core.reporter.accounts.awaited.append((command.ref, command.seq))
             return None
+        case RecordPulses(is_on=is_on):
+            # What has gathered comes before the answer: a record that ends has it.
+            now_ns = core.clock.now_ns()
+            core.reporter.scan_report(now_ns, core.soft_start.ceiling_ua, is_due=True)
+            core.pulse_log.turn(is_on)
+            if is_on:
+                core.gateway_link.send(RecordBegins(carried=_carried(core, now_ns, host_ns)))
     return Answer(ref=command.ref)
+
+
+def _carried(core: Supervisor, now_ns: int, host_ns: int) -> CarriedOver:
+    """What a replay has to begin with. It changes nothing."""
+    session, schedule = core.sessions.standing(host_ns), core.active.schedule
+    return CarriedOver(
+        t_ns=now_ns,
+        state=core.states.state,
+        soft_start=core.soft_start.saved(),
+        contacts=core.contact.saved() if core.states.state == "ARMED" else None,
+        power_up=None if core.power_up is None else core.power_up.goal,
+        has_session=session is not None,
+        calibration=None if session is None else session.subject.calibration,
+        others=() if session is None else session.subject.others,
+        shown_seq=None if schedule is None else schedule.plan.frame.seq,
+        next_scan_ns=None if schedule is None else schedule.next_ns,
+        recent_pulses=core.ledger.recent_pulses(now_ns),
+        source_checked_ns=core.source_check.checked_ns,
+    )
+
+
+def _holder(core: Supervisor, token: str) -> Lease:
+    """The standing lease, if `token` belongs to it. No lease outlives a halt, so the halt is the
+    reason that is told. Raises: Refused (`halted`, the lease's).
+    """
+    core.states.check_not_halted()
+    return check_holder(core.lease, token)
 
 
 def _open(core: Supervisor, command: OpenLease, host_ns: int) -> None:
@@ -95,9 +139,10 @@ def _open(core: Supervisor, command: OpenLease, host_ns: int) -> None:
         raise Refused("other_lease", f"the lease is held by {core.lease.client!r}")
     core.states.need("SAFE")
     loaded = core.loaded
-    if command.calibration is not None:
-        person = limits_of_calibration(
-            command.calibration,
+    first = () if command.calibration is None else (command.calibration,)
+    if calibrations := (*first, *command.others):
+        person = limits_of_calibrations(
+            calibrations,
             core.maxima,
             loaded.array.name,
             loaded.array.count,
@@ -107,16 +152,40 @@ def _open(core: Supervisor, command: OpenLease, host_ns: int) -> None:
         person = limits_of_numbers(command.limits, core.maxima, loaded.array.count)
     else:
         raise Refused("limits_missing", "open with a calibration or with limits")
+    if loaded.body_site.stabilize.power_law is not None:
+        for exponent in [it.exponent for it in calibrations] or [None]:
+            check_exponent(exponent)
     lease = Lease(command.lease, command.client, person, core.timeouts.lease_ns)
     lease.renew(host_ns)
     core.begin_lease(lease)
+
+
+def _hear(core: Supervisor, said: SayFelt) -> None:
+    """Who holds the lease may say all, anybody else only that it is too strong."""
+    core.states.check_not_halted()
+    if said.lease is not None:
+        _holder(core, said.lease)
+    elif said.answer != "too_strong":
+        if core.lease is None:
+            raise Refused("no_lease", "no lease stands, so nothing is felt: open one, then arm")
+        raise Refused(
+            "other_lease",
+            f"the lease is held by {core.lease.client!r}: only its holder can say"
+            f" {said.answer!r}, anybody can say 'too_strong'",
+        )
+    core.states.need("ARMED")
+    now_ns = core.clock.now_ns()
+    core.feeling.hear(said, now_ns)
+    core.report_state(now_ns)
 
 
 def _mark(core: Supervisor, command: SetMark) -> Answer:
     """A mark has a time of the board's clock, like all that happens on the board."""
     now_ns = core.clock.now_ns()
     core.marker.mark("mark", -1, command.tag)
-    return Answer(ref=command.ref, marked_ns=now_ns, sync=core.board.sync())
+    sync = core.board.sync()
+    core.reporter.marked(Marked(marked_ns=now_ns, tag=command.tag, sync=sync))
+    return Answer(ref=command.ref, marked_ns=now_ns, sync=sync)
 
 
 def answer_accounts(core: Supervisor) -> None:
@@ -156,10 +225,16 @@ def take_frame(
     """
     frame = message.frame
     try:
-        lease = check_holder(core.lease, frame.lease)
+        lease = _holder(core, frame.lease)
         check_seq(lease, frame.seq)
         core.states.need("ARMED")
         check_shape(frame, core.loaded.array.count)
+        if frame.on_trigger and core.loaded.board.trigger == "absent":
+            raise Refused(
+                "board_cannot",
+                f"the board {core.loaded.board.name} names no trigger, so a frame cannot wait for"
+                " one: give its line in the board file (docs/hardware.md)",
+            )
         begun_host_ns = _age_from(frame.sent_ns, host_ns, came_host_ns)
         ttl_ns = core.timeouts.ttl_ns(frame.ttl_ms)
         if host_ns >= begun_host_ns + ttl_ns:
@@ -177,17 +252,27 @@ def take_frame(
         _report_refusal(core, message, refusal)
         return
     lease.renew(host_ns)
+    trigger_ns = core.active.triggered_ns(frame)
     if not frame.preview:
         lease.last_seq = frame.seq
-        core.active.show(plan, begun_host_ns + ttl_ns)
+        if trigger_ns is None:
+            core.active.show(plan, begun_host_ns + ttl_ns)
     if message.ref:
         core.send(
-            Answer(ref=message.ref, rate_hz=plan.rate_hz, clamped=plan.clamped, slowed=plan.slowed)
+            Answer(
+                ref=message.ref,
+                rate_hz=plan.rate_hz,
+                calibrated_hz=plan.calibrated_hz,
+                clamped=plan.clamped,
+                slowed=plan.slowed,
+                trigger_ns=trigger_ns,
+            )
         )
 
 
 def _check_still_held(core: Supervisor, lease: Lease) -> None:
     """Checked after planning, since commands are executed meanwhile. Raises: Refused."""
+    core.states.check_not_halted()
     if core.lease is not lease:
         raise Refused("no_lease", "the lease ended while its frame was planned: open one")
     core.states.need("ARMED")

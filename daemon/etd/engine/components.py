@@ -13,10 +13,12 @@ from etd.engine.active_schedule import ActiveSchedule
 from etd.engine.clearance import Clearance
 from etd.engine.computing import MeasuredComputing
 from etd.engine.cpu_budget import CpuBudget
+from etd.engine.feeling import Feeling
 from etd.engine.findings import Findings
 from etd.engine.gateway_link import GatewayLink
 from etd.engine.machine_watch import MachineWatch
 from etd.engine.node_check import NodeCheck
+from etd.engine.pulse_log import PulseLog
 from etd.engine.reporting import Reporter
 from etd.engine.requests import Requests
 from etd.engine.returns import Returns
@@ -75,6 +77,7 @@ class Components:
     contact: ContactMap
     impedance: ImpedanceMap
     pre_probe: PreProbe
+    feeling: Feeling
     adapter: StimulusAdapter
     requests: Requests
     # What becomes of a pulse.
@@ -82,6 +85,7 @@ class Components:
     source_check: SourceCheck
     machine_watch: MachineWatch
     findings: Findings
+    pulse_log: PulseLog
 
 
 def components_of(
@@ -96,6 +100,7 @@ def components_of(
     clock = CpuBudget(backend.clock, backend.wakeups, scan_core.is_left_alone)
     board = Board(loaded.board, loaded.machine, backend.codec, backend.spi, backend.gpio, clock)
     pressure = PressureSensors(loaded.array, backend.i2c, backend.clock, readings)
+    pulse_log = PulseLog(dialogue.send)
     reporter = Reporter(electrodes, dialogue.send, pressure.kpa_of_all)
     declared = maxima_of(loaded.board, loaded.body_site)
     maxima = MaximaInForce(declared)
@@ -106,7 +111,8 @@ def components_of(
     ahead = PreProbe(electrodes, contact, impedance)
     if stabilizers is None:
         stabilizers = pipeline(loaded.body_site.stabilize, source, reporter.rejected)
-    adapter = StimulusAdapter(stabilizers, contact, impedance, pressure, reporter)
+    feeling = Feeling(electrodes)
+    adapter = StimulusAdapter(stabilizers, contact, impedance, pressure, reporter, feeling)
     firing = Firing(board, ledger, clock, NodeCheck(board).check)
     is_quick = not board.switch.can_choose_returns
     return Components(
@@ -129,14 +135,18 @@ def components_of(
         ledger=ledger,
         soft_start=soft_start,
         returns=returns,
-        clearance=Clearance(board, maxima, ledger, soft_start, contact, returns, reporter),
+        clearance=Clearance(board, maxima, ledger, soft_start, contact, returns, reporter, feeling),
         contact=contact,
         impedance=impedance,
         pre_probe=ahead,
+        feeling=feeling,
         adapter=adapter,
         requests=Requests(adapter, ahead, contact, returns, reporter, is_quick=is_quick),
         firing=firing,
         source_check=SourceCheck(board, maxima, firing),
         machine_watch=MachineWatch(backend.troubles, reporter.counters),
-        findings=Findings(maxima, soft_start, contact, returns, adapter, ahead, reporter),
+        findings=Findings(
+            maxima, soft_start, contact, returns, adapter, ahead, reporter, pulse_log, feeling
+        ),
+        pulse_log=pulse_log,
     )

@@ -7,6 +7,8 @@ states.
 from __future__ import annotations
 
 from etd.engine.clearance import Cleared
+from etd.engine.feeling import Feeling
+from etd.engine.pulse_log import PulseLog
 from etd.engine.reporting import Reporter
 from etd.engine.returns import Returns
 from etd.engine.stimulus_adapter import StimulusAdapter
@@ -29,7 +31,10 @@ class Findings:
         adapter: StimulusAdapter,
         ahead: PreProbe,
         reporter: Reporter,
+        pulse_log: PulseLog,
+        feeling: Feeling,
     ) -> None:
+        self._feeling = feeling
         self._maxima = maxima
         self._soft_start = soft_start
         self._contact = contact
@@ -37,22 +42,31 @@ class Findings:
         self._adapter = adapter
         self._pre_probe = ahead
         self._reporter = reporter
+        self._pulse_log = pulse_log
 
-    def of_probe(self, due: DuePulse, cleared: Cleared, result: PulseResult) -> None:
+    def of_probe(self, due: DuePulse, cleared: Cleared, result: PulseResult, asked_ns: int) -> None:
         """Stores what a probe before a pulse measured."""
         if self._pre_probe.update(due.electrode, cleared.pulse, result):
             self._adapter.rejected("probe")
         touches = self._contact.is_touched[due.electrode] is True
         self._returns.update(due.scheduled, cleared.pulse, result, touches=touches, is_rested=True)
+        if self._pulse_log.is_on:
+            seq = self._reporter.seq
+            self._pulse_log.add((due, cleared, result, result, seq, asked_ns, 0, None, "unknown"))
 
     def of_pulse(
-        self, due: DuePulse, cleared: Cleared, first: PulseResult, last: PulseResult
+        self,
+        due: DuePulse,
+        cleared: Cleared,
+        first: PulseResult,
+        last: PulseResult,
     ) -> None:
         """Stores what the first and the last phase of a pulse measured."""
         electrode, pulse, contact = due.scheduled.electrode, cleared.pulse, self._contact
         if due.purpose == "stimulus":
             given_ua = cleared.given.current_ua
             self._soft_start.fired(electrode, given_ua, pulse.commanded_ua, last.ended_ns)
+            self._feeling.fired(electrode, last.ended_ns)
         begun_ns, is_at_end = first.begun_ns, pulse.shape.has_end_sample
         was_touched = contact.is_touched[electrode]
         if contact.update(
@@ -73,22 +87,38 @@ class Findings:
         if due.purpose != "contact_poll":
             self._pre_probe.was_followed(electrode)
 
-    def report(self, due: DuePulse, cleared: Cleared, begun_ns: int) -> None:
-        """Reports a pulse of a frame; a contact poll is counted only."""
+    def report(
+        self,
+        due: DuePulse,
+        cleared: Cleared,
+        first: PulseResult,
+        last: PulseResult,
+        asked_ns: int,
+    ) -> None:
+        """Reports a pulse of a frame; a contact poll is counted, and recorded, only. `asked_ns`: of
+        the poll that its limits followed.
+        """
+        contact, pulse, begun_ns = self._contact, cleared.pulse, first.begun_ns
+        electrode = due.scheduled.electrode
+        delivered_ua, state = contact.delivered_ua(electrode), contact.state(electrode, begun_ns)
+        resistance_ohm = contact.resistance_ohm[electrode]
+        if self._pulse_log.is_on:
+            seq = self._reporter.seq
+            self._pulse_log.add(
+                (due, cleared, first, last, seq, asked_ns, delivered_ua, resistance_ohm, state)
+            )
         if due.purpose == "contact_poll":
             self._reporter.counters["contact_polls"] += 1
             return
-        contact, pulse = self._contact, cleared.pulse
-        electrode = due.scheduled.electrode
         skin_ohm, capacitance_nf = self._adapter.reported_ohm_nf(electrode, begun_ns)
         row = (
             due.scheduled.request.current_ua,
             pulse.commanded_ua,
-            contact.delivered_ua(electrode),
+            delivered_ua,
             pulse.commanded_us,
             contact.voltage_v[electrode] or 0.0,
-            contact.resistance_ohm[electrode],
-            contact.state(electrode, begun_ns),
+            resistance_ohm,
+            state,
             pulse.prepulse_ua,
             0 if due.after is None else due.after.probe_ua,
             skin_ohm,

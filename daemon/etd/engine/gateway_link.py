@@ -12,13 +12,10 @@ from typing import TypeVar
 from etd.engine.frame_queue import FrameQueue
 from etd.protocol.errors import Undecodable
 from etd.protocol.link import (
-    Answer,
     Channel,
-    EngineHello,
-    LeaseEnded,
     NewFrame,
-    Report,
     ToEngine,
+    ToGateway,
     wait_for_any,
 )
 
@@ -124,6 +121,6 @@ class GatewayLink:
             timeout_s,
         )
 
-    def send(self, message: EngineHello | Answer | LeaseEnded | Report) -> bool:
+    def send(self, message: ToGateway) -> bool:
         """Returns False when the message was dropped or no gateway is attached. Never blocks."""
         return self._commands is not None and self._commands.send(message)

@@ -56,6 +56,7 @@ class Engine:
         """A gateway has connected."""
         parts = self.components
         parts.gateway_link.attach(commands, frames, parts.host_clock.now_ns())
+        parts.pulse_log.turn(is_on=False)
         self.supervisor.greet()
         self.supervisor.report_state(parts.clock.now_ns())
 
@@ -109,17 +110,19 @@ class Engine:
                 board.discharge()
             if booking is not None:
                 parts.firing.take_back(booking)
+            if parts.pulse_log.is_on:
+                parts.pulse_log.withheld(due, parts.reporter.seq, asked_ns)
             self._sequencer.not_fired(due)
             return
         first, last = parts.firing.fire(booking, cleared, stays_connected=cleared.leads)
         if cleared.leads:
-            parts.findings.of_probe(due, cleared, first)
+            parts.findings.of_probe(due, cleared, first, asked_ns)
             after = AfterProbe(cleared.request, cleared.pulse.commanded_ua, asked_ns, ceiling_ua)
             # The pulse itself is due at once, with nothing in between.
             self._follow_up = due.following(after)
             return
         parts.findings.of_pulse(due, cleared, first, last)
-        parts.findings.report(due, cleared, first.begun_ns)
+        parts.findings.report(due, cleared, first, last, asked_ns)
         self._sequencer.fired(due, first.begun_ns)
 
     def _poll(self) -> int:
@@ -132,6 +135,7 @@ class Engine:
             return now_ns
         if now_ns >= parts.reporter.due_ns:
             parts.reporter.scan_report(now_ns, parts.soft_start.ceiling_ua)
+            parts.pulse_log.send_off()
         if self.supervisor.states.state == "PROBE":
             self._ceiling_ua = self.supervisor.maxima.probe_current_ua
         elif active.schedule is not None:

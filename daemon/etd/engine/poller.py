@@ -79,9 +79,12 @@ class Poller:
         self._active.expire(host_ns)
         if not self._gateway_link.is_well(host_ns):
             self._watch_gateway(host_ns)
-        stops = self._board.stop_edges()
+        is_waiting = self._active.is_waiting
+        stops = self._board.stop_edges(is_waiting)
         if stops:
             self._watch_stops(stops, host_ns)
+        if is_waiting:
+            self._active.trigger(self._board.take_triggers(), host_ns)
         if self._rail_monitor != "absent":
             self._watch_rail(self._rail_monitor, now_ns)
         self._execute_commands(host_ns)

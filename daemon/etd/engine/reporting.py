@@ -21,13 +21,14 @@ from etd.protocol.messages import (
     ContactState,
     Fired,
     Halt,
+    Marked,
     Modelled,
     RefusedReport,
     Scan,
     Shown,
     StateReport,
 )
-from etd.protocol.outcome import Clamp, FrameEnd, Shortfall
+from etd.protocol.outcome import Clamp, FrameEnd, Shortfall, Withheld
 from etd.sensing.contact import ContactMap
 
 #: Reports of scans come at most this often; no frame is lost by it.
@@ -40,9 +41,11 @@ STATE_PERIOD_NS = 1_000_000_000
 class _ActiveFrame:
     frame: Frame
     begun_ns: int
+    trigger_ns: int | None
+    replaces: int | None
     first_ns: int | None = None
     last_ns: int | None = None
-    is_ended: bool = False
+    ended_ns: int | None = None
 
     def shown(self) -> Shown:
         return Shown(
@@ -51,7 +54,10 @@ class _ActiveFrame:
             begun_ns=self.begun_ns,
             first_ns=self.first_ns,
             last_ns=self.last_ns,
-            ended=self.is_ended,
+            ended=self.ended_ns is not None,
+            ended_ns=self.ended_ns,
+            trigger_ns=self.trigger_ns,
+            replaces=self.replaces,
         )
 
 
@@ -131,6 +137,8 @@ class Reporter:
         self._pressure = pressure
         self._electrodes = electrodes
         self._active: _ActiveFrame | None = None
+        #: The frame that the next one takes the place of.
+        self._replaced: int | None = None
         #: Of the frame that is shown, if it asks for one; and of those before it.
         self._account: OpenAccount | None = None
         self.accounts = Accounts()
@@ -141,27 +149,43 @@ class Reporter:
         self._modelled_ns = 0
         self._was_felt = False
         self.counters: Counter[str] = Counter()
+        #: Of the frame that is shown.
+        self.seq = -1
         #: The last pulse of each electrode in the frame that is shown.
         self._rows = [_nothing()] * electrodes
 
     # --- frames and scans --------------------------------------------------------------------
 
-    def frame_begun(self, frame: Frame, now_ns: int, account: OpenAccount | None = None) -> None:
-        """Called at the start of the frame's first scan. `account`: if the frame asks for one."""
-        self.frame_ended("replaced")
-        self._active = _ActiveFrame(frame, now_ns)
+    def frame_begun(
+        self,
+        frame: Frame,
+        now_ns: int,
+        account: OpenAccount | None = None,
+        trigger_ns: int | None = None,
+    ) -> None:
+        """Called at the start of the frame's first scan. `account`: if the frame asks for one.
+        `trigger_ns`: the edge that begins it.
+        """
+        self.frame_ended("replaced", now_ns)
+        # One that has waited for an edge was silent until then.
+        replaces = self._replaced if trigger_ns is None else None
+        self._active = _ActiveFrame(frame, now_ns, trigger_ns, replaces)
+        self._replaced = None
+        self.seq = frame.seq
         self._account = account
         self._rows = [_nothing()] * self._electrodes
         self._has_news = True
         self.counters["frames_shown"] += 1
 
-    def frame_ended(self, why: FrameEnd) -> None:
+    def frame_ended(self, why: FrameEnd, now_ns: int) -> None:
         if self._account is not None:
-            self.accounts.keep(self._account.closed(why, self._electrodes))
+            self.accounts.keep(self._account.closed(why, now_ns, self._electrodes))
             self._account = None
         showing, self._active = self._active, None
         if showing is not None:
-            showing.is_ended = True
+            self._replaced = showing.frame.seq if why == "replaced" else None
+            # A fake's clock may have stood still since it was over.
+            showing.ended_ns = max(now_ns, showing.last_ns or showing.begun_ns)
             self._pending.ended.append(showing.shown())
             self._has_news = True
 
@@ -257,6 +281,9 @@ class Reporter:
             self._send_report(Report(modelled=Modelled(now_ns=now_ns, felt=felt, pain=pain)))
         self._was_felt = is_felt
 
+    def marked(self, mark: Marked) -> None:
+        self._send_report(Report(mark=mark))
+
     def halt(self, halt: Halt) -> None:
         self._send_report(Report(halt=halt))
 
@@ -276,7 +303,9 @@ class Reporter:
 
     def never_shown(self, frame: Frame, now_ns: int) -> None:
         """The frame was accepted, but expired before its first scan could begin."""
-        why = f"its ttl of {frame.ttl_ms} ms was over before the scan under way: give it longer"
+        self._replaced = None
+        before = "an edge of the trigger came" if frame.on_trigger else "the scan under way"
+        why = f"its ttl of {frame.ttl_ms} ms was over before {before}: give it longer"
         self.refused(frame, Refused("expired", why), now_ns)
 
     def superseded(self, frames: int = 1) -> None:
@@ -284,7 +313,9 @@ class Reporter:
         if frames:
             self.counters["frames_superseded"] += frames
 
-    def contact(self, contact: ContactMap, now_ns: int) -> Contact:
+    def contact(
+        self, contact: ContactMap, now_ns: int, withheld: tuple[Withheld, ...] = ()
+    ) -> Contact:
         """Sends the contact report, and returns it for the answer."""
         report = Contact(
             contact=tuple(contact.is_touched),
@@ -292,6 +323,7 @@ class Reporter:
             voltage_v=tuple(contact.voltage_v),
             t_ns=now_ns,
             pressure_kpa=self._pressure(now_ns),
+            withheld=withheld,
         )
         self._send_report(Report(contact=report))
         return report

@@ -91,7 +91,8 @@ class Requests:
         to spare. An electrode that the frame stimulates gets that frame's pulses, and no poll.
         """
         share, contact = self._returns.share, self._contact
-        active = {scheduled.electrode for scheduled in schedule.plan.schedule}
+        stimulated = () if schedule.is_waiting else schedule.plan.schedule
+        active = {scheduled.electrode for scheduled in stimulated}
         silent = [scheduled for scheduled in probes if scheduled.electrode not in active]
         if share.is_wanted:
             awaited = [

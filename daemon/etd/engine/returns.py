@@ -38,7 +38,20 @@ class Returns:
     def reset(self) -> None:
         """The supply was off: any contact may have changed."""
         self.share.reset()
+        self._is_measuring = False
         self._take(ReturnCaps(self._caps_ua, [None] * len(self._caps_ua)))
+
+    def begin_measuring(self, now_ns: int) -> None:
+        """After a reset every electrode is measured, one after another. What follows from that is
+        determined once, after `all_measured`: until then any return may carry a whole current.
+        """
+        self.share.refresh(now_ns)
+        self._keep_in_step(now_ns)
+        self._is_measuring = True
+
+    def all_measured(self) -> None:
+        """The next pulse finds what follows."""
+        self._is_measuring = False
 
     # --- before a pulse --------------------------------------------------------------------------
 
@@ -51,10 +64,11 @@ class Returns:
 
     def path_now(self, path: Path, now_ns: int) -> Path:
         """The path of a pulse through all others, with the caps that hold now."""
-        if self.share.refresh(now_ns):
+        if not self._is_measuring and self.share.refresh(now_ns):
             self._keep_in_step(now_ns)
         known = self._paths.get(path.electrode)
-        if known is None:
+        # The cap of an electrode depends on the polarity: a poll may have another than a pulse.
+        if known is None or known.cap_ua != path.cap_ua:
             known = path.with_returns(*self._caps.of(path.electrode))
             self._paths[path.electrode] = known
         return known

@@ -21,6 +21,8 @@ from etd_hal.selection import Selection
 _CONTACT_POLL_NS = 1_000_000
 #: So long before a scan no message is heeded: what wakes for one is late by what the system likes.
 _ON_TIME_NS = 200_000
+#: Between two polls while a frame waits for the trigger: its edge is noticed by a poll.
+_TRIGGER_TICK_NS = 250_000
 #: Poll period in a pause, and between the pulses of a burst.
 _POLL_NS = 2_000_000
 
@@ -32,6 +34,7 @@ class Sequencer:
         self._marker = components.backend.marker
         self._reporter = components.reporter
         self._active = components.active
+        self._pulse_log = components.pulse_log
         self._soft_start = components.soft_start
         self._firing = components.firing
         self._requests = components.requests
@@ -141,6 +144,8 @@ class Sequencer:
             self._lateness.reset()
             self._computing.scans_ended()
             self._doze_until(now_ns + TICK_NS)
+        elif now_ns < schedule.next_ns and schedule.is_waiting:
+            self._doze_until(now_ns + _TRIGGER_TICK_NS)
         elif now_ns < schedule.next_ns:
             self._wait_for(schedule.next_ns, now_ns + TICK_NS)
         else:
@@ -164,6 +169,7 @@ class Sequencer:
     def _doze_until(self, deadline_ns: int) -> bool:
         """True if a message has ended it."""
         self._reporter.scan_report(self._clock.now_ns(), self._soft_start.ceiling_ua)
+        self._pulse_log.send_off()
         return self._idle_wait.until_ns(deadline_ns)
 
     def _follow_clocks(self) -> bool:
@@ -186,14 +192,16 @@ class Sequencer:
     # --- the way through a scan --------------------------------------------------------------
 
     def _begin_scan(self, schedule: Schedule) -> None:
-        frame, is_first = schedule.plan.frame, not schedule.is_begun
+        frame, shows = schedule.plan.frame, not schedule.is_waiting
+        is_first = shows and not schedule.is_begun
         now_ns = self._clock.now_ns()
         self._heed_lateness(schedule, now_ns)
         self._active.begin_scan(schedule, now_ns)
         self._is_pausing = False
         if is_first and frame.sync:
             self._board.sync()
-        self._marker.mark("frame", frame.seq, frame.tag)
+        if shows:
+            self._marker.mark("frame", frame.seq, frame.tag)
         upcoming = schedule.upcoming
         if upcoming is not None and not self._is_rewritten:
             self._board.prepare(upcoming.selection, whole=True)

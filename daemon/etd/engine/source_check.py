@@ -29,7 +29,8 @@ class SourceCheck:
         self._maxima = maxima
         self._firing = firing
         self._current_ua = maxima.now.probe_current_ua // _PART
-        self._checked_ns = 0
+        #: When the last one began; 0 before the first.
+        self.checked_ns = 0
         source = board.file.source
         commanded_ua = source.current_of(source.code_for(self._current_ua))
         why = board.rules.why_untold(int(commanded_ua))
@@ -38,14 +39,14 @@ class SourceCheck:
 
     def is_due(self, now_ns: int) -> bool:
         """Whether a second has passed since the last check."""
-        return not self.limitations and now_ns - self._checked_ns >= PERIOD_NS
+        return not self.limitations and now_ns - self.checked_ns >= PERIOD_NS
 
     def check(self, now_ns: int) -> BoardFault | None:
         """Between two pulses, with the outputs blanked. Returns what is wrong with the source.
 
         Raises: BusError, GuardRefusal; BoardFault for a message or samples that are not valid.
         """
-        self._checked_ns = now_ns
+        self.checked_ns = now_ns
         if self.limitations:
             return None
         board, given = self._board, PulseRequest(self._current_ua, self._maxima.now.probe_width_us)

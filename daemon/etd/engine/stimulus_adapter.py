@@ -9,14 +9,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from etd.engine.feeling import Feeling
 from etd.engine.reporting import Reporter
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.calibration import Calibration
+from etd.protocol.exponent import usable_k
+from etd.protocol.frame import PHASES
 from etd.pulse.request import PulseRequest
 from etd.sensing.contact import ContactMap
 from etd.sensing.impedance import ImpedanceMap, Samples
 from etd.stabilize.contact import Contact
-from etd.stabilize.pipeline import ElectrodeEstimate, Stabilizer, adapt_all, higher, max_gain_of
+from etd.stabilize.pipeline import ElectrodeEstimate, Stabilizer, higher, max_gain_of
+from etd.stabilize.resistance_law import ResistanceLaw
 
 
 class PressureSource(Protocol):
@@ -41,13 +45,23 @@ class StimulusAdapter:
         impedance: ImpedanceMap,
         pressed: PressureSource,
         reporter: Reporter,
+        feeling: Feeling,
     ) -> None:
         self._stabilizers = tuple(stabilizers)
+        #: Which of them answer what is measured of the skin, and so are judged by the person.
+        self._is_judged = tuple(
+            [isinstance(law, ResistanceLaw | Contact) for law in self._stabilizers]
+        )
+        self._feeling = feeling
         self._contact = contact
         self._impedance = impedance
         self._pressure_source = pressed
         self._reporter = reporter
         self._calibration: Calibration | None = None
+        #: By the phases of a pulse, where there is a calibration for each of several polarities.
+        self._by_phases: dict[tuple[bool, ...], Calibration] = {}
+        #: By the polarity of the calibration: the person's k, where it may be used.
+        self._exponents: dict[str, float | None] = {}
         self._is_reference_early = False
         self._dead: set[int] = set()
         self._stale: set[int] = set()
@@ -57,28 +71,47 @@ class StimulusAdapter:
             isinstance(stabilizer, Contact) for stabilizer in self._stabilizers
         )
 
-    def set_calibration(self, calibration: Calibration | None, is_early: bool = False) -> None:
-        """Called for each lease, with the person's calibration or None. `is_early`: the calibration
-        was made with pulses too short for a sample at their end.
+    def set_calibration(
+        self,
+        calibration: Calibration | None,
+        is_early: bool = False,
+        others: Sequence[Calibration] = (),
+    ) -> None:
+        """Called for each lease, with the person's calibration or None, and with those for other
+        polarities. `is_early`: they were made with pulses too short for a sample at their end.
         """
         self._calibration, self._is_reference_early = calibration, is_early
+        self._by_phases = {}
+        if calibration is not None and others:
+            self._by_phases = {PHASES[it.polarity]: it for it in (calibration, *others)}
+        each = () if calibration is None else (calibration, *others)
+        self._exponents = {it.polarity: usable_k(it.exponent) for it in each}
         self._impedance.is_early_wanted = is_early
+        self._feeling.lease_begun()
         self.reset()
 
     def reset(self) -> None:
         """The supply was off: any contact may have changed."""
         self._impedance.reset()
         self._stale.clear()
+        self._feeling.reset()
         for stabilizer in self._stabilizers:
             stabilizer.reset()
 
     def adapt(self, scheduled: ScheduledPulse, now_ns: int) -> PulseRequest:
-        """What the stabilizers request of this pulse: no wider than its slot."""
+        """What the stabilizers request of this pulse, raised where the person said that it is too
+        weak: no wider than its slot.
+        """
         if not self._stabilizers:
-            return scheduled.request
+            return self._raised(scheduled, scheduled.request)
         is_probed_first = scheduled.probe is not None
-        estimate = self.estimate(scheduled.electrode, now_ns, is_probed_first=is_probed_first)
-        return self._adapted(scheduled, estimate)
+        estimate = self.estimate(
+            scheduled.electrode,
+            now_ns,
+            is_probed_first=is_probed_first,
+            phases=scheduled.phases,
+        )
+        return self._raised(scheduled, self._adapted(scheduled, estimate))
 
     def readapt(
         self,
@@ -93,11 +126,23 @@ class StimulusAdapter:
         """
         if not self._stabilizers:
             return before
-        estimate = self.estimate(scheduled.electrode, now_ns, expected_ohm)
-        return before.not_above(self._adapted(scheduled, estimate))
+        estimate = self.estimate(scheduled.electrode, now_ns, expected_ohm, phases=scheduled.phases)
+        return before.not_above(self._raised(scheduled, self._adapted(scheduled, estimate)))
+
+    def _raised(self, scheduled: ScheduledPulse, request: PulseRequest) -> PulseRequest:
+        """Limits lower it where the person said too strong (`clearance.py`): this only raises,
+        within what its frame leaves for it.
+        """
+        factor = self._feeling.factor(scheduled.electrode)
+        if factor <= 1.0:
+            return request
+        bounds = scheduled.bounds.raised(factor)
+        most_ua = min(bounds.current_ua, request.current_of(bounds.charge_pc))
+        raised_ua = min(int(request.current_ua * factor), most_ua)
+        return request.at(max(request.current_ua, raised_ua))
 
     def _adapted(self, scheduled: ScheduledPulse, estimate: ElectrodeEstimate) -> PulseRequest:
-        asked = adapt_all(self._stabilizers, scheduled.request, estimate)
+        asked = self._asked(scheduled, estimate)
         counters = self._reporter.counters
         if not asked.is_possible:
             counters["impossible_requests"] += 1
@@ -106,6 +151,17 @@ class StimulusAdapter:
         if cut is not asked and cut != asked:
             counters["width_requests_cut"] += 1
         return cut
+
+    def _asked(self, scheduled: ScheduledPulse, estimate: ElectrodeEstimate) -> PulseRequest:
+        """The request after all stabilizers, in the order of the body-site file."""
+        request, gave = scheduled.request, 1.0
+        for stabilizer, is_judged in zip(self._stabilizers, self._is_judged, strict=True):
+            before = request
+            request = stabilizer.adapt(before, estimate)
+            if is_judged and request is not before and before.charge_pc > 0:
+                gave *= request.charge_pc / before.charge_pc
+        self._feeling.laws_gave(scheduled.electrode, gave)
+        return request
 
     def _pressure(self, electrode: int, now_ns: int) -> float | None:
         """A dead sensor is counted once for each electrode over it, until it is back."""
@@ -134,9 +190,11 @@ class StimulusAdapter:
         expected_ohm: float | None = None,
         *,
         is_probed_first: bool = False,
+        phases: tuple[bool, ...] = (),
     ) -> ElectrodeEstimate:
         """All that stabilizers see of an electrode. `expected_ohm`: what a probe makes expected of
         its skin; nothing is less than that then, and the early estimate rises in proportion.
+        `phases` of the pulse: of several calibrations, that of its polarity holds.
         """
         contact, impedance = self._contact, self._impedance
         state = contact.state(electrode, now_ns)
@@ -145,6 +203,9 @@ class StimulusAdapter:
             # then.
             state = "closed"
         skin_ohm = self._skin_ohm(electrode, now_ns)
+        if self._feeling.laws_off:
+            # As where a measurement is rejected: each law goes back to the frame's pulse, slowly.
+            skin_ohm = expected_ohm = None
         latest_ohm = early_ohm = latest_early_ohm = None
         if skin_ohm is not None:
             latest_ohm = impedance.last_ohm(electrode)
@@ -155,7 +216,10 @@ class StimulusAdapter:
                 early_ohm *= risen_ohm / skin_ohm
             skin_ohm, latest_ohm = risen_ohm, max(latest_ohm or 0.0, expected_ohm)
             latest_early_ohm = higher(early_ohm, latest_early_ohm)
-        person = None if self._calibration is None else self._calibration.electrode[electrode]
+        calibration = self._calibration
+        if self._by_phases:
+            calibration = self._by_phases.get(phases)
+        person = None if calibration is None else calibration.electrode[electrode]
         return ElectrodeEstimate(
             electrode,
             now_ns,
@@ -173,6 +237,7 @@ class StimulusAdapter:
             self._is_reference_early,
             None if person is None else person.threshold_ua,
             self._pressure(electrode, now_ns),
+            None if calibration is None else self._exponents[calibration.polarity],
         )
 
     def rejected(self, what: str) -> None:

@@ -21,7 +21,6 @@ from etd.planning.plan import Planner
 from etd.planning.probes import probes_of
 from etd.planning.schedule import DuePulse
 from etd.planning.scheduled_pulse import ScheduledPulse
-from etd.protocol.calibration import Calibration
 from etd.protocol.errors import BoardFault, Refused
 from etd.protocol.link import Answer, LeaseEnded
 from etd.protocol.messages import Halt, SessionFacts, StateReport
@@ -47,10 +46,12 @@ class Supervisor:
         self.host_clock = components.host_clock
         self.timeouts = components.timeouts
         self.reporter = components.reporter
+        self.pulse_log = components.pulse_log
         self.active = components.active
         self.soft_start = components.soft_start
+        self.ledger, self.source_check = components.ledger, components.source_check
         self.contact = components.contact
-        self.adapter = components.adapter
+        self.adapter, self.feeling = components.adapter, components.feeling
         self.rail = components.rail
         self.gateway_link = components.gateway_link
         self.marker = components.backend.marker
@@ -125,17 +126,17 @@ class Supervisor:
         the last lease was silenced. The soft start is when a new session goes live.
         """
         self.lease = lease
+        self.reporter.accounts.begin(lease.token)
         self._lease_number += 1
         self.sessions.opened(self._subject(lease), self.host_clock.now_ns())
         self.returns.set_caps(lease.person.caps_ua)
-        self._set_calibration(lease.person.calibration)
+        self._set_calibration(lease.person)
         self._components.pre_probe.reset()
         self.planner_of_lease()
         self.report_state(self.clock.now_ns())
 
     def _subject(self, lease: Lease) -> Subject:
-        calibration = lease.person.calibration
-        return Subject(calibration, self._lease_number if calibration is None else 0)
+        return Subject.of(lease.person.calibrations, self._lease_number)
 
     def _untried_stop(self) -> str | None:
         """Why the wearer's stop is to be tried before the standing lease is armed."""
@@ -143,7 +144,8 @@ class Supervisor:
             return None
         return self.sessions.why_untried(self._subject(self.lease), self.host_clock.now_ns())
 
-    def _set_calibration(self, calibration: Calibration | None) -> None:
+    def _set_calibration(self, person: PersonLimits) -> None:
+        calibration = person.calibration
         if calibration is None:
             self.adapter.set_calibration(None)
             return
@@ -151,7 +153,8 @@ class Supervisor:
             PulseRequest(self.maxima.probe_current_ua, calibration.width_us)
         )
         pulse = self.board.pulse(fired.current_ua, fired.width_us)
-        self.adapter.set_calibration(calibration, is_early=not pulse.shape.has_end_sample)
+        is_early = not pulse.shape.has_end_sample
+        self.adapter.set_calibration(calibration, is_early, person.others)
 
     def planner_of_lease(self) -> None:
         """Make the planner anew: plans follow the person's limits and the calibrated timing."""
@@ -245,6 +248,7 @@ class Supervisor:
                 self._check_source()
                 if self.sessions.went_live(self._subject(self.lease), self.host_clock.now_ns()):
                     self.soft_start.restart()
+                self.returns.begin_measuring(now_ns)
                 self._components.computing.begin(self.clock.now_ns())
                 return True
             return False
@@ -269,9 +273,12 @@ class Supervisor:
         if power_up.is_measuring:
             return
         self._measure_computing()
+        self.returns.all_measured()
         self.board.release()
         self.power_up = None
-        contact = self.reporter.contact(self.contact, self.clock.now_ns())
+        now_ns = self.clock.now_ns()
+        withheld = self._components.clearance.take_withheld(now_ns)
+        contact = self.reporter.contact(self.contact, now_ns, withheld)
         if power_up.goal == "measure":
             self.make_safe("measured")
         else:
@@ -322,6 +329,7 @@ class Supervisor:
         self._components.pre_probe.reset()
         self._drop_power_up(why)
         self.reporter.scan_report(self.clock.now_ns(), 0, is_due=True)
+        self.pulse_log.send_off()
         return problems
 
     def _drop_power_up(self, why: str) -> None:
@@ -335,7 +343,6 @@ class Supervisor:
         """
         self.make_safe(why)
         lease, self.lease = self.lease, None
-        self.reporter.accounts.forget()
         self.planner_of_lease()
         if lease is not None:
             self.reporter.counters[f"leases_ended_{counted or why.split()[-1]}"] += 1
@@ -438,4 +445,5 @@ class Supervisor:
             arming_refused=self._lasting_refusal(),
             session=self._session_facts(),
             sensor_problems=self._components.pressure.problems(now_ns),
+            felt=self.feeling.facts(),
         )

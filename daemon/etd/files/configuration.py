@@ -8,7 +8,8 @@ Nothing is assumed: a missing key is a refusal, and what a board has not must be
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -75,6 +76,8 @@ class LoadedConfig:
     source: str
     #: What had to be mended in a layout file of another kit, a sentence each: to be shown.
     mended: tuple[str, ...] = ()
+    #: SHA-256 of each file, by what it describes; a fake without a file has no configuration.
+    digests: dict[str, str] = field(default_factory=dict)
 
     @property
     def unaccepted_guards(self) -> tuple[str, ...]:
@@ -85,7 +88,9 @@ class LoadedConfig:
 
 def load_config(path: Path) -> LoadedConfig:
     """Read `etd.toml` and all it names, and check them together. Raises: FileError."""
-    return _load_named(load_toml(path, EtdConfig), path.resolve().parent, str(path))
+    loaded = _load_named(load_toml(path, EtdConfig), path.resolve().parent, str(path))
+    loaded.digests["configuration"] = digest_of(path)
+    return loaded
 
 
 def fake_config(
@@ -126,10 +131,13 @@ def fake_calibration_of(array: str) -> str | None:
 def _load_named(config: EtdConfig, folder: Path, source: str) -> LoadedConfig:
     _check_no_tcp(config, source)
 
-    def named(kind: Kind, key: str) -> Path:
-        return _resolve(kind, getattr(config, key), folder, source, key)
+    paths: dict[str, Path] = {}
 
-    array, mended = _read_array(named("arrays", "array"))
+    def named(kind: Kind, key: str) -> Path:
+        paths[key] = _resolve(kind, getattr(config, key), folder, source, key)
+        return paths[key]
+
+    array, mended = read_array(named("arrays", "array"))
     loaded = LoadedConfig(
         config=config,
         board=load_board(named("boards", "board")),
@@ -138,6 +146,7 @@ def _load_named(config: EtdConfig, folder: Path, source: str) -> LoadedConfig:
         body_site=load_body_site(named("bodysites", "body_site")),
         source=source,
         mended=mended,
+        digests={key: digest_of(path) for key, path in paths.items()},
     )
     check_fits(array, loaded.board.switch.outputs, source)
     _check_guards(loaded)
@@ -146,7 +155,12 @@ def _load_named(config: EtdConfig, folder: Path, source: str) -> LoadedConfig:
     return loaded
 
 
-def _read_array(path: Path) -> tuple[Array, tuple[str, ...]]:
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def read_array(path: Path) -> tuple[Array, tuple[str, ...]]:
     """An array file of ours, or a layout file of eTactileKit, which is JSON."""
     return read_layout(path) if path.suffix == ".json" else (load_array(path), ())
 

@@ -37,10 +37,10 @@ class PatternFrame(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     duration_ms: int
-    off_ms: int
+    off_ms: int = 0
     level: tuple[float, ...]
-    rate_hz: float | None
-    polarity: Polarity | None
+    rate_hz: float | None = None
+    polarity: Polarity | None = None
 
     @property
     def active(self) -> tuple[int, ...]:
@@ -84,8 +84,14 @@ def load_pattern(path: Path) -> tuple[Pattern, tuple[str, ...]]:
     try:
         data, mended = read_json(path)
     except FileError as error:
-        raise PatternError(str(path), None, f"{error.value}; {error.allowed}") from error
+        raise PatternError(str(path), None, f"{error.value}; {error.allowed}") from None
     return pattern_of(data, mended, str(path))
+
+
+def check_pattern(pattern: Pattern) -> Pattern:
+    """One that a program has made: the bounds of a file hold for it too. Raises: PatternError."""
+    data = {"etd_pattern": 1, **msgspec.to_builtins(pattern)}
+    return pattern_of(data, (), "the pattern")[0]
 
 
 def is_pattern(data: object) -> bool:
@@ -121,7 +127,7 @@ def _convert(data: object, kind: type[T], file: str, index: int | None) -> T:
         return convert(data, kind, file)
     except FileError as error:
         where = f"{error.key}: " if error.key else ""
-        raise PatternError(file, index, f"{where}{error.value}; {error.allowed}") from error
+        raise PatternError(file, index, f"{where}{error.value}; {error.allowed}") from None
 
 
 def _frame(frame: _FrameInFile, electrodes: int, file: str, index: int) -> PatternFrame:

@@ -9,7 +9,7 @@ import pwd
 from dataclasses import dataclass
 from pathlib import Path
 
-from etd.protocol.errors import FileError
+from etd.protocol.errors import FileError, Refused
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,13 +30,24 @@ class GatewayConfig:
     shipped_calibrations: Path | None = None
     default_calibration: str | None = None
     operators: tuple[str, ...] = ()
+    #: The record that begins with the gateway.
+    record: str | None = None
 
 
-def operator_uids(operators: tuple[str, ...]) -> frozenset[int] | None:
-    """The user ids that may operate, or None for everybody. Raises: FileError (unknown user)."""
-    if not operators:
-        return None
-    return frozenset(_uid(operator) for operator in operators)
+class Operators:
+    """The users that may operate. Raises, when made: FileError (unknown user)."""
+
+    def __init__(self, operators: tuple[str, ...]) -> None:
+        self._uids = frozenset(_uid(operator) for operator in operators)
+
+    def check(self, uid: int | None) -> None:
+        """Where none is named, all may. Raises: Refused (`not_permitted`)."""
+        if self._uids and uid not in self._uids:
+            raise Refused(
+                "not_permitted",
+                f"user {uid} has no operate rights: only users listed as operators in the"
+                " configuration have them",
+            )
 
 
 def _uid(operator: str) -> int:

@@ -12,12 +12,14 @@ from collections.abc import Callable
 from typing import Any
 
 from etd.gateway import replies
-from etd.gateway.config import GatewayConfig
+from etd.gateway.config import GatewayConfig, Operators
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.frames import FrameHandler
 from etd.gateway.inbound import InboundMessage
-from etd.gateway.lease import LeaseView
+from etd.gateway.lease import LeaseView, StandingLease
+from etd.gateway.opening import opening
 from etd.gateway.pending import MAX_WAIT_NS, Done, PendingRequest, PendingRequests
+from etd.gateway.records import RecordHandler
 from etd.gateway.store import CalibrationStore
 from etd.gateway.telemetry import Publisher
 from etd.protocol.errors import Refused
@@ -32,26 +34,27 @@ from etd.protocol.link import (
     DisarmBoard,
     KeepLease,
     MeasureContact,
-    OpenLease,
+    SayFelt,
     SetMark,
     StopNow,
 )
 from etd.protocol.messages import (
-    LEASE_MS,
     AccountOf,
     Arm,
     CalibrationReply,
     Clear,
     Close,
     Disarm,
+    Felt,
     FrameRequest,
     GetCalibration,
     Hello,
     Keep,
-    LeaseReply,
     Mark,
     Measure,
+    Note,
     Open,
+    Record,
     Request,
     Status,
     StatusReply,
@@ -69,13 +72,14 @@ class ControlHandler:
     def __init__(
         self,
         config: GatewayConfig,
-        operators: frozenset[int] | None,
+        operators: Operators,
         endpoints: Endpoints,
         engine: EngineLink,
         leases: LeaseView,
         frames: FrameHandler,
         publisher: Publisher,
         pending: PendingRequests,
+        records: RecordHandler,
     ) -> None:
         self._config = config
         self._endpoints = endpoints
@@ -85,6 +89,7 @@ class ControlHandler:
         self._publisher = publisher
         self._pending = pending
         self._operators = operators
+        self._records = records
         self._store = CalibrationStore(config.state_dir, config.shipped_calibrations)
         self._handlers: dict[type, Callable[[Any, InboundMessage], Success | _Sent]] = {
             Hello: self._hello,
@@ -97,8 +102,11 @@ class ControlHandler:
             Clear: self._clear,
             Measure: self._measure,
             Mark: self._mark,
+            Felt: self._felt,
             AccountOf: self._account,
             GetCalibration: self._calibration,
+            Record: records.handle,
+            Note: records.note,
             FrameRequest: self._frame,
         }
 
@@ -143,23 +151,19 @@ class ControlHandler:
                 "open needs either a calibration or limits (max_current_ua and width_us)",
             )
         token = secrets.token_hex(16)
-        name = request.calibration
-        command = OpenLease(
-            ref=self._pending.next_ref(),
-            lease=token,
-            client=request.client,
-            calibration=self._store.get(name, self._offers_shipped()) if name else None,
-            limits=request.limits,
-        )
+        calibrations = self._store.named(request.calibration, self._offers_shipped())
+        command = opening(request, token, calibrations, self._pending.next_ref())
 
         def granted(_: Answer) -> Success:
-            self._leases.begin(token, request.client, inbound.uid)
-            return LeaseReply(ok=True, now_ns=0, lease=token, lease_ms=LEASE_MS)
+            lease = StandingLease(token, request.client, inbound.uid, calibrations, request.limits)
+            self._leases.begin(lease)
+            self._records.lease_begun(lease)
+            return replies.leased(lease)
 
         return self._sent(command, granted)
 
     def _close(self, request: Close, inbound: InboundMessage) -> _Sent:
-        lease = self._held(request, inbound)
+        lease = self._held(request.lease, inbound)
 
         def closed(answer: Answer) -> Success:
             self._leases.end(lease, "closed")
@@ -168,34 +172,47 @@ class ControlHandler:
         return self._sent(CloseLease(ref=self._pending.next_ref(), lease=lease), closed)
 
     def _keep(self, request: Keep, inbound: InboundMessage) -> _Sent:
-        lease = self._held(request, inbound)
+        lease = self._held(request.lease, inbound)
         return self._sent(KeepLease(ref=self._pending.next_ref(), lease=lease))
 
     def _disarm(self, request: Disarm, inbound: InboundMessage) -> _Sent:
-        lease = self._held(request, inbound)
+        lease = self._held(request.lease, inbound)
         return self._sent(DisarmBoard(ref=self._pending.next_ref(), lease=lease))
 
     def _arm(self, _: Arm, inbound: InboundMessage) -> _Sent:
-        self._check_operator(inbound)
+        self._operators.check(inbound.uid)
         return self._sent(ArmBoard(ref=self._pending.next_ref()))
 
     def _clear(self, _: Clear, inbound: InboundMessage) -> _Sent:
-        self._check_operator(inbound)
+        self._operators.check(inbound.uid)
         return self._sent(ClearHalt(ref=self._pending.next_ref()))
 
     def _measure(self, request: Measure, inbound: InboundMessage) -> _Sent:
-        lease = self._held(request, inbound)
+        lease = self._held(request.lease, inbound)
         command = MeasureContact(ref=self._pending.next_ref(), lease=lease)
         return self._sent(command, replies.measured)
 
     def _mark(self, request: Mark, inbound: InboundMessage) -> _Sent:
-        lease = self._held(request, inbound)
+        lease = self._held(request.lease, inbound)
         command = SetMark(ref=self._pending.next_ref(), lease=lease, tag=request.tag)
         return self._sent(command, replies.marked)
 
+    def _felt(self, request: Felt, inbound: InboundMessage) -> _Sent:
+        """Who holds the lease may say all; whoever else has access can only lower."""
+        lease = None if request.lease is None else self._held(request.lease, inbound)
+        command = SayFelt(
+            ref=self._pending.next_ref(),
+            answer=request.answer,
+            electrodes=request.electrodes,
+            lease=lease,
+        )
+        return self._sent(command)
+
     def _account(self, request: AccountOf, inbound: InboundMessage) -> _Sent:
-        lease = self._held(request, inbound)
-        command = AskAccount(ref=self._pending.next_ref(), lease=lease, seq=request.seq)
+        """Also of the lease that ended last: what was fired until then can still be asked for."""
+        if not self._leases.has_ended(request.lease, inbound.uid):
+            self._held(request.lease, inbound)
+        command = AskAccount(ref=self._pending.next_ref(), lease=request.lease, seq=request.seq)
         return self._sent(command, replies.accounted)
 
     def _frame(self, request: FrameRequest, inbound: InboundMessage) -> _Sent:
@@ -211,13 +228,13 @@ class ControlHandler:
         elif request.do == "set":
             self._set_calibration(request, inbound)
         elif request.do == "delete":
-            self._check_operator(inbound)
+            self._operators.check(inbound.uid)
             self._store.delete(_name_of(request))
         names = self._store.names(self._offers_shipped())
         return CalibrationReply(ok=True, now_ns=0, names=names, calibration=calibration)
 
     def _set_calibration(self, request: GetCalibration, inbound: InboundMessage) -> None:
-        self._check_operator(inbound)
+        self._operators.check(inbound.uid)
         engine_hello = self._engine.engine_hello()
         if request.calibration is None:
             raise Refused("bad_message", "calibration with do = set needs the key calibration")
@@ -235,22 +252,11 @@ class ControlHandler:
         self._engine.command(command)
         return command.ref, done
 
-    def _held(
-        self, request: Keep | Close | Disarm | Measure | Mark | AccountOf, inbound: InboundMessage
-    ) -> str:
+    def _held(self, token: str, inbound: InboundMessage) -> str:
         """The lease named, if it stands. Raises: Refused (`engine_gone`, `halted`, the lease's)."""
         self._engine.engine_hello()
         self._engine.check_not_halted()
-        return self._leases.check(request.lease, inbound.uid).token
-
-    def _check_operator(self, inbound: InboundMessage) -> None:
-        """Raises: Refused (`not_permitted`)."""
-        if self._operators is not None and inbound.uid not in self._operators:
-            raise Refused(
-                "not_permitted",
-                f"user {inbound.uid} has no operate rights: only users listed as operators in the"
-                " configuration have them",
-            )
+        return self._leases.check(token, inbound.uid).token
 
     def _offers_shipped(self) -> bool:
         """The shipped calibrations are for the fake's body: never for a real board."""

@@ -12,7 +12,16 @@ from pathlib import Path
 
 from etd.protocol import link
 from etd.protocol.errors import Refused, Undecodable, halted
-from etd.protocol.link import Alive, Channel, Command, EngineHello, NewFrame, Report, StopNow
+from etd.protocol.link import (
+    Alive,
+    Channel,
+    Command,
+    EngineHello,
+    NewFrame,
+    RecordPulses,
+    Report,
+    StopNow,
+)
 from etd.protocol.messages import StateReport
 
 #: Of the engine's messages, at most this many are read in one turn.
@@ -105,6 +114,10 @@ class EngineLink:
         if self._channels is None or not self._channels[which].is_open:
             raise Refused("engine_gone", _GONE)
         return self._channels[which]
+
+    def record_pulses(self, is_on: bool) -> bool:
+        """Have the engine tell every pulse, or none any more. False: it was not told."""
+        return self._channels is not None and self._channels[0].send(RecordPulses(is_on=is_on))
 
     def stop(self, stop: StopNow) -> None:
         """Sends it, or closes the link, which stops as well. Raises: Refused (`engine_gone`)."""

@@ -6,19 +6,41 @@ Must not know: leases, the engine, how a request is handled.
 
 from __future__ import annotations
 
+import itertools
 import re
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import msgspec
 import zmq
 
+from etd.protocol.calibration import Method
 from etd.protocol.errors import Refused
-from etd.protocol.messages import REPLY_OF_OP, FrameRequest, Id, Request, Stop
-from etd.protocol.text import PLAIN_PATTERN, escaped
+from etd.protocol.frame import POLARITIES, RETURNS_IN_WORDS
+from etd.protocol.messages import (
+    REPLY_OF_OP,
+    FrameRequest,
+    GetCalibration,
+    Id,
+    Record,
+    Request,
+    Stop,
+)
+from etd.protocol.text import PATTERN_IN_WORDS, escaped
 
 #: The order in which an error lists the ops.
 OPS = tuple(REPLY_OF_OP)
+
+#: What may stand at a key, in words; also by op, where keys of one name differ.
+_CHOICES = {
+    "polarity": ", ".join(POLARITIES),
+    "method": ", ".join(get_args(Method)),
+    "returns": RETURNS_IN_WORDS,
+}
+_CHOICES_OF_OP = {
+    (request.__struct_config__.tag, "do"): ", ".join(get_args(get_type_hints(request)["do"]))
+    for request in (GetCalibration, Record)
+}
 
 _PER_ELECTRODE = re.compile(r"(?:level|current_ua|width_us|polarity|rate_hz|returns)\[(\d+)\]")
 _NO_NUMBER = re.compile(rb"[:\[,]\s*[-+]?(?:nan|inf)", re.IGNORECASE)
@@ -26,11 +48,14 @@ _NO_NUMBER = re.compile(rb"[:\[,]\s*[-+]?(?:nan|inf)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class InboundMessage:
-    """A message as it came. `uid`: the sender by the kernel, None if it is not known."""
+    """A message as it came. `uid`: the sender by the kernel, None if it is not known. `number`: no
+    other message of this process has it.
+    """
 
     route: tuple[bytes, ...]
     uid: int | None
     data: bytes
+    number: int = field(default_factory=itertools.count(1).__next__)
 
 
 class Unreadable(Refused):
@@ -118,12 +143,23 @@ def _why_invalid(data: bytes, error: str) -> Refused:
     if op is not None and op not in OPS:
         return Refused("unknown_op", f"there is no op {op!r:.40}; there are {', '.join(OPS)}")
     what, _, path = escaped(error).partition(" - at `$.")
-    if repr(PLAIN_PATTERN) in what:
-        what = "control characters, line breaks and marks of direction are not accepted in text"
+    for pattern, words in PATTERN_IN_WORDS.items():
+        what = words if repr(pattern) in what else what
     place = path.removesuffix("`")
     found = _PER_ELECTRODE.match(place)
     reason = f"{place}: {what[:1].lower()}{what[1:]}" if place else what
+    reason += _choices(op, place)
     return Refused("bad_message", reason, int(found[1]) if found else None)
+
+
+def _choices(op: str | None, place: str) -> str:
+    """What may stand there, where that is one of a few."""
+    for key in place.split("."):
+        name = key.partition("[")[0]
+        choices = _CHOICES_OF_OP.get((op, name)) or _CHOICES.get(name)
+        if choices is not None:
+            return f"; give {choices}"
+    return ""
 
 
 def _why_no_json(data: bytes, error: Exception) -> Refused:

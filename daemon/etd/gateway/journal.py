@@ -102,11 +102,15 @@ class Journal:
         self._state = ""
         #: Of what was not granted, what this engine's log has already.
         self._told: set[str] = set()
+        #: Why laws are off, by what the person says.
+        self._laws_off = ""
         self._rejections: set[str] = set()
         self._counted: dict[str, int] = {}
         #: When each reported sensor last had a problem.
         self._silent_ns: dict[str, int] = {}
         self._holder: StandingLease | None = None
+        #: The record that is written, and why the last one ended by itself.
+        self._record: tuple[str | None, str | None] = None, None
         self._refused: Counter[str] = Counter()
         self._summed_ns = 0
         self._is_closed = False
@@ -149,6 +153,7 @@ class Journal:
             self._rejections.clear()
         else:
             self._log_rejections(report.counters)
+        self._log_laws_off("" if report.felt is None else report.felt.laws_off)
         if report.state == self._state:
             return
         before, self._state = self._state, report.state
@@ -165,6 +170,11 @@ class Journal:
             if sentence not in self._told:
                 self._told.add(sentence)
                 self._log.warning("%s", sentence)
+
+    def _log_laws_off(self, why: str) -> None:
+        if why and why != self._laws_off:
+            self._log.warning("%s", why)
+        self._laws_off = why
 
     def _log_rejections(self, counters: dict[str, int]) -> None:
         for key, (level, sentence) in _COUNTED.items():
@@ -188,6 +198,18 @@ class Journal:
             return False
         self._rejections.add(key)
         return True
+
+    def record(self, running: str | None, problem: str | None) -> None:
+        """Log the beginning and the end of a record, and why it ended by itself."""
+        if (running, problem) == self._record:
+            return
+        before, self._record = self._record, (running, problem)
+        if before[0] is not None and running != before[0]:
+            self._log.info("record %r ended", before[0])
+        if running is not None and running != before[0]:
+            self._log.info("record %r begun", running)
+        if problem is not None and problem != before[1]:
+            self._log.error("%s", problem)
 
     def lease(self, standing: StandingLease | None) -> None:
         """Log a change of the holder."""

@@ -21,7 +21,9 @@ MAX_STOPS = 32
 MAX_WAIT_NS = 15_000_000_000
 
 
-Done = Callable[[Answer], Success]
+#: What makes a reply of an answer: or else the ref of another one to wait for, and what makes it of
+#: that.
+Done = Callable[[Answer], "Success | tuple[int, Done]"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import msgspec
 
+from etd.gateway.lease import StandingLease
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.facts import Endpoints
@@ -21,10 +22,12 @@ from etd.protocol.messages import (
     AccountReply,
     FrameReply,
     HelloReply,
+    LeaseReply,
     MarkReply,
     MeasureReply,
     Success,
 )
+from etd.protocol.opening import LeaseCalibration
 from etd.version import __version__
 
 T = TypeVar("T")
@@ -61,8 +64,16 @@ def done(_: Answer) -> Success:
 def framed(seq: int, answer: Answer) -> FrameReply:
     """Raises: Refused (`engine_gone`) for an incomplete answer."""
     rate_hz = _there(answer.rate_hz, "rate_hz")
-    clamped, slowed = answer.clamped, answer.slowed
-    return FrameReply(ok=True, now_ns=0, seq=seq, rate_hz=rate_hz, clamped=clamped, slowed=slowed)
+    return FrameReply(
+        ok=True,
+        now_ns=0,
+        seq=seq,
+        rate_hz=rate_hz,
+        clamped=answer.clamped,
+        slowed=answer.slowed,
+        calibrated_hz=answer.calibrated_hz,
+        trigger_ns=answer.trigger_ns,
+    )
 
 
 def measured(answer: Answer) -> MeasureReply:
@@ -81,6 +92,16 @@ def marked(answer: Answer) -> MarkReply:
 def accounted(answer: Answer) -> AccountReply:
     """Raises: Refused (`engine_gone`) for an incomplete answer."""
     return AccountReply(ok=True, now_ns=0, account=_there(answer.account, "account"))
+
+
+def leased(lease: StandingLease) -> LeaseReply:
+    calibrations = tuple(
+        LeaseCalibration(name=it.name, polarity=it.calibration.polarity, digest=it.digest)
+        for it in lease.calibrations
+    )
+    return LeaseReply(
+        ok=True, now_ns=0, lease=lease.token, lease_ms=LEASE_MS, calibrations=calibrations
+    )
 
 
 def check_fits(calibration: Calibration, engine_hello: EngineHello) -> None:

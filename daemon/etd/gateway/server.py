@@ -6,6 +6,8 @@ Must not know: what an op means (control), what a frame is (frames).
 
 from __future__ import annotations
 
+import dataclasses
+import os
 from collections import Counter
 from typing import Any
 
@@ -13,7 +15,7 @@ import msgspec
 import zmq
 
 from etd.files.paths import check_name, prepare_runtime
-from etd.gateway.config import GatewayConfig, operator_uids
+from etd.gateway.config import GatewayConfig, Operators
 from etd.gateway.control import ControlHandler
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.exclusive import NameLock
@@ -22,18 +24,25 @@ from etd.gateway.inbound import InboundMessage, Unreadable, inbound_of, read_req
 from etd.gateway.journal import Journal
 from etd.gateway.lease import LeaseView
 from etd.gateway.pending import PendingRequest, PendingRequests
+from etd.gateway.record_file import Write
+from etd.gateway.record_store import RecordStore
+from etd.gateway.recorder import ReadClocks, Recorder
+from etd.gateway.records import RecordHandler
 from etd.gateway.sockets import Sockets, arrived
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
-from etd.protocol.errors import Refused
-from etd.protocol.link import ALIVE_NS, Answer, EngineHello, LeaseEnded
-from etd.protocol.messages import Failure, Id, Request, Stop, Success
+from etd.gateway.wall_clock import read_clocks
+from etd.protocol.errors import FileError, Refused
+from etd.protocol.link import ALIVE_NS, Answer, EngineHello, LeaseEnded, Report
+from etd.protocol.messages import Failure, FrameRequest, Id, Request, Stop, Success
 from etd_hal.ports import Clock
 
 #: Of the requests, at most this many are read in one turn.
 REQUESTS_A_TURN = 64
 #: While there is no engine, the gateway tries to connect this often.
 CONNECT_NS = 200_000_000
+#: At its end the gateway waits so long for a slow disk to take the end of a record.
+_LAST_LINES_S = 2.0
 
 _encoder = msgspec.json.Encoder()
 
@@ -51,9 +60,16 @@ class Gateway:
     Raises, when made: AlreadyRunning, FileError (configuration), HardwareMissing (libzmq).
     """
 
-    def __init__(self, config: GatewayConfig, clock: Clock) -> None:
+    def __init__(
+        self,
+        config: GatewayConfig,
+        clock: Clock,
+        read_clocks: ReadClocks = read_clocks,
+        write: Write = os.write,
+    ) -> None:
+        """`read_clocks`: the wall's time beside `clock`. `write`: to the disk, for records."""
         check_name(config.name)
-        operators = operator_uids(config.operators)
+        operators = Operators(config.operators)
         prepare_runtime(config.runtime_folder)
         self._clock = clock
         #: Then the engine's end is no event: as a rule it was asked as well.
@@ -68,9 +84,18 @@ class Gateway:
         self._engine = EngineLink(config.runtime_folder, self.counters)
         self._leases = LeaseView()
         self._pending = PendingRequests()
-        self._publisher = Publisher(self._sockets.telemetry, self._engine, self.counters)
+        store = RecordStore(config.state_dir, write)
+        self._recorder = Recorder(
+            config.name, store, self._leases, read_clocks, self._engine.record_pulses
+        )
+        self._publisher = Publisher(
+            self._sockets.telemetry, self._engine, self.counters, self._recorder
+        )
         frames = FrameHandler(self._engine, self._leases)
-        self._streams = Streams(self._sockets.frames, frames, self.counters)
+        self._streams = Streams(self._sockets.frames, frames, self.counters, self._record_streamed)
+        self._records = records = RecordHandler(
+            store, self._recorder, self._engine, self._pending, clock, operators
+        )
         self._control = ControlHandler(
             config,
             operators,
@@ -80,10 +105,13 @@ class Gateway:
             frames,
             self._publisher,
             self._pending,
+            records,
         )
         self._journal = Journal(config.name)
         self._alive_due_ns = 0
         self._connect_due_ns = 0
+        if config.record is not None:
+            self._begin_record(records, config.record)
 
     def step(self, timeout_ms: int = 50) -> None:
         """Wait at most `timeout_ms` for a message, then handle all that arrived."""
@@ -95,14 +123,21 @@ class Gateway:
         now_ns = self._clock.now_ns()
         self._give_up_on(self._pending.take_late(now_ns), "the engine did not answer within 15 s")
         self.counters.update(self._sockets.disconnects())
+        self._recorder.look(now_ns)
+        for answer in self._records.written(now_ns):
+            self._settle(answer)
         self._publisher.repeat_state(now_ns)
+        self._journal.record(self._recorder.running, self._recorder.problem)
         self._journal.lease(self._leases.standing)
         self._journal.refusals(self.counters, now_ns)
 
     def close(self) -> None:
         """Idempotent. The engine sees the link end and falls silent."""
+        self._recorder.stop("ended", self._clock.now_ns())
         self._engine.hang_up()
         self._sockets.close()
+        # Only now: nobody waits for the gateway any more.
+        self._recorder.wait_closed(_LAST_LINES_S)
         self._lock.close()
         if self.is_asked_to_end:
             self._journal.asked_to_end()
@@ -155,8 +190,10 @@ class Gateway:
             self.counters["malformed"] += 1
             self._refuse(inbound, request.id, request)
             return
+        now_ns = self._clock.now_ns()
+        self._recorder.asked(request, inbound, now_ns)
         try:
-            reply = self._control.handle(request, inbound, self._clock.now_ns())
+            reply = self._control.handle(request, inbound, now_ns)
         except Refused as refusal:
             self.counters[f"refused_{refusal.code}"] += 1
             self._refuse(inbound, request.id, refusal)
@@ -166,16 +203,18 @@ class Gateway:
 
     def _hear_engine(self) -> None:
         for message in self._engine.receive():
+            now_ns = self._clock.now_ns()
+            self._recorder.heard(message, now_ns)
             if isinstance(message, Answer):
                 self._settle(message)
             elif isinstance(message, LeaseEnded):
                 self._leases.end(message.lease, message.reason)
             elif isinstance(message, EngineHello):
                 self._journal.engine_found(message)
-            else:
+            elif isinstance(message, Report):
                 if message.state is not None:
                     self._journal.state(message.state)
-                self._publisher.pass_on(message, self._clock.now_ns())
+                self._publisher.pass_on(message, now_ns)
         if self._engine.has_ended:
             self._lose_engine(self._clock.now_ns())
 
@@ -196,17 +235,34 @@ class Gateway:
             reply = pending.done(answer)
         except Refused as refusal:
             self._refuse(pending.inbound, pending.id, refusal)
-        else:
+            return
+        if isinstance(reply, Success):
             self._reply(pending.inbound, pending.id, reply)
+        else:
+            ref, done = reply
+            self._pending.add(ref, dataclasses.replace(pending, done=done))
 
     def _pass_on_frames(self) -> None:
         refusals = self._streams.drain()
         if refusals:
-            self._publisher.refused_stream(refusals, self._clock.now_ns())
+            for report in self._publisher.refused_stream(refusals, self._clock.now_ns()):
+                self._recorder.heard(Report(refused=report), report.now_ns)
+
+    def _record_streamed(self, frame: FrameRequest, uid: int | None) -> None:
+        self._recorder.streamed(frame, uid, self._clock.now_ns())
+
+    def _begin_record(self, records: RecordHandler, name: str) -> None:
+        """Raises: FileError."""
+        try:
+            records.start(name, os.getuid())
+        except Refused as refusal:
+            self.close()
+            raise FileError("--record", "", refusal.reason, "a name that is free") from None
 
     def _lose_engine(self, now_ns: int) -> None:
         if self._engine.is_there and not self.is_asked_to_end:
             self._journal.engine_lost()
+        self._recorder.engine_gone(now_ns)
         self._engine.hang_up()
         self._leases.reset()
         self._publisher.drop_engine()
@@ -227,6 +283,7 @@ class Gateway:
 
     def _send(self, inbound: InboundMessage, reply: Success | Failure) -> None:
         """A client that has left, or that does not read, is counted."""
+        self._recorder.replied(inbound, reply, self._clock.now_ns())
         try:
             self._sockets.control.send_multipart(
                 [*inbound.route, _encoder.encode(reply)], zmq.NOBLOCK

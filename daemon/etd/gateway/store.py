@@ -11,7 +11,9 @@ from pathlib import Path
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import load_calibration, to_toml
 from etd.protocol.calibration import Calibration, check_order
+from etd.protocol.calibration_set import digest_of
 from etd.protocol.errors import FileError, Refused
+from etd.protocol.opening import NamedCalibration
 
 
 class CalibrationStore:
@@ -36,6 +38,20 @@ class CalibrationStore:
             return load_calibration(path)
         except FileError as error:
             raise Refused("bad_calibration", str(error)) from error
+
+    def named(
+        self, names: str | tuple[str, ...] | None, with_shipped: bool
+    ) -> tuple[NamedCalibration, ...]:
+        """Those of a lease, in the order of their names; none for None.
+
+        Raises: Refused (`not_found`, `bad_calibration`).
+        """
+        each = (names,) if isinstance(names, str) else names or ()
+        read = [(name, self.get(name, with_shipped)) for name in each]
+        return tuple(
+            NamedCalibration(name=name, digest=digest_of(calibration), calibration=calibration)
+            for name, calibration in read
+        )
 
     def put(self, name: str, calibration: Calibration) -> None:
         """Store it as `name`, replacing an earlier one. Raises: Refused (`bad_calibration`)."""

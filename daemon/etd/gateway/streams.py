@@ -9,6 +9,7 @@ The newest is that of the lease's holder: other clients' frames are refused and 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 
 from etd.gateway.frames import FrameHandler
 from etd.gateway.inbound import inbound_of, read_frame, without_frames
@@ -26,7 +27,15 @@ Refusals = list[tuple[int | None, Refused]]
 class Streams:
     """One PULL socket."""
 
-    def __init__(self, socket: Socket, handler: FrameHandler, counters: Counter[str]) -> None:
+    def __init__(
+        self,
+        socket: Socket,
+        handler: FrameHandler,
+        counters: Counter[str],
+        passed_on: Callable[[FrameRequest, int | None], None] = lambda *_: None,
+    ) -> None:
+        """`passed_on`: called with each frame that was passed on, and its sender's user id."""
+        self._passed_on = passed_on
         self._socket = socket
         self._handler = handler
         self._counters = counters
@@ -50,6 +59,8 @@ class Streams:
                 self._handler.pass_on(*newest, ref=0)
             except Refused as refusal:
                 refusals.append((newest[0].seq, refusal))
+            else:
+                self._passed_on(newest[0], newest[1].uid)
         self._counters.update(f"refused_{why.code}" for _, why in refusals)
         return refusals
 

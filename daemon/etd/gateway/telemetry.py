@@ -11,6 +11,7 @@ from collections import Counter
 import msgspec
 
 from etd.gateway.engine_link import EngineLink
+from etd.gateway.recorder import Recorder
 from etd.gateway.sockets import Socket, arrived
 from etd.protocol.errors import Refused
 from etd.protocol.link import Report
@@ -29,7 +30,10 @@ _encoder = msgspec.json.Encoder()
 class Publisher:
     """Never blocks: ZeroMQ drops messages for a subscriber that does not read, and for no other."""
 
-    def __init__(self, socket: Socket, engine: EngineLink, counters: Counter[str]) -> None:
+    def __init__(
+        self, socket: Socket, engine: EngineLink, counters: Counter[str], recorder: Recorder
+    ) -> None:
+        self._recorder = recorder
         self._socket = socket
         self._engine = engine
         self._counters = counters
@@ -43,16 +47,23 @@ class Publisher:
         """The engine's last report with this process's counts added; without one, SAFE and `gone`.
         `now_ns` is the time of the engine's report; one that is stale says `silent`.
         """
-        said = self._engine.state
+        said, recorder = self._engine.state, self._recorder
         if said is None:
             return StateReport(
-                state="SAFE", now_ns=now_ns, engine="gone", counters=dict(self._counters)
+                state="SAFE",
+                now_ns=now_ns,
+                engine="gone",
+                counters=dict(self._counters),
+                record=recorder.running,
+                record_problem=recorder.problem,
             )
         is_silent = now_ns - self._heard_ns >= SILENT_NS * said.timeout_factor
         return msgspec.structs.replace(
             said,
             engine="silent" if is_silent else said.engine,
             counters=dict(Counter(said.counters) + self._counters),
+            record=recorder.running,
+            record_problem=recorder.problem,
         )
 
     def publish_state(self, now_ns: int) -> None:
@@ -72,18 +83,26 @@ class Publisher:
         if report.refused is not None:
             self._refused_by_engine = report.refused.count
             self._publish("refused", msgspec.structs.replace(report.refused, count=self._refused))
-        for topic in ("scan", "contact", "halt", "modelled"):
+        for topic in ("scan", "contact", "halt", "mark", "modelled"):
             body = getattr(report, topic)
             if body is not None:
                 self._publish(topic, body)
 
-    def refused_stream(self, refusals: list[tuple[int | None, Refused]], now_ns: int) -> None:
-        """Streamed frames refused in one turn: one report a code, and `count` has all of them."""
+    def refused_stream(
+        self, refusals: list[tuple[int | None, Refused]], now_ns: int
+    ) -> list[RefusedReport]:
+        """Streamed frames refused in one turn: one report a code, and `count` has all of them.
+        Returns what was published.
+        """
         self._refused_here += len(refusals)
         newest = {refusal.code: (seq, refusal) for seq, refusal in refusals}
-        for seq, refusal in newest.values():
-            report = RefusedReport(now_ns=now_ns, count=self._refused, seq=seq, **refusal.fields)
+        reports = [
+            RefusedReport(now_ns=now_ns, count=self._refused, seq=seq, **refusal.fields)
+            for seq, refusal in newest.values()
+        ]
+        for report in reports:
             self._publish("refused", report)
+        return reports
 
     def drop_engine(self) -> None:
         """A new engine counts from 0; the old one's refusals stay in the sum."""

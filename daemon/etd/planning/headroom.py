@@ -20,6 +20,7 @@ from etd.protocol.errors import Refused
 from etd.pulse.request import NO_GAIN, MaxGain, PulseBounds, PulseRequest
 from etd.safety.limits import PersonLimits
 from etd.safety.maxima import PC_PER_NC, Maxima
+from etd.stabilize.said import MOST
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +171,20 @@ class Headroom:
             most_ua = max(current_ua, min(int(current_ua * gain.current), maximum_ua))
         if gain.charge != 1.0:
             most_pc = max(charge_pc, min(int(charge_pc * gain.charge), kind.allowed_pc))
+        raised_ua = raised_pc = 0
+        if kind.is_level:
+            # A word of the person's raises a level, and never a current that the frame names.
+            raised_ua = min(int(most_ua * MOST), self._rules.maxima.current_ua)
+            raised_pc = min(int(most_pc * MOST), kind.allowed_pc)
         return PulseBounds(
-            most_ua, kind.cap_us, kind.widest_us, most_pc, self._prepulse_us, self._cap_led_part
+            most_ua,
+            kind.cap_us,
+            kind.widest_us,
+            most_pc,
+            self._prepulse_us,
+            self._cap_led_part,
+            raised_ua,
+            raised_pc,
         )
 
     def check(self, electrode: int, current_ua: int, kind: PulseKind) -> None:

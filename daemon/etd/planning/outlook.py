@@ -22,6 +22,7 @@ RisenAfter = Callable[[int, int, int], int | None]
 WHAT_TO_DO: Final[Mapping[ClampReason, str]] = {
     "soft_start": ": show it without strict until its reply has no clamps, or arm(open_to=...)",
     "recontact": ": show it without strict until its reply has no clamps",
+    "felt": ": the person said that it is too strong, and has not said since that it is too weak",
     "contact_open": ": nothing touches it",
     "return_cap": ": ask for less; or, after a silence of a second, show a silent frame for a tenth"
     " of one, in which contact polls tell what its returns carry",
@@ -32,10 +33,12 @@ class Outlook:
     """`path` sets what all others allow as returns of a path. `recontacts_ua`: by electrode, the
     ceilings of those that are touched again. `is_touched`: for all electrodes; None is unknown.
     `want_looks`: called where what is known of the returns takes something from a pulse.
+    `factors`: on each electrode's current, by what the person said; None: nothing was said.
     """
 
     __slots__ = (
         "ceiling_ua",
+        "factors",
         "is_touched",
         "path",
         "recontacts_ua",
@@ -51,6 +54,7 @@ class Outlook:
         is_touched: Sequence[bool | None],
         risen_after_ns: RisenAfter = lambda *_: None,
         want_looks: Callable[[], None] = lambda: None,
+        factors: Sequence[float] | None = None,
     ) -> None:
         self.path: Final = path
         self.ceiling_ua: Final = ceiling_ua
@@ -58,6 +62,12 @@ class Outlook:
         self.is_touched: Final = is_touched
         self.risen_after_ns: Final = risen_after_ns
         self.want_looks: Final = want_looks
+        self.factors: Final = factors
+
+    def felt_ua(self, electrode: int, current_ua: int) -> int | None:
+        """What is left of a current since the person said too strong; None: all of it."""
+        factor = 1.0 if self.factors is None else self.factors[electrode]
+        return None if factor >= 1.0 else int(current_ua * factor)
 
     def with_time(self, clamp: Clamp, rate_hz: float) -> Clamp:
         """The clamp with when it would end, where it ends by pulses that are fired."""

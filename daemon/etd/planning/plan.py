@@ -13,18 +13,14 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from etd.files.body_site import SiteDefaults
+from etd.planning.calibrated import Calibrated
 from etd.planning.headroom import Headroom, PlanRules, PulseKind
 from etd.planning.outlook import WHAT_TO_DO, Outlook
 from etd.planning.scan_rate import Counted, Groups, ScanRate
 from etd.planning.scheduled_pulse import ScheduledPulse
-from etd.protocol.calibration import (
-    Calibration,
-    check_shape_of_caps,
-    check_shape_of_levels,
-    currents_of_levels,
-)
+from etd.protocol.calibration import Calibration, lower_than_calibrated
 from etd.protocol.errors import CannotSelect, Refused
-from etd.protocol.frame import Frame, Polarity, Returns, Ring, per_electrode
+from etd.protocol.frame import PHASES, Frame, Polarity, Returns, Ring, per_electrode
 from etd.protocol.outcome import Clamp, Shortfall
 from etd.pulse.request import PulseRequest
 from etd.safety.limits import Path, clamp_to_limits, path_of
@@ -39,14 +35,6 @@ Steps = Generator[None, None, T]
 _A_STEP = 8
 #: Kinds of pulses that are remembered. Most frames have one.
 _MOST_KINDS = 1_024
-
-#: Anodic phases are True.
-PHASES: dict[Polarity, tuple[bool, ...]] = {
-    "anodic": (True,),
-    "cathodic": (False,),
-    "biphasic": (True, False),
-    "biphasic_cathodic_first": (False, True),
-}
 
 
 class Selector(Protocol):
@@ -76,6 +64,8 @@ class Plan:
     interval_ns: int
     #: What messages and calls of a scan take.
     wire_us: float
+    #: The rate that its levels were calibrated at, where the frame asks for a lower one.
+    calibrated_hz: float | None = None
 
 
 class _Planned:
@@ -115,6 +105,7 @@ class Planner:
         caps_ua = rules.person.caps_ua
         self._by_cap = sorted(range(self._count), key=lambda electrode: caps_ua[electrode])[:2]
         shape = rules.site.stabilize.shape
+        self._calibrated = Calibrated(rules.person, shape)
         #: A clamp of these does not depend on how strong they are.
         self._is_plain = shape.strength_duration is None and shape.prepulse is None
         self._kinds: dict[tuple[object, ...], PulseKind] = {}
@@ -167,6 +158,7 @@ class Planner:
             self._scan_rate.pulses,
             math.ceil(self._scan_rate.interval_us * 1_000),
             counted.wire_us,
+            lower_than_calibrated(self._rules.person.calibration, frame),
         )
 
     @property
@@ -181,17 +173,12 @@ class Planner:
     # --- pulses ----------------------------------------------------------------------------
 
     def _pulses(self, frame: Frame) -> Steps[tuple[ScheduledPulse, ...]]:
-        is_level, shape = frame.level is not None, self._rules.site.stabilize.shape
-        if is_level:
-            _check_conditions(frame, self._calibration_for_levels())
-            check_shape_of_levels(self._calibration_for_levels(), shape)
-        wanted_ua = self._currents(frame)
-        if self._rules.person.calibration is not None and any(wanted_ua):
-            check_shape_of_caps(self._rules.person.calibration, shape)
-        default = self._defaults()
+        is_level, default = frame.level is not None, self._defaults()
+        polarities = self._values("polarity", frame.polarity, default.polarity)
+        most_hz = self._rules.maxima.rate_hz / self._scan_rate.pulses
+        wanted_ua = self._calibrated.currents_ua(frame, polarities, most_hz)
         widths_us = self._values("width_us", frame.width_us, default.width_us)
         rates_hz = self._values("rate_hz", frame.rate_hz, default.rate_hz)
-        polarities = self._values("polarity", frame.polarity, default.polarity)
         if frame.returns != self._returns_before:
             self._planned.clear()
             self._returns_before = frame.returns
@@ -221,23 +208,9 @@ class Planner:
         self._alike = alike
         return tuple(schedule)
 
-    def _calibration_for_levels(self) -> Calibration:
-        calibration = self._rules.person.calibration
-        if calibration is None:
-            raise Refused(
-                "level_needs_calibration",
-                "level needs a calibration: open the lease with one, or send current_ua",
-            )
-        return calibration
-
-    def _currents(self, frame: Frame) -> Sequence[int]:
-        if frame.level is None:
-            return frame.current_ua or ()
-        return currents_of_levels(self._calibration_for_levels(), frame.level)
-
     def _defaults(self) -> Calibration | SiteDefaults:
         """The values where the frame names none."""
-        return self._rules.person.calibration or self._rules.site.defaults
+        return self._calibrated.first or self._rules.site.defaults
 
     def _values(self, key: str, given: T | tuple[T, ...] | None, default: T) -> tuple[T, ...]:
         return per_electrode(default if given is None else given, self._count, key)
@@ -275,11 +248,13 @@ class Planner:
         self._headroom.check(electrode, current_ua, kind)
         if before is None:
             returns = self._returns(frame, electrode)
-            path = self._path(electrode, returns)
+            path = self._path(electrode, kind.phases, returns)
             selection = self._select(electrode, returns)
         else:
             same = before.pulse
             returns, path, selection = same.returns, same.path, same.selection
+            if same.phases != kind.phases:
+                path = path.with_cap(self._calibrated.cap_ua(electrode, kind.phases))
         pulse = ScheduledPulse(
             electrode,
             selection,
@@ -323,7 +298,7 @@ class Planner:
             )
 
     def _returns(self, frame: Frame, electrode: int) -> tuple[int, ...] | None:
-        calibration = self._rules.person.calibration
+        calibration = self._calibrated.first
         returns: Returns = "all"
         if frame.returns is not None:
             returns = frame.returns
@@ -352,12 +327,14 @@ class Planner:
         except CannotSelect as error:
             raise Refused("board_cannot", f"electrode {electrode}: {error}", electrode) from error
 
-    def _path(self, electrode: int, returns: tuple[int, ...] | None) -> Path:
+    def _path(
+        self, electrode: int, phases: tuple[bool, ...], returns: tuple[int, ...] | None
+    ) -> Path:
         caps_ua = self._rules.person.caps_ua
-        if returns is not None:
-            return path_of(electrode, caps_ua, returns)
-        others = [other for other in self._by_cap if other != electrode]
-        return path_of(electrode, caps_ua, others)
+        if returns is None:
+            returns = tuple([other for other in self._by_cap if other != electrode])
+        path = path_of(electrode, caps_ua, returns)
+        return path.with_cap(self._calibrated.cap_ua(electrode, phases))
 
     def _unknown(self) -> Outlook:
         return Outlook(
@@ -387,13 +364,14 @@ class Planner:
                 or current_ua > ceiling_ua
                 or electrode in recontacts_ua
                 or is_open
+                or outlook.factors is not None
             ):
                 clamp = self._clamp(scheduled, path, outlook)
                 if clamp is not None:
                     found.append(clamp)
                     if clamp.reason == "return_cap":
                         outlook.want_looks()
-                elif self._is_plain:
+                elif self._is_plain and outlook.factors is None:
                     planned.free_with, planned.free_ua = path, current_ua
             if not number % _A_STEP:
                 yield
@@ -401,15 +379,17 @@ class Planner:
 
     def _clamp(self, scheduled: ScheduledPulse, path: Path, outlook: Outlook) -> Clamp | None:
         maxima, shape = self._rules.maxima, self._rules.site.stabilize.shape
+        request = scheduled.bounds.in_slot(shape.of(scheduled.request))
         return clamp_to_limits(
             path,
-            scheduled.bounds.in_slot(shape.of(scheduled.request)),
+            request,
             maxima,
             outlook.ceiling_ua,
             outlook.recontacts_ua.get(scheduled.electrode),
             outlook.is_touched[scheduled.electrode] is False,
             scheduled.bounds,
             scheduled.probe_pc,
+            outlook.felt_ua(scheduled.electrode, request.current_ua),
         )[1]
 
 
@@ -421,19 +401,3 @@ def _refuse_strict(clamp: Clamp) -> None:
         f" {clamp.allowed_ua} uA ({clamp.reason} of electrode {clamp.limited_by}){what_to_do}",
         clamp.electrode,
     )
-
-
-def _check_conditions(frame: Frame, calibration: Calibration) -> None:
-    """A level frame must have the conditions of its calibration. Raises: Refused."""
-    for key in ("polarity", "width_us", "rate_hz", "returns"):
-        asked, made_with = getattr(frame, key), getattr(calibration, key)
-        if asked is None or asked == made_with:
-            continue
-        is_each = key != "returns" and isinstance(asked, tuple)
-        if is_each and all(entry == made_with for entry in asked):
-            continue
-        raise Refused(
-            "bad_frame",
-            f"level means what it was calibrated to with {key} {made_with}; the frame asks for"
-            f" another {key}: leave it out, calibrate for it, or send current_ua",
-        )

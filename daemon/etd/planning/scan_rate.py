@@ -131,13 +131,11 @@ class ScanRate:
         if not frame.allow_slower:
             has_room = any(scheduled.bounds.width_us > scheduled.width_us for scheduled in schedule)
             room = ", the widest pulses of the stabilizers included" if has_room else ""
-            # Levels have the rate of their calibration: nobody is sent to give another.
-            lower = "" if frame.level is not None else "ask for a lower rate_hz, or "
             raise Refused(
                 "too_fast",
                 f"{len(schedule)} electrodes at {wanted_hz:g} Hz do not fit: at most"
-                f" {achievable_hz:.1f} Hz, as {fastest}{room} (fire fewer at once, {lower}send"
-                " allow_slower: true to be slowed down)",
+                f" {achievable_hz:.1f} Hz, as {fastest}{room} (fire fewer at once, ask for a lower"
+                " rate_hz, or send allow_slower: true to be slowed down)",
                 achievable_hz=achievable_hz,
                 bound_by=bound_by,
             )

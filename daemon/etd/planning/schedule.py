@@ -98,15 +98,27 @@ class _ScanSlot:
 
 class Schedule:
     def __init__(
-        self, plan: Plan, expires_host_ns: int, now_ns: int, before: Schedule | None = None
+        self,
+        plan: Plan,
+        expires_host_ns: int,
+        now_ns: int,
+        before: Schedule | None = None,
+        trigger_ns: int | None = None,
     ) -> None:
         """`before`: the schedule that this one replaces, if any; rates continue across both. The
-        schedule expires on the machine's clock; all else counts on the board's.
+        schedule expires on the machine's clock; all else counts on the board's. `trigger_ns`: the
+        edge for which its frame has waited; until then its scans have contact polls only.
         """
         self.plan = plan
         self.expires_host_ns = expires_host_ns
         #: Whether a scan of it has begun.
         self.is_begun = False
+        self.trigger_ns: Final = trigger_ns
+        self.is_waiting: Final = plan.frame.on_trigger and trigger_ns is None
+        #: Edges before then do not count.
+        self.waits_since_ns = now_ns
+        if before is not None and before.is_waiting and plan.frame.renews == before.plan.frame.seq:
+            self.waits_since_ns = before.waits_since_ns
         self._turns: Sequence[_ScanSlot] = ()
         self._polls: Sequence[ScheduledPulse] | None = None
         self._polls_owed = 0
@@ -193,10 +205,12 @@ class Schedule:
     def begin_scan(self, now_ns: int) -> None:
         """The next scan follows a period later; after a stall no scan is made up for."""
         late_ns = now_ns - self.next_ns
-        self._scanned_ns = now_ns
         self.next_ns = (now_ns if late_ns > _LATE_NS else self.next_ns) + self.plan.period_ns
-        self._turns, self._at = self._due_turns(), 0
-        self._polls = None
+        self._polls, self._at = None, 0
+        if self.is_waiting:
+            return
+        self._scanned_ns = now_ns
+        self._turns = self._due_turns()
         self.is_begun = True
         self.has_had_its_pulses = self._left is not None and not self._all_left
 

@@ -14,6 +14,8 @@ protocol; adding to it is a change of the protocol.
 
 from __future__ import annotations
 
+import shlex
+import sys
 from typing import Literal, TypedDict
 
 from etd.protocol.text import escaped
@@ -25,6 +27,7 @@ from etd_hal.errors import (
     FileError,
     GuardRefusal,
     HardwareMissing,
+    PythonTooOld,
 )
 
 __all__ = [
@@ -38,8 +41,10 @@ __all__ = [
     "FileError",
     "GuardRefusal",
     "HardwareMissing",
+    "LibraryMissing",
     "PartEnded",
     "PatternError",
+    "PythonTooOld",
     "Refused",
     "TimePart",
     "Undecodable",
@@ -58,13 +63,15 @@ ErrorCode = Literal[
     "level_needs_calibration",  # send current_ua, or a calibration that felt this electrode
     "limits_missing",  # open with a calibration or with limits
     "no_lease",  # there is no lease, or it has lapsed
+    "no_record",  # none is being written
     "not_armed",  # arm first
-    "not_found",  # no such calibration
+    "not_found",  # no such calibration or record
     "not_permitted",  # operate rights are needed
     "old_seq",  # seq must rise within a lease
     "other_lease",  # another client holds the lease
     "over_limit",  # a strict frame asked for more than a person's limit
     "over_maximum",  # more than the maxima of code, board and body site
+    "record_failed",  # a record cannot be written, read or deleted; the reason says why
     "too_fast",  # the pulses do not fit into the period; the reason names the achievable rate
     "too_large",  # over the size limit of a message
     "unknown_op",
@@ -105,7 +112,8 @@ class Refused(EtdError):
         self.electrode = electrode
         self.achievable_hz = achievable_hz
         self.bound_by = bound_by
-        super().__init__(f"{reason} ({code})")
+        # The last line of a traceback: one line, whatever the reason quotes.
+        super().__init__(escaped(f"{reason} ({code})"))
 
     @property
     def fields(self) -> RefusalFields:
@@ -143,13 +151,25 @@ class DaemonGone(EtdError):
 
 
 class PackageMissing(EtdError):
-    """A Python package that this verb needs is not installed. Fields: package."""
+    """A Python package that this verb needs is not installed. Fields: package, line (which installs
+    it for the Python that runs this).
+    """
 
     def __init__(self, package: str, extra: str, otherwise: str = "") -> None:
         self.package = package
+        self.line = f"{shlex.quote(sys.executable)} -m pip install 'etd[{extra}]'"
         super().__init__(
-            f"the Python package {package} is not installed: pip install 'etd[{extra}]'{otherwise}"
+            f"the Python package {package} is not installed{otherwise}; this line installs it:"
+            f" {self.line}"
         )
+
+
+class LibraryMissing(EtdError):
+    """A library that a Python package needs is not there. Fields: library."""
+
+    def __init__(self, library: str, what_to_do: str) -> None:
+        self.library = library
+        super().__init__(f"the library {library} is not there: {what_to_do}")
 
 
 class WrongThread(EtdError):

@@ -1,4 +1,4 @@
-"""What the daemon says of itself in `hello`: board, array, maxima and endpoints.
+"""What the daemon says of itself in `hello`: board, array, maxima and endpoints; and its records.
 
 Owns: these structs. Must not know: sockets, requests, how a fact came to be known.
 """
@@ -49,3 +49,11 @@ class MaximaFacts(msgspec.Struct, frozen=True, kw_only=True):
 class Endpoints(msgspec.Struct, frozen=True, kw_only=True):
     frames: str
     telemetry: str
+
+
+class RecordFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """A record on the daemon's disk."""
+
+    name: str
+    bytes: int
+    is_running: bool = False

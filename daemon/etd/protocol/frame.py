@@ -6,7 +6,7 @@ what one value for all or N values means. Must not know: boards, states, time, s
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar, get_args
 
 import msgspec
 from msgspec import Meta
@@ -15,6 +15,14 @@ from etd.protocol.errors import Refused
 from etd.protocol.text import NAME_PATTERN, PLAIN_PATTERN
 
 Polarity = Literal["anodic", "cathodic", "biphasic", "biphasic_cathodic_first"]
+POLARITIES: tuple[Polarity, ...] = get_args(Polarity)
+#: Anodic phases are True.
+PHASES: dict[Polarity, tuple[bool, ...]] = {
+    "anodic": (True,),
+    "cathodic": (False,),
+    "biphasic": (True, False),
+    "biphasic_cathodic_first": (False, True),
+}
 
 Level = Annotated[float, Meta(ge=0.0, le=1.0)]
 CurrentUa = Annotated[int, Meta(ge=0, le=10_000)]
@@ -27,6 +35,9 @@ Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
 PlainText = Annotated[str, Meta(pattern=PLAIN_PATTERN)]
 #: As a client calls itself.
 ClientName = Annotated[str, Meta(max_length=64, pattern=PLAIN_PATTERN)]
+MOST_OF_A_TAG = 64
+#: As a client calls a moment: a number, or a few words.
+MarkTag = Int64 | Annotated[str, Meta(max_length=MOST_OF_A_TAG, pattern=PLAIN_PATTERN)]
 
 #: How long a frame without a ttl is shown.
 DEFAULT_TTL_MS = 200
@@ -44,6 +55,7 @@ class Ring(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 Returns = Literal["all"] | Ring | tuple[tuple[int, ...], ...]
+RETURNS_IN_WORDS = '"all", {"ring_mm": a radius}, or a list of electrodes for each electrode'
 
 
 class Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -54,6 +66,12 @@ class Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     `account`: keep an account of it, for the request of that name. `preview`: answer what would be
     fired now, and show nothing.
+
+    `on_trigger`: it replaces the frame before it at once, and its first scan begins with the next
+    edge of the board's trigger; without one it expires by its ttl. `lasts_ms`: shown for so long
+    from that edge on, and in no case for longer than its ttl. `renews`: the seq of the frame with
+    `on_trigger` whose wait it goes on with; if an edge has begun that one, this one is not shown,
+    and the answer has `trigger_ns`.
     """
 
     lease: str
@@ -73,6 +91,9 @@ class Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     sync: bool = False
     account: bool = False
     preview: bool = False
+    on_trigger: bool = False
+    lasts_ms: TtlMs | None = None
+    renews: Annotated[int, Meta(ge=0, le=2**63 - 1)] | None = None
 
 
 def per_electrode(value: T | tuple[T, ...], n: int, key: str) -> tuple[T, ...]:
@@ -88,6 +109,9 @@ def check_shape(frame: Frame, n: int) -> None:
     """Lengths and electrode numbers against an array of `n`. Raises: Refused (`bad_frame`)."""
     if (frame.level is None) == (frame.current_ua is None):
         raise Refused("bad_frame", "give level or current_ua, one of the two")
+    for key in ("lasts_ms", "renews"):
+        if getattr(frame, key) is not None and not frame.on_trigger:
+            raise Refused("bad_frame", f"{key} is for frames that wait: give on_trigger, too")
     for key in ("level", "current_ua", "width_us", "polarity", "rate_hz"):
         value = getattr(frame, key)
         if isinstance(value, tuple):

@@ -22,11 +22,22 @@ import msgspec
 from msgspec import Meta
 
 from etd.protocol.calibration import Calibration
+from etd.protocol.carried import CarriedOver
 from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, TimePart, Undecodable
 from etd.protocol.facts import ArrayFacts, BoardFacts, MaximaFacts
-from etd.protocol.frame import ClientName, Frame, Int64, Polarity
-from etd.protocol.messages import Contact, Halt, Limits, Modelled, RefusedReport, Scan, StateReport
+from etd.protocol.frame import ClientName, Frame, MarkTag, Polarity
+from etd.protocol.messages import (
+    Contact,
+    Halt,
+    Limits,
+    Marked,
+    Modelled,
+    RefusedReport,
+    Scan,
+    StateReport,
+)
 from etd.protocol.outcome import Account, Clamp, Shortfall
+from etd.stabilize.offset_estimate import Answer as FeltAnswer
 from etd.stabilize.shape import PLAIN, Shape
 
 #: The gateway sends at least this often; after SILENCE_NS without a message the skin is silent.
@@ -55,11 +66,14 @@ class Alive(Command, frozen=True, kw_only=True):
 
 
 class OpenLease(Command, frozen=True, kw_only=True):
-    """A new lease with the limits of the person; enters in SAFE only."""
+    """A new lease with the limits of the person; enters in SAFE only. `others`: calibrations of the
+    same person for other polarities.
+    """
 
     lease: Token
     client: ClientName
     calibration: Calibration | None = None
+    others: tuple[Calibration, ...] = ()
     limits: Limits | None = None
 
 
@@ -93,7 +107,15 @@ class MeasureContact(Command, frozen=True, kw_only=True):
 
 class SetMark(Command, frozen=True, kw_only=True):
     lease: Token
-    tag: Int64 | None = None
+    tag: MarkTag | None = None
+
+
+class SayFelt(Command, frozen=True, kw_only=True):
+    """What the person says of the strength. `lease` None: of somebody who can only lower."""
+
+    answer: FeltAnswer
+    electrodes: tuple[int, ...] | None = None
+    lease: Token | None = None
 
 
 class AskAccount(Command, frozen=True, kw_only=True):
@@ -101,6 +123,12 @@ class AskAccount(Command, frozen=True, kw_only=True):
 
     lease: Token
     seq: int
+
+
+class RecordPulses(Command, frozen=True, kw_only=True):
+    """From now on every pulse that is fired is told, or none any more."""
+
+    is_on: bool
 
 
 class NewFrame(_Message, frozen=True, kw_only=True):
@@ -124,7 +152,9 @@ ToEngine = (
     | StopNow
     | MeasureContact
     | SetMark
+    | SayFelt
     | AskAccount
+    | RecordPulses
 )
 
 
@@ -140,6 +170,8 @@ class EngineHello(_Message, frozen=True, kw_only=True):
     default_polarity: Polarity
     shape: Shape = PLAIN
     stabilizers: tuple[str, ...] = ()
+    #: SHA-256 of each file of the configuration, by what it describes.
+    digests: dict[str, str] = {}
 
 
 class Answer(_Message, frozen=True, kw_only=True):
@@ -152,12 +184,14 @@ class Answer(_Message, frozen=True, kw_only=True):
     achievable_hz: float | None = None
     bound_by: TimePart | None = None
     rate_hz: float | None = None
+    calibrated_hz: float | None = None
     clamped: tuple[Clamp, ...] = ()
     slowed: tuple[Shortfall, ...] = ()
     contact: Contact | None = None
     account: Account | None = None
     marked_ns: int | None = None
     sync: bool = False
+    trigger_ns: int | None = None
 
     @classmethod
     def refusing(cls, ref: int, refusal: Refused) -> Answer:
@@ -180,10 +214,24 @@ class Report(_Message, frozen=True, kw_only=True):
     contact: Contact | None = None
     refused: RefusedReport | None = None
     halt: Halt | None = None
+    mark: Marked | None = None
     modelled: Modelled | None = None
 
 
-ToGateway = EngineHello | Answer | LeaseEnded | Report
+class PulseBatch(_Message, frozen=True, kw_only=True):
+    """Pulses that were fired, of `pulse_row.ROW_BYTES` each, and how many were lost before."""
+
+    rows: bytes
+    lost: int = 0
+
+
+class RecordBegins(_Message, frozen=True, kw_only=True):
+    """Every pulse is told from now on; and what decides over them from before."""
+
+    carried: CarriedOver
+
+
+ToGateway = EngineHello | Answer | LeaseEnded | Report | PulseBatch | RecordBegins
 
 In = TypeVar("In")
 _encoder = msgspec.msgpack.Encoder()

@@ -15,10 +15,17 @@ from msgspec import Meta
 
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode, TimePart
-from etd.protocol.facts import ArrayFacts, BoardFacts, Endpoints, MaximaFacts
-from etd.protocol.frame import ClientName, Frame, Int64, Name, Polarity
-from etd.protocol.outcome import Account, Clamp, Shortfall
+from etd.protocol.facts import ArrayFacts, BoardFacts, Endpoints, MaximaFacts, RecordFacts
+from etd.protocol.felt import FeltFacts, Named
+from etd.protocol.frame import ClientName, Frame, Int64, MarkTag, Name, PlainText, Polarity
+from etd.protocol.opening import CalibrationNames, LeaseCalibration
+from etd.protocol.opening import Limits as Limits
+from etd.protocol.outcome import Account, Clamp, Shortfall, Withheld
+from etd.protocol.scan import Fired as Fired
+from etd.protocol.scan import Scan as Scan
+from etd.protocol.scan import Shown as Shown
 from etd.pulse.measured import ContactState as ContactState
+from etd.stabilize.offset_estimate import Answer
 from etd.stabilize.shape import PLAIN, Shape
 
 VERSION = 1
@@ -32,21 +39,14 @@ MODELLED_HZ = 10
 Id = Annotated[str, Meta(max_length=64)] | Int64
 State = Literal["SAFE", "PROBE", "ARMED", "HALTED"]
 Lease = Annotated[str, Meta(max_length=64)]
-Topic = Literal["state", "scan", "contact", "refused", "halt", "modelled"]
-TOPICS: tuple[Topic, ...] = ("state", "scan", "contact", "refused", "halt", "modelled")
+Topic = Literal["state", "scan", "contact", "refused", "halt", "mark", "modelled"]
+TOPICS: tuple[Topic, ...] = ("state", "scan", "contact", "refused", "halt", "mark", "modelled")
 
 
 class _Request(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="op"
 ):
     id: Id | None = None
-
-
-class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A person's limits without a calibration; both are needed."""
-
-    max_current_ua: Annotated[int, Meta(ge=50, le=10_000)]
-    width_us: Annotated[int, Meta(ge=20, le=200)]
 
 
 class Hello(_Request, frozen=True, tag="hello"):
@@ -64,10 +64,12 @@ class Stop(_Request, frozen=True, tag="stop"):
 
 
 class Open(_Request, frozen=True, tag="open"):
-    """Request the lease, with the limits of the stimulated person."""
+    """Request the lease, with the limits of the stimulated person: a calibration, or several of
+    the same person, each made with another polarity; or numbers.
+    """
 
     client: Annotated[ClientName, Meta(min_length=1)]
-    calibration: Name | None = None
+    calibration: CalibrationNames | None = None
     limits: Limits | None = None
 
 
@@ -98,10 +100,20 @@ class Measure(_Request, frozen=True, tag="measure"):
 
 
 class Mark(_Request, frozen=True, tag="mark"):
-    """A remark in the records, and an edge on the SYNC line where the board has one."""
+    """A remark in telemetry and bus trace, and an edge on the SYNC line where there is one."""
 
     lease: Lease
-    tag: Int64 | None = None
+    tag: MarkTag | None = None
+
+
+class Felt(_Request, frozen=True, tag="felt"):
+    """What the person says of the strength, of these `electrodes` or (null) of all. Whoever does
+    not hold the lease can only say `too_strong`.
+    """
+
+    answer: Answer
+    electrodes: Named | None = None
+    lease: Lease | None = None
 
 
 class AccountOf(_Request, frozen=True, tag="account"):
@@ -117,6 +129,23 @@ class GetCalibration(_Request, frozen=True, tag="calibration"):
     do: Literal["get", "list", "set", "delete"]
     name: Name | None = None
     calibration: Calibration | None = None
+
+
+class Record(_Request, frozen=True, tag="record"):
+    """Write a record of all that is asked and fired, on the daemon's disk: `start` one, `stop` the
+    one that runs (its user, or operate), `list` all, `get` a piece of one from `offset` on, or
+    `delete` one (operate).
+    """
+
+    do: Literal["start", "stop", "list", "get", "delete"]
+    name: Name | None = None
+    offset: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
+
+
+class Note(_Request, frozen=True, tag="note"):
+    """A remark in the record that is being written."""
+
+    text: Annotated[PlainText, Meta(min_length=1, max_length=1_000)]
 
 
 class FrameRequest(Frame, frozen=True, kw_only=True, tag_field="op", tag="frame"):
@@ -137,8 +166,11 @@ Request = (
     | Clear
     | Measure
     | Mark
+    | Felt
     | AccountOf
     | GetCalibration
+    | Record
+    | Note
     | FrameRequest
 )
 
@@ -179,6 +211,8 @@ class HelloReply(Success, frozen=True, kw_only=True):
     shape: Shape = PLAIN
     #: The stabilizers of the body site, in their order.
     stabilizers: tuple[str, ...] = ()
+    #: SHA-256 of each file of the configuration, by what it describes.
+    digests: dict[str, str] = {}
     default_calibration: str | None
     calibrations: tuple[str, ...]
     endpoints: Endpoints
@@ -189,25 +223,32 @@ class HelloReply(Success, frozen=True, kw_only=True):
 class LeaseReply(Success, frozen=True, kw_only=True):
     lease: str
     lease_ms: int
+    calibrations: tuple[LeaseCalibration, ...] = ()
 
 
 class FrameReply(Success, frozen=True, kw_only=True):
-    """Accepted: shown from the next start of a scan. `clamped` is what its limits take away."""
+    """Accepted: shown from the next start of a scan. `clamped` is what its limits take away.
+    `calibrated_hz`: its levels were calibrated at this rate, and it has a lower one.
+    `trigger_ns`: not shown, since this edge has begun the frame that it renews.
+    """
 
     seq: int
     rate_hz: float
     clamped: tuple[Clamp, ...] = ()
     slowed: tuple[Shortfall, ...] = ()
+    calibrated_hz: float | None = None
+    trigger_ns: int | None = None
 
 
 class Contact(msgspec.Struct, frozen=True, kw_only=True):
-    """None: unknown. `pressure_kpa` is of the nearest sensor; empty without sensors."""
+    """None: unknown. `pressure_kpa` is of the nearest sensor. `withheld`: probes not fired."""
 
     contact: tuple[bool | None, ...]
     resistance_ohm: tuple[int | None, ...]
     voltage_v: tuple[float | None, ...]
     t_ns: int
     pressure_kpa: tuple[float | None, ...] = ()
+    withheld: tuple[Withheld, ...] = ()
 
 
 class MeasureReply(Success, frozen=True, kw_only=True):
@@ -215,6 +256,7 @@ class MeasureReply(Success, frozen=True, kw_only=True):
     resistance_ohm: tuple[int | None, ...]
     voltage_v: tuple[float | None, ...]
     pressure_kpa: tuple[float | None, ...] = ()
+    withheld: tuple[Withheld, ...] = ()
 
 
 class MarkReply(Success, frozen=True, kw_only=True):
@@ -229,6 +271,16 @@ class AccountReply(Success, frozen=True, kw_only=True):
 class CalibrationReply(Success, frozen=True, kw_only=True):
     names: tuple[str, ...] = ()
     calibration: Calibration | None = None
+
+
+class RecordReply(Success, frozen=True, kw_only=True):
+    """`data`: of `get`, base64; empty at the record's end. `problem`: why the last one that was
+    written ended by itself.
+    """
+
+    records: tuple[RecordFacts, ...] = ()
+    data: bytes = b""
+    problem: str | None = None
 
 
 class Halt(msgspec.Struct, frozen=True, kw_only=True):
@@ -276,67 +328,15 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     session: SessionFacts | None = None
     #: Sensors without a valid reading, and why; until two seconds after they recover.
     sensor_problems: dict[str, str] = {}
+    #: The record that is being written; or else why the last one ended by itself.
+    record: str | None = None
+    record_problem: str | None = None
+    #: What the person said of the strength since arming, and what follows; null: nothing.
+    felt: FeltFacts | None = None
 
 
 class StatusReply(Success, frozen=True, kw_only=True):
     status: StateReport
-
-
-class Shown(msgspec.Struct, frozen=True, kw_only=True):
-    """A frame that was begun. Its first and last pulse are on CLOCK_MONOTONIC; None: no pulse."""
-
-    seq: int
-    tag: int | None
-    begun_ns: int
-    first_ns: int | None
-    last_ns: int | None
-    ended: bool
-
-
-class Fired(msgspec.Struct, frozen=True, kw_only=True):
-    """The last scan, electrode by electrode; 0 or None where nothing was fired.
-
-    `wanted_ua` is the frame's current, `current_ua` the current commanded to the source, an upper
-    bound of that through the skin (0 where a stabilizer requested nothing). `delivered_ua` passed
-    the skin at the end of the pulse, the leak taken out. `contact` is that of the pulse.
-    `prepulse_ua` and `probe_ua` were commanded for a prepulse and a probe directly before the
-    pulse; 0: none. Their widths follow from the body-site file.
-
-    `resistance_ohm` is of the last sample of the last pulse alone, `skin_ohm` the skin's resistance
-    to a long pulse, from all pulses above the probe's current, and `capacitance_nf` the capacitance
-    beside it, where pulses were wide enough to measure it; None where they are rejected.
-    """
-
-    wanted_ua: tuple[int, ...]
-    current_ua: tuple[int, ...]
-    delivered_ua: tuple[int, ...]
-    width_us: tuple[float, ...]
-    voltage_v: tuple[float | None, ...]
-    resistance_ohm: tuple[int | None, ...]
-    contact: tuple[ContactState | None, ...]
-    prepulse_ua: tuple[int, ...] = ()
-    probe_ua: tuple[int, ...] = ()
-    skin_ohm: tuple[int | None, ...] = ()
-    capacitance_nf: tuple[float | None, ...] = ()
-
-
-class Scan(msgspec.Struct, frozen=True, kw_only=True):
-    """Telemetry `scan`: every frame begun since the last report, every electrode fired, and why
-    less. `pressure_kpa` is of now, by the nearest sensor: None if it has no reading; empty without
-    sensors.
-    """
-
-    now_ns: int
-    shown: tuple[Shown, ...]
-    seq: int
-    tag: int | None
-    scans: int
-    fired: Fired
-    clamped: tuple[Clamp, ...]
-    not_fired: tuple[Shortfall, ...]
-    ceiling_ua: int
-    dropped_reports: int
-    pressure_kpa: tuple[float | None, ...] = ()
 
 
 class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -352,6 +352,14 @@ class RefusedReport(msgspec.Struct, frozen=True, kw_only=True):
     bound_by: TimePart | None = None
 
 
+class Marked(msgspec.Struct, frozen=True, kw_only=True):
+    """Telemetry `mark`: a client marked this time. `sync`: with an edge on the SYNC line."""
+
+    marked_ns: int
+    tag: MarkTag | None
+    sync: bool
+
+
 class Modelled(msgspec.Struct, frozen=True, kw_only=True):
     """Telemetry `modelled`, of fake boards only: the sensation of the modelled body. Per electrode
     the strongest since the last report. `felt`: 1.0 is just felt, 0 nothing; `pain`: 1.0 and more
@@ -363,13 +371,14 @@ class Modelled(msgspec.Struct, frozen=True, kw_only=True):
     pain: tuple[float, ...]
 
 
-Telemetry = StateReport | Scan | Contact | RefusedReport | Halt | Modelled
+Telemetry = StateReport | Scan | Contact | RefusedReport | Halt | Marked | Modelled
 TELEMETRY_OF_TOPIC: dict[Topic, Any] = {
     "state": StateReport,
     "scan": Scan,
     "contact": Contact,
     "refused": RefusedReport,
     "halt": Halt,
+    "mark": Marked,
     "modelled": Modelled,
 }
 
@@ -386,7 +395,10 @@ REPLY_OF_OP: dict[str, Any] = {
     "clear": Success,
     "measure": MeasureReply,
     "mark": MarkReply,
+    "felt": Success,
     "account": AccountReply,
     "calibration": CalibrationReply,
+    "record": RecordReply,
+    "note": Success,
     "frame": FrameReply,
 }

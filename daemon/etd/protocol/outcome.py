@@ -12,7 +12,7 @@ import msgspec
 from etd.protocol.errors import TimePart
 
 ClampReason = Literal[
-    "cap", "return_cap", "soft_start", "recontact", "contact_open", "charge", "frame"
+    "cap", "return_cap", "soft_start", "recontact", "contact_open", "charge", "frame", "felt"
 ]
 
 
@@ -20,6 +20,7 @@ class Clamp(msgspec.Struct, frozen=True, kw_only=True):
     """A current that was lowered: electrode, the requested and the allowed current, and why.
 
     `limited_by` is the electrode whose cap was the smallest in the path (a return, perhaps).
+    `felt`: the person said that it is too strong.
     `ends_in_ms`: when a rise will be over, in the reply to a frame that is shown until then.
     """
 
@@ -41,6 +42,36 @@ class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
     bound_by: TimePart | None = None
 
 
+#: The ledger's bounds of the last second, or a limit that leaves less than the source can make.
+WithheldReason = Literal[
+    "interval",
+    "charge",
+    "pulses",
+    "duty",
+    "array charge",
+    "array duty",
+    "return charge",
+    "cap",
+    "return_cap",
+    "soft_start",
+    "recontact",
+    "contact_open",
+    "frame",
+    "resolution",
+]
+
+
+class Withheld(msgspec.Struct, frozen=True, kw_only=True):
+    """A probe that was not fired, so that contact is unknown there, and by which limit.
+    `after_ms`: there is room for it so long after the reply, if nothing is fired until then; None:
+    not before that limit changes.
+    """
+
+    electrode: int
+    reason: WithheldReason
+    after_ms: int | None
+
+
 #: `expired`: its ttl was over. `replaced`: by a newer frame. `pulses`: it had all of them.
 #: `silenced`: by a stop, a halt, disarming, the end of its lease, or other maxima.
 FrameEnd = Literal["expired", "replaced", "pulses", "silenced"]
@@ -54,7 +85,10 @@ class Account(msgspec.Struct, frozen=True, kw_only=True):
     the highest current commanded to the source (`least_ua`, `most_ua`), and the mean that passed
     the skin at the end of its pulses (`delivered_ua`). 0 where nothing was fired.
 
-    `clamped`: of each electrode and reason the clamp that left the least.
+    `clamped`: of each electrode and reason the clamp that left the least. `calibrated_hz`: the rate
+    that its levels were calibrated at, where the frame asked for a lower one. `trigger_ns`: the
+    edge that began it, by the kernel's stamp; None: it did not wait for one. `ended_ns`: when it
+    was over; None: an older daemon, which does not tell.
     """
 
     seq: int
@@ -72,3 +106,6 @@ class Account(msgspec.Struct, frozen=True, kw_only=True):
     clamped: tuple[Clamp, ...] = ()
     not_fired: tuple[Shortfall, ...] = ()
     clock_lag_us: int = 0
+    calibrated_hz: float | None = None
+    trigger_ns: int | None = None
+    ended_ns: int | None = None

@@ -15,6 +15,11 @@ import re
 _UNSHOWN = r"\u0000-\u001f\u007f-\u009f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069"
 PLAIN_PATTERN = rf"^[^{_UNSHOWN}]*(?!\n)$"
 NAME_PATTERN = r"^[A-Za-z0-9_-]{1,32}(?!\n)$"
+#: What these refuse, in words.
+PATTERN_IN_WORDS = {
+    PLAIN_PATTERN: "a text has no control characters, line breaks or marks of direction",
+    NAME_PATTERN: "a name has 1 to 32 letters from A to Z, digits, hyphens or underscores",
+}
 
 _unshown = re.compile(f"[{_UNSHOWN}]")
 

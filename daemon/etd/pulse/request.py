@@ -116,10 +116,20 @@ class PulseBounds:
     the cap was accepted with, if it is less. `width_us` is how wide its slot in the scan is, beside
     the `prepulse_us` that the body site leaves for a prepulse. `cap_led_part`: of a cap's current,
     what led into the pulses that it was accepted with; 0: they were plain ones. Current and charge
-    are clamped, and reported, together with the limits (`safety/limits.py`).
+    are clamped, and reported, together with the limits (`safety/limits.py`). `raised_ua` and
+    `raised_pc`: what they may rise to where the person says that it is too weak; 0: not at all.
     """
 
-    __slots__ = ("cap_led_part", "cap_us", "charge_pc", "current_ua", "prepulse_us", "width_us")
+    __slots__ = (
+        "cap_led_part",
+        "cap_us",
+        "charge_pc",
+        "current_ua",
+        "prepulse_us",
+        "raised_pc",
+        "raised_ua",
+        "width_us",
+    )
 
     def __init__(
         self,
@@ -129,6 +139,8 @@ class PulseBounds:
         charge_pc: int,
         prepulse_us: int = 0,
         cap_led_part: float = 0.0,
+        raised_ua: int = 0,
+        raised_pc: int = 0,
     ) -> None:
         self.current_ua: Final = current_ua
         self.cap_us: Final = cap_us
@@ -136,6 +148,8 @@ class PulseBounds:
         self.charge_pc: Final = charge_pc
         self.prepulse_us: Final = prepulse_us
         self.cap_led_part: Final = cap_led_part
+        self.raised_ua: Final = raised_ua
+        self.raised_pc: Final = raised_pc
 
     def capped_pc(self, cap_ua: float) -> int:
         """The charge of a cap, with the prepulse of the pulses it was accepted with."""
@@ -150,6 +164,19 @@ class PulseBounds:
             min(self.charge_pc, other.charge_pc),
             self.prepulse_us,
             self.cap_led_part,
+            min(self.raised_ua, other.raised_ua),
+            min(self.raised_pc, other.raised_pc),
+        )
+
+    def raised(self, factor: float) -> PulseBounds:
+        """These bounds, current and charge so much higher where they may rise."""
+        return PulseBounds(
+            max(self.current_ua, min(int(self.current_ua * factor), self.raised_ua)),
+            self.cap_us,
+            self.width_us,
+            max(self.charge_pc, min(int(self.charge_pc * factor), self.raised_pc)),
+            self.prepulse_us,
+            self.cap_led_part,
         )
 
     def no_wider(self, width_us: int) -> PulseBounds:
@@ -161,6 +188,8 @@ class PulseBounds:
             self.charge_pc,
             self.prepulse_us,
             self.cap_led_part,
+            self.raised_ua,
+            self.raised_pc,
         )
 
     def in_slot(self, request: PulseRequest) -> PulseRequest:

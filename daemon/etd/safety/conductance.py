@@ -21,14 +21,17 @@ does not resist much more than the leak.
 Skin is a resistance in series with another one beside a capacitor, so the node rises during the
 pulse. A sample lies below the end of the rise, so it gives the least path. The most path is the end
 of the rise, which two samples bound in two ways; the lower bound counts. No time constant is longer
-than `_LONGEST_TAU_US`; and the step at the beginning was made by at most `_MOST_SERIES_OHM` and the
-way back. Both figures are of dry skin (0.2 to 0.5 nF, 1 to 3 k; van Boxtel 1977).
+than `_LONGEST_TAU_US`, or than that by as much as the way back adds to the leak; and the step at
+the beginning was made by at most `_MOST_SERIES_OHM` and the way back. Both figures are of dry skin
+(0.2 to 0.5 nF, 1 to 3 k; van Boxtel 1977).
 
 A pulse without a sample near its end, or with a step before it, gives the change of the path since
-the last whole reading of that electrode, from like samples of both. Without a whole reading, as for
-a person who gets no wider pulses, the early sample is taken alone: the rise then ends as with a
-time constant of `_MOST_ASSUMED_TAU_US`. That is an assumption: skin with a longer time constant
-conducts less than this module states.
+the last whole reading of that electrode, from like samples of both: that holds as long as the
+contact rises as it did then. One whose early sample has changed by more than a third may be another
+contact, with another time constant. Then, and without a whole reading, as for a person who gets no
+wider pulses, the early sample is taken alone: it is the least, and the rise ends as with a time
+constant of `_MOST_ASSUMED_TAU_US`. That is an assumption: skin with a longer time constant conducts
+less than this module states.
 """
 
 from __future__ import annotations
@@ -52,6 +55,9 @@ _MOST_ASSUMED_TAU_US = 1.5 * ASSUMED_TAU_US
 _NEAR_COMPLIANCE = 0.95
 #: The uncertainty of a change by samples before the end of the rise, as a part of the change.
 _SCALED_DOUBT = 0.2
+#: By how much the early sample of the same contact changes. Without this bound one change of a
+#: contact in four gave a least path that was too large, by up to 12 times.
+_SAME_CONTACT = 1.33
 #: Within two hundredths for 4 like electrodes, and closer for more.
 _ROUNDS = 2
 _STEPS = 4
@@ -104,7 +110,8 @@ class Whole:
         self.current_ua: Final = current_ua
         self.early_v: Final = early_v
         self.last_v: Final = last_v
-        #: The most that the rise ends at, by the longest time constant; inf near the compliance.
+        #: The most that the rise ends at, with a way back that resists nothing; inf near the
+        #: compliance.
         self.end_v: Final = end_v
         #: The time between the samples, in units of EARLY_US; 0 if there was no last sample.
         self.spans: Final = spans
@@ -151,22 +158,24 @@ class PathMeter:
             return None
         if samples.has_end and not samples.has_prepulse:
             return self._whole(samples, samples.width_us - EARLY_US - BEFORE_END_US)
-        if before is not None:
-            return self._scaled(samples, before.whole)
-        return None if samples.has_prepulse else self._whole(samples, 0.0)
+        scaled = None if before is None else self._scaled(samples, before.whole)
+        if samples.has_prepulse or (scaled is None and before is not None):
+            return scaled
+        if scaled is not None and 1.0 / _SAME_CONTACT <= scaled.scale <= _SAME_CONTACT:
+            return scaled
+        return self._whole(samples, 0.0)
 
     def _whole(self, samples: PathSamples, span_us: float) -> Reading:
         current_ua, step_v = samples.code * self._code_ua, self._step_v
-        early_v, last_v, end_v = samples.early_v - step_v, samples.last_v + step_v, math.inf
-        if samples.last_v < self._near_v:
-            if span_us > 0.0:
-                rest = math.exp(-span_us / _LONGEST_TAU_US)
-                end_v = last_v + max(0.0, last_v - early_v) * rest / (1.0 - rest)
-            else:
-                end_v = last_v / (1.0 - math.exp(-EARLY_US / _MOST_ASSUMED_TAU_US))
+        early_v, last_v, spans = (
+            samples.early_v - step_v,
+            samples.last_v + step_v,
+            span_us / EARLY_US,
+        )
+        end_v = math.inf if samples.last_v >= self._near_v else _end_v(early_v, last_v, spans, 1.0)
         least_v = samples.last_v - step_v - max(0.0, samples.resting_v)
         least_ohm = self._ohm(current_ua, least_v)
-        whole = Whole(current_ua, early_v, last_v, end_v, span_us / EARLY_US, least_ohm)
+        whole = Whole(current_ua, early_v, last_v, end_v, spans, least_ohm)
         return Reading(current_ua, least_ohm, self._ohm(current_ua, end_v), whole)
 
     def _scaled(self, samples: PathSamples, whole: Whole) -> Reading | None:
@@ -196,12 +205,17 @@ class PathMeter:
 
     def most_ohm(self, reading: Reading, back_ohm: float) -> float:
         """The most that a path can resist, if its way back resists at most `back_ohm`."""
-        whole, most_ohm = reading.whole, reading.most_ohm
+        whole = reading.whole
+        if whole.end_v == math.inf or back_ohm == math.inf:
+            return math.inf
+        # The skin's capacitance is discharged through the leak and the way back.
+        longer = 1.0 + back_ohm / self._leak_ohm
+        end_v = _end_v(whole.early_v, whole.last_v, whole.spans, longer)
+        most_ohm = max(reading.most_ohm, self._ohm(whole.current_ua, end_v) * reading.scale)
         series_s = 1.0 / (_MOST_SERIES_OHM + back_ohm)
         at_once_v = whole.current_ua / 1e6 / (series_s + 1.0 / self._leak_ohm)
         if at_once_v >= whole.early_v or most_ohm == math.inf or not whole.spans:
             return most_ohm
-        end_v = whole.end_v
         for _ in range(_STEPS):
             # The rest of the rise grows with its end: from an upper bound, each step is one too.
             rise_v = end_v - whole.early_v
@@ -228,6 +242,14 @@ class OwnBounds:
         self.least_s: Final = least_s
         self.most_s: Final = most_s
         self.back_ohm: Final = back_ohm
+
+
+def _end_v(early_v: float, last_v: float, spans: float, longer: float) -> float:
+    """The most that a rise ends at, whose time constants are at most `longer` times the longest."""
+    if not spans:
+        return last_v / (1.0 - math.exp(-EARLY_US / (longer * _MOST_ASSUMED_TAU_US)))
+    rest = math.exp(-spans * EARLY_US / (longer * _LONGEST_TAU_US))
+    return last_v + max(0.0, last_v - early_v) * rest / (1.0 - rest)
 
 
 def own_bounds(meter: PathMeter, readings: Sequence[Reading], beside_s: float) -> OwnBounds:

@@ -235,10 +235,20 @@ class Ledger:
         self._own[electrode].drop_old(now_ns)
         return self._own[electrode].pulses
 
+    def recent_pulses(self, now_ns: int) -> int:
+        """The pulses of the last second at all electrodes."""
+        self._array.drop_old(now_ns)
+        return self._array.pulses
+
     def rested_ns(self, electrode: int) -> int:
         """The earliest time of the electrode's next pulse."""
         begun_ns = self._begun_ns[electrode]
         return 0 if begun_ns is None else begun_ns + self._interval_ns
+
+    def forgotten_ns(self) -> int:
+        """From when on nothing counts any more of all that was booked; 0: nothing does now."""
+        lines = self._array.lines
+        return lines[-1].begun_ns + WINDOW_NS if lines else 0
 
     def exceeds_one_return(self, entry: Entry) -> bool:
         """Whether the charge of the array in a second, with one more pulse, exceeds what a single

@@ -15,7 +15,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from etd.protocol.calibration import Calibration, check_order
+from etd.protocol.calibration_set import check_together
 from etd.protocol.errors import FileError, Refused
+from etd.protocol.frame import Polarity
 from etd.protocol.messages import Limits
 from etd.protocol.outcome import Clamp, ClampReason
 from etd.pulse.request import PulseBounds, PulseRequest
@@ -28,12 +30,49 @@ class PersonLimits:
 
     No pulse is wider than `width_us`. The caps were accepted at the width `accepted_us`: a wider
     pulse is allowed no more charge.
+
+    `others` are the person's calibrations for other polarities, with the same conditions. Then
+    `caps_ua` has the smallest of each electrode's caps, for returns and probes, whose polarity is
+    not that of a calibrated pulse.
     """
 
     caps_ua: tuple[int, ...]
     width_us: int
     accepted_us: int
     calibration: Calibration | None
+    others: tuple[Calibration, ...] = ()
+
+    @property
+    def calibrations(self) -> tuple[Calibration, ...]:
+        """All; the first one's polarity is that of frames that name none."""
+        return () if self.calibration is None else (self.calibration, *self.others)
+
+    @property
+    def own_caps_ua(self) -> dict[Polarity, tuple[int, ...]]:
+        """The caps of stimulated electrodes by polarity. Empty where `caps_ua` hold for all."""
+        if not self.others:
+            return {}
+        return {it.polarity: _caps_ua(it) for it in self.calibrations}
+
+
+def limits_of_calibrations(
+    calibrations: Sequence[Calibration], maxima: Maxima, array: str, electrodes: int, site: str
+) -> PersonLimits:
+    """A person's caps from one calibration, or from several that differ in polarity.
+
+    Raises: Refused (`bad_calibration`, `over_maximum`, `board_cannot`).
+    """
+    check_together(calibrations)
+    first, *others = (
+        limits_of_calibration(calibration, maxima, array, electrodes, site)
+        for calibration in calibrations
+    )
+    if not others:
+        return first
+    smallest_ua = tuple(min(caps) for caps in zip(*map(_caps_ua, calibrations), strict=True))
+    return PersonLimits(
+        smallest_ua, first.width_us, first.accepted_us, calibrations[0], tuple(calibrations[1:])
+    )
 
 
 def limits_of_calibration(
@@ -80,8 +119,12 @@ def limits_of_calibration(
         check_order(calibration, f"the calibration of {calibration.participant}")
     except FileError as error:
         raise Refused("bad_calibration", str(error)) from error
-    caps_ua = tuple(limits.cap_ua for limits in calibration.electrode)
+    caps_ua = _caps_ua(calibration)
     return PersonLimits(caps_ua, maxima.width_us, calibration.width_us, calibration)
+
+
+def _caps_ua(calibration: Calibration) -> tuple[int, ...]:
+    return tuple(limits.cap_ua for limits in calibration.electrode)
 
 
 def limits_of_numbers(limits: Limits, maxima: Maxima, electrodes: int) -> PersonLimits:
@@ -135,6 +178,12 @@ class Path:
         """The same path, with the returns as they are known now."""
         return Path(self.electrode, self.cap_ua, return_ua, return_electrode)
 
+    def with_cap(self, cap_ua: int) -> Path:
+        """The same path, with the electrode's own cap for another polarity."""
+        if cap_ua == self.cap_ua:
+            return self
+        return Path(self.electrode, cap_ua, self.return_ua, self.return_electrode)
+
 
 def path_of(electrode: int, caps_ua: Sequence[int], returns: Sequence[int]) -> Path:
     """The electrode's own cap, and the smallest of its returns: each may carry all of it."""
@@ -151,13 +200,15 @@ def clamp_to_limits(
     is_open: bool,
     bounds: PulseBounds | None = None,
     before_pc: int = 0,
+    felt_ua: int | None = None,
 ) -> tuple[int, Clamp | None]:
     """The allowed current of a request, in uA, and the clamp to report, if any.
 
     The smallest bound wins and is named. `soft_start_ua` is the array's ceiling now, `recontact_ua`
     the electrode's own after a re-contact (None: none), `is_open` that nothing touches it. `bounds`
     are the frame's own, for requests of stabilizers. `before_pc` is the charge of the probe that
-    goes before. A prepulse falls with its pulse, and its charge counts.
+    goes before. `felt_ua`: what is left of it since the person said that it is too strong (None:
+    nobody said so). A prepulse falls with its pulse, and its charge counts.
     """
     reason: ClampReason = "cap"
     bound_ua = _within_cap(path.cap_ua, request, bounds)
@@ -179,6 +230,8 @@ def clamp_to_limits(
         bound_ua, reason = recontact_ua, "recontact"
     if is_open and maxima.probe_current_ua < bound_ua:
         bound_ua, reason = maxima.probe_current_ua, "contact_open"
+    if felt_ua is not None and felt_ua < bound_ua:
+        bound_ua, reason = felt_ua, "felt"
     if request.current_ua <= bound_ua:
         return request.current_ua, None
     clamp = Clamp(

@@ -11,6 +11,7 @@ live. A lease with limits and no calibration does not identify a person: it is a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from etd.protocol.calibration import Calibration
@@ -29,6 +30,16 @@ class Subject:
     calibration: Calibration | None
     #: Which of the engine's leases it is, where there is no calibration; 0 where there is one.
     lease_number: int = 0
+    #: Calibrations of the same person for other polarities.
+    others: tuple[Calibration, ...] = ()
+
+    @classmethod
+    def of(cls, calibrations: Sequence[Calibration], lease_number: int) -> Subject:
+        """In whichever order they were named: that says nothing of a person."""
+        if not calibrations:
+            return cls(None, lease_number)
+        first, *others = sorted(calibrations, key=lambda calibration: calibration.polarity)
+        return cls(first, 0, tuple(others))
 
     @property
     def participant(self) -> str | None:

@@ -25,6 +25,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
+from etd.protocol.carried import RampState, SoftStartState
+
 #: 0.5 mA per 100 ms, in steps that keep prepared pulses few.
 STEP_UA = 50
 STEP_NS = 10_000_000
@@ -108,6 +110,27 @@ class Ramp:
         ramp._last_ns, ramp.ceiling_ua = self._last_ns, self.ceiling_ua
         return ramp
 
+    def saved(self) -> RampState:
+        """For a record."""
+        return RampState(
+            reached_ua=self._reached_ua,
+            fired_ua=self._fired_ua,
+            settled_ua=self._settled_ua,
+            rises=tuple(self._rises),
+            counted_ns=self._counted_ns,
+            due_ns=self._due_ns,
+            last_ns=self._last_ns,
+            ceiling_ua=self.ceiling_ua,
+        )
+
+    def resume(self, state: RampState, ahead_ns: int) -> None:
+        """As a record has it, whose clock is so much ahead of the one here."""
+        self._reached_ua, self._fired_ua = state.reached_ua, state.fired_ua
+        self._settled_ua, self.ceiling_ua = state.settled_ua, state.ceiling_ua
+        self._rises = deque((t_ns - ahead_ns, current_ua) for t_ns, current_ua in state.rises)
+        self._counted_ns = None if state.counted_ns is None else state.counted_ns - ahead_ns
+        self._due_ns, self._last_ns = state.due_ns - ahead_ns, state.last_ns - ahead_ns
+
     def risen_after_ns(self, current_ua: int, period_ns: int, now_ns: int) -> int | None:
         """In how long a pulse of `current_ua` that is due each period would be let through, if they
         begin now; None where it would not within a minute.
@@ -142,6 +165,25 @@ class SoftStart:
         self._array.restart()
         self._recontacts.clear()
         self._were_open.clear()
+
+    def saved(self) -> SoftStartState:
+        """For a record."""
+        return SoftStartState(
+            array=self._array.saved(),
+            recontacts={electrode: ramp.saved() for electrode, ramp in self._recontacts.items()},
+            were_open=tuple(sorted(self._were_open)),
+        )
+
+    def resume(self, state: SoftStartState, ahead_ns: int) -> None:
+        """Stand as in a record that is replayed, whose clock is so much ahead. Nothing but a replay
+        calls this: a board with a person at it begins at zero.
+        """
+        self.restart()
+        self._array.resume(state.array, ahead_ns)
+        for electrode, ramp_state in state.recontacts.items():
+            self.touched_again(electrode)
+            self._recontacts[electrode].resume(ramp_state, ahead_ns)
+        self._were_open.update(state.were_open)
 
     def due(self, now_ns: int) -> int:
         """The array's ceiling in uA for a pulse that is due now."""

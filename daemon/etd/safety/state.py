@@ -25,13 +25,17 @@ class StateMachine:
         """Raises: Refused, naming the state and what to do."""
         if self.state in allowed:
             return
-        if self.halt is not None:
-            raise halted(self.halt.cause, self.halt.source, self.halt.detail)
+        self.check_not_halted()
         if allowed == ("ARMED",):
             raise Refused("not_armed", f"the state is {self.state}: arm first")
         raise Refused(
             "wrong_state", f"the state is {self.state}, it must be {' or '.join(allowed)}"
         )
+
+    def check_not_halted(self) -> None:
+        """Raises: Refused (`halted`), with the cause."""
+        if self.halt is not None:
+            raise halted(self.halt.cause, self.halt.source, self.halt.detail)
 
     def probe(self) -> None:
         self.need("SAFE")

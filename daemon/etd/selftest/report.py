@@ -51,6 +51,10 @@ def unproved_of(board: BoardFile) -> tuple[str, ...]:
     found = list(UNPROVED)
     if board.sync_line != "absent":
         found.append("a wire of SYNC that is cut beyond the pin: check it at the receiving end")
+    if board.trigger != "absent":
+        found.append(
+            "a wire of TRIGGER that is cut: join it to SYNC, and show a frame with on_trigger"
+        )
     if guards.rail_monitor != "absent":
         return tuple(found)
     if guards.heartbeat != "absent":

@@ -19,7 +19,10 @@ beside a neighbor under paste; `closed`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from etd.files.body_site import SiteContact
+from etd.protocol.carried import ContactsState
 from etd.protocol.messages import ContactState
 from etd.pulse.measured import CONTACT_POLL_NS, MAX_AGE_NS
 from etd_hal.boardfile import Source
@@ -63,6 +66,32 @@ class ContactMap:
         for electrode in range(len(self.is_touched)):
             self.is_touched[electrode] = None
             self._reset_one(electrode)
+
+    def saved(self) -> ContactsState:
+        """For a record."""
+        return ContactsState(
+            is_touched=tuple(self.is_touched),
+            resistance_ohm=tuple(self.resistance_ohm),
+            voltage_v=tuple(self.voltage_v),
+            undelivered_ua=tuple(self.undelivered_ua),
+            is_shorted=tuple(self._is_shorted),
+            soft_since_ns=tuple(self._soft_since_ns),
+            commanded_ua=tuple(self._commanded_ua),
+            was_at_end=tuple(self._was_at_end),
+            measured_ns=tuple(self._measured_ns),
+        )
+
+    def resume(self, saved: ContactsState, ahead_ns: int) -> None:
+        """As a record has it, whose clock is so much ahead. Nothing but a replay calls this."""
+        self.is_touched[:] = saved.is_touched
+        self.resistance_ohm[:] = saved.resistance_ohm
+        self.voltage_v[:] = saved.voltage_v
+        self.undelivered_ua[:] = saved.undelivered_ua
+        self._is_shorted[:] = saved.is_shorted
+        self._soft_since_ns[:] = _moved(saved.soft_since_ns, ahead_ns)
+        self._commanded_ua[:] = saved.commanded_ua
+        self._was_at_end[:] = saved.was_at_end
+        self._measured_ns[:] = _moved(saved.measured_ns, ahead_ns)
 
     def _reset_one(self, electrode: int) -> None:
         """Reset all of an electrode, except that it is open."""
@@ -203,3 +232,7 @@ class ContactMap:
         if through_ua < commanded_ua * 0.02 or voltage_v >= 0.95 * self._compliance_v:
             return None
         return int(voltage_v / through_ua * 1e6)
+
+
+def _moved(times_ns: Sequence[int | None], ahead_ns: int) -> list[int | None]:
+    return [None if t_ns is None else t_ns - ahead_ns for t_ns in times_ns]

@@ -1,0 +1,45 @@
+"""With what a lease is opened, and what its reply says of that.
+
+Owns: the limits of a person without a calibration, the names of calibrations, and how each of them
+is told. Must not know: sockets, the engine, boards.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from etd.protocol.calibration import Calibration
+from etd.protocol.calibration_set import MOST_CALIBRATIONS
+from etd.protocol.frame import Name, Polarity
+
+#: One name, or several: of one person's calibrations, each made with another polarity. The first
+#: one's polarity is that of frames that name none.
+CalibrationNames = (
+    Name | Annotated[tuple[Name, ...], Meta(min_length=1, max_length=MOST_CALIBRATIONS)]
+)
+
+
+class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A person's limits without a calibration; both are needed."""
+
+    max_current_ua: Annotated[int, Meta(ge=50, le=10_000)]
+    width_us: Annotated[int, Meta(ge=20, le=200)]
+
+
+class LeaseCalibration(msgspec.Struct, frozen=True, kw_only=True):
+    """A calibration that a lease was opened with. `digest`: SHA-256 of its content."""
+
+    name: str
+    polarity: Polarity
+    digest: str
+
+
+class NamedCalibration(msgspec.Struct, frozen=True, kw_only=True):
+    """The same with its content, for a record."""
+
+    name: str
+    digest: str
+    calibration: Calibration
