@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models compiled test-compiled compiled-arm test-compiled-arm durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-steady record compare format install place activate uninstall clean
+.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -29,6 +29,8 @@ demo: $(VENV)/ready-daemon ## A moving pattern on the fake board, live in the te
 WORKERS := $(shell expr $$(nproc) \* 3 / 2)
 PYTEST := $(BIN)/pytest -q --numprocesses $(WORKERS) --dist worksteal
 MODELS := tests/models
+PAGES := tests/pages
+APART := --ignore $(MODELS) --ignore $(PAGES)
 
 # What a target took is said however it ends.
 define timed
@@ -36,13 +38,19 @@ define timed
 endef
 
 check: $(VENV)/ready-dev ## Before a commit, in a minute: format, lint, types, contracts, the fast tests
-	$(call timed,$(STATIC) && $(PYTEST) -m 'not slow' --ignore $(MODELS) $(ARGS))
+	$(call timed,$(STATIC) && $(PYTEST) -m 'not slow' $(APART) $(ARGS))
 
-test: $(VENV)/ready-dev ## Everything a change must pass: the same, and all tests but whole models
-	$(call timed,$(STATIC) && $(PYTEST) --ignore $(MODELS) $(ARGS))
+test: $(VENV)/ready-dev ## Everything a change must pass: the same, and all tests but whole models and the pages'
+	$(call timed,$(STATIC) && $(PYTEST) $(APART) $(ARGS))
 
 test-models: $(VENV)/ready-dev ## Fingers and slow machines modelled for minutes, sweeps of whole self-tests, the benchmarks' own tests
 	$(call timed,$(PYTEST) $(MODELS) $(ARGS))
+
+test-client: $(VENV)/ready-dev ## The client on the Python that it keeps to, beside a fake daemon of ours (PYTHON310=python3.10)
+	PYTHONPATH=tests $(BIN)/python tests/client_on.py $(or $(PYTHON310),python3.10)
+
+test-pages: $(VENV)/ready-dev ## The examples, and what the pages show, as they stand there
+	$(call timed,$(PYTEST) $(PAGES) $(ARGS))
 
 durations: $(VENV)/ready-dev ## What each file of tests takes of the processor, and which are slow
 	PYTHONPATH=tests $(PYTEST) -p processor_time $(ARGS)
@@ -57,8 +65,10 @@ format-check: $(VENV)/ready-dev
 lint: $(VENV)/ready-dev
 	@$(BIN)/ruff check $(ROOTS)
 
+# Then what the client loads, for the Python that it keeps to.
 types: $(VENV)/ready-dev
 	@$(BIN)/mypy $(ROOTS)
+	@files=$$($(BIN)/python tests/client_modules.py) && $(BIN)/mypy --python-version 3.10 --follow-imports=silent $$files
 
 contracts: $(VENV)/ready-dev
 	@$(BIN)/lint-imports --no-logo
@@ -105,6 +115,7 @@ bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual scr
 	$(BIN)/python tests/bench/run.py $(ARGS)
 	$(if $(findstring json,$(ARGS)),,-$(BIN)/python hatch_build.py $(COMPILED))
 	$(if $(findstring json,$(ARGS)),,$(BIN)/python tests/bench/both.py)
+	$(if $(findstring json,$(ARGS)),,$(BIN)/python tests/bench/recording.py)
 
 instructions: $(if $(findstring --arm,$(ARGS)),compiled-arm,compiled) ## The engine's instructions for a pulse, by valgrind (ARGS='--arm --tree FOLDER': of 64-bit ARM, and of another checkout)
 	$(BIN)/python tests/bench/instructions.py $(ARGS)
@@ -112,10 +123,20 @@ instructions: $(if $(findstring --arm,$(ARGS)),compiled-arm,compiled) ## The eng
 wall: $(VENV)/ready-dev ## The engine beside a hog, on wall-clock ports: it must not halt (SECONDS=900; ARGS=--threads: it must wait for the lock)
 	$(BIN)/python tests/bench/wall_scene.py --seconds $(or $(SECONDS),120) $(ARGS)
 
-bench-calibrate: $(VENV)/ready-dev ## Calibrate whole modelled bodies by each method, against their true thresholds (minutes)
+bench-fit: $(VENV)/ready-dev ## Who gets an exponent k by `etd calibrate --fit`: 200 modelled persons with one, 200 without
+	$(BIN)/python tests/bench/fit.py $(ARGS)
+
+bench-calibrate: $(VENV)/ready-dev ## Calibrate persons who answer badly, and whole modelled bodies, by each method (minutes)
+	$(BIN)/python tests/bench/calibrate_persons.py
 	$(BIN)/python tests/bench/calibrate.py $(ARGS)
 
-bench-steady: $(VENV)/ready-dev ## How steady it feels, without and with each stabilizer (ARGS=--json)
+bench-steady: $(VENV)/ready-dev ## What each stabilizer gives and takes on bodies that disagree; an hour, goes on where it was cut (ARGS=--short: minutes)
+	$(BIN)/python tests/bench/steady_bodies.py $(ARGS)
+
+bench-felt: $(VENV)/ready-dev ## What a person's answers give and take on bodies that disagree, in minutes (ARGS=--json)
+	$(BIN)/python tests/bench/steady_felt.py $(ARGS)
+
+bench-finger: $(VENV)/ready-dev ## How steady it feels on the fake's own finger, returns and plots included (ARGS=--json)
 	$(BIN)/python tests/bench/steady.py $(ARGS)
 
 record: $(VENV)/ready-dev ## Play many scenes on the fake, and keep traces and reports (OUT=folder)
@@ -144,9 +165,9 @@ $(VENV)/ready-dev: pyproject.toml | $(VENV)/bin/pip
 # Python is asked before venv is: a half-made environment would have to be cleaned up by hand.
 define require_python
 	@command -v $(PYTHON) >/dev/null || { \
-	  echo "etd needs Python 3.11 or newer, and there is no $(PYTHON): sudo apt install python3 python3-venv"; exit 1; }
+	  echo "etd's daemon needs Python 3.11 or newer, and there is no $(PYTHON): sudo apt install python3 python3-venv"; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
-	  echo "etd needs Python 3.11 or newer, and $(PYTHON) is $$($(PYTHON) -V 2>&1): install a newer one and say make PYTHON=python3.11"; exit 1; }
+	  echo "etd's daemon needs Python 3.11 or newer, and $(PYTHON) is $$($(PYTHON) -V 2>&1): install a newer one and say make PYTHON=python3.11"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	  echo "$(PYTHON) cannot make virtual environments: sudo apt install python3-venv"; exit 1; }
 endef

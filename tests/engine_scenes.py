@@ -17,6 +17,7 @@ import msgspec
 from engine_rig import LEASE, EngineRig
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.calibration import Calibration, ElectrodeLimits
+from etd.protocol.exponent import FittedExponent
 from etd.protocol.link import Answer, LeaseEnded, OpenLease
 from etd.protocol.messages import Halt, Scan, Shown, StateReport
 from etd.protocol.outcome import Clamp, Shortfall
@@ -129,9 +130,25 @@ def opened_to(rig: EngineRig, current_ua: int) -> None:
     rig.engine.components.soft_start.fired(0, current_ua, current_ua, rig.clock.now_ns() - 100 * MS)
 
 
-def fully_open(rig: EngineRig, current_ua: int = 3_000) -> EngineRig:
-    """Armed, with weak frames held, and the opening as high as `current_ua`."""
-    armed(rig)
+def begun(rig: EngineRig, width_us: int = 200, k: float = 0.7) -> EngineRig:
+    """Armed, with a client's limits; where the site has `power_law`, for a person with this k."""
+    loaded = rig.engine.components.loaded
+    stabilize = loaded.body_site.stabilize
+    if stabilize.power_law is None:
+        rig.open(3_000, width_us)
+    else:
+        caps_ua = (3_000,) * loaded.array.count
+        of_person: dict[str, Any] = {"exponent": exponent(k), "shape": stabilize.shape}
+        made = calibration(rig, caps_ua, width_us=width_us, **of_person)
+        answer = open_calibrated(rig, made)
+        assert answer.error is None, answer.reason
+    rig.arm()
+    return rig
+
+
+def fully_open(rig: EngineRig, current_ua: int = 3_000, k: float = 0.7) -> EngineRig:
+    """Armed, with weak frames held, and the opening as high as `current_ua`; `k`: see `begun`."""
+    begun(rig, k=k)
     opened_to(rig, current_ua)
     count = rig.engine.components.loaded.array.count
     hold_ms = current_ua // 5 + 30
@@ -158,6 +175,20 @@ def calibration(rig: EngineRig, caps_ua: Sequence[int], **changes: Any) -> Calib
         ),
     )
     return msgspec.structs.replace(made, **changes)
+
+
+def exponent(k: float) -> FittedExponent:
+    """One that may be used."""
+    return FittedExponent(
+        k=k,
+        low=k - 0.2 * abs(k),
+        high=k + 0.2 * abs(k),
+        explained=0.9,
+        electrodes=(0, 1, 2),
+        states=4,
+        fold=3.0,
+        date=datetime.date(2025, 1, 15),
+    )
 
 
 def open_calibrated(rig: EngineRig, made: Calibration) -> Answer:

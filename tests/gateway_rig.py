@@ -6,6 +6,7 @@ Owns: stepping them, by hand or in a thread for clients that block. Must not kno
 from __future__ import annotations
 
 import json
+import os
 import tempfile
 import threading
 from collections.abc import Callable
@@ -18,6 +19,7 @@ import zmq
 from etd.client import clock
 from etd.files.paths import address_of
 from etd.gateway.config import GatewayConfig
+from etd.gateway.record_file import Write
 from etd.gateway.server import Gateway
 from etd.protocol.link import EngineHello
 from etd_hal.ports import Clock
@@ -60,7 +62,11 @@ class GatewayRig:
     """Stepped by the test: `until` gives gateway and engine turns while something is awaited."""
 
     def __init__(
-        self, facts: EngineHello | None = None, clock: Clock | None = None, **config: Any
+        self,
+        facts: EngineHello | None = None,
+        clock: Clock | None = None,
+        write: Write = os.write,
+        **config: Any,
     ) -> None:
         self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
         root = Path(self._temporary.name)
@@ -79,7 +85,7 @@ class GatewayRig:
         self.facts = facts
         self.engine = ScriptedEngine(self.folder, facts)
         self.running = clock or self.clock
-        self.gateway = Gateway(self.config, self.running)
+        self.gateway = Gateway(self.config, self.running, write=write)
         self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self.control = self.socket(zmq.DEALER, "control.sock")
 

@@ -20,7 +20,6 @@ from etd.protocol.link import (
     Channel,
     Command,
     EngineHello,
-    LeaseEnded,
     Listener,
     MeasureContact,
     NewFrame,
@@ -28,6 +27,7 @@ from etd.protocol.link import (
     Report,
     SetMark,
     ToEngine,
+    ToGateway,
 )
 from etd.protocol.messages import Contact, Halt, State, StateReport
 from etd.protocol.outcome import Account
@@ -174,7 +174,7 @@ class ScriptedEngine:
         assert self._channels is not None
         return self._channels[1]
 
-    def say(self, message: EngineHello | Answer | LeaseEnded | Report) -> None:
+    def say(self, message: ToGateway) -> None:
         assert self._channels is not None
         assert self._channels[0].send(message)
 

@@ -19,18 +19,29 @@ import zmq
 
 from engine_rig import turn
 from etd.client.course import Course, Pause
-from etd.client.options import FrameOptions, frame_fields
+from etd.client.drive import drive
+from etd.client.options import FrameOptions, Kind, frame_fields
+from etd.client.patterns import PatternOptions, playing_pattern
+from etd.client.playing import Played, Playing
 from etd.client.presented import Presented
-from etd.client.presenting import presenting
-from etd.client.session import Flow, R, Session
+from etd.client.presenting import WAIT_S, presenting
+from etd.client.session import Ask, Flow, R, Session
 from etd.engine.loop import Engine
 from etd.files.configuration import LoadedConfig, fake_config
+from etd.files.pattern import Pattern
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.link import Channel, Listener, NewFrame, ToEngine
-from etd.protocol.messages import TELEMETRY_OF_TOPIC, FrameReply, HelloReply
+from etd.protocol.messages import (
+    TELEMETRY_OF_TOPIC,
+    FrameReply,
+    Halt,
+    HelloReply,
+    MarkReply,
+    Scan,
+)
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_body.course import STILL, Script
 from etd_body.living import LivingBody
@@ -48,6 +59,8 @@ _GATEWAY_NS = 4_000_000
 #: Nothing stands and nobody asks: time passes in steps, far within what the gateway may be silent.
 _STRIDE_NS = 20_000_000
 _PATIENCE = 20_000
+#: The wall's time when the clock was zero.
+WALL_NS = 1_790_000_000_000_000_000
 #: Its looks are few, so that minutes cost seconds: no message is overdue here.
 _STOPPER_NS = 20_000_000
 
@@ -107,7 +120,7 @@ class SteppedDaemon:
         config = GatewayConfig(
             name="stepped", runtime_folder=self.folder, state_dir=self.folder / "state"
         )
-        self.gateway = Gateway(config, self.clock)
+        self.gateway = Gateway(config, self.clock, self._read_clocks)
         self._gateway_ns = 0
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self.control = self._socket(zmq.DEALER, "control.sock")
@@ -137,6 +150,10 @@ class SteppedDaemon:
         assert problems == ()
         assert self.fake.dac_code == 0
 
+    def _read_clocks(self) -> tuple[int, int, int]:
+        now_ns = self.clock.now_ns()
+        return now_ns, WALL_NS + now_ns, 0
+
     def step(self, wait_ms: int = 0) -> None:
         """A turn of the engine, and one of the gateway where one is due or waited for."""
         if wait_ms or self.clock.now_ns() - self._gateway_ns >= _GATEWAY_NS:
@@ -157,7 +174,8 @@ class SteppedDaemon:
         while self.clock.now_ns() < deadline_ns:
             if self.engine.components.active.schedule is None:
                 stride_ns = self.clock.now_ns() + _STRIDE_NS
-                self.clock.sleep_until_ns(min(deadline_ns, stride_ns))
+                # By the engine's clock, which counts it as rest.
+                self.engine.components.clock.sleep_until_ns(min(deadline_ns, stride_ns))
                 self.gateway.step(0)
             self.step()
 
@@ -184,7 +202,7 @@ class SteppedDisplay:
         daemon: SteppedDaemon,
         max_current_ua: int | None = None,
         width_us: int | None = None,
-        calibration: str | None = None,
+        calibration: str | Sequence[str] | None = None,
     ) -> None:
         self._daemon = daemon
         self._session = Session(
@@ -200,24 +218,23 @@ class SteppedDisplay:
     def show_current(
         self, current_ua: Sequence[int], **options: Unpack[FrameOptions]
     ) -> FrameReply:
-        fields = frame_fields("current_ua", list(current_ua), options)
+        return self._show("current_ua", current_ua, options)
+
+    def show_levels(self, level: Sequence[float], **options: Unpack[FrameOptions]) -> FrameReply:
+        return self._show("level", level, options)
+
+    def _show(self, kind: Kind, numbers: Sequence[float], options: FrameOptions) -> FrameReply:
+        fields = frame_fields(kind, list(numbers), options)
         del fields["sent_ns"]  # of another clock than the daemon's
         return self._run(self._session.frame(fields))
 
+    @property
+    def last_seq(self) -> int:
+        return self._session.last_seq
+
     def play(self, course: Course[R]) -> R:
         """As `Display` plays one; pauses take the daemon's time."""
-        try:
-            step = next(course)
-            while True:
-                try:
-                    done = self._do(step)
-                except Refused as refusal:
-                    step = course.throw(refusal)
-                else:
-                    step = course.send(done)
-        except StopIteration as end:
-            result: R = end.value
-            return result
+        return drive(course, self._do, Refused)
 
     def _do(self, step: Flow[Any] | Pause) -> object:
         if isinstance(step, Pause):
@@ -231,11 +248,46 @@ class SteppedDisplay:
         return self.play(self.presenting(current_ua, seconds, rate_hz, **options))
 
     def presenting(
-        self, current_ua: Sequence[int], seconds: float, rate_hz: float, **options: Any
+        self,
+        current_ua: Sequence[int],
+        seconds: float,
+        rate_hz: float,
+        wait_s: float = WAIT_S,
+        after: int | None = None,
+        **options: Any,
     ) -> Course[Presented]:
+        """`after`: it goes on beside the program, as `Display.begin` has it."""
         given: FrameOptions = {"rate_hz": rate_hz}
         fields = {**frame_fields("current_ua", list(current_ua), given), **options}
-        return presenting(self._session, fields, seconds, self._daemon.now_ns)
+        return presenting(self._session, fields, seconds, self._daemon.now_ns, after, wait_s)
+
+    def play_pattern(self, pattern: Pattern, **options: Unpack[PatternOptions]) -> Played:
+        """As `Display.play`: reports are heard in its pauses."""
+        tell = options.get("tell", lambda _: None)
+        on_frame = options.get("on_frame", lambda _: None)
+        playing = Playing(self._session, "stepped", self._daemon.now_ns, tell, on_frame)
+        course = playing_pattern(self._session, playing, pattern, options)
+        return self.play(self._listening(course, playing))
+
+    def _listening(self, course: Course[R], playing: Playing) -> Course[R]:
+        try:
+            step = next(course)
+            while True:
+                if isinstance(step, Pause):
+                    done: object = self.receive(step.seconds)
+                    if isinstance(done, tuple) and isinstance(done[1], Scan | Halt):
+                        playing.hear(done[1])
+                    step = course.send(None)
+                    continue
+                try:
+                    done = yield step
+                except Refused as refusal:
+                    step = course.throw(refusal)
+                else:
+                    step = course.send(done)
+        except StopIteration as end:
+            result: R = end.value
+            return result
 
     def set_calibration(self, name: str, calibration: Calibration) -> None:
         self._run(self._session.set_calibration(name, calibration))
@@ -248,6 +300,23 @@ class SteppedDisplay:
 
     def stop(self) -> None:
         self._run(self._session.stop())
+
+    def mark(self, tag: int) -> MarkReply:
+        return self._run(self._session.mark(tag))
+
+    def note(self, text: str) -> None:
+        self._run(self._session.note(text))
+
+    def start_record(self, name: str) -> None:
+        self._run(self._session.start_record(name))
+
+    def stop_record(self) -> None:
+        self._run(self._session.stop_record())
+
+    def fetch_record(self, name: str, path: Path) -> Path:
+        with path.open("wb") as file:
+            self._run(self._session.fetch_record(name, file.write))
+        return path
 
     def close(self) -> None:
         self._run(self._session.close())
@@ -271,19 +340,11 @@ class SteppedDisplay:
         return topic, msgspec.json.decode(data, type=kind)
 
     def _run(self, flow: Flow[R]) -> R:
-        try:
-            ask = next(flow)
-            while True:
-                self._daemon.control.send(ask.data)
-                try:
-                    reply = self._session.settle(ask, self._answer())
-                except Refused as refusal:
-                    ask = flow.throw(refusal)
-                else:
-                    ask = flow.send(reply)
-        except StopIteration as end:
-            result: R = end.value
-            return result
+        return drive(flow, self._ask, Refused)
+
+    def _ask(self, ask: Ask) -> object:
+        self._daemon.control.send(ask.data)
+        return self._session.settle(ask, self._answer())
 
     def _answer(self) -> bytes:
         control = self._daemon.control

@@ -18,6 +18,7 @@ CLONE = TESTS.parent
 MAKEFILE = (CLONE / "Makefile").read_text(encoding="utf-8")
 CI = (CLONE / ".ci" / "run").read_text(encoding="utf-8")
 MODELS = TESTS / "models"
+PAGES = TESTS / "pages"
 #: What runs inside a kernel of its own is another matter.
 FILES = [path for path in sorted(TESTS.rglob("test_*.py")) if TESTS / "kernel" not in path.parents]
 PACKAGES = sorted(
@@ -38,7 +39,7 @@ def marks(path: Path) -> list[str]:
 
 
 def is_fast(path: Path) -> bool:
-    return "slow" not in marks(path) and MODELS not in path.parents
+    return "slow" not in marks(path) and not {MODELS, PAGES} & set(path.parents)
 
 
 def packages_of(path: Path) -> set[str]:
@@ -78,12 +79,16 @@ def recipe(target: str) -> str:
 
 
 def test_whatever_check_leaves_out_the_other_targets_run() -> None:
-    assert "-m 'not slow' --ignore $(MODELS)" in recipe("check")
-    assert "--ignore $(MODELS)" in recipe("test")
+    assert "-m 'not slow' $(APART)" in recipe("check")
+    assert "$(APART)" in recipe("test")
     assert "slow" not in recipe("test")
+    assert "APART := --ignore $(MODELS) --ignore $(PAGES)\n" in MAKEFILE
     assert "$(PYTEST) $(MODELS)" in recipe("test-models")
+    assert "$(PYTEST) $(PAGES)" in recipe("test-pages")
 
 
-@pytest.mark.parametrize("target", ["test", "test-models", "kernel-test", "kernel-mutants"])
+@pytest.mark.parametrize(
+    "target", ["test", "test-models", "test-pages", "kernel-test", "kernel-mutants"]
+)
 def test_ci_runs_them_all(target: str) -> None:
     assert re.search(rf"^make {target}( |$)", CI, re.MULTILINE)

@@ -16,6 +16,8 @@ ALL_PYTHON = SOURCES + sorted((CLONE / "tests").rglob("*.py"))
 LINUX = CLONE / "hal" / "etd_hal" / "linux"
 #: An application's own clock: it runs where there is no daemon, on systems without its HAL.
 CLIENT_CLOCK = CLONE / "daemon" / "etd" / "client" / "clock.py"
+#: The wall's time in a record, beside the clock that times; nothing is timed with it.
+WALL_CLOCK = CLONE / "daemon" / "etd" / "gateway" / "wall_clock.py"
 ONLY_IN_LINUX = {"gpiod", "spidev", "smbus2", "time"}
 MAX_LINES = 450
 
@@ -47,7 +49,8 @@ def docstring(path: Path) -> str:
 def test_only_the_linux_package_knows_devices_and_clocks() -> None:
     outside = [path for path in SOURCES if not path.is_relative_to(LINUX)]
     found = {name(path): imported(path) & ONLY_IN_LINUX for path in outside}
-    found[name(CLIENT_CLOCK)] = found.get(name(CLIENT_CLOCK), set()) - {"time"}
+    for path in (CLIENT_CLOCK, WALL_CLOCK):
+        found[name(path)] = found.get(name(path), set()) - {"time"}
     assert {path: names for path, names in found.items() if names} == {}
 
 

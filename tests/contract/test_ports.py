@@ -170,4 +170,5 @@ class TestMarker:
     def test_a_mark_disturbs_nothing(self, backend: Backend) -> None:
         backend.marker.mark("frame", 7, None)
         backend.marker.mark("mark", 7, 3)
+        backend.marker.mark("mark", 7, "begin block 2")
         assert len(backend.spi.transfer(Message((Transfer(ZERO),)))) == 1

@@ -200,3 +200,16 @@ def test_no_file_at_all_is_wrong_use(capsys: pytest.CaptureFixture[str]) -> None
         run()
     assert caught.value.code == 2
     assert "FILE" in capsys.readouterr().err
+
+
+def test_whether_one_lease_can_have_two_calibrations_is_told_before_it_is_opened(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    anodic = write(tmp_path, "a.toml", CALIBRATION)
+    cathodic = write(tmp_path, "c.toml", CALIBRATION.replace('"anodic"', '"cathodic"'))
+    assert run("--together", anodic, cathodic) == 0
+    assert "one lease can have them" in capsys.readouterr().out
+    assert run("--together", anodic, anodic) == 1
+    assert "BAD   two calibrations of one lease" in capsys.readouterr().out
+    assert run("--together", "--json", anodic, cathodic) == 0
+    assert json.loads(capsys.readouterr().out)["together"] == ""

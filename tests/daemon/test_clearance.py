@@ -17,6 +17,8 @@ from etd.pulse.request import PulseRequest
 from etd.safety.conductance import Reading, Whole
 from plain_records import told
 
+pytestmark = pytest.mark.slow
+
 N = 16
 ELECTRODE = 3
 REQUEST = PulseRequest(800, 100)
@@ -94,6 +96,7 @@ def new_clearance(parts: Components) -> Clearance:
         parts.contact,
         parts.returns,
         parts.reporter,
+        parts.feeling,
     )
 
 

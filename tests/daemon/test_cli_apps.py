@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from etd.apps.demo_pattern import SWEEP_S, SweepingBar
 from etd.apps.picture import Picture
-from etd.apps.steps import Currents, PlayOptions, steps_of
+from etd.client.steps import Currents, PlayOptions, steps_of
 from etd.files.array import load_array
 from etd.files.calibration import load_calibration
 from etd.files.pattern import Pattern, PatternFrame
@@ -52,7 +52,7 @@ CURRENTS = Currents(1000, 100, 60.0)
 
 
 def test_currents_are_fractions_of_the_one_that_is_given() -> None:
-    (step,) = steps_of(pattern(frame(ONE)), PlayOptions(currents=CURRENTS), 8, None, print)
+    (step,) = steps_of(pattern(frame(ONE)), PlayOptions(currents=CURRENTS), 8, (), print)
     assert step.numbers == (1000, 500, 0, 0, 0, 0, 0, 0)
     assert step.largest_ua == 1000
     assert (step.options["width_us"], step.options["rate_hz"]) == (100, 60.0)
@@ -65,7 +65,7 @@ def test_no_current_and_no_rate_is_above_what_the_caller_allows(
 ) -> None:
     play_options = PlayOptions(currents=Currents(current_ua, 100, 60.0), max_rate_hz=most_hz)
     told: list[str] = []
-    (step,) = steps_of(pattern(frame(level, rate_hz=rate_hz)), play_options, 8, None, told.append)
+    (step,) = steps_of(pattern(frame(level, rate_hz=rate_hz)), play_options, 8, (), told.append)
     assert max(step.numbers) <= current_ua
     assert step.largest_ua == max(step.numbers)
     asked_hz = rate_hz or 60.0
@@ -77,7 +77,7 @@ def test_no_current_and_no_rate_is_above_what_the_caller_allows(
 
 def test_silence_after_a_frame_is_a_step_of_its_own(calibration: Calibration) -> None:
     steps = steps_of(
-        pattern(frame(ONE, off_ms=40), frame(ONE)), PlayOptions(), 8, calibration, print
+        pattern(frame(ONE, off_ms=40), frame(ONE)), PlayOptions(), 8, (calibration,), print
     )
     assert [step.duration_ms for step in steps] == [100, 40, 100]
     assert [step.options["tag"] for step in steps] == [0, 0, 1]
@@ -91,7 +91,7 @@ def test_levels_are_scaled_and_leave_the_conditions_to_the_calibration(
 ) -> None:
     told: list[str] = []
     wanted = pattern(frame(ONE, rate_hz=75.0, polarity="anodic"))
-    (step,) = steps_of(wanted, PlayOptions(level=0.5), 8, calibration, told.append)
+    (step,) = steps_of(wanted, PlayOptions(level=0.5), 8, (calibration,), told.append)
     assert step.numbers[:2] == (0.5, 0.25)
     assert not {"rate_hz", "polarity", "width_us"} & set(step.options)
     assert "75 Hz" in told[0]
@@ -99,9 +99,24 @@ def test_levels_are_scaled_and_leave_the_conditions_to_the_calibration(
     assert limits.threshold_ua < step.largest_ua < limits.comfortable_ua
 
 
+@pytest.mark.parametrize(
+    ("file_hz", "most_hz", "played_hz"),
+    [(20.0, None, 20.0), (None, 30.0, 30.0), (75.0, 30.0, 30.0), (20.0, 30.0, 20.0)],
+)
+def test_levels_are_played_at_a_rate_below_the_calibrations_and_that_is_told(
+    calibration: Calibration, file_hz: float | None, most_hz: float | None, played_hz: float
+) -> None:
+    told: list[str] = []
+    wanted, play_options = pattern(frame(ONE, rate_hz=file_hz)), PlayOptions(max_rate_hz=most_hz)
+    (step,) = steps_of(wanted, play_options, 8, (calibration,), told.append)
+    assert step.options["rate_hz"] == played_hz
+    assert f"at {played_hz:g} Hz, below the calibration's 60 Hz" in told[-1]
+    assert ("75 Hz" in told[0]) == (file_hz == 75.0)
+
+
 def test_a_rate_that_is_the_calibrations_is_nothing_to_tell(calibration: Calibration) -> None:
     told: list[str] = []
-    steps_of(pattern(frame(ONE, rate_hz=60.0)), PlayOptions(), 8, calibration, told.append)
+    steps_of(pattern(frame(ONE, rate_hz=60.0)), PlayOptions(), 8, (calibration,), told.append)
     assert told == []
 
 
@@ -110,26 +125,25 @@ def test_a_rate_that_is_the_calibrations_is_nothing_to_tell(calibration: Calibra
     [
         (PlayOptions(), "cathodic", "--current-ua"),
         (PlayOptions(polarity="biphasic"), "anodic", "biphasic"),
-        (PlayOptions(max_rate_hz=30.0), "anodic", "--max-rate 30"),
     ],
 )
 def test_levels_under_other_conditions_are_refused(
     calibration: Calibration, play_options: PlayOptions, polarity: Polarity, sentence: str
 ) -> None:
     with pytest.raises(Refused, match=sentence):
-        steps_of(pattern(frame(ONE, polarity=polarity)), play_options, 8, calibration, print)
+        steps_of(pattern(frame(ONE, polarity=polarity)), play_options, 8, (calibration,), print)
 
 
 def test_a_pattern_for_another_array_is_refused(calibration: Calibration) -> None:
     with pytest.raises(Refused, match="8 electrodes, this array has 64"):
-        steps_of(pattern(frame(ONE)), PlayOptions(), 64, calibration, print)
+        steps_of(pattern(frame(ONE)), PlayOptions(), 64, (calibration,), print)
 
 
 def test_a_calibration_with_another_gamma_gives_other_currents(calibration: Calibration) -> None:
     steep = msgspec.structs.replace(calibration, gamma=2.0)
     play_options = PlayOptions(level=0.25)
     largest = [
-        steps_of(pattern(frame(ONE)), play_options, 8, made, print)[0].largest_ua
+        steps_of(pattern(frame(ONE)), play_options, 8, (made,), print)[0].largest_ua
         for made in (calibration, steep)
     ]
     assert largest[0] < largest[1]

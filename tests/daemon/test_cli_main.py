@@ -155,6 +155,11 @@ def test_with_json_an_error_is_one_object_on_standard_output(
         (["play", "x.json", "--current-ua", "1000"], "a current needs a width"),
         (["play", "x.json", "--array", "pad-8"], "go with --board fake"),
         (["play", "x.json", "--trace", "t.jsonl"], "go with --board fake"),
+        (["play", "x.json", "--timeout-factor", "3"], "go with --board fake"),
+        (
+            ["calibrate", "P1", "--max-current-ua", "900", "--timeout-factor", "3"],
+            "go with --board fake",
+        ),
         (
             ["play", "x.json", "--current-ua", "9", "--width-us", "50", "--calibration", "P01"],
             "one of the two",
@@ -235,6 +240,13 @@ part = ["run", "--board", "fake", "--part", "engine", "--folder", folder]
 main([*part, "--board-socket", folder + "/none"])
 print(json.dumps(list(sys.modules)))
 """
+IMPORTED_BY_CHECK = """
+import contextlib, io, json, sys
+from etd.cli import main
+with contextlib.redirect_stdout(io.StringIO()):
+    main(["check", "etd.toml"])
+print(json.dumps(list(sys.modules)))
+"""
 IMPORTED_BY_NOTHING = "import json, sys; print(json.dumps(list(sys.modules)))"
 
 
@@ -247,6 +259,12 @@ def modules_of(program: str, *arguments: str) -> set[str]:
         timeout=300,
     )
     return set(json.loads(ran.stdout))
+
+
+def test_checking_files_loads_no_pictures_and_no_network() -> None:
+    loaded = modules_of(IMPORTED_BY_CHECK) - modules_of(IMPORTED_BY_NOTHING)
+    assert "etd.files.check" in loaded
+    assert not {name for name in loaded if name.startswith(("etd.draw", "http", "ssl", "xml"))}
 
 
 def test_safe_needs_the_hal_and_the_standard_library_only() -> None:

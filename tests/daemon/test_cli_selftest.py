@@ -241,7 +241,9 @@ def test_one_fake_that_did_not_pass_is_not_another_one(
 def test_hardware_that_is_not_there_is_status_3(capsys: pytest.CaptureFixture[str]) -> None:
     shipped = Path(__file__).parents[2] / "config" / "etd.toml"
     assert cli.main(["selftest", "--config", str(shipped)]) == 3
-    assert "hardware cannot be used" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "hardware cannot be used:\n  - " in told, "each thing that is missing has its line"
+    assert "\\n" not in told
 
 
 def test_a_pass_does_not_outlive_a_later_test_that_was_cut_short(

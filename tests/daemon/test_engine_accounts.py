@@ -171,9 +171,9 @@ def test_it_has_the_lowest_and_the_highest_of_an_electrodes_pulses(make_rig: Mak
     made = OpenAccount(schedule.plan, 0)
     for commanded_ua in (900, 700, 1_000, 800):
         made.fired(3, commanded_ua, commanded_ua, commanded_ua - 100)
-    account = made.closed("expired", N)
+    account = made.closed("expired", 4_000, N)
     assert (account.least_ua[3], account.most_ua[3], account.delivered_ua[3]) == (700, 1_000, 750)
-    assert (account.first_ns, account.last_ns) == (900, 800)
+    assert (account.first_ns, account.last_ns, account.ended_ns) == (900, 800, 4_000)
 
 
 # --- there is none --------------------------------------------------------------------------------
@@ -199,27 +199,55 @@ def test_a_frame_that_was_sent_without_or_never_began_has_none(make_rig: MakeRig
     assert "never begun" in answer.reason
 
 
-def test_accounts_end_with_their_lease(make_rig: MakeRig) -> None:
+def test_accounts_outlast_their_lease_until_another_is_opened(make_rig: MakeRig) -> None:
     rig = fully_open(make_rig(electrodes=N))
     rig.show(current_ua=only(N, e3=1_000), rate_hz=50.0, account=True)
     seq = rig.last_seq
     assert refused(rig, seq, lease="another").error == "other_lease"
-    assert account_of(rig, seq).pulses[3]
+    account = account_of(rig, seq)
+    assert account.pulses[3]
     rig.ask(CloseLease, lease=LEASE)
+    assert account_of(rig, seq) == account
+    assert refused(rig, seq, lease="another").error == "no_lease"
     rig.open()
     assert refused(rig, seq).error == "not_found"
 
 
-def test_who_awaits_an_account_is_told_of_a_halt(make_rig: MakeRig) -> None:
+def test_a_halt_leaves_the_account_of_what_it_cut_short(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(electrodes=N))
+    rig.run_ms(250)
+    since_ns = rig.clock.now_ns()
+    rig.show(current_ua=only(N, e3=1_000), ttl_ms=1_000, rate_hz=50.0, account=True)
+    rig.run_ms(100)
+    rig.ask(StopNow, client="operator")
+    account = account_of(rig, rig.last_seq)
+    assert account.ended == "silenced"
+    check_against_wires(account, phases(rig, since_ns))
+    assert refused(rig, rig.last_seq, lease="another").error == "halted"
+    assert refused(rig, rig.last_seq + 1).error == "halted"
+
+
+def test_levels_below_the_rate_of_their_calibration_say_so(make_rig: MakeRig) -> None:
+    rig = make_rig(electrodes=N)
+    open_calibrated(rig, calibration(rig, (2_000,) * N))
+    rig.arm()
+    for rate_hz, calibrated_hz in ((60.0, None), (20.0, 60.0)):
+        answer = rig.show(level=only(N, e3=1), rate_hz=rate_hz, pulses=1, ttl_ms=100, account=True)
+        assert (answer.rate_hz, answer.calibrated_hz) == (rate_hz, calibrated_hz)
+        account = account_of(rig, rig.last_seq)
+        assert (account.rate_hz, account.calibrated_hz) == (rate_hz, calibrated_hz)
+
+
+def test_who_awaits_an_account_gets_it_at_a_halt(make_rig: MakeRig) -> None:
     rig = fully_open(make_rig(electrodes=N))
     rig.show(current_ua=only(N, e3=1_000), ttl_ms=1_000, rate_hz=50.0, account=True)
     ref = rig.next_ref()
     rig.commands.send(AskAccount(ref=ref, lease=LEASE, seq=rig.last_seq))
     rig.run_ms(50)
     rig.ask(StopNow, client="operator")
-    answer = rig.wait_for(ref)
-    assert answer.error == "halted"
-    assert "operator" in answer.reason
+    account = rig.wait_for(ref).account
+    assert account is not None
+    assert (account.ended, account.pulses[3] > 0) == ("silenced", True)
 
 
 # --- a preview ------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from engine_scenes import (
     armed,
     calibration,
     config,
+    exponent,
     only,
     open_calibrated,
     opened_to,
@@ -181,7 +182,7 @@ def test_a_current_that_is_named_holds_at_once_for_a_level_that_a_law_makes_stro
     """A law in this order widens a pulse, which is made narrower and stronger again."""
     settings = Settings(
         order=("power_law", "strength_duration"),
-        power_law=PowerLawSettings(k=1.0, max_widening=4.0, rise_per_s=20.0),
+        power_law=PowerLawSettings(max_widening=4.0, rise_per_s=20.0),
         strength_duration=StrengthDuration(width_us=50, tau_us=151.0),
         bursts=Bursts(pulses=6, rate_hz=350.0),
     )
@@ -192,7 +193,7 @@ def test_a_current_that_is_named_holds_at_once_for_a_level_that_a_law_makes_stro
         threshold_ua=500, comfortable_ua=1_000, cap_ua=3_000, resistance_ohm=60_000
     )
     changes: dict[str, Any] = {"electrode": (limits,) * N, "width_us": 50, "rate_hz": 15.0}
-    made = calibration(rig, (3_000,) * N, shape=settings.shape, **changes)
+    made = calibration(rig, (3_000,) * N, shape=settings.shape, exponent=exponent(1.0), **changes)
     assert open_calibrated(rig, made).error is None
     rig.arm()
     rig.fake.world.touch(3, skin(1_000.0, 19_000.0, 0.8))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -20,12 +21,19 @@ from engine_scenes import (
     phases,
     states,
 )
+from etd.protocol.frame import Frame
 from etd.protocol.link import (
     ArmBoard,
+    AskAccount,
     ClearHalt,
+    CloseLease,
+    Command,
     DisarmBoard,
+    KeepLease,
     MeasureContact,
+    NewFrame,
     OpenLease,
+    SetMark,
     StopNow,
 )
 from etd.protocol.messages import Limits
@@ -109,12 +117,39 @@ def test_a_halt_is_latched(make_rig: MakeRig, ask: Callable[[EngineRig], object]
     assert rig.state == "HALTED"
 
 
-def test_what_needs_the_lease_finds_none_after_a_halt(make_rig: MakeRig) -> None:
+@pytest.mark.parametrize(
+    ("command", "more"),
+    [
+        (KeepLease, {}),
+        (CloseLease, {}),
+        (DisarmBoard, {}),
+        (MeasureContact, {}),
+        (SetMark, {}),
+        (AskAccount, {"seq": 7}),
+    ],
+)
+def test_a_command_that_passed_the_gateway_before_the_stop_is_told_its_cause(
+    make_rig: MakeRig, command: type[Command], more: dict[str, Any]
+) -> None:
     rig = armed(make_rig(electrodes=N))
-    stop(rig)
-    for command in (DisarmBoard, MeasureContact):
-        assert rig.ask(command, lease="a-lease").error == "no_lease"
-    assert rig.show(current_ua=ALL).error == "no_lease"
+    stop(rig, "the wearer")
+    answer = rig.ask(command, lease="a-lease", **more)
+    assert answer.error == "halted"
+    assert "the wearer" in answer.reason
+
+
+def test_a_frame_that_passed_the_gateway_before_the_stop_is_told_its_cause(
+    make_rig: MakeRig,
+) -> None:
+    rig = armed(make_rig(electrodes=N))
+    stop(rig, "the wearer")
+    answer = rig.show(current_ua=ALL)
+    assert answer.error == "halted"
+    assert "the wearer" in answer.reason
+    streamed = Frame(lease="a-lease", seq=1_000, current_ua=ALL)
+    assert rig.frames.send(NewFrame(ref=0, frame=streamed))
+    rig.run_ms(50)
+    assert [report.refused.error for report in rig.reports if report.refused] == ["halted"]
 
 
 def test_the_first_cause_stands(make_rig: MakeRig) -> None:

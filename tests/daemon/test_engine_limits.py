@@ -22,7 +22,7 @@ from engine_scenes import (
     shortfalls,
 )
 from etd.pulse.request import MaxGain, PulseRequest
-from etd.stabilize.pipeline import ElectrodeEstimate, adapt_all
+from etd.stabilize.pipeline import ElectrodeEstimate
 
 pytestmark = pytest.mark.slow
 
@@ -253,12 +253,13 @@ class Times:
         return PulseRequest(int(pulse_request.current_ua * self.factor), self.width_us)
 
 
-def test_stabilizers_ask_one_after_another() -> None:
-    estimate = ElectrodeEstimate(3)
-    assert adapt_all((), PulseRequest(100, 50), estimate) == PulseRequest(100, 50)
-    assert adapt_all((Times(2), Times(3, 60)), PulseRequest(100, 50), estimate) == PulseRequest(
-        600, 60
-    )
+def test_stabilizers_ask_one_after_another(make_rig: MakeRig) -> None:
+    rig = make_rig(electrodes=N, stabilizers=[Times(2), Times(1, 60)])
+    calibrated(rig, caps(e3=3_000), 4_000)
+    since_ns = rig.clock.now_ns()
+    rig.hold(3_000, level=only(N, e3=1))
+    last = [phase for phase in phases(rig, since_ns) if phase.electrode == 3][-1]
+    assert last.width_us == pytest.approx(60, abs=2)
 
 
 def test_whatever_a_stabilizer_asks_for_the_limits_have_the_last_word(make_rig: MakeRig) -> None:

@@ -2,81 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 
 import pytest
 from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-import engine_rig
 from engine_rig import LEASE, EngineRig
-from engine_scenes import MS, calibration, felt_ua, only, open_calibrated, phases, scans
-from etd.protocol.link import Answer, ArmBoard, ClearHalt, CloseLease, DisarmBoard, StopNow
-from etd.protocol.outcome import Clamp
+from engine_scenes import MS, felt_ua, only, phases, scans
+from etd.protocol.link import Answer, ArmBoard, ClearHalt, DisarmBoard, StopNow
 from etd_body.electrode import skin
-from rise_witness import RISE_UA, Rise
+from person_scripts import CAP_UA, STEP_UA, Frames, N, armed_for, check_script, scripts
 
 pytestmark = pytest.mark.slow
 
 MakeRig = Callable[..., EngineRig]
-N = 16
-STEP_UA = 10_000 / 4_095
-CAP_UA = 3_000
-
-
-def armed_for(rig: EngineRig, participant: str = "P01") -> EngineRig:
-    """With that person's calibration, whatever lease stands."""
-    if rig.engine.supervisor.lease is not None:
-        assert rig.ask(CloseLease, lease=LEASE).error is None
-    made = calibration(rig, [CAP_UA] * N, participant=participant)
-    assert open_calibrated(rig, made).error is None
-    answer = rig.ask(ArmBoard)
-    assert answer.error is None, answer.reason
-    return rig
-
-
-@dataclass
-class Frames:
-    """Frames that are shown one after another, and what each reply said."""
-
-    rig: EngineRig
-    #: When it was answered, what it asked for, and its clamps by electrode.
-    told: list[tuple[int, Sequence[int], dict[int, Clamp]]] = field(default_factory=list)
-
-    def show(self, current_ua: Sequence[int], seconds: float, rate_hz: float = 60.0) -> None:
-        """As `Display.hold` does, which ends in silence."""
-        until_ns = self.rig.clock.now_ns() + int(seconds * 1e9)
-        while self.rig.clock.now_ns() < until_ns:
-            self._frame(current_ua, rate_hz)
-            self.rig.run_ms(min(60.0, (until_ns - self.rig.clock.now_ns()) / MS))
-        self._frame((0,) * N, rate_hz)
-
-    def _frame(self, current_ua: Sequence[int], rate_hz: float) -> None:
-        answer = self.rig.show(current_ua=current_ua, rate_hz=rate_hz)
-        assert answer.error is None, answer.reason
-        clamped = {clamp.electrode: clamp for clamp in answer.clamped}
-        self.told.append((self.rig.clock.now_ns(), current_ua, clamped))
-
-    def open_to(self, current_ua: int) -> None:
-        """A told opening: shown until a reply has no clamps."""
-        while not self.told or self.told[-2][2]:
-            self.show(only(N, e3=current_ua), 0.2)
-
-    def check(self) -> None:
-        """Against the wires: each pulse fires what its frame asked for, or its reply told less."""
-        fired, frame = phases(self.rig, self.told[0][0]), 0
-        for phase in fired:
-            while frame + 1 < len(self.told) and self.told[frame + 1][0] <= phase.from_ns:
-                frame += 1
-            _, asked_ua, clamped = self.told[frame]
-            assert phase.electrode is not None
-            wanted_ua = asked_ua[phase.electrode]
-            if not wanted_ua or not frame:
-                continue  # a look, or a scan of the frame before
-            before_ua = self.told[frame - 1][1][phase.electrode]
-            if phase.electrode not in clamped and before_ua in (0, wanted_ua):
-                assert wanted_ua - STEP_UA <= phase.current_ua <= wanted_ua
 
 
 def test_twenty_trials_with_pauses_fire_what_was_asked(make_rig: MakeRig) -> None:
@@ -225,32 +164,15 @@ def test_an_electrode_that_was_open_before_a_pause_rises_by_itself_after_it(
     assert felt[5] <= 500
 
 
-# --- any script -----------------------------------------------------------------------------------
-
-trials = st.tuples(
-    st.sampled_from([0.01, 0.3, 1.5, 20.0, 61.0]),
-    st.lists(st.sampled_from([0, 0, 0, 300, 1_000, 2_400]), min_size=N, max_size=N),
-    st.sampled_from([0.05, 0.2, 0.6]),
-    st.sampled_from([20.0, 60.0]),
-)
+# --- any script: a few here, more in tests/models -----------------------------------------------
 
 
-@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
-@given(script=st.lists(trials, min_size=1, max_size=6))
-def test_the_replies_of_any_script_tell_what_its_pulses_are(
+@settings(deadline=None, max_examples=5, suppress_health_check=[HealthCheck.too_slow])
+@given(script=scripts)
+def test_the_replies_of_a_script_tell_what_its_pulses_are(
     script: list[tuple[float, list[int], float, float]],
 ) -> None:
-    rig = armed_for(engine_rig.make(electrodes=N))
-    frames = Frames(rig)
-    for pause_s, current_ua, seconds, rate_hz in script:
-        rig.run_ms(1_000 * pause_s)
-        if rig.engine.supervisor.lease is None:
-            armed_for(rig)
-        frames.show(current_ua, seconds, rate_hz)
-    frames.check()
-    rise = Rise()
-    assert all(rise.above_ua(phase.from_ns, phase.current_ua) <= RISE_UA for phase in phases(rig))
-    assert rig.close() == ()
+    check_script(script)
 
 
 def test_the_answer_has_no_time_where_a_clamp_does_not_pass(make_rig: MakeRig) -> None:

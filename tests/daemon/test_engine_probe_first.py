@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from engine_parts import array, body_site, currents, frame, planner
 from engine_rig import EngineRig
-from engine_scenes import config, only, opened_to, phases, scans
+from engine_scenes import begun, config, only, opened_to, phases, scans
 from etd.files.body_site import BodySite
 from etd.files.configuration import LoadedConfig
 from etd.protocol.errors import BoardFault, Refused
@@ -66,8 +66,7 @@ def with_probes(board: str = "kajimoto-hv507", **changes: Any) -> LoadedConfig:
 
 def opened(rig: EngineRig, current_ua: int = CURRENT_UA) -> EngineRig:
     """Armed, with weak frames held, and the opening as high as `current_ua`."""
-    rig.open(width_us=190)
-    rig.arm()
+    begun(rig, 190)
     opened_to(rig, current_ua)
     rig.hold(current_ua // 5 + 30, current_ua=only(N, e0=20), rate_hz=20.0)
     return rig
@@ -174,7 +173,7 @@ def test_an_electrode_found_open_gets_nothing_of_this_pulse_and_that_is_told(
     "laws",
     [
         {"contact": ContactSettings()},
-        {"power_law": PowerLawSettings(k=0.7)},
+        {"power_law": PowerLawSettings()},
         {"linear_law": LinearLawSettings(charge_slope=-0.5)},
     ],
     ids=["contact", "power_law", "linear_law"],
@@ -253,7 +252,7 @@ def test_a_probe_whose_pulse_is_withheld_is_counted(make_rig: MakeRig) -> None:
 @pytest.mark.parametrize("factor", [0.0, 0.3, 3.0])
 def test_a_probe_that_is_read_wrong_never_gives_more(make_rig: MakeRig, factor: float) -> None:
     rig = standing(
-        make_rig(loaded=with_probes(power_law=PowerLawSettings(k=0.7), contact=ContactSettings()))
+        make_rig(loaded=with_probes(power_law=PowerLawSettings(), contact=ContactSettings()))
     )
     steady_pc = charge_pc(hold(rig, 100)[-1])
     rig.fake.world.put_in(AdcScale(factor))

@@ -4,46 +4,29 @@ was taken away is told. The judge is the oracle, by the wires.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from engine_oracle import Oracle
 from etd.files.body_site import SiteMaxima
-from etd.planning.plan import PHASES
-from etd.protocol.frame import Ring
+from etd.protocol.frame import PHASES, Ring
 from etd.pulse.request import PulseRequest
+from judged_story import (
+    ELECTRODES,
+    HALF_BRIDGE_SLOT_NS,
+    RELAY_SLOT_NS,
+    SLOTS,
+    WIDE_OPEN,
+    Step,
+    electrodes,
+    judged,
+    stories,
+)
 from story_teller import Setting, Teller
-from trace_rules import violations
 
 pytestmark = pytest.mark.slow
-
-ELECTRODES = 8
-REST_US = 200
-#: One visit: a jump through the whole chain, the rest, two phases; relays take their time.
-HALF_BRIDGE_SLOT_NS = 1_500_000
-RELAY_SLOT_NS = 15_000_000
-SLOTS = {
-    "kajimoto-hv507": HALF_BRIDGE_SLOT_NS,
-    "reference-hv507": HALF_BRIDGE_SLOT_NS,
-    "feetthrough-relay": RELAY_SLOT_NS,
-}
-
-
-class Step(NamedTuple):
-    """A verb of the teller's, and what it is told."""
-
-    verb: str
-    told: dict[str, Any]
-
-
-stories = settings(
-    deadline=None,
-    max_examples=40,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-)
 
 
 def maxima() -> st.SearchStrategy[SiteMaxima]:
@@ -68,9 +51,6 @@ def caps(most_ua: int) -> st.SearchStrategy[tuple[int, ...]]:
     return st.one_of(
         st.tuples(*[st.integers(50, most_ua)] * ELECTRODES), st.tuples(*[generous] * ELECTRODES)
     )
-
-
-electrodes = st.integers(0, ELECTRODES - 1)
 
 
 @st.composite
@@ -177,19 +157,6 @@ def whole_stories(draw: st.DrawFn, board: str) -> tuple[Setting, tuple[int, ...]
     return setting, draw(caps(most.current_ua)), told
 
 
-def judged(teller: Teller, caps_ua: tuple[int, ...], told: list[Step]) -> Oracle:
-    """Tell a story from an armed engine on, and judge it."""
-    teller.open(caps_ua)
-    teller.arm()
-    for verb, choices in told:
-        getattr(teller, verb)(**choices)
-    trace = teller.end()
-    assert violations(trace, REST_US) == []
-    oracle = Oracle(teller.story, trace)
-    oracle.check_all()
-    return oracle
-
-
 @pytest.mark.parametrize("board", list(SLOTS))
 def test_nobody_ever_gets_more_than_allowed_and_all_that_is_taken_away_is_told(board: str) -> None:
     @stories
@@ -238,56 +205,6 @@ def test_behind_a_probe_a_stabilizer_may_ask_for_anything_as_well(behind: PulseR
     fired = [visit for visit in oracle.visits if visit.state == "ARMED"]
     assert fired
     assert all(visit.phases[0].is_weak for visit in fired)
-
-
-WIDE_OPEN = SiteMaxima(
-    uncalibrated_current_ua=3_000,
-    current_ua=3_000,
-    width_us=200,
-    charge_nc=500,
-    rate_hz=120,
-    interval_us=2_000,
-    mean_current_ua=30,
-    array_mean_current_ua=2_000,
-    on_us_per_s=24_000,
-    array_on_us_per_s=500_000,
-)
-
-
-@stories
-@given(
-    caps_ua=st.tuples(*[st.sampled_from([300, 1_000, 3_000])] * ELECTRODES),
-    active=st.sets(electrodes, min_size=1, max_size=2),
-    staying=st.sets(electrodes, min_size=1, max_size=2),
-    is_at_once=st.booleans(),
-    pause_ms=st.sampled_from([10, 2_000]),
-    is_probe_first=st.booleans(),
-)
-def test_returns_that_lose_the_skin_while_a_frame_stands_make_no_other_return_carry_too_much(
-    caps_ua: tuple[int, ...],
-    active: set[int],
-    staying: set[int],
-    is_at_once: bool,
-    pause_ms: int,
-    is_probe_first: bool,
-) -> None:
-    teller = Teller(
-        Setting("kajimoto-hv507", ELECTRODES, WIDE_OPEN, HALF_BRIDGE_SLOT_NS, is_probe_first)
-    )
-    current_ua = tuple(3_000 if electrode in active else 0 for electrode in range(ELECTRODES))
-    frame = {
-        "fields": {"current_ua": current_ua, "width_us": 100, "rate_hz": 60.0},
-        "is_streamed": False,
-        "repeats": 14,
-        "pause_ms": 100,
-    }
-    told = [Step("frame", frame), Step("wait", {"duration_ms": pause_ms})]
-    for other in sorted(set(range(ELECTRODES)) - active - staying):
-        told.append(Step("lift", {"electrode": other}))
-        if not is_at_once:
-            told.append(Step("frame", {**frame, "repeats": 3}))
-    told.append(Step("frame", {**frame, "repeats": 18}))
-    judged(teller, caps_ua, told)
 
 
 def test_a_look_goes_back_through_all_others_whatever_returns_its_frame_chose() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from engine_rig import LEASE, EngineRig
-from engine_scenes import MS, armed, fully_open, only, phases, scans, shown
+from engine_scenes import MS, armed, config, fully_open, only, phases, scans, shown
 from etd.protocol.frame import Frame
 from etd.protocol.link import NewFrame, SetMark
 
@@ -138,14 +138,42 @@ def test_of_streamed_frames_that_lie_there_together_the_newest_is_shown_and_the_
     assert rig.engine.components.reporter.counters["frames_superseded"] == 39
 
 
-def test_a_mark_is_in_the_trace_and_on_the_sync_line(make_rig: MakeRig) -> None:
-    rig = make_rig("reference-hv507")
+def test_which_frame_was_shown_until_a_frame_began_is_told(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(electrodes=N), 1_000)
+    rig.run_ms(300)
+
+    def begun(**fields: object) -> int | None:
+        wanted = {"current_ua": only(N, e3=500), "rate_hz": 50.0, "ttl_ms": 150, **fields}
+        assert rig.show(**wanted).error is None
+        rig.run_ms(40)
+        return shown(rig)[-1].replaces
+
+    assert begun() is None
+    first = rig.last_seq
+    assert begun() == first
+    rig.run_ms(300)
+    assert begun() is None, "the one before had expired"
+    begun(on_trigger=True)
+    rig.fake.world.trigger()
+    rig.run_ms(40)
+    assert shown(rig)[-1].seq == rig.last_seq
+    assert shown(rig)[-1].replaces is None, "it was silent while it waited"
+
+
+@pytest.mark.parametrize("board", ["reference-hv507", "kajimoto-hv507", "feetthrough-relay"])
+@pytest.mark.parametrize("tag", [None, 42, -(2**63), 'begin block "2": 30 %d µA'])
+def test_a_mark_is_in_telemetry_and_trace_and_on_the_sync_line(
+    make_rig: MakeRig, tag: int | str | None, board: str
+) -> None:
+    rig = make_rig(board)
     rig.open()
-    answer = rig.ask(SetMark, lease=LEASE, tag=42)
+    answer = rig.ask(SetMark, lease=LEASE, tag=tag)
     assert (answer.error, answer.sync) == (None, True)
     assert answer.marked_ns is not None
     (mark,) = [entry for entry in rig.records if entry.get("event") == "mark"]
-    assert mark["tag"] == 42
+    assert mark["tag"] == tag
+    (told,) = [report.mark for report in rig.reports if report.mark is not None]
+    assert (told.marked_ns, told.tag, told.sync) == (answer.marked_ns, tag, True)
     assert 0 <= mark["t_ns"] - answer.marked_ns < MS
     sync = [
         entry["value"] for entry in rig.records if entry["bus"] == "gpio" and entry["line"] == 12
@@ -154,6 +182,6 @@ def test_a_mark_is_in_the_trace_and_on_the_sync_line(make_rig: MakeRig) -> None:
 
 
 def test_a_board_without_a_sync_line_says_so(make_rig: MakeRig) -> None:
-    rig = make_rig(electrodes=N)
+    rig = make_rig(loaded=config(sync_line="absent"))
     rig.open()
     assert rig.ask(SetMark, lease=LEASE).sync is False

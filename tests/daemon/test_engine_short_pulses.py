@@ -10,7 +10,16 @@ import pytest
 
 import engine_rig
 from engine_rig import EngineRig
-from engine_scenes import calibration, fully_open, only, open_calibrated, opened_to, phases, scans
+from engine_scenes import (
+    calibration,
+    exponent,
+    fully_open,
+    only,
+    open_calibrated,
+    opened_to,
+    phases,
+    scans,
+)
 from etd.files.configuration import fake_config
 from etd.stabilize.law_settings import EnergySettings, LinearLawSettings, PowerLawSettings
 from etd.stabilize.settings import NO_STABILIZERS, Settings
@@ -24,7 +33,7 @@ CAP_UA = 5_000
 #: The assumed time constant, and a slower one.
 SKINS = {"usual": skin(2_000.0, 40_000.0, 0.35), "slow": skin(1_000.0, 19_000.0, 0.8)}
 LAWS: dict[str, Any] = {
-    "power_law": PowerLawSettings(k=1.0, min_width_us=20),
+    "power_law": PowerLawSettings(min_width_us=20),
     "energy": EnergySettings(min_width_us=20),
     "linear_law": LinearLawSettings(charge_slope=-0.5, energy_slope=0.2, min_width_us=20),
 }
@@ -65,7 +74,9 @@ def test_on_the_skin_of_the_calibration_a_law_leaves_every_width_as_it_is(
 ) -> None:
     contact = SKINS[skin_name]
     rig = rig_with(Settings(order=(name,), **{name: LAWS[name]}), contact)  # type: ignore[arg-type]
-    made = calibration(rig, (CAP_UA,) * N, width_us=calibrated_us, rate_hz=20.0)
+    made = calibration(
+        rig, (CAP_UA,) * N, width_us=calibrated_us, rate_hz=20.0, exponent=exponent(1.0)
+    )
     resistance_ohm = told_ohm(contact, calibrated_us)
     each = [msgspec.structs.replace(limits, comfortable_ua=CURRENT_UA, threshold_ua=500,
                                     resistance_ohm=resistance_ohm)
@@ -88,7 +99,7 @@ def test_on_the_skin_of_the_calibration_a_law_leaves_every_width_as_it_is(
 
 def test_short_pulses_under_their_own_calibration_answer_a_change() -> None:
     rig = rig_with(Settings(order=("power_law",), power_law=LAWS["power_law"]), SKINS["slow"])
-    made = calibration(rig, (CAP_UA,) * N, width_us=30, rate_hz=20.0)
+    made = calibration(rig, (CAP_UA,) * N, width_us=30, rate_hz=20.0, exponent=exponent(1.0))
     resistance_ohm = told_ohm(SKINS["slow"], 30)
     each = [msgspec.structs.replace(limits, comfortable_ua=CURRENT_UA, threshold_ua=500,
                                     resistance_ohm=resistance_ohm)

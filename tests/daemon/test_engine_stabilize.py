@@ -37,7 +37,7 @@ def with_laws(**laws: Any) -> LoadedConfig:
 def standing(rig: EngineRig) -> EngineRig:
     """Electrode 4 on well conducting skin, its frame up for a second."""
     rig.fake.world.touch(4, skin(1_000.0, 19_000.0, 0.8))
-    fully_open(rig, CURRENT_UA)
+    fully_open(rig, CURRENT_UA, k=1.05)
     hold(rig, 1_000)
     return rig
 
@@ -78,7 +78,7 @@ def test_skin_that_resists_a_little_more_gets_less_in_full_with_the_next_pulse(
     make_rig: MakeRig,
 ) -> None:
     """No mean over pulses delays a fall, however fast they come."""
-    rig = standing(make_rig(loaded=with_laws(power_law=PowerLawSettings(k=1.05))))
+    rig = standing(make_rig(loaded=with_laws(power_law=PowerLawSettings())))
     frame = {"current_ua": only(N, e4=CURRENT_UA), "width_us": WIDTH_US, "rate_hz": 100.0}
     rig.hold(300, **frame)
     begun_ns = rig.clock.now_ns()
@@ -128,9 +128,7 @@ def test_an_adc_that_goes_wrong_gives_the_frames_own_pulse_and_is_counted_once(
 
 
 @pytest.mark.parametrize("volts", [0.1, 0.2, 1.0, 3.0, 4.9])
-@pytest.mark.parametrize(
-    "laws", [{"power_law": PowerLawSettings(k=0.73)}, {"energy": EnergySettings()}]
-)
+@pytest.mark.parametrize("laws", [{"power_law": PowerLawSettings()}, {"energy": EnergySettings()}])
 @pytest.mark.parametrize("commanded_ua", [500, CURRENT_UA])
 def test_an_adc_that_stands_still_gives_the_frames_own_pulse_and_is_counted_once(
     make_rig: MakeRig, laws: dict[str, Any], volts: float, commanded_ua: int

@@ -10,8 +10,7 @@ import pytest
 import engine_rig
 from engine_rig import EngineRig
 from etd.files.pattern import Pattern, PatternFrame, load_pattern
-from etd.planning.plan import PHASES
-from etd.protocol.frame import Polarity, Ring
+from etd.protocol.frame import PHASES, Polarity, Ring
 from trace_agreement import (
     Sent,
     check_body,

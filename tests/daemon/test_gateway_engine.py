@@ -12,7 +12,7 @@ import pytest
 import zmq
 
 from etd.protocol.link import ArmBoard, Report, StopNow
-from etd.protocol.messages import RefusedReport
+from etd.protocol.messages import Marked, RefusedReport
 from gateway_rig import PATIENCE, GatewayRig
 from scripted_engine import ScriptedEngine
 
@@ -73,6 +73,13 @@ def test_an_engine_that_reports_nothing_is_told_as_silent_until_it_reports_again
         rig.engine.report_state()
 
         assert heard(rig, socket, "state")["engine"] == "there"
+
+
+def test_a_mark_is_published_at_once() -> None:
+    with GatewayRig() as rig:
+        socket = subscribe(rig, "mark")
+        rig.engine.say(Report(mark=Marked(marked_ns=42, tag="begin block 2", sync=True)))
+        assert heard(rig, socket, "mark") == {"marked_ns": 42, "tag": "begin block 2", "sync": True}
 
 
 def test_a_stop_goes_out_before_what_came_earlier() -> None:

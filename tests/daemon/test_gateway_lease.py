@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import pytest
 
-from etd.gateway.lease import LeaseView
+from etd.gateway.lease import LeaseView, StandingLease
 from etd.protocol.errors import Refused
 
 
 def test_a_lease_belongs_to_the_user_who_opened_it() -> None:
     view = LeaseView()
-    view.begin("token", "me", uid=1000)
+    view.begin(StandingLease("token", "me", uid=1000))
 
     assert view.check("token", 1000).client == "me"
     for uid in (1001, None):
@@ -24,7 +24,7 @@ def test_a_lease_belongs_to_the_user_who_opened_it() -> None:
 
 def test_only_the_lease_that_ended_is_forgotten() -> None:
     view = LeaseView()
-    view.begin("new", "me", uid=1)
+    view.begin(StandingLease("new", "me", uid=1))
     view.end("old", "lapsed")
     assert view.check("new", 1).token == "new"
     view.end("new", "halted")
@@ -32,8 +32,23 @@ def test_only_the_lease_that_ended_is_forgotten() -> None:
         view.check("new", 1)
 
 
+def test_the_last_lease_belongs_to_its_user_until_another_begins_or_the_engine_goes() -> None:
+    view = LeaseView()
+    view.begin(StandingLease("first", "me", uid=1))
+    assert not view.has_ended("first", 1)
+    view.end("first", "halted")
+    assert view.has_ended("first", 1)
+    assert not view.has_ended("first", 2)
+    assert not view.has_ended("other", 1)
+    view.begin(StandingLease("second", "me", uid=1))
+    assert not view.has_ended("first", 1)
+    view.end("second", "lapsed")
+    view.reset()
+    assert not view.has_ended("second", 1)
+
+
 def test_a_token_outside_ascii_is_a_foreign_one() -> None:
     view = LeaseView()
-    view.begin("token", "me", uid=1)
+    view.begin(StandingLease("token", "me", uid=1))
     with pytest.raises(Refused, match="me"):
         view.check("t\u00f6ken", 1)

@@ -133,7 +133,9 @@ def test_a_frame_comes_through_whole_and_its_clamps_come_back() -> None:
     with GatewayRig() as rig:
         lease = rig.open()
         clamp = Clamp(electrode=1, wanted_ua=900, allowed_ua=800, reason="cap", limited_by=1)
-        rig.engine.answer = lambda command: Answer(ref=command.ref, rate_hz=50.0, clamped=(clamp,))
+        rig.engine.answer = lambda command: Answer(
+            ref=command.ref, rate_hz=50.0, calibrated_hz=60.0, clamped=(clamp,)
+        )
 
         reply = rig.call(
             op="frame",
@@ -147,7 +149,7 @@ def test_a_frame_comes_through_whole_and_its_clamps_come_back() -> None:
             sent_ns=5,
         )
 
-        assert (reply["seq"], reply["rate_hz"]) == (3, 50.0)
+        assert (reply["seq"], reply["rate_hz"], reply["calibrated_hz"]) == (3, 50.0, 60.0)
         assert reply["clamped"][0]["allowed_ua"] == 800
         (sent,) = rig.engine.frames
         assert sent.frame.current_ua == (0, 900, 0, 0)
@@ -193,13 +195,30 @@ def test_after_a_halt_whatever_needs_the_lease_is_told_of_the_halt() -> None:
         rig.step(2)
         requests: list[dict[str, Any]] = [
             *({"op": op} for op in ("keep", "disarm", "measure", "mark")),
-            {"op": "account", "seq": 1},
             {"op": "frame", "seq": 1, "level": [0] * 4},
         ]
         for request in requests:
             reply = rig.call(**request, lease=lease)
             assert reply["error"] == "halted"
             assert "it opened" in reply["reason"]
+
+
+def test_accounts_of_the_last_lease_are_had_until_another_is_opened() -> None:
+    with GatewayRig() as rig:
+        lease = rig.open()
+        rig.engine.state = "HALTED"
+        halt = Halt(cause="wearer_stop", source="wearer_stop", detail="it opened", t_ns=5)
+        rig.engine.report_state(halt=halt)
+        rig.engine.say(LeaseEnded(lease=lease, reason="halted"))
+        rig.step(2)
+        assert rig.call(op="account", seq=1, lease=lease)["account"]["seq"] == 1
+        assert rig.call(op="account", seq=1, lease="another")["error"] == "halted"
+        rig.engine.state = "SAFE"
+        rig.engine.report_state()
+        rig.step(2)
+        assert rig.call(op="account", seq=1, lease=lease)["account"]["seq"] == 1
+        rig.open()
+        assert rig.call(op="account", seq=1, lease=lease)["error"] == "other_lease"
 
 
 def test_without_a_lease_nothing_that_needs_one_is_passed_on() -> None:

@@ -89,8 +89,8 @@ def test_a_level_on_an_electrode_that_was_not_felt_is_refused_and_silence_there_
         ("polarity", ("anodic",) * 15 + ("biphasic",)),
         ("width_us", 99),
         ("width_us", (100,) * 15 + (101,)),
-        ("rate_hz", 59.0),
-        ("rate_hz", (60.0,) * 15 + (30.0,)),
+        ("rate_hz", 61.0),
+        ("rate_hz", (30.0,) * 15 + (60.1,)),
         ("returns", Ring(ring_mm=2.0)),
         ("returns", tuple(((electrode + 1) % N,) for electrode in range(N))),
     ],
@@ -114,6 +114,42 @@ def test_a_level_frame_that_departs_from_its_calibration_is_refused(key: str, ot
 )
 def test_a_level_frame_may_repeat_what_it_was_calibrated_with(key: str, same: Any) -> None:
     planner(calibrated=calibration()).plan(frame(level=LEVELS, **{key: same}))
+
+
+RATES = st.floats(0.1, 60.0)
+
+
+@given(rate_hz=RATES | st.tuples(*[RATES] * N))
+def test_levels_at_a_lower_rate_are_the_same_pulses_less_often(
+    rate_hz: float | tuple[float, ...],
+) -> None:
+    made = planner(calibrated=calibration())
+    as_made, slower = (
+        made.plan(frame(level=LEVELS)),
+        made.plan(frame(level=LEVELS, rate_hz=rate_hz)),
+    )
+    rates_hz = rate_hz if isinstance(rate_hz, tuple) else (rate_hz,) * N
+    for before, now in zip(as_made.schedule, slower.schedule, strict=True):
+        assert (now.request, now.phases) == (before.request, before.phases)
+        assert now.rate_hz == rates_hz[now.electrode]
+    assert as_made.calibrated_hz is None
+    assert slower.calibrated_hz == (60.0 if min(rates_hz) < 60.0 else None)
+
+
+def test_a_higher_rate_than_calibrated_is_refused_with_what_can_be_done() -> None:
+    made = planner(calibrated=calibration())
+    refusal = refusal_of(made, level=LEVELS, rate_hz=100.0)
+    assert "at most 60; or calibrate with rate_hz 100" in refusal.reason
+    assert "current_ua" in refusal.reason
+    assert made.plan(frame(level=LEVELS, rate_hz=60.0))
+    assert planner(calibrated=calibration(rate_hz=100.0)).plan(frame(level=LEVELS, rate_hz=100.0))
+    assert made.plan(frame(current_ua=currents(e1=500), rate_hz=100.0)).calibrated_hz is None
+
+
+def test_a_rate_that_no_frame_may_have_is_not_sent_to_be_calibrated() -> None:
+    reason = refusal_of(planner(calibrated=calibration()), level=LEVELS, rate_hz=150.0).reason
+    assert "no frame here may have more than 120" in reason
+    assert "calibrate with" not in reason
 
 
 def test_a_current_frame_need_not_follow_the_calibration() -> None:

@@ -56,7 +56,7 @@ def test_caps_accepted_with_other_pulses_are_no_caps_for_these(settings: Setting
 
 
 NARROW = StrengthDuration(width_us=50, tau_us=151.0)
-FITTED = PowerLawSettings(k=1.0, max_widening=4.0)
+FITTED = PowerLawSettings(max_widening=4.0)
 
 
 def narrowing(*order: str, made: Calibration | None = None) -> Planner:

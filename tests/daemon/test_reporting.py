@@ -95,7 +95,7 @@ def test_a_silence_is_told_at_once() -> None:
     made, listener = reporter()
     made.frame_begun(frame(), START_NS)
     made.scan_report(START_NS, 0)
-    made.frame_ended("expired")
+    made.frame_ended("expired", 0)
     made.scan_report(START_NS + 1, 0, is_due=True)
     assert listener.scans[-1].shown[0].ended
 
@@ -189,13 +189,13 @@ def test_every_frame_begun_is_told_exactly_once_as_ended(
             made.frame_begun(frame(seq=begun), now_ns)
             begun += 1
         elif step == "end":
-            made.frame_ended("expired")
+            made.frame_ended("expired", 0)
         elif step in ("report", "due"):
             made.scan_report(now_ns, 0, is_due=step == "due")
         else:
             listener.is_listening = step == "hear"
     listener.is_listening = True
-    made.frame_ended("expired")
+    made.frame_ended("expired", 0)
     made.scan_report(now_ns + 100 * MS, 0)
     ended = [shown.seq for scan in listener.scans for shown in scan.shown if shown.ended]
     assert ended == list(range(begun))

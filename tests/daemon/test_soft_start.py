@@ -198,3 +198,29 @@ def test_a_restart_forgets_the_single_ramps() -> None:
     assert opening.recontact_ua(4, START_NS) is None
     assert opening.ceiling_ua == 0
     assert opening.due(START_NS + 1_000 * MS) == 0
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 200), st.integers(0, 4_000)), max_size=40),
+    st.integers(-(10**12), 10**12),
+)
+def test_a_ramp_that_is_resumed_from_a_record_rises_as_the_one_that_went_on(
+    pulses: list[tuple[int, int]], ahead_ns: int
+) -> None:
+    """Half of the pulses come before the record, on a clock that is ahead."""
+    went_on, resumed, t_ns = SoftStart(4_000), SoftStart(4_000), 0
+    went_on.touched_again(1)
+    for number, (apart_ms, wanted_ua) in enumerate(pulses):
+        t_ns += apart_ms * 1_000_000
+        if number == len(pulses) // 2:
+            resumed.resume(went_on.saved(), ahead_ns)
+        both = [(went_on, t_ns)]
+        if number >= len(pulses) // 2:
+            both.append((resumed, t_ns - ahead_ns))
+        found = []
+        for soft_start, now_ns in both:
+            given_ua = min(wanted_ua, soft_start.due(now_ns))
+            found.append((given_ua, soft_start.recontact_ua(1, now_ns)))
+            if given_ua:
+                soft_start.fired(1, given_ua, given_ua, now_ns + 300_000)
+        assert len(set(found)) == 1

@@ -99,15 +99,16 @@ class Answerer:
         self.now_ns = now_ns
         self._spi: SpiSetup | None = None
         lines = board.used_lines()
-        self._stops = [lines[name] for name in ("EMERGENCY_STOP", "WEARER_STOP") if name in lines]
+        moved = ("EMERGENCY_STOP", "WEARER_STOP", "TRIGGER")
+        self._moved = [lines[name] for name in moved if name in lines]
         self._levels: dict[int, int] = {}
         if "READBACK" in lines:
             self._put_inputs({lines["READBACK"]: _ASKED_AT_READ})
 
     def follow_world(self) -> None:
-        """The levels of the stop lines, as they are now, on the module's inputs."""
+        """The levels of the lines that the world moves, as they are now, on the module's inputs."""
         now_ns = self.now_ns()
-        levels = {line: self._circuit.gpio.sense(now_ns, line) for line in self._stops}
+        levels = {line: self._circuit.gpio.sense(now_ns, line) for line in self._moved}
         if levels != self._levels:
             self._levels = levels
             self._put_inputs(levels)
@@ -179,7 +180,7 @@ class Door:
         if not datagram:
             return False
         knock = wire.decode_call(datagram)
-        assert isinstance(knock, wire.Press | wire.Touch | wire.PutIn | wire.AskState)
+        assert isinstance(knock, wire.Knock)
         client.send(wire.encode(knock_at(self._circuit, knock, held=True)))
         return True
 

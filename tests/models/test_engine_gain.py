@@ -24,7 +24,7 @@ from etd_hal.fake.faults import AdcScale
 N, WIDTH_US, CURRENT_UA = 16, 60, 1_000
 NEAR = 1.5**0.8
 LAWS: dict[str, Any] = {
-    "power_law": PowerLawSettings(k=1.05),
+    "power_law": PowerLawSettings(),
     "energy": EnergySettings(),
     "linear_law": LinearLawSettings(charge_slope=-0.48, energy_slope=0.22),
 }
@@ -38,7 +38,7 @@ def rig_with(name: str) -> EngineRig:
     rig = engine_rig.make(loaded=unchecked(loaded))
     assert rig.engine.components.source_check.limitations
     rig.fake.world.touch(4, skin(1_000.0, 19_000.0, 0.8))
-    fully_open(rig, 1_500)
+    fully_open(rig, 1_500, k=1.05)
     held(rig, 1_300)
     return rig
 
@@ -113,8 +113,7 @@ def test_whoever_comes_next_is_told_what_is_still_not_believed() -> None:
     held(rig, 12_000)
     assert doubts(rig) == 1
     rig.ask(CloseLease, lease=LEASE)
-    rig.open(3_000, 200)
-    rig.arm()
+    fully_open(rig, 1_500, k=1.05)
     assert held(rig, 12_000) == pytest.approx(1.0, abs=0.02)
     assert doubts(rig) == 2
     assert rig.close() == ()

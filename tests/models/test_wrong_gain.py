@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bench.steady_laws import LAWS
+from bench.steady_laws import LAWS, K
 from bench.steady_skin import body_of, calibrated, seen_ohm
 from etd.files.configuration import fake_config
 from etd.pulse.measured import BEND_UA
@@ -22,7 +22,7 @@ from etd_body.tissue import Floats
 
 FITTED = LAWS["power_law"].power_law
 assert FITTED is not None
-K, MOST, NEAR = FITTED.k, FITTED.max_widening, FITTED.max_widening**0.8
+MOST, NEAR = FITTED.max_widening, FITTED.max_widening**0.8
 ELECTRODES, FROM_S, TO_S, STEP_S = range(0, 64, 8), 240.0, 360.0, 0.5
 AT_UA = 2_000
 SEEDS = (1, 2)

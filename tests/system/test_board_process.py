@@ -144,6 +144,18 @@ def test_a_stop_line_is_pressed_through_the_second_door(board: BoardFile, tmp_pa
     assert (edge.line, edge.value) == (board.guards.emergency_stop, 0)
 
 
+def test_an_edge_on_the_trigger_comes_through_the_second_door(
+    board: BoardFile, tmp_path: Path
+) -> None:
+    with running_board(board, tmp_path) as running:
+        backend = open_fake(board, electrodes=range(64), board_socket=running.socket)
+        running.knock(wire.GiveEdge(lasts_ns=60_000_000_000))
+        (edge,) = backend.gpio.edges()
+        backend.close()
+    assert board.trigger != "absent"
+    assert (edge.line, edge.value) == (board.trigger.line, 1)
+
+
 def test_another_boards_file_is_refused(board: BoardFile, tmp_path: Path) -> None:
     other = shipped_board("kajimoto-hv507")
     with running_board(board, tmp_path) as running, pytest.raises(BusError) as raised:

@@ -126,6 +126,7 @@ def test_help_lists_every_target() -> None:
         "check",
         "test",
         "test-models",
+        "test-pages",
         "durations",
         "bench",
         "format",

@@ -19,6 +19,8 @@ from etd.protocol.messages import StateReport
 from etd_hal.boardfile import load_board
 from stepped_board import BOARDS
 
+pytestmark = pytest.mark.slow
+
 #: It has a heartbeat, a rail monitor and both stops: all that a stall could be taken for.
 BOARD = "reference-hv507"
 STOPPED_S = 5.0

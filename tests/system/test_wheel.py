@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import email
 import subprocess
 import sys
 import venv
+import zipfile
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -70,6 +72,18 @@ def test_the_wheel_runs_the_demo_away_from_the_clone(wheel: Path, tmp_path: Path
     run([str(programs / "etd"), "demo", "--seconds", "1"], tmp_path)
 
 
+def test_the_wheel_asks_for_the_clients_python_and_its_two_packages(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as opened:
+        name = next(name for name in opened.namelist() if name.endswith(".dist-info/METADATA"))
+        asks = email.message_from_bytes(opened.read(name))
+    bare = {
+        requirement.name
+        for requirement in map(Requirement, asks.get_all("Requires-Dist", []))
+        if requirement.marker is None or requirement.marker.evaluate({"extra": ""})
+    }
+    assert (asks["Requires-Python"], bare) == (">=3.10", {"msgspec", "pyzmq"})
+
+
 def test_the_bare_package_is_the_client_and_needs_nothing_else(wheel: Path, tmp_path: Path) -> None:
     programs = make_installed(wheel, tmp_path / "client", extra="")
     program = (
@@ -96,7 +110,8 @@ def test_a_verb_that_needs_more_says_the_line_that_installs_it(wheel: Path, tmp_
         ran = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
         assert ran.returncode == 1
         assert ran.stderr.splitlines() == [
-            "etd: the Python package numpy is not installed: pip install 'etd[daemon]'"
+            "etd: the Python package numpy is not installed; this line installs it:"
+            f" {programs / 'python'} -m pip install 'etd[daemon]'"
         ]
 
 

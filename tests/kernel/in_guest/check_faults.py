@@ -95,6 +95,19 @@ class TestStops:
         assert [edge.value for edge in wait_for_edges(ports)] == [1]
 
 
+class TestTrigger:
+    def test_an_edge_on_it_comes_with_its_time(self, ports: Backend, chips: Chips) -> None:
+        trigger = BOARD.trigger
+        assert trigger != "absent"
+        assert ports.gpio.get(trigger.line) == 0
+        begun_ns = ports.clock.now_ns()
+        chips.knock(wire.GiveEdge(lasts_ns=200_000_000))
+        edges = wait_for_edges(ports)
+        assert [(edge.line, edge.value) for edge in edges] == [(trigger.line, 1)]
+        assert begun_ns <= edges[0].t_ns <= ports.clock.now_ns()
+        assert [edge.value for edge in wait_for_edges(ports)] == [0]
+
+
 def wait_for_edges(ports: Backend) -> tuple[Edge, ...]:
     deadline_ns = ports.clock.now_ns() + 5_000_000_000
     while ports.clock.now_ns() < deadline_ns:

@@ -30,7 +30,10 @@ SAID = {
     "stream_numpy.py": r"^$",
     "with_asyncio.py": r"ARMED while it is felt\n\d\d pulses, \d\d ticks meanwhile$",
     "contact.py": r"touched before: 64 of 64\n\d+ (soft|closed).*; up to \d+ ohm$",
-    "markers.py": r"trial 2: marked at \d+ ns .*; first pulse at \d+ ns, 20\d\d-",
+    "markers.py": (
+        r"(?s)trial 2: marked at \d+ ns .*; first pulse at \d+ ns, 20\d\d-.*"
+        r"triggered: first pulse \d+ us after the edge$"
+    ),
 }
 
 

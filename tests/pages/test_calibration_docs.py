@@ -26,7 +26,8 @@ def rig() -> Iterator[CommandRig]:
 
 
 def program() -> str:
-    found = re.findall(r"```python\n(.*?)```", DOC.read_text(encoding="utf-8"), re.DOTALL)
+    # Not the one with a reason not to run it, in the line before.
+    found = re.findall(r"(?<!-->\n)```python\n(.*?)```", DOC.read_text(encoding="utf-8"), re.DOTALL)
     assert len(found) == 1
     return str(found[0])
 

@@ -12,8 +12,6 @@ from engine_scenes import fully_open, halts, only
 from etd.protocol.link import StopNow
 from etd_hal.fake.faults import ClockSteps, SpiJitter, SpiStall
 
-pytestmark = pytest.mark.slow
-
 MakeRig = Callable[..., EngineRig]
 N = 16
 ALL = (1_000,) * N

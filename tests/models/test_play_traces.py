@@ -17,8 +17,6 @@ from trace_agreement import WIDTH_TOLERANCE_US, check_body, check_what_passes, i
 from trace_decoder import Facts, Phase, Record, decode, read, visits
 from trace_rules import violations
 
-pytestmark = pytest.mark.slow
-
 CLONE = Path(__file__).parents[2]
 ETACTILEKIT = CLONE.parent / "shared" / "data" / "etactilekit"
 ROOTS = os.pathsep.join([str(CLONE / "daemon"), str(CLONE / "hal")])

@@ -20,8 +20,6 @@ from etd_hal.fake.faults import (
 )
 from selftest_rig import DATE, LOAD_OHM, bad, by_name, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 BOARDS = ("reference-hv507", "kajimoto-hv507", "feetthrough-relay", "etactilekit-hv513")
 
 WALK = ("every_switch", "one_at_a_time", "second_load", "every_switch_again")
@@ -177,6 +175,7 @@ def test_the_board_is_safe_before_an_error_or_the_skips_after_a_failure_are_told
     ("fault", "said"),
     [
         (LineCut("SYNC"), "a wire of SYNC"),
+        (LineCut("TRIGGER"), "a wire of TRIGGER"),
         (SpiMode(0), "SPI mode 0 or 2"),
         (SpiMode(2), "SPI mode 0 or 2"),
     ],
