@@ -27,6 +27,8 @@ from scripted_engine import ScriptedEngine
 
 #: Turns of 5 ms until something that should arrive counts as not arriving.
 PATIENCE = 20_000
+#: 2026-01-01, in ns since 1970: the wall's time when the rig's clock was at 0.
+WALL_NS = 1_767_225_600_000_000_000
 
 
 class HandClock:
@@ -85,7 +87,7 @@ class GatewayRig:
         self.facts = facts
         self.engine = ScriptedEngine(self.folder, facts)
         self.running = clock or self.clock
-        self.gateway = Gateway(self.config, self.running, write=write)
+        self.gateway = Gateway(self.config, self.running, self._read_clocks, write=write)
         self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self.control = self.socket(zmq.DEALER, "control.sock")
 
@@ -104,6 +106,11 @@ class GatewayRig:
         self.gateway.close()
         self.engine.close()
         self._temporary.cleanup()
+
+    def _read_clocks(self) -> tuple[int, int, int]:
+        """The wall's beside the gateway's own, whatever this machine's have been through."""
+        now_ns = self.running.now_ns()
+        return now_ns, WALL_NS + now_ns, 0
 
     @property
     def address(self) -> str:
