@@ -11,6 +11,9 @@ import math
 import random
 from collections.abc import Mapping
 
+import msgspec
+
+from calibrate_scenes import ROW
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.course import Course
 from etd.calibrate.exponent import NoFit
@@ -27,18 +30,8 @@ ADAPTING = ResponseModel(adaptation=0.6)
 POOR = ResponseModel(
     lapses=0.05, false_alarms=0.15, slips=0.03, drift=0.01, adaptation=0.6, noise=0.08
 )
-CONDITIONS = Conditions(
-    participant="P01",
-    method="staircase",
-    body_site="fingertip",
-    array="pad-8",
-    electrodes=N,
-    polarity="anodic",
-    width_us=100,
-    rate_hz=60.0,
-    returns="all",
-    pulses=10,
-    cap_ua=4_000,
+CONDITIONS = msgspec.structs.replace(
+    ROW, method="staircase", array="pad-8", electrodes=N, cap_ua=4_000
 )
 #: By how much the skin resists less than dry, in each of the states.
 FALLS = (1.0, 3.0, 1.15, 2.3, 1.1)

@@ -161,6 +161,10 @@ def test_with_json_an_error_is_one_object_on_standard_output(
             "go with --board fake",
         ),
         (
+            ["calibrate", "P1", "--max-current-ua", "900", "--fit", "--baseline", "P2"],
+            "say with --as",
+        ),
+        (
             ["play", "x.json", "--current-ua", "9", "--width-us", "50", "--calibration", "P01"],
             "one of the two",
         ),

@@ -22,7 +22,6 @@ from etd.protocol.carried import CarriedOver, RampState, SoftStartState
 from etd.protocol.errors import EtdError, FileError
 from etd.protocol.messages import Halt, Limits, RefusedReport, Shown, StateReport
 from etd.protocol.outcome import Clamp, Shortfall
-from etd.protocol.pulse_row import PulseRow
 from etd.record import lines
 from etd.record.events import table
 from etd.record.lines import Line
@@ -33,7 +32,7 @@ from etd.record.text import lines_of
 from etd.replay.timeline import Timeline
 from etd.report.figures import figures_of
 from etd.report.recorded import recorded_sections, recorded_sentence
-from record_rows import pulse
+from record_rows import HEADER, pulse
 from scripted_engine import engine_hello
 
 MS = 1_000_000
@@ -46,17 +45,7 @@ def asked(number: int, t_ms: int, **request: Any) -> lines.Asked:
 
 
 RECORD: tuple[Line, ...] = (
-    lines.Header(
-        format=1,
-        name="p01",
-        etd="0.1.0",
-        daemon="main",
-        protocol=1,
-        begun="2026-09-21T13:33:20.000+00:00",
-        begun_ns=0,
-        uid=1,
-        columns=PulseRow.__struct_fields__,
-    ),
+    HEADER,
     lines.Clocks(t_ns=0, wall_ns=1_790_000_000 * 10**9, uncertainty_ns=100, clock_lag_us=10),
     lines.Engine(t_ns=1, facts=engine_hello()),
     lines.LeaseBegun(

@@ -115,16 +115,19 @@ class ThresholdTasks:
             is_check=True,
         )
 
-    def _again(self, found: ElectrodeLimits, reach: Reach) -> Procedure[ElectrodeLimits]:
+    def _threshold(self, reach: Reach) -> Procedure[Threshold]:
         method = PROCEDURES[self._progress.conditions.method]
         threshold = yield from method(reach.most_ua)
+        return threshold
+
+    def _again(self, found: ElectrodeLimits, reach: Reach) -> Procedure[ElectrodeLimits]:
+        threshold = yield from self._threshold(reach)
         return replace(found, threshold_ua=round(threshold.current_ua), felt=threshold.is_felt)
 
     def _figures(self, electrode: int, reach: Reach) -> Procedure[ElectrodeLimits]:
         before = self._earlier(electrode)
         known_ua = 0.0 if before is None else before.comfortable_ua * _OF_EARLIER
-        method = PROCEDURES[self._progress.conditions.method]
-        threshold = yield from method(reach.most_ua)
+        threshold = yield from self._threshold(reach)
         self._on_threshold(electrode)
         at_ua = min(round(threshold.current_ua), reach.cap_ua)
         if not threshold.is_felt:
@@ -170,11 +173,15 @@ class FitTasks(ThresholdTasks):
         super().__init__(progress, asking, baseline, today, on_threshold)
         self._caps_ua, self._least_ua = bounds
 
+    def check(self, electrode: int) -> None:
+        """None: a state is short, and what drifts in it is what is measured."""
+        del electrode
+
     def _cap_ua(self, electrode: int) -> int:
         return min(super()._cap_ua(electrode), self._caps_ua[electrode])
 
     def _figures(self, electrode: int, reach: Reach) -> Procedure[ElectrodeLimits]:
-        threshold = yield from PROCEDURES[self._progress.conditions.method](reach.most_ua)
+        threshold = yield from self._threshold(reach)
         self._on_threshold(electrode)
         at_ua = min(round(threshold.current_ua), reach.cap_ua)
         seen = self._asking.resistances.get(electrode, {})

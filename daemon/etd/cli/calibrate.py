@@ -257,6 +257,11 @@ def _check_fit(args: argparse.Namespace) -> None:
         args.misused("--fit needs a person whose skin becomes damp and dry: omit --answers")
     if args.baseline is None:
         args.baseline = args.which or args.participant
+    elif args.baseline != args.participant and args.which is None:
+        args.misused(
+            f"--fit adds k to {args.baseline} and stores it as {args.participant}: say with --as"
+            " what it is stored as"
+        )
 
 
 def _address(args: argparse.Namespace) -> contextlib.AbstractContextManager[str | None]:

@@ -34,10 +34,17 @@ class Screen:
     """`progress` is read, never changed."""
 
     def __init__(
-        self, array: ArrayFacts, progress: Progress, is_quiet: bool, is_blind: bool = False
+        self,
+        array: ArrayFacts,
+        progress: Progress,
+        is_quiet: bool,
+        is_blind: bool = False,
+        asked: int | None = None,
     ) -> None:
+        """`asked`: so many electrodes, where it is not all of them."""
         self._picture = Picture(array.x_mm, array.y_mm)
         self._progress = progress
+        self._asked = asked
         self._is_quiet = is_quiet
         self._is_blind = is_blind
         self._presented: Presentation | None = None
@@ -81,7 +88,7 @@ class Screen:
     def found(self) -> None:
         """After an electrode: print a line, unless the screen is redrawn."""
         if self._is_quiet:
-            print(count_of(self._progress), file=sys.stderr, flush=True)
+            print(self.line(), file=sys.stderr, flush=True)
         elif not is_terminal():
             print(self.line(), flush=True)
 
@@ -92,7 +99,7 @@ class Screen:
         )
 
     def line(self) -> str:
-        return count_of(self._progress)
+        return count_of(self._progress, self._asked)
 
     def _what(self, question: Question) -> str:
         """`electrode 12: 850 uA`, after what it is compared with."""
@@ -131,6 +138,7 @@ def to_come(progress: Progress) -> str:
     )
 
 
-def count_of(progress: Progress) -> str:
-    done, all_of_them = len(progress.found), progress.conditions.electrodes
+def count_of(progress: Progress, asked: int | None = None) -> str:
+    """`asked`: so many electrodes, where it is not all of them."""
+    done, all_of_them = len(progress.found), asked or progress.conditions.electrodes
     return f"{done} of {all_of_them} electrodes, {progress.presentations} presentations"

@@ -28,6 +28,7 @@ from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for, safe_again
 from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_screen import Screen
+from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.calibrate_watch import Watch
 from etd.cli.false_alarms import said_of_false_alarms
 from etd.cli.keys import keyboard
@@ -88,18 +89,12 @@ class CalibrateSession:
                 answerer = stack.enter_context(keyboard(self._screen.ask, self._screen.heard))
                 at_once = self._args.board is not None or self._args.arm
                 armed_for(self._display, answerer, at_once=at_once)
-            reports = stack.enter_context(
-                self._display.telemetry("scan", "halt", "modelled", "state")
-            )
             if self._args.restart:
                 self._file.unlink(missing_ok=True)
-            stimulator = Stimulator(
-                self._display,
-                reports,
-                clock.ClientClock(),
-                self._progress.conditions,
-                answerer.wants_stop,
-                body.hear,
+            stimulator = stack.enter_context(
+                stimulator_on(
+                    self._display, self._progress.conditions, answerer.wants_stop, body.hear
+                )
             )
             presenter: Presenter = stimulator
             if self._is_simulated:

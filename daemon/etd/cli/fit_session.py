@@ -34,6 +34,7 @@ from etd.cli import options
 from etd.cli.arming import armed_for, safe_again
 from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_screen import Screen
+from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.keys import Keyboard, keyboard
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
@@ -63,6 +64,7 @@ class FitSession:
             )
         )
         self._fitting = Fitting(self._progress)
+        self._screen = self._screen_of(self._fitting.progress_of_state())
         folder = Path() if args.out is None else args.out.parent
         name = f"{which}-fit"
         path = new_trials_path(folder, name, conditions.array, wall_time(), args.trials)
@@ -74,23 +76,15 @@ class FitSession:
             return
         with ExitStack() as stack:
             stack.callback(self._trials.close)
-            self._screen = self._new_screen()
             keys = stack.enter_context(
                 keyboard(lambda question: self._screen.ask(question), self._heard)
             )
             at_once = self._args.board is not None or self._args.arm
             armed_for(self._display, keys, at_once=at_once)
-            reports = stack.enter_context(
-                self._display.telemetry("scan", "halt", "modelled", "state")
-            )
             if self._args.restart:
                 self._file.unlink(missing_ok=True)
-            stimulator = Stimulator(
-                self._display,
-                reports,
-                clock.ClientClock(),
-                self._progress.conditions,
-                keys.wants_stop,
+            stimulator = stack.enter_context(
+                stimulator_on(self._display, self._progress.conditions, keys.wants_stop)
             )
             stimulator.open()
             while (state := self._fitting.state) is not None:
@@ -99,9 +93,7 @@ class FitSession:
 
     def _ask_in(self, state: SkinState, stimulator: Stimulator, keys: Keyboard) -> None:
         of_state = self._fitting.progress_of_state()
-        self._screen = Screen(
-            self._display.facts.array, of_state, is_quiet=self._args.json, is_blind=self._args.blind
-        )
+        self._screen = self._screen_of(of_state)
         course = Course(
             of_state,
             stimulator,
@@ -204,9 +196,14 @@ class FitSession:
         self._fitting.lower(of_state)
         save_fit(self._file, self._progress)
 
-    def _new_screen(self) -> Screen:
-        of_state = self._fitting.progress_of_state()
-        return Screen(self._display.facts.array, of_state, is_quiet=True)
+    def _screen_of(self, of_state: Progress) -> Screen:
+        return Screen(
+            self._display.facts.array,
+            of_state,
+            is_quiet=self._args.json,
+            is_blind=self._args.blind,
+            asked=len(self._progress.electrodes),
+        )
 
     def _heard(self, answer: Answer | None) -> None:
         self._screen.heard(answer)

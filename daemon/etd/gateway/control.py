@@ -198,7 +198,7 @@ class ControlHandler:
         return self._sent(command, replies.marked)
 
     def _felt(self, request: Felt, inbound: InboundMessage) -> _Sent:
-        """Who holds the lease may say all; whoever else has access can only lower."""
+        """With the lease, anything; without it, only what lowers."""
         lease = None if request.lease is None else self._held(request.lease, inbound)
         command = SayFelt(
             ref=self._pending.next_ref(),

@@ -78,7 +78,7 @@ class RecordFile:
         return not self._thread.is_alive()
 
     def wait_closed(self, timeout_s: float) -> None:
-        """For one who has nobody to serve any more."""
+        """Blocks: only for a gateway at its end."""
         self._thread.join(timeout_s)
 
     def _write_on(self) -> None:

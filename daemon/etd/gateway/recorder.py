@@ -139,7 +139,7 @@ class Recorder:
         self._file = self.running = None
 
     def wait_closed(self, timeout_s: float) -> None:
-        """For one who has nobody to serve any more."""
+        """Blocks: only for a gateway at its end."""
         if self._closing is not None:
             self._closing.wait_closed(timeout_s)
 

@@ -136,7 +136,7 @@ class Gateway:
         self._recorder.stop("ended", self._clock.now_ns())
         self._engine.hang_up()
         self._sockets.close()
-        # Only now: nobody waits for the gateway any more.
+        # Last: this blocks, and by now the link and the sockets are closed.
         self._recorder.wait_closed(_LAST_LINES_S)
         self._lock.close()
         if self.is_asked_to_end:
