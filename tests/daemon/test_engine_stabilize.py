@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from engine_rig import LEASE, EngineRig
-from engine_scenes import fully_open, only, phases, unchecked
+from engine_scenes import fully_open, only, phases, scans, unchecked
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.link import DisarmBoard, StopNow
 from etd.pulse.request import NO_GAIN, PulseRequest
@@ -65,6 +65,9 @@ def test_skin_that_takes_less_energy_gets_longer_pulses_within_its_slot(make_rig
     current_ua, width_us = last_pulse(rig)
     assert 1.3 * WIDTH_US < width_us <= 1.5 * WIDTH_US
     assert current_ua <= CURRENT_UA
+    told = scans(rig)[-1].fired
+    assert told.gain[4] == pytest.approx(current_ua * width_us / (CURRENT_UA * WIDTH_US), rel=0.02)
+    assert told.gain[5] is None, "nothing was wanted there"
 
 
 def test_skin_that_takes_more_energy_gets_shorter_pulses(make_rig: MakeRig) -> None:
@@ -177,6 +180,12 @@ def test_peeling_is_answered_with_the_next_pulse(make_rig: MakeRig) -> None:
     felt_ua = felt_there_ua(rig, since_ns)
     assert felt_ua[0] == pytest.approx(CURRENT_UA, abs=5), "nobody can know before it was fired"
     assert felt_ua[1] == pytest.approx(CURRENT_UA / 2, rel=0.1)
+    assert scans(rig)[-1].fired.gain[4] == pytest.approx(felt_ua[-1] / CURRENT_UA, rel=0.01)
+
+
+def test_without_a_law_none_is_told_to_have_given_or_taken(make_rig: MakeRig) -> None:
+    rig = standing(make_rig(loaded=with_laws()))
+    assert set(scans(rig)[-1].fired.gain) == {None}
 
 
 class Counts:

@@ -8,7 +8,8 @@ from typing import Any
 
 import msgspec
 
-from etd.apps.monitor import CONTACT_SIGNS, Monitor, Panel
+from etd.apps.monitor import Monitor
+from etd.apps.panel import CONTACT_SIGNS, Panel
 from etd.gateway.replies import hello
 from etd.protocol.facts import Endpoints
 from etd.protocol.messages import Contact, Fired, HelloReply, Modelled, Scan, Shown, StateReport
@@ -129,6 +130,26 @@ def test_what_a_body_felt_is_shown_only_where_there_is_a_model_and_named_so() ->
     assert felt.bright[3] == 1.0
     assert felt.alarming == {3}
     assert "modelled: felt at 2, strength up to 5.0, PAIN at 1" in made.line()
+
+
+def test_what_laws_gave_and_took_is_a_panel_and_in_the_line_while_one_runs() -> None:
+    made = monitor()
+    made.hear(scan(gain=(None,) * 4))
+    assert "laws" not in made.line()
+    assert not [panel for panel in made.panels() if panel.title.startswith("laws")]
+    made.hear(scan(gain=(1.3, None, 0.0, 1.0)))
+    found = panel(made, "laws: + gave, - took")
+    assert found.signs == ["+", ".", "-", "="]
+    given, unfired, taken, left = found.bright
+    assert unfired is None
+    assert (taken, left) == (0.0, 0.5)
+    assert given is not None
+    assert 0.5 < given < 1.0
+    assert "laws x0.00-1.30" in made.line()
+    made.hear(scan(gain=(0.814, None, None, None)))
+    assert "laws x0.81" in made.line().split(", ")
+    made.hear(scan(is_ended=True, gain=(0.814, None, None, None)))
+    assert "laws" not in made.line()
 
 
 def test_the_docs_show_the_line_that_is_printed() -> None:

@@ -42,7 +42,7 @@ def reporter() -> tuple[Reporter, Listener]:
 def row(commanded_ua: int, voltage_v: float, resistance_ohm: int) -> Row:
     delivered_ua = commanded_ua - 400
     measured = 99.7, voltage_v, resistance_ohm
-    return 1_200, commanded_ua, delivered_ua, *measured, "soft", 0, 0, None, None
+    return 1_200, commanded_ua, delivered_ua, *measured, "soft", 0, 0, None, None, None
 
 
 def test_a_scan_report_tells_the_frame_and_what_was_fired() -> None:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import log
 
+from etd.apps.panel import Panel, contact_panel, gain_panel, resistance_panel
 from etd.protocol.felt import FeltFacts
 from etd.protocol.messages import (
     Contact,
@@ -24,36 +24,11 @@ from etd.protocol.messages import (
 from etd.protocol.outcome import Clamp
 from etd.pulse.measured import is_stale
 
-#: One sign for each kind of contact, in the order of the legend.
-CONTACT_SIGNS: dict[ContactState, str] = {
-    "closed": "#",
-    "soft": "~",
-    "open": ".",
-    "saturated": "!",
-    "shorted": "=",
-    "unknown": "?",
-}
 _CONTACT: dict[bool | None, ContactState] = {True: "closed", False: "open", None: "unknown"}
-#: From brightest to black, on a logarithmic scale.
-_LEAST_OHM, _MOST_OHM = 3_000, 1_000_000
 #: The pressure of full brightness.
 _FIRM_KPA = 100.0
 #: The felt strength of full brightness, in thresholds.
 _BRIGHT_FELT = 2.5
-
-
-@dataclass(frozen=True, slots=True)
-class Panel:
-    """One quantity of all electrodes.
-
-    `bright` has 0..1 for each, None where it is not known. `signs`, if given, are drawn instead of
-    blocks. `alarming` electrodes are highlighted.
-    """
-
-    title: str
-    bright: Sequence[float | None]
-    signs: Sequence[str] | None = None
-    alarming: frozenset[int] = frozenset()
 
 
 @dataclass(slots=True)
@@ -155,12 +130,11 @@ class Monitor:
         found = [
             Panel("wanted", self._of_full("wanted_ua")),
             Panel("delivered", self._of_full("delivered_ua")),
-            Panel(
-                "resistance",
-                [_bright_of_ohm(self._known_ohm.get(electrode)) for electrode in electrodes],
-            ),
-            self._contact_panel(),
+            resistance_panel([self._known_ohm.get(electrode) for electrode in electrodes]),
+            contact_panel([self._contact.get(electrode, "unknown") for electrode in electrodes]),
         ]
+        if any(gain is not None for gain in self._gains()):
+            found.append(gain_panel(self._gains()))
         if self.pressure_kpa:
             pressed = [
                 None if kpa is None else min(1.0, kpa / _FIRM_KPA) for kpa in self.pressure_kpa
@@ -172,18 +146,9 @@ class Monitor:
             found.append(Panel("felt (modelled)", felt, alarming=frozenset(hurt)))
         return found
 
-    def _contact_panel(self) -> Panel:
-        electrodes = range(self.facts.array.electrodes)
-        states = [self._contact.get(electrode, "unknown") for electrode in electrodes]
-        bad = {
-            electrode for electrode in electrodes if states[electrode] in ("saturated", "shorted")
-        }
-        return Panel(
-            "contact",
-            [0.6 if state in ("closed", "soft") else 0.0 for state in states],
-            [CONTACT_SIGNS[state] for state in states],
-            frozenset(bad),
-        )
+    def _gains(self) -> Sequence[float | None]:
+        """What stabilizers made of each electrode's charge, by its last pulse."""
+        return () if self.fired is None or self.is_silent else self.fired.gain
 
     def _of_full(self, key: str) -> list[float | None]:
         """0..1 for each electrode: 1 is the highest wanted or allowed uncalibrated current."""
@@ -208,6 +173,8 @@ class Monitor:
         if self.clamped:
             reasons = sorted({clamp.reason for clamp in self.clamped})
             parts.append(f"clamped by {' and '.join(reasons)}")
+        if gains := [gain for gain in self._gains() if gain is not None]:
+            parts.append(f"laws {_times(gains)}")
         if self.said is not None:
             parts.append(_said(self.said))
         if self.refused:
@@ -233,18 +200,14 @@ class Monitor:
         return f"{len(active)} electrodes, up to {max(active)} uA" if active else "silent"
 
 
-def _bright_of_ohm(resistance_ohm: int | None) -> float | None:
-    """The better it conducts, the brighter."""
-    if resistance_ohm is None:
-        return None
-    part = log(resistance_ohm / _LEAST_OHM) / log(_MOST_OHM / _LEAST_OHM)
-    return 1.0 - min(1.0, max(0.0, part))
+def _times(factors: Sequence[float]) -> str:
+    least, most = (f"{factor:.2f}" for factor in (min(factors), max(factors)))
+    return f"x{least}" if least == most else f"x{least}-{most}"
 
 
 def _said(said: FeltFacts) -> str:
     """What the person's words took and gave, as factors on the current."""
-    least, most = min(said.factors), max(said.factors)
-    parts = [f"said x{least:.2f}" if least == most else f"said x{least:.2f}-{most:.2f}"]
+    parts = [f"said {_times(said.factors)}"]
     if said.laws_off:
         parts.append("LAWS OFF")
     return ", ".join(parts)

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from etd.apps.monitor import CONTACT_SIGNS, Monitor, Panel
+from etd.apps.monitor import Monitor
+from etd.apps.panel import CONTACT_SIGNS, Panel
 from etd.apps.picture import Picture
 from etd.cli.terminal import check_rich, is_terminal
 from etd.client import clock
@@ -25,7 +26,15 @@ _OLD_NS = 2_000_000_000
 #: Between panels.
 _GAP = 3
 #: What is drawn first where there is no room for all panels.
-_ORDER = ("delivered", "contact", "felt (modelled)", "wanted", "resistance", "pressure")
+_ORDER = (
+    "delivered",
+    "contact",
+    "felt (modelled)",
+    "laws: + gave, - took",
+    "wanted",
+    "resistance",
+    "pressure",
+)
 _LINE_NS = 1_000_000_000
 #: From dark to bright, in the terminal's 256 colors.
 _COLORS = ("grey30", "dark_orange3", "dark_orange", "orange1", "gold1", "bright_white")

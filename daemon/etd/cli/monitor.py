@@ -30,6 +30,8 @@ examples:
 
 The picture has panels for the wanted current, the delivered current, the resistance (brighter:
 lower) and the contact; on a fake board also for what a modelled body feels, with pain in red.
+Where stabilizers run, a panel shows which gave (+) and which took (-), brighter the more, and the
+line says it as factors on the charge ("laws x0.71-1.30"), before limits.
 "?" means not known, or older than a second. The line below shows the state (`etd status` shows
 more), and the limits that clamped a current (names as in docs/protocol.md).
 

@@ -123,6 +123,7 @@ class Findings:
             0 if due.after is None else due.after.probe_ua,
             skin_ohm,
             capacitance_nf,
+            self._adapter.gain(due.scheduled, cleared.request),
         )
         self._reporter.fired(electrode, begun_ns, row)
         if cleared.clamp is not None:

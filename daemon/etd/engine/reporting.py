@@ -86,13 +86,14 @@ Row = tuple[
     int,
     int | None,
     float | None,
+    float | None,
 ]
 _COLUMNS = Fired.__struct_fields__
 
 
-def _nothing(wanted_ua: int = 0) -> Row:
+def _nothing(wanted_ua: int = 0, gain: float | None = None) -> Row:
     """Of an electrode that was not fired."""
-    return wanted_ua, 0, 0, 0.0, None, None, None, 0, 0, None, None
+    return wanted_ua, 0, 0, 0.0, None, None, None, 0, 0, None, None, gain
 
 
 def _columns(rows: Sequence[Row]) -> Fired:
@@ -207,7 +208,7 @@ class Reporter:
 
     def nothing_requested(self, electrode: int, wanted_ua: int) -> None:
         """A pulse of the frame for which a stabilizer requests no current."""
-        self._rows[electrode] = _nothing(wanted_ua)
+        self._rows[electrode] = _nothing(wanted_ua, gain=0.0)
 
     def clamped(self, clamp: Clamp) -> None:
         """The latest clamp of each electrode and reason is reported."""

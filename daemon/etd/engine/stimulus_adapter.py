@@ -240,6 +240,11 @@ class StimulusAdapter:
             None if calibration is None else self._exponents[calibration.polarity],
         )
 
+    def gain(self, scheduled: ScheduledPulse, requested: PulseRequest) -> float | None:
+        """For reports: the requested charge in times of the frame's; None without stabilizers."""
+        wanted_pc = scheduled.request.charge_pc if self._stabilizers else 0
+        return round(requested.charge_pc / wanted_pc, 3) if wanted_pc else None
+
     def rejected(self, what: str) -> None:
         """Counted once, when it begins."""
         self._reporter.rejected(what)

@@ -41,6 +41,9 @@ class Fired(msgspec.Struct, frozen=True, kw_only=True):
     `resistance_ohm` is of the last sample of the last pulse alone, `skin_ohm` the skin's resistance
     to a long pulse, from all pulses above the probe's current, and `capacitance_nf` the capacitance
     beside it, where pulses were wide enough to measure it; None where they are rejected.
+
+    `gain` is the charge that the stabilizers requested, and what the person's words raised, in
+    times of the frame's, before any limit; None where the body site has no stabilizer.
     """
 
     wanted_ua: tuple[int, ...]
@@ -54,6 +57,7 @@ class Fired(msgspec.Struct, frozen=True, kw_only=True):
     probe_ua: tuple[int, ...] = ()
     skin_ohm: tuple[int | None, ...] = ()
     capacitance_nf: tuple[float | None, ...] = ()
+    gain: tuple[float | None, ...] = ()
 
 
 class Scan(msgspec.Struct, frozen=True, kw_only=True):
