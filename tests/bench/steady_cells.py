@@ -17,7 +17,7 @@ from pathlib import Path
 import msgspec
 
 from bench.steady_figures import SteadyFigures, figures
-from bench.steady_laws import LAWS
+from bench.steady_laws import LAWS, K
 from bench.steady_run import run
 from etd_body.kinds import BodyKind
 
@@ -77,6 +77,7 @@ class Cell:
                 form.pieces,
                 electrodes=form.electrodes,
                 kind=self.body,
+                k=K if LAWS[self.law].power_law is not None else None,
             )
             found = figures(self.law, [ran])
             _keep(self.path(folder), found)

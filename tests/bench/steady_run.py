@@ -141,8 +141,11 @@ def run(
     *,
     electrodes: int = ELECTRODES,
     kind: BodyKind | None = None,
+    k: float | None = K,
 ) -> Kept:
-    """All electrodes at the same level, all the time (None) or in so many pieces of it."""
+    """All electrodes at the same level, all the time (None) or in so many pieces of it. `k`: what
+    was found of the person; None: nothing.
+    """
     gc.set_threshold(_COLLECT_AFTER)
     loaded = loaded_with(settings, electrodes)
     finger = steady_skin.finger(seed, loaded.board, loaded.array, minutes, pieces, kind)
@@ -161,7 +164,9 @@ def run(
         client="bench",
         # It was made with plain pulses all the same: what narrow ones and prepulses change shows.
         calibration=msgspec.structs.replace(
-            finger.calibration, shape=settings.shape, exponent=exponent(K)
+            finger.calibration,
+            shape=settings.shape,
+            exponent=None if k is None else exponent(k),
         ),
     )
     assert answer.error is None, answer.reason

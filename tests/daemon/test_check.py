@@ -86,6 +86,11 @@ def test_a_kind_is_known_by_content_whatever_the_file_is_called(
             "stabilized by strength_duration, contact, linear_law",
         ),
         (
+            'order = ["power_law"]\n[stabilize.power_law]',
+            "stabilized by power_law; power_law only for a person with a k (etd calibrate CODE"
+            " --fit)",
+        ),
+        (
             'order = ["contact", "energy"]\nprobe_first = true\n'
             "[stabilize.contact]\n[stabilize.energy]\n"
             "[stabilize.bursts]\npulses = 2\nrate_hz = 350.0",

@@ -22,6 +22,7 @@ FIRM = ElectrodeEstimate(
     skin_at_ua=3_000,
     reference_ohm=FIRM_OHM,
     reference_at_ua=3_000,
+    exponent=0.8,
 )
 OPEN = changed(FIRM, state="open", skin_ohm=None)
 STEP_NS = 100 * MS
@@ -98,6 +99,16 @@ def test_behind_it_a_law_by_resistance_answers_the_area_itself() -> None:
     assert parts[:29] == [NEW_PART] * 29
     assert parts[49] == pytest.approx(0.9, abs=0.01)
     assert parts[-1] == 1.0
+
+
+@pytest.mark.parametrize("resists", [0.5, 2.0, 10.0])
+def test_a_person_whose_thresholds_were_not_found_to_follow_it_gets_the_part_by_time_alone(
+    resists: float,
+) -> None:
+    nobodys = changed(FIRM, exponent=None)
+    parts = after_a_return(changed(nobodys, skin_ohm=resists * FIRM_OHM), 8.0)
+    assert parts == after_a_return(nobodys, 8.0)
+    assert parts[0] == NEW_PART
 
 
 def test_without_a_calibration_all_is_given() -> None:

@@ -162,6 +162,8 @@ def _stabilized(settings: Settings) -> str:
         parts.append(
             f"contact stands BEHIND {behind}: put it before, for they reckon with what it leaves"
         )
+    if settings.power_law is not None:
+        parts.append("power_law only for a person with a k (etd calibrate CODE --fit)")
     if settings.probe_first:
         parts.append("a probe before every pulse")
     if settings.bursts is not None:

@@ -12,10 +12,14 @@ resistance is inversely proportional to the area. No rule is published; this one
 until R has fallen to R_firm. R_firm is the lowest recent resistance of firm contact, confirmed by
 two pulses in a row; at first the calibration's. It rises toward the present resistance with a time
 constant of 20 s, so that a finger that stays lighter gets its full strength in the end. The part is
-at least 0.4, which is enough to measure by. It falls at once and rises slowly, to avoid a step. If
-a law by resistance follows in the order, that law compensates for the area, and the part depends on
-time only. Without a calibration the part is 1, so that a calibration presents what it requests.
+at least 0.4, which is enough to measure by. It falls at once and rises slowly, to avoid a step.
 Exponent, bounds and times were tuned on modelled fingers.
+
+The part depends on time only where the person's thresholds were not found to follow the resistance
+(no k in the calibration that may be used: on modelled fingers whose threshold does not follow it,
+the part by resistance made the sensation less steady); and where a law by resistance follows in the
+order, which compensates for the area itself. Without a calibration the part is 1, so that a
+calibration presents what it requests.
 """
 
 from __future__ import annotations
@@ -81,7 +85,9 @@ class Settling:
         if estimate.state in ("open", "unknown") or estimate.firmness == 0.0:
             contact.touched_ns = estimate.now_ns
         log_ohm = _log_ohm(estimate)
-        wanted = self._wanted(contact, log_ohm, estimate.now_ns)
+        is_followed = self._goes_by_resistance and estimate.exponent is not None
+        followed_log_ohm = log_ohm if is_followed else None
+        wanted = self._wanted(contact, followed_log_ohm, estimate.now_ns)
         if estimate.state == "closed" and log_ohm is not None:
             contact.remember(log_ohm, estimate.now_ns)
         return self._part.toward(estimate.electrode, wanted, estimate.now_ns)
@@ -90,7 +96,7 @@ class Settling:
         if contact.touched_ns is None:
             return 1.0
         above = 0.0
-        if self._goes_by_resistance and log_ohm is not None:
+        if log_ohm is not None:
             above = log_ohm - contact.firm_log_ohm
         new_part = _new_part(now_ns - contact.touched_ns)
         if above <= 0.0 and new_part >= 1.0:
