@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 StopName = Literal["emergency_stop", "wearer_stop"]
+#: Inputs of which one edge counts.
+EdgeName = Literal["trigger", "too_strong"]
 
 
 @dataclass(frozen=True, slots=True)

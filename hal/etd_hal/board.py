@@ -16,7 +16,7 @@ from functools import partial
 from typing import Literal
 
 from etd_hal.bench import StopName
-from etd_hal.boardfile import BoardFile, Guards, MachineFile, Relays
+from etd_hal.boardfile import BoardFile, EdgeInput, Guards, MachineFile, Relays
 from etd_hal.chips.codec import Codec
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.chips.relay595 import RelaySwitch
@@ -77,8 +77,9 @@ class Board:
         self.rules = SourceRules.of(file.source)
         self._stop_lines = _stop_lines(file.guards)
         self._stop_names = {line: name for name, line in self._stop_lines.items()}
-        self._trigger = _trigger(file)
+        self._trigger, self._too_strong = _edge_of(file.trigger), _edge_of(file.too_strong)
         self._triggers_ns: list[int] = []
+        self._presses_ns: list[int] = []
 
     # --- what the board can do -------------------------------------------------------------
 
@@ -317,15 +318,19 @@ class Board:
 
     def stop_edges(self, with_trigger: bool = False) -> tuple[tuple[StopName, bool], ...]:
         """(which, whether it opened) since the last call, oldest first. Never blocks. A read gives
-        the edges of all inputs: those of the trigger are kept for `take_triggers` if asked for.
+        the edges of all inputs: those of the trigger are kept for `take_triggers` if asked for, the
+        presses of the wearer's button for `take_presses`.
         """
-        names = self._stop_names
-        edges = self._bare_gpio.edges() if names or with_trigger else ()
+        names, too_strong = self._stop_names, self._too_strong
+        edges = self._bare_gpio.edges() if names or with_trigger or too_strong else ()
         if not edges:
             return ()
         if with_trigger:
             found = [edge.t_ns for edge in edges if (edge.line, edge.value) == self._trigger]
             self._triggers_ns += found
+        if too_strong is not None:
+            found = [edge.t_ns for edge in edges if (edge.line, edge.value) == too_strong]
+            self._presses_ns += found
         return tuple((names[edge.line], edge.value == 0) for edge in edges if edge.line in names)
 
     def take_triggers(self) -> list[int]:
@@ -333,6 +338,11 @@ class Board:
         the kernel's time (CLOCK_MONOTONIC).
         """
         found, self._triggers_ns = self._triggers_ns, []
+        return found
+
+    def take_presses(self) -> list[int]:
+        """The same of the wearer's button that says *too strong*; as often as it bounced."""
+        found, self._presses_ns = self._presses_ns, []
         return found
 
     # --- the safe state --------------------------------------------------------------------
@@ -408,10 +418,9 @@ def _stop_lines(guards: Guards) -> dict[StopName, int]:
     return {name: line for name, line in lines.items() if line != "absent"}
 
 
-def _trigger(file: BoardFile) -> tuple[int, int] | None:
+def _edge_of(found: EdgeInput | Literal["absent"]) -> tuple[int, int] | None:
     """Its line, and the level after the edge that counts."""
-    trigger = file.trigger
-    return None if trigger == "absent" else (trigger.line, int(trigger.edge == "rising"))
+    return None if found == "absent" else (found.line, int(found.edge == "rising"))
 
 
 def _safe_changes(file: BoardFile) -> Changes:

@@ -177,9 +177,9 @@ class OneShot(Strict, frozen=True):
     on_us: Annotated[int, Meta(ge=200, le=1_000)]
 
 
-class Trigger(Strict, frozen=True):
-    """An input whose edge begins a frame that waits for it. It is pulled to the level before that
-    edge, so that a plug that comes off makes none.
+class EdgeInput(Strict, frozen=True):
+    """An input of which one edge counts. It is pulled to the level before that edge, so that a plug
+    that comes off makes none.
     """
 
     line: Line
@@ -227,7 +227,10 @@ class BoardFile(Strict, frozen=True):
     i2c: str | Absent = "absent"
     gpio_chip_labels: tuple[str, ...] = ("pinctrl-bcm2711", "pinctrl-bcm2835")
     sync_line: Line | Absent = "absent"
-    trigger: Trigger | Absent = "absent"
+    #: Its edge begins a frame that waits for it.
+    trigger: EdgeInput | Absent = "absent"
+    #: A button of the wearer's: each press says that all is too strong.
+    too_strong: EdgeInput | Absent = "absent"
     rail_setpoint: RailSetpoint | Absent = "absent"
 
     @property
@@ -255,6 +258,8 @@ class BoardFile(Strict, frozen=True):
             lines["SYNC"] = self.sync_line
         if self.trigger != "absent":
             lines["TRIGGER"] = self.trigger.line
+        if self.too_strong != "absent":
+            lines["TOO_STRONG"] = self.too_strong.line
         return lines
 
 

@@ -37,9 +37,10 @@ def _input_lines(board: BoardFile) -> tuple[InputLine, ...]:
     for stop in (guards.emergency_stop, guards.wearer_stop):
         if stop != "absent":
             inputs.append(InputLine(stop, pull="down", edges=True))
-    if board.trigger != "absent":
-        pull: Pull = "down" if board.trigger.edge == "rising" else "up"
-        inputs.append(InputLine(board.trigger.line, pull=pull, edges=True))
+    for edge_input in (board.trigger, board.too_strong):
+        if edge_input != "absent":
+            pull: Pull = "down" if edge_input.edge == "rising" else "up"
+            inputs.append(InputLine(edge_input.line, pull=pull, edges=True))
     return tuple(inputs)
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from drawn_svg import Drawing
 from etd.draw.board_sheet import board_sheet
 from etd.draw.header import PIN_OF_GPIO, POWER_PINS, wires_of
-from etd_hal.boardfile import GUARDS, BoardFile, load_board
+from etd_hal.boardfile import GUARDS, BoardFile, EdgeInput, load_board
 from files_by_hand import CONFIG, REPOSITORY, spoiled, write
 
 SHIPPED = sorted((CONFIG / "boards").glob("*.toml"))
@@ -80,6 +81,17 @@ def test_the_picture_in_the_documentation_is_that_of_the_file() -> None:
         "remove it, then: etd check --draw docs/plots/reference-hv507.svg"
         " config/boards/reference-hv507.toml"
     )
+
+
+def test_a_button_of_the_wearers_is_drawn_with_its_level_at_rest() -> None:
+    board = msgspec.structs.replace(
+        load_board(SHIPPED[-1]), too_strong=EdgeInput(line=6, edge="falling")
+    )
+    drawing = drawn(board)
+    assert drawing.overlapping() == []
+    assert drawing.text(f"pin-{PIN_OF_GPIO[6]}-name").startswith("TOO_STRONG: GPIO 6, into the Pi")
+    (wire,) = [wire for wire in wires_of(board) if wire.name == "TOO_STRONG"]
+    assert wire.level == 1
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)

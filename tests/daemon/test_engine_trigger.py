@@ -27,7 +27,7 @@ from engine_scenes import (
 from etd.protocol.frame import Frame
 from etd.protocol.link import Answer, ArmBoard, AskAccount, KeepLease, NewFrame, StopNow
 from etd.protocol.outcome import Account
-from etd_hal.boardfile import Trigger
+from etd_hal.boardfile import EdgeInput
 from etd_hal.fake.machines import PI4
 from etd_hal.fake.processor import COMPILED_STAGES_NS, STAGES_NS, Stage, StagedTime
 from trace_decoder import Phase
@@ -143,7 +143,7 @@ def test_its_sync_and_its_mark_come_with_the_edge_and_not_before(make_rig: MakeR
 
 
 def test_a_falling_edge_counts_where_the_board_file_says_so(make_rig: MakeRig) -> None:
-    trigger = Trigger(line=6, edge="falling")
+    trigger = EdgeInput(line=6, edge="falling")
     rig = fully_open(make_rig(loaded=config(KIT, trigger=trigger)), 1_000)
     waiting(rig)
     at_ns = rig.clock.now_ns() + 20 * MS

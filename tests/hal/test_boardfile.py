@@ -67,6 +67,13 @@ class TestLines:
             ("sync_line = 12", "sync_line = 11", 11, "/dev/spidev0.0", "SYNC"),
             ("trigger = { line = 13", "trigger = { line = 12", 12, "SYNC", "TRIGGER"),
             ("trigger = { line = 13", "trigger = { line = 9", 9, "/dev/spidev0.0", "TRIGGER"),
+            (
+                "sync_line = 12",
+                'sync_line = 12\ntoo_strong = { line = 12, edge = "falling" }',
+                12,
+                "SYNC",
+                "TOO_STRONG",
+            ),
             ("POL = 4", "POL = 2", 2, "/dev/i2c-1", "POL"),
             ("DATA = 5", "DATA = 8", 8, "/dev/spidev0.0", "DATA"),
         ],

@@ -9,7 +9,7 @@ import pytest
 
 from etd.files.resources import find
 from etd_hal.backend import Backend
-from etd_hal.boardfile import Trigger, load_board
+from etd_hal.boardfile import EdgeInput, load_board
 from etd_hal.compose import open_fake
 from etd_hal.linesetup import line_setup
 from stepped_board import shipped_board, stepped_board
@@ -53,7 +53,7 @@ def test_edges_that_nobody_reads_give_way_to_newer_ones() -> None:
 
 @pytest.mark.parametrize(("edge", "pull", "level"), [("rising", "down", 0), ("falling", "up", 1)])
 def test_the_pull_makes_the_level_before_the_edge(edge: str, pull: str, level: int) -> None:
-    trigger = msgspec.convert({"line": TRIGGER, "edge": edge}, Trigger)
+    trigger = msgspec.convert({"line": TRIGGER, "edge": edge}, EdgeInput)
     board = msgspec.structs.replace(shipped_board("kajimoto-hv507"), trigger=trigger)
     (asked,) = line_setup(board).inputs
     assert (asked.line, asked.pull, asked.edges) == (TRIGGER, pull, True)

@@ -51,7 +51,7 @@ _GROUPS: dict[Group, str] = {
     "source": "current path",
     "i2c": "I2C",
     "guard": "guards",
-    "sync": "SYNC, TRIGGER",
+    "sync": "edges",
 }
 _GPIO_OF_PIN = {pin: gpio for gpio, pin in PIN_OF_GPIO.items()}
 #: What reads a 5 V level; from docs/hardware.md.

@@ -89,6 +89,10 @@ def wires_of(board: BoardFile) -> tuple[Wire, ...]:
         before: Literal[0, 1] = 0 if edge == "rising" else 1
         purpose = f"a {edge} edge begins a frame"
         found.append(Wire(board.trigger.line, "TRIGGER", "sync", "in", purpose, before))
+    if board.too_strong != "absent":
+        rest: Literal[0, 1] = 0 if board.too_strong.edge == "rising" else 1
+        purpose = "the wearer's button: too strong"
+        found.append(Wire(board.too_strong.line, "TOO_STRONG", "sync", "in", purpose, rest))
     return tuple(sorted(found, key=lambda wire: wire.pin))
 
 

@@ -179,6 +179,14 @@ def _hear(core: Supervisor, said: SayFelt) -> None:
     core.report_state(now_ns)
 
 
+def hear_button(core: Supervisor) -> None:
+    """The wearer pressed: too strong, all of it. Where nothing can be felt it says nothing."""
+    if core.states.state == "ARMED":
+        now_ns = core.clock.now_ns()
+        core.feeling.hear(SayFelt(ref=0, answer="too_strong"), now_ns)
+        core.report_state(now_ns)
+
+
 def _mark(core: Supervisor, command: SetMark) -> Answer:
     """A mark has a time of the board's clock, like all that happens on the board."""
     now_ns = core.clock.now_ns()

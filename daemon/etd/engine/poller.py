@@ -31,6 +31,8 @@ _MEANWHILE_NS = 1_000_000
 #: After a plan made during a scan, the next one waits so many times as long as that took: frames
 #: that come faster than they can be planned must not take the pulses' time.
 _PLANS_REST = 9
+#: Edges of the wearer's button that follow within this time are the same press.
+_BOUNCE_NS = 200_000_000
 #: Edges come this often within the monostable's window.
 _BEATS_PER_WINDOW = 4
 
@@ -53,6 +55,8 @@ class Poller:
         self._gateway_link = components.gateway_link
         self._rail_monitor = components.loaded.board.guards.rail_monitor
         self._heartbeat = components.loaded.board.guards.heartbeat
+        self._has_button = components.loaded.board.too_strong != "absent"
+        self._pressed_ns = -_BOUNCE_NS
         self._supervisor = supervisor
         self._feed_watchdog = feed_watchdog
         self._beaten_ns = 0
@@ -83,6 +87,8 @@ class Poller:
         stops = self._board.stop_edges(is_waiting)
         if stops:
             self._watch_stops(stops, host_ns)
+        if self._has_button:
+            self._heed_presses(self._board.take_presses())
         if is_waiting:
             self._active.trigger(self._board.take_triggers(), host_ns)
         if self._rail_monitor != "absent":
@@ -142,6 +148,13 @@ class Poller:
             if is_open and is_live:
                 self._supervisor.halt(name, name, "the stop line opened")
                 return
+
+    def _heed_presses(self, edges_ns: Sequence[int]) -> None:
+        """A press counts once. A wire that chatters only lowers what is felt."""
+        for edge_ns in edges_ns:
+            if edge_ns - self._pressed_ns >= _BOUNCE_NS:
+                self._pressed_ns = edge_ns
+                commands.hear_button(self._supervisor)
 
     def poll_stop_levels(self) -> None:
         """Called once a scan, for an edge that may have been lost."""

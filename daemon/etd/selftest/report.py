@@ -55,6 +55,10 @@ def unproved_of(board: BoardFile) -> tuple[str, ...]:
         found.append(
             "a wire of TRIGGER that is cut: join it to SYNC, and show a frame with on_trigger"
         )
+    if board.too_strong != "absent":
+        found.append(
+            "a wire of TOO_STRONG that is cut: press it while armed, and see `said` in etd monitor"
+        )
     if guards.rail_monitor != "absent":
         return tuple(found)
     if guards.heartbeat != "absent":

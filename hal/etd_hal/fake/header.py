@@ -6,7 +6,7 @@ Must not know: SPI, I2C, what the current does.
 
 from __future__ import annotations
 
-from etd_hal.bench import StopName
+from etd_hal.bench import EdgeName, StopName
 from etd_hal.boardfile import BoardFile, Relays
 from etd_hal.fake.currentpath import CurrentPath
 from etd_hal.fake.faults import (
@@ -77,9 +77,9 @@ class Header:
         for name in ("POL", "EMERGENCY_STOP", "WEARER_STOP"):
             if name in self._line_of:
                 levels[self._line_of[name]] = 1
-        trigger = self._board.trigger
-        if trigger != "absent":
-            levels[trigger.line] = int(trigger.edge == "falling")
+        for edge_input in (self._board.trigger, self._board.too_strong):
+            if edge_input != "absent":
+                levels[edge_input.line] = int(edge_input.edge == "falling")
         if hv_enable != "absent":
             levels[hv_enable.line] = 1 - hv_enable.on
         return levels
@@ -163,17 +163,17 @@ class Header:
             raise ValueError(f"{self._board.name} has no {stop}")
         self._move(at_ns, line, value)
 
-    def give_edge(self, lasts_ns: int, at_ns: int | None) -> None:
-        """The world gives the edge of the trigger that counts, now or at a time to come; the line
-        is back at rest after `lasts_ns`.
+    def give_edge(self, name: EdgeName, lasts_ns: int, at_ns: int | None) -> None:
+        """The world gives the edge of this input that counts, now or at a time to come; the line is
+        back at rest after `lasts_ns`.
         """
-        trigger = self._board.trigger
-        if trigger == "absent":
-            raise ValueError(f"{self._board.name} has no trigger")
+        found = self._board.trigger if name == "trigger" else self._board.too_strong
+        if found == "absent":
+            raise ValueError(f"{self._board.name} has no {name}")
         begins_ns = self._timeline.now_ns if at_ns is None else at_ns
-        level = int(trigger.edge == "rising")
-        self._move(begins_ns, trigger.line, level)
-        self._move(begins_ns + lasts_ns, trigger.line, 1 - level)
+        level = int(found.edge == "rising")
+        self._move(begins_ns, found.line, level)
+        self._move(begins_ns + lasts_ns, found.line, 1 - level)
 
     def _move(self, at_ns: int | None, line: int, value: int) -> None:
         self._doings.append((self._timeline.now_ns if at_ns is None else at_ns, line, value))

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from etd_body.electrode import OPEN_CONTACT, Contact
 from etd_body.interface import Body
-from etd_hal.bench import StopName
+from etd_hal.bench import EdgeName, StopName
 from etd_hal.fake.faults import Fault, OutputSeries
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.host import FakeHost
@@ -38,7 +38,7 @@ class World:
         faults: Faults,
         pressed: FakePressureSensors,
         move_line: Callable[[StopName, int, int | None], None],
-        give_edge: Callable[[int, int | None], None],
+        give_edge: Callable[[EdgeName, int, int | None], None],
         now_ns: Callable[[], int],
     ) -> None:
         self.body = body
@@ -64,7 +64,13 @@ class World:
         """Another instrument gives an edge on the trigger; without a time at once. Raises:
         ValueError for a board without one.
         """
-        self._give_edge(lasts_ns, at_ns)
+        self._give_edge("trigger", lasts_ns, at_ns)
+
+    def say_too_strong(self, at_ns: int | None = None, lasts_ns: int = 100_000_000) -> None:
+        """The wearer presses the button for it; without a time at once. Raises: ValueError for a
+        board without one.
+        """
+        self._give_edge("too_strong", lasts_ns, at_ns)
 
     def touch(self, electrode: int, contact: Contact) -> None:
         """Put something else under an electrode."""
