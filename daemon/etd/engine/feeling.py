@@ -60,6 +60,8 @@ class Feeling:
 
     def felt_ua(self, electrode: int, current_ua: int) -> int | None:
         """What is left of a current since the person said too strong; None: all of it."""
+        if self._offsets.is_idle:
+            return None
         factor = self._offsets.factor(electrode)
         return None if factor >= 1.0 else int(current_ua * factor)
 

@@ -106,7 +106,11 @@ class FeltOffsets:
 
     def fired(self, electrode: int, now_ns: int) -> None:
         """A pulse of a frame was fired at this electrode."""
-        self._electrodes[electrode].fired(now_ns)
+        found = self._electrodes[electrode]
+        if self.is_idle:
+            found.fired_ns = found.at_ns = now_ns
+        else:
+            found.fired(now_ns)
 
     def factor(self, electrode: int) -> float:
         """On the current that is requested: at most `MOST`; as of its last pulse."""
