@@ -17,8 +17,6 @@ from engine_scenes import calibration, config, open_calibrated, opened_to
 from etd_body.electrode import OPEN_CONTACT, Contact, load, skin
 from return_witness import ReturnWitness
 
-pytestmark = pytest.mark.slow
-
 N = 8
 BOARDS = (
     "kajimoto-hv507",
