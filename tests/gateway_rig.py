@@ -89,6 +89,8 @@ class GatewayRig:
         self.running = clock or self.clock
         self.gateway = Gateway(self.config, self.running, self._read_clocks, write=write)
         self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        #: Until the rig closes, whatever becomes of them in a test.
+        self._opened: list[zmq.Socket[bytes]] = []
         self.control = self.socket(zmq.DEALER, "control.sock")
 
     def __enter__(self) -> Self:
@@ -119,6 +121,7 @@ class GatewayRig:
     def socket(self, kind: int, name: str) -> zmq.Socket[bytes]:
         socket = self.context.socket(kind)
         socket.connect(f"ipc://{self.folder / name}")
+        self._opened.append(socket)
         return socket
 
     def step(self, turns: int = 1) -> None:

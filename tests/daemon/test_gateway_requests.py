@@ -381,6 +381,17 @@ def test_a_second_daemon_of_the_name_is_refused_and_the_first_goes_on() -> None:
         assert rig.call(op="hello")["ok"]
 
 
+def test_the_lock_is_the_owners_alone_also_where_it_was_not() -> None:
+    """Whoever can open it can lock it, and keep the daemon from starting again."""
+    with GatewayRig() as rig:
+        lock = rig.folder / "gateway.lock"
+        assert lock.stat().st_mode & 0o777 == 0o600
+        lock.chmod(0o640)
+        rig.gateway.close()
+        rig.gateway = Gateway(rig.config, rig.clock)
+        assert lock.stat().st_mode & 0o777 == 0o600
+
+
 def test_a_name_is_free_again_after_its_daemon_was_killed_with_sockets_left_over() -> None:
     with GatewayRig() as rig:
         rig.gateway.close()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import secrets
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from etd.gateway import replies
 from etd.gateway.config import GatewayConfig, Operators
@@ -62,6 +62,8 @@ from etd.protocol.messages import (
     Success,
 )
 
+#: These read or write files.
+SLOW: Final = (GetCalibration, Open, Record)
 #: A request that the engine has got: the ref of its answer, and what makes a reply of that.
 _Sent = tuple[int, Done]
 

@@ -18,8 +18,12 @@ class NameLock:
 
     def __init__(self, folder: Path, name: str) -> None:
         path = folder / "gateway.lock"
-        self._fd: int | None = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        # The owner's alone: whoever can open a file can lock it, and keep this from starting.
+        self._fd: int | None = os.open(
+            path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600
+        )
         try:
+            os.fchmod(self._fd, 0o600)
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             holder = os.read(self._fd, 32).decode("ascii", "replace").strip() or "unknown"

@@ -16,11 +16,11 @@ import zmq
 
 from etd.files.paths import check_name, prepare_runtime
 from etd.gateway.config import GatewayConfig, Operators
-from etd.gateway.control import ControlHandler
+from etd.gateway.control import SLOW, ControlHandler
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.exclusive import NameLock
 from etd.gateway.frames import FrameHandler
-from etd.gateway.inbound import InboundMessage, Unreadable, inbound_of, read_request, without_frames
+from etd.gateway.inbound import InboundMessage, Unreadable
 from etd.gateway.journal import Journal
 from etd.gateway.lease import LeaseView
 from etd.gateway.pending import PendingRequest, PendingRequests
@@ -28,13 +28,14 @@ from etd.gateway.record_file import Write
 from etd.gateway.record_store import RecordStore
 from etd.gateway.recorder import ReadClocks, Recorder
 from etd.gateway.records import RecordHandler
-from etd.gateway.sockets import Sockets, arrived
+from etd.gateway.request_queue import RequestQueue
+from etd.gateway.sockets import Sockets
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
 from etd.gateway.wall_clock import read_clocks
 from etd.protocol.errors import FileError, Refused
 from etd.protocol.link import ALIVE_NS, Answer, EngineHello, LeaseEnded, Report
-from etd.protocol.messages import Failure, FrameRequest, Id, Request, Stop, Success
+from etd.protocol.messages import Failure, FrameRequest, Id, Request, Success
 from etd_hal.ports import Clock
 
 #: Of the requests, at most this many are read in one turn.
@@ -45,13 +46,6 @@ CONNECT_NS = 200_000_000
 _LAST_LINES_S = 2.0
 
 _encoder = msgspec.json.Encoder()
-
-
-def _read(inbound: InboundMessage) -> Request | Unreadable:
-    try:
-        return read_request(inbound)
-    except Unreadable as refusal:
-        return without_frames(refusal)
 
 
 class Gateway:
@@ -80,6 +74,7 @@ class Gateway:
         except BaseException:
             self._lock.close()
             raise
+        self._requests = RequestQueue(self._sockets.control)
         self.counters: Counter[str] = Counter()
         self._engine = EngineLink(config.runtime_folder, self.counters)
         self._leases = LeaseView()
@@ -114,8 +109,8 @@ class Gateway:
             self._begin_record(records, config.record)
 
     def step(self, timeout_ms: int = 50) -> None:
-        """Wait at most `timeout_ms` for a message, then handle all that arrived."""
-        self._wait(timeout_ms)
+        """Wait at most `timeout_ms` for a message, then handle what arrived."""
+        self._wait(timeout_ms if self._requests.is_empty else 0)
         self._stay_in_touch()
         self._answer_requests()
         self._hear_engine()
@@ -170,20 +165,28 @@ class Gateway:
             self._engine.stay_alive()
 
     def _answer_requests(self) -> None:
-        """The stops that arrived are sent before any other request is handled or refused."""
-        requests = self._read_requests()
-        for is_stop in (True, False):
-            for request, inbound in requests:
-                if isinstance(request, Stop) is is_stop:
-                    self._answer(request, inbound)
-                    self._stay_in_touch()
+        """Stops are looked for before each other request. A slow one is the last of its turn, so
+        that engine and subscribers do not wait for several.
+        """
+        for _ in range(REQUESTS_A_TURN):
+            self._heed_stops()
+            waiting = self._requests.take()
+            if waiting is None:
+                return
+            self._answer(*waiting)
+            self._stay_in_touch()
+            if isinstance(waiting[0], SLOW):
+                return
 
-    def _read_requests(self) -> list[tuple[Request | Unreadable, InboundMessage]]:
-        requests: list[tuple[Request | Unreadable, InboundMessage]] = []
-        for parts in arrived(self._sockets.control, REQUESTS_A_TURN):
-            inbound = inbound_of(parts)
-            requests.append((_read(inbound), inbound))
-        return requests
+    def _heed_stops(self) -> None:
+        """A stop is sent before any other request is handled or refused."""
+        refused = self._requests.look()
+        while (stop := self._requests.take_stop()) is not None:
+            self._answer(*stop)
+            self._stay_in_touch()
+        for refusal, id_of_it, inbound in refused:
+            self.counters[f"refused_{refusal.code}"] += 1
+            self._refuse(inbound, id_of_it, refusal)
 
     def _answer(self, request: Request | Unreadable, inbound: InboundMessage) -> None:
         if isinstance(request, Unreadable):

@@ -9,7 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from etd.files.atomic_file import write_atomically
-from etd.files.calibration import load_calibration, to_toml
+from etd.files.calibration import to_toml
+from etd.gateway.parsed_files import ParsedFiles
 from etd.protocol.calibration import Calibration, check_order
 from etd.protocol.calibration_set import digest_of
 from etd.protocol.errors import FileError, Refused
@@ -25,6 +26,7 @@ class CalibrationStore:
     def __init__(self, state_dir: Path, shipped: Path | None) -> None:
         self._own = state_dir / "calibrations"
         self._shipped = shipped
+        self._parsed = ParsedFiles()
 
     def names(self, with_shipped: bool) -> tuple[str, ...]:
         """All names, sorted."""
@@ -35,7 +37,7 @@ class CalibrationStore:
         """Raises: Refused (`not_found`, `bad_calibration`)."""
         path = self._find(name, with_shipped)
         try:
-            return load_calibration(path)
+            return self._parsed.calibration(path)
         except FileError as error:
             raise Refused("bad_calibration", str(error)) from error
 

@@ -1,0 +1,45 @@
+"""Calibration files as they were parsed, until they change on disk.
+
+Owns: when a file is the same as before, and how many are kept. Must not know: names, folders, what
+a calibration allows.
+
+A large one takes tens of milliseconds to parse, in which the gateway answers nobody.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from etd.files.calibration import load_calibration
+from etd.protocol.calibration import Calibration
+
+#: A few hundred kilobytes each.
+MOST: Final = 32
+
+
+class ParsedFiles:
+    def __init__(self) -> None:
+        #: The one that was asked for last is the last one.
+        self._kept: dict[Path, tuple[tuple[int, int, int], Calibration]] = {}
+
+    def calibration(self, path: Path) -> Calibration:
+        """Raises: FileError."""
+        seen = _seen(path)
+        kept = self._kept.pop(path, None)
+        if kept is None or seen is None or kept[0] != seen:
+            kept = (seen or (0, 0, 0), load_calibration(path))
+        if seen is not None:
+            self._kept[path] = kept
+            if len(self._kept) > MOST:
+                del self._kept[next(iter(self._kept))]
+        return kept[1]
+
+
+def _seen(path: Path) -> tuple[int, int, int] | None:
+    """What differs where the file is another one, or was written again."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size

@@ -1,0 +1,128 @@
+"""A stop while other requests wait: it is sent to the engine before any of them is handled."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+
+from etd.files import resources
+from etd.files.calibration import load_calibration
+from etd.gateway.parsed_files import MOST, ParsedFiles
+from etd.gateway.request_queue import MOST_A_LOOK, MOST_BYTES, MOST_OF_A_CLIENT
+from etd.protocol.errors import FileError
+from etd.protocol.link import StopNow
+from gateway_rig import GatewayRig
+
+pytestmark = pytest.mark.slow
+
+LARGE = resources.find("calibrations", "fake-fingertip-grid-16x16")
+
+
+@pytest.fixture
+def rig() -> Iterator[GatewayRig]:
+    with GatewayRig() as made:
+        yield made
+
+
+def stored(rig: GatewayRig, name: str) -> None:
+    folder = rig.state_dir / "calibrations"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{name}.toml").write_bytes(LARGE.read_bytes())
+
+
+def other(rig: GatewayRig) -> zmq.Socket[bytes]:
+    """Another client, that the gateway knows."""
+    socket = rig.socket(zmq.DEALER, "control.sock")
+    socket.send(b'{"op": "status"}')
+    rig.until(lambda: bool(socket.poll(0)))
+    assert rig.reply(socket)["ok"]
+    return socket
+
+
+def stops(rig: GatewayRig) -> int:
+    return sum(isinstance(command, StopNow) for command in rig.engine.heard)
+
+
+def test_of_several_slow_requests_one_is_handled_in_a_turn_and_stops_are_before_each(
+    rig: GatewayRig,
+) -> None:
+    stored(rig, "large")
+    stopper = other(rig)
+    for number in range(8):
+        rig.control.send(b'{"op": "calibration", "do": "get", "name": "large", "id": %d}' % number)
+    rig.gateway.step(100)
+    stopper.send(b'{"op": "stop"}')
+    rig.until(lambda: bool(rig.control.poll(0)))
+    replies = 0
+    while not stops(rig):
+        rig.step()
+        while rig.control.poll(0):
+            rig.control.recv()
+            replies += 1
+    assert replies <= 3, "of eight that came before it"
+    rig.until(lambda: bool(stopper.poll(0)))
+
+
+def test_a_stop_is_read_while_the_queue_is_full(rig: GatewayRig) -> None:
+    """What a flooding client gets no room for is refused to it alone."""
+    stopper = other(rig)
+    text = "x" * 60_000
+    most = MOST_BYTES // 60_000
+    flooders = [rig.socket(zmq.DEALER, "control.sock") for _ in range(4)]
+    for flooder in flooders:
+        for number in range(most):
+            flooder.send(json.dumps({"op": "note", "text": text, "id": number}).encode())
+    rig.gateway.step(100)
+    stopper.send(b'{"op": "stop"}')
+    turns = 0
+    while not stops(rig):
+        rig.step()
+        turns += 1
+    assert turns < 20
+
+
+def test_a_client_that_sends_more_than_it_is_answered_is_refused_with_its_id(
+    rig: GatewayRig,
+) -> None:
+    stored(rig, "large")
+    for number in range(MOST_OF_A_CLIENT + 20):
+        rig.control.send(b'{"op": "calibration", "do": "get", "name": "large", "id": %d}' % number)
+    replies = {}
+    for _ in range(MOST_OF_A_CLIENT + 20):
+        rig.until(lambda: bool(rig.control.poll(0)))
+        reply = rig.reply()
+        replies[reply["id"]] = reply.get("error")
+    assert set(replies) == set(range(MOST_OF_A_CLIENT + 20)), "each has one reply"
+    assert set(replies.values()) <= {None, "busy"}
+    assert replies[0] is None
+    assert MOST_A_LOOK >= MOST_OF_A_CLIENT
+
+
+def test_a_file_is_parsed_once_until_it_changes(tmp_path: Path) -> None:
+    path = tmp_path / "P01.toml"
+    path.write_bytes(LARGE.read_bytes())
+    parsed = ParsedFiles()
+    first = parsed.calibration(path)
+    assert parsed.calibration(path) is first
+    path.write_text(LARGE.read_text().replace("width_us = 100", "width_us = 90"))
+    assert parsed.calibration(path).width_us == 90
+    assert parsed.calibration(path) == load_calibration(path)
+    path.unlink()
+    with pytest.raises(FileError):
+        parsed.calibration(path)
+
+
+def test_only_so_many_files_are_kept(tmp_path: Path) -> None:
+    parsed, text = ParsedFiles(), resources.find("calibrations", "fake-fingertip-pad-8").read_text()
+    paths = [tmp_path / f"P{number}.toml" for number in range(MOST + 1)]
+    for path in paths:
+        path.write_text(text)
+    first = parsed.calibration(paths[0])
+    for path in paths[1:]:
+        last = parsed.calibration(path)
+    assert parsed.calibration(paths[-1]) is last
+    assert parsed.calibration(paths[0]) is not first
