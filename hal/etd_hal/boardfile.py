@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from etd_hal import ceilings
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import Strict, load_toml
 
@@ -132,15 +133,15 @@ class Source(Strict, frozen=True):
 class BoardMaxima(Strict, frozen=True):
     """What this board may do to any person. All are required: a missing limit is a refusal."""
 
-    current_ua: Annotated[int, Meta(ge=50, le=10_000)]
-    width_us: Annotated[int, Meta(ge=20, le=200)]
-    charge_nc: Annotated[int, Meta(ge=1, le=2_000)]
-    rate_hz: Annotated[int, Meta(ge=1, le=200)]
-    mean_current_ua: Annotated[int, Meta(ge=1, le=120)]
-    array_mean_current_ua: Annotated[int, Meta(ge=1, le=8_000)]
+    current_ua: Annotated[int, Meta(ge=50, le=ceilings.CURRENT_UA)]
+    width_us: Annotated[int, Meta(ge=20, le=ceilings.WIDTH_US)]
+    charge_nc: Annotated[int, Meta(ge=1, le=ceilings.CHARGE_NC)]
+    rate_hz: Annotated[int, Meta(ge=1, le=ceilings.RATE_HZ)]
+    mean_current_ua: Annotated[int, Meta(ge=1, le=ceilings.MEAN_CURRENT_UA)]
+    array_mean_current_ua: Annotated[int, Meta(ge=1, le=ceilings.ARRAY_MEAN_CURRENT_UA)]
     #: The highest current outside ARMED: imperceptible, for contact and self-test.
-    probe_current_ua: Annotated[int, Meta(ge=10, le=1_000)]
-    probe_width_us: Annotated[int, Meta(ge=16, le=50)]
+    probe_current_ua: Annotated[int, Meta(ge=10, le=ceilings.PROBE_CURRENT_UA)]
+    probe_width_us: Annotated[int, Meta(ge=16, le=ceilings.PROBE_WIDTH_US)]
 
 
 class HvEnable(Strict, frozen=True):

@@ -2,21 +2,81 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from engine_parts import board_file, board_with, body_site, site_with
 from etd.engine.capabilities import maxima_facts
-from etd.files import body_site as bodysite
+from etd.files.body_site import SiteMaxima
 from etd.safety.maxima import Maxima, MaximaInForce, maxima_of
+from etd_hal import ceilings
+from etd_hal.boardfile import BoardMaxima
+
+#: By hand: whoever moves a ceiling moves it here as well.
+CEILINGS = {
+    "CURRENT_UA": 10_000,
+    "WIDTH_US": 200,
+    "CHARGE_NC": 2_000,
+    "RATE_HZ": 200,
+    "INTERVAL_US": 500,
+    "MEAN_CURRENT_UA": 120,
+    "ARRAY_MEAN_CURRENT_UA": 8_000,
+    "ON_US_PER_S": 80_000,
+    "ARRAY_ON_US_PER_S": 800_000,
+    "PROBE_CURRENT_UA": 1_000,
+    "PROBE_WIDTH_US": 50,
+}
 
 
-def test_the_hard_ceilings_are_these_and_no_file_can_move_them() -> None:
-    assert bodysite.MAX_CURRENT_UA == 10_000
-    assert bodysite.MAX_WIDTH_US == 200
-    assert bodysite.MAX_CHARGE_NC == 2_000
-    assert bodysite.MAX_RATE_HZ == 200
-    assert bodysite.MAX_MEAN_CURRENT_UA == 120
-    assert bodysite.MAX_ARRAY_MEAN_CURRENT_UA == 8_000
+def test_the_hard_ceilings_are_these() -> None:
+    found = {name: value for name, value in vars(ceilings).items() if name.isupper()}
+    assert found == CEILINGS
+
+
+def test_files_that_allow_all_get_the_ceilings_and_no_more() -> None:
+    """Not by their loaders, which refuse them: whatever made these, no maximum is above."""
+    most = dict.fromkeys(BoardMaxima.__struct_fields__, 10**9)
+    board = msgspec.structs.replace(board_file(), maxima=BoardMaxima(**most))
+    here = dict.fromkeys(SiteMaxima.__struct_fields__, 10**9) | {"interval_us": 1}
+    site = msgspec.structs.replace(body_site(), maxima=SiteMaxima(**here))
+    maxima = maxima_of(board, site)
+    assert maxima.current_ua == maxima.uncalibrated_current_ua == CEILINGS["CURRENT_UA"]
+    assert maxima.width_us == CEILINGS["WIDTH_US"]
+    assert maxima.charge_pc == CEILINGS["CHARGE_NC"] * 1_000
+    assert maxima.rate_hz == CEILINGS["RATE_HZ"]
+    assert maxima.interval_us == CEILINGS["INTERVAL_US"]
+    assert maxima.mean_current_ua == CEILINGS["MEAN_CURRENT_UA"]
+    assert maxima.array_mean_current_ua == CEILINGS["ARRAY_MEAN_CURRENT_UA"]
+    assert maxima.on_us_per_s == CEILINGS["ON_US_PER_S"]
+    assert maxima.array_on_us_per_s == CEILINGS["ARRAY_ON_US_PER_S"]
+    assert maxima.probe_current_ua == CEILINGS["PROBE_CURRENT_UA"]
+    assert maxima.probe_width_us == CEILINGS["PROBE_WIDTH_US"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "value"),
+    [
+        *(
+            (BoardMaxima, name, CEILINGS[name.upper()] + 1)
+            for name in BoardMaxima.__struct_fields__
+        ),
+        *(
+            (SiteMaxima, name, CEILINGS[name.upper()] + 1)
+            for name in SiteMaxima.__struct_fields__
+            if name not in ("interval_us", "uncalibrated_current_ua")
+        ),
+        (SiteMaxima, "uncalibrated_current_ua", CEILINGS["CURRENT_UA"] + 1),
+        (SiteMaxima, "interval_us", CEILINGS["INTERVAL_US"] - 1),
+    ],
+)
+def test_a_loader_refuses_a_file_above_a_ceiling(
+    kind: type[BoardMaxima | SiteMaxima], key: str, value: int
+) -> None:
+    given = board_file().maxima if kind is BoardMaxima else body_site().maxima
+    plain = msgspec.structs.asdict(given)
+    assert msgspec.convert(plain, kind) == given
+    with pytest.raises(msgspec.ValidationError, match=key):
+        msgspec.convert(plain | {key: value}, kind)
 
 
 def test_the_shipped_fingertip_has_the_design_figures() -> None:

@@ -4,8 +4,8 @@ Owns: the body-site file: maxima that hold for everybody there, the defaults of 
 contact from none, and which stabilizers ask there.
 Must not know: a person's limits, boards, states.
 
-All maxima are required: a missing limit is a refusal, never a default. The bounds in the types are
-the hard ceilings, which no file can pass.
+All maxima are required: a missing limit is a refusal, never a default. No file passes the hard
+ceilings (`etd_hal.ceilings`).
 """
 
 from __future__ import annotations
@@ -18,23 +18,9 @@ from msgspec import Meta
 
 from etd.protocol.frame import Polarity
 from etd.stabilize.settings import NO_STABILIZERS, Settings, check_settings
+from etd_hal import ceilings
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import Strict, load_toml
-
-#: Hard ceilings: constants of the code, not of any file.
-MAX_CURRENT_UA = 10_000
-MAX_WIDTH_US = 200
-MAX_CHARGE_NC = 2_000
-MAX_RATE_HZ = 200
-#: Of one electrode, from the start of a pulse to that of the next. A membrane charges for tenths of
-#: a millisecond (sensory chronaxies of an arm are 0.35 to 1.17 ms): closer pulses are one.
-MIN_INTERVAL_US = 500
-MAX_MEAN_CURRENT_UA = 120
-MAX_ARRAY_MEAN_CURRENT_UA = 8_000
-#: What follows from them for the time with current: two phases of 200 us, 200 times a second; and
-#: for the array, a scan that rests at least a fifth of the time.
-MAX_ON_US_PER_S = 2 * MAX_WIDTH_US * MAX_RATE_HZ
-MAX_ARRAY_ON_US_PER_S = 800_000
 
 #: Shannon's line, log D = k - log Q, at this k. It comes from implanted electrodes, and nobody has
 #: validated it on skin: a yardstick for the size of a charge, not evidence that it is harmless.
@@ -45,28 +31,28 @@ class SiteMaxima(Strict, frozen=True):
     """What nobody gets more of at this place. What asks for more is refused as a whole."""
 
     #: Without a calibration, whatever limits the client names.
-    uncalibrated_current_ua: Annotated[int, Meta(ge=50, le=MAX_CURRENT_UA)]
-    current_ua: Annotated[int, Meta(ge=50, le=MAX_CURRENT_UA)]
-    width_us: Annotated[int, Meta(ge=20, le=MAX_WIDTH_US)]
+    uncalibrated_current_ua: Annotated[int, Meta(ge=50, le=ceilings.CURRENT_UA)]
+    current_ua: Annotated[int, Meta(ge=50, le=ceilings.CURRENT_UA)]
+    width_us: Annotated[int, Meta(ge=20, le=ceilings.WIDTH_US)]
     #: Of one phase of a pulse.
-    charge_nc: Annotated[int, Meta(ge=1, le=MAX_CHARGE_NC)]
+    charge_nc: Annotated[int, Meta(ge=1, le=ceilings.CHARGE_NC)]
     #: Pulses of one electrode in any second, those of bursts counted one by one.
-    rate_hz: Annotated[int, Meta(ge=1, le=MAX_RATE_HZ)]
+    rate_hz: Annotated[int, Meta(ge=1, le=ceilings.RATE_HZ)]
     #: Of one electrode, from the start of a pulse to that of the next one, in a burst as well.
-    interval_us: Annotated[int, Meta(ge=MIN_INTERVAL_US, le=1_000_000 // MAX_RATE_HZ)]
+    interval_us: Annotated[int, Meta(ge=ceilings.INTERVAL_US, le=1_000_000 // ceilings.RATE_HZ)]
     #: Of one electrode over any second, all phases counted positive.
-    mean_current_ua: Annotated[int, Meta(ge=1, le=MAX_MEAN_CURRENT_UA)]
-    array_mean_current_ua: Annotated[int, Meta(ge=1, le=MAX_ARRAY_MEAN_CURRENT_UA)]
+    mean_current_ua: Annotated[int, Meta(ge=1, le=ceilings.MEAN_CURRENT_UA)]
+    array_mean_current_ua: Annotated[int, Meta(ge=1, le=ceilings.ARRAY_MEAN_CURRENT_UA)]
     #: Time with current in any second: one electrode, and the array.
-    on_us_per_s: Annotated[int, Meta(ge=1, le=MAX_ON_US_PER_S)]
-    array_on_us_per_s: Annotated[int, Meta(ge=1, le=MAX_ARRAY_ON_US_PER_S)]
+    on_us_per_s: Annotated[int, Meta(ge=1, le=ceilings.ON_US_PER_S)]
+    array_on_us_per_s: Annotated[int, Meta(ge=1, le=ceilings.ARRAY_ON_US_PER_S)]
 
 
 class SiteDefaults(Strict, frozen=True):
     """What a frame gets that does not say, and that no calibration answers for."""
 
-    width_us: Annotated[int, Meta(ge=20, le=MAX_WIDTH_US)]
-    rate_hz: Annotated[float, Meta(ge=0.1, le=MAX_RATE_HZ)]
+    width_us: Annotated[int, Meta(ge=20, le=ceilings.WIDTH_US)]
+    rate_hz: Annotated[float, Meta(ge=0.1, le=ceilings.RATE_HZ)]
     polarity: Polarity
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from etd.files import body_site
 from etd.files.body_site import BodySite
 from etd.pulse.request import SHORTEST_US
+from etd_hal import ceilings
 from etd_hal.boardfile import BoardFile
 
 #: uA x us = pC: charge is an integer throughout.
@@ -82,25 +82,23 @@ class MaximaInForce:
 def maxima_of(board: BoardFile, site: BodySite) -> Maxima:
     """The smallest of each bound among code, board file and body-site file."""
     most, here = board.maxima, site.maxima
-    current_ua = min(body_site.MAX_CURRENT_UA, most.current_ua, here.current_ua)
-    width_us = min(body_site.MAX_WIDTH_US, most.width_us, here.width_us)
+    current_ua = min(ceilings.CURRENT_UA, most.current_ua, here.current_ua)
+    width_us = min(ceilings.WIDTH_US, most.width_us, here.width_us)
     return Maxima(
         current_ua=current_ua,
         uncalibrated_current_ua=min(current_ua, here.uncalibrated_current_ua),
         width_us=width_us,
-        charge_pc=min(body_site.MAX_CHARGE_NC, most.charge_nc, here.charge_nc) * PC_PER_NC,
-        rate_hz=min(body_site.MAX_RATE_HZ, most.rate_hz, here.rate_hz),
-        interval_us=max(body_site.MIN_INTERVAL_US, here.interval_us),
-        mean_current_ua=min(
-            body_site.MAX_MEAN_CURRENT_UA, most.mean_current_ua, here.mean_current_ua
-        ),
+        charge_pc=min(ceilings.CHARGE_NC, most.charge_nc, here.charge_nc) * PC_PER_NC,
+        rate_hz=min(ceilings.RATE_HZ, most.rate_hz, here.rate_hz),
+        interval_us=max(ceilings.INTERVAL_US, here.interval_us),
+        mean_current_ua=min(ceilings.MEAN_CURRENT_UA, most.mean_current_ua, here.mean_current_ua),
         array_mean_current_ua=min(
-            body_site.MAX_ARRAY_MEAN_CURRENT_UA,
+            ceilings.ARRAY_MEAN_CURRENT_UA,
             most.array_mean_current_ua,
             here.array_mean_current_ua,
         ),
-        on_us_per_s=min(body_site.MAX_ON_US_PER_S, here.on_us_per_s),
-        array_on_us_per_s=min(body_site.MAX_ARRAY_ON_US_PER_S, here.array_on_us_per_s),
-        probe_current_ua=min(current_ua, most.probe_current_ua),
-        probe_width_us=min(width_us, most.probe_width_us),
+        on_us_per_s=min(ceilings.ON_US_PER_S, here.on_us_per_s),
+        array_on_us_per_s=min(ceilings.ARRAY_ON_US_PER_S, here.array_on_us_per_s),
+        probe_current_ua=min(ceilings.PROBE_CURRENT_UA, current_ua, most.probe_current_ua),
+        probe_width_us=min(ceilings.PROBE_WIDTH_US, width_us, most.probe_width_us),
     )
