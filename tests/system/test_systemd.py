@@ -102,7 +102,7 @@ def test_the_engine_comes_after_the_device_that_its_unit_allows_and_udev_tells_s
     assert engine["Wants"] == engine["After"] == ["dev-spidev0.0.device"]
     assert "/dev/spidev0.0 rw" in engine["DeviceAllow"]
     rules = (SYSTEMD / "90-etd.rules").read_text().splitlines()
-    (spidev,) = (rule for rule in rules if 'SUBSYSTEM=="spidev"' in rule)
+    spidev = next(rule for rule in rules if 'SUBSYSTEM=="spidev"' in rule)
     assert 'TAG+="systemd"' in spidev
     waits_s = float(engine["ExecStart"][0].partition("--wait ")[2])
     assert waits_s < float(engine["TimeoutStartSec"][0]) / 2
@@ -110,10 +110,24 @@ def test_the_engine_comes_after_the_device_that_its_unit_allows_and_udev_tells_s
 
 def test_the_rules_give_each_bus_to_its_group_and_to_nobody_else() -> None:
     rules = (SYSTEMD / "90-etd.rules").read_text().splitlines()
-    given = [re.findall(r'(\w+)==?"([^"]*)"', rule) for rule in rules if not rule.startswith("#")]
-    found = {dict(rule)["SUBSYSTEM"]: (dict(rule)["GROUP"], dict(rule)["MODE"]) for rule in given}
-    assert found == {
-        "gpio": ("gpio", "0660"),
-        "spidev": ("spi", "0660"),
-        "i2c-dev": ("i2c", "0660"),
+    given = [re.findall(r'(\w+)(?:=|==|:=)"([^"]*)"', rule) for rule in rules if rule[0] != "#"]
+    found = {
+        (rule["SUBSYSTEM"], rule.get("KERNEL")): (rule["GROUP"], rule["MODE"])
+        for rule in map(dict, given)
     }
+    assert found == {
+        ("gpio", "gpiochip*"): ("gpio", "0660"),
+        ("spidev", None): ("spi", "0660"),
+        ("spidev", "spidev0.0"): ("etd-spi", "0660"),
+        ("i2c-dev", None): ("i2c", "0660"),
+    }
+
+
+def test_the_boards_spi_device_is_the_engines_alone_and_stays_so() -> None:
+    """Rules of Raspberry Pi OS that come later (99-com.rules) give all of them to group spi."""
+    rules = (SYSTEMD / "90-etd.rules").read_text().splitlines()
+    (own,) = (rule for rule in rules if 'KERNEL=="spidev0.0"' in rule)
+    assert 'GROUP:="etd-spi"' in own
+    assert 'MODE:="0660"' in own
+    users = (SYSTEMD / "etd.sysusers.conf").read_text().splitlines()
+    assert [line.split()[1] for line in users if line.endswith(" etd-spi")] == ["etd-engine"]
