@@ -14,7 +14,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger record compare format install place activate uninstall clean
+.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -132,6 +132,9 @@ bench-calibrate: $(VENV)/ready-dev ## Calibrate persons who answer badly, and wh
 
 bench-steady: $(VENV)/ready-dev ## What each stabilizer gives and takes on bodies that disagree; an hour, goes on where it was cut (ARGS=--short: minutes)
 	$(BIN)/python tests/bench/steady_bodies.py $(ARGS)
+
+bench-attack: $(VENV)/ready-dev ## A stop, and the gateway's memory, while strangers do to the gateway what they can (ARGS=--json)
+	$(BIN)/python tests/bench/attack.py $(ARGS)
 
 bench-felt: $(VENV)/ready-dev ## What a person's answers give and take on bodies that disagree, in minutes (ARGS=--json)
 	$(BIN)/python tests/bench/steady_felt.py $(ARGS)

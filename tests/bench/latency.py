@@ -73,7 +73,7 @@ def _processes() -> Iterator[str]:
     with tempfile.TemporaryDirectory(prefix="etd-bench-") as temporary, ExitStack() as stack:
         folder = Path(temporary)
         stack.enter_context(
-            _ended(
+            ended(
                 subprocess.Popen(
                     [sys.executable, str(_HERE / "wall_engine.py"), str(folder)],
                     stdout=subprocess.PIPE,
@@ -82,14 +82,14 @@ def _processes() -> Iterator[str]:
         )
         part = ("run", "--part", "gateway", "--name", "bench", "--board", "fake")
         stack.enter_context(
-            _ended(subprocess.Popen([sys.executable, "-m", "etd", *part, "--folder", str(folder)]))
+            ended(subprocess.Popen([sys.executable, "-m", "etd", *part, "--folder", str(folder)]))
         )
-        _wait_for_engine(folder)
+        wait_for_engine(folder)
         yield address_of(folder)
 
 
 @contextmanager
-def _ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
+def ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
     """The engine says that it is ready; both are asked to end."""
     with process:
         try:
@@ -100,7 +100,7 @@ def _ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
             process.terminate()
 
 
-def _wait_for_engine(folder: Path) -> None:
+def wait_for_engine(folder: Path) -> None:
     deadline_ns = clock.now_ns() + _READY_WITHIN_NS
     while clock.now_ns() < deadline_ns:
         if (folder / CONTROL).exists():

@@ -1,0 +1,291 @@
+"""`make bench-attack`: a stop while strangers do to the gateway what they can.
+
+Owns: the strangers (connections that send nothing, messages without end, subscriptions without end,
+clients that never read, slow requests, floods), each a process of its own at nice 19; how long a
+stop takes to the engine and back meanwhile; and the gateway's memory and descriptors. Exit status 1
+where a bound is not met. Must not know: how the gateway defends itself.
+
+The engine is real, on ports that cost nothing (`wall_engine.py`); all of it is on this machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+# Run as a script, from a clone: the benchmark and the test rigs stand beside one another.
+_TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(_TESTS)]
+
+import zmq  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.progress import track  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from bench.latency import ended, wait_for_engine  # noqa: E402
+from bench.run import Bound, at_most  # noqa: E402
+from etd.client import clock  # noqa: E402
+from etd.files.paths import CONTROL, TELEMETRY  # noqa: E402
+
+_HERE = Path(__file__).resolve().parent
+STOPS, CONNECTS = 200, 2_000
+#: Of a stop: until the engine has heard it, and until its reply is there; and of the gateway.
+HEARD_P99_MS, ANSWERED_P99_MS = 20.0, 50.0
+MOST_MB, MOST_DESCRIPTORS = 100.0, 300
+_WITHIN_MS = 10_000
+_LARGE = "x" * 60_000
+
+
+# --- what strangers do ---------------------------------------------------------------------------
+
+
+def connect_only(folder: Path) -> None:
+    """Connections to each socket that never send a byte."""
+    held: list[socket.socket] = []
+    while True:
+        with contextlib.suppress(OSError):
+            one = socket.socket(socket.AF_UNIX)
+            one.settimeout(0.05)
+            one.connect(str(folder / (CONTROL, TELEMETRY)[len(held) % 2]))
+            held.append(one)
+        if len(held) >= CONNECTS:
+            clock.sleep_s(0.05)
+            held.pop(0).close()
+
+
+def endless_multipart(folder: Path) -> None:
+    """One message that never ends."""
+    with _connected(folder, zmq.DEALER) as client:
+        while True:
+            client.send(_LARGE.encode(), zmq.SNDMORE)
+
+
+def subscribe_without_end(folder: Path) -> None:
+    """A topic that is another one each time."""
+    with _connected(folder, zmq.SUB, TELEMETRY) as client:
+        number = 0
+        while True:
+            client.setsockopt(zmq.SUBSCRIBE, b"%040d" % number)
+            number += 1
+
+
+def never_read(folder: Path) -> None:
+    """Requests whose refusals quote what was sent, from a hundred clients that read no reply."""
+    asked = json.dumps({"op": _LARGE}).encode()
+    with ExitStack() as stack:
+        clients = [stack.enter_context(_connected(folder, zmq.DEALER)) for _ in range(100)]
+        while True:
+            for client in clients:
+                with contextlib.suppress(zmq.Again):
+                    client.send(asked, zmq.NOBLOCK)
+            clock.sleep_s(0.01)
+
+
+def ask_for_slow_things(folder: Path) -> None:
+    """Calibrations, as many at once as fit."""
+    asked = b'{"op": "calibration", "do": "get", "name": "fake-fingertip-grid-16x16"}'
+    with _connected(folder, zmq.DEALER) as client:
+        while True:
+            for _ in range(64):
+                client.send(asked)
+            while client.poll(20):
+                client.recv()
+
+
+def flood(folder: Path) -> None:
+    """Requests as they can be sent."""
+    with _connected(folder, zmq.DEALER) as client:
+        while True:
+            client.send(b'{"op": "status"}')
+            while client.poll(0):
+                client.recv()
+
+
+STRANGERS: dict[str, Callable[[Path], None]] = {
+    one.__name__: one
+    for one in (
+        connect_only,
+        endless_multipart,
+        subscribe_without_end,
+        never_read,
+        ask_for_slow_things,
+        flood,
+    )
+}
+
+
+@contextlib.contextmanager
+def _connected(folder: Path, kind: int, name: str = CONTROL) -> Iterator[zmq.Socket[bytes]]:
+    with zmq.Context() as context, context.socket(kind) as made:
+        made.setsockopt(zmq.LINGER, 0)
+        made.connect(f"ipc://{folder / name}")
+        yield made
+
+
+# --- stops ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Of stops, in ms; `lost`: within ten seconds no reply came. Of the gateway, the most."""
+
+    load: str
+    stops: int
+    lost: int
+    heard_p50_ms: float
+    heard_p99_ms: float
+    answered_p50_ms: float
+    answered_p99_ms: float
+    most_mb: float
+    most_descriptors: int
+
+
+@dataclass
+class _Gateway:
+    folder: Path
+    pid: int
+    most_mb: float = 0.0
+    most_descriptors: int = 0
+
+    def look(self) -> None:
+        pages = int(Path(f"/proc/{self.pid}/statm").read_text().split()[1])
+        self.most_mb = max(self.most_mb, pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+        count = len(os.listdir(f"/proc/{self.pid}/fd"))
+        self.most_descriptors = max(self.most_descriptors, count)
+
+
+def measure(load: str, strangers: tuple[str, ...], stops: int) -> Figures:
+    """A gateway and an engine of its own, these strangers, and so many stops."""
+    with tempfile.TemporaryDirectory(prefix="etd-bench-") as temporary, ExitStack() as stack:
+        folder = Path(temporary)
+        engine = [sys.executable, str(_HERE / "wall_engine.py"), str(folder)]
+        stack.enter_context(ended(subprocess.Popen(engine, stdout=subprocess.PIPE)))
+        part = ("run", "--part", "gateway", "--name", "bench", "--board", "fake")
+        line = [sys.executable, "-m", "etd", *part, "--folder", str(folder)]
+        gateway = subprocess.Popen(line, stderr=subprocess.DEVNULL)
+        stack.enter_context(ended(gateway))
+        wait_for_engine(folder)
+        for stranger in strangers:
+            nice = ["nice", "-n", "19", sys.executable, __file__, "--stranger", stranger]
+            stack.enter_context(ended(subprocess.Popen([*nice, "--folder", str(folder)])))
+        clock.sleep_s(3.0 if strangers else 0.2)
+        watched = _Gateway(folder, gateway.pid)
+        with _connected(folder, zmq.SUB, TELEMETRY) as reports:
+            # The last subscription's first report: the other one is heard by then.
+            for topic in (b"halt", b"state"):
+                reports.setsockopt(zmq.SUBSCRIBE, topic)
+            reports.poll(_WITHIN_MS)
+            found = [_stop(watched, reports) for _ in track(range(stops), load, transient=True)]
+        assert gateway.poll() is None, "the gateway has ended"
+        return _figures(load, found, watched)
+
+
+def _stop(gateway: _Gateway, reports: zmq.Socket[bytes]) -> tuple[float, float] | None:
+    """In ms until the engine heard it, and until its reply; None if that did not come."""
+    with _connected(gateway.folder, zmq.DEALER) as client:
+        _asked(client, b'{"op": "clear"}')
+        gateway.look()
+        begun_ns = clock.now_ns()
+        if _asked(client, b'{"op": "stop", "client": "bench"}') is None:
+            return None
+        answered_ns = clock.now_ns()
+        while reports.poll(_WITHIN_MS):
+            topic, report = reports.recv_multipart()
+            heard_ns = json.loads(report)["t_ns"] if topic == b"halt" else 0
+            if heard_ns >= begun_ns:
+                return (heard_ns - begun_ns) / 1e6, (answered_ns - begun_ns) / 1e6
+        return None
+
+
+def _asked(client: zmq.Socket[bytes], request: bytes) -> bytes | None:
+    client.send(request)
+    return client.recv() if client.poll(_WITHIN_MS) else None
+
+
+def _figures(load: str, found: list[tuple[float, float] | None], gateway: _Gateway) -> Figures:
+    whole = [one for one in found if one is not None]
+    assert whole, f"{load}: no stop was answered"
+    heard, answered = (sorted(column) for column in zip(*whole, strict=True))
+    return Figures(
+        load,
+        stops=len(found),
+        lost=len(found) - len(whole),
+        heard_p50_ms=_percentile(heard, 0.5),
+        heard_p99_ms=_percentile(heard, 0.99),
+        answered_p50_ms=_percentile(answered, 0.5),
+        answered_p99_ms=_percentile(answered, 0.99),
+        most_mb=gateway.most_mb,
+        most_descriptors=gateway.most_descriptors,
+    )
+
+
+def _percentile(ordered: list[float], part: float) -> float:
+    return ordered[min(len(ordered) - 1, int(part * len(ordered)))]
+
+
+def bounds(found: Figures) -> list[Bound]:
+    return [
+        at_most(f"{found.load}: stops without a reply", found.lost, 0),
+        at_most(f"{found.load}: heard by the engine, p99, ms", found.heard_p99_ms, HEARD_P99_MS),
+        at_most(f"{found.load}: answered, p99, ms", found.answered_p99_ms, ANSWERED_P99_MS),
+        at_most(f"{found.load}: the gateway's memory, MB", found.most_mb, MOST_MB),
+        at_most(f"{found.load}: its descriptors", found.most_descriptors, MOST_DESCRIPTORS),
+    ]
+
+
+def show(console: Console, found: list[Figures]) -> None:
+    table = Table(title="a stop, and the gateway, while strangers do what they can")
+    for title in ("", "stops", "heard ms (p50, p99)", "answered ms", "MB", "descriptors"):
+        table.add_column(title, justify="left" if not title else "right")
+    for one in found:
+        table.add_row(
+            one.load,
+            f"{one.stops}" + (f", {one.lost} LOST" if one.lost else ""),
+            f"{one.heard_p50_ms:.1f}, {one.heard_p99_ms:.1f}",
+            f"{one.answered_p50_ms:.1f}, {one.answered_p99_ms:.1f}",
+            f"{one.most_mb:.0f}",
+            f"{one.most_descriptors}",
+        )
+    console.print(table)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="bench-attack", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("--stops", type=int, default=STOPS)
+    parser.add_argument("--only", nargs="+", choices=STRANGERS, help="these strangers, all at once")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--stranger", choices=STRANGERS, help=argparse.SUPPRESS)
+    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.stranger is not None:
+        STRANGERS[args.stranger](args.folder)
+    loads = {"nobody": (), "all of them at once": tuple(args.only or STRANGERS)}
+    if args.only is None:
+        loads = {"nobody": (), **{name: (name,) for name in STRANGERS}, **loads}
+    found = [measure(load, strangers, args.stops) for load, strangers in loads.items()]
+    held = [bound for one in found for bound in bounds(one)]
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    if args.json:
+        print(json.dumps([asdict(one) for one in found]))
+    else:
+        show(console, found)
+        for bound in held:
+            if not bound.is_met:
+                console.print(f"NOT MET  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
+    return 0 if all(bound.is_met for bound in held) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
