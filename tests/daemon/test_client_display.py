@@ -409,8 +409,8 @@ def test_nobody_there_is_told_at_once_and_how(tmp_path: Path) -> None:
         Display(address=f"ipc://{tmp_path}/control.sock")
 
 
-def test_tcp_is_refused_until_there_are_keys() -> None:
-    with pytest.raises(Refused, match="authenticated"):
+def test_tcp_is_refused_and_ssh_is_named() -> None:
+    with pytest.raises(Refused, match=r"authenticated.*by your own ssh: Display\(host="):
         Display(address="tcp://10.0.0.1:5560")
     with pytest.raises(Refused, match="is not an address"):
         Display(address="/run/etd/main/control.sock")

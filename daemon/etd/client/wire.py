@@ -27,7 +27,8 @@ def resolve(name: str, address: str | None) -> str:
         raise Refused(
             "not_permitted",
             f"{address}: connections over a network are not supported, because they would not be"
-            " authenticated; use the daemon's Unix socket (ipc://), through ssh if need be",
+            " authenticated: use the daemon's Unix socket (ipc://), or name the computer, which is"
+            " reached by your own ssh: Display(host='user@computer'), --host or ETD_HOST",
         )
     if not address.startswith("ipc://"):
         raise Refused(
