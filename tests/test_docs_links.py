@@ -50,7 +50,8 @@ def reachable() -> set[Path]:
 
 def test_every_page_is_found_by_links_from_the_readme() -> None:
     assert len(PAGES) > 20
-    lost = [str(page.relative_to(REPOSITORY)) for page in PAGES if page not in reachable()]
+    found = reachable()
+    lost = [str(page.relative_to(REPOSITORY)) for page in PAGES if page not in found]
     assert lost == [], "linked from no page: name it under 'Read on' of README.md"
 
 
