@@ -133,6 +133,8 @@ class Wires:
         stages = self.facts.outputs * (2 if self.is_relays else 1)
         self.chain = Shifter(stages)
         self._names = {line: name for name, line in self.facts.lines.items()}
+        #: By word: a trace has few, and asks at each edge.
+        self._sides_of: dict[int, tuple[frozenset[int], frozenset[int]]] = {}
 
     def name(self, line: int) -> str:
         return self._names.get(line, f"line {line}")
@@ -160,15 +162,26 @@ class Wires:
 
     def sides(self) -> tuple[frozenset[int], frozenset[int]] | None:
         """(source, ground) as outputs; None while it cannot be known."""
-        if self.is_relays:
-            return self._relay_sides()
-        blanked, direct = self.level.get("BL") == 0, self.level.get("POL") == 1
-        if blanked:
-            high = 0 if direct else (1 << self.facts.outputs) - 1
-        elif self.latch is None:
+        word = self.latch if self.is_relays else self._high()
+        if word is None:
             return None
-        else:
-            high = self.latch if direct else ~self.latch
+        found = self._sides_of.get(word)
+        if found is None:
+            found = self._relay_sides(word) if self.is_relays else self._half_bridge_sides(word)
+            self._sides_of[word] = found
+        return found
+
+    def _high(self) -> int | None:
+        """Of half-bridges: the outputs at the source, as bits."""
+        full = (1 << self.facts.outputs) - 1
+        direct = self.level.get("POL") == 1
+        if self.level.get("BL") == 0:
+            return 0 if direct else full
+        if self.latch is None:
+            return None
+        return (self.latch if direct else ~self.latch) & full
+
+    def _half_bridge_sides(self, high: int) -> tuple[frozenset[int], frozenset[int]]:
         everybody = range(self.facts.outputs)
         source = frozenset(electrode for electrode in everybody if high >> electrode & 1)
         return source, frozenset(everybody) - source
@@ -179,11 +192,8 @@ class Wires:
             return self.latch == 0 and t_ns - self.copied_ns >= self.facts.toff_ns
         return self.latch == 0 and self.level.get("BL") == 0 and self.level.get("POL") == 1
 
-    def _relay_sides(self) -> tuple[frozenset[int], frozenset[int]] | None:
-        if self.latch is None:
-            return None
-        facts, word = self.facts, self.latch
-        everybody = range(facts.outputs)
+    def _relay_sides(self, word: int) -> tuple[frozenset[int], frozenset[int]]:
+        facts, everybody = self.facts, range(self.facts.outputs)
         return (
             frozenset(
                 electrode for electrode in everybody if word >> 2 * electrode + facts.on_bit & 1
