@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from etd.protocol.errors import FileError
+from etd.protocol.text import NAME_PATTERN
 
 DEFAULT_NAME = "main"
 SYSTEM_RUNTIME = Path("/run/etd")
@@ -32,7 +33,6 @@ TELEMETRY = "telemetry.sock"
 
 #: What the kernel takes for the path of a Unix socket, its final zero not counted.
 MAX_SOCKET_PATH = 107
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 
 
 class RunningDaemon(NamedTuple):
@@ -179,7 +179,7 @@ def prepare_runtime(folder: Path) -> None:
 
 def check_name(name: str, whose: str = "the daemon's name") -> str:
     """Raises: FileError for a name that could not be a file's everywhere."""
-    if _NAME.fullmatch(name):
+    if re.search(NAME_PATTERN, name):
         return name
     raise FileError(whose, "", repr(name), "give 1 to 32 letters, digits, hyphens or underscores")
 

@@ -4,17 +4,18 @@ Owns: which characters such text may have: others are refused where it comes in 
 `frame.py`), and escaped where it is shown. Must not know: who sends it, where it is shown.
 
 A line break would forge a line of the log, an escape sequence act on the terminal, and a mark of
-direction reorder what is read. The patterns hold in Python and in JSON Schema alike: in Python `$`
-alone would accept a line break at the end.
+direction reorder what is read.
 """
 
 from __future__ import annotations
 
 import re
 
+from etd_hal.names import whole
+
 _UNSHOWN = r"\u0000-\u001f\u007f-\u009f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069"
-PLAIN_PATTERN = rf"^[^{_UNSHOWN}]*(?!\n)$"
-NAME_PATTERN = r"^[A-Za-z0-9_-]{1,32}(?!\n)$"
+PLAIN_PATTERN = whole(f"[^{_UNSHOWN}]*")
+NAME_PATTERN = whole("[A-Za-z0-9_-]{1,32}")
 #: What these refuse, in words.
 PATTERN_IN_WORDS = {
     PLAIN_PATTERN: "a text has no control characters, line breaks or marks of direction",
