@@ -30,7 +30,7 @@ from etd_hal.boardfile import BoardFile, MachineFile
 from etd_hal.tomlfile import convert
 from files_by_hand import ARRAY, write
 
-CONTROLS = st.sampled_from("\n\r\x1b\x85") | st.characters(categories=("Cc",))
+CONTROLS = st.sampled_from("\n\r\x1b\x85") | st.characters(categories=["Cc"])
 LETTERS = st.just("") | st.text("abcdefgh01", max_size=8)
 
 

@@ -9,7 +9,7 @@ direction reorder what is read.
 
 from __future__ import annotations
 
-import re
+import unicodedata
 
 from etd_hal.names import whole
 
@@ -22,9 +22,26 @@ PATTERN_IN_WORDS = {
     NAME_PATTERN: "a name has 1 to 32 letters from A to Z, digits, hyphens or underscores",
 }
 
-_unshown = re.compile(f"[{_UNSHOWN}]")
+#: Controls, what is shown by no sign of its own, halves of a pair, breaks of a line or a paragraph.
+_NOT_SHOWN = ("Cc", "Cf", "Cs", "Zl", "Zp")
+#: The longest line that is shown.
+MOST_SHOWN = 1_000
 
 
 def escaped(text: str) -> str:
     r"""The text with each such character as an escape: a line break becomes \n."""
-    return _unshown.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    if text.isprintable():
+        return text
+    return "".join(map(_escaped_character, text))
+
+
+def shown(text: str, most: int = MOST_SHOWN) -> str:
+    """The text as one line for a log or a terminal: escaped, and no longer than that."""
+    line = escaped(text[: most + 1])
+    return line if len(line) <= most else f"{line[:most]}... (cut short)"
+
+
+def _escaped_character(character: str) -> str:
+    if unicodedata.category(character) in _NOT_SHOWN:
+        return character.encode("unicode_escape").decode()
+    return character
