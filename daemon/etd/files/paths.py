@@ -18,6 +18,7 @@ import tempfile
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from etd.files import trust
 from etd.protocol.errors import FileError
 from etd.protocol.text import NAME_PATTERN
 
@@ -149,8 +150,8 @@ def why_unreachable(path: Path) -> str | None:
 def prepare_runtime(folder: Path) -> None:
     """Make the folder (mode 0750) if it is not there, and check that it can be trusted.
 
-    Raises: FileError if it cannot be made, is writable by everybody, or is too long for a
-    socket's path.
+    Raises: FileError if it cannot be made, others could put links into it, or it is too long for
+    a socket's path.
     """
     if len(os.fsencode(folder / TELEMETRY)) > MAX_SOCKET_PATH:
         raise FileError(
@@ -160,7 +161,7 @@ def prepare_runtime(folder: Path) -> None:
             f"at most {MAX_SOCKET_PATH} bytes with the socket's name: choose a shorter folder",
         )
     try:
-        folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+        make_own(folder, 0o750)
     except OSError as error:
         raise FileError(
             str(folder),
@@ -168,13 +169,14 @@ def prepare_runtime(folder: Path) -> None:
             f"this runtime folder cannot be made ({error.strerror})",
             "set XDG_RUNTIME_DIR to a folder of yours, or give --folder",
         ) from error
-    if folder.stat().st_mode & 0o002:
-        raise FileError(
-            str(folder),
-            "",
-            "everybody may write into this runtime folder",
-            f"chmod o-w {folder}, or choose another one",
-        )
+
+
+def make_own(folder: Path, mode: int) -> None:
+    """Make a folder that only this user, root and the services can put something into.
+
+    Raises: FileError, OSError.
+    """
+    trust.make_own(folder, mode, (SYSTEM_RUNTIME, SYSTEM_STATE))
 
 
 def check_name(name: str, whose: str = "the daemon's name") -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import load_calibration, to_toml
+from etd.files.paths import make_own
 from etd.protocol.calibration import Calibration, check_order
 from etd.protocol.calibration_set import digest_of
 from etd.protocol.errors import FileError, Refused
@@ -64,8 +65,10 @@ class CalibrationStore:
         except FileError as error:
             raise Refused("bad_calibration", str(error)) from error
         try:
-            self._own.mkdir(mode=0o750, parents=True, exist_ok=True)
+            make_own(self._own, 0o750)
             write_atomically(self._own / f"{name}.toml", to_toml(calibration).encode(), mode=0o640)
+        except FileError as error:
+            raise Refused("bad_calibration", f"{name!r} could not be stored: {error}") from error
         except OSError as error:
             raise Refused(
                 "bad_calibration", f"{name!r} could not be stored in {self._own}: {error.strerror}"
