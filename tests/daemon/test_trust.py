@@ -19,6 +19,7 @@ from etd.files import paths
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import load_calibration
 from etd.files.resources import find
+from etd.files.trust import make_own
 from etd.gateway.config import GatewayConfig
 from etd.gateway.exclusive import NameLock
 from etd.gateway.record_store import RecordStore
@@ -120,25 +121,21 @@ def test_a_folder_that_a_strange_group_may_write_to_is_refused(root: Path) -> No
 
 
 @needs_root
-def test_folders_that_systemd_laid_out_belong_to_the_services(
-    root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_folders_that_systemd_laid_out_belong_to_the_services(root: Path) -> None:
     (root / "etd").mkdir()
-    monkeypatch.setattr(paths, "SYSTEM_RUNTIME", root / "etd")
     folder = strangers(root / "etd" / "main")
     folder.chmod(0o771)
-    paths.prepare_runtime(folder)
+    make_own(folder, 0o750, laid_out=(root / "etd",))
+    with pytest.raises(FileError):
+        make_own(folder, 0o750)
 
 
 @needs_root
-def test_there_no_link_is_followed(
-    root: Path, victim: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_there_no_link_is_followed(root: Path) -> None:
     (root / "etd").mkdir()
-    monkeypatch.setattr(paths, "SYSTEM_RUNTIME", root / "etd")
     (root / "etd" / "main").symlink_to(root)
     with pytest.raises(FileError, match="a link"):
-        paths.prepare_runtime(root / "etd" / "main")
+        make_own(root / "etd" / "main", 0o750, laid_out=(root / "etd",))
 
 
 @pytest.mark.parametrize("kind", ["link", "hard link", "pipe", "dangling"])
