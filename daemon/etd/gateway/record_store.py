@@ -17,6 +17,8 @@ from etd.protocol.facts import RecordFacts
 
 #: All records together.
 MOST_IN_ALL_BYTES = 4 * MOST_BYTES
+#: However short: their list is one reply.
+MOST_RECORDS = 1_000
 #: A reply of 48 KiB with the rest of its keys stays within the size of a message.
 PIECE_BYTES = 36 * 1024
 _SUFFIX = ".jsonl"
@@ -29,7 +31,14 @@ class RecordStore:
 
     def create(self, name: str) -> RecordFile:
         """Raises: Refused (`record_failed`)."""
-        taken_bytes = sum(facts.bytes for facts in self.facts(None))
+        there = self.facts(None)
+        if len(there) >= MOST_RECORDS:
+            raise Refused(
+                "record_failed",
+                f"there are {len(there)} records in {self._folder}, and no more are kept: fetch some"
+                " (`etd record get`), then delete them (`etd record delete`)",
+            )
+        taken_bytes = sum(facts.bytes for facts in there)
         if taken_bytes + MOST_BYTES > MOST_IN_ALL_BYTES:
             raise Refused(
                 "record_failed",
