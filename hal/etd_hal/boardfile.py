@@ -15,6 +15,7 @@ from msgspec import Meta
 
 from etd_hal import ceilings
 from etd_hal.errors import FileError
+from etd_hal.names import PlainName
 from etd_hal.tomlfile import Strict, load_toml
 
 Absent = Literal["absent"]
@@ -216,7 +217,7 @@ GUARDS = tuple(key for key in Guards.__struct_fields__ if key != "stop_cuts_supp
 class BoardFile(Strict, frozen=True):
     """One board: wiring, constants, maxima, rest, guards."""
 
-    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
+    name: PlainName
     title: str
     source_of_facts: str
     switch: Hv507 | Hv513 | Relays
@@ -274,7 +275,7 @@ class Bounds(Strict, frozen=True):
 class MachineFile(Strict, frozen=True):
     """How one model of machine plays a message: bounds for what calibration finds, in us."""
 
-    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
+    name: PlainName
     title: str
     #: Parts of the device tree's model string; empty for a machine without one.
     models: tuple[Annotated[str, Meta(min_length=1)], ...]

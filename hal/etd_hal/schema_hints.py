@@ -13,6 +13,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from msgspec import inspect
 
+from etd_hal import names
+
 #: More keys than this are no help in the middle of a sentence.
 _FEW_KEYS = 4
 
@@ -153,7 +155,7 @@ def _range(kind: inspect.IntType | inspect.FloatType) -> str:
 
 def _text_bounds(kind: inspect.StrType) -> str:
     if kind.pattern is not None:
-        return f" that fits {kind.pattern}"
+        return f" that fits {names.in_words(kind.pattern)}"
     return _lengths(kind, " characters")
 
 

@@ -22,7 +22,11 @@ T = TypeVar("T")
 
 #: A calibration of 256 electrodes with explicit returns takes a quarter of this.
 MOST_BYTES = 1_048_576
-
+#: Parts of a key, joined by points: the deepest here has four. For each part `tomllib` goes through
+#: all before it, so that a key of thousands takes minutes.
+_MOST_PARTS = 16
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
+_LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}[ \t]*\.[ \t]*){{{_MOST_PARTS}}}")
 
 #: msgspec's names of types in words for the person who edits a file.
 _KINDS = {
@@ -71,7 +75,22 @@ def _read(path: Path) -> dict[str, Any]:
     if sys.version_info >= (3, 11):
         import tomllib  # novm
 
-        return tomllib.loads(_text_of(path))
+        text = _text_of(path)
+        if _LONG_KEY.search(text):
+            raise FileError(
+                str(path),
+                "",
+                f"it is nested too deep: more than {_MOST_PARTS} names are joined by points",
+                "see docs/files.md",
+            )
+        try:
+            return tomllib.loads(text)
+        except tomllib.TOMLDecodeError:
+            raise
+        except ValueError as error:  # Python does not read a number of thousands of digits
+            raise FileError(
+                str(path), "", "a number in it has thousands of digits", "write a shorter one"
+            ) from error
     raise too_old(f"{path}: reading TOML")
 
 
@@ -134,13 +153,19 @@ def _not(what: str) -> str:
 
 
 def _meant(found: object, may_stand: schema_hints.Alternatives) -> str:
+    """Only a text can be a word that is written wrongly."""
+    if not isinstance(found, str):
+        return ""
     return schema_hints.meant(found, schema_hints.words_of_choice(may_stand))
 
 
 def _told(found: object) -> str:
     if isinstance(found, bool):
         return f"it says {str(found).lower()}"
-    text = str(found) if isinstance(found, datetime.date) else repr(found)
+    try:
+        text = str(found) if isinstance(found, datetime.date) else repr(found)
+    except ValueError:  # Python does not write a number of thousands of digits
+        return "a number there has thousands of digits"
     if len(text) <= 60:
         return f"it says {text}"
     return "the table there" if isinstance(found, dict) else f"it says {text[:57]}..."

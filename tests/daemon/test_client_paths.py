@@ -99,9 +99,46 @@ def test_root_finds_the_daemons_of_every_user_and_others_their_own(
         )
     ]
     found = [daemon.name for daemon in paths.find_daemons()]
+    found += [daemon.name for daemon in paths.find_daemons_of_others().daemons]
     assert found == (["own", "theirs", "without-session"] if user == 0 else ["own"])
     for listening in here:
         listening.close()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_of_another_user_root_asks_a_few_after_its_own_and_says_how_many_not(
+    folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(paths, "USER_RUNTIMES", folders / "sessions")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders / "tmp"))
+    with ExitStack() as stack:
+        for number in range(20):
+            folder = folders / f"sessions/1000/etd/a{number}"
+            stack.enter_context(listen(folder))
+            os.chown(folder.parent, 65_533, 65_533)
+        for where in ("user/etd/own", "run/main"):
+            stack.enter_context(listen(folders / where))
+        stack.enter_context(listen(folders / "sessions/1000/etd/$(reboot)"))
+        found = paths.find_daemons()
+        others = paths.find_daemons_of_others()
+    assert [daemon.name for daemon in found] == ["main", "own"]
+    assert len(others.daemons) == paths.MOST_OF_A_USER
+    (told,) = others.not_asked
+    assert str(folders / "sessions/1000/etd") in told
+    assert "12 more" in told
+    assert all("reboot" not in daemon.name for daemon in others.daemons)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_what_another_user_names_as_the_session_of_root_is_that_users(
+    folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(paths, "USER_RUNTIMES", folders / "sessions")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders / "tmp"))
+    with listen(folders / "user/etd/theirs"):
+        os.chown(folders / "user/etd", 65_533, 65_533)
+        assert paths.find_daemons() == []
+        assert [daemon.name for daemon in paths.find_daemons_of_others().daemons] == ["theirs"]
 
 
 def test_what_somebody_else_put_in_our_place_hides_no_daemon_of_the_system(

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import io
 import threading
+import unicodedata
 from collections import Counter
+
+from hypothesis import given
+from hypothesis import strategies as st
 
 from etd.gateway.journal import SUM_UP_NS, Journal
 from etd.gateway.lease import StandingLease
@@ -109,6 +113,97 @@ def test_a_lease_is_told_when_it_begins_and_when_it_ends() -> None:
     ]
 
 
+def test_a_thousand_leases_are_a_few_lines_and_a_count() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    for number in range(1_000):
+        if number == 700:
+            journal.lease(StandingLease("t", "newcomer", 1001))
+            journal.lease(None)
+        journal.lease(StandingLease("t", "loop", 1000))
+        journal.lease(None)
+    journal.refusals(Counter(), SUM_UP_NS)
+    lines = lines_of(journal, stream)
+    assert len(lines) <= 10
+    assert lines[:2] == [
+        "etd main: lease opened by 'loop' (user 1000)",
+        "etd main: lease of 'loop' ended",
+    ]
+    assert "etd main: lease opened by 'newcomer' (user 1001)" in lines
+    told = sum("opened by 'loop'" in line for line in lines)
+    assert lines[-1] == (
+        "etd main: since the last summary: more leases opened:"
+        f" {1_000 - told} by 'loop' (user 1000)"
+    )
+
+
+def test_a_thousand_names_are_a_few_lines_too_and_the_holder_is_told() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    for number in range(1_000):
+        journal.lease(StandingLease("t", f"loop {number}", 1000))
+    journal.refusals(Counter(), SUM_UP_NS)
+    journal.lease(None)
+    journal.lease(StandingLease("t", "after", 1000))
+    lines = lines_of(journal, stream)
+    assert len(lines) <= 50
+    opened = [line for line in lines if "lease opened by" in line]
+    untold = 1_001 - len(opened)
+    assert f"etd main: since the last summary: more leases opened: {untold} by other clients" in (
+        lines
+    )
+    assert lines[-3:] == [
+        "etd main: the lease is now held by 'loop 999' (user 1000)",
+        "etd main: lease of 'loop 999' ended",
+        "etd main: lease opened by 'after' (user 1000)",
+    ]
+
+
+def test_a_loop_of_stops_and_clears_is_bounded_and_the_last_state_is_told() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    for number in range(1_000):
+        halt = Halt(cause="stop", source="client", detail=f"stop {number}", t_ns=1)
+        journal.state(report("HALTED", halt=halt))
+        journal.state(report("SAFE"))
+    journal.state(report("HALTED", halt=halt))
+    journal.refusals(Counter(), SUM_UP_NS)
+    lines = lines_of(journal, stream)
+    assert len(lines) <= 50
+    assert lines[0] == "etd main: HALTED by stop (client): stop 0"
+    halts = sum("HALTED" in line for line in lines[:-1])
+    assert f"{1_001 - halts} of them HALTED" in lines[-1]
+    assert lines[-1].endswith("the last: HALTED by stop (client): stop 999")
+
+
+TEXT = st.text(max_size=50) | st.sampled_from(["\n", "\x1b[2J", "x\netd main: ARMED", "a" * 5_000])
+
+
+@given(said=st.lists(TEXT, min_size=10, max_size=10))
+def test_no_text_of_a_client_makes_a_line_or_a_sign_of_its_own(said: list[str]) -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    halt = Halt(cause="stop", source=said[0], detail=said[1], t_ns=1)
+    journal.state(report("HALTED", halt=halt, not_granted=(said[2],)))
+    journal.state(report("SAFE", last_disarm=said[3], sensor_problems={said[4]: said[5]}))
+    journal.lease(StandingLease("t", said[6], 1000))
+    journal.lease(None)
+    journal.record(said[7], None)
+    journal.record(None, said[8])
+    journal.refusals(Counter({said[9]: 1}), SUM_UP_NS)
+    journal.close()
+    text = stream.getvalue()
+    assert text.endswith("\n")
+    lines = text[:-1].split("\n")
+    assert all(line.startswith("etd main: ") for line in lines)
+    assert len(lines) <= 10
+    for line in lines:
+        assert all(
+            unicodedata.category(sign) not in ("Cc", "Cf", "Cs", "Zl", "Zp") for sign in line
+        )
+        assert len(line) <= 1_100
+
+
 def test_refusals_are_summed_up_and_not_told_one_by_one() -> None:
     stream = io.StringIO()
     journal = Journal("main", stream)
@@ -138,8 +233,8 @@ class Blocked(io.StringIO):
 def test_a_log_that_cannot_be_written_drops_lines_and_tells_how_many() -> None:
     stream = Blocked()
     journal = Journal("main", stream)
-    for state in ("SAFE", "ARMED") * 1_000:
-        journal.state(report(state))
+    for _ in range(2_000):
+        journal.asked_to_end()
     stream.let_go.set()
     journal.close()
     told = stream.getvalue().splitlines()

@@ -24,6 +24,7 @@ from etd.calibrate.conditions import Conditions
 from etd.calibrate.exponent import LEAST_ELECTRODES, Asked, NoFit, fitted
 from etd.calibrate.progress import Progress
 from etd.files.atomic_file import write_atomically
+from etd.files.paths import make_own
 from etd.protocol.calibration import MOST_SEED, Calibration, Seed, Ua
 from etd.protocol.errors import FileError
 from etd.protocol.exponent import FittedExponent
@@ -203,8 +204,8 @@ def _spread(felt: Sequence[int]) -> list[int]:
 
 
 def save_fit(path: Path, progress: FitProgress) -> None:
-    """Raises: OSError."""
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    """Raises: FileError, OSError."""
+    make_own(path.parent, 0o700)
     data = msgspec.json.format(msgspec.json.encode(progress), indent=1)
     write_atomically(path, data + b"\n", mode=0o600)
 

@@ -16,6 +16,7 @@ from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
 from etd.files.atomic_file import write_atomically
+from etd.files.paths import make_own
 from etd.protocol.calibration import (
     Calibration,
     ElectrodeLimits,
@@ -98,8 +99,8 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 def save_progress(path: Path, progress: Progress) -> None:
-    """Raises: OSError."""
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    """Raises: FileError, OSError."""
+    make_own(path.parent, 0o700)
     data = msgspec.json.format(msgspec.json.encode(progress), indent=1)
     write_atomically(path, data + b"\n", mode=0o600)
 

@@ -17,6 +17,7 @@ from etd.files.calibration import load_calibration
 from etd.files.check import Checked, check_file
 from etd.protocol.calibration_set import check_together
 from etd.protocol.errors import Refused
+from etd.protocol.text import shown
 
 if TYPE_CHECKING:
     from etd.cli.check_draw import Drawn
@@ -85,9 +86,13 @@ def run(args: argparse.Namespace) -> int:
             found["drawn"] = drawn
         print(msgspec.json.encode(found).decode())
     else:
-        print("\n".join(line for answer in answers for line in _lines(answer)))
+        print("\n".join(line for answer in answers for line in lines_of(answer)))
         if together is not None:
-            print(f"BAD   {together}" if together else "good  together: one lease can have them")
+            print(
+                f"BAD   {shown(together)}"
+                if together
+                else "good  together: one lease can have them"
+            )
         if args.draw is not None:
             print(_about(drawn))
     return 0 if all_good else 1
@@ -130,13 +135,14 @@ def _draw(args: argparse.Namespace, checked: Checked) -> Drawn:
 def _about(drawn: Drawn | None) -> str:
     if drawn is None:
         return "nothing is drawn"
-    return f"drew  {drawn.file}: {drawn.summary} ({drawn.width_mm:.0f} x {drawn.height_mm:.0f} mm)"
+    size = f"{drawn.width_mm:.0f} x {drawn.height_mm:.0f} mm"
+    return f"drew  {shown(drawn.file)}: {shown(drawn.summary)} ({size})"
 
 
-def _lines(answer: Checked) -> list[str]:
+def lines_of(answer: Checked) -> list[str]:
     if answer.error is not None:
-        return [f"BAD   {answer.error}"]
+        return [f"BAD   {shown(answer.error)}"]
     return [
-        f"good  {answer.file}: {answer.kind} {answer.name}: {answer.summary}",
-        *(f"      mended: {sentence}" for sentence in answer.mended),
+        shown(f"good  {answer.file}: {answer.kind} {answer.name}: {answer.summary}"),
+        *(f"      mended: {shown(sentence)}" for sentence in answer.mended),
     ]

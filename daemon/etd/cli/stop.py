@@ -7,7 +7,9 @@ answer. Must not know: how a daemon stops.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import Counter
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
@@ -20,14 +22,16 @@ from etd.files.paths import (
     CONTROL,
     DEFAULT_NAME,
     SYSTEM_RUNTIME,
+    OthersDaemons,
     RunningDaemon,
     address_of,
     control_address,
     find_daemons,
+    find_daemons_of_others,
     why_unreachable,
 )
 from etd.protocol.errors import DaemonGone, EtdError
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 
 HELP = "stop stimulation at once; it stays stopped until `etd clear`"
 EPILOG = """
@@ -40,6 +44,8 @@ No lease and no operate rights are needed, and other requests do not delay it. I
 a hardware stop (docs/hardware.md).
 """
 _TIMEOUT_S = 1.0
+#: Each takes some file descriptors, of which a process has few.
+_AT_ONCE = 16
 _LEFT_OVER = "no daemon listens any more"
 
 
@@ -59,28 +65,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status 3: a daemon did not answer (or there is none). 1: a daemon refused."""
+    """The system's daemons and this user's first: what others have made cannot delay them.
+
+    Exit status 3: a daemon did not answer (or there is none). 1: a daemon refused.
+    Raises: DaemonGone if there is none.
+    """
     host = host_asked_for(args.host)
+    others = OthersDaemons()
     if host is not None:
         daemons = [RunningDaemon(args.name or DEFAULT_NAME, host)]
     elif args.name is None:
-        daemons = _all_daemons()
+        daemons = _all_own()
     else:
         daemons = [RunningDaemon(args.name, control_address(args.name))]
-    with ThreadPoolExecutor(max_workers=len(daemons)) as pool:
-        answers = list(pool.map(partial(_stop, host), daemons))
+    answers = _stop_each(host, daemons)
+    if host is None and args.name is None:
+        others = find_daemons_of_others()
+        answers += _stop_each(None, others.daemons)
+    if not answers:
+        raise DaemonGone("any socket that this user may reach", "no daemon answers")
     all_good = all(stopped.error is None for stopped in answers)
     if args.json:
-        print(msgspec.json.encode({"ok": all_good, "daemons": answers}).decode())
+        said = {"ok": all_good, "daemons": answers, "not_asked": others.not_asked}
+        print(msgspec.json.encode(said).decode())
     else:
         print("\n".join(lines_of(answers)))
+        for sentence in others.not_asked:
+            print(shown(sentence), file=sys.stderr)
     if all_good:
         return 0
     return 1 if all(stopped.is_there for stopped in answers) else 3
 
 
-def _all_daemons() -> list[RunningDaemon]:
-    """Those that answer, or that this user may not reach. Raises: DaemonGone if there is none."""
+def _stop_each(host: str | None, daemons: Sequence[RunningDaemon]) -> list[Stopped]:
+    with ThreadPoolExecutor(max_workers=_AT_ONCE) as pool:
+        return list(pool.map(partial(_stop, host), daemons))
+
+
+def _all_own() -> list[RunningDaemon]:
+    """The system's and this user's that answer, or that this user may not reach."""
     found = find_daemons()
     addresses = {daemon.address for daemon in found}
     for control in sorted(SYSTEM_RUNTIME.glob(f"*/{CONTROL}")):
@@ -88,8 +111,6 @@ def _all_daemons() -> list[RunningDaemon]:
         why = why_unreachable(control)
         if address not in addresses and why is not None and not why.startswith(_LEFT_OVER):
             found.append(RunningDaemon(control.parent.name, address))
-    if not found:
-        raise DaemonGone("any socket that this user may reach", "no daemon answers")
     return found
 
 
@@ -125,7 +146,7 @@ def _line(stopped: Stopped, called: str) -> str:
     if stopped.error is None:
         return f"{called}: silent, HALTED until `etd clear`"
     return (
-        f"{called}: NOT STOPPED: {escaped(stopped.error)}\n"
+        f"{called}: NOT STOPPED: {shown(stopped.error)}\n"
         "  Without a gateway the engine stops within 250 ms; without an engine nothing is fired.\n"
         "  If anything is still felt: press the hardware stop or unplug the supply, then run\n"
         f"  `systemctl stop etd-engine@{stopped.name}` and `etd safe --name {stopped.name}`."

@@ -18,6 +18,7 @@ import msgspec
 from msgspec import Meta
 
 from etd_hal.errors import FileError
+from etd_hal.names import whole
 from etd_hal.tomlfile import load_toml
 
 #: Beyond this no array reaches; the bounds also keep NaN out, as all bounds on numbers here do.
@@ -65,7 +66,7 @@ class PressureSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 class Array(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An array of electrodes; the place in `electrode` is the electrode's index everywhere."""
 
-    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$")]
+    name: Annotated[str, Meta(pattern=whole("[A-Za-z0-9][A-Za-z0-9_-]{0,39}"))]
     title: str
     view: Literal["through-finger"]
     #: How to find electrode 0 on the thing itself.

@@ -20,6 +20,7 @@ from etd.protocol.frame import Polarity
 from etd.stabilize.settings import NO_STABILIZERS, Settings, check_settings
 from etd_hal import ceilings
 from etd_hal.errors import FileError
+from etd_hal.names import PlainName
 from etd_hal.tomlfile import Strict, load_toml
 
 #: Shannon's line, log D = k - log Q, at this k. It comes from implanted electrodes, and nobody has
@@ -76,7 +77,7 @@ class SiteContact(Strict, frozen=True):
 class BodySite(Strict, frozen=True):
     """One place on the body, with electrodes of one size."""
 
-    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
+    name: PlainName
     title: str
     source_of_facts: str
     #: The maxima hold for electrodes of this diameter and larger ones.

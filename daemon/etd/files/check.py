@@ -41,6 +41,8 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True):
     error: str | None = None
 
 
+#: Of the keys of a file that is of no kind, so many are told.
+_MOST_KEYS = 8
 #: A name, a sentence about the content, and what was mended.
 Answer = tuple[str, str, tuple[str, ...]]
 
@@ -97,11 +99,17 @@ def _recognize_toml(path: Path) -> tuple[str, Callable[[], Answer]]:
         raise FileError(
             str(path),
             "",
-            f"its keys are those of no kind of file ({', '.join(sorted(keys)) or 'it has none'})",
+            f"its keys are those of no kind of file ({_in_short(keys)})",
             f"the kinds are {', '.join(_TOML_KINDS)}",
         )
     check = _TOML_KINDS[best[0]][1]
     return best[0], lambda: check(path)
+
+
+def _in_short(keys: set[str]) -> str:
+    told = ", ".join(sorted(keys)[:_MOST_KEYS]) or "it has none"
+    more = len(keys) - _MOST_KEYS
+    return f"{told} and {more} more" if more > 0 else told
 
 
 def _own_keys(struct: type[msgspec.Struct]) -> set[str]:

@@ -16,9 +16,15 @@ from etd_hal.errors import FileError
 
 MAX_BYTES = 16 * 1024 * 1024
 
-#: Strings and numbers are stepped over whole, so that nothing inside them is taken for a fault.
+#: More digits than any figure here has; beyond some thousands Python refuses them.
+_MOST_DIGITS = 100
+#: Of what was mended, so many are told one by one.
+_MOST_TOLD = 100
+#: Strings and numbers are stepped over whole, so that nothing inside them is taken for a fault. A
+#: string that never ends goes on to the end of the text: to try again from each quote would take
+#: the square of the text's length.
 _TOKEN = re.compile(
-    r"""(?P<string>"(?:[^"\\]|\\.)*")
+    r"""(?P<string>"(?:[^"\\]|\\.)*"?)
       | (?P<number>-?\d[\d.eE+-]*)
       | (?P<word>[A-Za-z_][\w-]*)
       | (?P<comma>,)(?=\s*[\]}])""",
@@ -63,7 +69,9 @@ class _Ambiguous(ValueError):
 
 
 def _parse(text: str) -> object:
-    return json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
+    return json.loads(
+        text, object_pairs_hook=_once, parse_constant=_no_constant, parse_int=_whole_number
+    )
 
 
 def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
@@ -75,22 +83,40 @@ def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return content
 
 
+def _whole_number(digits: str) -> int:
+    if len(digits) > _MOST_DIGITS:
+        raise _Ambiguous(f"a whole number of {len(digits)} digits: {digits[:20]}...")
+    return int(digits)
+
+
 def _no_constant(word: str) -> object:
     raise _Ambiguous(f"{word} is not a number")
 
 
 def _mend(text: str) -> tuple[str, tuple[str, ...]]:
     mended: list[str] = []
+    found = 0
+    line, counted_to = 1, 0
+
+    def tell(at: int, what: str) -> None:
+        nonlocal found, line, counted_to
+        found += 1
+        if found <= _MOST_TOLD:
+            line += text.count("\n", counted_to, at)
+            counted_to = at
+            mended.append(f"line {line}: {what}")
 
     def replace(match: re.Match[str]) -> str:
-        line = text.count("\n", 0, match.start()) + 1
         if match["comma"]:
-            mended.append(f"line {line}: a comma before a closing bracket was left out")
+            tell(match.start(), "a comma before a closing bracket was left out")
             return ""
         word = match["word"]
         if word and word not in _WORDS_OF_JSON:
-            mended.append(f"line {line}: the bare word {word} was taken as text")
+            tell(match.start(), f"the bare word {word} was taken as text")
             return f'"{word}"'
         return match[0]
 
-    return _TOKEN.sub(replace, text), tuple(mended)
+    mended_text = _TOKEN.sub(replace, text)
+    if found > _MOST_TOLD:
+        mended.append(f"and {found - _MOST_TOLD} more of these")
+    return mended_text, tuple(mended)

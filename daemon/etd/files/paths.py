@@ -18,7 +18,9 @@ import tempfile
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from etd.files import trust
 from etd.protocol.errors import FileError
+from etd.protocol.text import NAME_PATTERN
 
 DEFAULT_NAME = "main"
 SYSTEM_RUNTIME = Path("/run/etd")
@@ -32,7 +34,12 @@ TELEMETRY = "telemetry.sock"
 
 #: What the kernel takes for the path of a Unix socket, its final zero not counted.
 MAX_SOCKET_PATH = 107
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
+
+#: Of one other user, and of all, root asks so many.
+MOST_OF_A_USER = 8
+MOST_OF_OTHERS = 32
+#: Of one other user, so many sockets are looked at, whether anybody listens.
+_MOST_LOOKED_AT = 64
 
 
 class RunningDaemon(NamedTuple):
@@ -40,6 +47,13 @@ class RunningDaemon(NamedTuple):
 
     name: str
     address: str
+
+
+class OthersDaemons(NamedTuple):
+    """Of other users: those to ask, and a sentence for each folder that has more."""
+
+    daemons: tuple[RunningDaemon, ...] = ()
+    not_asked: tuple[str, ...] = ()
 
 
 def runtime_folder(name: str) -> Path:
@@ -99,30 +113,79 @@ def sibling_address(control: str, socket_name: str) -> str:
 
 
 def find_daemons() -> list[RunningDaemon]:
-    """All daemons that answer on this machine, the system's first; for root, other users' too."""
+    """The daemons of the system and of this user that answer on this machine, in this order."""
+    return [daemon for parent in _own_parents() for daemon in _answering(_sockets_in(parent))]
+
+
+def find_daemons_of_others() -> OthersDaemons:
+    """Those of other users, for root; a few of each. Any user can make any number of sockets, and
+    each takes a connection, and a second if nobody answers there.
+    """
+    if not hasattr(os, "geteuid") or os.geteuid() != 0:
+        return OthersDaemons()
+    daemons: list[RunningDaemon] = []
+    not_asked: list[str] = []
+    for parent in _others_parents():
+        sockets = _sockets_in(parent)
+        answering = _answering(sockets[:_MOST_LOOKED_AT])
+        most = min(MOST_OF_A_USER, MOST_OF_OTHERS - len(daemons))
+        daemons += answering[:most]
+        more = len(answering[most:]) + len(sockets[_MOST_LOOKED_AT:])
+        if more:
+            not_asked.append(f"{more} more sockets in {parent} were not asked")
+    return OthersDaemons(tuple(daemons), tuple(not_asked))
+
+
+def _own_parents() -> list[Path]:
+    """The folders in which the system's daemons, and this user's, have one each."""
+    parents = [SYSTEM_RUNTIME]
+    with contextlib.suppress(FileError):  # what somebody else put in our place hides no daemon
+        if not _is_anothers(_user_runtime()):
+            parents.append(_user_runtime())
+    return list(dict.fromkeys(parents))
+
+
+def _others_parents() -> list[Path]:
+    parents = [*USER_RUNTIMES.glob("*/etd")]
+    parents += filter(_is_its_users, Path(tempfile.gettempdir()).glob("etd-*"))
+    with contextlib.suppress(FileError):
+        parents.append(_user_runtime())
+    return sorted(set(parents) - set(_own_parents()))
+
+
+def _sockets_in(parent: Path) -> list[Path]:
+    """Of folders that a daemon could have, by their names."""
     return [
-        RunningDaemon(control.parent.name, address_of(control.parent))
-        for parent in _runtime_parents()
+        control
         for control in sorted(parent.glob(f"*/{CONTROL}"))
-        if why_unreachable(control) is None
+        if re.search(NAME_PATTERN, control.parent.name)
     ]
 
 
-def _runtime_parents() -> list[Path]:
-    """The folders in which daemons have one each."""
-    parents = [SYSTEM_RUNTIME]
-    with contextlib.suppress(FileError):  # what somebody else put in our place hides no daemon
-        parents.append(_user_runtime())
-    if hasattr(os, "geteuid") and os.geteuid() == 0:
-        parents += sorted(USER_RUNTIMES.glob("*/etd"))
-        parents += sorted(filter(_is_its_users, Path(tempfile.gettempdir()).glob("etd-*")))
-    return list(dict.fromkeys(parents))
+def _answering(sockets: list[Path]) -> list[RunningDaemon]:
+    return [
+        RunningDaemon(control.parent.name, address_of(control.parent))
+        for control in sockets
+        if why_unreachable(control) is None
+    ]
 
 
 def _is_its_users(folder: Path) -> bool:
     """Whether `etd-UID` is that user's."""
     uid = folder.name.removeprefix("etd-")
-    return uid.isdecimal() and folder.lstat().st_uid == int(uid)
+    return uid.isdecimal() and _owner_of(folder) == int(uid)
+
+
+def _is_anothers(folder: Path) -> bool:
+    return hasattr(os, "geteuid") and _owner_of(folder) not in (None, 0, os.geteuid())
+
+
+def _owner_of(folder: Path) -> int | None:
+    """None if it is not there, or not any more."""
+    try:
+        return folder.lstat().st_uid
+    except OSError:
+        return None
 
 
 def why_unreachable(path: Path) -> str | None:
@@ -149,8 +212,8 @@ def why_unreachable(path: Path) -> str | None:
 def prepare_runtime(folder: Path) -> None:
     """Make the folder (mode 0750) if it is not there, and check that it can be trusted.
 
-    Raises: FileError if it cannot be made, is writable by everybody, or is too long for a
-    socket's path.
+    Raises: FileError if it cannot be made, others could put links into it, or it is too long for
+    a socket's path.
     """
     if len(os.fsencode(folder / TELEMETRY)) > MAX_SOCKET_PATH:
         raise FileError(
@@ -160,7 +223,7 @@ def prepare_runtime(folder: Path) -> None:
             f"at most {MAX_SOCKET_PATH} bytes with the socket's name: choose a shorter folder",
         )
     try:
-        folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+        make_own(folder, 0o750)
     except OSError as error:
         raise FileError(
             str(folder),
@@ -168,18 +231,19 @@ def prepare_runtime(folder: Path) -> None:
             f"this runtime folder cannot be made ({error.strerror})",
             "set XDG_RUNTIME_DIR to a folder of yours, or give --folder",
         ) from error
-    if folder.stat().st_mode & 0o002:
-        raise FileError(
-            str(folder),
-            "",
-            "everybody may write into this runtime folder",
-            f"chmod o-w {folder}, or choose another one",
-        )
+
+
+def make_own(folder: Path, mode: int) -> None:
+    """Make a folder that only this user, root and the services can put something into.
+
+    Raises: FileError, OSError.
+    """
+    trust.make_own(folder, mode, (SYSTEM_RUNTIME, SYSTEM_STATE))
 
 
 def check_name(name: str, whose: str = "the daemon's name") -> str:
     """Raises: FileError for a name that could not be a file's everywhere."""
-    if _NAME.fullmatch(name):
+    if re.search(NAME_PATTERN, name):
         return name
     raise FileError(whose, "", repr(name), "give 1 to 32 letters, digits, hyphens or underscores")
 

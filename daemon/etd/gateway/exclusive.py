@@ -10,18 +10,19 @@ import fcntl
 import os
 from pathlib import Path
 
+from etd.files.trust import open_own
 from etd.protocol.errors import AlreadyRunning
 
 
 class NameLock:
-    """Held until `close`, or until the process ends however it ends. Raises: AlreadyRunning."""
+    """Held until `close`, or until the process ends however it ends. Raises: AlreadyRunning,
+    FileError (something else is in the place of the lock).
+    """
 
     def __init__(self, folder: Path, name: str) -> None:
         path = folder / "gateway.lock"
         # The owner's alone: whoever can open a file can lock it, and keep this from starting.
-        self._fd: int | None = os.open(
-            path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600
-        )
+        self._fd: int | None = open_own(path, os.O_RDWR | os.O_CREAT, 0o600)
         try:
             os.fchmod(self._fd, 0o600)
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -17,9 +17,10 @@ from collections import Counter
 from typing import TextIO
 
 from etd.gateway.lease import StandingLease
+from etd.gateway.lease_log import LeaseLog
 from etd.protocol.link import EngineHello
 from etd.protocol.messages import StateReport
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 
 _QUEUE_LENGTH = 1_000
 #: Counters of the engine, each logged once it begins to count: measurements that are rejected, so
@@ -59,13 +60,15 @@ _COUNTED = {
 _EPISODE_NS = 10_000_000_000
 #: Refusals are summed up at most this often.
 SUM_UP_NS = 10_000_000_000
+#: Between two summaries, so many changes of state are told one by one.
+MOST_STATES = 40
 
 
 class _OneLine(logging.Formatter):
-    """An event is a single line, whatever text it quotes."""
+    """An event is a single line, and not a long one, whatever text it quotes."""
 
     def format(self, record: logging.LogRecord) -> str:
-        return escaped(super().format(record))
+        return shown(super().format(record))
 
 
 class _Queue(logging.handlers.QueueHandler):
@@ -108,7 +111,12 @@ class Journal:
         self._counted: dict[str, int] = {}
         #: When each reported sensor last had a problem.
         self._silent_ns: dict[str, int] = {}
-        self._holder: StandingLease | None = None
+        self._leases = LeaseLog()
+        #: Changes of state since the last summary: those with a line, and those without.
+        self._states_told = 0
+        self._untold_states = 0
+        self._untold_halts = 0
+        self._last_untold = logging.INFO, ""
         #: The record that is written, and why the last one ended by itself.
         self._record: tuple[str | None, str | None] = None, None
         self._refused: Counter[str] = Counter()
@@ -157,19 +165,33 @@ class Journal:
         if report.state == self._state:
             return
         before, self._state = self._state, report.state
-        if report.halt is not None:
-            halt = report.halt
-            self._log.error("HALTED by %s (%s): %s", halt.cause, halt.source, halt.detail)
-        elif before == "HALTED":
-            self._log.info("%s: the halt was cleared", report.state)
-        elif report.state == "SAFE" and report.last_disarm:
-            self._log.info("SAFE: %s", report.last_disarm)
-        else:
-            self._log.info("%s", report.state)
+        self._log_state(*_change_of_state(report, before))
         for sentence in report.not_granted:
             if sentence not in self._told:
                 self._told.add(sentence)
                 self._log.warning("%s", sentence)
+
+    def _log_state(self, level: int, text: str) -> None:
+        """Any client can stop and clear in a loop."""
+        if self._states_told < MOST_STATES:
+            self._states_told += 1
+            self._log.log(level, "%s", text)
+            return
+        self._untold_states += 1
+        self._untold_halts += level == logging.ERROR
+        self._last_untold = level, text
+
+    def _sum_up_states(self) -> None:
+        if self._untold_states:
+            level, last = self._last_untold
+            self._log.log(
+                level,
+                "since the last summary: %d more changes of state, %d of them HALTED; the last: %s",
+                self._untold_states,
+                self._untold_halts,
+                last,
+            )
+        self._states_told = self._untold_states = self._untold_halts = 0
 
     def _log_laws_off(self, why: str) -> None:
         if why and why != self._laws_off:
@@ -213,19 +235,19 @@ class Journal:
 
     def lease(self, standing: StandingLease | None) -> None:
         """Log a change of the holder."""
-        if standing is self._holder:
-            return
-        before, self._holder = self._holder, standing
-        if before is not None:
-            self._log.info("lease of %r ended", before.client)
-        if standing is not None:
-            self._log.info("lease opened by %r (user %s)", standing.client, standing.uid)
+        for line in self._leases.changed(standing):
+            self._log.info("%s", line)
 
     def refusals(self, counters: Counter[str], now_ns: int) -> None:
-        """What was refused or dropped since the last summary, in one line."""
+        """What was refused or dropped since the last summary, in one line; leases and changes of
+        state that had none of their own.
+        """
         if now_ns - self._summed_ns < SUM_UP_NS:
             return
         self._summed_ns = now_ns
+        for line in self._leases.summary():
+            self._log.info("%s", line)
+        self._sum_up_states()
         news = counters - self._refused
         self._refused = Counter(counters)
         if news:
@@ -236,3 +258,15 @@ class Journal:
                 "%d lines of this log were lost: the queue was full", self._queue.dropped
             )
             self._queue.dropped = 0
+
+
+def _change_of_state(report: StateReport, before: str) -> tuple[int, str]:
+    """Its level and its sentence."""
+    halt = report.halt
+    if halt is not None:
+        return logging.ERROR, f"HALTED by {halt.cause} ({halt.source}): {halt.detail}"
+    if before == "HALTED":
+        return logging.INFO, f"{report.state}: the halt was cleared"
+    if report.state == "SAFE" and report.last_disarm:
+        return logging.INFO, f"SAFE: {report.last_disarm}"
+    return logging.INFO, report.state

@@ -9,12 +9,16 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from etd.files.paths import make_own
+from etd.files.trust import open_own
 from etd.gateway.record_file import MOST_BYTES, RecordFile, Write
-from etd.protocol.errors import Refused
+from etd.protocol.errors import FileError, Refused
 from etd.protocol.facts import RecordFacts
 
 #: All records together.
 MOST_IN_ALL_BYTES = 4 * MOST_BYTES
+#: However short: their list is one reply.
+MOST_RECORDS = 1_000
 #: A reply of 48 KiB with the rest of its keys stays within the size of a message.
 PIECE_BYTES = 36 * 1024
 _SUFFIX = ".jsonl"
@@ -27,7 +31,14 @@ class RecordStore:
 
     def create(self, name: str) -> RecordFile:
         """Raises: Refused (`record_failed`)."""
-        taken_bytes = sum(facts.bytes for facts in self.facts(None))
+        there = self.facts(None)
+        if len(there) >= MOST_RECORDS:
+            raise Refused(
+                "record_failed",
+                f"there are {len(there)} records in {self._folder}, and no more are kept: fetch"
+                " some (`etd record get`), then delete them (`etd record delete`)",
+            )
+        taken_bytes = sum(facts.bytes for facts in there)
         if taken_bytes + MOST_BYTES > MOST_IN_ALL_BYTES:
             raise Refused(
                 "record_failed",
@@ -36,7 +47,9 @@ class RecordStore:
             )
         path = self._folder / f"{name}{_SUFFIX}"
         try:
-            self._folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+            make_own(self._folder, 0o750)
+        except FileError as error:
+            raise Refused("record_failed", str(error)) from error
         except OSError as error:
             raise Refused(
                 "record_failed", f"{self._folder} cannot be a folder: {error.strerror}"
@@ -65,10 +78,17 @@ class RecordStore:
         """From `offset` on; empty at the end. Raises: Refused (`not_found`, `record_failed`)."""
         path = self._found(name)
         try:
-            with path.open("rb") as file:
-                return os.pread(file.fileno(), PIECE_BYTES, offset)
+            number = open_own(path, os.O_RDONLY)
+        except FileError as error:
+            raise Refused("record_failed", str(error)) from error
         except OSError as error:
             raise Refused("record_failed", f"{path} cannot be read: {error.strerror}") from error
+        try:
+            return os.pread(number, PIECE_BYTES, offset)
+        except OSError as error:
+            raise Refused("record_failed", f"{path} cannot be read: {error.strerror}") from error
+        finally:
+            os.close(number)
 
     def delete(self, name: str) -> None:
         """Raises: Refused (`not_found`, `record_failed`)."""

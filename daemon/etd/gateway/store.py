@@ -1,7 +1,7 @@
 """Calibrations on disk, each a TOML file with the calibration's name.
 
-Owns: names, reading, and atomic writing. Must not know: what a calibration allows; the engine
-checks that when one is opened.
+Owns: names, reading, atomic writing, and how many there may be. Must not know: what a calibration
+allows; the engine checks that when one is opened.
 """
 
 from __future__ import annotations
@@ -10,11 +10,17 @@ from pathlib import Path
 
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import to_toml
+from etd.files.paths import make_own
 from etd.gateway.parsed_files import ParsedFiles
 from etd.protocol.calibration import Calibration, check_order
 from etd.protocol.calibration_set import digest_of
 from etd.protocol.errors import FileError, Refused
 from etd.protocol.opening import NamedCalibration
+
+#: All names are in every `hello`; a study of a few hundred persons, with two polarities each, fits.
+MOST_CALIBRATIONS = 1_000
+#: Together; one of 256 electrodes takes some ten kilobytes.
+MOST_IN_ALL_BYTES = 32 * 1024 * 1024
 
 
 class CalibrationStore:
@@ -65,9 +71,13 @@ class CalibrationStore:
             check_order(calibration, name)
         except FileError as error:
             raise Refused("bad_calibration", str(error)) from error
+        data = to_toml(calibration).encode()
         try:
-            self._own.mkdir(mode=0o750, parents=True, exist_ok=True)
-            write_atomically(self._own / f"{name}.toml", to_toml(calibration).encode(), mode=0o640)
+            make_own(self._own, 0o750)
+            self._check_room(f"{name}.toml", len(data))
+            write_atomically(self._own / f"{name}.toml", data, mode=0o640)
+        except FileError as error:
+            raise Refused("bad_calibration", f"{name!r} could not be stored: {error}") from error
         except OSError as error:
             raise Refused(
                 "bad_calibration", f"{name!r} could not be stored in {self._own}: {error.strerror}"
@@ -95,6 +105,25 @@ class CalibrationStore:
             raise Refused(
                 "bad_calibration", f"{path} could not be deleted: {error.strerror}"
             ) from error
+
+    def _check_room(self, file: str, new_bytes: int) -> None:
+        """What is replaced makes room. Raises: Refused (`bad_calibration`)."""
+        others = [path for path in self._own.iterdir() if path.name != file]
+        taken_bytes = sum(path.lstat().st_size for path in others)
+        why = ""
+        if sum(path.suffix == ".toml" for path in others) >= MOST_CALIBRATIONS:
+            why = f"there are {MOST_CALIBRATIONS} calibrations, and no more are kept"
+        elif taken_bytes + new_bytes > MOST_IN_ALL_BYTES:
+            why = (
+                f"the calibrations in {self._own} take {taken_bytes / 1e6:.1f} MB, and no more than"
+                f" {MOST_IN_ALL_BYTES / 1e6:.1f} MB are kept"
+            )
+        if why:
+            raise Refused(
+                "bad_calibration",
+                f"{why}: export some (`etd calibration export`), then delete them (`etd calibration"
+                " delete`)",
+            )
 
     def _is_shipped(self, name: str) -> bool:
         return self._shipped is not None and (self._shipped / f"{name}.toml").exists()

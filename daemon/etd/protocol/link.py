@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import select
 import socket
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
 
@@ -346,14 +347,24 @@ def _listen(path: Path, name: str) -> socket.socket:
         if _is_answered(path):
             raise AlreadyRunning(name, f"its engine answers at {path}")
         path.unlink(missing_ok=True)
-        listening.bind(str(path))
-        path.chmod(0o660)
+        with _group_only():
+            listening.bind(str(path))
         listening.listen(1)
         listening.setblocking(False)
     except BaseException:
         listening.close()
         raise
     return listening
+
+
+@contextlib.contextmanager
+def _group_only() -> Iterator[None]:
+    """A socket has mode 0660 from the start: a change of it later could follow a link."""
+    before = os.umask(0o117)
+    try:
+        yield
+    finally:
+        os.umask(before)
 
 
 def _is_answered(path: Path) -> bool:

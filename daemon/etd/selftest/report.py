@@ -13,6 +13,7 @@ from typing import Literal
 import msgspec
 
 from etd.files.atomic_file import write_atomically
+from etd.files.paths import make_own
 from etd.protocol.errors import FileError
 from etd.selftest.subject import Subject, difference
 from etd_hal.boardfile import BoardFile
@@ -137,7 +138,7 @@ def to_json(report: Report) -> bytes:
 def save(report: Report, path: Path) -> None:
     """Atomic: a power cut leaves the old file or the new one. Raises: FileError."""
     try:
-        path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        make_own(path.parent, 0o755)
         write_atomically(path, to_json(report), mode=0o644)
     except OSError as error:
         raise FileError(

@@ -1,0 +1,76 @@
+"""How many calibrations and records a daemon keeps, and how large."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from etd.files.calibration import load_calibration
+from etd.files.resources import find
+from etd.gateway.record_store import RecordStore
+from etd.gateway.store import MOST_CALIBRATIONS, MOST_IN_ALL_BYTES, CalibrationStore
+from etd.protocol.errors import Refused
+
+CALIBRATION = load_calibration(find("calibrations", "fake-fingertip"))
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> CalibrationStore:
+    made = CalibrationStore(tmp_path, None)
+    made.put("p01", CALIBRATION)
+    return made
+
+
+def refused(store: CalibrationStore) -> str:
+    with pytest.raises(Refused) as told:
+        store.put("one-more", CALIBRATION)
+    assert told.value.code == "bad_calibration"
+    assert "etd calibration delete" in told.value.reason
+    return told.value.reason
+
+
+def test_no_more_than_so_many_are_kept_and_one_that_is_there_can_be_replaced(
+    store: CalibrationStore, tmp_path: Path
+) -> None:
+    for number in range(MOST_CALIBRATIONS - 2):
+        (tmp_path / "calibrations" / f"q{number}.toml").touch()
+    store.put("last", CALIBRATION)
+    assert str(MOST_CALIBRATIONS) in refused(store)
+    store.put("p01", CALIBRATION)
+    store.put("last", CALIBRATION)
+    store.delete("last")
+    store.put("one-more", CALIBRATION)
+
+
+def test_nor_more_than_so_many_bytes(store: CalibrationStore, tmp_path: Path) -> None:
+    folder = tmp_path / "calibrations"
+    own_bytes = (folder / "p01.toml").stat().st_size
+    with (folder / "large.toml").open("wb") as file:
+        file.truncate(MOST_IN_ALL_BYTES - own_bytes)
+    assert "MB" in refused(store)
+    store.put("p01", CALIBRATION)
+    (folder / "large.toml").unlink()
+    store.put("one-more", CALIBRATION)
+
+
+def test_what_a_killed_daemon_left_over_counts_in_bytes(
+    store: CalibrationStore, tmp_path: Path
+) -> None:
+    with (tmp_path / "calibrations" / ".p01-x7").open("wb") as file:
+        file.truncate(MOST_IN_ALL_BYTES)
+    refused(store)
+
+
+def test_no_more_than_so_many_records_are_kept_however_short(tmp_path: Path) -> None:
+    (tmp_path / "records").mkdir()
+    for number in range(1_000):
+        (tmp_path / "records" / f"r{number}.jsonl").touch()
+    store = RecordStore(tmp_path)
+    with pytest.raises(Refused, match="there are 1000 records") as told:
+        store.create("one-more")
+    assert told.value.code == "record_failed"
+    store.delete("r7")
+    file = store.create("one-more")
+    file.close()
+    file.wait_closed(10.0)
