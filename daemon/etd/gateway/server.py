@@ -9,10 +9,8 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections import Counter
-from typing import Any
 
 import msgspec
-import zmq
 
 from etd.files.paths import check_name, prepare_runtime
 from etd.gateway.config import GatewayConfig, Operators
@@ -28,7 +26,7 @@ from etd.gateway.record_file import Write
 from etd.gateway.record_store import RecordStore
 from etd.gateway.recorder import ReadClocks, Recorder
 from etd.gateway.records import RecordHandler
-from etd.gateway.sockets import Sockets, arrived
+from etd.gateway.sockets import Sockets
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
 from etd.gateway.wall_clock import read_clocks
@@ -57,7 +55,7 @@ def _read(inbound: InboundMessage) -> Request | Unreadable:
 class Gateway:
     """Bound when made; call `step` until `close`. One thread.
 
-    Raises, when made: AlreadyRunning, FileError (configuration), HardwareMissing (libzmq).
+    Raises, when made: AlreadyRunning, FileError (configuration).
     """
 
     def __init__(
@@ -122,7 +120,7 @@ class Gateway:
         self._pass_on_frames()
         now_ns = self._clock.now_ns()
         self._give_up_on(self._pending.take_late(now_ns), "the engine did not answer within 15 s")
-        self.counters.update(self._sockets.disconnects())
+        self.counters.update(self._sockets.take_counts())
         self._recorder.look(now_ns)
         for answer in self._records.written(now_ns):
             self._settle(answer)
@@ -146,16 +144,7 @@ class Gateway:
     def _wait(self, timeout_ms: int) -> None:
         due_ns = self._alive_due_ns if self._engine.is_connected else self._connect_due_ns
         left_ms = max(0, -((self._clock.now_ns() - due_ns) // 1_000_000))
-        watched: list[tuple[Any, int]] = [
-            (socket, zmq.POLLIN)
-            for socket in (
-                self._sockets.control,
-                self._sockets.frames,
-                self._sockets.telemetry,
-                *self._engine.filenos(),
-            )
-        ]
-        zmq.zmq_poll(watched, min(timeout_ms, left_ms))
+        self._sockets.wait(self._engine.filenos(), min(timeout_ms, left_ms))
 
     def _stay_in_touch(self) -> None:
         """The engine must hear from its gateway, however much there is to read."""
@@ -180,8 +169,8 @@ class Gateway:
 
     def _read_requests(self) -> list[tuple[Request | Unreadable, InboundMessage]]:
         requests: list[tuple[Request | Unreadable, InboundMessage]] = []
-        for parts in arrived(self._sockets.control, REQUESTS_A_TURN):
-            inbound = inbound_of(parts)
+        for connection, parts in self._sockets.control.take(REQUESTS_A_TURN):
+            inbound = inbound_of(connection, parts)
             requests.append((_read(inbound), inbound))
         return requests
 
@@ -284,11 +273,6 @@ class Gateway:
     def _send(self, inbound: InboundMessage, reply: Success | Failure) -> None:
         """A client that has left, or that does not read, is counted."""
         self._recorder.replied(inbound, reply, self._clock.now_ns())
-        try:
-            self._sockets.control.send_multipart(
-                [*inbound.route, _encoder.encode(reply)], zmq.NOBLOCK
-            )
-        except zmq.ZMQError as error:
-            if error.errno not in (zmq.EAGAIN, zmq.EHOSTUNREACH):
-                raise
+        parts = (*inbound.route, _encoder.encode(reply))
+        if not self._sockets.control.reply(inbound.connection, parts):
             self.counters["replies_not_delivered"] += 1
