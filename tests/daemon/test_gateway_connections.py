@@ -209,3 +209,28 @@ def test_reports_that_are_not_read_are_counted_and_others_get_them(rig: GatewayR
             rig.clock.t_ns += 1_000_000_001
             rig.step()
             assert b"\x05state" in reading.recv(65_536), "who reads gets each"
+
+
+def test_pings_whose_answers_are_not_read_are_the_end_before_they_fill_memory(
+    rig: GatewayRig,
+) -> None:
+    with ExitStack() as stack:
+        made = client(rig, stack, GOOD)
+        left = b"\x04\x07\x04PING\x00\x00" * 5_000
+        while left and not rig.gateway.counters["control_broken_off"]:
+            left = left[max(0, poured(made, left)) :]
+            rig.step()
+        rig.step(100)
+        assert rig.gateway.counters["control_broken_off"] == 1
+
+
+def test_a_new_subscription_is_no_report_for_others(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        reading = client(rig, stack, hello("SUB") + part(b"\x01state"), "telemetry")
+        rig.step(2)
+        assert b"\x05state" in reading.recv(65_536)
+        other = client(rig, stack, hello("SUB") + part(b"\x01state"), "telemetry")
+        rig.step(2)
+        assert b"\x05state" in other.recv(65_536)
+        with pytest.raises(BlockingIOError):
+            reading.recv(65_536)

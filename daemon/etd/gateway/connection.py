@@ -16,6 +16,8 @@ from etd.gateway.zmtp import Parts, Reader, Violation, opening
 _CHUNK_BYTES = 16_384
 #: Not sent yet. A single message may be longer; a second one then has to wait.
 _MOST_UNREAD_BYTES = 131_072
+#: What a message takes beside its own bytes: else short ones would take ten times the bound.
+_OVERHEAD_BYTES = 64
 #: As the kernel keeps them: pid, uid, gid.
 _CREDENTIALS = struct.Struct("=iII")
 
@@ -105,10 +107,11 @@ class Connection:
         """Whole, now or later. False: the client has left, or does not read what it was sent."""
         if not self.is_open or self._is_deaf:
             return False
-        if self._unread and self._unread_bytes + len(message) > _MOST_UNREAD_BYTES:
+        cost = len(message) + _OVERHEAD_BYTES
+        if self._unread and self._unread_bytes + cost > _MOST_UNREAD_BYTES:
             return False
         self._unread.append(message)
-        self._unread_bytes += len(message)
+        self._unread_bytes += cost
         if len(self._unread) == 1:
             self.flush()
         return not self._is_deaf
@@ -130,3 +133,4 @@ class Connection:
                 self._unread[0] = message[sent:]
                 return
             self._unread.popleft()
+            self._unread_bytes -= _OVERHEAD_BYTES

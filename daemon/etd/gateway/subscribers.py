@@ -34,20 +34,21 @@ class Subscribers:
         counts, self._counts = self._counts, Counter()
         return counts
 
-    def take_newcomers(self) -> bool:
-        """Read what subscribers sent; whether any of it was a subscription."""
-        is_new = False
+    def take_newcomers(self) -> set[Connection]:
+        """Read what subscribers sent; those who subscribed to something."""
+        newcomers = set()
         for connection, parts in self._listener.take(_SUBSCRIPTIONS_A_TURN):
             action, topic = parts[0][:1], parts[0][1:]
             if action == _CANCEL:
                 connection.topics.discard(topic)
-            elif action == _SUBSCRIBE:
-                is_new |= self._subscribe(connection, topic)
-        return is_new
+            elif action == _SUBSCRIBE and self._subscribe(connection, topic):
+                newcomers.add(connection)
+        return newcomers
 
-    def publish(self, topic: bytes, body: bytes) -> None:
+    def publish(self, topic: bytes, body: bytes, only: set[Connection] | None = None) -> None:
+        """To all who want it, or of them to `only` these."""
         data = message((topic, body))
-        for connection in self._listener.connections():
+        for connection in self._listener.connections() if only is None else only:
             is_wanted = any(topic.startswith(wanted) for wanted in connection.topics)
             if is_wanted and not self._listener.send(connection, data):
                 self._counts["reports_not_delivered"] += 1

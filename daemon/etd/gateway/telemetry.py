@@ -10,6 +10,7 @@ from collections import Counter
 
 import msgspec
 
+from etd.gateway.connection import Connection
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.recorder import Recorder
 from etd.gateway.subscribers import Subscribers
@@ -73,9 +74,12 @@ class Publisher:
         self._publish("state", self.state(now_ns))
 
     def repeat_state(self, now_ns: int) -> None:
-        """Once a second, and at once for a new subscriber."""
-        if self._subscribers.take_newcomers() or now_ns >= self._state_due_ns:
+        """To all once a second, and at once to a new subscriber."""
+        newcomers = self._subscribers.take_newcomers()
+        if now_ns >= self._state_due_ns:
             self.publish_state(now_ns)
+        elif newcomers:
+            self._publish("state", self.state(now_ns), newcomers)
 
     def pass_on(self, report: Report, now_ns: int) -> None:
         """Publish the engine's report unchanged, except for the counts."""
@@ -115,5 +119,7 @@ class Publisher:
     def _refused(self) -> int:
         return self._refused_here + self._refused_by_engine
 
-    def _publish(self, topic: Topic, body: msgspec.Struct) -> None:
-        self._subscribers.publish(topic.encode(), _encoder.encode(body))
+    def _publish(
+        self, topic: Topic, body: msgspec.Struct, only: set[Connection] | None = None
+    ) -> None:
+        self._subscribers.publish(topic.encode(), _encoder.encode(body), only)
