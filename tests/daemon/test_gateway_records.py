@@ -236,7 +236,7 @@ def test_a_record_is_ended_by_its_user_or_an_operator_and_deleted_by_an_operator
     )
 
     def asked(uid: int, **request: Any) -> object:
-        return handler.handle(Record(**request), InboundMessage((), uid, b""))
+        return handler.handle(Record(**request), InboundMessage(1, (), uid, b""))
 
     asked(starter, do="start", name="p01")
     with pytest.raises(Refused, match="no operate rights"):

@@ -16,8 +16,7 @@ import zmq
 
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
-from etd.gateway.sockets import check_version
-from etd.protocol.errors import AlreadyRunning, FileError, HardwareMissing
+from etd.protocol.errors import AlreadyRunning, FileError
 from etd.protocol.link import (
     Answer,
     ArmBoard,
@@ -413,11 +412,6 @@ def test_a_runtime_folder_that_everybody_may_write_to_is_refused(tmp_path: Path)
     config = GatewayConfig(name="x", runtime_folder=tmp_path, state_dir=tmp_path)
     with pytest.raises(FileError, match="everybody may write"):
         Gateway(config, HandClock())
-
-
-def test_a_libzmq_with_known_flaws_is_refused() -> None:
-    with pytest.raises(HardwareMissing, match=r"4\.3\.3 has known flaws"):
-        check_version((4, 3, 3))
 
 
 def test_two_frames_in_order_keep_their_refs_apart() -> None:

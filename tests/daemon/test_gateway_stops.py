@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import re
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -12,14 +15,16 @@ import zmq
 from etd.files import resources
 from etd.files.calibration import load_calibration
 from etd.gateway.parsed_files import MOST, ParsedFiles
-from etd.gateway.request_queue import MOST_A_LOOK, MOST_BYTES, MOST_OF_A_CLIENT
+from etd.gateway.request_queue import MOST_A_LOOK, MOST_BYTES_OF_A_CLIENT, MOST_OF_A_CLIENT
 from etd.protocol.errors import FileError
 from etd.protocol.link import StopNow
 from gateway_rig import GatewayRig
+from raw_client import connected, hello, part, poured
 
 pytestmark = pytest.mark.slow
 
 LARGE = resources.find("calibrations", "fake-fingertip-grid-16x16")
+SMALL = resources.find("calibrations", "fake-fingertip-pad-8")
 
 
 @pytest.fixture
@@ -28,10 +33,10 @@ def rig() -> Iterator[GatewayRig]:
         yield made
 
 
-def stored(rig: GatewayRig, name: str) -> None:
+def stored(rig: GatewayRig, name: str, shipped: Path = LARGE) -> None:
     folder = rig.state_dir / "calibrations"
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{name}.toml").write_bytes(LARGE.read_bytes())
+    (folder / f"{name}.toml").write_bytes(shipped.read_bytes())
 
 
 def other(rig: GatewayRig) -> zmq.Socket[bytes]:
@@ -50,28 +55,48 @@ def stops(rig: GatewayRig) -> int:
 def test_of_several_slow_requests_one_is_handled_in_a_turn_and_stops_are_before_each(
     rig: GatewayRig,
 ) -> None:
-    stored(rig, "large")
-    stopper = other(rig)
-    for number in range(8):
-        rig.control.send(b'{"op": "calibration", "do": "get", "name": "large", "id": %d}' % number)
-    rig.gateway.step(100)
-    stopper.send(b'{"op": "stop"}')
-    rig.until(lambda: bool(rig.control.poll(0)))
-    replies = 0
-    while not stops(rig):
+    """Written to the sockets themselves: what was written is there with the next look."""
+    stored(rig, "small", SMALL)
+    path = rig.folder / "control.sock"
+    with closing(connected(path)) as asker, closing(connected(path)) as stopper:
+        for client in (asker, stopper):
+            poured(client, hello("DEALER"))
+        rig.step(3)
+        poured(asker, part(b'{"op": "calibration", "do": "get", "name": "small"}') * 8)
         rig.step()
-        while rig.control.poll(0):
-            rig.control.recv()
-            replies += 1
-    assert replies <= 3, "of eight that came before it"
-    rig.until(lambda: bool(stopper.poll(0)))
+        poured(stopper, part(b'{"op": "stop"}'))
+        rig.step()
+        assert stops(rig) == 1
+        answered = asker.recv(1_000_000).count(b'"calibration":{')
+        assert answered == 2, "one in each turn"
+
+
+def test_a_client_that_reads_no_replies_is_answered_in_order_once_it_does(
+    rig: GatewayRig,
+) -> None:
+    stored(rig, "large")
+    asked = b'{"op": "calibration", "do": "get", "name": "large", "id": %d}'
+    with closing(connected(rig.folder / "control.sock")) as slow:
+        poured(slow, hello("DEALER") + b"".join(part(asked % number) for number in range(40)))
+        rig.step(60)
+        assert rig.call(op="status")["ok"], "nobody else waits for it"
+        read = bytearray()
+        for _ in range(400):
+            rig.step()
+            with contextlib.suppress(BlockingIOError):
+                while data := slow.recv(65_536):
+                    read += data
+            if read.count(b'"id":') == 40:
+                break
+        found = [int(number) for number in re.findall(rb'"id":(\d+)', bytes(read))]
+        assert found == list(range(40)), "none is lost"
 
 
 def test_a_stop_is_read_while_the_queue_is_full(rig: GatewayRig) -> None:
     """What a flooding client gets no room for is refused to it alone."""
     stopper = other(rig)
     text = "x" * 60_000
-    most = MOST_BYTES // 60_000
+    most = 4 * MOST_BYTES_OF_A_CLIENT // 60_000
     flooders = [rig.socket(zmq.DEALER, "control.sock") for _ in range(4)]
     for flooder in flooders:
         for number in range(most):

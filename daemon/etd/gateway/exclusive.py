@@ -1,7 +1,7 @@
 """One gateway for one name.
 
-Owns: the lock that refuses a second one before it binds anything: ZeroMQ would silently take over
-the Unix socket of the first. Must not know: sockets.
+Owns: the lock that refuses a second one before it binds anything: it would silently take over the
+Unix sockets of the first. Must not know: sockets.
 """
 
 from __future__ import annotations

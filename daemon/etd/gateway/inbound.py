@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import msgspec
-import zmq
 
+from etd.gateway.connection import Connection
+from etd.gateway.zmtp import Parts
 from etd.protocol.calibration import Method
 from etd.protocol.errors import Refused
 from etd.protocol.frame import POLARITIES, RETURNS_IN_WORDS
@@ -42,18 +43,21 @@ _CHOICES_OF_OP = {
     for request in (GetCalibration, Record)
 }
 
+#: Characters, in a reason, of what a client sent.
+_MOST_QUOTED = 200
 _PER_ELECTRODE = re.compile(r"(?:level|current_ua|width_us|polarity|rate_hz|returns)\[(\d+)\]")
 _NO_NUMBER = re.compile(rb"[:\[,]\s*[-+]?(?:nan|inf)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class InboundMessage:
-    """A message as it came. `uid`: the sender by the kernel, None if it is not known. `number`: no
-    other message of this process has it.
+    """A message as it came. `connection`: where the reply goes. `route`: the parts before the last.
+    `uid`: the sender by the kernel. `number`: no other message of this process has it.
     """
 
+    connection: int
     route: tuple[bytes, ...]
-    uid: int | None
+    uid: int
     data: bytes
     number: int = field(default_factory=itertools.count(1).__next__)
 
@@ -93,11 +97,9 @@ _envelope_decoder = msgspec.json.Decoder(_Envelope)
 _op_decoder = msgspec.json.Decoder(_Op)
 
 
-def inbound_of(parts: list[zmq.Frame]) -> InboundMessage:
-    """The parts of one ZeroMQ message, the sender's credentials still attached."""
-    return InboundMessage(
-        tuple(part.bytes for part in parts[:-1]), _uid_of(parts[-1]), parts[-1].bytes
-    )
+def inbound_of(connection: Connection, parts: Parts) -> InboundMessage:
+    """A message of this client, who is by the kernel who he is."""
+    return InboundMessage(connection.number, parts[:-1], connection.uid, parts[-1])
 
 
 def read_request(inbound: InboundMessage) -> Request:
@@ -105,7 +107,7 @@ def read_request(inbound: InboundMessage) -> Request:
 
     A stop is a stop whatever else is wrong with the message: then it names no client.
     """
-    if any(inbound.route[1:]) or len(inbound.route) > 2:
+    if inbound.route not in ((), (b"",)):
         what = "a request must be one part, or an empty part and one more"
         raise Unreadable(Refused("bad_message", what))
     try:
@@ -143,6 +145,7 @@ def _why_invalid(data: bytes, error: str) -> Refused:
     if op is not None and op not in OPS:
         return Refused("unknown_op", f"there is no op {op!r:.40}; there are {', '.join(OPS)}")
     what, _, path = escaped(error).partition(" - at `$.")
+    what, path = _cut(what), _cut(path)
     for pattern, words in PATTERN_IN_WORDS.items():
         what = words if repr(pattern) in what else what
     place = path.removesuffix("`")
@@ -150,6 +153,11 @@ def _why_invalid(data: bytes, error: str) -> Refused:
     reason = f"{place}: {what[:1].lower()}{what[1:]}" if place else what
     reason += _choices(op, place)
     return Refused("bad_message", reason, int(found[1]) if found else None)
+
+
+def _cut(quoted: str) -> str:
+    """A reply does not give back what a client sent by the kilobyte: nobody might read it."""
+    return quoted if len(quoted) <= _MOST_QUOTED else f"{quoted[:_MOST_QUOTED]} (cut short)"
 
 
 def _choices(op: str | None, place: str) -> str:
@@ -183,13 +191,3 @@ def _id_of(data: bytes) -> Id | None:
         return _envelope_decoder.decode(data).id
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
-
-
-def _uid_of(part: zmq.Frame) -> int | None:
-    """From the kernel's credentials of the peer: `localhost:uid:gid:pid`."""
-    try:
-        address = str(part.get("Peer-Address"))
-    except zmq.ZMQError:
-        return None
-    fields = address.split(":")
-    return int(fields[1]) if len(fields) == 4 and fields[1].isdecimal() else None

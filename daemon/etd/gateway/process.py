@@ -19,8 +19,8 @@ _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 def run_gateway(config: GatewayConfig, clock: Clock, on_ready: Callable[[], None]) -> int:
     """Serve until SIGTERM, SIGINT or SIGHUP; returns the exit status 0. Main thread only.
 
-    `on_ready` is called once the sockets are bound. Raises: AlreadyRunning, FileError,
-    HardwareMissing, before anything is served.
+    `on_ready` is called once the sockets are bound. Raises: AlreadyRunning, FileError, before
+    anything is served.
     """
     gateway = Gateway(config, clock)
 

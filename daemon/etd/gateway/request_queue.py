@@ -5,7 +5,8 @@ and of all. Must not know: what a request does, replies.
 
 A request may take the gateway long (a calibration that is read from a disk), and more of them may
 wait than it handles in a turn. So what has arrived is read before each request is handled, and
-stops go first. What waits then is bounded: a client that sends more than it is answered is refused.
+stops go first. What waits is bounded: a client that sends more than it is answered is refused. And
+a request of a client that has not read its last replies waits until it has.
 """
 
 from __future__ import annotations
@@ -13,70 +14,80 @@ from __future__ import annotations
 from collections import Counter, deque
 from typing import Final, TypeAlias
 
+from etd.gateway.connection import Connection
 from etd.gateway.inbound import InboundMessage, Unreadable, inbound_of, read_request, without_frames
-from etd.gateway.sockets import Socket, arrived
+from etd.gateway.sockets import Sockets
 from etd.protocol.errors import Refused
 from etd.protocol.messages import Id, Request, Stop
 
 Waiting: TypeAlias = tuple[Request | Unreadable, InboundMessage]
 
 #: So many are read at once: a stop of one connection is among them whatever 63 others send, since
-#: ZeroMQ reads connections in turn.
+#: connections are read in turn.
 MOST_A_LOOK: Final = 64
-#: Of one connection, and of all together.
+#: Of one connection: so many, and so many bytes once one waits.
 MOST_OF_A_CLIENT: Final = 64
-MOST_BYTES: Final = 4_000_000
+MOST_BYTES_OF_A_CLIENT: Final = 131_072
 
 
 class RequestQueue:
-    def __init__(self, socket: Socket) -> None:
-        self._socket = socket
+    def __init__(self, sockets: Sockets) -> None:
+        self._sockets = sockets
         self._stops: deque[Waiting] = deque()
-        self._others: deque[Waiting] = deque()
-        self._of_client: Counter[tuple[bytes, ...]] = Counter()
-        self._bytes = 0
+        self._others: deque[tuple[Waiting, Connection]] = deque()
+        #: By connection.
+        self._of_client: Counter[int] = Counter()
+        self._bytes_of_client: Counter[int] = Counter()
 
     def look(self) -> list[tuple[Refused, Id | None, InboundMessage]]:
         """Read what has arrived. Returns what is refused, since too much waits already."""
         refused = []
-        for parts in arrived(self._socket, MOST_A_LOOK):
-            inbound = inbound_of(parts)
+        self._sockets.look()
+        for connection, parts in self._sockets.control.take(MOST_A_LOOK):
+            inbound = inbound_of(connection, parts)
             request = _read(inbound)
             if isinstance(request, Stop):
                 self._stops.append((request, inbound))
-            elif (why := self._why_not(inbound)) is not None:
-                refused.append((Refused("busy", why), request.id, inbound))
+            elif self._has_room(inbound):
+                self._others.append(((request, inbound), connection))
+                self._of_client[inbound.connection] += 1
+                self._bytes_of_client[inbound.connection] += len(inbound.data)
             else:
-                self._others.append((request, inbound))
-                self._of_client[inbound.route] += 1
-                self._bytes += len(inbound.data)
+                count = self._of_client[inbound.connection]
+                why = f"{count} requests of this connection wait: read their replies first"
+                refused.append((Refused("busy", why), request.id, inbound))
         return refused
 
     def take_stop(self) -> Waiting | None:
         return self._stops.popleft() if self._stops else None
 
     def take(self) -> Waiting | None:
-        """The oldest that is no stop."""
-        if not self._others:
-            return None
-        found = self._others.popleft()
-        inbound = found[1]
-        self._bytes -= len(inbound.data)
-        self._of_client[inbound.route] -= 1
-        if not self._of_client[inbound.route]:
-            del self._of_client[inbound.route]
-        return found
+        """The oldest that is no stop, and whose reply there is room for."""
+        for place, (waiting, connection) in enumerate(self._others):
+            if not connection.has_unread:
+                # In place, so that each client's are handled in their order.
+                del self._others[place]
+                self._forget(waiting[1])
+                return waiting
+        return None
 
     @property
-    def is_empty(self) -> bool:
-        return not self._stops and not self._others
+    def is_idle(self) -> bool:
+        """Nothing waits but for a client that does not read."""
+        return not self._stops and all(connection.has_unread for _, connection in self._others)
 
-    def _why_not(self, inbound: InboundMessage) -> str | None:
-        if self._of_client[inbound.route] >= MOST_OF_A_CLIENT:
-            return f"{MOST_OF_A_CLIENT} requests of this connection wait: await their replies first"
-        if self._bytes + len(inbound.data) > MOST_BYTES:
-            return "the daemon has more requests than it can hold: send again"
-        return None
+    def _has_room(self, inbound: InboundMessage) -> bool:
+        count, waiting_bytes = (
+            counter[inbound.connection] for counter in (self._of_client, self._bytes_of_client)
+        )
+        fits = waiting_bytes + len(inbound.data) <= MOST_BYTES_OF_A_CLIENT
+        return not count or (count < MOST_OF_A_CLIENT and fits)
+
+    def _forget(self, inbound: InboundMessage) -> None:
+        self._of_client[inbound.connection] -= 1
+        self._bytes_of_client[inbound.connection] -= len(inbound.data)
+        if not self._of_client[inbound.connection]:
+            del self._of_client[inbound.connection], self._bytes_of_client[inbound.connection]
 
 
 def _read(inbound: InboundMessage) -> Request | Unreadable:

@@ -9,10 +9,8 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections import Counter
-from typing import Any
 
 import msgspec
-import zmq
 
 from etd.files.paths import check_name, prepare_runtime
 from etd.gateway.config import GatewayConfig, Operators
@@ -51,7 +49,7 @@ _encoder = msgspec.json.Encoder()
 class Gateway:
     """Bound when made; call `step` until `close`. One thread.
 
-    Raises, when made: AlreadyRunning, FileError (configuration), HardwareMissing (libzmq).
+    Raises, when made: AlreadyRunning, FileError (configuration).
     """
 
     def __init__(
@@ -74,7 +72,7 @@ class Gateway:
         except BaseException:
             self._lock.close()
             raise
-        self._requests = RequestQueue(self._sockets.control)
+        self._requests = RequestQueue(self._sockets)
         self.counters: Counter[str] = Counter()
         self._engine = EngineLink(config.runtime_folder, self.counters)
         self._leases = LeaseView()
@@ -110,14 +108,14 @@ class Gateway:
 
     def step(self, timeout_ms: int = 50) -> None:
         """Wait at most `timeout_ms` for a message, then handle what arrived."""
-        self._wait(timeout_ms if self._requests.is_empty else 0)
+        self._wait(timeout_ms if self._requests.is_idle else 0)
         self._stay_in_touch()
         self._answer_requests()
         self._hear_engine()
         self._pass_on_frames()
         now_ns = self._clock.now_ns()
         self._give_up_on(self._pending.take_late(now_ns), "the engine did not answer within 15 s")
-        self.counters.update(self._sockets.disconnects())
+        self.counters.update(self._sockets.take_counts())
         self._recorder.look(now_ns)
         for answer in self._records.written(now_ns):
             self._settle(answer)
@@ -141,16 +139,7 @@ class Gateway:
     def _wait(self, timeout_ms: int) -> None:
         due_ns = self._alive_due_ns if self._engine.is_connected else self._connect_due_ns
         left_ms = max(0, -((self._clock.now_ns() - due_ns) // 1_000_000))
-        watched: list[tuple[Any, int]] = [
-            (socket, zmq.POLLIN)
-            for socket in (
-                self._sockets.control,
-                self._sockets.frames,
-                self._sockets.telemetry,
-                *self._engine.filenos(),
-            )
-        ]
-        zmq.zmq_poll(watched, min(timeout_ms, left_ms))
+        self._sockets.wait(self._engine.filenos(), min(timeout_ms, left_ms))
 
     def _stay_in_touch(self) -> None:
         """The engine must hear from its gateway, however much there is to read."""
@@ -287,11 +276,6 @@ class Gateway:
     def _send(self, inbound: InboundMessage, reply: Success | Failure) -> None:
         """A client that has left, or that does not read, is counted."""
         self._recorder.replied(inbound, reply, self._clock.now_ns())
-        try:
-            self._sockets.control.send_multipart(
-                [*inbound.route, _encoder.encode(reply)], zmq.NOBLOCK
-            )
-        except zmq.ZMQError as error:
-            if error.errno not in (zmq.EAGAIN, zmq.EHOSTUNREACH):
-                raise
+        parts = (*inbound.route, _encoder.encode(reply))
+        if not self._sockets.control.reply(inbound.connection, parts):
             self.counters["replies_not_delivered"] += 1

@@ -14,29 +14,29 @@ from collections.abc import Callable
 from etd.gateway.frames import FrameHandler
 from etd.gateway.inbound import inbound_of, read_frame, without_frames
 from etd.gateway.lease import StandingLease
-from etd.gateway.sockets import Socket, arrived
+from etd.gateway.listener import Listener
 from etd.protocol.errors import Refused
 from etd.protocol.messages import FrameRequest
 
-#: At most this many are read in one turn; ZeroMQ and the kernel keep the rest, bounded.
+#: At most this many are read in one turn; the kernel keeps the rest, bounded.
 FRAMES_A_TURN = 64
 
 Refusals = list[tuple[int | None, Refused]]
 
 
 class Streams:
-    """One PULL socket."""
+    """One socket that nothing is answered on."""
 
     def __init__(
         self,
-        socket: Socket,
+        listener: Listener,
         handler: FrameHandler,
         counters: Counter[str],
         passed_on: Callable[[FrameRequest, int | None], None] = lambda *_: None,
     ) -> None:
         """`passed_on`: called with each frame that was passed on, and its sender's user id."""
         self._passed_on = passed_on
-        self._socket = socket
+        self._listener = listener
         self._handler = handler
         self._counters = counters
 
@@ -44,8 +44,8 @@ class Streams:
         """Pass the newest on; returns those that were refused, with their seq if it was read."""
         refusals: Refusals = []
         newest: tuple[FrameRequest, StandingLease] | None = None
-        for parts in arrived(self._socket, FRAMES_A_TURN):
-            inbound, seq = inbound_of(parts), None
+        for connection, parts in self._listener.take(FRAMES_A_TURN):
+            inbound, seq = inbound_of(connection, parts), None
             try:
                 frame = read_frame(inbound)
                 seq = frame.seq

@@ -10,9 +10,10 @@ from collections import Counter
 
 import msgspec
 
+from etd.gateway.connection import Connection
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.recorder import Recorder
-from etd.gateway.sockets import Socket, arrived
+from etd.gateway.subscribers import Subscribers
 from etd.protocol.errors import Refused
 from etd.protocol.link import Report
 from etd.protocol.messages import RefusedReport, StateReport, Topic
@@ -21,20 +22,22 @@ from etd.protocol.messages import RefusedReport, StateReport, Topic
 STATE_NS = 1_000_000_000
 #: An engine reports its state each second. One that hangs does not, and is told as silent.
 SILENT_NS = 3 * STATE_NS
-#: Of new subscriptions, at most this many are read in one turn.
-_SUBSCRIPTIONS_A_TURN = 64
 
 _encoder = msgspec.json.Encoder()
 
 
 class Publisher:
-    """Never blocks: ZeroMQ drops messages for a subscriber that does not read, and for no other."""
+    """Never blocks."""
 
     def __init__(
-        self, socket: Socket, engine: EngineLink, counters: Counter[str], recorder: Recorder
+        self,
+        subscribers: Subscribers,
+        engine: EngineLink,
+        counters: Counter[str],
+        recorder: Recorder,
     ) -> None:
         self._recorder = recorder
-        self._socket = socket
+        self._subscribers = subscribers
         self._engine = engine
         self._counters = counters
         self._state_due_ns = 0
@@ -71,9 +74,12 @@ class Publisher:
         self._publish("state", self.state(now_ns))
 
     def repeat_state(self, now_ns: int) -> None:
-        """Once a second, and at once for a new subscriber."""
-        if self._newcomers() or now_ns >= self._state_due_ns:
+        """To all once a second, and at once to a new subscriber."""
+        newcomers = self._subscribers.take_newcomers()
+        if now_ns >= self._state_due_ns:
             self.publish_state(now_ns)
+        elif newcomers:
+            self._publish("state", self.state(now_ns), newcomers)
 
     def pass_on(self, report: Report, now_ns: int) -> None:
         """Publish the engine's report unchanged, except for the counts."""
@@ -113,9 +119,7 @@ class Publisher:
     def _refused(self) -> int:
         return self._refused_here + self._refused_by_engine
 
-    def _newcomers(self) -> bool:
-        news = [parts[0].bytes for parts in arrived(self._socket, _SUBSCRIPTIONS_A_TURN)]
-        return any(said.startswith(b"\x01") for said in news)
-
-    def _publish(self, topic: Topic, body: msgspec.Struct) -> None:
-        self._socket.send_multipart([topic.encode(), _encoder.encode(body)])
+    def _publish(
+        self, topic: Topic, body: msgspec.Struct, only: set[Connection] | None = None
+    ) -> None:
+        self._subscribers.publish(topic.encode(), _encoder.encode(body), only)

@@ -1,0 +1,236 @@
+"""Connections to the gateway: who is let in, who gives way, and what ends one.
+
+Owns: the bounds on connections, their handshake and what they leave unread, and their counts.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import pytest
+import zmq
+
+from etd.gateway.listener import MOST_CONNECTIONS
+from etd.protocol.link import StopNow
+from etd.protocol.messages import TOPICS
+from gateway_rig import GatewayRig
+from raw_client import connected, hello, part, poured
+
+GOOD = hello("DEALER")
+
+
+@pytest.fixture
+def rig() -> Iterator[GatewayRig]:
+    with GatewayRig() as rig:
+        yield rig
+
+
+def client(rig: GatewayRig, stack: ExitStack, first: bytes, name: str = "control") -> socket.socket:
+    made = stack.enter_context(connected(rig.folder / f"{name}.sock"))
+    poured(made, first)
+    return made
+
+
+def is_ended(rig: GatewayRig, held: socket.socket) -> bool:
+    """The gateway closed it; what it had sent is read first."""
+    rig.step()
+    try:
+        while held.recv(65_536):
+            pass
+    except BlockingIOError:
+        return False
+    except ConnectionResetError:
+        return True
+    return True
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        b"GET / HTTP/1.1\r\n\r\n",
+        b"\xff" + bytes(8) + b"\x7f\x01" + bytes(53),
+        GOOD[:12] + b"CURVE".ljust(20, b"\0") + GOOD[32:],
+        hello("SUB"),
+        GOOD[:64] + part(b'{"op":"hello"}'),
+        GOOD + b"\x08\x00",
+        GOOD + b"\x04\x04\x03FOO",
+        GOOD + b"\x02" + (1 << 60).to_bytes(8, "big"),
+        GOOD + part(b"", more=True) * 20,
+        GOOD + part(b"x" * 40_000, more=True) * 2,
+    ],
+    ids=[
+        "http",
+        "an old version",
+        "another mechanism",
+        "another type of socket",
+        "no READY",
+        "a flag that is none",
+        "a command that is none",
+        "a length without an end",
+        "many parts",
+        "long parts",
+    ],
+)
+def test_a_client_that_breaks_the_protocol_is_closed_and_counted(
+    rig: GatewayRig, first: bytes
+) -> None:
+    with ExitStack() as stack:
+        made = client(rig, stack, first)
+        rig.until(lambda: is_ended(rig, made))
+    rig.until(lambda: rig.counter("control_broken_off") == 1)
+    assert rig.call(op="hello")["ok"]
+
+
+def test_a_handshake_byte_by_byte_is_understood(rig: GatewayRig) -> None:
+    said = GOOD + part(b"", more=True) + part(b'{"op":"hello","id":7}')
+    with ExitStack() as stack:
+        made = client(rig, stack, b"")
+        for place in range(len(said)):
+            poured(made, said[place : place + 1])
+            rig.step()
+        reply = made.recv(65_536)
+    assert b'"id":7' in reply
+
+
+def test_a_ping_is_answered_with_what_it_says(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        made = client(rig, stack, GOOD + b"\x04\x09\x04PING\x00\x0aab")
+        rig.step(2)
+        assert made.recv(65_536).endswith(b"\x04\x07\x04PONGab")
+
+
+def test_a_stop_of_a_client_that_is_gone_when_it_is_read_stops(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        client(rig, stack, GOOD + part(b'{"op":"status"}') + part(b'{"op":"stop"}'))
+    rig.until(lambda: any(isinstance(said, StopNow) for said in rig.engine.heard))
+
+
+def test_the_silent_give_way_to_newcomers_and_clients_do_not(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        silent = []
+        for _ in range(2 * MOST_CONNECTIONS):
+            silent.append(client(rig, stack, b""))
+            rig.step()
+        assert rig.call(op="hello")["ok"], "who was there first is still there"
+        newcomer = stack.enter_context(rig.socket(zmq.DEALER, "control.sock"))
+        newcomer.send(b'{"op":"hello"}')
+        assert rig.reply(newcomer)["ok"]
+        assert is_ended(rig, silent[0])
+        assert not is_ended(rig, silent[-1])
+    assert rig.counter("control_turned_away") >= MOST_CONNECTIONS
+
+
+def test_a_full_socket_has_no_room_for_more_of_the_same_process(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        held = []
+        for _ in range(MOST_CONNECTIONS + 10):
+            held.append(client(rig, stack, GOOD))
+            rig.step()
+        assert rig.counter("control_turned_away") == 11, "the rig's own is one more"
+        assert not is_ended(rig, held[0])
+        assert is_ended(rig, held[-1])
+    rig.until(lambda: rig.counter("control_disconnects") == MOST_CONNECTIONS - 1)
+
+
+def test_replies_that_are_not_read_are_counted_and_the_client_is_still_heard(
+    rig: GatewayRig,
+) -> None:
+    with ExitStack() as stack:
+        made = client(rig, stack, GOOD)
+        status, left = part(b'{"op":"status"}') * 64, b""
+        while not rig.gateway.counters["replies_not_delivered"]:
+            left = left or status
+            left = left[max(0, poured(made, left)) :]
+            rig.step()
+        while left:
+            left = left[max(0, poured(made, left)) :]
+            rig.step()
+        poured(made, part(b'{"op":"stop"}'))
+        rig.until(lambda: any(isinstance(said, StopNow) for said in rig.engine.heard))
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"op": "hello", "y" * 60_000: 1},
+        {"op": "y" * 60_000},
+        {"op": "calibration", "do": "get", "name": "y" * 60_000},
+        {"op": "open", "client": "c", "calibration": "y" * 60_000},
+        {"op": "open", "client": "c", "limits": {"y" * 60_000: 1}},
+        {"op": "frame", "lease": "y" * 60_000, "seq": 1},
+    ],
+    ids=["key", "op", "name", "calibration", "limits", "lease"],
+)
+def test_a_refusal_does_not_give_back_what_was_sent(
+    rig: GatewayRig, request_: dict[str, object]
+) -> None:
+    reply = rig.ask(json.dumps(request_))
+
+    assert not reply["ok"]
+    assert len(json.dumps(reply)) < 1_000
+
+
+def test_a_subscription_to_no_topic_is_ignored_and_many_are_the_end(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        made = client(rig, stack, hello("SUB"), "telemetry")
+        for number in range(32):
+            poured(made, part(b"\x01later%d" % number))
+        poured(made, part(b"\x01sta"))
+        rig.until(lambda: rig.counter("subscriptions_to_nothing") == 32)
+        rig.step()
+        assert b"\x05state" in made.recv(65_536)
+        poured(made, part(b"\x01later"))
+        rig.until(lambda: is_ended(rig, made))
+    rig.until(lambda: rig.counter("telemetry_broken_off") == 1)
+
+
+def test_who_subscribes_to_everything_gets_every_topic_until_it_cancels(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        made = client(rig, stack, hello("SUB") + part(b"\x01"), "telemetry")
+        rig.step(2)
+        assert b"\x05state" in made.recv(65_536)
+        poured(made, part(b"\x00"))
+        rig.step(2)
+        rig.clock.t_ns += 2_000_000_000
+        rig.step(2)
+        with pytest.raises(BlockingIOError):
+            made.recv(65_536)
+    assert "state" in TOPICS
+
+
+def test_reports_that_are_not_read_are_counted_and_others_get_them(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        client(rig, stack, hello("SUB") + part(b"\x01state"), "telemetry")
+        reading = client(rig, stack, hello("SUB") + part(b"\x01state"), "telemetry")
+        while not rig.gateway.counters["reports_not_delivered"]:
+            rig.clock.t_ns += 1_000_000_001
+            rig.step()
+            assert b"\x05state" in reading.recv(65_536), "who reads gets each"
+
+
+def test_pings_whose_answers_are_not_read_are_the_end_before_they_fill_memory(
+    rig: GatewayRig,
+) -> None:
+    with ExitStack() as stack:
+        made = client(rig, stack, GOOD)
+        left = b"\x04\x07\x04PING\x00\x00" * 5_000
+        while left and not rig.gateway.counters["control_broken_off"]:
+            left = left[max(0, poured(made, left)) :]
+            rig.step()
+        rig.step(100)
+        assert rig.gateway.counters["control_broken_off"] == 1
+
+
+def test_a_new_subscription_is_no_report_for_others(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        reading = client(rig, stack, hello("SUB") + part(b"\x01state"), "telemetry")
+        rig.step(2)
+        assert b"\x05state" in reading.recv(65_536)
+        other = client(rig, stack, hello("SUB") + part(b"\x01state"), "telemetry")
+        rig.step(2)
+        assert b"\x05state" in other.recv(65_536)
+        with pytest.raises(BlockingIOError):
+            reading.recv(65_536)
