@@ -20,7 +20,7 @@ from etd.cli.new_file import check_new_file
 from etd.cli.record_source import WHICH, WHOSE, fetch, record_file
 from etd.client import Display
 from etd.files.paths import check_name
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 from etd.replay.compare import Comparison
 from etd_hal.compose import open_replay
 
@@ -143,9 +143,9 @@ def _list(args: argparse.Namespace) -> int:
         print("the daemon has no records: `etd record start NAME` begins one")
     for facts in records:
         running = "  is being written" if facts.is_running else ""
-        print(f"{facts.name:<32}  {facts.bytes / 1e6:8.2f} MB{running}")
+        print(f"{shown(facts.name):<32}  {facts.bytes / 1e6:8.2f} MB{running}")
     if problem is not None:
-        print(f"the last record ended by itself: {escaped(problem)}", file=sys.stderr)
+        print(f"the last record ended by itself: {shown(problem)}", file=sys.stderr)
     return 0
 
 
@@ -178,7 +178,7 @@ def _show(args: argparse.Namespace) -> int:
         return 0
     from etd.record.text import lines_of
 
-    print("\n".join(map(escaped, lines_of(summary))))
+    print("\n".join(map(shown, lines_of(summary))))
     return 0
 
 
@@ -241,7 +241,7 @@ def _replay(args: argparse.Namespace) -> int:
         caveats = caveats_of(path)
         for sentence in () if args.json else caveats:
             # Before it is played, which may take long.
-            print(escaped(sentence), file=sys.stderr, flush=True)
+            print(shown(sentence), file=sys.stderr, flush=True)
         stage = open_replay(loaded.board, electrodes=loaded.array.outputs())
         with contextlib.closing(stage.backend):
             found = replayed(path, loaded, stage, _told_progress(args.json))
@@ -266,7 +266,7 @@ def _say_replay(args: argparse.Namespace, found: Comparison, caveats: tuple[str,
         print(msgspec.json.encode({"ok": True, **said}).decode())
         return
     for sentence in found.refused:
-        print(f"refused in the replay: {escaped(sentence)}")
+        print(f"refused in the replay: {shown(sentence)}")
     for difference in found.differences:
         print(difference)
     if found.lost:
@@ -281,7 +281,7 @@ def _say_replay(args: argparse.Namespace, found: Comparison, caveats: tuple[str,
 
 def _warn(what: str, sentences: Sequence[str]) -> None:
     for sentence in sentences:
-        print(f"{what}: {escaped(sentence)}", file=sys.stderr)
+        print(f"{what}: {shown(sentence)}", file=sys.stderr)
 
 
 def _say(args: argparse.Namespace, sentence: str, **said: object) -> None:

@@ -18,7 +18,7 @@ from etd.cli.record_source import WHICH, record_file
 from etd.cli.run import kept_selftest, loaded_config
 from etd.client import Display
 from etd.files.configuration import LoadedConfig
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 from etd.selftest.report import load
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         args.html.write_text(html(found, more), encoding="utf-8")
         print(f"wrote {args.html}")
         for sentence in (*(() if summary is None else summary.missing), *differs):
-            print(f"as it says: {escaped(sentence)}", file=sys.stderr)
+            print(f"as it says: {shown(sentence)}", file=sys.stderr)
     else:
         print("\n".join(lines(found, more)).lstrip("\n"))
     return 0

@@ -35,8 +35,8 @@ class RecordStore:
         if len(there) >= MOST_RECORDS:
             raise Refused(
                 "record_failed",
-                f"there are {len(there)} records in {self._folder}, and no more are kept: fetch some"
-                " (`etd record get`), then delete them (`etd record delete`)",
+                f"there are {len(there)} records in {self._folder}, and no more are kept: fetch"
+                " some (`etd record get`), then delete them (`etd record delete`)",
             )
         taken_bytes = sum(facts.bytes for facts in there)
         if taken_bytes + MOST_BYTES > MOST_IN_ALL_BYTES:
