@@ -16,7 +16,7 @@ import msgspec
 
 from etd.cli import options
 from etd.cli.extras import check_fake
-from etd.cli.new_file import check_new_file
+from etd.cli.new_file import check_new_file, write_new_file
 from etd.cli.record_source import WHICH, WHOSE, fetch, record_file
 from etd.client import Display
 from etd.files.paths import check_name
@@ -198,9 +198,9 @@ def _csv(args: argparse.Namespace) -> int:
         print("\n".join(lines))
         _warn("missing", reader.missing)
         return 0
-    args.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_new_file(args.out, "\n".join(lines) + "\n")
     said_beside = json.dumps(sidecar(reader.missing), indent=2)
-    beside.write_text(said_beside + "\n", encoding="utf-8")
+    write_new_file(beside, said_beside + "\n")
     said = f"wrote {len(lines) - 1} events to {args.out}, and what its columns say to {beside}"
     files = [str(args.out), str(beside)]
     _say(args, said, events=len(lines) - 1, files=files, missing=reader.missing)
@@ -217,7 +217,7 @@ def _pattern(args: argparse.Namespace) -> int:
     with record_file(args.which, lambda: _display(args)) as path:
         reader = RecordReader(path)
         made = FramesToPattern(reader, str(path), args.of)
-    args.file.write_text(json.dumps(made.pattern, indent=1) + "\n", encoding="utf-8")
+    write_new_file(args.file, json.dumps(made.pattern, indent=1) + "\n")
     frames = len(made.pattern["frames"])
     what = "as in the record" if made.full_ua is None else f"1.0 was {made.full_ua} uA"
     said = f"wrote {frames} frames to {args.file}; levels: {what}"

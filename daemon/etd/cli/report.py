@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from etd.cli import options
-from etd.cli.new_file import check_new_file
+from etd.cli.new_file import check_new_file, write_new_file
 from etd.cli.record_source import WHICH, record_file
 from etd.cli.run import kept_selftest, loaded_config
 from etd.client import Display
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         if summary is not None:
             print(recorded_sentence(summary, found))
     elif args.html is not None:
-        args.html.write_text(html(found, more), encoding="utf-8")
+        write_new_file(args.html, html(found, more))
         print(f"wrote {args.html}")
         for sentence in (*(() if summary is None else summary.missing), *differs):
             print(f"as it says: {shown(sentence)}", file=sys.stderr)
