@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from etd.cli import status, stop
 from etd.files.calibration import load_calibration
 from etd.files.resources import find
-from etd.gateway.inbound import InboundMessage, read_request
+from etd.gateway.inbound import InboundMessage, Unreadable, read_request
 from etd.protocol.calibration import Calibration
 from etd.protocol.messages import Halt, StateReport, Stop
 from etd.protocol.text import MOST_SHOWN, shown
@@ -39,9 +39,10 @@ TEXT = (
 CALIBRATION = load_calibration(find("calibrations", "fake-fingertip"))
 
 
-def check(line: str) -> None:
+def check(line: str, texts: int = 1) -> None:
+    """Of a line that quotes so many texts."""
     assert not [sign for sign in line if unicodedata.category(sign) in ACTING]
-    assert len(line) <= MOST_SHOWN + 100
+    assert len(line) <= texts * (MOST_SHOWN + 100)
 
 
 @given(text=TEXT)
@@ -79,7 +80,7 @@ def test_a_stop_is_lines_of_its_own_only(name: str, address: str, error: str) ->
     lines = "\n".join(stop.lines_of(answers)).split("\n")
     assert len(lines) == 5
     for line in lines:
-        check(line.replace(shown(name), ""))
+        check(line, texts=2)
 
 
 @given(client=TEXT)
@@ -100,3 +101,30 @@ def test_the_texts_of_a_calibration_are_bounded(key: str) -> None:
     msgspec.convert({**data, key: "a" * 200}, Calibration)
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({**data, key: "a" * 201}, Calibration)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b'{"op":"stop","client":"\\ud800"}',
+        b'{"op":"stop"',
+        b'{"client":"a\xff","op":"stop"}',
+        b'{ "id": 7, "op" : "stop", "x": NaN}',
+    ],
+)
+def test_a_stop_is_a_stop_though_its_message_is_no_json(data: bytes) -> None:
+    assert read_request(InboundMessage((b"x",), 0, data)) == Stop()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b'{"op":"note","text":"\\ud800 \\"op\\":\\"stop\\""}',
+        b'{"op":"note","text":{"op":"stop"}}',
+        b'{"op":"stopped"',
+        b'["op","stop"]',
+    ],
+)
+def test_what_only_speaks_of_a_stop_is_none(data: bytes) -> None:
+    with pytest.raises(Unreadable):
+        read_request(InboundMessage((b"x",), 0, data))
