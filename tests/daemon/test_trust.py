@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from etd.calibrate.progress import save_progress
+from etd.cli.new_file import check_new_file, write_new_file
 from etd.files import paths
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import load_calibration
@@ -219,3 +220,16 @@ def test_a_socket_of_the_engine_has_its_mode_from_the_start(root: Path) -> None:
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
             probe.connect(str(path))
     listener.close()
+
+
+def test_a_file_that_came_meanwhile_is_neither_written_nor_followed(
+    root: Path, victim: Path
+) -> None:
+    out = root / "out.txt"
+    check_new_file(out)
+    out.symlink_to(victim)
+    with pytest.raises(FileError, match="it exists"):
+        write_new_file(out, "new")
+    assert victim.read_text(encoding="utf-8") == "precious\n"
+    write_new_file(root / "other.txt", "new")
+    assert (root / "other.txt").read_text(encoding="utf-8") == "new"

@@ -31,7 +31,7 @@ from etd.protocol.errors import (
     PythonTooOld,
     Refused,
 )
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 from etd.version import __version__
 from etd_hal.daemon_python import check_python, is_old
 
@@ -251,8 +251,8 @@ def _tell(error: EtdError | OSError, as_json: bool) -> None:
 def _printed(error: EtdError | OSError) -> str:
     """What is missing stands on lines of its own; no other error breaks a line."""
     if isinstance(error, HardwareMissing):
-        return "\n  - ".join(map(escaped, ("the hardware cannot be used:", *error.problems)))
-    return escaped(_sentence(error))
+        return "\n  - ".join(map(shown, ("the hardware cannot be used:", *error.problems)))
+    return shown(_sentence(error))
 
 
 def _sentence(error: EtdError | OSError) -> str:

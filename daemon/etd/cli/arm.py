@@ -10,7 +10,7 @@ import json
 
 from etd.cli import options
 from etd.client import Display
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 
 HELP = "check the board, and enable the supply for the application that holds the lease"
 EPILOG = """
@@ -33,5 +33,5 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"ok": True, "holder": holder}))
     else:
-        print(f"armed; {escaped(holder or 'no client')} drives")
+        print(f"armed; {shown(holder or 'no client')} drives")
     return 0

@@ -24,7 +24,7 @@ from etd.files.paths import check_name
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import FileError
 from etd.protocol.frame import Returns, Ring
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 
 HELP = "list, show, export, import and delete the daemon's calibrations"
 EPILOG = """
@@ -101,7 +101,8 @@ def _list(args: argparse.Namespace) -> int:
         wide = max(map(len, found))
         print(
             "\n".join(
-                f"{name:<{wide}}  {_sentence(calibration)}" for name, calibration in found.items()
+                shown(f"{name:<{wide}}  {_sentence(calibration)}")
+                for name, calibration in found.items()
             )
         )
     return 0
@@ -115,14 +116,14 @@ def _show(args: argparse.Namespace) -> int:
         _print_json({"ok": True, "name": args.which, "calibration": calibration})
         return 0
     for key, value in _conditions(calibration).items():
-        print(f"{key:<16} {'not given' if value is None else escaped(str(value))}")
+        print(f"{key:<16} {'not given' if value is None else shown(str(value))}")
     if calibration.array == array.name and len(calibration.electrode) == array.electrodes:
         signs = _signs([limits.threshold_ua for limits in calibration.electrode])
         print("thresholds, low to high from 0 to 9:")
         print("\n".join(Picture(array.x_mm, array.y_mm).rows(signs)))
     print("\n".join(_table(calibration)))
     if (warning := said_of_false_alarms(calibration)) is not None:
-        print(warning)
+        print(shown(warning))
     return 0
 
 
@@ -234,7 +235,7 @@ def _done(args: argparse.Namespace, sentence: str, name: str | None = None) -> N
     if args.json:
         _print_json({"ok": True, "name": name or args.which})
     else:
-        print(sentence)
+        print(shown(sentence))
 
 
 def _print_json(answer: object) -> None:

@@ -10,7 +10,7 @@ import json
 
 from etd.cli import options
 from etd.client import Display
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 
 HELP = "leave HALTED for SAFE, after the cause has been checked"
 EPILOG = """
@@ -31,5 +31,5 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"ok": True, "was_halted_by": cause}))
     else:
-        print(f"cleared: it was halted by {escaped(cause)}; the state is SAFE")
+        print(f"cleared: it was halted by {shown(cause)}; the state is SAFE")
     return 0

@@ -14,6 +14,7 @@ from etd.apps.panel import CONTACT_SIGNS, Panel
 from etd.apps.picture import Picture
 from etd.cli.terminal import check_rich, is_terminal
 from etd.client import clock
+from etd.protocol.text import shown
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -54,7 +55,7 @@ class Plain:
         now_ns = clock.now_ns()
         if now_ns >= self._due_ns:
             self._due_ns += _LINE_NS
-            print(self._monitor.line(rate_hz), flush=True)
+            print(shown(self._monitor.line(rate_hz)), flush=True)
 
 
 class Drawn:
@@ -91,8 +92,10 @@ class Drawn:
         from rich.text import Text
 
         console = self._live.console
-        state = Text(self._monitor.line(rate_hz), style=_ALARM if self._is_alarming() else "bold")
-        head = [Text(self._title, overflow="ellipsis", no_wrap=True), state]
+        state = Text(
+            shown(self._monitor.line(rate_hz)), style=_ALARM if self._is_alarming() else "bold"
+        )
+        head = [Text(shown(self._title), overflow="ellipsis", no_wrap=True), state]
         age_ns = now_ns - self._heard_ns
         if age_ns >= _OLD_NS:
             head.append(Text(f"no report for {age_ns / 1e9:.0f} s: this is old", style=_ALARM))
@@ -103,11 +106,11 @@ class Drawn:
         foot = [legend] if room - legend_rows > self._rows else []
         if foot:
             room -= legend_rows
-        shown, hidden = self._that_fit(console.width, room)
+        fitting, hidden = self._that_fit(console.width, room)
         if foot and hidden:
             what = f"no room for {', '.join(hidden)}: enlarge the terminal"
             foot.append(Text(what, style="grey50", overflow="ellipsis", no_wrap=True))
-        panels = Columns([self._panel(panel) for panel in shown], padding=(0, _GAP))
+        panels = Columns([self._panel(panel) for panel in fitting], padding=(0, _GAP))
         return Group(*head, panels, *foot)
 
     def _is_alarming(self) -> bool:
@@ -140,7 +143,7 @@ class Drawn:
 def picture_of(monitor: Monitor, title: str) -> Iterator[Plain | Drawn]:
     """Call `draw` as often as you like. Raises: HardwareMissing without rich on a terminal."""
     if not is_terminal():
-        print(title, flush=True)
+        print(shown(title), flush=True)
         yield Plain(monitor)
         return
     check_rich()

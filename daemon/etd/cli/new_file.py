@@ -1,7 +1,7 @@
 """Checks before the work begins that the result file can be written at the end.
 
-Owns: the check that no file is overwritten, and that the folder is writable. Must not know: what
-is written.
+Owns: the check that no file is overwritten, that the folder is writable, and writing one that has
+not come meanwhile. Must not know: what is written.
 """
 
 from __future__ import annotations
@@ -31,3 +31,14 @@ def check_new_file(path: Path | None) -> None:
     except OSError as error:
         why = f"the folder is not writable ({error.strerror})"
         raise FileError(str(path.parent), "", why, "choose another folder") from error
+
+
+def write_new_file(path: Path, text: str) -> None:
+    """A file or a link that is there by now is not written to. Raises: FileError, OSError."""
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError as error:
+        raise FileError(
+            str(path), "", "it exists, and is not overwritten", "choose another name"
+        ) from error

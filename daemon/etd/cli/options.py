@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from etd.files.paths import DEFAULT_NAME
 from etd.protocol.errors import FileError
+from etd.protocol.text import shown
 from etd_hal.compose import MODELLED_MACHINES
 
 #: A frame on the fake is shown for at most 100 s after its client has died.
@@ -59,7 +60,7 @@ def answer_no(args: argparse.Namespace, code: str, reason: str, **more: object) 
     if args.json:
         print(json.dumps({"ok": False, "error": code, "reason": reason, **more}))
     else:
-        print(f"etd: {reason}", file=sys.stderr, flush=True)
+        print(f"etd: {shown(reason)}", file=sys.stderr, flush=True)
 
 
 @contextmanager

@@ -29,6 +29,7 @@ from etd.files.pattern import Pattern, load_pattern
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Polarity
+from etd.protocol.text import shown
 
 HELP = "play a pattern file of etd or of eTactileKit"
 EPILOG = """
@@ -154,7 +155,7 @@ class _Teller:
     def __call__(self, sentence: str) -> None:
         self.told.append(sentence)
         if not self._is_quiet:
-            print(sentence, file=sys.stderr)
+            print(shown(sentence), file=sys.stderr)
 
 
 # --- which daemon ------------------------------------------------------------------------------
@@ -249,7 +250,7 @@ def _answer(args: argparse.Namespace, backend: str, played: Played, teller: _Tel
     for clamp in played.clamped:
         print(
             f"clamped: electrode {clamp.electrode} got {clamp.allowed_ua} uA instead of"
-            f" {clamp.wanted_ua} uA ({clamp.reason} of electrode {clamp.limited_by})"
+            f" {clamp.wanted_ua} uA ({shown(clamp.reason)} of electrode {clamp.limited_by})"
         )
     print(_last_line(args, backend, played))
 
@@ -269,7 +270,7 @@ def _last_line(args: argparse.Namespace, backend: str, played: Played) -> str:
         f"{count} {_NOT_FIRED.get(reason, reason)}" for reason, count in played.not_fired.items()
     )
     return (
-        f"{args.file.name}: {played.frames} frames in {played.played_s:.1f} s on {backend},"
+        f"{shown(args.file.name)}: {played.frames} frames in {played.played_s:.1f} s on {backend},"
         f" after {played.soft_start_s:.1f} s of soft start; {played.clamped_frames} frames"
         " clamped"
         f"{slowed}; not fired: {shortfalls or 'nothing'}"

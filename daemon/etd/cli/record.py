@@ -16,11 +16,11 @@ import msgspec
 
 from etd.cli import options
 from etd.cli.extras import check_fake
-from etd.cli.new_file import check_new_file
+from etd.cli.new_file import check_new_file, write_new_file
 from etd.cli.record_source import WHICH, WHOSE, fetch, record_file
 from etd.client import Display
 from etd.files.paths import check_name
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 from etd.replay.compare import Comparison
 from etd_hal.compose import open_replay
 
@@ -143,9 +143,9 @@ def _list(args: argparse.Namespace) -> int:
         print("the daemon has no records: `etd record start NAME` begins one")
     for facts in records:
         running = "  is being written" if facts.is_running else ""
-        print(f"{facts.name:<32}  {facts.bytes / 1e6:8.2f} MB{running}")
+        print(f"{shown(facts.name):<32}  {facts.bytes / 1e6:8.2f} MB{running}")
     if problem is not None:
-        print(f"the last record ended by itself: {escaped(problem)}", file=sys.stderr)
+        print(f"the last record ended by itself: {shown(problem)}", file=sys.stderr)
     return 0
 
 
@@ -178,7 +178,7 @@ def _show(args: argparse.Namespace) -> int:
         return 0
     from etd.record.text import lines_of
 
-    print("\n".join(map(escaped, lines_of(summary))))
+    print("\n".join(map(shown, lines_of(summary))))
     return 0
 
 
@@ -198,9 +198,9 @@ def _csv(args: argparse.Namespace) -> int:
         print("\n".join(lines))
         _warn("missing", reader.missing)
         return 0
-    args.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_new_file(args.out, "\n".join(lines) + "\n")
     said_beside = json.dumps(sidecar(reader.missing), indent=2)
-    beside.write_text(said_beside + "\n", encoding="utf-8")
+    write_new_file(beside, said_beside + "\n")
     said = f"wrote {len(lines) - 1} events to {args.out}, and what its columns say to {beside}"
     files = [str(args.out), str(beside)]
     _say(args, said, events=len(lines) - 1, files=files, missing=reader.missing)
@@ -217,7 +217,7 @@ def _pattern(args: argparse.Namespace) -> int:
     with record_file(args.which, lambda: _display(args)) as path:
         reader = RecordReader(path)
         made = FramesToPattern(reader, str(path), args.of)
-    args.file.write_text(json.dumps(made.pattern, indent=1) + "\n", encoding="utf-8")
+    write_new_file(args.file, json.dumps(made.pattern, indent=1) + "\n")
     frames = len(made.pattern["frames"])
     what = "as in the record" if made.full_ua is None else f"1.0 was {made.full_ua} uA"
     said = f"wrote {frames} frames to {args.file}; levels: {what}"
@@ -241,7 +241,7 @@ def _replay(args: argparse.Namespace) -> int:
         caveats = caveats_of(path)
         for sentence in () if args.json else caveats:
             # Before it is played, which may take long.
-            print(escaped(sentence), file=sys.stderr, flush=True)
+            print(shown(sentence), file=sys.stderr, flush=True)
         stage = open_replay(loaded.board, electrodes=loaded.array.outputs())
         with contextlib.closing(stage.backend):
             found = replayed(path, loaded, stage, _told_progress(args.json))
@@ -266,7 +266,7 @@ def _say_replay(args: argparse.Namespace, found: Comparison, caveats: tuple[str,
         print(msgspec.json.encode({"ok": True, **said}).decode())
         return
     for sentence in found.refused:
-        print(f"refused in the replay: {escaped(sentence)}")
+        print(f"refused in the replay: {shown(sentence)}")
     for difference in found.differences:
         print(difference)
     if found.lost:
@@ -281,7 +281,7 @@ def _say_replay(args: argparse.Namespace, found: Comparison, caveats: tuple[str,
 
 def _warn(what: str, sentences: Sequence[str]) -> None:
     for sentence in sentences:
-        print(f"{what}: {escaped(sentence)}", file=sys.stderr)
+        print(f"{what}: {shown(sentence)}", file=sys.stderr)
 
 
 def _say(args: argparse.Namespace, sentence: str, **said: object) -> None:

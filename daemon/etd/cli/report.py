@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from etd.cli import options
-from etd.cli.new_file import check_new_file
+from etd.cli.new_file import check_new_file, write_new_file
 from etd.cli.record_source import WHICH, record_file
 from etd.cli.run import kept_selftest, loaded_config
 from etd.client import Display
 from etd.files.configuration import LoadedConfig
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 from etd.selftest.report import load
 
 if TYPE_CHECKING:
@@ -75,10 +75,10 @@ def run(args: argparse.Namespace) -> int:
         if summary is not None:
             print(recorded_sentence(summary, found))
     elif args.html is not None:
-        args.html.write_text(html(found, more), encoding="utf-8")
+        write_new_file(args.html, html(found, more))
         print(f"wrote {args.html}")
         for sentence in (*(() if summary is None else summary.missing), *differs):
-            print(f"as it says: {escaped(sentence)}", file=sys.stderr)
+            print(f"as it says: {shown(sentence)}", file=sys.stderr)
     else:
         print("\n".join(lines(found, more)).lstrip("\n"))
     return 0

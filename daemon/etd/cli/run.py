@@ -33,6 +33,7 @@ from etd.files.paths import (
 )
 from etd.files.resources import config_dir
 from etd.protocol.errors import AlreadyRunning, FileError, PartEnded
+from etd.protocol.text import shown
 from etd.selftest.subject import subject_of
 from etd_hal.backend import Backend
 from etd_hal.compose import open_fake, open_linux, system_clock
@@ -161,7 +162,7 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
     if why_unreachable(folder / CONTROL) is None:
         raise AlreadyRunning(args.name, f"a daemon answers at {folder / CONTROL}")
     for sentence in loaded.mended:
-        print(f"mended: {sentence}", file=sys.stderr)
+        print(f"mended: {shown(sentence)}", file=sys.stderr)
     both = ProcessPair(_arguments(args, loaded, folder), folder)
     # The handlers of `_endings` also take a second Ctrl-C: it must not interrupt making it safe.
     with _endings() as wakeup:

@@ -13,7 +13,7 @@ from etd.cli import options
 from etd.client import Display
 from etd.protocol.errors import Refused
 from etd.protocol.messages import HelloReply, StateReport
-from etd.protocol.text import escaped
+from etd.protocol.text import shown
 
 HELP = "show the daemon's state, board, missing guards and counters"
 EPILOG = """
@@ -73,7 +73,7 @@ def lines_of(name: str, report: StateReport, facts: HelloReply | None) -> list[s
     if report.counters:
         counts = ", ".join(f"{key} {count}" for key, count in sorted(report.counters.items()))
         rows.append(("counted", counts))
-    return [f"{label:14} {escaped(text)}" for label, text in rows]
+    return [f"{label:14} {shown(text)}" for label, text in rows]
 
 
 def _state(report: StateReport) -> str:

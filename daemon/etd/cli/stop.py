@@ -136,7 +136,9 @@ def lines_of(answers: list[Stopped]) -> list[str]:
     return [
         _line(
             stopped,
-            stopped.name if names[stopped.name] == 1 else f"{stopped.name} ({stopped.address})",
+            shown(
+                stopped.name if names[stopped.name] == 1 else f"{stopped.name} ({stopped.address})"
+            ),
         )
         for stopped in answers
     ]
@@ -145,9 +147,10 @@ def lines_of(answers: list[Stopped]) -> list[str]:
 def _line(stopped: Stopped, called: str) -> str:
     if stopped.error is None:
         return f"{called}: silent, HALTED until `etd clear`"
+    name = shown(stopped.name)
     return (
         f"{called}: NOT STOPPED: {shown(stopped.error)}\n"
         "  Without a gateway the engine stops within 250 ms; without an engine nothing is fired.\n"
         "  If anything is still felt: press the hardware stop or unplug the supply, then run\n"
-        f"  `systemctl stop etd-engine@{stopped.name}` and `etd safe --name {stopped.name}`."
+        f"  `systemctl stop etd-engine@{name}` and `etd safe --name {name}`."
     )

@@ -46,6 +46,7 @@ _CHOICES_OF_OP = {
 #: Characters, in a reason, of what a client sent.
 _MOST_QUOTED = 200
 _PER_ELECTRODE = re.compile(r"(?:level|current_ua|width_us|polarity|rate_hz|returns)\[(\d+)\]")
+_STOP = re.compile(rb'^\s*{(?:[^{}]*,)?\s*"op"\s*:\s*"stop"\s*(?:[,}]|$)')
 _NO_NUMBER = re.compile(rb"[:\[,]\s*[-+]?(?:nan|inf)", re.IGNORECASE)
 
 
@@ -113,7 +114,7 @@ def read_request(inbound: InboundMessage) -> Request:
     try:
         request: Request = _read(inbound.data, _request_decoder)
     except Unreadable as unreadable:
-        if _op_of(inbound.data) != "stop":
+        if not _asks_to_stop(inbound.data):
             raise
         return Stop(id=unreadable.id)
     return request
@@ -176,6 +177,12 @@ def _why_no_json(data: bytes, error: Exception) -> Refused:
             "bad_message", f"NaN and infinity are not valid in JSON: send finite numbers ({error})"
         )
     return Refused("bad_message", f"the message is not a JSON object in UTF-8: {error}")
+
+
+def _asks_to_stop(data: bytes) -> bool:
+    """Also of what is no JSON as a whole: half of a pair in the client's name, a lost end."""
+    op = _op_of(data)
+    return op == "stop" or (op is None and _STOP.search(data) is not None)
 
 
 def _op_of(data: bytes) -> str | None:

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from etd.protocol.errors import Refused
 from etd.protocol.exponent import FittedExponent
-from etd.protocol.frame import Frame, Name, PlainText, Polarity, Returns
+from etd.protocol.frame import Frame, Name, Polarity, Returns, ShortText
 from etd.pulse.measured import MAX_SKIN_OHM, MIN_SKIN_OHM
 from etd.stabilize.shape import PLAIN, Shape
 from etd_hal.errors import FileError
@@ -59,14 +59,14 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """A person's electrodes under stated conditions (DESIGN section 7)."""
 
     participant: Name
-    body_site: PlainText
-    array: PlainText
+    body_site: ShortText
+    array: ShortText
     polarity: Polarity
     width_us: Annotated[int, Meta(ge=20, le=200)]
     rate_hz: Annotated[float, Meta(ge=0.1, le=200)]
     returns: Returns
     date: datetime.date
-    program: PlainText
+    program: ShortText
     electrode: tuple[ElectrodeLimits, ...]
     #: I = threshold + (comfortable - threshold) x level^(1/gamma)
     gamma: Annotated[float, Meta(ge=0.5, le=3.0)] = 1.0

@@ -33,6 +33,8 @@ TtlMs = Annotated[int, Meta(ge=1, le=1_000)]
 Int64 = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
 Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
 PlainText = Annotated[str, Meta(pattern=PLAIN_PATTERN)]
+#: As an array, a body site or a program is called in a calibration.
+ShortText = Annotated[str, Meta(max_length=200, pattern=PLAIN_PATTERN)]
 #: As a client calls itself.
 ClientName = Annotated[str, Meta(max_length=64, pattern=PLAIN_PATTERN)]
 MOST_OF_A_TAG = 64
