@@ -110,6 +110,8 @@ def test_a_folder_above_that_everybody_may_write_to_is_refused(root: Path) -> No
         paths.prepare_runtime(root / "open" / "run")
     (root / "open").chmod(0o1777)
     paths.prepare_runtime(root / "open" / "run")
+    with pytest.raises(FileError, match="choose a folder of your own in it"):
+        paths.prepare_runtime(root / "open")
 
 
 @needs_root

@@ -93,14 +93,16 @@ def _check_owner(place: Path, found: os.stat_result, is_laid_out: bool) -> None:
 
 def _check_writers(place: Path, found: os.stat_result, is_last: bool) -> None:
     """Below a folder that all may write to, as /tmp, each can remove only what is their own."""
-    is_sticky = bool(found.st_mode & stat.S_ISVTX) and not is_last
+    is_sticky = bool(found.st_mode & stat.S_ISVTX)
     who = ""
     if found.st_mode & 0o002:
         who, how = "everybody", "o-w"
     elif found.st_mode & 0o020 and found.st_gid not in (0, os.getegid()):
         who, how = f"the group {found.st_gid}", "g-w"
-    if who and not is_sticky:
+    if who and (is_last or not is_sticky):
         advice = f"chmod {how} {place}, or choose another one"
+        if is_sticky:
+            advice = "choose a folder of your own in it"
         raise _distrusted(place, f"{who} may write into this folder", advice)
 
 
