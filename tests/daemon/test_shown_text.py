@@ -89,7 +89,7 @@ def test_a_stop_is_a_stop_and_its_client_is_plain(client: str) -> None:
         data = msgspec.json.encode({"op": "stop", "client": client})
     except UnicodeEncodeError:
         data = b'{"op": "stop", "client": "\\ud800"}'
-    request = read_request(InboundMessage((b"x",), 0, data))
+    request = read_request(InboundMessage(1, (), 0, data))
     assert isinstance(request, Stop)
     assert len(request.client) <= 64
     assert not [sign for sign in request.client if unicodedata.category(sign) == "Cc"]
@@ -113,7 +113,7 @@ def test_the_texts_of_a_calibration_are_bounded(key: str) -> None:
     ],
 )
 def test_a_stop_is_a_stop_though_its_message_is_no_json(data: bytes) -> None:
-    assert read_request(InboundMessage((b"x",), 0, data)) == Stop()
+    assert read_request(InboundMessage(1, (), 0, data)) == Stop()
 
 
 @pytest.mark.parametrize(
@@ -127,4 +127,4 @@ def test_a_stop_is_a_stop_though_its_message_is_no_json(data: bytes) -> None:
 )
 def test_what_only_speaks_of_a_stop_is_none(data: bytes) -> None:
     with pytest.raises(Unreadable):
-        read_request(InboundMessage((b"x",), 0, data))
+        read_request(InboundMessage(1, (), 0, data))
