@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import inspect
 
@@ -73,6 +73,7 @@ def test_the_structs_were_found() -> None:
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)
+@settings(max_examples=50)
 @given(before=LETTERS, control=CONTROLS, after=LETTERS)
 def test_no_pattern_takes_a_control_character_at_any_place(
     pattern: str, before: str, control: str, after: str
@@ -81,6 +82,7 @@ def test_no_pattern_takes_a_control_character_at_any_place(
 
 
 @pytest.mark.parametrize("kind", [Name, ClientName, PlainText])
+@settings(max_examples=50)
 @given(before=LETTERS, control=CONTROLS, after=LETTERS)
 def test_no_name_of_the_protocol_takes_one(
     kind: type[str], before: str, control: str, after: str
@@ -89,6 +91,7 @@ def test_no_name_of_the_protocol_takes_one(
         msgspec.convert(f"{before}{control}{after}", kind)
 
 
+@settings(max_examples=50)
 @given(before=LETTERS, control=CONTROLS, after=LETTERS)
 def test_no_name_of_a_daemon_takes_one(before: str, control: str, after: str) -> None:
     with pytest.raises(FileError):

@@ -13,10 +13,7 @@ import pytest
 from command_rig import CommandRig, command_rig
 from etd.files.paths import MOST_OF_A_USER
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(os.geteuid() != 0, reason="only root asks daemons of other users"),
-]
+pytestmark = pytest.mark.slow
 STRANGER = 65_533
 SOCKETS = 400
 
@@ -27,6 +24,7 @@ def rig() -> Iterator[CommandRig]:
         yield made
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root asks daemons of other users")
 def test_four_hundred_sockets_of_a_stranger_keep_root_from_nothing(rig: CommandRig) -> None:
     with ExitStack() as stack:
         # Of that user, and within what the path of a socket may have.
