@@ -54,7 +54,7 @@ def assert_made_safe_by(pid: int, events: list[Event]) -> int:
 def test_both_are_ready_and_each_is_a_user_of_its_own_without_rights(services: None) -> None:
     engine, gateway = scene.main_pid(ENGINE), scene.main_pid(GATEWAY)
     assert scene.user_of(engine) == "etd-engine"
-    assert scene.groups_of(engine) == {"etd", "gpio", "spi", "i2c"}
+    assert scene.groups_of(engine) == {"etd", "etd-spi", "gpio", "spi", "i2c"}
     assert scene.user_of(gateway) == "etd-gateway"
     assert scene.groups_of(gateway) == {"etd", "etd-users"}
     for pid in (engine, gateway):
@@ -75,7 +75,7 @@ def test_both_are_ready_and_each_is_a_user_of_its_own_without_rights(services: N
 
 
 def test_devices_belong_to_groups_and_the_engine_alone_has_them(services: None) -> None:
-    groups = {"/dev/gpiochip0": "gpio", "/dev/spidev0.0": "spi", "/dev/i2c-1": "i2c"}
+    groups = {"/dev/gpiochip0": "gpio", "/dev/spidev0.0": "etd-spi", "/dev/i2c-1": "i2c"}
     for device, group in groups.items():
         assert scene.owner_of(Path(device)) == f"root {group} 660"
         for user, may in (("etd-engine", True), ("etd-gateway", False), (PERSON, False)):
