@@ -38,12 +38,15 @@ class RequestQueue:
         #: By connection.
         self._of_client: Counter[int] = Counter()
         self._bytes_of_client: Counter[int] = Counter()
+        #: How many were read, stops and refused ones included.
+        self.read = 0
 
     def look(self) -> list[tuple[Refused, Id | None, InboundMessage]]:
         """Read what has arrived. Returns what is refused, since too much waits already."""
         refused = []
         self._sockets.look()
         for connection, parts in self._sockets.control.take(MOST_A_LOOK):
+            self.read += 1
             inbound = inbound_of(connection, parts)
             request = _read(inbound)
             if isinstance(request, Stop):

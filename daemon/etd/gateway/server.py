@@ -154,9 +154,10 @@ class Gateway:
             self._engine.stay_alive()
 
     def _answer_requests(self) -> None:
-        """Stops are looked for before each other request. A slow one is the last of its turn, so
-        that engine and subscribers do not wait for several.
+        """Stops are looked for before each other request. A slow one is the last of its turn, and
+        of a flood only so much is read, so that engine and subscribers do not wait for it.
         """
+        most = self._requests.read + REQUESTS_A_TURN
         for _ in range(REQUESTS_A_TURN):
             self._heed_stops()
             waiting = self._requests.take()
@@ -164,7 +165,7 @@ class Gateway:
                 return
             self._answer(*waiting)
             self._stay_in_touch()
-            if isinstance(waiting[0], SLOW):
+            if isinstance(waiting[0], SLOW) or self._requests.read >= most:
                 return
 
     def _heed_stops(self) -> None:
