@@ -170,11 +170,19 @@ class Listener:
         self._readable[fileno] = made
 
     def _make_room(self, newcomer: Connection) -> bool:
-        """The longest silent one gives way, or else one of the user, or of the process, that has
-        the most, if it has more than the newcomer's.
+        """The longest silent one gives way, of the process that has most first; or else one of the
+        user, or of the process, that has the most, if it has more than the newcomer's. For a
+        newcomer of the process that has most only a silent one of its own does: what it tries again
+        and again takes nobody else's place while that one still says hello.
         """
         held = list(self._connections.values())
-        silent = _silent_one(held)
+        of_process = Counter(made.pid for made in held)
+        heaviest = max(of_process.values())
+        if of_process[newcomer.pid] >= heaviest:
+            own = _silent_one([made for made in held if made.pid == newcomer.pid])
+            return own is not None and self._turn_away(own)
+        silent = _silent_one([made for made in held if of_process[made.pid] == heaviest])
+        silent = silent or _silent_one(held)
         if silent is not None:
             return self._turn_away(silent)
         owner: Callable[[Connection], int]

@@ -22,9 +22,9 @@ from etd.protocol.messages import Id, Request, Stop
 
 Waiting: TypeAlias = tuple[Request | Unreadable, InboundMessage]
 
-#: So many are read at once: a stop of one connection is among them whatever 63 others send, since
-#: connections are read in turn.
-MOST_A_LOOK: Final = 64
+#: So many are read before each request that is handled: connections are read in turn, so a stop
+#: is found within a few of them, and a flood leaves room for handling.
+MOST_A_LOOK: Final = 16
 #: Of one connection: so many, and so many bytes once one waits.
 MOST_OF_A_CLIENT: Final = 64
 MOST_BYTES_OF_A_CLIENT: Final = 131_072
