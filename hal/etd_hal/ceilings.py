@@ -1,7 +1,7 @@
-"""What nobody gets more of, whatever a file, a person, a frame, a law or a gateway says.
+"""The hard ceilings: what no file, person, frame, law or gateway can raise.
 
-Owns: the hard ceilings, as constants of the code, each with its source. A test holds their literal
-values. Must not know: files, boards, persons, what is made of a request for more.
+Owns: these constants, each with its source. A test holds their literal values. Must not know:
+files, boards, persons, what is made of a request for more.
 
 The loaders of board files and body-site files refuse what is above them, and the maxima in force
 are the smallest of these, the board's and the site's.

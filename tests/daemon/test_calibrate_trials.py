@@ -163,12 +163,12 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_each_trial_is_in_the_file_before_the_next(tmp_path: Path) -> None:
     path, clock = tmp_path / "trials.tsv", Clock()
     file = trials_file(path, clock)
-    assert file.path is None, "there was no trial, so there is no file"
+    assert file.name is None, "there was no trial, so there is no file"
     assert not path.exists()
     presented = Presentation(3, 850, 848, begun_ns=5_000_000_000, resistance_ohm=52_000)
     clock.now_ns = 5_750_000_000
     file.answered(presented, "strength", "felt")
-    assert file.path == path
+    assert file.name == str(path)
     (row,) = rows(path)
     assert list(row) == list(COLUMNS)
     assert row == {

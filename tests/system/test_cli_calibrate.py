@@ -204,6 +204,24 @@ def test_what_goes_on_with_it_is_the_command_without_restart(rig: CommandRig) ->
     assert "the results are saved: the same command without --restart continues" in said.err
 
 
+def test_a_fit_that_began_anew_goes_on_with_the_command_without_restart(rig: CommandRig) -> None:
+    """With it, what was asked so far would be discarded."""
+    at = AtTerminal(
+        rig,
+        *("calibrate", "fake", "--as", "fake-fingertip-pad-8", "--fit", "--restart"),
+        *("--max-current-ua", "2000", "--board", "fake", "--array", "pad-8", "--seed", str(SEED)),
+    )
+    try:
+        assert at.command.line() == "", "each state stands apart"
+        at.command.line_with("Then any key", "stdout")
+        at.press(b"q")
+        said = at.command.ended()
+    finally:
+        at.close()
+    assert said.status == 1
+    assert "states that are over: 0: the same command without --restart continues" in said.err
+
+
 @pytest.mark.parametrize(
     ("key", "said", "state"), [(b"q", "paused; ", "SAFE"), (b" ", "stopped: ", "HALTED")]
 )

@@ -37,12 +37,12 @@ class Outlet(Protocol):
     """One stream."""
 
     def push(self, sample: Sequence[str | float], stamp_s: float) -> None:
-        """Hand a sample to whoever listens. Never blocks."""
+        """Hand a sample to the stream's listeners. Never blocks."""
         ...
 
 
 class Streams:
-    """See the module. `daemon_clock` is kept up to date by whoever talks to the daemon."""
+    """See the module. The caller, which talks to the daemon, keeps `daemon_clock` up to date."""
 
     def __init__(self, daemon_clock: DaemonClock, events: Outlet, contact: Outlet) -> None:
         self._daemon_clock = daemon_clock

@@ -63,7 +63,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Presentation:
-    """What a question is about: for whoever runs the calibration, and for its record. Times are of
+    """What a question is about: for the screen, and for the table of trials. Times are of
     the stimulator's clock. Of the whole array the electrode with the highest current stands here.
     """
 
@@ -77,8 +77,8 @@ class Presentation:
     reference: int | None = None
     reference_ua: int | None = None
     is_reference_last: bool = False
-    #: Of a catch trial, which is silent: the current that comes to this electrode next. Whoever
-    #: sees currents sees this one, since a zero would tell.
+    #: Of a catch trial, which is silent: the current that comes to this electrode next. It is
+    #: shown in place of the 0, which would tell.
     stands_for_ua: int | None = None
     #: All electrodes at once.
     is_whole: bool = False

@@ -6,7 +6,7 @@ not know: procedures, the fit itself (exponent), terminals, daemons.
 
 The skin becomes damp and dry again, and again, so that a person who adapts meanwhile can be told
 from one whose thresholds follow the resistance. Currents begin at half of the lowest threshold that
-the electrode had so far, since nobody knows which way a person's go, and rise as in any
+the electrode had so far, since the skin may need less or more now, and rise as in any
 calibration: each step was answered before the next, up to the limit of this one.
 """
 
@@ -30,7 +30,7 @@ from etd.protocol.errors import FileError
 from etd.protocol.exponent import FittedExponent
 from etd.pulse.measured import BEND_UA
 
-#: So many electrodes are asked, if nobody names others: with four of them a person without a k got
+#: Of electrodes that are asked without `--electrodes`: with four of them a person without a k got
 #: one four times as often.
 USUAL_ELECTRODES = 6
 #: Above every current.

@@ -21,6 +21,7 @@ from etd.calibrate.trial import Stopped
 from etd.cli import options
 from etd.cli.borrowed import array_of, calibration_of, lend
 from etd.cli.calibrate_conditions import COMMAND_LINE
+from etd.cli.calibrate_result import tell_trials
 from etd.cli.calibrate_session import CalibrateSession
 from etd.cli.extras import check_fake
 from etd.cli.fit_session import FitSession
@@ -213,16 +214,16 @@ def run(args: argparse.Namespace) -> int:
             with contextlib.suppress(OSError):
                 said = calibrating.after(Stopped("stop"))
                 print(f"etd: {said}", file=sys.stderr, flush=True)
-                calibrating.tell_trials()
+                tell_trials(args, calibrating.trials)
             raise
         except Stopped as stopped:
             code = "paused" if stopped.answer == "pause" else "stopped"
             said = calibrating.after(stopped)
             options.answer_no(args, code, said, trials=calibrating.trials)
-            calibrating.tell_trials()
+            tell_trials(args, calibrating.trials)
             return 1
         except EtdError:
-            calibrating.tell_trials()
+            tell_trials(args, calibrating.trials)
             raise
         return calibrating.settle()
 

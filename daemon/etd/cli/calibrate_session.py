@@ -25,8 +25,9 @@ from etd.calibrate.progress import Progress, finished, load_progress, save_progr
 from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.calibrate.trial import Stopped
 from etd.cli import options
-from etd.cli.arming import ARM_WITHIN_S, armed_for, safe_again
+from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_conditions import requested_conditions
+from etd.cli.calibrate_result import same_command, store, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.calibrate_watch import Watch
@@ -34,8 +35,6 @@ from etd.cli.false_alarms import said_of_false_alarms
 from etd.cli.keys import keyboard
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
-from etd.files.atomic_file import write_atomically
-from etd.files.calibration import to_toml
 from etd.files.paths import calibrating_file
 from etd.protocol.calibration import MOST_SEED, Calibration
 from etd.version import __version__
@@ -144,49 +143,35 @@ class CalibrateSession:
                 self._args,
                 "unsettled",
                 f"{len(missing)} electrodes have no result, so nothing is stored:"
-                f" {self._same_command} tries them again, --leave-out"
+                f" {same_command(self._args)} tries them again, --leave-out"
                 f" {','.join(map(str, missing))} omits them",
                 trials=self.trials,
             )
-            self.tell_trials()
+            tell_trials(self._args, self.trials)
             return 1
         gamma = 1.0 if self._baseline is None else self._baseline.gamma
         made = finished(self._progress, _today(), f"etd {__version__}", gamma)
-        safe_again(self._display)
-        self._display.set_calibration(self._which, made)
-        if self._args.out is not None:
-            write_atomically(self._args.out, to_toml(made).encode(), mode=0o640)
-        self._file.unlink(missing_ok=True)
+        store(self._args, self._display, self._which, made, self._file)
         self._answer(made)
         return 0
 
     @property
     def trials(self) -> str | None:
         """The file that they are in, if there were any."""
-        return None if self._trials.path is None else str(self._trials.path)
-
-    def tell_trials(self) -> None:
-        """Where nothing is told on standard output."""
-        if self.trials is not None and not self._args.json:
-            print(f"trials: {self.trials}", file=sys.stderr, flush=True)
+        return self._trials.name
 
     # --- progress ----------------------------------------------------------------------------
 
     def after(self, stopped: Stopped) -> str:
         """What is saved, of this run or an earlier one, and how to continue."""
         if self._progress.found:
-            return f"{stopped}; the results are saved: {self._same_command} continues"
+            return f"{stopped}; the results are saved: {same_command(self._args)} continues"
         if self._progress.lowered_ua:
             return (
                 f"{stopped}; no electrode has a result yet; what was too strong is saved:"
-                f" {self._same_command} continues and stays below it"
+                f" {same_command(self._args)} continues and stays below it"
             )
         return f"{stopped}; no electrode has a result yet: the same command starts again"
-
-    @property
-    def _same_command(self) -> str:
-        """The command that continues from the saved progress."""
-        return "the same command" + (" without --restart" if self._args.restart else "")
 
     def _begun(self, conditions: Conditions) -> Progress:
         """The saved progress. Raises: FileError if its conditions differ."""

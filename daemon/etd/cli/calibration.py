@@ -47,30 +47,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(
         title="what", metavar="list|show|export|import|delete", required=True
     )
-    _action(actions, "list", _list, "list the calibrations and their conditions")
-    show = _action(actions, "show", _show, "show a calibration, electrode by electrode")
-    export = _action(actions, "export", _export, "write a calibration as a TOML file")
-    taking = _action(actions, "import", _import, "store a calibration file in the daemon")
-    delete = _action(actions, "delete", _delete, "delete a calibration from the daemon")
+    options.add_action(actions, "list", _list, "list the calibrations and their conditions")
+    show = options.add_action(actions, "show", _show, "show a calibration, electrode by electrode")
+    export = options.add_action(actions, "export", _export, "write a calibration as a TOML file")
+    taking = options.add_action(
+        actions, "import", _import, "store a calibration file in the daemon"
+    )
+    delete = options.add_action(actions, "delete", _delete, "delete a calibration from the daemon")
     for each in (show, export, delete):
         each.add_argument("which", metavar="NAME", help=WHOSE)
     export.add_argument("file", nargs="?", type=Path, metavar="FILE", help="a new file")
     taking.add_argument("file", type=Path, metavar="FILE", help="a calibration file")
     taking.add_argument("--as", dest="which", metavar="NAME", help="default: the file's own name")
-
-
-def _action(
-    actions: argparse._SubParsersAction[argparse.ArgumentParser],
-    name: str,
-    act: object,
-    what: str,
-) -> argparse.ArgumentParser:
-    said = f"{what[0].upper()}{what[1:]}."
-    parser = actions.add_parser(name, help=what, description=said, allow_abbrev=False)
-    options.add_daemon(parser)
-    options.add_json(parser)
-    parser.set_defaults(act=act)
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:

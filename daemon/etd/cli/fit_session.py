@@ -31,15 +31,14 @@ from etd.calibrate.progress import Progress
 from etd.calibrate.stimulator import Stimulator
 from etd.calibrate.trial import Stopped
 from etd.cli import options
-from etd.cli.arming import armed_for, safe_again
+from etd.cli.arming import armed_for
 from etd.cli.calibrate_conditions import requested_conditions
+from etd.cli.calibrate_result import same_command, store
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.keys import Keyboard, keyboard
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
-from etd.files.atomic_file import write_atomically
-from etd.files.calibration import to_toml
 from etd.files.paths import calibrating_file
 from etd.protocol.calibration import MOST_SEED
 from etd.protocol.exponent import FittedExponent
@@ -136,11 +135,7 @@ class FitSession:
             self._file.unlink(missing_ok=True)
             return 1
         made = msgspec.structs.replace(self._baseline, exponent=found)
-        safe_again(self._display)
-        self._display.set_calibration(self._which, made)
-        if self._args.out is not None:
-            write_atomically(self._args.out, to_toml(made).encode(), mode=0o640)
-        self._file.unlink(missing_ok=True)
+        store(self._args, self._display, self._which, made, self._file)
         self._answer(found)
         return 0
 
@@ -169,17 +164,12 @@ class FitSession:
     @property
     def trials(self) -> str | None:
         """The file that they are in, if there were any."""
-        return None if self._trials.path is None else str(self._trials.path)
-
-    def tell_trials(self) -> None:
-        """Where nothing is told on standard output."""
-        if self.trials is not None and not self._args.json:
-            print(f"trials: {self.trials}", file=sys.stderr, flush=True)
+        return self._trials.name
 
     def after(self, stopped: Stopped) -> str:
         """What is saved, and how to continue."""
         done = self._progress.states
-        return f"{stopped}; states that are over: {done}: the same command continues"
+        return f"{stopped}; states that are over: {done}: {same_command(self._args)} continues"
 
     # --- on the way --------------------------------------------------------------------------
 

@@ -55,6 +55,21 @@ def add_json(parser: argparse.ArgumentParser, what: str = "one JSON object") -> 
     parser.add_argument("--json", action="store_true", help=f"print {what}, also for errors")
 
 
+def add_action(
+    actions: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    act: object,
+    what: str,
+) -> argparse.ArgumentParser:
+    """One of several things that a verb does with a running daemon. `act` is in the arguments."""
+    said = f"{what[0].upper()}{what[1:]}."
+    parser = actions.add_parser(name, help=what, description=said, allow_abbrev=False)
+    add_daemon(parser)
+    add_json(parser)
+    parser.set_defaults(act=act)
+    return parser
+
+
 def answer_no(args: argparse.Namespace, code: str, reason: str, **more: object) -> None:
     """Print it like an error: a sentence, or with `--json` the object, which has `more`."""
     if args.json:

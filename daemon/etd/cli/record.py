@@ -52,15 +52,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(
         title="what", metavar="start|stop|list|show|csv|pattern|replay|get|delete", required=True
     )
-    start = _action(actions, "start", _start, "begin a record")
-    _action(actions, "stop", _stop, "end the record that is being written")
-    _action(actions, "list", _list, "list the daemon's records")
-    show = _action(actions, "show", _show, "sum a record up")
-    csv = _action(actions, "csv", _csv, "write the events as a table that follows BIDS")
-    pattern = _action(actions, "pattern", _pattern, "write the frames as a pattern file")
-    get = _action(actions, "get", _get, "fetch a record from the daemon")
-    replay = _action(actions, "replay", _replay, "play a record on a fake board, and compare")
-    delete = _action(actions, "delete", _delete, "delete a record from the daemon's disk")
+    start = options.add_action(actions, "start", _start, "begin a record")
+    options.add_action(actions, "stop", _stop, "end the record that is being written")
+    options.add_action(actions, "list", _list, "list the daemon's records")
+    show = options.add_action(actions, "show", _show, "sum a record up")
+    csv = options.add_action(actions, "csv", _csv, "write the events as a table that follows BIDS")
+    pattern = options.add_action(actions, "pattern", _pattern, "write the frames as a pattern file")
+    get = options.add_action(actions, "get", _get, "fetch a record from the daemon")
+    replay = options.add_action(
+        actions, "replay", _replay, "play a record on a fake board, and compare"
+    )
+    delete = options.add_action(
+        actions, "delete", _delete, "delete a record from the daemon's disk"
+    )
     for each in (start, get, delete):
         each.add_argument("which", metavar="NAME", help=WHOSE)
     replay.add_argument(
@@ -86,20 +90,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for each in (pattern, get):
         each.add_argument("file", type=Path, metavar="FILE", help="a new file")
-
-
-def _action(
-    actions: argparse._SubParsersAction[argparse.ArgumentParser],
-    name: str,
-    act: object,
-    what: str,
-) -> argparse.ArgumentParser:
-    said = f"{what[0].upper()}{what[1:]}."
-    parser = actions.add_parser(name, help=what, description=said, allow_abbrev=False)
-    options.add_daemon(parser)
-    options.add_json(parser)
-    parser.set_defaults(act=act)
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:

@@ -68,9 +68,9 @@ class TrialsFile:
         self._last: Presentation | None = None
 
     @property
-    def path(self) -> Path | None:
-        """None as long as there was no trial."""
-        return None if self._file is None else self._path
+    def name(self) -> str | None:
+        """Of the file; None as long as there was no trial."""
+        return None if self._file is None else str(self._path)
 
     def answered(self, presented: Presentation, ask: Ask, answer: Answer | None) -> None:
         """Add a trial, or a second question about the same one. Raises: FileError."""

@@ -44,7 +44,7 @@ class Connection:
         self.topics: set[bytes] = set()
         #: And how often it asked for one that there is not.
         self.unknown_topics = 0
-        #: For whoever polls: the events that it is registered for.
+        #: The events that epoll watches it for.
         self.watched = 0
         packed = accepted.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         self.pid, self.uid, _ = _CREDENTIALS.unpack(packed)

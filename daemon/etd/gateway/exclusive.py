@@ -21,7 +21,7 @@ class NameLock:
 
     def __init__(self, folder: Path, name: str) -> None:
         path = folder / "gateway.lock"
-        # The owner's alone: whoever can open a file can lock it, and keep this from starting.
+        # The owner's alone: another user who may open it can lock it, and keep this from starting.
         self._fd: int | None = open_own(path, os.O_RDWR | os.O_CREAT, 0o600)
         try:
             os.fchmod(self._fd, 0o600)

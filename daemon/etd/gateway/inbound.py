@@ -157,7 +157,7 @@ def _why_invalid(data: bytes, error: str) -> Refused:
 
 
 def _cut(quoted: str) -> str:
-    """A reply does not give back what a client sent by the kilobyte: nobody might read it."""
+    """A reply does not give back what a client sent by the kilobyte: it may never be read."""
     return quoted if len(quoted) <= _MOST_QUOTED else f"{quoted[:_MOST_QUOTED]} (cut short)"
 
 

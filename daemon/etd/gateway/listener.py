@@ -148,7 +148,7 @@ class Listener:
             except BlockingIOError:
                 return
             except OSError:
-                # No descriptor is left, whoever has them: one of these gives way.
+                # No descriptor is left: one of these gives way.
                 held = list(self._connections.values())
                 if held:
                     self._turn_away(_silent_one(held) or held[-1])
@@ -172,8 +172,8 @@ class Listener:
     def _make_room(self, newcomer: Connection) -> bool:
         """The longest silent one gives way, of the process that has most first; or else one of the
         user, or of the process, that has the most, if it has more than the newcomer's. For a
-        newcomer of the process that has most only a silent one of its own does: what it tries again
-        and again takes nobody else's place while that one still says hello.
+        newcomer of the process that has most only a silent one of its own does: else a process that
+        connects again and again would end others during their handshake.
         """
         held = list(self._connections.values())
         of_process = Counter(made.pid for made in held)

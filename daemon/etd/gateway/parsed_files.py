@@ -3,7 +3,7 @@
 Owns: when a file is the same as before, and how many are kept. Must not know: names, folders, what
 a calibration allows.
 
-A large one takes tens of milliseconds to parse, in which the gateway answers nobody.
+A large one takes tens of milliseconds to parse, in which the gateway answers no client.
 """
 
 from __future__ import annotations

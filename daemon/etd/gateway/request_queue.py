@@ -1,7 +1,7 @@
 """The requests that arrived and are not handled yet: a stop never waits behind another.
 
-Owns: reading the control socket, the stops among what it read, and how much may wait of a client
-and of all. Must not know: what a request does, replies.
+Owns: reading the control socket, the stops among what it read, and how much of a client may wait.
+Must not know: what a request does, replies.
 
 A request may take the gateway long (a calibration that is read from a disk), and more of them may
 wait than it handles in a turn. So what has arrived is read before each request is handled, and

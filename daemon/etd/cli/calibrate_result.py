@@ -1,0 +1,39 @@
+"""What a calibration's command does with its result, and says of what it has kept.
+
+Owns: storing it in the daemon and in a file, naming the table of trials, and the command that
+continues. Must not know: what is asked, keys, what the result says.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from etd.cli.arming import safe_again
+from etd.client import Display
+from etd.files.atomic_file import write_atomically
+from etd.files.calibration import to_toml
+from etd.protocol.calibration import Calibration
+
+
+def store(
+    args: argparse.Namespace, display: Display, which: str, made: Calibration, progress: Path
+) -> None:
+    """As `which` in the daemon, and in `--out`; the saved progress is over. Raises: Refused."""
+    safe_again(display)
+    display.set_calibration(which, made)
+    if args.out is not None:
+        write_atomically(args.out, to_toml(made).encode(), mode=0o640)
+    progress.unlink(missing_ok=True)
+
+
+def same_command(args: argparse.Namespace) -> str:
+    """The command that continues from the saved progress."""
+    return "the same command" + (" without --restart" if args.restart else "")
+
+
+def tell_trials(args: argparse.Namespace, trials: str | None) -> None:
+    """On standard error, where nothing is told on standard output."""
+    if trials is not None and not args.json:
+        print(f"trials: {trials}", file=sys.stderr, flush=True)
