@@ -8,16 +8,19 @@ from __future__ import annotations
 import json
 import socket
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
+from pathlib import Path
 
 import pytest
 import zmq
 
 from etd.gateway.listener import MOST_CONNECTIONS
+from etd.gateway.request_queue import RequestQueue
+from etd.gateway.sockets import Sockets
 from etd.protocol.link import StopNow
 from etd.protocol.messages import TOPICS
 from gateway_rig import GatewayRig
-from raw_client import connected, hello, part, poured
+from raw_client import connected, connected_by_another, hello, part, poured
 
 GOOD = hello("DEALER")
 
@@ -133,6 +136,58 @@ def test_a_full_socket_has_no_room_for_more_of_the_same_process(rig: GatewayRig)
         assert not is_ended(rig, held[0])
         assert is_ended(rig, held[-1])
     rig.until(lambda: rig.counter("control_disconnects") == MOST_CONNECTIONS - 1)
+
+
+def test_who_has_most_connections_ends_nobody_elses_handshake(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        for _ in range(MOST_CONNECTIONS):
+            client(rig, stack, GOOD)
+            rig.step()
+        # A newcomer of another process, that has not said anything yet.
+        newcomer = stack.enter_context(connected_by_another(rig.folder / "control.sock"))
+        rig.step()
+        for _ in range(5):
+            client(rig, stack, GOOD)
+            rig.step()
+        assert not is_ended(rig, newcomer)
+        poured(newcomer, GOOD + part(b'{"op":"hello","id":7}'))
+        rig.step(2)
+        assert b'"id":7' in newcomer.recv(65_536)
+
+
+def asked_by_a_crowd_and_by_another(sockets: Sockets, stack: ExitStack, folder: Path) -> None:
+    """Thirty connections of this process ask first, and then one of another process."""
+    control = folder / "control.sock"
+    for place in range(30):
+        ours = stack.enter_context(connected(control))
+        poured(ours, GOOD + part(b'{"op":"status","id":%d}' % place) * 2)
+        sockets.look()
+    theirs = stack.enter_context(connected_by_another(control))
+    poured(theirs, GOOD + part(b'{"op":"status","id":"theirs"}'))
+    sockets.look()
+
+
+def test_processes_are_read_in_turn_however_many_connections_one_has(tmp_path: Path) -> None:
+    with closing(Sockets(tmp_path)) as sockets, ExitStack() as stack:
+        asked_by_a_crowd_and_by_another(sockets, stack, tmp_path)
+        # Each one's handshake is the first that is taken.
+        read = [parts[-1] for _, parts in sockets.control.take(40)]
+        assert len(read) > 1
+        assert b"theirs" in read[0]
+
+
+def test_requests_of_processes_are_handled_in_turn(tmp_path: Path) -> None:
+    with closing(Sockets(tmp_path)) as sockets, ExitStack() as stack:
+        asked_by_a_crowd_and_by_another(sockets, stack, tmp_path)
+        requests = RequestQueue(sockets)
+        for _ in range(20):
+            assert not requests.look()
+        handled = []
+        while (waiting := requests.take()) is not None:
+            handled.append(waiting[0].id)
+        assert len(handled) == 61
+        assert "theirs" in handled[:2]
+        assert handled.index(0) < handled.index(1) < handled.index(29)
 
 
 def test_replies_that_are_not_read_are_counted_and_the_client_is_still_heard(

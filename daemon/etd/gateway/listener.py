@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from etd.gateway.connection import Connection
+from etd.gateway.turns import Turns
 from etd.gateway.zmtp import Parts, message
 
 #: On each of three sockets: far below a process's usual limit of 1 024 descriptors.
@@ -44,7 +45,7 @@ class Listener:
         self._connections: dict[int, Connection] = {}
         self._by_number: dict[int, Connection] = {}
         #: Those with something to read; who was read comes last.
-        self._readable: dict[int, Connection] = {}
+        self._readable: Turns[Connection] = Turns()
         self._counts: Counter[str] = Counter()
         self._name = path.stem
         self._numbers = itertools.count(1)
@@ -94,18 +95,20 @@ class Listener:
             connection.flush()
             self._watch(fileno, connection)
         if events & ~select.EPOLLOUT:
-            self._readable[fileno] = connection
+            self._readable.add(connection.pid, connection)
 
     def take(self, most: int) -> Iterator[tuple[Connection, Parts]]:
-        """Messages that are there, at most so many, one of each client before the next of any."""
+        """Messages that are there, at most so many: one of each process before the next of any,
+        and of a process one of each connection.
+        """
         for _ in range(most):
-            if not self._readable:
+            connection = self._readable.take()
+            if connection is None:
                 return
-            fileno = next(iter(self._readable))
-            connection = self._readable.pop(fileno)
+            fileno = connection.fileno()
             parts = connection.take()
             if parts is not None:
-                self._readable[fileno] = connection
+                self._readable.add(connection.pid, connection)
             self._watch(fileno, connection)
             if parts:
                 yield connection, parts
@@ -136,7 +139,7 @@ class Listener:
                 self._epoll.modify(fileno, wanted)
         elif self._connections.pop(fileno, None) is not None:
             del self._by_number[connection.number]
-            self._readable.pop(fileno, None)
+            self._readable.discard(connection.pid, connection)
             self._counts[f"{self._name}_disconnects"] += 1
             if connection.is_broken_off:
                 self._counts[f"{self._name}_broken_off"] += 1
@@ -167,7 +170,7 @@ class Listener:
         self._connections[fileno] = self._by_number[made.number] = made
         made.watched = select.EPOLLIN | (select.EPOLLOUT if made.has_unread else 0)
         self._epoll.register(fileno, made.watched)
-        self._readable[fileno] = made
+        self._readable.add(made.pid, made)
 
     def _make_room(self, newcomer: Connection) -> bool:
         """The longest silent one gives way, of the process that has most first; or else one of the

@@ -12,29 +12,44 @@ a request of a client that has not read its last replies waits until it has.
 from __future__ import annotations
 
 from collections import Counter, deque
+from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 from etd.gateway.connection import Connection
 from etd.gateway.inbound import InboundMessage, Unreadable, inbound_of, read_request, without_frames
 from etd.gateway.sockets import Sockets
+from etd.gateway.turns import Turns
 from etd.protocol.errors import Refused
 from etd.protocol.messages import Id, Request, Stop
 
 Waiting: TypeAlias = tuple[Request | Unreadable, InboundMessage]
 
-#: So many are read before each request that is handled: connections are read in turn, so a stop
-#: is found within a few of them, and a flood leaves room for handling.
+#: So many are read before each request that is handled: processes are read in turn, so a stop is
+#: found within a few of them, and a flood leaves room for handling.
 MOST_A_LOOK: Final = 16
 #: Of one connection: so many, and so many bytes once one waits.
 MOST_OF_A_CLIENT: Final = 64
 MOST_BYTES_OF_A_CLIENT: Final = 131_072
 
 
+@dataclass(frozen=True, eq=False)
+class _Other:
+    """No stop: it waits for its turn."""
+
+    waiting: Waiting
+    connection: Connection
+
+    @property
+    def has_room(self) -> bool:
+        """For its reply."""
+        return not self.connection.has_unread
+
+
 class RequestQueue:
     def __init__(self, sockets: Sockets) -> None:
         self._sockets = sockets
         self._stops: deque[Waiting] = deque()
-        self._others: deque[tuple[Waiting, Connection]] = deque()
+        self._others: Turns[_Other] = Turns()
         #: By connection.
         self._of_client: Counter[int] = Counter()
         self._bytes_of_client: Counter[int] = Counter()
@@ -52,7 +67,7 @@ class RequestQueue:
             if isinstance(request, Stop):
                 self._stops.append((request, inbound))
             elif self._has_room(inbound):
-                self._others.append(((request, inbound), connection))
+                self._others.add(connection.pid, _Other((request, inbound), connection))
                 self._of_client[inbound.connection] += 1
                 self._bytes_of_client[inbound.connection] += len(inbound.data)
             else:
@@ -65,19 +80,17 @@ class RequestQueue:
         return self._stops.popleft() if self._stops else None
 
     def take(self) -> Waiting | None:
-        """The oldest that is no stop, and whose reply there is room for."""
-        for place, (waiting, connection) in enumerate(self._others):
-            if not connection.has_unread:
-                # In place, so that each client's are handled in their order.
-                del self._others[place]
-                self._forget(waiting[1])
-                return waiting
-        return None
+        """No stop, and there is room for its reply: the oldest of the process whose turn it is."""
+        other = self._others.take(lambda other: other.has_room)
+        if other is None:
+            return None
+        self._forget(other.waiting[1])
+        return other.waiting
 
     @property
     def is_idle(self) -> bool:
         """Nothing waits but for a client that does not read."""
-        return not self._stops and all(connection.has_unread for _, connection in self._others)
+        return not self._stops and not any(other.has_room for other in self._others)
 
     def _has_room(self, inbound: InboundMessage) -> bool:
         count, waiting_bytes = (
