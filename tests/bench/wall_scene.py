@@ -14,6 +14,9 @@ With `--threads` the verdict is on what the waits for the interpreter's lock are
 whether a wait falls into a message, and so halts, is chance, and a host that often takes the
 processor excuses each.
 
+On a host that takes the processor so often that chance alone excuses a halt, or makes one, nothing
+is shown: neither that the scan is at fault, nor that it is not.
+
 Exit status: 0 as it must be, 1 it is not, 3 the machine does not grant what the scene needs.
 """
 
@@ -52,6 +55,8 @@ _TTL_MS = 1_000
 _LOCK_WAIT_US = 45.0
 #: A halt is stamped when the board has been made safe: its whole chain was written.
 _NOTED_NS = 5_000_000
+#: Of the time: where more of it excuses a halt than this, the verdict would be chance.
+_MOST_EXCUSED = 0.1
 
 
 @dataclass
@@ -81,6 +86,16 @@ class Found:
     def _is_the_hosts(self, halt_ns: int) -> bool:
         return any(begun <= halt_ns <= end + _NOTED_NS for begun, end in self.stalls_ns)
 
+    def excused_share(self) -> float:
+        """Of the scene's time, that in which a halt would be taken for the host's."""
+        excused_ns = 0
+        reached_ns = 0
+        for begun, end in sorted(self.stalls_ns):
+            until_ns = end + _NOTED_NS
+            excused_ns += max(0, until_ns - max(begun, reached_ns))
+            reached_ns = max(reached_ns, until_ns)
+        return excused_ns / (self.seconds * 1e9)
+
     def waits_for_the_lock(self) -> bool:
         return self.figures[wall_scan.LOCK_WAITS]["p99.9"] > _LOCK_WAIT_US
 
@@ -89,6 +104,9 @@ class Found:
         told.append(f"the scan busy for {self.busy_percent:.0f} %")
         stalled_ns = [end - begun for begun, end in self.stalls_ns]
         told.append(f"the machine took the scan's processor: {_longest(stalled_ns)}")
+        told.append(
+            f"a halt would be taken for the host's in {self.excused_share():.0%} of the time"
+        )
         late = f"{_longest(self.late_ns)}, of {self.looks} looks"
         told.append(f"late by more than 100 us at priority {_WITNESS_PRIORITY}: {late}")
         for name, spread in self.figures.items():
@@ -255,6 +273,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for sentence in (*found.not_granted, *found.sentences()):
         print(sentence)
     if any("not granted" in sentence for sentence in found.not_granted):
+        return 3
+    if found.excused_share() > _MOST_EXCUSED:
+        print(
+            f"nothing is shown: a host this busy excuses more than {_MOST_EXCUSED:.0%} of the time"
+        )
         return 3
     if args.threads:
         return 0 if found.waits_for_the_lock() else 1
