@@ -59,6 +59,13 @@ class Connection:
         """Something waits for room in the kernel's buffer."""
         return bool(self._unread)
 
+    def has_sent_more(self) -> bool:
+        """Something of it was not read yet."""
+        try:
+            return bool(self._socket.recv(1, socket.MSG_PEEK))
+        except OSError:
+            return False
+
     def fileno(self) -> int:
         return self._socket.fileno()
 

@@ -64,14 +64,23 @@ class InboundMessage:
 
 
 class Unreadable(Refused):
-    """A message that cannot be decoded. Fields: those of Refused, and id."""
+    """A message that cannot be decoded. Fields: those of Refused, and the id and op that it has as
+    far as these can be.
+    """
 
-    def __init__(self, refusal: Refused, id: Id | None = None) -> None:  # noqa: A002 (the wire's word)
+    def __init__(
+        self,
+        refusal: Refused,
+        id: Id | None = None,  # noqa: A002 (the wire's word)
+        op: str | None = None,
+    ) -> None:
         self.id = id
+        self.op = op
         super().__init__(refusal.code, refusal.reason, refusal.electrode)
 
 
 R = TypeVar("R", bound=Refused)
+D = TypeVar("D")
 
 
 def without_frames(refusal: R) -> R:
@@ -84,17 +93,24 @@ def without_frames(refusal: R) -> R:
     return refusal.with_traceback(None)
 
 
-class _Envelope(msgspec.Struct):
+class _Id(msgspec.Struct):
     id: Id | None = None
 
 
 class _Op(msgspec.Struct):
-    op: str
+    op: str | None = None
+
+
+class _Head(_Op):
+    """What is read of a message that cannot be decoded."""
+
+    id: Id | None = None
 
 
 _request_decoder: msgspec.json.Decoder[Request] = msgspec.json.Decoder(Request)
 _frame_decoder = msgspec.json.Decoder(FrameRequest)
-_envelope_decoder = msgspec.json.Decoder(_Envelope)
+_head_decoder = msgspec.json.Decoder(_Head)
+_id_decoder = msgspec.json.Decoder(_Id)
 _op_decoder = msgspec.json.Decoder(_Op)
 
 
@@ -114,7 +130,7 @@ def read_request(inbound: InboundMessage) -> Request:
     try:
         request: Request = _read(inbound.data, _request_decoder)
     except Unreadable as unreadable:
-        if not _asks_to_stop(inbound.data):
+        if not _asks_to_stop(unreadable.op, inbound.data):
             raise
         return Stop(id=unreadable.id)
     return request
@@ -135,16 +151,18 @@ def _read(data: bytes, decoder: msgspec.json.Decoder[Any]) -> Any:
     try:
         return decoder.decode(data)
     except msgspec.ValidationError as error:
-        raise Unreadable(_why_invalid(data, str(error)), _id_of(data)) from None
+        head = _head_of(data)
+        raise Unreadable(_why_invalid(head.op, str(error)), head.id, head.op) from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise Unreadable(_why_no_json(data, error), _id_of(data)) from None
+        head = _head_of(data)
+        raise Unreadable(_why_no_json(data, error), head.id, head.op) from None
 
 
-def _why_invalid(data: bytes, error: str) -> Refused:
+def _why_invalid(op: str | None, error: str) -> Refused:
     """`error`: of msgspec, like "Expected `float`, got `str` - at `$.level[3]`"."""
-    op = _op_of(data)
     if op is not None and op not in OPS:
-        return Refused("unknown_op", f"there is no op {op!r:.40}; there are {', '.join(OPS)}")
+        # Cut before it is quoted: a long one takes longer to quote than to read.
+        return Refused("unknown_op", f"there is no op {op[:40]!r}; there are {', '.join(OPS)}")
     what, _, path = escaped(error).partition(" - at `$.")
     what, path = _cut(what), _cut(path)
     for pattern, words in PATTERN_IN_WORDS.items():
@@ -179,22 +197,22 @@ def _why_no_json(data: bytes, error: Exception) -> Refused:
     return Refused("bad_message", f"the message is not a JSON object in UTF-8: {error}")
 
 
-def _asks_to_stop(data: bytes) -> bool:
+def _asks_to_stop(op: str | None, data: bytes) -> bool:
     """Also of what is no JSON as a whole: half of a pair in the client's name, a lost end."""
-    op = _op_of(data)
     return op == "stop" or (op is None and _STOP.search(data) is not None)
 
 
-def _op_of(data: bytes) -> str | None:
-    try:
-        return _op_decoder.decode(data).op
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return None
+def _head_of(data: bytes) -> _Head:
+    """Both at once where both can be decoded, since a message may be long; or else each alone."""
+    found = _decoded(_head_decoder, data)
+    if found is not None:
+        return found
+    op, id_of_it = _decoded(_op_decoder, data), _decoded(_id_decoder, data)
+    return _Head(op=op.op if op else None, id=id_of_it.id if id_of_it else None)
 
 
-def _id_of(data: bytes) -> Id | None:
-    """The request's id if it can be decoded, for the reply."""
+def _decoded(decoder: msgspec.json.Decoder[D], data: bytes) -> D | None:
     try:
-        return _envelope_decoder.decode(data).id
+        return decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None

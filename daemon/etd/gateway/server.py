@@ -154,8 +154,9 @@ class Gateway:
             self._engine.stay_alive()
 
     def _answer_requests(self) -> None:
-        """Stops are looked for before each other request. A slow one is the last of its turn, and
-        of a flood only so much is read, so that engine and subscribers do not wait for it.
+        """Stops are looked for before each other request, and the engine's answer to one after it.
+        A slow one is the last of its turn, and of a flood only so much is read, so that frames and
+        subscribers do not wait for it.
         """
         most = self._requests.read + REQUESTS_A_TURN
         for _ in range(REQUESTS_A_TURN):
@@ -165,6 +166,7 @@ class Gateway:
                 return
             self._answer(*waiting)
             self._stay_in_touch()
+            self._hear_engine()
             if isinstance(waiting[0], SLOW) or self._requests.read >= most:
                 return
 
