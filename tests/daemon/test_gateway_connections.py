@@ -155,6 +155,31 @@ def test_who_has_most_connections_ends_nobody_elses_handshake(rig: GatewayRig) -
         assert b'"id":7' in newcomer.recv(65_536)
 
 
+def test_who_has_sent_what_was_not_read_yet_gives_way_to_nobody(rig: GatewayRig) -> None:
+    """A stop that came with the handshake would be lost: no client sends it again."""
+    with ExitStack() as stack:
+        for _ in range(MOST_CONNECTIONS - 2):
+            client(rig, stack, GOOD)
+            rig.step()
+        stopper = stack.enter_context(connected_by_another(rig.folder / "control.sock"))
+        rig.step()
+        poured(stopper, GOOD + part(b'{"op":"stop","client":"t"}'))
+        stack.enter_context(connected_by_another(rig.folder / "control.sock"))
+        rig.step(2)
+        assert any(isinstance(said, StopNow) for said in rig.engine.heard)
+
+
+def test_an_answer_of_the_engine_does_not_wait_for_all_requests(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        made = client(rig, stack, GOOD + part(b'{"op":"stop","client":"t","id":"stop"}'))
+        rig.gateway.step(5)
+        rig.engine.step()
+        poured(made, b"".join(part(b'{"op":"status","id":%d}' % number) for number in range(9)))
+        rig.gateway.step(5)
+        replies = made.recv(262_144)
+    assert replies.index(b'"id":"stop"') < replies.index(b'"id":3')
+
+
 def asked_by_a_crowd_and_by_another(sockets: Sockets, stack: ExitStack, folder: Path) -> None:
     """Thirty connections of this process ask first, and then one of another process."""
     control = folder / "control.sock"

@@ -208,8 +208,9 @@ class Listener:
 
 def _silent_one(held: list[Connection]) -> Connection | None:
     """The oldest that never sent a byte, or else the oldest that never completed its handshake."""
-    unready = [made for made in held if not made.is_ready and not made.has_sent_more()]
-    return next((made for made in unready if not made.has_spoken), next(iter(unready), None))
+    unready = [made for made in held if not made.is_ready]
+    unspoken = (made for made in unready if not made.has_spoken)
+    return next((made for made in (*unspoken, *unready) if not made.has_sent_more()), None)
 
 
 @contextmanager

@@ -26,7 +26,7 @@ Waiting: TypeAlias = tuple[Request | Unreadable, InboundMessage]
 
 #: So many are read before each request that is handled: processes are read in turn, so a stop is
 #: found within a few of them, and a flood leaves room for handling.
-MOST_A_LOOK: Final = 16
+MOST_A_LOOK: Final = 8
 #: Of one connection: so many, and so many bytes once one waits.
 MOST_OF_A_CLIENT: Final = 64
 MOST_BYTES_OF_A_CLIENT: Final = 131_072
