@@ -7,6 +7,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 ROOTS := daemon hal tests hatch_build.py
 
+# A shell that forbids bytecode would have each test process compile all that it imports.
+unexport PYTHONDONTWRITEBYTECODE
+
 # Where `make install` puts things; DESTDIR goes in front of each, for packagers.
 DESTDIR ?=
 PREFIX := /opt/etd

@@ -18,7 +18,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -48,14 +48,15 @@ _LARGE = b"x" * 60_000
 #: So long they have been at it when the first stop is measured.
 _LOADED_S = 2.0
 
-#: Attacks turn by turn.
-Stranger = Callable[[Path], Iterator[None]]
+#: An attack, turn by turn.
+Turns = Generator[None, None, None]
+Stranger = Callable[[Path], Turns]
 
 
 # --- what strangers do ---------------------------------------------------------------------------
 
 
-def connect_only(folder: Path) -> Iterator[None]:
+def connect_only(folder: Path) -> Turns:
     """Two thousand connections to both sockets that never send a byte, again and again."""
     while True:
         with ExitStack() as stack:
@@ -67,7 +68,7 @@ def connect_only(folder: Path) -> Iterator[None]:
                     clock.sleep_s(0.01)
 
 
-def endless_multipart(folder: Path) -> Iterator[None]:
+def endless_multipart(folder: Path) -> Turns:
     """One message that never ends, and once it is cut off the next one."""
     while True:
         for _ in _pour(folder / CONTROL, hello("DEALER"), lambda: part(_LARGE, more=True)):
@@ -75,7 +76,7 @@ def endless_multipart(folder: Path) -> Iterator[None]:
             clock.sleep_s(0.001)
 
 
-def subscribe_without_end(folder: Path) -> Iterator[None]:
+def subscribe_without_end(folder: Path) -> Turns:
     """A topic that is another one each time."""
     numbers = itertools.count()
 
@@ -88,7 +89,7 @@ def subscribe_without_end(folder: Path) -> Iterator[None]:
             clock.sleep_s(0.001)
 
 
-def never_read(folder: Path) -> Iterator[None]:
+def never_read(folder: Path) -> Turns:
     """Requests whose refusals quote what was sent, from a hundred clients that read no reply."""
     asked = part(json.dumps({"op": _LARGE.decode()}).encode())
     while True:
@@ -102,7 +103,7 @@ def never_read(folder: Path) -> Iterator[None]:
                 clock.sleep_s(0.01)
 
 
-def ask_for_slow_things(folder: Path) -> Iterator[None]:
+def ask_for_slow_things(folder: Path) -> Turns:
     """Calibrations, as many at once as fit."""
     asked = b'{"op": "calibration", "do": "get", "name": "fake-fingertip-grid-16x16"}'
     with _connected(folder, zmq.DEALER) as client:
@@ -114,7 +115,7 @@ def ask_for_slow_things(folder: Path) -> Iterator[None]:
             yield
 
 
-def flood(folder: Path) -> Iterator[None]:
+def flood(folder: Path) -> Turns:
     """Requests as they can be sent."""
     with _connected(folder, zmq.DEALER) as client:
         while True:
@@ -145,7 +146,7 @@ def _connected(folder: Path, kind: int, name: str = CONTROL) -> Iterator[zmq.Soc
         yield made
 
 
-def _pour(to: Path, first: bytes, data: Callable[[], bytes]) -> Iterator[None]:
+def _pour(to: Path, first: bytes, data: Callable[[], bytes]) -> Turns:
     """As much as the kernel takes, without reading, until the gateway closes it. By hand: a library
     of ZeroMQ would store without a bound what the gateway does not read, and not be the attacker
     but the attacked.
