@@ -34,6 +34,8 @@ PYTEST := $(BIN)/pytest -q --numprocesses $(WORKERS) --dist worksteal
 MODELS := tests/models
 PAGES := tests/pages
 APART := --ignore $(MODELS) --ignore $(PAGES)
+# Not even imported by `check`: files that say of themselves that they are slow.
+SLOW = $(addprefix --ignore ,$(shell grep -rl --include='test_*.py' '^pytestmark = .*pytest\.mark\.slow' tests))
 
 # What a target took is said however it ends.
 define timed
@@ -41,7 +43,7 @@ define timed
 endef
 
 check: $(VENV)/ready-dev ## Before a commit, in a minute: format, lint, types, contracts, the fast tests
-	$(call timed,$(STATIC) && $(PYTEST) -m 'not slow' $(APART) $(ARGS))
+	$(call timed,$(STATIC) && $(PYTEST) $(SLOW) $(APART) $(ARGS))
 
 test: $(VENV)/ready-dev ## Everything a change must pass: the same, and all tests but whole models and the pages'
 	$(call timed,$(STATIC) && $(PYTEST) $(APART) $(ARGS))

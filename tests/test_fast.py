@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
 from functools import cache
 from pathlib import Path
 
@@ -79,7 +80,12 @@ def recipe(target: str) -> str:
 
 
 def test_whatever_check_leaves_out_the_other_targets_run() -> None:
-    assert "-m 'not slow' $(APART)" in recipe("check")
+    assert "$(PYTEST) $(SLOW) $(APART) $(ARGS)" in recipe("check")
+    said = subprocess.run(
+        ["make", "--dry-run", "check"], cwd=CLONE, capture_output=True, text=True, check=True
+    )
+    ignored = {CLONE / name for name in re.findall(r"--ignore (\S+)", said.stdout)}
+    assert ignored == {MODELS, PAGES, *(path for path in FILES if "slow" in marks(path))}
     assert "$(APART)" in recipe("test")
     assert "slow" not in recipe("test")
     assert "APART := --ignore $(MODELS) --ignore $(PAGES)\n" in MAKEFILE

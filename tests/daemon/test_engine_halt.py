@@ -40,6 +40,8 @@ from etd.protocol.messages import Limits
 from etd_hal.backend import Backend
 from etd_hal.ports import Changes, Edge, Gpio
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 ALL = (1_000,) * N

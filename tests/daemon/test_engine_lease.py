@@ -37,6 +37,8 @@ from etd.protocol.link import (
 )
 from etd.protocol.messages import Limits
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 ALL = (1_000,) * N

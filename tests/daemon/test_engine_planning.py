@@ -25,6 +25,8 @@ from etd.protocol.link import Channel, CloseLease, DisarmBoard, NewFrame, OpenLe
 from etd.protocol.messages import Limits
 from etd_hal.fake.clock import SteppedClock
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 64
 REFERENCE = "reference-hv507"

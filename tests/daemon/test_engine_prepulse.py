@@ -23,6 +23,8 @@ from etd_hal.errors import FileError
 from trace_decoder import Phase, pulses
 from trace_rules import violations
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., EngineRig]
 N = 16
 STEP_UA = 10_000 / 4_095

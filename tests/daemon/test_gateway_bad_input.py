@@ -19,6 +19,8 @@ from etd.protocol.link import Alive, StopNow
 from etd.protocol.messages import MAX_MESSAGE_BYTES
 from gateway_rig import GatewayRig
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def rig() -> Iterator[GatewayRig]:

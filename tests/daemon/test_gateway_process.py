@@ -23,6 +23,8 @@ from etd.gateway.server import Gateway
 from gateway_rig import HandClock
 from scripted_engine import ScriptedEngine
 
+pytestmark = pytest.mark.slow
+
 _SCRIPT = """
 import sys
 from pathlib import Path

@@ -17,6 +17,8 @@ from etd.selftest.report import save
 from etd.selftest.subject import Subject, subject_of
 from selftest_rig import selftest_rig
 
+pytestmark = pytest.mark.slow
+
 BOARD = "reference-hv507"
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etd_body.course import BUSY, STILL, Course, Script
+
+pytestmark = pytest.mark.slow
 
 PLACES = [(2.5 * (i % 4), 2.5 * (i // 4)) for i in range(16)]
 

@@ -13,6 +13,8 @@ from etd_hal.errors import BusError, GuardRefusal
 from etd_hal.ports import Message, Transfer
 from guard_bench import ON, ZERO, approval, assert_refused, connected, send, silent
 
+pytestmark = pytest.mark.slow
+
 Boards = Callable[..., BoardRig]
 
 

@@ -19,6 +19,8 @@ from etd_hal.ports import Message, Transfer
 from etd_hal.timing import Shape, Timing, calibrate, pulse_message, zero_message
 from stepped_board import shipped_board
 
+pytestmark = pytest.mark.slow
+
 Boards = Callable[..., BoardRig]
 
 #: On the fake: chip select falls, three microseconds, 18 clocks, rises, and the gap of 10 us.
