@@ -272,6 +272,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 3
     for sentence in (*found.not_granted, *found.sentences()):
         print(sentence)
+    return verdict(found, args.threads)
+
+
+def verdict(found: Found, with_threads: bool) -> int:
+    """The exit status; why nothing is shown is printed."""
     if any("not granted" in sentence for sentence in found.not_granted):
         return 3
     if found.excused_share() > _MOST_EXCUSED:
@@ -279,7 +284,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"nothing is shown: a host this busy excuses more than {_MOST_EXCUSED:.0%} of the time"
         )
         return 3
-    if args.threads:
+    if with_threads:
         return 0 if found.waits_for_the_lock() else 1
     return 1 if found.unexcused() or found.waits_for_the_lock() else 0
 

@@ -138,7 +138,7 @@ def test_a_full_socket_has_no_room_for_more_of_the_same_process(rig: GatewayRig)
     rig.until(lambda: rig.counter("control_disconnects") == MOST_CONNECTIONS - 1)
 
 
-def test_who_has_most_connections_ends_nobody_elses_handshake(rig: GatewayRig) -> None:
+def test_the_process_with_most_connections_ends_no_handshake_of_another(rig: GatewayRig) -> None:
     with ExitStack() as stack:
         for _ in range(MOST_CONNECTIONS):
             client(rig, stack, GOOD)
@@ -155,7 +155,7 @@ def test_who_has_most_connections_ends_nobody_elses_handshake(rig: GatewayRig) -
         assert b'"id":7' in newcomer.recv(65_536)
 
 
-def test_who_has_sent_what_was_not_read_yet_gives_way_to_nobody(rig: GatewayRig) -> None:
+def test_a_connection_with_unread_bytes_does_not_give_way(rig: GatewayRig) -> None:
     """A stop that came with the handshake would be lost: no client sends it again."""
     with ExitStack() as stack:
         for _ in range(MOST_CONNECTIONS - 2):

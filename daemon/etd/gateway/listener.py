@@ -173,11 +173,11 @@ class Listener:
         self._readable.add(made.pid, made)
 
     def _make_room(self, newcomer: Connection) -> bool:
-        """The longest silent one gives way, of the process that has most first, but none that has
-        sent what was not read yet: a client that has, may have sent a stop. Or else one of the
-        user, or of the process, that has the most, if it has more than the newcomer's. For a
-        newcomer of the process that has most only a silent one of its own does: else a process that
-        connects again and again would end others during their handshake.
+        """The longest silent one gives way, of the process that has most first; none with unread
+        bytes, which may be a stop. Or else one of the user, or of the process, that has the most,
+        if it has more than the newcomer's. For a newcomer of the process that has most only a
+        silent one of its own does: else a process that connects again and again would end others
+        during their handshake.
         """
         held = list(self._connections.values())
         of_process = Counter(made.pid for made in held)
@@ -207,7 +207,9 @@ class Listener:
 
 
 def _silent_one(held: list[Connection]) -> Connection | None:
-    """The oldest that never sent a byte, or else the oldest that never completed its handshake."""
+    """The oldest that never sent a byte, or else the oldest that never completed its handshake;
+    none with bytes that were not read yet.
+    """
     unready = [made for made in held if not made.is_ready]
     unspoken = (made for made in unready if not made.has_spoken)
     return next((made for made in (*unspoken, *unready) if not made.has_sent_more()), None)

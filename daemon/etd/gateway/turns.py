@@ -2,8 +2,8 @@
 
 Owns: whose turn it is, and the order within a process. Must not know: what waits.
 
-A process may hold many connections, and send much by each. Taken one by one, however many there
-are, nobody waits for more than one of every other process.
+A process may hold many connections, and send much by each. However much that is, only one thing of
+each other process is taken between two of any process.
 """
 
 from __future__ import annotations
