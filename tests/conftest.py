@@ -20,7 +20,16 @@ settings.register_profile("the-same", deadline=None, derandomize=True)
 settings.load_profile("the-same" if os.environ.get("CI") else "anew")
 
 
+# As many threads as cores, in each worker and each process that it starts, would only be in each
+# other's way. Set before numpy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+#: Traces and plans are many small objects and few cycles: the usual 700 cost a tenth of the tests.
+_ALLOCATIONS_A_COLLECTION = 50_000
+
+
 def pytest_collection_finish() -> None:
     """What was imported and collected stays: no garbage collection need go through it again."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(_ALLOCATIONS_A_COLLECTION)

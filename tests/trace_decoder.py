@@ -105,16 +105,18 @@ class Shifter:
 
     stages: int
     bits: int = 0
-    known: int = 0
+    written: int = 0
+
+    def __post_init__(self) -> None:
+        self._full = (1 << self.stages) - 1
 
     def shift(self, bit: int) -> None:
-        full = (1 << self.stages) - 1
-        self.bits = (self.bits << 1 | bit) & full
-        self.known = (self.known << 1 | 1) & full
+        self.bits = (self.bits << 1 | bit) & self._full
+        self.written += 1
 
     @property
     def is_known(self) -> bool:
-        return self.known == (1 << self.stages) - 1
+        return self.written >= self.stages
 
 
 @dataclass
@@ -130,6 +132,9 @@ class Wires:
 
     def __post_init__(self) -> None:
         self.is_relays = self.facts.switch not in HALF_BRIDGES
+        self.switch_lines = frozenset(
+            line for name, line in self.facts.lines.items() if name in SWITCH_LINES
+        )
         stages = self.facts.outputs * (2 if self.is_relays else 1)
         self.chain = Shifter(stages)
         self._names = {line: name for name, line in self.facts.lines.items()}
@@ -137,22 +142,23 @@ class Wires:
         self._sides_of: dict[int, tuple[frozenset[int], frozenset[int]]] = {}
 
     def name(self, line: int) -> str:
-        return self._names.get(line, f"line {line}")
+        found = self._names.get(line)
+        return f"line {line}" if found is None else found
 
     def change(self, t_ns: int, line: int, value: int) -> bool:
         """One gpio event; True if the level is another one now."""
-        name = self.name(line)
-        was = self.level.get(name)
-        self.level[name] = value
+        name, level = self.name(line), self.level
+        was = level.get(name)
         if was == value:
             return False
+        level[name] = value
         rises = value == 1 and was == 0
-        if name == "CLK" and rises:
-            self.chain.shift(self.level.get("DATA", 0))
+        if rises and name == "CLK":
+            self.chain.shift(level.get("DATA", 0))
         if self.is_relays:
-            if name == "LE" and rises:
+            if rises and name == "LE":
                 self._copy(t_ns)
-        elif self.level.get("LE") == 1:
+        elif level.get("LE") == 1:
             self.latch = self.chain.bits if self.chain.is_known else None
         return True
 
@@ -243,23 +249,36 @@ class Decoder:
         self._moves = 0
 
     def take(self, record: Record) -> None:
-        t_ns, bus, event = record["t_ns"], record["bus"], record.get("event")
+        t_ns, bus = record["t_ns"], record["bus"]
         if bus == "gpio":
-            before_sides = self.wires.sides() if self.dac.code else None
-            is_moved = self.wires.change(t_ns, record["line"], record["value"])
-            if self.dac.code and self.wires.sides() != before_sides:
-                self._cut(t_ns, self.dac.code, before_sides)
-            self._moves += is_moved and self.wires.name(record["line"]) in SWITCH_LINES
-        elif bus == "spi" and event == "transfer":
+            self._gpio(t_ns, record["line"], record["value"])
+        elif bus == "spi":
+            self._spi(t_ns, record)
+        elif bus == "engine" and record["event"] == "frame":
+            self._frame = (record["seq"], record["tag"])
+            self._scan = 0 if self._scan is None else self._scan + 1
+
+    def _gpio(self, t_ns: int, line: int, value: int) -> None:
+        wires, code = self.wires, self.dac.code
+        if not code:
+            # Most of a trace: chains are shifted while nothing flows.
+            self._moves += wires.change(t_ns, line, value) and line in wires.switch_lines
+            return
+        before_sides = wires.sides()
+        is_moved = wires.change(t_ns, line, value)
+        if wires.sides() != before_sides:
+            self._cut(t_ns, code, before_sides)
+        self._moves += is_moved and line in wires.switch_lines
+
+    def _spi(self, t_ns: int, record: Record) -> None:
+        event = record["event"]
+        if event == "transfer":
             self.dac.transfer(bytes.fromhex(record["tx"]))
-        elif bus == "spi" and event == "cs":
+        elif event == "cs":
             before = self.dac.code
             self.dac.chip_select(record["active"])
             if self.dac.code != before:
                 self._cut(t_ns, before, self.wires.sides() if before else None)
-        elif bus == "engine" and event == "frame":
-            self._frame = (record["seq"], record["tag"])
-            self._scan = 0 if self._scan is None else self._scan + 1
 
     def _cut(
         self, t_ns: int, code: int, sides: tuple[frozenset[int], frozenset[int]] | None

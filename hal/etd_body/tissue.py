@@ -28,8 +28,10 @@ def potential_per_ua(points_mm: Floats, sources_mm: Floats) -> Floats:
 
     `points_mm` is (..., points, 3), `sources_mm` (sources, 2), all on the surface z = 0.
     """
-    across = points_mm[..., :, None, :2] - sources_mm
-    distance_mm = np.sqrt((across**2).sum(axis=-1) + points_mm[..., :, None, 2] ** 2)
+    # Axis by axis: a sum over an axis of two takes several times as long.
+    x_mm = points_mm[..., :, None, 0] - sources_mm[:, 0]
+    y_mm = points_mm[..., :, None, 1] - sources_mm[:, 1]
+    distance_mm = np.sqrt((x_mm**2 + y_mm**2) + points_mm[..., :, None, 2] ** 2)
     return np.asarray(RESISTIVITY_OHM_M / (2.0 * pi * distance_mm))
 
 

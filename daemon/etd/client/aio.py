@@ -21,6 +21,7 @@ import zmq.asyncio
 
 from etd.client import clock, course
 from etd.client.aio_exchange import AsyncExchange, is_writable
+from etd.client.aio_telemetry import AsyncTelemetry
 from etd.client.connection import KEPT_S, Connection
 from etd.client.course import Course
 from etd.client.options import FrameOptions, Kind
@@ -29,7 +30,6 @@ from etd.client.playing import Played
 from etd.client.presented import Presented
 from etd.client.presenting import MOST_BEGUN_S, WAIT_S, presenting
 from etd.client.session import KEEP_S, Flow, R
-from etd.client.telemetry import AsyncTelemetry
 from etd.client.values import Numbers, up_to_s
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, EtdError, Refused

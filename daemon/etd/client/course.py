@@ -10,7 +10,6 @@ A course is a generator. It yields a flow of `Session`, and is sent its result, 
 from __future__ import annotations
 
 import contextlib
-from asyncio import CancelledError
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
@@ -25,8 +24,8 @@ from etd.protocol.messages import FrameReply
 R = TypeVar("R")
 
 
-class Ended(CancelledError):
-    """The program has ended a presentation that goes on beside it."""
+class Ended(BaseException):
+    """The program has ended a presentation that goes on beside it: an end, not an error."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """The daemon's telemetry, as typed reports.
 
-Owns: the subscription, blocking (`Telemetry`) and awaited (`AsyncTelemetry`).
-Must not know: requests, leases.
+Owns: the subscription, and its reports, waited for (`Telemetry`; `aio_telemetry.py` awaits them).
+Must not know: requests, leases, asyncio.
 
 Both first subscribe to `state` as well: the daemon sends one to each new subscriber, which shows
 that the subscription is complete.
@@ -9,12 +9,11 @@ that the subscription is complete.
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from typing import Any, Generic, TypeAlias, TypeVar
 
 import msgspec
 import zmq
-import zmq.asyncio
 
 from etd.client import clock, values
 from etd.protocol.errors import DaemonGone, Refused
@@ -29,7 +28,7 @@ _decoders: dict[bytes, tuple[Topic, msgspec.json.Decoder[Any]]] = {
 }
 
 
-class _Subscription(Generic[S]):
+class Subscription(Generic[S]):
     """What both share; no topics: all of them. Raises: Refused (`bad_message`), if one is none."""
 
     def __init__(
@@ -82,7 +81,7 @@ class _Subscription(Generic[S]):
         return (topic, decoder.decode(parts[1])) if topic in self._received else None
 
 
-class Telemetry(_Subscription["zmq.Socket[bytes]"]):
+class Telemetry(Subscription["zmq.Socket[bytes]"]):
     """Iterate, in a `with`, over (topic, report). No topics: all of them.
 
     With `timeout_s`, the iteration raises `DaemonGone` after that long without a report; without,
@@ -109,38 +108,8 @@ class Telemetry(_Subscription["zmq.Socket[bytes]"]):
         if (first := self._take_first()) is not None:
             return first
         deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
-        while self._socket.poll(_left_ms(deadline_ns)):
+        while self._socket.poll(left_ms(deadline_ns)):
             item = self._decoded(self._socket.recv_multipart())
-            if item is not None:
-                return item
-        return None
-
-
-class AsyncTelemetry(_Subscription[zmq.asyncio.Socket]):
-    """The same for asyncio: `async with`, `async for`."""
-
-    async def __aenter__(self) -> AsyncTelemetry:
-        """Returns when the subscription stands. Raises: DaemonGone if it does not come to."""
-        self._joined(await self.receive(self._join_s))
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self.close()
-
-    async def __aiter__(self) -> AsyncIterator[Item]:
-        while True:
-            item = await self.receive(self._timeout_s)
-            if item is None:
-                raise self._silent()
-            yield item
-
-    async def receive(self, timeout_s: float | None = 0.0) -> Item | None:
-        """The next (topic, report), or None if there is none within `timeout_s` (None: wait)."""
-        if (first := self._take_first()) is not None:
-            return first
-        deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
-        while await self._socket.poll(_left_ms(deadline_ns)):
-            item = self._decoded(await self._socket.recv_multipart())
             if item is not None:
                 return item
         return None
@@ -155,6 +124,6 @@ def _subscribe(socket: S, address: str, topics: tuple[Topic, ...]) -> S:
     return socket
 
 
-def _left_ms(deadline_ns: int | None) -> int | None:
+def left_ms(deadline_ns: int | None) -> int | None:
     """None: for ever."""
     return None if deadline_ns is None else max(0, (deadline_ns - clock.now_ns()) // 1_000_000)

@@ -5,6 +5,9 @@ Owns: how soon after work a message may end a wait. Must not know: what is due, 
 A frame that comes to an idle display is read at once. But a gateway may send without end: after
 work for which a message ended a wait, the next wait goes on for a multiple of what that work took,
 whatever comes, and for a tick at most.
+
+Where no current can flow (SAFE, HALTED) there is nothing to notice within a millisecond: the engine
+of a display that nobody uses took a tenth of a core for that.
 """
 
 from __future__ import annotations
@@ -13,6 +16,8 @@ from etd.planning.duty import TICK_US
 from etd_hal.ports import Wait, WakingClock
 
 TICK_NS = int(TICK_US * 1_000)
+#: The same without supply. A gateway that connects, and the end of the process, wait for it.
+UNPOWERED_TICK_NS = 5_000_000
 #: Work for messages takes a quarter of the processor, unless it takes long: then a tick is slept.
 _REST = 3
 #: No wait that follows such work is shorter.

@@ -8,7 +8,7 @@ fired, what a pulse measures, sockets.
 from __future__ import annotations
 
 from etd.engine.components import Components
-from etd.engine.idle_wait import TICK_NS, IdleWait
+from etd.engine.idle_wait import TICK_NS, UNPOWERED_TICK_NS, IdleWait
 from etd.engine.poller import Poller
 from etd.engine.supervisor import Supervisor
 from etd.engine.timing_calibration import Retiming
@@ -143,7 +143,8 @@ class Sequencer:
         if schedule is None or not is_armed:
             self._lateness.reset()
             self._computing.scans_ended()
-            self._doze_until(now_ns + TICK_NS)
+            has_supply = self._supervisor.is_powered
+            self._doze_until(now_ns + (TICK_NS if has_supply else UNPOWERED_TICK_NS))
         elif now_ns < schedule.next_ns and schedule.is_waiting:
             self._doze_until(now_ns + _TRIGGER_TICK_NS)
         elif now_ns < schedule.next_ns:
