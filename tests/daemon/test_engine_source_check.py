@@ -97,7 +97,7 @@ def test_a_gain_that_becomes_wrong_halts_within_a_second(
 def test_one_within_the_tolerance_does_not(make: Make, board: str, fault: Fault) -> None:
     rig = armed(make(board))
     rig.fake.world.put_in(fault)
-    stand(rig, 2_500, 5.0)
+    stand(rig, 1_100, 5.0)
     assert rig.state == "ARMED"
 
 
@@ -122,13 +122,13 @@ def test_there_is_one_each_second_and_no_scan_is_late_for_it(
     rig = armed(make(board, is_traced=True))
     rate_hz = None if is_idle else fastest_hz(rig)
     armed_ns = rig.clock.now_ns()
-    stand(rig, 2_500, rate_hz)
+    stand(rig, 1_250, rate_hz)
     begun_ns = [phase.from_ns for phase in checks(rig)]
-    assert len(begun_ns) == 3
+    assert len(begun_ns) == 2
     assert all(0.99e9 <= after - before <= MOST_MS * 1e6 for before, after in pairwise(begun_ns))
     assert rig.engine.components.reporter.counters["not_fired_overrun"] == 0
     if rate_hz is not None:
-        scans_hz = len({phase.scan for phase in phases(rig, armed_ns)}) / 2.5
+        scans_hz = len({phase.scan for phase in phases(rig, armed_ns)}) / 1.25
         assert scans_hz == pytest.approx(rate_hz, rel=0.05)
 
 
@@ -140,9 +140,9 @@ def test_no_electrode_gets_any_of_it_and_none_is_booked(make: Make, board: str) 
     body, ledger = rig.fake.world.body, rig.engine.components.ledger
     before_pc = [body.absolute_charge_pc(electrode) for electrode in range(N)]
     since_ns = rig.clock.now_ns()
-    stand(rig, 2_000, None)
+    stand(rig, 1_000, None)
     found = checks(rig, since_ns)
-    assert len(found) == 2
+    assert len(found) == 1
     assert all(
         phase.current_ua <= rig.engine.supervisor.maxima.probe_current_ua / 3 for phase in found
     )
