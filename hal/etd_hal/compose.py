@@ -32,10 +32,6 @@ if TYPE_CHECKING:
     from etd_hal.fake.pressure_sensors import SensorUnderArray
     from etd_hal.fake.remote import RemotePorts
 
-#: The machines that a fake board can be on; the shipped machine files of these names belong to
-#: them.
-MODELLED_MACHINES = ("pi4", "pi3", "zero2w")
-
 _WORDS = {"AD5452": ad5452.word}
 _SAMPLES = {"AD7276": ad7276.code_of}
 
@@ -147,7 +143,7 @@ def open_fake(
     it follows the real clock. A board process writes its own trace. `timeout_factor` lengthens a
     frame's ttl, the lease and the gateway's silence, for a busy machine. `sensors` under the array
     measure the fingertip's pressure; a board process has those that it was started with. With a
-    `machine` of MODELLED_MACHINES its calls, and computing, take the time that they would take
+    `machine` of `MODELLED_MACHINES` its calls, and computing, take the time that they would take
     there; without, calls take that of a pi4, and computing none. Raises: BusError (`absent` without
     a board process, `busy` while another client has it).
     """

@@ -9,10 +9,11 @@ import pytest
 from board_rig import MACHINES as MACHINE_FILES
 from etd_hal.board import Board
 from etd_hal.boardfile import load_board, load_machine
-from etd_hal.compose import MODELLED_MACHINES, open_fake
+from etd_hal.compose import open_fake
 from etd_hal.fake.clock import LiveClock, SteppedClock
 from etd_hal.fake.machines import MACHINES, PI4
 from etd_hal.fake.processor import STAGES_NS, Call, Stage, StagedTime, Stages, ThreadTime
+from etd_hal.modelled_machines import MODELLED_MACHINES
 from hand_clock import HandClock
 
 MS = 1_000_000

@@ -23,6 +23,13 @@ def rig() -> Iterator[CommandRig]:
         yield made
 
 
+@pytest.fixture(scope="module")
+def shared() -> Iterator[CommandRig]:
+    """With a daemon that more than one test asks."""
+    with command_rig() as made, made.daemon("--array", "pad-8"):
+        yield made
+
+
 def written(folder: Path, name: str, electrodes: int = 8) -> Path:
     made = calibration(
         electrodes, array="pad-8", method="limits", pulses=10, date=datetime.date(2025, 3, 4)
@@ -32,62 +39,59 @@ def written(folder: Path, name: str, electrodes: int = 8) -> Path:
     return path
 
 
-def test_a_calibration_is_imported_shown_exported_and_deleted(rig: CommandRig) -> None:
-    path = written(rig.folder, "P01.toml")
-    with rig.daemon("--array", "pad-8"):
-        taken = rig.run("calibration", "import", str(path))
-        assert taken.status == 0, taken.err
-        listed = rig.run("calibration", "list", "--json").answer["calibrations"]
-        assert listed["P01"]["method"] == "limits"
-        assert listed["P01"]["electrodes"] == 8
+def test_a_calibration_is_imported_shown_exported_and_deleted(shared: CommandRig) -> None:
+    path = written(shared.folder, "P01.toml")
+    taken = shared.run("calibration", "import", str(path))
+    assert taken.status == 0, taken.err
+    listed = shared.run("calibration", "list", "--json").answer["calibrations"]
+    assert listed["P01"]["method"] == "limits"
+    assert listed["P01"]["electrodes"] == 8
 
-        shown = rig.run("calibration", "show", "P01").out
-        assert re.search(r"^polarity +anodic$", shown, re.MULTILINE)
-        assert "        7       1000         2000      3000        not known\n" in shown
+    shown = shared.run("calibration", "show", "P01").out
+    assert re.search(r"^polarity +anodic$", shown, re.MULTILINE)
+    assert "        7       1000         2000      3000        not known\n" in shown
 
-        assert rig.run("calibration", "export", "P01").out == path.read_text()
-        copy = rig.folder / "copy.toml"
-        assert rig.run("calibration", "export", "P01", str(copy)).status == 0
-        assert load_calibration(copy) == load_calibration(path)
+    assert shared.run("calibration", "export", "P01").out == path.read_text()
+    copy = shared.folder / "copy.toml"
+    assert shared.run("calibration", "export", "P01", str(copy)).status == 0
+    assert load_calibration(copy) == load_calibration(path)
 
-        assert rig.run("calibration", "delete", "P01").status == 0
-        gone = rig.run("calibration", "show", "P01", "--json")
-        assert (gone.status, gone.answer["error"]) == (1, "not_found")
-        again = rig.run("calibration", "delete", "P01")
-        assert again.status == 1
-        assert "no calibration 'P01'; those that can be deleted: none" in again.err
-
-
-def test_what_does_not_fit_or_is_there_already_is_refused_in_a_sentence(rig: CommandRig) -> None:
-    with rig.daemon("--array", "pad-8"):
-        short = rig.run("calibration", "import", str(written(rig.folder, "P02.toml", 4)))
-        assert short.status == 1
-        assert "etd: " in short.err
-        there = rig.run(
-            "calibration", "export", "fake-fingertip-pad-8", str(written(rig.folder, "P03.toml"))
-        )
-        assert there.status == 1
-        assert "it exists" in there.err
-        shipped = rig.run("calibration", "delete", "fake-fingertip-pad-8")
-        assert shipped.status == 1
-        assert "shipped" in shipped.err
-        path = written(rig.folder, "P04.toml")
-        assert rig.run("calibration", "import", str(path), "--as", "../x").status == 1
-        for verb in ("show", "delete", "export"):
-            named = rig.run("calibration", verb, "../x")
-            assert (named.status, "calibration's name: '../x'" in named.err) == (1, True)
-        nowhere = rig.run("calibration", "export", "fake-fingertip-pad-8", "none/P05.toml")
-        assert nowhere.status == 1
-        assert "none: there is no such folder" in nowhere.err
-        endless = rig.run("calibration", "import", "/dev/zero", "--as", "P06")
-        assert (endless.status, "more than 1048576 bytes" in endless.err) == (1, True)
+    assert shared.run("calibration", "delete", "P01").status == 0
+    gone = shared.run("calibration", "show", "P01", "--json")
+    assert (gone.status, gone.answer["error"]) == (1, "not_found")
+    again = shared.run("calibration", "delete", "P01")
+    assert again.status == 1
+    assert "no calibration 'P01'; those that can be deleted: none" in again.err
 
 
-def test_what_a_file_says_does_not_write_over_the_terminal(rig: CommandRig) -> None:
-    path = written(rig.folder, "P01.toml")
+def test_what_does_not_fit_or_is_there_already_is_refused_in_a_sentence(shared: CommandRig) -> None:
+    short = shared.run("calibration", "import", str(written(shared.folder, "P02.toml", 4)))
+    assert short.status == 1
+    assert "etd: " in short.err
+    there = shared.run(
+        "calibration", "export", "fake-fingertip-pad-8", str(written(shared.folder, "P03.toml"))
+    )
+    assert there.status == 1
+    assert "it exists" in there.err
+    shipped = shared.run("calibration", "delete", "fake-fingertip-pad-8")
+    assert shipped.status == 1
+    assert "shipped" in shipped.err
+    path = written(shared.folder, "P04.toml")
+    assert shared.run("calibration", "import", str(path), "--as", "../x").status == 1
+    for verb in ("show", "delete", "export"):
+        named = shared.run("calibration", verb, "../x")
+        assert (named.status, "calibration's name: '../x'" in named.err) == (1, True)
+    nowhere = shared.run("calibration", "export", "fake-fingertip-pad-8", "none/P05.toml")
+    assert nowhere.status == 1
+    assert "none: there is no such folder" in nowhere.err
+    endless = shared.run("calibration", "import", "/dev/zero", "--as", "P06")
+    assert (endless.status, "more than 1048576 bytes" in endless.err) == (1, True)
+
+
+def test_what_a_file_says_does_not_write_over_the_terminal(shared: CommandRig) -> None:
+    path = written(shared.folder, "P01.toml")
     path.write_text(path.read_text().replace('program = "', 'program = "\\u001b[2J'))
-    with rig.daemon("--array", "pad-8"):
-        refused = rig.run("calibration", "import", str(path))
+    refused = shared.run("calibration", "import", str(path))
     assert refused.status == 1
     assert "program: it says" in refused.err
     assert "\x1b" not in refused.err
@@ -107,8 +111,7 @@ def test_a_file_of_another_kind_is_called_what_it_is(rig: CommandRig) -> None:
     assert "it is a body site file, not a calibration; name a file that" in told.answer["reason"]
 
 
-def test_a_shipped_calibration_is_listed_with_what_it_holds_for(rig: CommandRig) -> None:
-    with rig.daemon("--array", "pad-8"):
-        lines = rig.run("calibration", "list").out
+def test_a_shipped_calibration_is_listed_with_what_it_holds_for(shared: CommandRig) -> None:
+    lines = shared.run("calibration", "list").out
     assert "fake-fingertip-pad-8" in lines
     assert "anodic, 100 us, 60 Hz, caps up to 4000 uA" in lines

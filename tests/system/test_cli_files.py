@@ -23,6 +23,13 @@ def rig() -> Iterator[CommandRig]:
         yield made
 
 
+@pytest.fixture(scope="module")
+def shared() -> Iterator[CommandRig]:
+    """With a daemon that more than one test asks."""
+    with command_rig() as made, made.daemon("--array", "pad-8"):
+        yield made
+
+
 def shell(rig: CommandRig, command: str) -> tuple[int, str]:
     """The status and standard error of `etd COMMAND` in a shell."""
     done = subprocess.run(
@@ -96,10 +103,9 @@ def test_a_full_standard_output_is_told(rig: CommandRig, verb: str, buffering: s
 
 @pytest.mark.parametrize("verb", ["calibration list", "calibration list --json", "status"])
 def test_a_full_standard_output_is_told_where_a_daemon_has_answered(
-    rig: CommandRig, verb: str
+    shared: CommandRig, verb: str
 ) -> None:
-    with rig.daemon("--array", "pad-8"):
-        status, told = shell(rig, f"{verb} >/dev/full")
+    status, told = shell(shared, f"{verb} >/dev/full")
     assert status == 1
     is_full(told)
 
@@ -111,10 +117,9 @@ def is_full(told: str) -> None:
     assert "cannot be written (No space left on device)" in told
 
 
-def test_a_closed_standard_output_does_not_keep_it_from_being_done(rig: CommandRig) -> None:
-    with rig.daemon():
-        status, told = shell(rig, "stop >&-")
-        assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
+def test_a_closed_standard_output_does_not_keep_it_from_being_done(shared: CommandRig) -> None:
+    status, told = shell(shared, "stop >&-")
+    assert shared.run("status", "--json").answer["status"]["state"] == "HALTED"
     assert status == 1
     assert told == "etd: standard output is closed: the answer could not be printed\n"
 
@@ -126,7 +131,6 @@ def test_what_is_opened_next_does_not_become_a_closed_standard_output(rig: Comma
     assert [json.loads(line) for line in trace.read_text().splitlines()]
 
 
-def test_a_reader_that_leaves_is_no_error_to_tell(rig: CommandRig) -> None:
-    with rig.daemon():
-        status, told = shell(rig, "monitor --json --seconds 5 | head -n 1 >/dev/null")
+def test_a_reader_that_leaves_is_no_error_to_tell(shared: CommandRig) -> None:
+    status, told = shell(shared, "monitor --json --seconds 5 | head -n 1 >/dev/null")
     assert (status, told) == (0, "")

@@ -33,13 +33,20 @@ STOP_WITHIN_S = 20.0
 KINDS = {"control": "DEALER", "frames": "PUSH", "telemetry": "SUB"}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def rig() -> Iterator[CommandRig]:
     before, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(most, 3 * CONNECTS), most))
     with command_rig() as made:
         yield made
     resource.setrlimit(resource.RLIMIT_NOFILE, (before, most))
+
+
+@pytest.fixture(scope="module")
+def daemon(rig: CommandRig) -> Iterator[Command]:
+    """One for all strangers, who come one kind after another: what they leave must do no harm."""
+    with rig.daemon() as command:
+        yield command
 
 
 class Gateway:
@@ -89,9 +96,9 @@ class Gateway:
 
 
 @pytest.fixture
-def gateway(rig: CommandRig) -> Iterator[Gateway]:
-    with rig.daemon() as command, ExitStack() as stack:
-        yield Gateway(rig, command, stack)
+def gateway(rig: CommandRig, daemon: Command) -> Iterator[Gateway]:
+    with ExitStack() as stack:
+        yield Gateway(rig, daemon, stack)
 
 
 def crowd(
@@ -141,7 +148,7 @@ def test_what_never_ends_fills_no_memory(
 
 
 def test_with_few_descriptors_the_gateway_lives_and_serves_who_was_there(gateway: Gateway) -> None:
-    resource.prlimit(gateway.pid, resource.RLIMIT_NOFILE, (40, 40))
+    resource.prlimit(gateway.pid, resource.RLIMIT_NOFILE, (40, DESCRIPTOR_LIMIT))
     with ExitStack() as stack:
         crowd(gateway, "control", stack, 200)
         gateway.ask(gateway.early, b'{"op":"stop"}')

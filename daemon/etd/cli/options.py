@@ -18,7 +18,7 @@ from typing import NamedTuple
 from etd.files.paths import DEFAULT_NAME
 from etd.protocol.errors import FileError
 from etd.protocol.text import shown
-from etd_hal.compose import MODELLED_MACHINES
+from etd_hal.modelled_machines import MODELLED_MACHINES
 
 #: A frame on the fake is shown for at most 100 s after its client has died.
 MAX_TIMEOUT_FACTOR = 100

@@ -16,8 +16,6 @@ from etd_hal.fake.faults import SpiStall
 from etd_hal.ports import Changes, Edge
 from trace_decoder import Phase, visits
 
-pytestmark = pytest.mark.slow
-
 MakeRig = Callable[..., EngineRig]
 N = 16
 #: The line of the kit's board.

@@ -15,8 +15,6 @@ from etd_hal.bench import UNKNOWN_CORE, ScanCore
 from etd_hal.fake.machines import PI4
 from etd_hal.fake.processor import StagedTime
 
-pytestmark = pytest.mark.slow
-
 MakeRig = Callable[..., EngineRig]
 ALONE = ScanCore(3, is_isolated=True, has_throttle=False, has_fair_server=False)
 THROTTLED = ScanCore(3, is_isolated=True, has_throttle=True, has_fair_server=False)

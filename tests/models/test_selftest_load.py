@@ -15,8 +15,6 @@ from etd_hal.errors import GuardRefusal
 from etd_hal.fake.faults import Bridge, SwitchOutput
 from selftest_rig import LOAD_OHM, SelftestRig, bad, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 
 class Swapping:
     """Does what is asked; but with the hands off, something else has come to an electrode."""

@@ -28,8 +28,6 @@ from etd_hal.compose import open_replay
 from gateway_rig import GatewayRig, ServedRig
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 
-pytestmark = pytest.mark.slow
-
 N = 8
 CALIBRATION: dict[str, Any] = {
     "participant": "P01", "body_site": "fingertip", "array": "row-4",

@@ -18,8 +18,6 @@ from etd_hal.fake.clock import SteppedClock
 from etd_hal.ports import Wait
 from trace_rules import violations
 
-pytestmark = pytest.mark.slow
-
 #: So that no frame expires, however long the machine is held up.
 TIMEOUT_FACTOR = 500
 MOST_STALLED_NS = 300 * MS

@@ -25,8 +25,6 @@ from etd.stabilize.law_settings import EnergySettings, LinearLawSettings, PowerL
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_body.electrode import Contact, skin
 
-pytestmark = pytest.mark.slow
-
 N, CURRENT_UA = 16, 1_000
 #: In pulses of 100 us it has the charge of the current that is shown, in those of 20 us, too.
 CAP_UA = 5_000

@@ -9,8 +9,6 @@ import pytest
 from etd_hal.fake.faults import MachineTrouble
 from selftest_rig import bad, selftest_rig
 
-pytestmark = pytest.mark.slow
-
 
 def test_what_no_check_covers_is_in_the_report() -> None:
     report = selftest_rig("feetthrough-relay", load_ohm=None).run()
