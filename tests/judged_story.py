@@ -31,7 +31,7 @@ electrodes = st.integers(0, ELECTRODES - 1)
 
 stories = settings(
     deadline=None,
-    max_examples=40,
+    max_examples=25,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 

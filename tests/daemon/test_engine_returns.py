@@ -146,7 +146,7 @@ frames = st.fixed_dictionaries(
 
 @settings(
     deadline=None,
-    max_examples=40,
+    max_examples=25,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 @given(
@@ -278,7 +278,7 @@ def test_after_a_lift_nothing_that_was_known_of_the_others_counts(make_rig: Make
 # --- the ledger -----------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=15, suppress_health_check=[HealthCheck.too_slow])
 @given(
     resistances=st.lists(ohms, min_size=8, max_size=8),
     shown=st.lists(frames, min_size=1, max_size=4),

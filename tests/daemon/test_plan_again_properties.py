@@ -78,7 +78,7 @@ def asked_frame(asked: dict[str, Any], *, is_calibrated: bool) -> Frame:
     return frame(current_ua=tuple(int(part * most_ua) for part in parts), **fields)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=50)
 @given(site=st.sampled_from(SITES), is_calibrated=st.booleans(), seed=st.integers(0, 1_000_000))
 def test_each_plan_or_refusal_is_that_of_a_planner_that_has_planned_nothing(
     site: dict[str, Any], is_calibrated: bool, seed: int

@@ -258,6 +258,11 @@ class Channel(Generic[In]):
         """For a poller."""
         return self._socket.fileno()
 
+    @property
+    def has_come(self) -> bool:
+        """A message, or the end, is there to be received."""
+        return bool(self._poller.poll(0))
+
     def send(self, message: object) -> bool:
         """True if the other end will get it; otherwise it is dropped and counted."""
         if not self.is_open:
@@ -303,6 +308,8 @@ class Channel(Generic[In]):
 
 def wait_for_any(channels: Sequence[Channel[Any]], timeout_s: float) -> bool:
     """Whether a message, or the end, of one of them has come within so many seconds."""
+    if timeout_s <= 0.0:
+        return any(channel.has_come for channel in channels)
     # Not with `poll`, which counts in milliseconds: a loop of one a millisecond would be late.
     return bool(select.select(channels, (), (), timeout_s)[0])
 
