@@ -17,7 +17,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack record compare format install place activate uninstall clean
+.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack campaign record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -137,6 +137,9 @@ bench-calibrate: $(VENV)/ready-dev ## Calibrate persons who answer badly, and wh
 
 bench-steady: $(VENV)/ready-dev ## What each stabilizer gives and takes on bodies that disagree; an hour, goes on where it was cut (ARGS=--short: minutes)
 	$(BIN)/python tests/bench/steady_bodies.py $(ARGS)
+
+campaign: $(VENV)/ready-dev ## Every fault that the fake can show, at every operation of an engine; an hour (ARGS=--write: into docs/safety.md)
+	$(BIN)/python tests/campaign/run.py $(ARGS)
 
 bench-attack: $(VENV)/ready-dev ## A stop, and the gateway's memory, while strangers do to the gateway what they can (ARGS=--json)
 	$(BIN)/python tests/bench/attack.py $(ARGS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -152,8 +153,10 @@ def test_the_kits_patterns_of_8_come_out_as_sent(name: str) -> None:
     player.finish()
 
 
-@pytest.mark.parametrize("polarity", ALL_POLARITIES)
-@pytest.mark.parametrize("electrodes", [8, 16, 64, 256])
+@pytest.mark.parametrize(
+    ("electrodes", "polarity"),
+    [*product((8, 16, 64), ALL_POLARITIES), (256, "anodic"), (256, "biphasic_cathodic_first")],
+)
 def test_our_pattern_comes_out_as_sent(electrodes: int, polarity: Polarity) -> None:
     player = Player(engine_rig.make(electrodes=electrodes))
     player.open_up()

@@ -44,14 +44,13 @@ def shell(rig: CommandRig, command: str) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize(
-    ("trace", "says"),
+    ("verb", "trace", "says"),
     [
-        ("/dev/full", "No space left on device"),
-        ("/nonexistent/x", "/nonexistent/x: No such file or directory"),
-        ("/", "/: Is a directory"),
+        (("demo",), "/dev/full", "No space left on device"),
+        (("run", "--board", "fake"), "/nonexistent/x", "/nonexistent/x: No such file or directory"),
+        (("demo",), "/", "/: Is a directory"),
     ],
 )
-@pytest.mark.parametrize("verb", [("demo",), ("run", "--board", "fake")], ids=["demo", "run"])
 def test_a_trace_that_cannot_be_written_is_told(
     rig: CommandRig, verb: tuple[str, ...], trace: str, says: str
 ) -> None:

@@ -25,7 +25,7 @@ CONNECTS = 2_000
 MOST_DESCRIPTORS = 300
 MOST_MB = 100.0
 #: Of what never ends, so much is sent or so long, whichever comes first.
-ENDLESS_BYTES, ENDLESS_S = 300_000_000, 2.5
+ENDLESS_BYTES, ENDLESS_S = 300_000_000, 2.0
 #: Of the process under systemd: the bound must hold far below it.
 DESCRIPTOR_LIMIT = 1_024
 STOP_WITHIN_S = 20.0
