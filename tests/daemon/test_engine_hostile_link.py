@@ -356,7 +356,7 @@ def armed_rig(board: str) -> Iterator[EngineRig]:
 
 
 @pytest.mark.parametrize("board", [RELAYS, "kajimoto-hv507"])
-@settings(max_examples=30, suppress_health_check=list(HealthCheck))
+@settings(max_examples=20, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_nothing_that_arrives_ends_the_engine(board: str, data: st.DataObject) -> None:
     with armed_rig(board) as rig:

@@ -241,7 +241,7 @@ def assert_nothing_came_on(scene: Scene, at: int) -> None:
     assert len(scene.fired()) <= is_last_message, f"call {at}"
 
 
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(
     name=st.sampled_from(BOARDS),
     phases=st.sampled_from(KINDS),

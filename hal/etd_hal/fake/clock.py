@@ -107,9 +107,9 @@ class SteppedClock:
         self._move_to(deadline_ns)
 
     def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
-        """Nothing comes between two actions: only there is it looked for."""
+        """Nothing comes between two actions: only there is it looked for, and not at the end."""
         self.compute("doze")
-        while not wait(0.0) and self._now_ns < deadline_ns:
+        while self._now_ns < deadline_ns and not wait(0.0):
             due_ns = self._actions[0][0] if self._actions else deadline_ns
             self._move_to(min(deadline_ns, max(self._now_ns, due_ns)))
 
