@@ -41,18 +41,18 @@ def _ms(time_ms: float | None) -> str:
     return "-" if time_ms is None else f"{time_ms:.2f} ms"
 
 
-def write(found: Sequence[Outcome]) -> None:
+def write(found: Sequence[Outcome], said: str) -> None:
     """Raises: ValueError, where the marks are not there."""
     text = PAGE.read_text(encoding="utf-8")
     before, has_begin, rest = text.partition(_BEGIN)
     _, has_end, after = rest.partition(_END)
     if not (has_begin and has_end):
         raise ValueError(f"{PAGE} has lost its marks: {_BEGIN!r} and {_END!r}")
-    PAGE.write_text(before + _BEGIN + _part(found) + _END + after, encoding="utf-8")
+    PAGE.write_text(before + _BEGIN + _part(found, said) + _END + after, encoding="utf-8")
 
 
-def _part(found: Sequence[Outcome]) -> str:
-    lines = []
+def _part(found: Sequence[Outcome], said: str) -> str:
+    lines = ["", said]
     for board in dict.fromkeys(one.board for one in found):
         of_board = [one for one in found if one.board == board]
         lines += [f"\nOn `{board}`, {len(of_board)} cases:\n"]

@@ -119,6 +119,16 @@ def faults_found(found: Sequence[Outcome]) -> list[str]:
     return said
 
 
+def _conditions(every: int, pairs: int) -> str:
+    """What was run, as the page says it."""
+    which = (
+        "each operation"
+        if every == 1
+        else (f"each {every}th operation of a port and each {max(1, every // 10)}th message")
+    )
+    return f"At {which}, with {pairs} pairs of faults on each board."
+
+
 def show(console: Console, found: Sequence[Outcome]) -> None:
     for board in dict.fromkeys(one.board for one in found):
         table = Table(title=f"{board}: what each class of faults let through")
@@ -160,7 +170,7 @@ def main() -> int:
     else:
         show(console, found)
     if args.write:
-        docs.write(found)
+        docs.write(found, _conditions(every, args.pairs))
     broken = faults_found(found)
     for sentence in broken[:50]:
         console.print(f"NOT MET  {sentence}", style="red", markup=False)
