@@ -31,7 +31,7 @@ def test_nothing_halts_and_nine_pulses_in_ten_are_fired(factor: float, every_ms:
 def test_an_engine_starts_beside_clocks_that_change() -> None:
     found = clock_steps.measure(2.5, 8, runs_s=0.5, are_at_start=True)
     assert found.state == "ARMED"
-    # None, or one where the speed changes within what was calibrated at the start: by when it begins.
+    # None, or one where the speed changes within what was calibrated: by when it begins.
     assert found.recalibrated <= 1
     assert found.fired_percent >= 90.0
 
