@@ -1,6 +1,6 @@
 """What a run of the campaign says in docs/safety.md.
 
-Owns: the part of the page between two marks, which nobody writes by hand, and which classes of
+Owns: the part of the page between two marks, which is not written by hand, and which classes of
 faults need other hardware, with why. Must not know: how a case is played.
 """
 

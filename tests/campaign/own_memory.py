@@ -96,7 +96,7 @@ def content(memory: SharedMemory) -> bytes:
 
 
 def make_own(memory: SharedMemory, before: bytes) -> None:
-    """In a copy: the same address, the same content, and nobody else's from now on."""
+    """In a copy: the same address, the same content, and of this process alone from now on."""
     mapped = ctypes.c_char.from_buffer(memory.bytes)
     found = _libc.mmap(
         ctypes.addressof(mapped),
