@@ -138,7 +138,7 @@ bench-calibrate: $(VENV)/ready-dev ## Calibrate persons who answer badly, and wh
 bench-steady: $(VENV)/ready-dev ## What each stabilizer gives and takes on bodies that disagree; an hour, goes on where it was cut (ARGS=--short: minutes)
 	$(BIN)/python tests/bench/steady_bodies.py $(ARGS)
 
-campaign: $(VENV)/ready-dev ## Every fault that the fake can show, at every operation of an engine; an hour (ARGS=--write: into docs/safety.md)
+campaign: $(VENV)/ready-dev ## Every fault that the fake can show, at every operation of an engine; goes on where it was cut (ARGS='--every 40': minutes)
 	$(BIN)/python tests/campaign/run.py $(ARGS)
 
 bench-attack: $(VENV)/ready-dev ## A stop, and the gateway's memory, while strangers do to the gateway what they can (ARGS=--json)

@@ -106,3 +106,13 @@ def test_the_daemons_python_is_everywhere_the_same() -> None:
     makefile = (CLONE / "Makefile").read_text("utf-8")
     assert f"sys.version_info < ({', '.join(map(str, OLDEST))})" in makefile
     assert f"DAEMON_PYTHON = {OLDEST}" in (CLONE / "hatch_build.py").read_text("utf-8")
+
+
+def test_a_program_that_awaits_nothing_loads_no_asyncio() -> None:
+    program = "import sys; from etd import Display; print('asyncio' in sys.modules)"
+    for asked, is_loaded in (
+        (program, "False"),
+        (f"import etd; etd.AsyncDisplay; {program}", "True"),
+    ):
+        ran = subprocess.run([sys.executable, "-c", asked], capture_output=True, check=True)
+        assert ran.stdout.decode().strip() == is_loaded

@@ -32,8 +32,6 @@ class AccountedBody:
         self._body = body
         count = body.electrode_count
         self._sides: Sides = (Side.OPEN,) * count
-        #: A current flows now.
-        self.is_driven = False
         self._seen_pc = [0.0] * count
         self._alone_pc = [0.0] * count
         self._shared_pc = [0.0] * count
@@ -58,7 +56,7 @@ class AccountedBody:
         self._count()
         if source_ua <= 0.0 or sides != self._sides:
             self._stretch_pc = [0.0] * self.electrode_count
-        self._sides, self.is_driven = sides, source_ua > 0.0
+        self._sides = sides
 
     def node_voltage_v(self, t_ns: int) -> float:
         return self._body.node_voltage_v(t_ns)

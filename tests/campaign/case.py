@@ -26,7 +26,7 @@ class Outcome(msgspec.Struct, frozen=True):
     fault_class: str
     operation: int
     port: str
-    #: `halted`, `refused`, `ended` (killed), `told` (in reports alone), or `nothing`.
+    #: `halted`, `refused`, `ended` (killed), `crashed: ` with the error, or `nothing`.
     seen: str
     #: From the fault to the halt; None without one.
     halted_after_ms: float | None
@@ -34,8 +34,6 @@ class Outcome(msgspec.Struct, frozen=True):
     #: stretch of current.
     beyond_alone_pc: float
     beyond_shared_pc: float
-    #: Current still flowed at the end.
-    is_on: bool
     why: str = ""
 
 
@@ -71,7 +69,6 @@ def outcome(
         after_ms,
         _beyond_pc(now.alone_pc, allowed.alone_pc, now.longest_alone_pc),
         _beyond_pc(now.shared_pc, allowed.shared_pc, now.longest_shared_pc),
-        body.is_driven,
         why,
     )
 

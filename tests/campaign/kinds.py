@@ -59,21 +59,13 @@ def kinds_of(board: BoardFile) -> list[Kind]:
             *_of_readings(), *_of_supply(board), *_of_outputs(), *_of_gateway()]  # fmt: skip
 
 
-def _put_in(*found: Fault) -> Doing:
-    def do(rig: EngineRig) -> None:
-        for fault in found:
-            rig.fake.world.put_in(fault)
-
-    return do
+def _put_in(fault: Fault) -> Doing:
+    return lambda rig: rig.fake.world.put_in(fault)
 
 
 def _staying(fault_class: str, *variants: Fault) -> Iterator[Kind]:
     for fault in variants:
-        yield Kind(fault_class, _said(fault), ("spi",), _put_in(fault), stays=True)
-
-
-def _said(fault: Fault) -> str:
-    return repr(fault)
+        yield Kind(fault_class, repr(fault), ("spi",), _put_in(fault), stays=True)
 
 
 def _of_calls() -> Iterator[Kind]:
@@ -82,7 +74,7 @@ def _of_calls() -> Iterator[Kind]:
     yield Kind("a call succeeds, nothing done", "once", _ANY, _answer("not done"))
     for at_transfer in (0, 1, 3):
         fault = faults.SpiError(at_transfer=at_transfer)
-        yield Kind("a message is cut off", _said(fault), ("spi",), _put_in(fault))
+        yield Kind("a message is cut off", repr(fault), ("spi",), _put_in(fault))
     yield Kind("a short count", "once", ("spi",), _put_in(faults.SpiShort()))
 
 

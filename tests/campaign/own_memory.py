@@ -15,8 +15,7 @@ from typing import TypeVar
 import msgspec
 
 from engine_rig import EngineRig
-from etd.protocol.errors import Undecodable
-from etd.protocol.link import Channel, NewFrame, ToEngine, ToGateway
+from etd.protocol.link import Channel, NewFrame, ToEngine, ToGateway, decoded
 from etd_hal.shared_memory import SharedMemory
 
 In = TypeVar("In")
@@ -59,10 +58,7 @@ class OwnChannel(Channel[In]):
             self.close()
             return None
         self.received_bytes += len(data)
-        try:
-            return self._decoder.decode(data)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise Undecodable(str(error)) from None
+        return decoded(self._decoder, data)
 
     def close(self) -> None:
         if self.is_open:

@@ -22,7 +22,8 @@ CLONE = Path(__file__).resolve().parents[2]
 KEPT = CLONE / "build" / "campaign"
 _PLAYED_BY = (
     *("daemon/**/*.py", "hal/**/*.py", "config/**/*.toml", "tests/campaign/*.py"),
-    *("tests/engine_rig.py", "tests/stepped_stopper.py", "tests/charge_witness.py"),
+    *("tests/engine_rig.py", "tests/engine_scenes.py", "tests/stepped_stopper.py"),
+    "tests/charge_witness.py",
 )
 PC_PER_UC = 1e6
 #: A fifth of a pulse: readings of skin tell no less.

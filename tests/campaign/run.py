@@ -158,6 +158,8 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--write", action="store_true", help="the table in docs/safety.md")
     args = parser.parse_args()
+    if args.write and args.only:
+        parser.error("--write with --only: the page would have a part of the kinds")
     every = _BOUNDED_EVERY if args.bounded else args.every
     found = [
         one

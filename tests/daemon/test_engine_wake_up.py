@@ -90,3 +90,16 @@ def test_the_heart_beats_and_scans_are_on_time_while_messages_come_without_end(
     assert len(begun_ns) == 8
     assert max(gaps_ns) - min(gaps_ns) < 300 * US
     assert rig.state == "ARMED"
+
+
+@pytest.mark.parametrize(("is_armed", "polls"), [(False, 20), (True, 100)])
+def test_without_supply_it_polls_less_often(make_rig: MakeRig, is_armed: bool, polls: int) -> None:
+    rig = make_rig(PLAIN)
+    rig.open()
+    if is_armed:
+        rig.arm()
+    rig.is_gateway_alive = False
+    rig.run_ms(50)
+    dozes = rig.engine.components.clock.dozes
+    rig.run_ms(100)
+    assert rig.engine.components.clock.dozes - dozes == pytest.approx(polls, abs=2)

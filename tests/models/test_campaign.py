@@ -45,7 +45,6 @@ def test_the_account_tells_who_was_alone_and_for_how_long(side: Side) -> None:
     assert found.alone_pc[5] == pytest.approx(found.longest_alone_pc / 2)
     assert found.shared_pc[0] == pytest.approx(2.5 * found.longest_shared_pc)
     assert found.longest_shared_pc == pytest.approx(found.longest_alone_pc / 7)
-    assert body.is_driven
 
 
 @pytest.mark.parametrize("board", scenes.BOARDS)
@@ -93,7 +92,6 @@ def told(**changed: Any) -> Outcome:
         "halted_after_ms": None,
         "beyond_alone_pc": 0.0,
         "beyond_shared_pc": 0.0,
-        "is_on": False,
     }
     return Outcome(**{**facts, **changed})
 

@@ -14,7 +14,7 @@ from etd.client.telemetry import Item, Subscription, left_ms
 
 
 class AsyncTelemetry(Subscription[zmq.asyncio.Socket]):
-    """The same for asyncio: `async with`, `async for`."""
+    """As `Telemetry`, for asyncio: `async with`, `async for`."""
 
     async def __aenter__(self) -> AsyncTelemetry:
         """Returns when the subscription stands. Raises: DaemonGone if it does not come to."""

@@ -7,7 +7,7 @@ work for which a message ended a wait, the next wait goes on for a multiple of w
 whatever comes, and for a tick at most.
 
 Where no current can flow (SAFE, HALTED) there is nothing to notice within a millisecond: the engine
-of a display that nobody uses took a tenth of a core for that.
+of a display that is not in use took a tenth of a core for that.
 """
 
 from __future__ import annotations

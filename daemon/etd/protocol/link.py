@@ -295,15 +295,20 @@ class Channel(Generic[In]):
             self.close()
             return None
         self.received_bytes += len(data)
-        try:
-            return self._decoder.decode(data)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise Undecodable(str(error)) from None
+        return decoded(self._decoder, data)
 
     def close(self) -> None:
         """Idempotent."""
         self.is_open = False
         self._socket.close()
+
+
+def decoded(decoder: msgspec.msgpack.Decoder[In], data: bytes) -> In:
+    """Raises: Undecodable for bytes that are no message."""
+    try:
+        return decoder.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise Undecodable(str(error)) from None
 
 
 def wait_for_any(channels: Sequence[Channel[Any]], timeout_s: float) -> bool:
