@@ -110,6 +110,12 @@ class EngineRig:
             else:
                 self.others.append(message)
 
+    def stand_still_ms(self, duration_ms: int) -> None:
+        """The whole machine does: neither engine nor stopper has the processor."""
+        self.stopper.is_looking = False
+        self.clock.spend(duration_ms * 1_000_000)
+        self.stopper.is_looking = True
+
     def run_ms(self, duration_ms: float) -> None:
         """Turns until so much time has passed."""
         until_ns = self.clock.now_ns() + int(duration_ms * 1e6)

@@ -33,6 +33,8 @@ class SteppedStopper:
     def watch(self, is_needed: bool) -> None:
         """Supply on or off; woken it looks at once."""
         self._is_awake = is_needed
+        if self.is_looking and not is_needed:
+            self._stopper.note_supply()
         if is_needed and not self._is_under_way:
             self._is_under_way = True
             self._next_ns = self._clock.now_ns()

@@ -15,6 +15,7 @@ import pytest
 
 from etd_hal.cutlatch import CUTS, DUE_NS, LOOKED_NS, SEEN, CutLatch
 from etd_hal.errors import BusError
+from etd_hal.linux.beside import stopper_process
 from etd_hal.linux.clock import LinuxClock
 from etd_hal.linux.side_process import SideProcess
 
@@ -24,7 +25,6 @@ PATIENCE_NS = 60_000 * MS
 #: The rig of kernels shows 20 ms; here other tests have the processors: the best of a few counts.
 OVER_WITHIN_MS = 1_000.0
 TRIES = 3
-_STOPPER = "etd_hal.linux.stopper_process"
 #: A driving process: it starts a stopper, says its number, and does nothing more.
 _DRIVING = """
 import sys
@@ -40,13 +40,13 @@ sys.stdin.read()
 """
 
 
-def stopper_of(latch: CutLatch, scan_core: int | None = None) -> SideProcess:
+def stopper_of(
+    latch: CutLatch, scan_core: int | None = None, note: str | None = None
+) -> SideProcess:
     """Its lines are the latch's memory: a file that knows no call for lines."""
-    fd = latch.memory.fd
-    lines = os.dup(fd)
+    lines = os.dup(latch.memory.fd)
     try:
-        arguments = (fd, lines, bytes(16), None, scan_core)
-        return SideProcess("the stopper", _STOPPER, arguments, (fd, lines))
+        return stopper_process(latch, lines, bytes(16), note, None, scan_core)
     finally:
         os.close(lines)
 
