@@ -41,6 +41,7 @@ from etd_hal.fake.processor import Processor
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable
 from etd_hal.linesetup import line_setup, spi_setup
+from etd_hal.supply_note import SupplyNote
 from followed_trace import FollowedTrace
 from stepped_stopper import SteppedStopper
 
@@ -71,12 +72,14 @@ class EngineRig:
     is_sensing: bool = True
     #: Called before each turn with the time, for what the world does meanwhile.
     meanwhile: Callable[[int], None] = lambda _: None
+    #: What the stopper keeps.
+    supply_note: SupplyNote | None = None
     _ref: int = 0
     _seq: int = 0
     _alive_ns: int = 0
 
     def __post_init__(self) -> None:
-        self.stopper = SteppedStopper(self.engine, self.clock)
+        self.stopper = SteppedStopper(self.engine, self.clock, note=self.supply_note)
         self._turns = SensorCycle(self.engine.components.rail, self.engine.components.pressure)
         self.followed = FollowedTrace(self.sink)
 
@@ -250,6 +253,7 @@ def make(
     machine_clock: SteppedClock | None = None,
     processor: Processor | None = None,
     machine: MachineModel = PI4,
+    supply_note: SupplyNote | None = None,
 ) -> EngineRig:
     """An engine that has begun, with a gateway attached. `wrap` may put something before a port;
     without a `body` of the caller's the skin is a dry fingertip that only conducts. With a
@@ -281,9 +285,16 @@ def make(
         wakeups=board_clock.wakeups,
         scan_core=fake.world.host.scan_core,
     )
-    engine = Engine(loaded, wrap(backend), stabilizers=stabilizers, untested=untested)
+    engine = Engine(
+        loaded,
+        wrap(backend),
+        stabilizers=stabilizers,
+        untested=untested,
+        supply_note=supply_note,
+    )
     engine.supervisor.begin(tell)
-    return EngineRig(engine, fake, clock, sink, *_attach_gateway(engine))
+    link = _attach_gateway(engine)
+    return EngineRig(engine, fake, clock, sink, *link, supply_note=supply_note)
 
 
 def _attach_gateway(

@@ -30,12 +30,12 @@ from etd_hal.shared_memory import WORD_BYTES, SharedMemory
 DUE_NS, SEEN = 0, 1
 #: By the stopper: how many cuts it has made, and when its last check began.
 CUTS, LOOKED_NS = 2, 3
-#: By the driving side: when it last polled; for how long it may be silent while the supply is on (0:
-#: it is not judged); and the number of times that the supply was switched or a halt was cleared: odd
-#: while it may be on.
+#: By the driving side: when it last polled; for how long it may be silent while the supply is on
+#: (0: it is not judged); and how often the supply was switched or a halt was cleared: odd while the
+#: supply may be on.
 ALIVE_NS, WINDOW_NS, POWER = 4, 5, 6
 #: By the stopper: why the first cut that was not seen was made; which POWER is on the disk, and the
-#: error number where that failed.
+#: error number of the last note that could not be kept.
 CAUSE, NOTED, NOTE_ERROR = 7, 8, 9
 SIZE = 10 * WORD_BYTES
 #: What CAUSE says.

@@ -125,14 +125,14 @@ class Stopper:
         power = words[POWER]
         if power == words[NOTED]:
             return
-        failed = 0
-        if self._note is not None:
+        note = self._note
+        if note is not None:
             try:
                 if power & 1:
-                    self._note.keep()
+                    note.keep()
+                    words[NOTE_ERROR] = 0
                 else:
-                    self._note.drop()
+                    note.drop()
             except OSError as error:
-                failed = error.errno or errno.EIO
-        words[NOTE_ERROR] = failed
+                words[NOTE_ERROR] = error.errno or errno.EIO
         words[NOTED] = power

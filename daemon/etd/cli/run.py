@@ -250,7 +250,7 @@ def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) ->
     from etd.engine.process import run_engine
 
     selftest, note = _selftest_file(args, loaded), _supply_note_file(args, loaded)
-    # Where this cannot be had, arming is refused with the reason; the board is made safe all the same.
+    # Where this cannot be had, arming is refused with the reason; the board is made safe anyway.
     with contextlib.suppress(FileError, OSError):
         make_own(note.parent, 0o700)
     return run_engine(loaded, _open_backend(args, loaded), folder, selftest, supply_note=note)

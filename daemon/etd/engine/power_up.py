@@ -1,5 +1,5 @@
-"""From SAFE to a live board, for `arm` and `measure`: stopper alive, the supply noted and on, rail up,
-contact measured.
+"""From SAFE to a live board, for `arm` and `measure`: stopper alive, the supply noted and on, rail
+up, contact measured.
 
 Owns: the checks before, the waiting, and the probe scan. Must not know: sockets, frames, what is
 done with a live board. The engine's loop steps it, so that a stop is noticed in between.

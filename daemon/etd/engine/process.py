@@ -99,9 +99,8 @@ def _drive(
         engine.supervisor.not_granted = (*_realtime(engine), *refusals)
         _print(_scan_core(engine))
         engine.supervisor.begin(_print)
-        notifier.ready(
-            f"{engine.supervisor.states.state}, {loaded.board.name} on {engine.components.backend.name}"
-        )
+        state, backend = engine.supervisor.states.state, engine.components.backend.name
+        notifier.ready(f"{state}, {loaded.board.name} on {backend}")
         on_ready()
         while not asked_to_end:
             _accept_gateway(engine, listener)
@@ -137,7 +136,8 @@ def _stopper_beside(engine: Engine, supply_note: SupplyNote | None) -> StopperTa
     priority = None if wanted.priority == "none" else wanted.priority + 1
     if backend.beside is not None:
         note = None if supply_note is None else supply_note.path
-        return backend.beside.stopper(board.cut, board.safe_changes, note, priority, _core(engine))
+        safe, core = board.safe_changes, _core(engine)
+        return backend.beside.stopper(board.cut, safe, note, priority, core)
     stopper = Stopper(board.cut.words, backend.clock.now_ns, board.blank_now, supply_note)
     thread = StopperThread(
         stopper,

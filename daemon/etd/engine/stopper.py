@@ -82,7 +82,7 @@ class StopperLiveness:
         return None if self._note is None else self._note.left()
 
     def supply_rises(self) -> None:
-        """From now on the engine must be heard, and a note is kept: told before the supply is on."""
+        """Told before it is on: from now on the engine must be heard, and a note is kept."""
         self._words[POWER] += 1 + (self._words[POWER] & 1)
 
     def made_safe(self, problems: tuple[str, ...]) -> None:

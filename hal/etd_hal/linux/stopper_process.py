@@ -3,11 +3,11 @@
 Owns: its loop, and what becomes of the lines when the driving process ends. Must not know: boards,
 messages, SPI; which levels are safe (they come as the kernel's bytes).
 
-It cuts by one ioctl with one buffer, which was made before it began. It outlives the driving process:
-when that ends, however it ends, it cuts and is over. The lines are free then for whoever makes the
-board safe. It learns of the end in three ways, of which the first counts: the mark that the kernel
-sets as the driving thread dies, read with each check; the end of the socket; and the pidfd, which no
-child that inherited the socket can hold open.
+It cuts by one ioctl with one buffer, which was made before it began. It outlives the driving
+process: when that ends, however it ends, it cuts and is over. The lines are free then for whoever
+makes the board safe. It learns of the end in three ways, of which the first counts: the mark that
+the kernel sets as the driving thread dies, read with each check; the end of the socket; and the
+pidfd, which no child that inherited the socket can hold open.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def main(
     priority: int | None,
     scan_core: int | None,
 ) -> None:
-    """File descriptors: of the socket, the latch's memory, the outputs' request, the driving process,
-    the mark of its death. Never returns.
+    """File descriptors: of the socket, the latch's memory, the outputs' request, the driving
+    process, the mark of its death. Never returns.
     """
     connection = side_process.begin(control, realtime.set_up_beside(priority, scan_core))
     memory, safe_levels = SharedMemory(SIZE, latch), bytearray(values)
@@ -62,7 +62,7 @@ def main(
 
 
 def watch(connection: socket.socket, stopper: Stopper, engine: int, mark: DeathMark) -> None:
-    """Checks while it is needed, else waits; until the driving process has ended, or wants it to."""
+    """Checks while it is needed, else waits; until the driving process has ended."""
     gc.disable()
     ends: tuple[Any, ...] = (connection, engine)
     pause_s: float | None = None
