@@ -61,8 +61,8 @@ class SupplyNote:
         except (ValueError, TypeError, KeyError):
             boot = ""
         if boot and boot == _boot():
-            return "the last engine was killed, or ended by an error, while the supply was on"
-        return "the machine lost its power, or was reset, while the supply was on"
+            return "the last engine was killed with the supply on, or could not make the board safe"
+        return "the machine lost its power, or was reset, with the supply on"
 
     def _sync_folder(self) -> None:
         folder = os.open(self.path.parent, os.O_RDONLY | os.O_DIRECTORY)

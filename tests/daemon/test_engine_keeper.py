@@ -191,7 +191,8 @@ def test_after_a_crash_arming_is_refused_until_it_is_cleared(kept: Kept) -> None
     rig = kept.rig()
     assert rig.state == "HALTED"
     assert (
-        "the last engine was killed, or ended by an error, while the supply was on" in kept.told[0]
+        "the last engine was killed with the supply on, or could not make the board safe"
+        in kept.told[0]
     )
     rig.run_ms(10)
     report = rig.engine.supervisor.state_report(rig.clock.now_ns())

@@ -22,7 +22,8 @@ def test_there_is_none_until_it_is_kept_and_none_after_it_was_dropped(note: Supp
     note.keep()
     note.keep()
     assert (
-        note.left() == "the last engine was killed, or ended by an error, while the supply was on"
+        note.left()
+        == "the last engine was killed with the supply on, or could not make the board safe"
     )
     note.drop()
     note.drop()
@@ -32,7 +33,7 @@ def test_there_is_none_until_it_is_kept_and_none_after_it_was_dropped(note: Supp
 
 def test_one_of_another_boot_was_left_by_a_loss_of_power(note: SupplyNote) -> None:
     note.path.write_text(json.dumps({"boot": "another"}))
-    assert note.left() == "the machine lost its power, or was reset, while the supply was on"
+    assert note.left() == "the machine lost its power, or was reset, with the supply on"
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"null", b"\xff\xfe", b"{}", b'{"boot": 3}'])
