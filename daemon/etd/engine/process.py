@@ -97,7 +97,8 @@ def _drive(
         # measured as it will be used.
         refusals = [sentence for task in beside for sentence in task.refusals]
         engine.supervisor.not_granted = (*_realtime(engine), *refusals)
-        _print(_scan_core(engine))
+        for sentence in (*engine.components.backend.facts, _scan_core(engine)):
+            _print(sentence)
         engine.supervisor.begin(_print)
         state, backend = engine.supervisor.states.state, engine.components.backend.name
         notifier.ready(f"{state}, {loaded.board.name} on {backend}")
