@@ -33,7 +33,7 @@ from etd.stabilize.pipeline import Stabilizer
 from etd_hal.backend import Backend
 from etd_hal.compose import codec_of
 from etd_hal.fake.board import FakeBoard
-from etd_hal.fake.clock import LiveClock, SteppedClock
+from etd_hal.fake.clock import BoardClock, LiveClock, SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.machines import PI4, MachineModel
@@ -194,17 +194,18 @@ class EngineRig:
     ) -> None:
         """After the engine has lost the one before. `frames_of` makes its end of the frames."""
         assert not self.engine.has_gateway
-        self._close_link()
+        self.close_link()
         self.commands, self.frames, self._engine_ends = _attach_gateway(self.engine, frames_of)
 
-    def _close_link(self) -> None:
+    def close_link(self) -> None:
+        """As the end of the engine's process does, and of the gateway's."""
         for channel in (self.commands, self.frames, *self._engine_ends):
             channel.close()
 
     def close(self) -> tuple[str, ...]:
         """The engine's end, and the fake's; what did not work, and what must never be done."""
         problems = (*self.engine.supervisor.end(), *self.fake.violations)
-        self._close_link()
+        self.close_link()
         return problems
 
     @property
@@ -276,7 +277,26 @@ def make(
         sensors=loaded.array.pressure,
         machine=machine,
     )
+    return rig_on(
+        loaded, fake, clock, sink, wrap, stabilizers, untested, tell, supply_note, board_clock
+    )
+
+
+def rig_on(
+    loaded: LoadedConfig,
+    fake: FakeBoard,
+    clock: SteppedClock,
+    sink: io.BytesIO,
+    wrap: Callable[[Backend], Backend] = lambda backend: backend,
+    stabilizers: Sequence[Stabilizer] | None = None,
+    untested: Callable[[], str | None] = lambda: None,
+    tell: Callable[[str], object] = lambda _: None,
+    supply_note: SupplyNote | None = None,
+    board_clock: BoardClock | None = None,
+) -> EngineRig:
+    """The same on a board that is there, whose lines nothing holds."""
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
+    board_clock = board_clock or clock
     backend = Backend(
         "fake",
         *(ports.spi, ports.gpio, ports.i2c, board_clock, ports.marker, ports.close),

@@ -68,6 +68,13 @@ class SteppedStopper:
         """One look."""
         self._stopper.check()
 
+    def end(self, *, cuts: bool = True) -> None:
+        """Of the engine: it cuts, settles the note, and is over. Or it was killed as well."""
+        self._is_awake = False
+        if cuts:
+            self._stopper.cut()
+            self._stopper.note_supply()
+
     def _turn(self) -> None:
         if not self._is_awake:
             self._is_under_way = False
