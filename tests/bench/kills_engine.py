@@ -158,8 +158,9 @@ def _forgiving(loaded: LoadedConfig) -> LoadedConfig:
     return replace(loaded, machine=machine)
 
 
-def _drive(folder: Path, library: Path, core: int) -> int:
-    """One engine."""
+def _drive(folder: Path, library: Path, core: int, parent: int) -> int:
+    """One engine, which does not outlive the process that it was forked from."""
+    realtime.perish_with(parent)
     loaded, calls, clock = _forgiving(loaded_for(core)), SystemCalls(library), LinuxClock()
     backend = Backend(
         "fake",
@@ -181,10 +182,11 @@ def _drive(folder: Path, library: Path, core: int) -> int:
 
 
 def nursery(folder: Path, library: Path, core: int) -> int:
+    parent = os.getpid()
     for _ in sys.stdin:
         pid = os.fork()
         if not pid:
-            os._exit(_drive(folder, library, core))
+            os._exit(_drive(folder, library, core, parent))
         os.waitpid(pid, 0)
         print("ended", flush=True)
     return 0
