@@ -61,7 +61,7 @@ class Stopper:
         self._note = note
         #: Of the last message that was cut, and of the last poll before a silence that was.
         self._cut_due_ns = 0
-        self._cut_alive_ns = 0
+        self._cut_alive_ns = -1
         #: The last poll that was seen, how long it has been the last, and when that was judged.
         self._alive_ns = 0
         self._silent_ns = 0

@@ -51,6 +51,7 @@ P50_MS, MOST_MS = 5.0, 20.0
 _NOISE_MS = 5.0
 #: `etd safe` takes most of a second: once in so many kills.
 _SAFE_EVERY = 10
+_TOLD_EVERY = 50
 #: Of what one pulse of the frames has at most: the words' own time is within it.
 _MOST_PART = 1.0
 _CURRENT_UA, _WIDTH_US, _ELECTRODES = 1_000, 100, 64
@@ -81,7 +82,8 @@ def operations(kills: int, tell: Any, seed: int = _SEED) -> dict[str, Lives]:
                 name = f"{board}, {'with' if has_keeper else 'without'} the stopper"
                 engines = KilledEngines(board, Path(temporary), seed, has_keeper=has_keeper)
                 for number in range(kills):
-                    tell(f"{name}: {number} of {kills}")
+                    if number % _TOLD_EVERY == 0:
+                        tell(f"{name}: {number} of {kills}")
                     engines.kill_one()
                 found[name] = engines.lives
     return found
@@ -102,7 +104,8 @@ def processes(kills: int, tell: Any, seed: int = _SEED) -> ProcessKills:
         part = ("run", "--part", "gateway", "--name", "kills", "--board", "fake")
         stack.enter_context(_process(sys.executable, "-m", "etd", *part, "--folder", str(folder)))
         for number in range(kills):
-            tell(f"processes: {number} of {kills}")
+            if number % _TOLD_EVERY == 0:
+                tell(f"processes: {number} of {kills}")
             was_left = (folder / kills_engine.NOTE).exists()
             killed_ns = _kill_one(folder, nursery, chance, found, was_left)
             if number % _SAFE_EVERY == 0:
@@ -266,8 +269,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
     def tell(sentence: str) -> None:
-        if sys.stderr.isatty():
-            print(f"\r{sentence}\033[K", end="", file=sys.stderr)
+        begins, ends = ("\r", "\033[K") if sys.stderr.isatty() else ("", "\n")
+        print(f"{begins}{sentence}{ends}", end="", file=sys.stderr, flush=True)
 
     lives = {} if args.part == "process" else operations(args.kills, tell, args.seed)
     kills = None

@@ -108,6 +108,13 @@ def test_without_supply_or_window_silence_is_allowed() -> None:
         assert made.words[CUTS] == 0
 
 
+def test_an_engine_that_has_never_polled_is_silent_too() -> None:
+    made = Watched()
+    made.words[ALIVE_NS] = 0
+    made.check_for(30 * MS)
+    assert made.words[CUTS] == 1
+
+
 def test_silence_before_the_supply_rose_does_not_count() -> None:
     made = Watched()
     made.words[POWER] = 2

@@ -224,9 +224,9 @@ def test_a_killed_engine_ends_its_message_and_safe_deselects(pulses: int) -> Non
         assert (report.state, report.holder) == ("HALTED", None)
         assert report.halt is not None
         assert report.halt.source == "crash"
-        with Display(address=running.address, max_current_ua=1000, width_us=100) as display:
-            with pytest.raises(Refused, match="the last engine was killed with the supply on"):
-                display.arm()
+        display = Display(address=running.address, max_current_ua=1000, width_us=100)
+        with display, pytest.raises(Refused, match="the last engine was killed with the supply on"):
+            display.arm()
         with Display(address=running.address) as display:
             display.clear()
         running.wait_until("cleared", state="SAFE", halt=None)

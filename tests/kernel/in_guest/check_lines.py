@@ -104,6 +104,11 @@ def test_lines_that_are_held_are_busy_for_a_second_daemon(ports: Backend) -> Non
     assert line_calls() == [], "a refused request moved a line"
 
 
+def test_what_becomes_of_lines_that_are_let_go_of_is_told_at_the_start(ports: Backend) -> None:
+    (told,) = [fact for fact in ports.facts if fact.startswith("lines: ")]
+    assert "the outputs stayed as they were" in told
+
+
 def test_lines_keep_their_levels_when_they_are_let_go_of(chips: Chips) -> None:
     opened = open_linux(BOARD, MACHINE)
     opened.gpio.set(((LINES["DATA"], 1),))
