@@ -17,7 +17,6 @@ from bench.kills import (
 )
 from bench.kills_operations import KilledEngines, Lives
 from campaign.scenes import BOARDS
-from etd_hal.supply_note import SupplyNote
 
 QUICK = ProcessKills(with_ms=[0.5] * 9 + [19.0], held_up_ms=1.0)
 
@@ -37,14 +36,11 @@ def test_however_an_engine_is_killed_no_more_than_a_pulse_flows_and_it_is_rememb
     assert 0.5 < lives.largest_part <= 1.0, "there was current, and no more than a pulse's"
 
 
-def test_a_note_that_is_not_kept_would_be_seen(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(SupplyNote, "keep", lambda _: None)
-    engines = KilledEngines(BOARDS[0], tmp_path, seed=7)
-    for _ in range(6):
-        engines.kill_one()
-    assert any("nothing notes it" in sentence for sentence in engines.lives.wrong)
+def test_what_is_wrong_in_a_life_is_told(tmp_path: Path) -> None:
+    """There is no folder for the note, so nothing is armed."""
+    engines = KilledEngines(BOARDS[0], tmp_path / "absent", seed=7)
+    engines.kill_one()
+    assert any("not armed: that the supply is on" in each for each in engines.lives.wrong)
 
 
 def test_real_processes_are_safe_in_time(tmp_path: Path) -> None:
