@@ -20,7 +20,7 @@ from etd_hal.boardfile import BoardFile, EdgeInput, Guards, MachineFile, Relays
 from etd_hal.chips.codec import Codec
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.chips.relay595 import RelaySwitch
-from etd_hal.cutlatch import CutLatch
+from etd_hal.cutlatch import WINDOW_NS, CutLatch
 from etd_hal.errors import BoardFault
 from etd_hal.guard import Guard
 from etd_hal.phase import Pulse, PulseResult
@@ -34,6 +34,8 @@ from etd_hal.timing import Timing, fitted, pulse_message, zero_message
 #: How many pulses are kept, each with all that was made of its message (some 5 kB); beyond that the
 #: oldest is dropped.
 _MAX_REMEMBERED = 2_048
+#: Where no board file names a heartbeat's window: the longest that one may name.
+_SILENT_MS = 100
 _Key = tuple[int, int, Prepulse | None]
 
 
@@ -57,6 +59,7 @@ class Board:
         self._bare_spi, self._bare_gpio = spi, gpio
         #: Shared with the stopper.
         self.cut = CutLatch()
+        self.cut.words[WINDOW_NS] = _window_ms(file.guards) * 1_000_000
         #: The levels of the safe state, in one call; all that the stopper ever sets.
         self.safe_changes = _safe_changes(file)
         self.guard = Guard(file, machine, spi, gpio, clock, self.cut, self.safe_changes)
@@ -424,6 +427,10 @@ def _switch(file: BoardFile, gpio: Gpio, clock: Clock) -> Switch:
     if isinstance(file.switch, Relays):
         return RelaySwitch(gpio, clock, file.switch, readback)
     return HalfBridgeSwitch(gpio, file.switch.lines, file.switch.outputs, readback)
+
+
+def _window_ms(guards: Guards) -> int:
+    return _SILENT_MS if guards.heartbeat == "absent" else guards.heartbeat.window_ms
 
 
 def _stop_lines(guards: Guards) -> dict[StopName, int]:

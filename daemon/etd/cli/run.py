@@ -25,10 +25,12 @@ from etd.files.configuration import LoadedConfig, fake_config, load_config
 from etd.files.paths import (
     CONTROL,
     check_name,
+    make_own,
     prepare_runtime,
     runtime_folder,
     selftest_file,
     state_folder,
+    supply_note_file,
     why_unreachable,
 )
 from etd.files.resources import config_dir
@@ -247,8 +249,11 @@ def _safe_command(args: argparse.Namespace, loaded: LoadedConfig) -> list[str]:
 def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
     from etd.engine.process import run_engine
 
-    selftest = _selftest_file(args, loaded)
-    return run_engine(loaded, _open_backend(args, loaded), folder, selftest)
+    selftest, note = _selftest_file(args, loaded), _supply_note_file(args, loaded)
+    # Where this cannot be had, arming is refused with the reason; the board is made safe anyway.
+    with contextlib.suppress(FileError, OSError):
+        make_own(note.parent, 0o700)
+    return run_engine(loaded, _open_backend(args, loaded), folder, selftest, supply_note=note)
 
 
 def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
@@ -258,6 +263,13 @@ def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
     if args.folder is not None and loaded.config.backend == "fake":
         return Path(args.folder) / "state" / "selftest-fake.json"
     return kept_selftest(args.name, loaded)
+
+
+def _supply_note_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
+    """Raises: FileError."""
+    named = args.state is not None or args.folder is not None
+    given = _state_folder(args, args.folder or Path()) if named else None
+    return supply_note_file(args.name, loaded.config.backend, given)
 
 
 def _state_folder(args: argparse.Namespace, folder: Path) -> Path:

@@ -42,6 +42,7 @@ from etd.stabilize.settings import pipeline
 from etd_hal.backend import Backend
 from etd_hal.board import Board
 from etd_hal.ports import Clock
+from etd_hal.supply_note import SupplyNote
 
 
 @dataclass(slots=True)
@@ -89,7 +90,10 @@ class Components:
 
 
 def components_of(
-    loaded: LoadedConfig, backend: Backend, stabilizers: Sequence[Stabilizer] | None = None
+    loaded: LoadedConfig,
+    backend: Backend,
+    stabilizers: Sequence[Stabilizer] | None = None,
+    supply_note: SupplyNote | None = None,
 ) -> Components:
     """`stabilizers` None: those of the body-site file."""
     source, electrodes = loaded.board.source, loaded.array.count
@@ -123,7 +127,7 @@ def components_of(
         host_clock=backend.host_clock,
         timeouts=timeouts,
         board=board,
-        stopper_liveness=StopperLiveness(board.cut),
+        stopper_liveness=StopperLiveness(board.cut, supply_note),
         gateway_link=dialogue,
         reporter=reporter,
         active=ActiveSchedule(clock, reporter),
