@@ -17,7 +17,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack soak campaign kills record compare format install place activate uninstall clean
+.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack soak evidence campaign kills record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -146,6 +146,9 @@ soak: $(VENV)/ready-dev ## A daemon that plays for an hour beside a load, and a 
 
 kills: $(VENV)/ready-dev ## A thousand kills of each kind: what flows, how long until it is safe, what is remembered; an hour (ARGS='--kills 20')
 	$(BIN)/python tests/bench/kills.py $(ARGS)
+
+evidence: $(VENV)/ready-dev ## The figures on safety, measured now on this machine, into docs/evidence.md; hours (ARGS=--short: minutes)
+	$(BIN)/python tests/bench/evidence.py $(ARGS)
 
 bench-attack: $(VENV)/ready-dev ## A stop, and the gateway's memory, while strangers do to the gateway what they can (ARGS=--json)
 	$(BIN)/python tests/bench/attack.py $(ARGS)
