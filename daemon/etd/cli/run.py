@@ -24,6 +24,7 @@ from etd.cli.extras import check_fake
 from etd.files.configuration import LoadedConfig, fake_config, load_config
 from etd.files.paths import (
     CONTROL,
+    calibrations_folder,
     check_name,
     prepare_runtime,
     runtime_folder,
@@ -245,10 +246,17 @@ def _safe_command(args: argparse.Namespace, loaded: LoadedConfig) -> list[str]:
 
 
 def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
+    from etd.engine.calibration_process import CalibrationProcess
     from etd.engine.process import run_engine
 
+    is_fake, core = loaded.config.backend == "fake", loaded.config.engine.core
+    calibrations = CalibrationProcess(
+        _calibrations_folder(args, folder),
+        _shipped_calibrations() if is_fake else None,
+        None if core == "any" else core,
+    )
     selftest = _selftest_file(args, loaded)
-    return run_engine(loaded, _open_backend(args, loaded), folder, selftest)
+    return run_engine(loaded, _open_backend(args, loaded), folder, selftest, calibrations)
 
 
 def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
@@ -265,6 +273,15 @@ def _state_folder(args: argparse.Namespace, folder: Path) -> Path:
     if args.state is not None:
         return Path(args.state)
     return state_folder(args.name) if args.folder is None else folder / "state"
+
+
+def _calibrations_folder(args: argparse.Namespace, folder: Path) -> Path:
+    return calibrations_folder(folder, _state_folder(args, folder))
+
+
+def _shipped_calibrations() -> Path:
+    """Of the fake's own body."""
+    return config_dir() / "calibrations"
 
 
 def kept_selftest(name: str, loaded: LoadedConfig) -> Path:
@@ -303,7 +320,8 @@ def _run_gateway(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -
         name=args.name,
         runtime_folder=folder,
         state_dir=_state_folder(args, folder),
-        shipped_calibrations=config_dir() / "calibrations",
+        calibrations=_calibrations_folder(args, folder),
+        shipped_calibrations=_shipped_calibrations(),
         default_calibration=loaded.config.default_calibration,
         operators=loaded.config.operators,
         record=args.record,

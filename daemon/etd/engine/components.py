@@ -18,6 +18,7 @@ from etd.engine.findings import Findings
 from etd.engine.gateway_link import GatewayLink
 from etd.engine.machine_watch import MachineWatch
 from etd.engine.node_check import NodeCheck
+from etd.engine.opening import CalibrationReader, Opening
 from etd.engine.pulse_log import PulseLog
 from etd.engine.reporting import Reporter
 from etd.engine.requests import Requests
@@ -60,6 +61,7 @@ class Components:
     board: Board
     stopper_liveness: StopperLiveness
     gateway_link: GatewayLink
+    opening: Opening
     reporter: Reporter
     active: ActiveSchedule
     # What is measured beside pulses, and where the sensors' last values are.
@@ -89,7 +91,10 @@ class Components:
 
 
 def components_of(
-    loaded: LoadedConfig, backend: Backend, stabilizers: Sequence[Stabilizer] | None = None
+    loaded: LoadedConfig,
+    backend: Backend,
+    reader: CalibrationReader,
+    stabilizers: Sequence[Stabilizer] | None = None,
 ) -> Components:
     """`stabilizers` None: those of the body-site file."""
     source, electrodes = loaded.board.source, loaded.array.count
@@ -125,6 +130,7 @@ def components_of(
         board=board,
         stopper_liveness=StopperLiveness(board.cut),
         gateway_link=dialogue,
+        opening=Opening(reader),
         reporter=reporter,
         active=ActiveSchedule(clock, reporter),
         readings=readings,

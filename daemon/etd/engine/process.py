@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
+from etd.engine.calibration_process import CalibrationProcess
 from etd.engine.loop import Engine
 from etd.engine.notify import Notifier
 from etd.engine.stopper import StopperThread
@@ -39,12 +40,13 @@ def run_engine(
     backend: Backend,
     folder: Path,
     selftest: Path,
+    calibrations: CalibrationProcess,
     on_ready: Callable[[], None] = lambda: None,
 ) -> int:
     """Drive the board until SIGTERM, SIGINT or SIGHUP. Main thread only.
 
     `folder` is the daemon's runtime folder, where the gateway finds the link; `selftest` is where
-    the last self-test's report is kept. Returns the exit status: 0, or 1 when the board could
+    the last self-test's report is kept; `calibrations` reads what leases are opened with. Returns the exit status: 0, or 1 when the board could
     not be made safe at the end.
     Raises: AlreadyRunning, BoardFault, BusError; the board has been made safe then.
     """
@@ -55,6 +57,7 @@ def run_engine(
         backend,
         feed_watchdog=_Feeder(notifier),
         untested=SelftestGate(selftest, subject_of(loaded, backend.name, backend.identity)),
+        calibrations=calibrations,
     )
     try:
         problems = _drive(engine, listener, notifier, on_ready)
@@ -62,6 +65,7 @@ def run_engine(
         # In every case: `end` never raises, and may be called again.
         engine.supervisor.end()
         backend.close()
+        calibrations.end()
         listener.close()
         notifier.close()
     for problem in problems:

@@ -109,7 +109,12 @@ class CalibrationFolder:
 
     def check_kept(self) -> None:
         """Not more than are kept, whoever put them here. Raises: Refused (`bad_calibration`)."""
-        self._check_room("", 0, more=0)
+        try:
+            self._check_room("", 0, more=0)
+        except OSError as error:
+            raise Refused(
+                "bad_calibration", f"{self.own} cannot be read: {error.strerror}"
+            ) from error
 
     @property
     def _mode(self) -> int:
@@ -121,7 +126,7 @@ class CalibrationFolder:
         if not self.own.is_dir():
             return
         others = [path for path in self.own.iterdir() if path.name != file]
-        taken_bytes = sum(path.lstat().st_size for path in others)
+        taken_bytes = sum(map(_size_of, others))
         why = ""
         if sum(path.suffix == ".toml" for path in others) + more > MOST_CALIBRATIONS:
             why = f"no more than {MOST_CALIBRATIONS} calibrations are kept in {self.own}"
@@ -150,3 +155,11 @@ class CalibrationFolder:
         return Refused(
             "not_permitted", f"{what}: this user may not write into {self.own}: {advice}"
         )
+
+
+def _size_of(path: Path) -> int:
+    """0, if it has been deleted meanwhile."""
+    try:
+        return path.lstat().st_size
+    except FileNotFoundError:
+        return 0
