@@ -256,7 +256,9 @@ def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) ->
         None if core == "any" else core,
     )
     selftest = _selftest_file(args, loaded)
-    return run_engine(loaded, _open_backend(args, loaded), folder, selftest, calibrations)
+    return run_engine(
+        loaded, _open_backend(args, loaded), folder, selftest, calibrations=calibrations
+    )
 
 
 def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:

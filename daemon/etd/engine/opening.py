@@ -45,7 +45,7 @@ class GivenCalibrations:
         self._calibrations = calibrations
         self._wanted: tuple[str, ...] = ()
 
-    def begin(self, names: Sequence[str], gateway: Peer) -> None:
+    def begin(self, names: Sequence[str], _: Peer) -> None:
         """See `CalibrationReader`."""
         self._wanted = tuple(names)
 

@@ -40,14 +40,14 @@ def run_engine(
     backend: Backend,
     folder: Path,
     selftest: Path,
-    calibrations: CalibrationProcess,
     on_ready: Callable[[], None] = lambda: None,
+    calibrations: CalibrationProcess | None = None,
 ) -> int:
     """Drive the board until SIGTERM, SIGINT or SIGHUP. Main thread only.
 
     `folder` is the daemon's runtime folder, where the gateway finds the link; `selftest` is where
-    the last self-test's report is kept; `calibrations` reads what leases are opened with. Returns the exit status: 0, or 1 when the board could
-    not be made safe at the end.
+    the last self-test's report is kept; `calibrations` reads what leases are opened with (None:
+    limits only). Returns the exit status: 0, or 1 when the board could not be made safe at the end.
     Raises: AlreadyRunning, BoardFault, BusError; the board has been made safe then.
     """
     listener = Listener(folder)
@@ -65,7 +65,8 @@ def run_engine(
         # In every case: `end` never raises, and may be called again.
         engine.supervisor.end()
         backend.close()
-        calibrations.end()
+        if calibrations is not None:
+            calibrations.end()
         listener.close()
         notifier.close()
     for problem in problems:

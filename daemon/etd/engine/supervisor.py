@@ -287,7 +287,9 @@ class Supervisor:
                 self.soft_start.restart()
             self.board.guard.permit(self.maxima.current_ua)
             self.report_state(self.clock.now_ns())
-        self.send(Answer(ref=power_up.ref, contact=contact, calibrations=calibrations_of(self.lease)))
+        self.send(
+            Answer(ref=power_up.ref, contact=contact, calibrations=calibrations_of(self.lease))
+        )
 
     def _measure_computing(self) -> None:
         """All probes were fired: plans now use the computing time measured meanwhile."""

@@ -57,7 +57,7 @@ def check_beyond(folder: Path, other: Peer) -> None:
 
 
 def open_beyond(path: Path, other: Peer) -> int:
-    """To read: a file as of `open_own`, which that user cannot write. Raises: FileError, OSError."""
+    """To read: as `open_own`, of a file that this user cannot write. Raises: FileError, OSError."""
     number = open_own(path, os.O_RDONLY)
     try:
         _check_beyond(path, os.fstat(number), other, is_sticky_above=False)
@@ -67,9 +67,7 @@ def open_beyond(path: Path, other: Peer) -> int:
     return number
 
 
-def _check_beyond(
-    place: Path, found: os.stat_result, other: Peer, is_sticky_above: bool
-) -> None:
+def _check_beyond(place: Path, found: os.stat_result, other: Peer, is_sticky_above: bool) -> None:
     """In a sticky folder above, as /tmp, a user can remove only what is that user's."""
     why, how = "", ""
     if found.st_uid == other.uid:

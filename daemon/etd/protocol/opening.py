@@ -22,8 +22,9 @@ CalibrationNames = (
     Name | Annotated[tuple[Name, ...], Meta(min_length=1, max_length=MOST_CALIBRATIONS)]
 )
 
-#: SHA-256, as `sha256sum` prints it.
-Digest = Annotated[str, Meta(pattern=whole("[0-9a-f]{64}"))]
+#: SHA-256, in hexadecimal digits.
+DIGEST_PATTERN = whole("[0-9a-f]{64}")
+Digest = Annotated[str, Meta(pattern=DIGEST_PATTERN)]
 #: One for each name, in their order.
 Digests = Annotated[tuple[Digest, ...], Meta(max_length=MOST_CALIBRATIONS)]
 
@@ -42,9 +43,7 @@ class WantedCalibration(msgspec.Struct, frozen=True, kw_only=True):
     digest: Digest | None = None
 
 
-WantedCalibrations = Annotated[
-    tuple[WantedCalibration, ...], Meta(max_length=MOST_CALIBRATIONS)
-]
+WantedCalibrations = Annotated[tuple[WantedCalibration, ...], Meta(max_length=MOST_CALIBRATIONS)]
 
 
 class LeaseCalibration(msgspec.Struct, frozen=True, kw_only=True):
