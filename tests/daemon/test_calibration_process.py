@@ -127,13 +127,18 @@ def test_shipped_ones_are_beneath_and_only_where_they_may_be_named(folder: Path)
 # --- whose it is ------------------------------------------------------------------------------
 
 
+def for_its_group(path: Path) -> None:
+    os.chown(path, 0, 65_532)
+    path.chmod(0o664)
+
+
 @needs_root
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
         (lambda path: os.chown(path, GATEWAY.uid, 0), "it belongs to user 65531"),
         (lambda path: path.chmod(0o646), "everybody may write it"),
-        (lambda path: (os.chown(path, 0, 65_532), path.chmod(0o664)), "the group 65532 may write"),
+        (lambda path: for_its_group(path), "the group 65532 may write"),
         (lambda path: os.chown(path.parent, GATEWAY.uid, 0), "it belongs to user 65531"),
         (lambda path: os.chown(path.parent, 0, 65_532), "the group 65532 may write it"),
         (lambda path: path.parent.chmod(0o777), "everybody may write it"),

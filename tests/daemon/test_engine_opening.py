@@ -16,7 +16,7 @@ import pytest
 
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, calibration, states
-from etd.engine.idle_wait import TICK_NS
+from etd.engine.idle_wait import UNPOWERED_TICK_NS
 from etd.engine.opening import READ_WITHIN_NS
 from etd.protocol.calibration import Calibration
 from etd.protocol.calibration_set import digest_of
@@ -172,7 +172,7 @@ def test_polls_go_on_while_a_calibration_is_read(rig: EngineRig) -> None:
     begin(rig)
     rig.run_ms(3_000)
     between = [after - before for before, after in itertools.pairwise(polls)]
-    assert max(between) <= TICK_NS, "as with nothing to do"
+    assert max(between) <= UNPOWERED_TICK_NS, "as with nothing to do"
     assert rig.ask(ClearHalt).error is None, "other commands are answered"
     assert len([report for report in states(rig) if report.state == "SAFE"]) >= 3
 

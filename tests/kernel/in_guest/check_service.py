@@ -54,7 +54,7 @@ def assert_made_safe_by(pid: int, events: list[Event]) -> int:
 def test_both_are_ready_and_each_is_a_user_of_its_own_without_rights(services: None) -> None:
     engine, gateway = scene.main_pid(ENGINE), scene.main_pid(GATEWAY)
     assert scene.user_of(engine) == "etd-engine"
-    assert scene.groups_of(engine) == {"etd", "etd-spi", "gpio", "spi", "i2c"}
+    assert scene.groups_of(engine) == {"etd", "etd-spi", "etd-users", "gpio", "spi", "i2c"}
     assert scene.user_of(gateway) == "etd-gateway"
     assert scene.groups_of(gateway) == {"etd", "etd-users"}
     for pid in (engine, gateway):
@@ -102,6 +102,8 @@ def test_people_reach_the_gateway_and_nobody_the_engine(services: None) -> None:
         path = scene.SOCKETS / f"engine-{name}.sock"
         assert scene.owner_of(path) == "etd-engine etd 660"
     assert scene.owner_of(Path("/var/lib/etd/main")) == "etd-gateway etd-users 700"
+    assert scene.owner_of(Path("/var/lib/etd-calibrations")) == "root etd-users 750"
+    assert scene.owner_of(Path("/var/lib/etd-calibrations/main")) == "root etd-operators 2775"
     refused = scene.run("etd", "status", user=STRANGER)
     assert refused.returncode == 3
     assert "may not use the socket" in refused.stderr
