@@ -99,23 +99,23 @@ class SshWay:
     def put_calibration(self, facts: HelloReply, name: str, calibration: Calibration) -> None:
         """By a process there. Raises: Refused, DaemonGone."""
         check_fits(calibration, facts)
-        words = ["calibration", "import", "-", "--as", checked(name), "--name", self._known_name()]
-        run_there(self._host, words, to_toml(calibration))
+        self._run_there("import", f"--as={checked(name)}", "--", "-", data=to_toml(calibration))
 
     def delete_calibration(self, _: HelloReply, name: str) -> None:
         """By a process there. Raises: Refused, DaemonGone."""
-        words = ["calibration", "delete", checked(name), "--name", self._known_name()]
-        run_there(self._host, words)
+        self._run_there("delete", "--", checked(name))
 
-    def _known_name(self) -> str:
-        """Commands find a daemon by its name. Raises: Refused (`not_permitted`)."""
-        if self._is_named:
-            return self._name
-        raise Refused(
-            "not_permitted",
-            f"the daemon at {self.place} was reached by its address: store and delete its"
-            " calibrations there, with `etd calibration`",
-        )
+    def _run_there(self, what: str, *words: str, data: str = "") -> None:
+        """A command finds a daemon by its name. Raises: Refused (`not_permitted`, and as it was
+        refused there), DaemonGone.
+        """
+        if not self._is_named:
+            raise Refused(
+                "not_permitted",
+                f"the daemon at {self.place} was reached by its address: store and delete its"
+                " calibrations there, with `etd calibration`",
+            )
+        run_there(self._host, ["calibration", what, "--json", f"--name={self._name}", *words], data)
 
     def close(self) -> None:
         """Ends the connection. Idempotent."""

@@ -54,10 +54,11 @@ def ssh_words(host: str, forwards: Sequence[str], command: str) -> list[str]:
 
 
 def run_there(host: str, words: Sequence[str], data: str = "") -> None:
-    """`etd WORDS --json` there, with `data` as its input. Raises: Refused, as it was refused there;
-    DaemonGone, where it could not be run.
+    """`etd WORDS` there, one of which is `--json`, with `data` as its input.
+
+    Raises: Refused, as it was refused there; DaemonGone, where it could not be run.
     """
-    command = shlex.join(["etd", *words, "--json"])
+    command = shlex.join(["etd", *words])
     try:
         ran = subprocess.run(
             ssh_words(host, (), command),
