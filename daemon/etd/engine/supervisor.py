@@ -52,9 +52,8 @@ class Supervisor:
         self.ledger, self.source_check = components.ledger, components.source_check
         self.contact = components.contact
         self.adapter, self.feeling = components.adapter, components.feeling
-        self.rail = components.rail
         self.gateway_link, self.opening = components.gateway_link, components.opening
-        self.marker = components.backend.marker
+        self.rail, self.marker = components.rail, components.backend.marker
         self.returns = components.returns
         self.not_granted: tuple[str, ...] = ()
         self._failed_calibrations: tuple[str, ...] = ()
@@ -287,9 +286,8 @@ class Supervisor:
                 self.soft_start.restart()
             self.board.guard.permit(self.maxima.current_ua)
             self.report_state(self.clock.now_ns())
-        self.send(
-            Answer(ref=power_up.ref, contact=contact, calibrations=calibrations_of(self.lease))
-        )
+        taken = calibrations_of(self.lease)
+        self.send(Answer(ref=power_up.ref, contact=contact, calibrations=taken))
 
     def _measure_computing(self) -> None:
         """All probes were fired: plans now use the computing time measured meanwhile."""
