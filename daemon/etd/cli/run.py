@@ -75,13 +75,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--part", choices=PARTS, help="run one part in the foreground")
     parser.add_argument(
-        "--folder", type=Path, metavar="DIR", help="keep sockets and calibrations in DIR"
+        "--folder", type=Path, metavar="DIR", help="keep sockets, calibrations and records in DIR"
     )
     parser.add_argument(
         "--state",
         type=Path,
         metavar="DIR",
-        help="keep calibrations in DIR (default: the daemon's own, or in --folder)",
+        help="keep calibrations and records in DIR (default: the daemon's own, or in --folder)",
     )
     parser.add_argument(
         "--selftest", type=Path, metavar="FILE", help="the self-test report that arming requires"
