@@ -24,10 +24,8 @@ from etd.protocol.calibration_set import digest_of
 from etd.protocol.link import Alive, Answer, OpenLease
 from etd.protocol.opening import WantedCalibration
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(os.geteuid() != 0, reason="only root can be another user"),
-]
+NEEDS_ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be another user")
+pytestmark = [pytest.mark.slow, NEEDS_ROOT]
 
 GATEWAY, OPERATOR = 65_531, 65_533
 CALIBRATION = load_calibration(find("calibrations", "fake-fingertip-pad-8"))
