@@ -262,6 +262,14 @@ FLOODS = (
 LIES = 'import os\ndef main(asked, answer, core):\n    os.write(answer, b"\\xc1junk")\n'
 
 
+FEW = """
+import msgspec, os
+from etd.files.calibration_reading import Found
+def main(asked, answer, core):
+    os.write(answer, msgspec.msgpack.encode(Found()))
+"""
+
+
 @pytest.fixture
 def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], str]:
     """A module in the place of the one that reads."""
@@ -274,7 +282,7 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], 
     return made
 
 
-@pytest.mark.parametrize("text", [EATS, LIES, FLOODS, "def main(*_): raise SystemExit(3)"])
+@pytest.mark.parametrize("text", [EATS, LIES, FLOODS, FEW, "def main(*_): raise SystemExit(3)"])
 def test_a_parser_that_eats_memory_lies_or_floods_is_a_refusal(
     folder: Path, program: Callable[[str], str], text: str
 ) -> None:

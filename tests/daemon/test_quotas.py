@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
-from etd.files.calibration import load_calibration
+from etd.files.calibration import load_calibration, to_toml
 from etd.files.calibration_folder import (
     MOST_CALIBRATIONS,
     MOST_IN_ALL_BYTES,
@@ -64,6 +65,16 @@ def test_what_a_killed_daemon_left_over_counts_in_bytes(
     with (tmp_path / "calibrations" / ".p01-x7").open("wb") as file:
         file.truncate(MOST_IN_ALL_BYTES)
     refused(store)
+
+
+def test_a_file_is_not_larger_than_the_engine_reads(store: CalibrationFolder) -> None:
+    count = 400
+    returns = tuple(tuple(other for other in range(count) if other != own) for own in range(count))
+    electrode = CALIBRATION.electrode[:1] * count
+    large = msgspec.structs.replace(CALIBRATION, electrode=electrode, returns=returns)
+    assert len(to_toml(large)) > MOST_FILE_BYTES
+    with pytest.raises(Refused, match=f"and {MOST_FILE_BYTES} are allowed"):
+        store.put("large", large)
 
 
 def test_no_more_than_so_many_records_are_kept_however_short(tmp_path: Path) -> None:

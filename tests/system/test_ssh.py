@@ -142,6 +142,7 @@ def test_a_calibration_is_stored_and_deleted_by_a_process_there(rig: SshRig) -> 
 from etd import Display, Refused
 with Display(host="display") as display:
     made = display.calibration("P01")
+    display.check_may_store()
     display.set_calibration("P02", made)
     display.set_calibration("--help", made)
     display.delete_calibration("P01")
@@ -161,6 +162,10 @@ with Display(host="display") as display:
         expected = "bad_calibration\nnot_found\nbad_message\nP02\n"
         assert (ran.returncode, ran.stderr, ran.stdout) == (0, "", expected)
         rig.calibrations.chmod(0o2755)
+        early = rig.commands.run(
+            *("calibrate", "P03", "--max-current-ua", "1000", "--host", "display", "--json")
+        )
+        assert (early.status, early.answer["error"]) == (1, "not_permitted")
         refused = rig.commands.run("calibration", "delete", "P02", "--host", "display", "--json")
         assert (refused.status, refused.answer["error"]) == (1, "not_permitted")
         assert "adduser NAME etd-operators" in refused.answer["reason"]

@@ -316,6 +316,10 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         """Raises: Refused (`not_found`)."""
         return await self._run(self._session.get_calibration(name))
 
+    async def check_may_store(self) -> None:
+        """See `Display.check_may_store`."""
+        await asyncio.to_thread(self._way.check_may_store, self.facts)
+
     async def set_calibration(self, name: str, calibration: Calibration) -> None:
         """Store a calibration under a name; see `Display.set_calibration`."""
         await asyncio.to_thread(self._way.put_calibration, self.facts, name, calibration)

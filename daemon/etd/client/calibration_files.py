@@ -28,6 +28,11 @@ def put(control: str, facts: HelloReply, name: str, calibration: Calibration) ->
     _folder(control, facts).put(checked(name), calibration)
 
 
+def check_may_store(control: str, facts: HelloReply) -> None:
+    """Raises: Refused (`not_permitted`)."""
+    _folder(control, facts).check_may_write()
+
+
 def delete(control: str, facts: HelloReply, name: str) -> None:
     """Raises: Refused (`not_found`, `bad_calibration`, `not_permitted`)."""
     _folder(control, facts).delete(checked(name))

@@ -350,6 +350,13 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """Raises: Refused (`not_found`)."""
         return self._run(self._session.get_calibration(name))
 
+    def check_may_store(self) -> None:
+        """Before a person answers for an hour: whether this process's user may store calibrations.
+        Raises: Refused (`not_permitted`).
+        """
+        self._owner.check()
+        self._way.check_may_store(self.facts)
+
     def set_calibration(self, name: str, calibration: Calibration) -> None:
         """Store a calibration under a name: this process writes the file (over ssh, one there), so
         its user must be an operator of that computer (docs/install.md). Raises: Refused

@@ -25,9 +25,17 @@ from pathlib import Path
 
 from etd.client import clock
 from etd.client.calibration_files import check_fits, checked
-from etd.client.ssh_command import run_there, ssh_words
+from etd.client.ssh_command import may_write_there, run_there, ssh_words
 from etd.files.calibration import to_toml
-from etd.files.paths import CONTROL, FRAMES, SYSTEM_RUNTIME, TELEMETRY, check_name
+from etd.files.calibration_folder import not_permitted
+from etd.files.paths import (
+    CONTROL,
+    FRAMES,
+    SYSTEM_CALIBRATIONS,
+    SYSTEM_RUNTIME,
+    TELEMETRY,
+    check_name,
+)
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, Refused
 from etd.protocol.messages import HelloReply
@@ -95,6 +103,12 @@ class SshWay:
         """Raises: DaemonGone, once the connection has ended."""
         if self._process.poll() is not None:
             raise DaemonGone(self.place, f"the connection to {self._host} has ended", self._why())
+
+    def check_may_store(self, _: HelloReply) -> None:
+        """In the folder of the system's daemon there. Raises: Refused, DaemonGone."""
+        folder = SYSTEM_CALIBRATIONS / self._name
+        if self._is_named and not may_write_there(self._host, folder):
+            raise not_permitted(folder, "a calibration could not be stored")
 
     def put_calibration(self, facts: HelloReply, name: str, calibration: Calibration) -> None:
         """By a process there. Raises: Refused, DaemonGone."""

@@ -11,6 +11,7 @@ import re
 import shlex
 import subprocess
 from collections.abc import Sequence
+from pathlib import Path
 from typing import cast, get_args
 
 import msgspec
@@ -59,8 +60,35 @@ def run_there(host: str, words: Sequence[str], data: str = "") -> None:
     Raises: Refused, as it was refused there; DaemonGone, where it could not be run.
     """
     command = shlex.join(["etd", *words])
+    ran = _ran(host, command, data)
+    if ran.returncode == 0:
+        return
+    # A login shell may print something first.
+    lines = [line for line in ran.stdout.splitlines() if re.match(r"\{.*\}$", line)]
     try:
-        ran = subprocess.run(
+        told = msgspec.json.decode(lines[-1], type=_Failure)
+    except (IndexError, msgspec.DecodeError):
+        said = _last_word(ran)
+        if ran.returncode == _NOT_FOUND:
+            said += ": the command etd must be found there by a shell that ssh starts"
+        raise DaemonGone(host, f"`{command}` could not be run", said) from None
+    code = told.error if told.error in get_args(ErrorCode) else "bad_calibration"
+    raise Refused(cast(ErrorCode, code), told.reason)
+
+
+def may_write_there(host: str, folder: Path) -> bool:
+    """Whether the account may write into that folder. Raises: DaemonGone."""
+    command = f"test -w {shlex.quote(folder.as_posix())}"
+    ran = _ran(host, command)
+    if ran.returncode not in (0, 1):
+        raise DaemonGone(host, f"`{command}` could not be run", _last_word(ran))
+    return ran.returncode == 0
+
+
+def _ran(host: str, command: str, data: str = "") -> subprocess.CompletedProcess[str]:
+    """Raises: DaemonGone."""
+    try:
+        return subprocess.run(
             ssh_words(host, (), command),
             input=data,
             capture_output=True,
@@ -71,16 +99,7 @@ def run_there(host: str, words: Sequence[str], data: str = "") -> None:
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise DaemonGone(host, "ssh could not be run", str(error)) from error
-    if ran.returncode == 0:
-        return
-    # A login shell may print something first.
-    lines = [line for line in ran.stdout.splitlines() if re.match(r"\{.*\}$", line)]
-    try:
-        told = msgspec.json.decode(lines[-1], type=_Failure)
-    except (IndexError, msgspec.DecodeError):
-        said = (ran.stderr.splitlines() or ["it said nothing"])[-1]
-        if ran.returncode == _NOT_FOUND:
-            said += ": the command etd must be found there by a shell that ssh starts"
-        raise DaemonGone(host, f"`{command}` could not be run", said) from None
-    code = told.error if told.error in get_args(ErrorCode) else "bad_calibration"
-    raise Refused(cast(ErrorCode, code), told.reason)
+
+
+def _last_word(ran: subprocess.CompletedProcess[str]) -> str:
+    return (ran.stderr.splitlines() or ["it said nothing"])[-1]

@@ -31,6 +31,9 @@ class Way(Protocol):
     def check_alive(self) -> None:
         """While an answer is awaited. Raises: DaemonGone, if none can come any more."""
 
+    def check_may_store(self, facts: HelloReply) -> None:
+        """Whether this user may store calibrations there. Raises: Refused, DaemonGone."""
+
     def put_calibration(self, facts: HelloReply, name: str, calibration: Calibration) -> None:
         """By a process of this user's on the daemon's machine. Raises: Refused, DaemonGone."""
 
@@ -56,6 +59,10 @@ class LocalWay:
 
     def check_alive(self) -> None:
         """A gateway that has ended may come back while it is waited for."""
+
+    def check_may_store(self, facts: HelloReply) -> None:
+        """By this process."""
+        calibration_files.check_may_store(self.control, facts)
 
     def put_calibration(self, facts: HelloReply, name: str, calibration: Calibration) -> None:
         """By this process."""

@@ -9,6 +9,7 @@ engine. Its answer is decoded as any message of another process is.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -21,8 +22,10 @@ from etd.files.calibration_reading import MOST_TOGETHER_BYTES, Asked, Found
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.peer import Peer
+from etd.protocol.text import shown
 
 _READ_BYTES = 65_536
+_ENDS_WITHIN_S = 2.0
 _decoder = msgspec.msgpack.Decoder(Found)
 
 
@@ -45,6 +48,7 @@ class CalibrationProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._answer = -1
         self._said = bytearray()
+        self._wanted = self._status = 0
 
     def begin(self, names: Sequence[str], gateway: Peer) -> None:
         """Raises: Refused (`busy`, `bad_calibration`)."""
@@ -57,6 +61,7 @@ class CalibrationProcess:
             gateway=gateway,
         )
         self._said.clear()
+        self._wanted = len(names)
         try:
             self._start(msgspec.json.encode(asked).decode())
         except OSError as error:
@@ -74,14 +79,20 @@ class CalibrationProcess:
         try:
             found = _decoder.decode(self._said)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            raise Refused(
-                "bad_calibration",
-                "the process that reads calibrations ended without an answer: the file takes too"
-                " much time or memory, or something ended the process (etd check FILE)",
-            ) from None
+            raise self._no_answer() from None
         if found.error is not None:
-            raise Refused(found.error, found.reason)
+            raise Refused(found.error, shown(found.reason))
+        if len(found.calibrations) != self._wanted:
+            raise self._no_answer()
         return found.calibrations
+
+    def _no_answer(self) -> Refused:
+        return Refused(
+            "bad_calibration",
+            f"the process that reads calibrations ended without an answer (status {self._status}):"
+            " the file takes too much time or memory, or something ended the process (etd check"
+            " FILE)",
+        )
 
     def cancel(self) -> None:
         """Idempotent. The process may take a moment until it is over."""
@@ -92,11 +103,11 @@ class CalibrationProcess:
             self._process.kill()
 
     def end(self) -> None:
-        """The same, and waits until it is over. Idempotent."""
+        """The same, and waits until it is over, for so long. Idempotent."""
         self.cancel()
         if self._process is not None:
-            self._process.wait()
-            self._process = None
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_ENDS_WITHIN_S)
 
     def _start(self, asked: str) -> None:
         reading, writing = os.pipe2(os.O_CLOEXEC)
@@ -137,6 +148,6 @@ class CalibrationProcess:
         return True
 
     def _is_over(self) -> bool:
-        if self._process is not None and self._process.poll() is not None:
-            self._process = None
+        if self._process is not None and (status := self._process.poll()) is not None:
+            self._process, self._status = None, status
         return self._process is None

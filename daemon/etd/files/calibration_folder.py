@@ -76,11 +76,17 @@ class CalibrationFolder:
         except FileError as error:
             raise Refused("bad_calibration", f"{name!r} could not be stored: {error}") from error
         except PermissionError as error:
-            raise self._not_permitted(f"{name!r} could not be stored") from error
+            raise not_permitted(self.own, f"{name!r} could not be stored") from error
         except OSError as error:
             raise Refused(
                 "bad_calibration", f"{name!r} could not be stored in {self.own}: {error.strerror}"
             ) from error
+
+    def check_may_write(self) -> None:
+        """Before somebody works for what is to be stored. Raises: Refused (`not_permitted`)."""
+        nearest = next(place for place in (self.own, *self.own.parents) if os.path.lexists(place))
+        if not os.access(nearest, os.W_OK | os.X_OK):
+            raise not_permitted(self.own, "a calibration could not be stored")
 
     def delete(self, name: str) -> None:
         """A lease that was opened with it keeps its limits until it ends.
@@ -101,7 +107,7 @@ class CalibrationFolder:
         try:
             path.unlink()
         except PermissionError as error:
-            raise self._not_permitted(f"{name!r} could not be deleted") from error
+            raise not_permitted(self.own, f"{name!r} could not be deleted") from error
         except OSError as error:
             raise Refused(
                 "bad_calibration", f"{path} could not be deleted: {error.strerror}"
@@ -145,17 +151,6 @@ class CalibrationFolder:
     def _is_shipped(self, name: str) -> bool:
         return self._shipped is not None and (self._shipped / f"{name}.toml").exists()
 
-    def _not_permitted(self, what: str) -> Refused:
-        advice = f"run it as the user who owns {self.own}"
-        if paths.SYSTEM_CALIBRATIONS in self.own.parents:
-            advice = (
-                "have this user added to the group of operators (sudo adduser NAME etd-operators),"
-                " log in again; the folder is made when the engine's service starts"
-            )
-        return Refused(
-            "not_permitted", f"{what}: this user may not write into {self.own}: {advice}"
-        )
-
 
 def _size_of(path: Path) -> int:
     """0, if it has been deleted meanwhile."""
@@ -163,3 +158,14 @@ def _size_of(path: Path) -> int:
         return path.lstat().st_size
     except FileNotFoundError:
         return 0
+
+
+def not_permitted(folder: Path, what: str) -> Refused:
+    """`what` could not be done there; with what to do."""
+    advice = f"run it as the user who owns {folder}"
+    if paths.SYSTEM_CALIBRATIONS in folder.parents:
+        advice = (
+            "have this user added to the group of operators (sudo adduser NAME etd-operators), log"
+            " in again; the folder is made when the engine's service starts"
+        )
+    return Refused("not_permitted", f"{what}: this user may not write into {folder}: {advice}")
