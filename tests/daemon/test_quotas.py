@@ -10,6 +10,7 @@ import pytest
 from etd.files.calibration import load_calibration, to_toml
 from etd.files.calibration_folder import (
     MOST_CALIBRATIONS,
+    MOST_FILE_BYTES,
     MOST_IN_ALL_BYTES,
     CalibrationFolder,
 )
