@@ -21,6 +21,8 @@ from etd.protocol.peer import Peer
 
 #: As many links as Linux follows on one path.
 _MOST_LINKS = 40
+#: A file that is replaced so often while it is opened is no file to wait for.
+_MOST_REPLACED = 8
 
 
 def make_own(folder: Path, mode: int, laid_out: tuple[Path, ...] = ()) -> None:
@@ -111,17 +113,25 @@ def open_own(path: Path, flags: int, mode: int = 0o640) -> int:
 
     Raises: FileError, OSError.
     """
+    for _ in range(_MOST_REPLACED):
+        number = _opened(path, flags, mode)
+        found = os.fstat(number)
+        if stat.S_ISREG(found.st_mode) and found.st_nlink == 1:
+            return number
+        os.close(number)
+        if found.st_nlink:
+            break
+        # It was replaced after it had been opened: the name is another file's.
+    raise _distrusted(path, "something else is in the place of a file", "remove it")
+
+
+def _opened(path: Path, flags: int, mode: int) -> int:
     try:
-        number = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, mode)
+        return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, mode)
     except OSError as error:
         if error.errno != errno.ELOOP:
             raise
         raise _distrusted(path, "a link is in the place of a file", "remove it") from error
-    found = os.fstat(number)
-    if stat.S_ISREG(found.st_mode) and found.st_nlink == 1:
-        return number
-    os.close(number)
-    raise _distrusted(path, "something else is in the place of a file", "remove it")
 
 
 def _check_owner(place: Path, found: os.stat_result, is_laid_out: bool) -> None:
