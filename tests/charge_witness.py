@@ -10,7 +10,8 @@ from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from etd.safety.ledger import WINDOW_NS, Ledger
+from etd.safety.bookings import WINDOW_NS
+from etd.safety.ledger import Ledger
 from etd_body.electrode import Contact
 from etd_body.minimal import MinimalBody
 from etd_hal.backend import Backend

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 from etd.protocol.link import Report
 from etd.protocol.messages import Scan
-from etd.protocol.outcome import Clamp
+from net_by_hand import most_left_pc
 from rise_witness import RISE_UA, Rise
 from skin_witness import Skin
 from trace_decoder import Facts, Phase, Record, decode, is_led, visits
@@ -35,6 +35,7 @@ class Bounds:
     on_us_per_s: int
     array_mean_current_ua: int
     array_on_us_per_s: int
+    net_charge_pc: int
     probe_current_ua: int
     probe_width_us: int
     #: The longest that one visit can take from the look at the clock to its last phase.
@@ -194,6 +195,7 @@ class Oracle:
         self.check_charges()
         self.check_probes()
         self.check_windows()
+        self.check_net_charge()
         self.check_expiry()
         self.check_opening()
         self.check_stops()
@@ -257,15 +259,20 @@ class Oracle:
     def check_windows(self) -> None:
         """Over every second that ends with a pulse."""
         bounds = self.story.bounds
-        most_pc = bounds.mean_current_ua * 1e6
         for last, visit in enumerate(self.visits):
             window = self._second_before(last)
             charge_pc, pulses, on_us = _sums(window, self.story.electrodes)
-            assert max(charge_pc.values()) <= most_pc + ROUNDING_PC * len(window)
+            rounded_pc = ROUNDING_PC * len(window)
+            assert max(charge_pc.values()) <= bounds.mean_current_ua * 1e6 + rounded_pc
             assert pulses[visit.electrode] <= bounds.rate_hz
             assert on_us[visit.electrode] <= bounds.on_us_per_s
-            assert sum(visit.charge_pc for visit in window) <= bounds.array_mean_current_ua * 1e6
-            assert sum(visit.on_us for visit in window) <= bounds.array_on_us_per_s
+            assert sum(each.charge_pc for each in window) <= bounds.array_mean_current_ua * 1e6
+            assert sum(each.on_us for each in window) <= bounds.array_on_us_per_s
+
+    def check_net_charge(self) -> None:
+        each = [(visit.phases, visit.returns) for visit in self.visits]
+        left_pc = most_left_pc(each, self.story.electrodes)
+        assert left_pc <= self.story.bounds.net_charge_pc + ROUNDING_PC * len(self.visits)
 
     def _second_before(self, last: int) -> list[Visit]:
         begun_ns = self.visits[last].begun_ns
@@ -359,7 +366,10 @@ class Oracle:
             if self._has_only_a_probe(visit) and self._is_excused(visit, told):
                 continue
             assert clamps, f"electrode {visit.electrode} was clamped, and nobody was told"
-            assert all(_makes_sense(clamp) for clamp in clamps)
+            assert all(
+                0 <= clamp.allowed_ua < clamp.wanted_ua and clamp.limited_by >= 0
+                for clamp in clamps
+            )
 
     def _is_excused(self, visit: Visit, told: Scan) -> bool:
         """A probe with no pulse behind it: named as thinned, or its frame's time was over, or that
@@ -419,10 +429,6 @@ class Oracle:
 
 def _is_due(frame: SentFrame, current_ua: int, fired: int) -> bool:
     return current_ua > 0 and (frame.pulses is None or fired < frame.pulses)
-
-
-def _makes_sense(clamp: Clamp) -> bool:
-    return 0 <= clamp.allowed_ua < clamp.wanted_ua and clamp.limited_by >= 0
 
 
 def _scan_remarks(trace: Sequence[Record]) -> list[Record]:

@@ -43,6 +43,10 @@ class FollowedTrace:
         """What went into the node alone, as `trace_decoder` says; not to be changed."""
         return self._followed().unloaded
 
+    def unselected(self) -> list[Phase]:
+        """The same with all outputs live, and none selected."""
+        return self._followed().unselected
+
     def _followed(self) -> Decoder:
         records = self.records()
         if self._decoder is None:

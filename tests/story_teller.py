@@ -95,6 +95,7 @@ class Setting:
             on_us_per_s=most.on_us_per_s,
             array_mean_current_ua=most.array_mean_current_ua,
             array_on_us_per_s=most.array_on_us_per_s,
+            net_charge_pc=most.net_charge_nc * 1_000,
             probe_current_ua=min(300, most.current_ua),
             probe_width_us=50,
             slot_ns=self.slot_ns,

@@ -22,6 +22,7 @@ def test_the_ceilings_on_the_page_are_those_in_force() -> None:
         ceilings.INTERVAL_US,
         ceilings.MEAN_CURRENT_UA,
         ceilings.ARRAY_MEAN_CURRENT_UA,
+        ceilings.NET_CHARGE_NC // 1_000,
         ceilings.PROBE_CURRENT_UA,
         ceilings.PROBE_WIDTH_US,
     ]

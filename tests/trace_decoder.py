@@ -198,6 +198,11 @@ class Wires:
             return self.latch == 0 and t_ns - self.copied_ns >= self.facts.toff_ns
         return self.latch == 0 and self.level.get("BL") == 0 and self.level.get("POL") == 1
 
+    def has_none_selected(self) -> bool:
+        """All outputs are live and on ground: half-bridges whose closed latch holds zeros."""
+        lines = self.level.get("BL"), self.level.get("POL"), self.level.get("LE")
+        return not self.is_relays and self.latch == 0 and lines == (1, 1, 0)
+
     def _relay_sides(self, word: int) -> tuple[frozenset[int], frozenset[int]]:
         facts, everybody = self.facts, range(self.facts.outputs)
         return (
@@ -240,6 +245,8 @@ class Decoder:
         self.dac = Dac()
         self.phases: list[Phase] = []
         self.unloaded: list[Phase] = []
+        #: The same with the outputs live, and none selected.
+        self.unselected: list[Phase] = []
         self._electrode_of = {
             output: electrode for electrode, output in enumerate(facts.electrodes)
         }
@@ -292,8 +299,12 @@ class Decoder:
         electrode = None if output is None else self._electrode_of.get(output)
         seq, tag = self._frame
         is_weak = self.facts.current_ua(code) <= self.facts.probe_ua
-        is_unloaded = is_weak and self.wires.is_isolated(since_ns)
-        (self.unloaded if is_unloaded else self.phases).append(
+        kept = self.phases
+        if is_weak and self.wires.is_isolated(since_ns):
+            kept = self.unloaded
+        elif is_weak and self.wires.has_none_selected():
+            kept = self.unselected
+        kept.append(
             Phase(
                 electrode,
                 source,

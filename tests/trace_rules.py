@@ -208,7 +208,9 @@ class Rules:
             return
         source, ground = sides
         is_weak = self.facts.current_ua(self._dac.code) <= self.facts.probe_ua
-        self._is_unloaded = is_weak and self._wires.is_isolated(t_ns)
+        self._is_unloaded = is_weak and (
+            self._wires.is_isolated(t_ns) or self._wires.has_none_selected()
+        )
         if self._is_unloaded:
             return
         if not source or not ground or min(len(source), len(ground)) != 1:

@@ -27,7 +27,8 @@ from typing import Final
 
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
 from etd.pulse.request import PulseRequest
-from etd.safety.ledger import Booking, Entry, Ledger
+from etd.safety.bookings import Booking, Entry
+from etd.safety.ledger import Ledger
 from etd_hal.board import Board
 from etd_hal.phase import Pulse, PulseResult
 from etd_hal.ports import Clock
@@ -151,7 +152,15 @@ class Firing:
         """Send a probe into the node alone, after `Board.isolate`. Nothing is booked, because
         nothing is selected behind outputs that are blanked: see docs/decisions/0038.
         """
-        result = self._board.fire_unloaded(pulse, given.current_ua, given.width_us)
+        return self._timely(self._board.fire_unloaded(pulse, given.current_ua, given.width_us))
+
+    def fire_unselected(self, pulse: Pulse, given: PulseRequest) -> PulseResult:
+        """The same with the outputs un-blanked: it reaches an electrode only where the latch is not
+        what it was told. Nothing is booked: see docs/decisions/0078.
+        """
+        return self._timely(self._board.fire_unselected(pulse, given.current_ua, given.width_us))
+
+    def _timely(self, result: PulseResult) -> PulseResult:
         if result.excess_ns > self._halt_excess_ns:
             raise self._too_long(result.excess_ns, "with nothing connected")
         return result

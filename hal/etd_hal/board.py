@@ -247,6 +247,22 @@ class Board:
         approval = Approval(0, 0, current_ua, width_us, is_blanked=True)
         return self.result(pulse, self.send(pulse, approval))
 
+    @property
+    def can_fire_unselected(self) -> bool:
+        """Relays have no blanking: `fire_unloaded` tells the same of them."""
+        return isinstance(self.switch, HalfBridgeSwitch)
+
+    def fire_unselected(self, pulse: Pulse, current_ua: int, width_us: int) -> PulseResult:
+        """Send a probe after `isolate`, un-blanked: into the node alone, unless the latch has not
+        taken over that none is selected. Then `discharge`. Raises: as `send` and `result`.
+        """
+        if isinstance(self.switch, HalfBridgeSwitch):
+            self.switch.expose()
+        ground = (1 << self.file.switch.outputs) - 1
+        received = self.send(pulse, Approval(0, ground, current_ua, width_us))
+        self.discharge()
+        return self.result(pulse, received)
+
     def discharge(self) -> None:
         """All electrodes on ground, for at least the board's rest from now on."""
         self.switch.discharge()

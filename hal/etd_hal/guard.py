@@ -220,8 +220,8 @@ class Guard:
         if approval is None:
             raise GuardRefusal("approval", "a pulse that no limit has seen", "approve it first")
         self._check_steps(decoded.steps, approval)
-        if approval.is_blanked and not decoded.is_probe:
-            raise GuardRefusal("switch", "a pulse while blanked", "a probe alone")
+        if (approval.is_blanked or not approval.source) and not decoded.is_probe:
+            raise GuardRefusal("switch", "a pulse with nothing connected", "a probe alone")
         decoded.figures, decoded.permitted_ua = approval.figures, self._permitted_ua
         return approval
 

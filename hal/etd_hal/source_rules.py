@@ -85,6 +85,28 @@ class SourceRules:
             return f"{told} no more than {self.reach_v:.1f} V can be read"
         return None
 
+    def unselected_fault(
+        self, commanded_ua: int, early_v: float, voltage_v: float
+    ) -> BoardFault | None:
+        """What is wrong by the samples of a pulse with no output selected, where one that was
+        blanked is as it should be.
+        """
+        least_v, most_v = self._unloaded_v(commanded_ua)
+        if least_v <= voltage_v <= most_v and early_v <= most_v:
+            return None
+        return BoardFault(
+            f"node at {commanded_ua} uA with no output selected",
+            f"{early_v:.1f} V, then {voltage_v:.1f} V",
+            f"{least_v:.1f} to {most_v:.1f} V, current x leak: an output is still on the source, so"
+            " pulses reach another electrode than they are told; look at LE, CLK and DATA of the"
+            " switch, and test it with etd selftest",
+        )
+
+    def _unloaded_v(self, commanded_ua: int) -> tuple[float, float]:
+        """Least and most of current x leak."""
+        node_v, noise_v = commanded_ua * self.leak_ohm / 1e6, self.noise_v / 2
+        return node_v * (1 - _TOLERANCE) - noise_v, node_v * (1 + _TOLERANCE) + noise_v
+
     def unloaded_fault(
         self, commanded_ua: int, baseline_v: float, early_v: float, voltage_v: float
     ) -> BoardFault | None:
@@ -94,8 +116,7 @@ class SourceRules:
         standing = self.idle_fault(baseline_v, "with nothing connected")
         if standing is not None:
             return standing
-        node_v, noise_v = commanded_ua * self.leak_ohm / 1e6, self.noise_v / 2
-        least_v, most_v = node_v * (1 - _TOLERANCE) - noise_v, node_v * (1 + _TOLERANCE) + noise_v
+        least_v, most_v = self._unloaded_v(commanded_ua)
         if least_v <= voltage_v <= most_v and early_v <= most_v:
             return None
         return BoardFault(

@@ -54,7 +54,7 @@ class Approval:
         self.prepulse: Final = prepulse
         #: A probe while nothing is connected, which must reach no electrode: `source` and `ground`
         #: are the outputs that would get it if the switches failed to open. 0: no output is
-        #: selected.
+        #: selected. A `source` of 0 without it is a probe with all outputs on ground.
         self.is_blanked: Final = is_blanked
         self.figures: Final[Figures] = (current_ua, width_us, prepulse, is_blanked)
 
@@ -162,6 +162,10 @@ class HalfBridgeShadow:
             raise GuardRefusal("switch", "blanked, or its latch is open", "closed and un-blanked")
         if not self._is_latch_known:
             raise GuardRefusal("switch", "register not wholly written", "rewrite the chain")
+        if not approval.source:
+            if self._latch or not level[self._pol]:
+                raise GuardRefusal("switch", f"{self._latch:x} selected", "none, with POL 1")
+            return
         high = self._latch if level[self._pol] else ~self._latch & self._full
         low = ~high & self._full
         if self._latch.bit_count() != 1 or not high or not low:

@@ -8,8 +8,8 @@ phase of a pulse. Visits are counted, so a message that continues a visit must f
 
 | state      | message                       | next state | counts                       |
 |------------|-------------------------------|------------|------------------------------|
-| any        | a probe, the outputs blanked  | `idle`     | a visit; with none selected, |
-|            |                               |            | nothing                      |
+| any        | a probe, the outputs blanked  | `idle`     | a visit                      |
+| any        | a probe, none selected        | `idle`     | nothing                      |
 | `idle`     | one within the probe's bounds | `probed`   | a visit                      |
 | `idle`     | any other                     | `fired`    | a visit                      |
 | `probed`   | the same way, nothing moved   | `fired`    | its charge, with the probe's |
@@ -99,7 +99,7 @@ class VisitRule:
 
         Raises: GuardRefusal, if it begins one visit too many.
         """
-        if approval.is_blanked:
+        if approval.is_blanked or not approval.source:
             if approval.source:
                 self._begin(approval, now_ns)
             self.state = "idle"

@@ -28,6 +28,7 @@ AMPLE = Bounds(
     on_us=10**9,
     array_mean_current_ua=10**6,
     array_on_us=10**9,
+    net_charge_pc=10**12,
 )
 
 

@@ -147,9 +147,9 @@ def test_one_electrode_alone_gets_what_it_wants_as_long_as_the_others_touch(
 ) -> None:
     """Where it would get less for want of looks, silent electrodes are asked with probes."""
     rig = calibrated(make_rig(electrodes=N), caps(e3=1_000))
-    rig.hold(1_200, current_ua=only(N, e5=3_000), rate_hz=60.0)
+    rig.hold(1_200, current_ua=only(N, e5=3_000), rate_hz=30.0)
     since_ns = rig.clock.now_ns()
-    rig.hold(5_000, current_ua=only(N, e5=3_000), rate_hz=60.0)
+    rig.hold(5_000, current_ua=only(N, e5=3_000), rate_hz=30.0)
     mine = [phase for phase in phases(rig, since_ns) if phase.electrode == 5]
     others = [phase for phase in phases(rig, since_ns) if phase.electrode != 5]
     assert min(phase.current_ua for phase in mine) == pytest.approx(3_000, abs=STEP_UA)
@@ -165,7 +165,7 @@ def test_where_nothing_would_be_taken_away_silent_electrodes_stay_silent(
 ) -> None:
     rig = calibrated(make_rig(electrodes=N), caps())
     since_ns = rig.clock.now_ns()
-    rig.hold(5_000, current_ua=only(N, e5=3_000), rate_hz=60.0)
+    rig.hold(5_000, current_ua=only(N, e5=3_000), rate_hz=30.0)
     assert {phase.electrode for phase in phases(rig, since_ns)} == {5}
 
 

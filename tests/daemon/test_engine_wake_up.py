@@ -88,7 +88,8 @@ def test_the_heart_beats_and_scans_are_on_time_while_messages_come_without_end(
     begun_ns = [phase.from_ns for phase in phases(rig, since_ns)]
     gaps_ns = [after - before for before, after in pairwise(begun_ns)]
     assert len(begun_ns) == 8
-    assert max(gaps_ns) - min(gaps_ns) < 300 * US
+    # A poll that reads what has come may be under way when a scan is due.
+    assert max(gaps_ns) - min(gaps_ns) < 600 * US
     assert rig.state == "ARMED"
 
 

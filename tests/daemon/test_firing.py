@@ -11,7 +11,8 @@ from engine_parts import body_site
 from etd.firing import Firing, ReadyPulse
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
 from etd.pulse.request import PulseRequest
-from etd.safety.ledger import WINDOW_NS, Bounds, Entry, Ledger
+from etd.safety.bookings import WINDOW_NS, Entry
+from etd.safety.ledger import Bounds, Ledger
 from etd.safety.maxima import maxima_of
 from etd.selftest.fixture import Fixture
 from etd.selftest.prober import Prober

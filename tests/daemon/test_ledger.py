@@ -7,7 +7,8 @@ import dataclasses
 import pytest
 
 from engine_parts import maxima_with
-from etd.safety.ledger import WINDOW_NS, Booking, Bounds, Entry, Ledger
+from etd.safety.bookings import WINDOW_NS, Booking, Entry
+from etd.safety.ledger import Bounds, Ledger
 from plain_records import changed
 
 NOW_NS = 9_000_000_000
@@ -18,6 +19,7 @@ AMPLE = Bounds(
     on_us=10**9,
     array_mean_current_ua=10**6,
     array_on_us=10**9,
+    net_charge_pc=10**12,
 )
 #: 1000 uA for 100 us.
 PC = 100_000
@@ -97,6 +99,7 @@ def test_what_nobody_may_get_is_what_the_second_is_held_to() -> None:
         on_us_per_s=4,
         array_mean_current_ua=5,
         array_on_us_per_s=6,
+        net_charge_pc=7,
     )
     assert Bounds.of(maxima) == Bounds(
         interval_us=1,
@@ -105,6 +108,7 @@ def test_what_nobody_may_get_is_what_the_second_is_held_to() -> None:
         on_us=4,
         array_mean_current_ua=5,
         array_on_us=6,
+        net_charge_pc=7,
     )
 
 

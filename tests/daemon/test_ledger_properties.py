@@ -8,7 +8,8 @@ import random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etd.safety.ledger import WINDOW_NS, Bounds, Entry, Ledger
+from etd.safety.bookings import WINDOW_NS, Entry
+from etd.safety.ledger import Bounds, Ledger
 from plain_records import changed
 
 NOW_NS = 9_000_000_000
@@ -20,6 +21,7 @@ BOUNDS = Bounds(
     on_us=10**9,
     array_mean_current_ua=10**6,
     array_on_us=10**9,
+    net_charge_pc=10**12,
 )
 ELECTRODES = 4
 visits = st.builds(

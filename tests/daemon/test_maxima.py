@@ -23,6 +23,7 @@ CEILINGS = {
     "ARRAY_MEAN_CURRENT_UA": 8_000,
     "ON_US_PER_S": 80_000,
     "ARRAY_ON_US_PER_S": 800_000,
+    "NET_CHARGE_NC": 20_000,
     "PROBE_CURRENT_UA": 1_000,
     "PROBE_WIDTH_US": 50,
 }
@@ -49,6 +50,7 @@ def test_files_that_allow_all_get_the_ceilings_and_no_more() -> None:
     assert maxima.array_mean_current_ua == CEILINGS["ARRAY_MEAN_CURRENT_UA"]
     assert maxima.on_us_per_s == CEILINGS["ON_US_PER_S"]
     assert maxima.array_on_us_per_s == CEILINGS["ARRAY_ON_US_PER_S"]
+    assert maxima.net_charge_pc == CEILINGS["NET_CHARGE_NC"] * 1_000
     assert maxima.probe_current_ua == CEILINGS["PROBE_CURRENT_UA"]
     assert maxima.probe_width_us == CEILINGS["PROBE_WIDTH_US"]
 

@@ -19,6 +19,7 @@ AMPLE = Bounds(
     on_us=10**9,
     array_mean_current_ua=10**6,
     array_on_us=10**9,
+    net_charge_pc=10**12,
 )
 PATH = path_of(0, (CAP_UA,) * N, range(1, N))
 

@@ -8,6 +8,7 @@ import pytest
 
 from board_rig import BoardRig, changed, fire_phase
 from etd_hal.errors import GuardRefusal
+from etd_hal.switch_shadow import Approval
 from stepped_board import shipped_board
 
 Boards = Callable[..., BoardRig]
@@ -47,7 +48,7 @@ def test_a_probe_may_go_into_outputs_that_are_blanked_and_a_pulse_may_not(
     rig = prepared(boards(name))
     fire(rig)
     for stronger in (PULSE, (301 + 3, 50), (300, 60)):
-        with pytest.raises(GuardRefusal, match="a pulse while blanked"):
+        with pytest.raises(GuardRefusal, match="a pulse with nothing connected"):
             fire(rig, what=stronger)
 
 
@@ -109,7 +110,7 @@ def test_a_probe_may_go_into_the_node_alone_as_often_as_anybody_likes(
 def test_a_pulse_may_not(boards: Boards, name: str) -> None:
     rig = boards(name)
     rig.board.isolate()
-    with pytest.raises(GuardRefusal, match="a pulse while blanked"):
+    with pytest.raises(GuardRefusal, match="a pulse with nothing connected"):
         fire_unloaded(rig, PULSE)
 
 
@@ -128,3 +129,53 @@ def test_no_output_may_be_selected_behind_the_blanking(boards: Boards) -> None:
         fire_unloaded(rig)
     rig.board.isolate()
     fire_unloaded(rig)
+
+
+# --- live outputs, none selected -----------------------------------------------------------------
+
+
+def fire_unselected(rig: BoardRig, what: tuple[int, int] = PROBE) -> float:
+    return rig.board.fire_unselected(rig.board.pulse(*what), *what).voltage_v
+
+
+def test_a_probe_may_go_into_live_outputs_of_which_none_is_selected(boards: Boards) -> None:
+    rig = boards(board=changed(shipped_board("kajimoto-hv507"), "maxima", rate_hz=1))
+    rig.board.supply_on()
+    rig.clock.sleep_until_ns(rig.clock.now_ns() + 1_000_000_000)
+    for _ in range(3):
+        rig.board.isolate()
+        assert fire_unselected(rig) == pytest.approx(300e-6 * 66_000, rel=0.02)
+    rig = connected(rig)
+    fire(rig, is_blanked=False)
+
+
+def test_a_pulse_may_not_go_there(boards: Boards) -> None:
+    rig = boards("kajimoto-hv507")
+    rig.board.isolate()
+    with pytest.raises(GuardRefusal, match="a pulse with nothing connected"):
+        fire_unselected(rig, PULSE)
+
+
+def test_with_an_output_selected_it_is_refused(boards: Boards) -> None:
+    rig = prepared(boards("kajimoto-hv507"))
+    with pytest.raises(GuardRefusal, match="8 selected"):
+        fire_unselected(rig)
+
+
+def test_with_all_outputs_on_the_source_it_is_refused(boards: Boards) -> None:
+    """Zeros in the latch are all ones with POL 0."""
+    rig = boards("kajimoto-hv507")
+    rig.board.isolate()
+    selection = rig.board.selection(3, None)
+    rig.board.switch.connect(selection, False)
+    pulse, ground = rig.board.pulse(*PROBE), (1 << 64) - 1
+    with pytest.raises(GuardRefusal, match="none, with POL 1"):
+        rig.board.send(pulse, Approval(0, ground, *PROBE))
+
+
+def test_behind_a_blanking_it_is_refused(boards: Boards) -> None:
+    rig = boards("kajimoto-hv507")
+    rig.board.isolate()
+    pulse, ground = rig.board.pulse(*PROBE), (1 << 64) - 1
+    with pytest.raises(GuardRefusal, match="closed and un-blanked"):
+        rig.board.send(pulse, Approval(0, ground, *PROBE))

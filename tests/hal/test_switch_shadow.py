@@ -160,8 +160,8 @@ class TestHalfBridgeSelection:
         fire(rig, 1, self.OTHERS)
         assert rig.body()[-1]["electrode"] == 0
 
-    @pytest.mark.parametrize(("word", "count"), [(0, 0), (0b11, 2), (2**64 - 1, 64)])
-    def test_none_or_several_may_not(self, boards: Boards, word: int, count: int) -> None:
+    @pytest.mark.parametrize(("word", "count"), [(0b11, 2), (2**64 - 1, 64)])
+    def test_several_may_not(self, boards: Boards, word: int, count: int) -> None:
         rig = boards()
         self.select(rig, word)
         refused = assert_no_pulse(rig, "switch", word, 2**64 - 1 - word)

@@ -37,6 +37,7 @@ _WORDS = {
     "array charge": "the array's charge of the last second",
     "array duty": "the array's time with current in the last second",
     "return charge": "the charge of a return in the last second",
+    "net charge": "its net charge, or that of a return",
     "cap": "its cap",
     "return_cap": "the cap of a return",
     "resolution": "less is allowed than the source can make",

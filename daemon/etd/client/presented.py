@@ -284,4 +284,9 @@ def _shortfall(shortfall: Shortfall) -> str:
     where = "" if shortfall.electrode is None else f"electrode {shortfall.electrode}: "
     if shortfall.rate_hz is not None:
         return f"{where}slowed to {shortfall.rate_hz:.1f} Hz ({shortfall.reason})"
+    if shortfall.lasts_ms is not None:
+        return (
+            f"{where}its net charge lets the frame last {shortfall.lasts_ms} ms, at"
+            f" {shortfall.lasting_hz or 0.0:.1f} Hz for ever"
+        )
     return f"{where}{shortfall.pulses} pulses were not fired ({shortfall.reason})"

@@ -67,4 +67,5 @@ def maxima_facts(maxima: Maxima) -> MaximaFacts:
         mean_current_ua=maxima.mean_current_ua,
         array_mean_current_ua=maxima.array_mean_current_ua,
         probe_current_ua=maxima.probe_current_ua,
+        net_charge_nc=maxima.net_charge_pc / PC_PER_NC,
     )

@@ -20,9 +20,10 @@ from etd.firing import ReadyPulse, prepulse_of
 from etd.planning.outlook import Outlook
 from etd.planning.schedule import DuePulse
 from etd.planning.scheduled_pulse import ScheduledPulse
-from etd.protocol.outcome import Clamp, Withheld, WithheldReason
+from etd.protocol.outcome import Clamp, ShortfallReason, Withheld, WithheldReason
 from etd.pulse.request import PulseBounds, PulseRequest
-from etd.safety.ledger import Entry, Ledger, LedgerReason
+from etd.safety.bookings import Entry
+from etd.safety.ledger import Ledger, LedgerReason
 from etd.safety.limits import Path, clamp_to_limits
 from etd.safety.maxima import Maxima, MaximaInForce
 from etd.safety.soft_start import SoftStart
@@ -137,8 +138,10 @@ class Clearance:
             return soft_start.risen_after_ns(electrode, current_ua, period_ns, now_ns)
 
         touched, want = self._contact.is_touched, returns.share.want
-        factors = self._feeling.lowered()
-        return Outlook(path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want, factors)
+        factors, net_pc = self._feeling.lowered(), self._ledger.net.all(now_ns)
+        return Outlook(
+            path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want, factors, net_pc
+        )
 
     def limit(
         self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int
@@ -171,7 +174,8 @@ class Clearance:
                 self._withheld.pop(due.scheduled.electrode, None)
             return found
         if due.purpose != "contact_poll":
-            self._reporter.not_fired(due.scheduled.electrode, "ledger")
+            what: ShortfallReason = "net_charge" if violation == "net charge" else "ledger"
+            self._reporter.not_fired(due.scheduled.electrode, what)
         if due.purpose == "measurement":
             self._withheld[due.scheduled.electrode] = violation
         return None
@@ -293,10 +297,16 @@ class Clearance:
             entry.returns,
             entry.share,
             entry.pulses,
+            entry.net_pc + _way(scheduled) * probe.charge_pc,
         )
         pulse = self._board.pulse(probe.current_ua, probe.width_us)
         alone = Entry(
-            scheduled.electrode, probe.charge_pc, probe.width_us, scheduled.returns, entry.share
+            scheduled.electrode,
+            probe.charge_pc,
+            probe.width_us,
+            scheduled.returns,
+            entry.share,
+            net_pc=_way(scheduled) * probe.charge_pc,
         )
         selection, phases = scheduled.selection, scheduled.phases[:1]
         leading = Cleared(alone, selection, phases, pulse, probe, cleared.request, leads=True)
@@ -318,6 +328,11 @@ def _entry_of(
     """The entry for all phases. `pulses` 0: its probe has booked the pulse already."""
     phases = len(scheduled.phases)
     on_us = given.whole_us * phases
-    return Entry(
-        scheduled.electrode, given.charge_pc * phases, on_us, scheduled.returns, share, pulses
-    )
+    net_pc = _way(scheduled) * given.charge_pc if phases == 1 else 0
+    charge_pc = given.charge_pc * phases
+    return Entry(scheduled.electrode, charge_pc, on_us, scheduled.returns, share, pulses, net_pc)
+
+
+def _way(scheduled: ScheduledPulse) -> int:
+    """Of its first phase, and of its probe: 1 into the skin, -1 out of it."""
+    return 1 if scheduled.phases[0] else -1

@@ -154,6 +154,7 @@ class Engine:
         fault = self.components.source_check.check(self.components.clock.now_ns())
         if fault is not None:
             raise fault
+        self._sequencer.checked()
 
     def _cleared(self, due: DuePulse, ceiling_ua: int, now_ns: int) -> Cleared | None:
         """The pulse that may be fired now; its probe first, where it has one."""

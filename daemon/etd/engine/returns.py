@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.safety.bookings import Entry
 from etd.safety.conductance import PathMeter, PathSamples
-from etd.safety.ledger import Entry, Ledger
+from etd.safety.ledger import Ledger
 from etd.safety.limits import Path
 from etd.safety.return_caps import Known, ReturnCaps
 from etd.safety.return_share import ReturnShare

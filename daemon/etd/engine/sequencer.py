@@ -138,7 +138,8 @@ class Sequencer:
             self._told_fraction = self._clock.busy_fraction
             self._supervisor.report_state(now_ns)
         schedule, is_armed = self._active.schedule, self._supervisor.states.state == "ARMED"
-        if is_armed and self._source_check.is_due(now_ns):
+        is_showing = schedule is not None and not schedule.is_waiting
+        if is_armed and self._source_check.is_due(now_ns, is_showing=is_showing):
             return True
         if schedule is None or not is_armed:
             self._lateness.reset()
@@ -274,9 +275,16 @@ class Sequencer:
         self._computing.scan_ended(over_ns, self._poller.planning_ns)
         self._active.leave_scan()
 
+    def checked(self) -> None:
+        """The source was checked with no output selected: the next scan begins with its first."""
+        schedule = self._active.schedule
+        if self._is_rewritten and schedule is not None and schedule.plan.schedule:
+            self._board.prepare(schedule.plan.schedule[0].selection)
+            self._board.release()
+
     def _rewrite(self, first: Selection) -> None:
         """For the next scan; where the source is checked before it, for that."""
-        if self._source_check.is_due(self._clock.now_ns()):
+        if self._source_check.is_due(self._clock.now_ns(), is_showing=True):
             self._board.isolate(whole=True)
         else:
             self._board.prepare(first, whole=True)

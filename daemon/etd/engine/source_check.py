@@ -1,13 +1,19 @@
-"""The current source's gain, checked with nothing connected: before each arming, and each second.
+"""The source's gain and the latch of the switches, checked with no electrode on the source.
 
-Owns: when a check is due, and its pulse. Must not know: what the node may read
+Owns: when a check is due, and its pulses. Must not know: what the node may read
 (`etd_hal.source_rules`), scans, states, what follows from a fault.
 
 Skin takes a part of the current, so that a source with a wrong gain looks like other skin: what
 the node reads in a pulse tells it only where it is above current x leak (`node_check.py`). With
-nothing connected the node is current x leak. The check's pulse is a third of a probe, as in a
-self-test: a source that makes three times what it is told is still within the probe's bound.
-See docs/decisions/0038.
+nothing connected the node is current x leak. So before each arming, and each second, a pulse is
+fired with all outputs blanked; see docs/decisions/0038.
+
+A latch that does not take over what is shifted sends the pulses of all electrodes to one. So after
+that, and each tenth of a second while a frame is shown, a pulse is fired with the outputs live and
+none selected: it must read the same; see docs/decisions/0078.
+
+The pulse is a third of a probe, as in a self-test: a source that makes three times what it is told
+is still within the probe's bound.
 """
 
 from __future__ import annotations
@@ -17,8 +23,10 @@ from etd.protocol.errors import BoardFault
 from etd.pulse.request import PulseRequest
 from etd.safety.maxima import MaximaInForce
 from etd_hal.board import Board
+from etd_hal.phase import Pulse
 
 PERIOD_NS = 1_000_000_000
+LATCH_PERIOD_NS = 100_000_000
 #: Of the probe's current.
 _PART = 3
 
@@ -30,29 +38,54 @@ class SourceCheck:
         self._firing = firing
         self._current_ua = maxima.now.probe_current_ua // _PART
         #: When the last one began; 0 before the first.
-        self.checked_ns = 0
+        self.checked_ns = self._exposed_ns = 0
+        self._has_latch = board.can_fire_unselected
         source = board.file.source
         commanded_ua = source.current_of(source.code_for(self._current_ua))
         why = board.rules.why_untold(int(commanded_ua))
         #: Where the board's figures allow no check: the sentence that says so.
         self.limitations = () if why is None else (f"the source is not checked while armed: {why}",)
 
-    def is_due(self, now_ns: int) -> bool:
-        """Whether a second has passed since the last check."""
-        return not self.limitations and now_ns - self.checked_ns >= PERIOD_NS
+    def is_due(self, now_ns: int, *, is_showing: bool) -> bool:
+        """Whether a second has passed since the last check; a tenth, where pulses are fired."""
+        if self.limitations:
+            return False
+        if now_ns - self.checked_ns >= PERIOD_NS:
+            return True
+        return is_showing and self._has_latch and now_ns - self._exposed_ns >= LATCH_PERIOD_NS
 
     def check(self, now_ns: int) -> BoardFault | None:
-        """Between two pulses, with the outputs blanked. Returns what is wrong with the source.
+        """Between two pulses, with the outputs blanked. Returns what is wrong with the source, or
+        with what is connected to it.
 
         Raises: BusError, GuardRefusal; BoardFault for a message or samples that are not valid.
         """
-        self.checked_ns = now_ns
+        is_whole = now_ns - self.checked_ns >= PERIOD_NS
+        if is_whole:
+            self.checked_ns = now_ns
+        self._exposed_ns = now_ns
         if self.limitations:
             return None
-        board, given = self._board, PulseRequest(self._current_ua, self._maxima.now.probe_width_us)
-        board.isolate()
-        pulse = board.pulse(given.current_ua, given.width_us)
+        given = PulseRequest(self._current_ua, self._maxima.now.probe_width_us)
+        pulse = self._board.pulse(given.current_ua, given.width_us)
+        self._board.isolate()
+        fault = self._blanked(pulse, given) if is_whole else None
+        if fault is not None or not self._has_latch:
+            return fault
+        fault = self._exposed(pulse, given)
+        if fault is not None and not is_whole:
+            # Which of the two it is: a source that is wrong is so without an electrode as well.
+            fault = self._blanked(pulse, given) or fault
+        return fault
+
+    def _blanked(self, pulse: Pulse, given: PulseRequest) -> BoardFault | None:
         result = self._firing.fire_unloaded(pulse, given)
-        return board.rules.unloaded_fault(
+        return self._board.rules.unloaded_fault(
             pulse.commanded_ua, result.baseline_v, result.early_v, result.voltage_v
+        )
+
+    def _exposed(self, pulse: Pulse, given: PulseRequest) -> BoardFault | None:
+        result = self._firing.fire_unselected(pulse, given)
+        return self._board.rules.unselected_fault(
+            pulse.commanded_ua, result.early_v, result.voltage_v
         )

@@ -47,6 +47,8 @@ class SiteMaxima(Strict, frozen=True):
     #: Time with current in any second: one electrode, and the array.
     on_us_per_s: Annotated[int, Meta(ge=1, le=ceilings.ON_US_PER_S)]
     array_on_us_per_s: Annotated[int, Meta(ge=1, le=ceilings.ARRAY_ON_US_PER_S)]
+    #: What pulses of one polarity may leave on one electrode, with a leak of one second.
+    net_charge_nc: Annotated[int, Meta(ge=1, le=ceilings.NET_CHARGE_NC)]
 
 
 class SiteDefaults(Strict, frozen=True):

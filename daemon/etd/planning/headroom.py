@@ -199,7 +199,7 @@ class Headroom:
 
     def mean_pc(self, current_ua: int, kind: PulseKind) -> float:
         """The charge of its phases and its probe, times its rate; without those of a burst."""
-        charge_pc = self._charge_pc(current_ua, kind.width_us)
+        charge_pc = self.phase_pc(current_ua, kind.width_us)
         return kind.rate_hz * (charge_pc * len(kind.phases) + kind.probe_pc)
 
     def _refuse_below_a_step(self, electrode: int, current_ua: int) -> None:
@@ -237,7 +237,7 @@ class Headroom:
                 electrode,
             )
         width_most_us = min(maxima.width_us, self._rules.person.width_us)
-        charge_pc = self._charge_pc(current_ua, width_us)
+        charge_pc = self.phase_pc(current_ua, width_us)
         mean_ua = (charge_pc * len(kind.phases) + probe_pc) * kind.visits_hz / 1e6
         first_nc = (charge_pc + probe_pc) / PC_PER_NC
         for what, asked, most, unit in (
@@ -255,7 +255,7 @@ class Headroom:
                     electrode,
                 )
 
-    def _charge_pc(self, current_ua: int, width_us: int) -> int:
+    def phase_pc(self, current_ua: int, width_us: int) -> int:
         """The charge of one phase, its prepulse included."""
         prepulse_ua = 0 if self._prepulse is None else int(current_ua * self._prepulse.part)
         return current_ua * width_us + prepulse_ua * self._prepulse_us

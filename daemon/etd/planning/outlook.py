@@ -34,12 +34,14 @@ class Outlook:
     ceilings of those that are touched again. `is_touched`: for all electrodes; None is unknown.
     `want_looks`: called where what is known of the returns takes something from a pulse.
     `factors`: on each electrode's current, by what the person said; None: nothing was said.
+    `net_pc`: the net charge on each electrode; None: nothing is known yet.
     """
 
     __slots__ = (
         "ceiling_ua",
         "factors",
         "is_touched",
+        "net_pc",
         "path",
         "recontacts_ua",
         "risen_after_ns",
@@ -55,6 +57,7 @@ class Outlook:
         risen_after_ns: RisenAfter = lambda *_: None,
         want_looks: Callable[[], None] = lambda: None,
         factors: Sequence[float] | None = None,
+        net_pc: Sequence[float] | None = None,
     ) -> None:
         self.path: Final = path
         self.ceiling_ua: Final = ceiling_ua
@@ -63,6 +66,7 @@ class Outlook:
         self.risen_after_ns: Final = risen_after_ns
         self.want_looks: Final = want_looks
         self.factors: Final = factors
+        self.net_pc: Final = net_pc
 
     def felt_ua(self, electrode: int, current_ua: int) -> int | None:
         """What is left of a current since the person said too strong; None: all of it."""

@@ -15,6 +15,7 @@ from typing import Protocol, TypeVar
 from etd.files.body_site import SiteDefaults
 from etd.planning.calibrated import Calibrated
 from etd.planning.headroom import Headroom, PlanRules, PulseKind
+from etd.planning.net_forecast import NetForecast
 from etd.planning.outlook import WHAT_TO_DO, Outlook
 from etd.planning.scan_rate import Counted, Groups, ScanRate
 from etd.planning.scheduled_pulse import ScheduledPulse
@@ -100,6 +101,9 @@ class Planner:
         self._rules = rules
         self._headroom = Headroom(rules)
         self._scan_rate = ScanRate(rules, cost)
+        self._net_forecast = NetForecast(
+            rules.array.count, rules.maxima.net_charge_pc, self._headroom
+        )
         self._outputs = rules.array.outputs()
         self._count = rules.array.count
         caps_ua = rules.person.caps_ua
@@ -142,6 +146,8 @@ class Planner:
         counted = self._cost_kinds(schedule)
         rate_hz, shortfalls = self._scan_rate.rate(frame, schedule, counted)
         self._check_array_mean(schedule, rate_hz, counted.wanted_hz)
+        slowed = rate_hz / counted.wanted_hz * self._scan_rate.pulses
+        shortfalls += self._net_forecast.told(frame, schedule, slowed, outlook.net_pc)
         if clamped:
             clamped = tuple([outlook.with_time(clamp, rate_hz) for clamp in clamped])
             if frame.strict:

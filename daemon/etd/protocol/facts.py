@@ -44,6 +44,9 @@ class MaximaFacts(msgspec.Struct, frozen=True, kw_only=True):
     mean_current_ua: int
     array_mean_current_ua: int
     probe_current_ua: int
+    #: What pulses of one polarity may leave on an electrode, with a leak of one second; None: an
+    #: older daemon, which does not count it.
+    net_charge_nc: float | None = None
 
 
 class Endpoints(msgspec.Struct, frozen=True, kw_only=True):

@@ -32,14 +32,25 @@ class Clamp(msgspec.Struct, frozen=True, kw_only=True):
     ends_in_ms: int | None = None
 
 
+ShortfallReason = Literal[
+    "ledger", "net_charge", "rate", "processor", "overrun", "resolution", "timing"
+]
+
+
 class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
-    """Pulses that were not fired, or a rate lowered to `rate_hz`, and what most of a scan is."""
+    """Pulses that were not fired, or a rate lowered to `rate_hz`, and what most of a scan is.
+
+    `lasts_ms`: in the reply to a frame whose pulses leave direct current on this electrode: so long
+    it can be shown, renewals included. At `lasting_hz` and below it could be for ever.
+    """
 
     electrode: int | None
-    reason: Literal["ledger", "rate", "processor", "overrun", "resolution", "timing"]
+    reason: ShortfallReason
     pulses: int = 0
     rate_hz: float | None = None
     bound_by: TimePart | None = None
+    lasts_ms: int | None = None
+    lasting_hz: float | None = None
 
 
 #: The ledger's bounds of the last second, or a limit that leaves less than the source can make.
@@ -51,6 +62,7 @@ WithheldReason = Literal[
     "array charge",
     "array duty",
     "return charge",
+    "net charge",
     "cap",
     "return_cap",
     "soft_start",

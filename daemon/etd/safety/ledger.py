@@ -1,7 +1,8 @@
 """The charge, pulses and time with current of each electrode, and of the array, in the last second.
 
 Owns: charge, pulses and time with current over a sliding window of one second, returns included,
-the time of each electrode's last pulse, and whether one more pulse fits.
+the time of each electrode's last pulse, and whether one more pulse fits; net charge is kept in step
+with them (`net_charge.py`).
 Must not know: why a pulse is wanted, hardware, clocks: time comes in.
 
 A pulse is booked before it is sent, at its worst case, and corrected to the charge it had
@@ -18,27 +19,34 @@ work for 8 electrodes and for 256, except where the least room of all must be co
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from etd.safety.bookings import WINDOW_NS, Booking, Entry, Window, carried_line, net_of_entry
 from etd.safety.maxima import Maxima
+from etd.safety.net_charge import NetCharge
 from etd.safety.return_weights import ReturnWeights
 
-WINDOW_NS = 1_000_000_000
 _PC_PER_UC = 1_000_000
 #: The least room must be counted again.
 _UNKNOWN_PC = -1
 
 LedgerReason = Literal[
-    "interval", "charge", "pulses", "duty", "array charge", "array duty", "return charge"
+    "interval",
+    "charge",
+    "pulses",
+    "duty",
+    "array charge",
+    "array duty",
+    "return charge",
+    "net charge",
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Bounds over any second, and the interval between two pulses of one electrode."""
+    """Bounds over any second, of net charge, and of the interval between two pulses."""
 
     interval_us: int
     mean_current_ua: int
@@ -46,6 +54,7 @@ class Bounds:
     on_us: int
     array_mean_current_ua: int
     array_on_us: int
+    net_charge_pc: int
 
     @classmethod
     def of(cls, maxima: Maxima) -> Bounds:
@@ -57,138 +66,8 @@ class Bounds:
             on_us=maxima.on_us_per_s,
             array_mean_current_ua=maxima.array_mean_current_ua,
             array_on_us=maxima.array_on_us_per_s,
+            net_charge_pc=maxima.net_charge_pc,
         )
-
-
-class Entry:
-    """One pulse, or a part of it: its charge, its time, and the electrodes that carry it back.
-
-    `returns` None: all others, each with `share` times its weight and never more than the whole
-    charge; otherwise each named electrode is booked with all of the charge.
-    """
-
-    __slots__ = ("_pooled_pc", "charge_pc", "electrode", "on_us", "pulses", "returns", "share")
-
-    def __init__(
-        self,
-        electrode: int,
-        charge_pc: int,
-        on_us: int,
-        returns: tuple[int, ...] | None,
-        share: float,
-        pulses: int = 1,
-    ) -> None:
-        self.electrode: Final = electrode
-        self.charge_pc: Final = charge_pc
-        self.on_us: Final = on_us
-        self.returns: Final = returns
-        self.share: Final = share
-        #: 0 where the entry continues a pulse that is booked already, as after a probe.
-        self.pulses: Final = pulses
-        self._pooled_pc: Final = _share_pc(share, charge_pc) if returns is None else 0
-
-    def pooled_of(self, charge_pc: int) -> int:
-        """What goes to the pool of its own or another charge; nothing with named returns."""
-        if charge_pc == self.charge_pc:
-            return self._pooled_pc
-        return _share_pc(self.share, charge_pc) if self.returns is None else 0
-
-
-class _Line:
-    """One pulse in a window. The electrode's own window and the array's share the line."""
-
-    __slots__ = ("begun_ns", "charge_pc", "on_us", "pooled_pc", "pulses", "through_pc")
-
-    def __init__(
-        self,
-        begun_ns: int,
-        charge_pc: int,
-        through_pc: int = 0,
-        pooled_pc: int = 0,
-        on_us: int = 0,
-        pulses: int = 0,
-    ) -> None:
-        self.begun_ns = begun_ns
-        self.charge_pc = charge_pc
-        #: The charge that returns through all others, and the share of it.
-        self.through_pc = through_pc
-        self.pooled_pc = pooled_pc
-        self.on_us = on_us
-        self.pulses = pulses
-
-
-class Booking(_Line):
-    """What is booked of an entry now: a line of the windows that can be corrected."""
-
-    __slots__ = ("before_ns", "carried", "entry", "room_before_pc")
-
-    def __init__(
-        self,
-        begun_ns: int,
-        charge_pc: int,
-        through_pc: int,
-        pooled_pc: int,
-        on_us: int,
-        pulses: int,
-        entry: Entry,
-        carried: _Line | None,
-        before_ns: int | None,
-        room_before_pc: int,
-    ) -> None:
-        self.begun_ns = begun_ns
-        self.charge_pc = charge_pc
-        self.through_pc = through_pc
-        self.pooled_pc = pooled_pc
-        self.on_us = on_us
-        self.pulses = pulses
-        self.entry: Final = entry
-        #: The line in the windows of named returns.
-        self.carried = carried
-        #: The state before it: when the electrode's last pulse began, and the least room of all.
-        self.before_ns = before_ns
-        self.room_before_pc = room_before_pc
-
-
-class _Window:
-    """Sums of what was booked in the last second."""
-
-    __slots__ = ("charge_pc", "lines", "on_us", "pooled_pc", "pulses", "through_pc")
-
-    def __init__(self) -> None:
-        self.lines: deque[_Line] = deque()
-        self.charge_pc = 0
-        self.through_pc = 0
-        self.pooled_pc = 0
-        self.on_us = 0
-        self.pulses = 0
-
-    def book(self, line: _Line) -> None:
-        self.lines.append(line)
-        self.charge_pc += line.charge_pc
-        self.through_pc += line.through_pc
-        self.pooled_pc += line.pooled_pc
-        self.on_us += line.on_us
-        self.pulses += line.pulses
-
-    def take_back(self) -> None:
-        """Removes the line that was booked last."""
-        line = self.lines.pop()
-        self.charge_pc -= line.charge_pc
-        self.through_pc -= line.through_pc
-        self.pooled_pc -= line.pooled_pc
-        self.on_us -= line.on_us
-        self.pulses -= line.pulses
-
-    def drop_old(self, now_ns: int) -> None:
-        """Removes what began a second ago or earlier."""
-        lines, oldest_ns = self.lines, now_ns - WINDOW_NS
-        while lines and lines[0].begun_ns <= oldest_ns:
-            line = lines.popleft()
-            self.charge_pc -= line.charge_pc
-            self.through_pc -= line.through_pc
-            self.pooled_pc -= line.pooled_pc
-            self.on_us -= line.on_us
-            self.pulses -= line.pulses
 
 
 class Ledger:
@@ -198,9 +77,10 @@ class Ledger:
         self._array_charge_pc = bounds.array_mean_current_ua * _PC_PER_UC
         self._interval_ns = bounds.interval_us * 1_000
         self._begun_ns: list[int | None] = [None] * electrodes
-        self._own = [_Window() for _ in range(electrodes)]
+        self._own = [Window() for _ in range(electrodes)]
         #: All electrodes together; its `pooled_pc` is the pool.
-        self._array = _Window()
+        self._array = Window()
+        self.net: Final = NetCharge(electrodes, bounds.net_charge_pc)
         self._weights = ReturnWeights(electrodes, WINDOW_NS)
         #: Never above the least charge that is left to an electrode; and the electrode that refused
         #: a pulse last.
@@ -277,7 +157,10 @@ class Ledger:
             return "array charge"
         if array.on_us + entry.on_us > bounds.array_on_us:
             return "array duty"
-        return None if self._returns_fit(entry, now_ns) else "return charge"
+        if not self._returns_fit(entry, now_ns):
+            return "return charge"
+        is_kept = self.net.fits(entry.electrode, entry.net_pc, entry.returns, now_ns)
+        return None if is_kept else "net charge"
 
     def book(self, entry: Entry, now_ns: int, worst_pc: int) -> Booking:
         """Books a pulse before it is sent. `worst_pc` is the largest charge it can have: for the
@@ -292,12 +175,13 @@ class Ledger:
             entry.on_us,
             entry.pulses,
             entry,
-            None if returns is None else _carried(entry, now_ns, worst_pc),
+            None if returns is None else carried_line(entry, now_ns, worst_pc),
             self._begun_ns[electrode],
             self._room_pc,
         )
         self._own[electrode].book(booking)
         self._array.book(booking)
+        self.net.add(electrode, net_of_entry(entry, worst_pc), returns, now_ns)
         if entry.pulses:
             self._begun_ns[electrode] = now_ns
         if booking.carried is not None:
@@ -317,6 +201,8 @@ class Ledger:
         own, array = self._own[entry.electrode], self._array
         own.charge_pc += more_pc
         array.charge_pc += more_pc
+        more_net_pc = net_of_entry(entry, more_pc)
+        self.net.add(entry.electrode, more_net_pc, entry.returns, booking.begun_ns)
         booking.begun_ns, booking.charge_pc = begun_ns, charge_pc
         if entry.pulses:
             self._begun_ns[entry.electrode] = begun_ns
@@ -340,6 +226,8 @@ class Ledger:
         for electrode in (entry.electrode, *(entry.returns or ())):
             self._own[electrode].take_back()
         self._array.take_back()
+        net_pc = net_of_entry(entry, booking.charge_pc)
+        self.net.add(entry.electrode, -net_pc, entry.returns, booking.begun_ns)
         self._begun_ns[entry.electrode] = booking.before_ns
         self._room_pc = booking.room_before_pc
 
@@ -413,14 +301,3 @@ class Ledger:
         own = self._own[entry.returns[0]]
         own.drop_old(now_ns)
         return own.pulses + entry.pulses <= self._bounds.pulses
-
-
-def _carried(entry: Entry, now_ns: int, charge_pc: int) -> _Line:
-    """The line in the window of each named return."""
-    is_alone = entry.returns is not None and len(entry.returns) == 1
-    return _Line(now_ns, charge_pc, pulses=entry.pulses if is_alone else 0)
-
-
-def _share_pc(share: float, charge_pc: int) -> int:
-    """Rounded up: the ledger errs on the side of more charge."""
-    return math.ceil(charge_pc * share)

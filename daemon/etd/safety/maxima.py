@@ -32,6 +32,7 @@ class Maxima:
     array_mean_current_ua: int
     on_us_per_s: int
     array_on_us_per_s: int
+    net_charge_pc: int
     probe_current_ua: int
     probe_width_us: int
     #: No pulse is shorter than one word of the bus.
@@ -99,6 +100,7 @@ def maxima_of(board: BoardFile, site: BodySite) -> Maxima:
         ),
         on_us_per_s=min(ceilings.ON_US_PER_S, here.on_us_per_s),
         array_on_us_per_s=min(ceilings.ARRAY_ON_US_PER_S, here.array_on_us_per_s),
+        net_charge_pc=min(ceilings.NET_CHARGE_NC, here.net_charge_nc) * PC_PER_NC,
         probe_current_ua=min(ceilings.PROBE_CURRENT_UA, current_ua, most.probe_current_ua),
         probe_width_us=min(ceilings.PROBE_WIDTH_US, width_us, most.probe_width_us),
     )

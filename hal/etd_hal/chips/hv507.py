@@ -74,10 +74,14 @@ class HalfBridgeSwitch:
         """Close the latch and un-blank, in this order. Into inverse polarity BL moves before POL,
         which takes a second call.
         """
-        self._gpio.set(self._close_and_unblank if self._is_latch_open else self._unblank)
-        self._is_latch_open = False
+        self.expose()
         if not is_anodic:
             self._gpio.set(self._inverse)
+
+    def expose(self) -> None:
+        """Close the latch and un-blank: the outputs are as the latch has them."""
+        self._gpio.set(self._close_and_unblank if self._is_latch_open else self._unblank)
+        self._is_latch_open = False
 
     def flip(self, selection: Selection, is_anodic: bool) -> None:  # noqa: ARG002
         """Swap anode and cathode without shifting."""

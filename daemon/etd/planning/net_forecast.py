@@ -1,0 +1,142 @@
+"""How long a frame can be shown before the net charge of an electrode passes its bound.
+
+Owns: the direct current that the pulses of a frame leave on each electrode, the time that follows
+from what is left there already, and the refusal of a frame that asks for longer. Must not know: how
+net charge is counted pulse by pulse (`safety/net_charge.py`), sockets, clocks.
+
+With a leak of time constant tau, a current I that begins at a charge q0 leaves
+I tau + (q0 - I tau) exp(-t / tau); a single pulse may stand above that by its own charge.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from etd.planning.headroom import Headroom
+from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.protocol.errors import Refused
+from etd.protocol.frame import Frame
+from etd.protocol.outcome import Shortfall
+from etd.safety.net_charge import LEAK_NS
+
+_LEAK_S = LEAK_NS / 1e9
+_PC_PER_UC = 1e6
+
+
+class _First(NamedTuple):
+    """The electrode that reaches its bound first, when, and what part of the rates lasts."""
+
+    electrode: int
+    after_s: float
+    lasting_part: float
+
+
+class NetForecast:
+    def __init__(self, electrodes: int, bound_pc: int, headroom: Headroom) -> None:
+        self._count: Final = electrodes
+        self._bound_pc: Final = bound_pc
+        self._headroom: Final = headroom
+
+    def told(
+        self,
+        frame: Frame,
+        schedule: Sequence[ScheduledPulse],
+        visits: float,
+        left_pc: Sequence[float] | None,
+    ) -> tuple[Shortfall, ...]:
+        """What its reply says of a frame that cannot be shown for ever. `visits`: of each electrode
+        for each of the frame's periods. `left_pc`: what is on each electrode now.
+
+        Raises: Refused (`over_maximum`), where the frame asks to be shown for longer.
+        """
+        if not schedule:
+            return ()
+        first = self._first(schedule, visits, left_pc or [0.0] * self._count)
+        if first is None:
+            return ()
+        fastest_hz = max(scheduled.rate_hz for scheduled in schedule)
+        lasting_hz = math.floor(10 * fastest_hz * first.lasting_part) / 10
+        shown_s = frame.ttl_ms / 1e3
+        if frame.pulses is not None:
+            slowest_hz = min(scheduled.rate_hz for scheduled in schedule)
+            shown_s = min(shown_s, frame.pulses / (slowest_hz * visits))
+        if first.after_s < shown_s:
+            raise self._refusal(first, lasting_hz)
+        told = Shortfall(
+            electrode=first.electrode,
+            reason="net_charge",
+            lasts_ms=int(first.after_s * 1e3),
+            lasting_hz=lasting_hz,
+        )
+        return (told,)
+
+    def _first(
+        self, schedule: Sequence[ScheduledPulse], visits: float, left_pc: Sequence[float]
+    ) -> _First | None:
+        """None: these pulses never reach the bound."""
+        once_pc = [0.0] * self._count
+        currents = self._currents(schedule, visits, once_pc)
+        scan_s = 1.0 / (visits * max(scheduled.rate_hz for scheduled in schedule))
+        found: _First | None = None
+        for electrode, current in enumerate(currents):
+            if not current:
+                continue
+            # What one scan may leave at most counts beside the mean.
+            scan_pc = max(once_pc[electrode], abs(current) * scan_s)
+            after_s = self._after_s(current, scan_pc, left_pc[electrode])
+            if after_s is not None and (found is None or after_s < found.after_s):
+                lasting = max(0.0, self._bound_pc - scan_pc) / (abs(current) * _LEAK_S)
+                found = _First(electrode, after_s, lasting)
+        return found
+
+    def _currents(
+        self, schedule: Sequence[ScheduledPulse], visits: float, once_pc: list[float]
+    ) -> list[float]:
+        """Of each electrode, in pC a second: its own, less an even part of what it carries back.
+        Puts what one of its visits leaves into `once_pc`.
+        """
+        found, pool, others = [0.0] * self._count, 0.0, max(1, self._count - 1)
+        for scheduled in schedule:
+            net_pc = self._net_pc(scheduled)
+            each = net_pc * scheduled.rate_hz * visits
+            once_pc[scheduled.electrode] = abs(net_pc)
+            found[scheduled.electrode] += each
+            if scheduled.returns is None:
+                # All carry the pool back, and it its own part, which is put back here.
+                found[scheduled.electrode] += each / others
+                pool += each
+            else:
+                for other in scheduled.returns:
+                    found[other] -= each / len(scheduled.returns)
+        return [current - pool / others for current in found]
+
+    def _net_pc(self, scheduled: ScheduledPulse) -> int:
+        """Of one visit. A probe goes the way of the first phase."""
+        net_pc = scheduled.probe_pc
+        if len(scheduled.phases) == 1:
+            net_pc += self._headroom.phase_pc(scheduled.current_ua, scheduled.width_us)
+        return net_pc if scheduled.phases[0] else -net_pc
+
+    def _after_s(self, current: float, scan_pc: float, left_pc: float) -> float | None:
+        """When the bound is reached; None: never."""
+        if current < 0:
+            current, left_pc = -current, -left_pc
+        room_pc, end_pc = self._bound_pc - scan_pc, current * _LEAK_S
+        if end_pc <= room_pc:
+            return None
+        if left_pc >= room_pc:
+            return 0.0
+        return _LEAK_S * math.log((end_pc - left_pc) / (end_pc - room_pc))
+
+    def _refusal(self, first: _First, lasting_hz: float) -> Refused:
+        slower = f" rate_hz {lasting_hz:.1f}," if lasting_hz > 0.0 else ""
+        return Refused(
+            "over_maximum",
+            f"electrode {first.electrode}: after {first.after_s * 1e3:.0f} ms of this frame more"
+            f" than {self._bound_pc / _PC_PER_UC:g} uC of net charge would be on it, the maximum"
+            " here: pulses of one polarity leave direct current. Show it for less long, or with"
+            f'{slower} lower currents, more electrodes at once, or polarity "biphasic"',
+            first.electrode,
+        )

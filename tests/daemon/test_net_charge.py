@@ -1,0 +1,131 @@
+"""Net charge: what is counted of each pulse, and that no electrode passes its bound."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from etd.safety.net_charge import LEAK_NS, NetCharge
+
+N = 5
+BOUND_PC = 1_000_000
+NOW_NS = 3_600_000_000_000
+
+Visit = tuple[int, int, int, tuple[int, ...] | None]
+
+
+def _returns(electrode: int, offsets: set[int] | None) -> tuple[int, ...] | None:
+    return None if offsets is None else tuple((electrode + it) % N for it in offsets)
+
+
+def _sorted(drawn: list[tuple[int, int, int, set[int] | None]]) -> list[Visit]:
+    return [
+        (at_ns, electrode, net_pc, _returns(electrode, offsets))
+        for at_ns, electrode, net_pc, offsets in sorted(drawn, key=lambda each: each[0])
+    ]
+
+
+visits = st.lists(
+    st.tuples(
+        st.integers(0, 3_000_000_000),
+        st.integers(0, N - 1),
+        st.integers(-900_000, 900_000),
+        st.none() | st.sets(st.integers(1, N - 1), min_size=1),
+    ),
+    max_size=40,
+).map(_sorted)
+
+
+def by_hand_pc(booked: list[Visit], electrode: int, now_ns: int) -> float:
+    """Each pulse for itself: all of it at its electrode, an even part back at each return."""
+    total = 0.0
+    for at_ns, own, net_pc, returns in booked:
+        left_pc = net_pc * math.exp(-(now_ns - at_ns) / LEAK_NS)
+        others = [other for other in range(N) if other != own] if returns is None else returns
+        if electrode == own:
+            total += left_pc
+        elif electrode in others:
+            total -= left_pc / len(others)
+    return total
+
+
+@given(visits)
+def test_each_electrode_has_its_own_pulses_less_what_it_carried_back(booked: list[Visit]) -> None:
+    net = NetCharge(N, BOUND_PC)
+    for at_ns, electrode, net_pc, returns in booked:
+        net.add(electrode, net_pc, returns, NOW_NS + at_ns)
+    now_ns = booked[-1][0] + 100_000_000 if booked else 0
+    wanted = [by_hand_pc(booked, electrode, now_ns) for electrode in range(N)]
+    assert net.all(NOW_NS + now_ns) == pytest.approx(wanted, abs=0.01)
+    assert [net.of(electrode, NOW_NS + now_ns) for electrode in range(N)] == pytest.approx(
+        wanted, abs=0.01
+    )
+
+
+@settings(max_examples=200)
+@given(visits)
+def test_what_fits_never_takes_an_electrode_past_its_bound(asked: list[Visit]) -> None:
+    net, booked = NetCharge(N, BOUND_PC), list[Visit]()
+    for at_ns, electrode, net_pc, returns in asked:
+        before = [by_hand_pc(booked, other, at_ns) for other in range(N)]
+        then = [*booked, (at_ns, electrode, net_pc, returns)]
+        after = [by_hand_pc(then, other, at_ns) for other in range(N)]
+        is_kept = all(
+            abs(now) <= max(BOUND_PC, abs(was)) for was, now in zip(before, after, strict=True)
+        )
+        fits = net.fits(electrode, net_pc, returns, NOW_NS + at_ns)
+        if all(abs(abs(pc) - BOUND_PC) > 1.0 for pc in after):
+            assert fits == is_kept
+        if fits:
+            net.add(electrode, net_pc, returns, NOW_NS + at_ns)
+            booked = then
+
+
+def test_a_pulse_that_brings_an_electrode_back_fits_however_far_it_is() -> None:
+    net = NetCharge(N, BOUND_PC)
+    net.add(2, 3 * BOUND_PC, None, NOW_NS)
+    assert not net.fits(2, 1, None, NOW_NS)
+    assert net.fits(2, -100_000, None, NOW_NS)
+    # The others are within theirs, and a return of a pulse at 2 comes nearer as well.
+    assert not net.fits(3, -100_000, (2,), NOW_NS)
+    assert net.fits(3, 100_000, (2,), NOW_NS)
+
+
+def test_a_return_that_is_full_keeps_a_pulse_back() -> None:
+    """Whose electrode itself would have room."""
+    net = NetCharge(N, BOUND_PC)
+    net.add(1, BOUND_PC, (0,), NOW_NS)
+    assert net.of(0, NOW_NS) == -BOUND_PC
+    assert net.fits(2, 100_000, (3, 4), NOW_NS)
+    assert not net.fits(2, 100_000, (0, 3), NOW_NS)
+    assert not net.fits(2, 100_000, None, NOW_NS)
+    assert net.fits(2, -100_000, (0, 3), NOW_NS)
+    # Electrode 1 is full the other way.
+    assert not net.fits(2, -100_000, None, NOW_NS)
+
+
+def test_it_leaks_to_a_hundredth_in_five_seconds() -> None:
+    net = NetCharge(2, BOUND_PC)
+    net.add(0, BOUND_PC, None, NOW_NS)
+    later_ns = NOW_NS + 5_000_000_000
+    assert net.of(0, later_ns) == pytest.approx(BOUND_PC * math.exp(-5))
+    assert net.of(1, later_ns) == pytest.approx(-BOUND_PC * math.exp(-5))
+
+
+def test_what_is_taken_back_is_gone_and_what_is_corrected_counts_from_its_time() -> None:
+    net = NetCharge(N, BOUND_PC)
+    net.add(0, 200_000, (1, 2), NOW_NS)
+    net.add(0, -200_000, (1, 2), NOW_NS)
+    assert net.all(NOW_NS + 1) == pytest.approx([0.0] * N, abs=1e-6)
+
+
+def test_days_without_a_pulse_are_no_overflow() -> None:
+    net = NetCharge(N, BOUND_PC)
+    net.add(0, 200_000, None, 0)
+    days_ns = 30 * 86_400 * 1_000_000_000
+    assert net.all(days_ns) == pytest.approx([0.0] * N, abs=1e-6)
+    net.add(0, 200_000, None, days_ns)
+    assert net.of(0, days_ns) == pytest.approx(200_000)
