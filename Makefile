@@ -247,7 +247,7 @@ activate:
 	if [ -d /run/udev ]; then udevadm control --reload && udevadm trigger --settle --subsystem-match=gpio --subsystem-match=spidev --subsystem-match=i2c-dev; fi
 	if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi
 
-uninstall: ## Remove what install put there; settings and calibrations stay
+uninstall: ## Remove what install put there; settings, calibrations and records stay
 	@test -n "$(DESTDIR)" || test "$$(id -u)" = 0 || { echo "this removes from $(PREFIX) and /etc: sudo make uninstall"; exit 1; }
 	$(if $(DESTDIR),,if [ -d /run/systemd/system ]; then systemctl stop 'etd@*.target' 'etd-gateway@*.service' 'etd-engine@*.service'; fi)
 	rm -rf $(DESTDIR)$(PREFIX)
@@ -256,5 +256,5 @@ uninstall: ## Remove what install put there; settings and calibrations stay
 	rmdir --ignore-fail-on-non-empty $(DESTDIR)$(UNIT_DIR)/dev-spidev0.0.device.d 2>/dev/null || true
 	rm -f $(DESTDIR)/usr/lib/sysusers.d/etd.conf $(DESTDIR)/usr/lib/tmpfiles.d/etd.conf $(DESTDIR)/usr/lib/udev/rules.d/90-etd.rules
 	$(if $(DESTDIR),,if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi)
-	@echo "Removed. Kept, because they are yours: $(DESTDIR)/etc/etd (settings), $(DESTDIR)/var/lib/etd (calibrations of people)."
+	@echo "Removed. Kept, because they are yours: $(DESTDIR)/etc/etd (settings), $(DESTDIR)/var/lib/etd-calibrations (calibrations of people), $(DESTDIR)/var/lib/etd (records)."
 	@echo "Kept as well: the users etd-engine and etd-gateway and their groups."

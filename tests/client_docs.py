@@ -78,7 +78,10 @@ _SECTIONS = (
     ),
     (
         "Calibrations",
-        ("calibrations", "calibration", "set_calibration", "delete_calibration"),
+        (
+            *("calibrations", "calibration"),
+            *("check_may_store", "set_calibration", "delete_calibration"),
+        ),
     ),
 )
 

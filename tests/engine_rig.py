@@ -13,7 +13,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etd.engine.loop import Engine
+from etd.engine.opening import CalibrationReader, GivenCalibrations
 from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.calibration import Calibration
 from etd.protocol.frame import Frame
 from etd.protocol.link import (
     Alive,
@@ -28,6 +30,7 @@ from etd.protocol.link import (
     ToGateway,
 )
 from etd.protocol.messages import Limits
+from etd.protocol.opening import WantedCalibration
 from etd.sensing.sensors import SensorCycle
 from etd.stabilize.pipeline import Stabilizer
 from etd_hal.backend import Backend
@@ -62,6 +65,8 @@ class EngineRig:
     commands: Channel[ToGateway]
     frames: Channel[ToGateway]
     _engine_ends: EngineEnds
+    #: What the engine finds when a lease is opened by name.
+    given: dict[str, Calibration]
     answers: dict[int, Answer] = field(default_factory=dict)
     reports: list[Report] = field(default_factory=list)
     others: list[object] = field(default_factory=list)
@@ -155,6 +160,17 @@ class EngineRig:
             limits=Limits(max_current_ua=max_current_ua, width_us=width_us),
         )
         assert answer.error is None, answer.reason
+
+    def wanted(self, *calibrations: Calibration) -> tuple[WantedCalibration, ...]:
+        """Their names, by which the engine finds them from now on."""
+        named = {f"c{number}": made for number, made in enumerate(calibrations)}
+        self.given.update(named)
+        return tuple(WantedCalibration(name=name) for name in named)
+
+    def open_with(self, *calibrations: Calibration) -> Answer:
+        """A lease with these."""
+        wanted = self.wanted(*calibrations)
+        return self.ask(OpenLease, lease=LEASE, client="test", calibrations=wanted)
 
     def try_wearer_stop(self) -> None:
         """Press and release, as before the first arming."""
@@ -255,11 +271,12 @@ def make(
     processor: Processor | None = None,
     machine: MachineModel = PI4,
     supply_note: SupplyNote | None = None,
+    reader: CalibrationReader | None = None,
 ) -> EngineRig:
     """An engine that has begun, with a gateway attached. `wrap` may put something before a port;
     without a `body` of the caller's the skin is a dry fingertip that only conducts. With a
     `machine_clock` the board has a clock of its own beside it, as `etd run --board fake` has. With
-    a `processor` computing takes time.
+    a `processor` computing takes time. `reader` None: of what is in `given`.
     """
     loaded = loaded or fake_config(board=board, array=array, electrodes=electrodes)
     late_ns = None if processor is None else machine.wake_late
@@ -278,7 +295,8 @@ def make(
         machine=machine,
     )
     return rig_on(
-        loaded, fake, clock, sink, wrap, stabilizers, untested, tell, supply_note, board_clock
+        *(loaded, fake, clock, sink, wrap, stabilizers, untested, tell, supply_note, board_clock),
+        reader=reader,
     )
 
 
@@ -293,6 +311,7 @@ def rig_on(
     tell: Callable[[str], object] = lambda _: None,
     supply_note: SupplyNote | None = None,
     board_clock: BoardClock | None = None,
+    reader: CalibrationReader | None = None,
 ) -> EngineRig:
     """The same on a board that is there, whose lines nothing holds."""
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
@@ -305,16 +324,18 @@ def rig_on(
         wakeups=board_clock.wakeups,
         scan_core=fake.world.host.scan_core,
     )
+    given: dict[str, Calibration] = {}
     engine = Engine(
         loaded,
         wrap(backend),
         stabilizers=stabilizers,
         untested=untested,
         supply_note=supply_note,
+        calibrations=reader or GivenCalibrations(given),
     )
     engine.supervisor.begin(tell)
     link = _attach_gateway(engine)
-    return EngineRig(engine, fake, clock, sink, *link, supply_note=supply_note)
+    return EngineRig(engine, fake, clock, sink, *link, given, supply_note=supply_note)
 
 
 def _attach_gateway(

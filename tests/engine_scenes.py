@@ -14,11 +14,11 @@ from typing import Any
 
 import msgspec
 
-from engine_rig import LEASE, EngineRig
+from engine_rig import EngineRig
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.exponent import FittedExponent
-from etd.protocol.link import Answer, LeaseEnded, OpenLease
+from etd.protocol.link import Answer, LeaseEnded
 from etd.protocol.messages import Halt, Scan, Shown, StateReport
 from etd.protocol.outcome import Clamp, Shortfall
 from etd_hal.boardfile import Guards
@@ -192,7 +192,7 @@ def exponent(k: float) -> FittedExponent:
 
 
 def open_calibrated(rig: EngineRig, made: Calibration) -> Answer:
-    return rig.ask(OpenLease, lease=LEASE, client="test", calibration=made)
+    return rig.open_with(made)
 
 
 # --- configurations -------------------------------------------------------------------------------

@@ -30,6 +30,7 @@ from etd.protocol.link import (
     ToGateway,
 )
 from etd.protocol.messages import Contact, Halt, State, StateReport
+from etd.protocol.opening import LeaseCalibration
 from etd.protocol.outcome import Account
 
 ELECTRODES = 4
@@ -108,6 +109,12 @@ def full_answer(message: Command | NewFrame) -> Answer:
             t_ns=1,
         )
         return Answer(ref=message.ref, contact=contact)
+    if isinstance(message, OpenLease):
+        taken = tuple(
+            LeaseCalibration(name=it.name, polarity="anodic", digest=it.digest or "")
+            for it in message.calibrations
+        )
+        return Answer(ref=message.ref, calibrations=taken)
     if isinstance(message, SetMark):
         return Answer(ref=message.ref, marked_ns=42, sync=False)
     return Answer(ref=message.ref)

@@ -3,15 +3,18 @@
 Owns: keys, accounts and mounts, in a mount namespace of sshd's own; the `ssh` that finds it. Must
 not know: what is tested.
 
-In sshd's namespace the daemon's folder is /run/etd, as on a Pi.
+In sshd's namespace the daemon's folder is /run/etd, as on a Pi, its calibrations are in
+/var/lib/etd-calibrations, and `etd` is a command of each account.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import socket
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,6 +33,7 @@ HostKey {folder}/host
 AuthorizedKeysFile {folder}/key.pub
 StrictModes no
 UsePAM no
+SetEnv PATH={folder}/there:/usr/bin:/bin
 PasswordAuthentication no
 PidFile none
 """
@@ -57,7 +61,20 @@ for file in passwd group shadow; do mount --bind "$1/$file" /etc/$file; done
 mount -t tmpfs tmpfs /run
 mkdir /run/sshd /run/etd
 mount --bind "$2" /run/etd
+mount -t tmpfs tmpfs /var/lib
+mkdir -p /var/lib/etd-calibrations/main
+mount --bind "$3" /var/lib/etd-calibrations/main
+# Other accounts may not reach the Python that runs this.
+mount --bind "$4" "$1/python"
 exec {sshd} -D -e -f "$1/sshd_config"
+"""
+_ETD = """#!/bin/sh
+exec "{folder}/python/bin/python{version}" -c '
+import sys
+sys.path[:] = {path}
+from etd.cli import main
+sys.exit(main())
+' "$@"
 """
 
 
@@ -84,6 +101,11 @@ class SshRig:
         (commands.folder / "run").chmod(0o711)
         self._daemons = commands.folder / "run" / "etd"
         self._daemons.mkdir(mode=0o755)
+        #: The daemon's, which its group of operators writes to: here the member's.
+        self.calibrations: Final = commands.folder / "state" / "etd" / "main" / "calibrations"
+        self.calibrations.mkdir(parents=True)
+        os.chown(self.calibrations, 0, MEMBER[2])
+        self.calibrations.chmod(0o2775)
         for name in ("host", "key"):
             command = ("ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", self.folder / name)
             subprocess.run(command, check=True)
@@ -94,7 +116,10 @@ class SshRig:
         mount = _MOUNT.format(sshd=SSHD)
         self._log = (self.folder / "log").open("w")
         self._server = subprocess.Popen(
-            ["unshare", "-m", "sh", "-c", mount, "sh", self.folder, self._daemons],
+            [
+                *("unshare", "-m", "sh", "-c", mount, "sh"),
+                *(self.folder, self._daemons, self.calibrations, sys.base_prefix),
+            ],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=self._log,
@@ -140,6 +165,16 @@ class SshRig:
         words = {"port": port, "folder": self.folder, "member": MEMBER[0], "stranger": STRANGER[0]}
         (self.folder / "sshd_config").write_text(_SERVER.format(**words), "utf-8")
         (self.folder / "ssh_config").write_text(_CLIENT.format(**words), "utf-8")
+        there = self.folder / "there"
+        for made in (there, self.folder / "python"):
+            made.mkdir(mode=0o755)
+        path = [place for place in sys.path if not place.startswith(sys.base_prefix)]
+        base = [place for place in sys.path if place.startswith(sys.base_prefix)]
+        moved = [place.replace(sys.base_prefix, f"{self.folder}/python", 1) for place in base]
+        version = f"{sys.version_info[0]}.{sys.version_info[1]}"
+        text = _ETD.format(folder=self.folder, version=version, path=json.dumps([*moved, *path]))
+        (there / "etd").write_text(text, "utf-8")
+        (there / "etd").chmod(0o755)
         wrapper = self.folder / "ssh"
         wrapper.write_text(f'#!/bin/sh\nexec /usr/bin/ssh -F {self.folder}/ssh_config "$@"\n')
         wrapper.chmod(0o755)

@@ -27,6 +27,7 @@ from etd.client.presented import Presented
 from etd.client.presenting import WAIT_S, presenting
 from etd.client.session import Ask, Flow, R, Session
 from etd.engine.loop import Engine
+from etd.files.calibration_folder import CalibrationFolder
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.files.pattern import Pattern
 from etd.gateway.config import GatewayConfig
@@ -52,6 +53,7 @@ from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.trace import Trace
 from etd_hal.linesetup import line_setup, spi_setup
 from followed_trace import FollowedTrace
+from read_in_place import ReadInPlace
 from stepped_stopper import SteppedStopper
 
 #: The gateway has a turn this often, when nobody waits for it.
@@ -112,7 +114,8 @@ class SteppedDaemon:
             codec=codec_of(loaded.board.source),
             modelled=lambda: self.fake.ask_body(self.body.take_felt),
         )
-        self.engine = Engine(loaded, backend)
+        self.calibrations = self.folder / "state" / "calibrations"
+        self.engine = Engine(loaded, backend, calibrations=ReadInPlace(self.calibrations))
         SteppedStopper(self.engine, self.clock, _STOPPER_NS)
         self.engine.supervisor.begin()
         self._listener = Listener(self.folder)
@@ -290,7 +293,8 @@ class SteppedDisplay:
             return result
 
     def set_calibration(self, name: str, calibration: Calibration) -> None:
-        self._run(self._session.set_calibration(name, calibration))
+        """As the operator's own process does."""
+        CalibrationFolder(self._daemon.calibrations, None).put(name, calibration)
 
     def disarm(self) -> None:
         self._run(self._session.disarm())

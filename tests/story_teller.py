@@ -25,7 +25,6 @@ from etd.protocol.link import (
     CloseLease,
     DisarmBoard,
     MeasureContact,
-    OpenLease,
     StopNow,
 )
 from etd.pulse.request import MaxGain, PulseRequest
@@ -143,7 +142,7 @@ class Teller:
             ),
         )
         before_ns = self.now_ns
-        answer = self.rig.ask(OpenLease, lease=LEASE, client="t", calibration=calibration)
+        answer = self.rig.open_with(calibration)
         if answer.error is None:
             self.story.caps.append((before_ns, tuple(caps_ua)))
             self._calibration = calibration

@@ -47,9 +47,17 @@ def load_toml(path: Path, kind: type[T]) -> T:
     """Read `path` into `kind`. Raises: FileError, naming file, key, value and what is allowed;
     PythonTooOld.
     """
-    data = read_toml(path)
+    return _loaded(path, kind, read_toml(path))
+
+
+def load_bytes(path: Path, kind: type[T], data: bytes) -> T:
+    """The same of the bytes that were read from `path`."""
+    return _loaded(path, kind, _parsed(path, data))
+
+
+def _loaded(path: Path, kind: type[T], parsed: dict[str, Any]) -> T:
     try:
-        return convert(data, kind, str(path))
+        return convert(parsed, kind, str(path))
     except RecursionError as error:
         raise _too_deep(path) from error
 
@@ -58,8 +66,13 @@ def read_toml(path: Path) -> dict[str, Any]:
     """What the file says, unchecked. Raises: FileError, for all that is no TOML file; PythonTooOld,
     since Python reads TOML from 3.11 on, and the client runs on 3.10.
     """
+    return _parsed(path)
+
+
+def _parsed(path: Path, data: bytes | None = None) -> dict[str, Any]:
+    """`data` None: of the file."""
     try:
-        return _read(path)
+        return _read(path, data)
     except FileNotFoundError:
         raise FileError(str(path), "", "there is no such file", "name one that exists") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -70,12 +83,12 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise _too_deep(path) from error
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path, data: bytes | None) -> dict[str, Any]:
     """Raises: FileError, PythonTooOld, OSError, RecursionError, ValueError (no text, no TOML)."""
     if sys.version_info >= (3, 11):
         import tomllib  # novm
 
-        text = _text_of(path)
+        text = (_bytes_of(path) if data is None else data).decode("utf-8")
         if _LONG_KEY.search(text):
             raise FileError(
                 str(path),
@@ -98,10 +111,10 @@ def _too_deep(path: Path) -> FileError:
     return FileError(str(path), "", "it is nested too deep", "see docs/files.md")
 
 
-def _text_of(path: Path) -> str:
+def _bytes_of(path: Path) -> bytes:
     """Reads no more than a file may have: a device or a pipe may have no end.
 
-    Raises: FileError, OSError, UnicodeDecodeError.
+    Raises: FileError, OSError.
     """
     with path.open("rb") as file:
         data = file.read(MOST_BYTES + 1)
@@ -112,7 +125,7 @@ def _text_of(path: Path) -> str:
             f"it has more than {MOST_BYTES} bytes",
             "no file of this kind has so many",
         )
-    return data.decode("utf-8")
+    return data
 
 
 def convert(data: object, kind: type[T], file: str) -> T:

@@ -149,9 +149,11 @@ def _arm(display: Display, folder: Path) -> None:
         while (folder / TRY_STOP).exists():
             clock.sleep_s(0.005)
         try:
-            return display.arm()
+            display.arm()
         except Refused as refused:
             why = refused
+        else:
+            return
     raise OSError(f"the engine does not arm: {why}")
 
 

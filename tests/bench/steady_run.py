@@ -21,7 +21,6 @@ from engine_rig import EngineRig
 from engine_scenes import exponent
 from etd.files.array import PressureSensor
 from etd.files.configuration import LoadedConfig, fake_config
-from etd.protocol.link import OpenLease
 from etd.stabilize.settings import Settings
 from etd_body.kinds import BodyKind
 from etd_body.tissue import Floats
@@ -158,17 +157,13 @@ def run(
     rig = engine_rig.make(loaded=loaded, body=finger.body, is_traced=False, wrap=watched)
     if settings.pressure is not None:
         rig.meanwhile = _Sensed(rig, finger).turn
-    answer = rig.ask(
-        OpenLease,
-        lease=engine_rig.LEASE,
-        client="bench",
-        # It was made with plain pulses all the same: what narrow ones and prepulses change shows.
-        calibration=msgspec.structs.replace(
-            finger.calibration,
-            shape=settings.shape,
-            exponent=None if k is None else exponent(k),
-        ),
+    # It was made with plain pulses all the same: what narrow ones and prepulses change shows.
+    calibration = msgspec.structs.replace(
+        finger.calibration,
+        shape=settings.shape,
+        exponent=None if k is None else exponent(k),
     )
+    answer = rig.open_with(calibration)
     assert answer.error is None, answer.reason
     rig.arm()
     # What was not felt up to the most that anybody gets is left out, as a person's would be.

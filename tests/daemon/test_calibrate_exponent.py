@@ -175,7 +175,7 @@ def test_an_exponent_that_is_not_known_well_is_not_for_this_person(
 def test_where_a_site_has_power_law_nobody_without_a_k_gets_a_lease() -> None:
     with fitted_site() as rig:
         for by in (
-            {"calibration": calibration(rig, (3_000,) * 8)},
+            {"calibrations": rig.wanted(calibration(rig, (3_000,) * 8))},
             {"limits": Limits(max_current_ua=3_000, width_us=100)},
         ):
             answer = rig.ask(OpenLease, lease=LEASE, client="test", **by)

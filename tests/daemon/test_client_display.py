@@ -22,6 +22,7 @@ from etd import DaemonGone, Display, FileError, Refused, WrongThread
 from etd.client import values
 from etd.gateway.server import Gateway
 from etd.protocol.calibration import Calibration
+from etd.protocol.calibration_set import digest_of
 from etd.protocol.link import Answer, ArmBoard, Command, KeepLease, NewFrame, StopNow
 from etd.protocol.messages import MAX_MESSAGE_BYTES
 from gateway_rig import ServedRig
@@ -209,7 +210,8 @@ def test_the_daemons_default_calibration_is_what_opens_a_bare_display() -> None:
         d.set_calibration("me", calibration())
         d.arm()
         (opened,) = rig.engine.leases
-        assert opened.calibration == calibration()
+        (named,) = opened.calibrations
+        assert (named.name, named.digest) == ("me", digest_of(calibration()))
         assert d.calibrations() == ("me",)
         assert d.calibration("me") == calibration()
 

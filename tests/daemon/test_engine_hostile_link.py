@@ -305,7 +305,7 @@ def commands(rig: EngineRig) -> st.SearchStrategy[Command]:
         st.builds(
             OpenLease,
             client=strings,
-            calibration=st.one_of(st.none(), calibrations(rig)),
+            calibrations=st.one_of(st.just(()), calibrations(rig).map(rig.wanted)),
             limits=st.one_of(
                 st.none(), st.builds(Limits, max_current_ua=currents_ua, width_us=numbers)
             ),

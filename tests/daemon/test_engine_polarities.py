@@ -15,7 +15,7 @@ import engine_rig
 from engine_rig import LEASE, EngineRig
 from engine_scenes import calibration, clamps, config, only, opened_to, phases
 from etd.protocol.calibration import Calibration, ElectrodeLimits
-from etd.protocol.link import Answer, CloseLease, OpenLease
+from etd.protocol.link import Answer, CloseLease
 from etd.pulse.request import NO_GAIN, PulseRequest
 from etd.stabilize.pipeline import ElectrodeEstimate
 from trace_decoder import visits
@@ -56,8 +56,7 @@ def both(
 
 
 def opened(rig: EngineRig, *calibrations: Calibration) -> Answer:
-    first, *others = calibrations
-    return rig.ask(OpenLease, lease=LEASE, client="t", calibration=first, others=tuple(others))
+    return rig.open_with(*calibrations)
 
 
 def ready(rig: EngineRig, *calibrations: Calibration) -> int:
@@ -151,11 +150,11 @@ def test_the_engine_itself_refuses_what_does_not_belong_together(make_rig: MakeR
     anodic, cathodic = both(rig, (1_000,) * N, (1_000,) * N)
     stranger = calibration(rig, (1_000,) * N, polarity="cathodic", participant="P02")
     for others, said in (((stranger,), "one person"), ((anodic,), "anodic"), ((), "")):
-        answer = rig.ask(OpenLease, lease=LEASE, client="t", calibration=anodic, others=others)
+        answer = opened(rig, anodic, *others)
         assert (answer.error == "bad_calibration") == bool(said)
         assert said in answer.reason
     assert rig.ask(CloseLease, lease=LEASE).error is None
-    assert rig.ask(OpenLease, lease=LEASE, client="t", others=(cathodic,)).error is None
+    assert opened(rig, cathodic).error is None
 
 
 def test_a_session_is_that_of_the_set_in_whichever_order(make_rig: MakeRig) -> None:

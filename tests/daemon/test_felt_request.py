@@ -101,6 +101,7 @@ def test_the_monitor_tells_what_was_taken_and_given() -> None:
             name="main",
             endpoints=endpoints,
             calibrations=(),
+            calibrations_folder="",
             default_calibration=None,
         )
     )

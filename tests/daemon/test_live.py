@@ -36,6 +36,7 @@ def facts_of(side: int) -> HelloReply:
         name="main",
         endpoints=Endpoints(frames="", telemetry=""),
         calibrations=(),
+        calibrations_folder="",
         default_calibration=None,
     )
 

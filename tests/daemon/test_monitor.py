@@ -30,6 +30,7 @@ def facts() -> HelloReply:
         name="main",
         endpoints=Endpoints(frames="", telemetry=""),
         calibrations=(),
+        calibrations_folder="",
         default_calibration=None,
     )
 

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
-from etd.files.calibration import load_calibration
+from etd.files.calibration import load_calibration, to_toml
+from etd.files.calibration_folder import (
+    MOST_CALIBRATIONS,
+    MOST_FILE_BYTES,
+    MOST_IN_ALL_BYTES,
+    CalibrationFolder,
+)
 from etd.files.resources import find
 from etd.gateway.record_store import RecordStore
-from etd.gateway.store import MOST_CALIBRATIONS, MOST_IN_ALL_BYTES, CalibrationStore
 from etd.protocol.errors import Refused
 
 CALIBRATION = load_calibration(find("calibrations", "fake-fingertip"))
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> CalibrationStore:
-    made = CalibrationStore(tmp_path, None)
+def store(tmp_path: Path) -> CalibrationFolder:
+    made = CalibrationFolder(tmp_path / "calibrations", None)
     made.put("p01", CALIBRATION)
     return made
 
 
-def refused(store: CalibrationStore) -> str:
+def refused(store: CalibrationFolder) -> str:
     with pytest.raises(Refused) as told:
         store.put("one-more", CALIBRATION)
     assert told.value.code == "bad_calibration"
@@ -31,7 +37,7 @@ def refused(store: CalibrationStore) -> str:
 
 
 def test_no_more_than_so_many_are_kept_and_one_that_is_there_can_be_replaced(
-    store: CalibrationStore, tmp_path: Path
+    store: CalibrationFolder, tmp_path: Path
 ) -> None:
     for number in range(MOST_CALIBRATIONS - 2):
         (tmp_path / "calibrations" / f"q{number}.toml").touch()
@@ -43,7 +49,7 @@ def test_no_more_than_so_many_are_kept_and_one_that_is_there_can_be_replaced(
     store.put("one-more", CALIBRATION)
 
 
-def test_nor_more_than_so_many_bytes(store: CalibrationStore, tmp_path: Path) -> None:
+def test_nor_more_than_so_many_bytes(store: CalibrationFolder, tmp_path: Path) -> None:
     folder = tmp_path / "calibrations"
     own_bytes = (folder / "p01.toml").stat().st_size
     with (folder / "large.toml").open("wb") as file:
@@ -55,11 +61,21 @@ def test_nor_more_than_so_many_bytes(store: CalibrationStore, tmp_path: Path) ->
 
 
 def test_what_a_killed_daemon_left_over_counts_in_bytes(
-    store: CalibrationStore, tmp_path: Path
+    store: CalibrationFolder, tmp_path: Path
 ) -> None:
     with (tmp_path / "calibrations" / ".p01-x7").open("wb") as file:
         file.truncate(MOST_IN_ALL_BYTES)
     refused(store)
+
+
+def test_a_file_is_not_larger_than_the_engine_reads(store: CalibrationFolder) -> None:
+    count = 400
+    returns = tuple(tuple(other for other in range(count) if other != own) for own in range(count))
+    electrode = CALIBRATION.electrode[:1] * count
+    large = msgspec.structs.replace(CALIBRATION, electrode=electrode, returns=returns)
+    assert len(to_toml(large)) > MOST_FILE_BYTES
+    with pytest.raises(Refused, match=f"and {MOST_FILE_BYTES} are allowed"):
+        store.put("large", large)
 
 
 def test_no_more_than_so_many_records_are_kept_however_short(tmp_path: Path) -> None:

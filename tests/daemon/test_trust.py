@@ -19,13 +19,13 @@ from etd.cli.new_file import check_new_file, write_new_file
 from etd.files import paths
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import load_calibration
+from etd.files.calibration_folder import CalibrationFolder
 from etd.files.resources import find
 from etd.files.trust import make_own
 from etd.gateway.config import GatewayConfig
 from etd.gateway.exclusive import NameLock
 from etd.gateway.record_store import RecordStore
 from etd.gateway.server import Gateway
-from etd.gateway.store import CalibrationStore
 from etd.protocol.errors import EtdError, FileError, Refused
 from gateway_rig import HandClock
 
@@ -162,7 +162,7 @@ def test_a_lock_is_a_file_of_its_own(root: Path, victim: Path, kind: str) -> Non
 @pytest.mark.parametrize("below", [".", "calibrations"])
 def test_a_calibration_is_not_written_for_somebody_else(root: Path, below: str) -> None:
     strangers(root / "state" / below)
-    store = CalibrationStore(root / "state", None)
+    store = CalibrationFolder(root / "state" / "calibrations", None)
     with pytest.raises(Refused, match="belongs to somebody else") as told:
         store.put("p01", CALIBRATION)
     assert told.value.code == "bad_calibration"
@@ -184,7 +184,7 @@ def test_a_link_in_the_place_of_the_calibrations_is_refused(root: Path) -> None:
     (root / "state" / "calibrations").symlink_to(root / "etc")
     os.chown(root / "state" / "calibrations", STRANGER, STRANGER, follow_symlinks=False)
     with pytest.raises(Refused):
-        CalibrationStore(root / "state", None).put("passwd", CALIBRATION)
+        CalibrationFolder(root / "state" / "calibrations", None).put("passwd", CALIBRATION)
     assert list((root / "etc").iterdir()) == []
 
 

@@ -46,8 +46,9 @@ CLOCK = LinuxClock()
 #: Asking again costs a process, in this guest, and waiting nothing.
 _PAUSE_NS = 200_000_000
 MACHINE = TREE / "tests/kernel" / ("virtual-time.toml" if IS_VIRTUAL_TIME else "service-x86.toml")
-#: May use the display; may not.
-PERSON, STRANGER = "person", "stranger"
+#: May use the display; may store calibrations too; may not.
+PERSON, OPERATOR, STRANGER = "person", "operator", "stranger"
+CALIBRATIONS = Path("/var/lib/etd-calibrations")
 
 SETTINGS = f"""
 backend = "linux"
@@ -98,7 +99,11 @@ PLAIN = {"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
 def set_up() -> None:
     """What remains to be done after `make install` (docs/install.md), and people to do it with."""
     said_by("make", "-s", "-C", str(TREE), "activate")
-    for name, groups in ((PERSON, ("-G", "etd-users")), (STRANGER, ())):
+    for name, groups in (
+        (PERSON, ("-G", "etd-users")),
+        (OPERATOR, ("-G", "etd-users,etd-operators")),
+        (STRANGER, ()),
+    ):
         said_by("useradd", "--no-create-home", *groups, name)
     settings = Path("/etc/etd/main.toml")
     settings.write_text(SETTINGS)

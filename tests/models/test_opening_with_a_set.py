@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,21 +12,22 @@ import pytest
 
 from etd import Display
 from etd.files.calibration import load_calibration
+from etd.files.calibration_folder import CalibrationFolder
 from etd.files.pattern import Pattern, PatternFrame
 from etd.files.resources import find
-from etd.gateway.opening import opening
 from etd.protocol.calibration import Calibration
 from etd.protocol.calibration_set import digest_of
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Polarity
-from etd.protocol.messages import Modelled, Open
-from etd.protocol.opening import NamedCalibration
+from etd.protocol.messages import Modelled
+from etd.protocol.peer import Peer
 from etd.record.lines import LeaseBegun
 from etd.record.reader import RecordReader
 from etd.record.summary import summary_of
 from etd.replay.replay import replayed
 from etd_hal.compose import open_replay
-from gateway_rig import GatewayRig, ServedRig
+from gateway_rig import ServedRig
+from read_in_place import ReadInPlace
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 
 N = 8
@@ -54,26 +56,17 @@ def test_a_program_opens_with_names_and_the_engine_gets_all(rig: ServedRig) -> N
     with Display(address=rig.address, calibration=("p01-a", "p01-c")) as display:
         display.arm()
     (opened,) = rig.engine.leases
-    assert opened.calibration == made()
-    assert opened.others == (made(polarity="cathodic"),)
-
-
-def test_the_reply_tells_name_polarity_and_digest_of_each() -> None:
-    with GatewayRig() as rig:
-        for name, one in (("a", made()), ("c", made(polarity="cathodic"))):
-            rig.call(op="calibration", do="set", name=name, calibration=msgspec.to_builtins(one))
-        reply = rig.call(op="open", client="t", calibration=["c", "a"])
-        assert reply["calibrations"] == [
-            {"name": "c", "polarity": "cathodic", "digest": digest_of(made(polarity="cathodic"))},
-            {"name": "a", "polarity": "anodic", "digest": digest_of(made())},
-        ]
+    assert [(named.name, named.digest) for named in opened.calibrations] == [
+        ("p01-a", digest_of(made())),
+        ("p01-c", digest_of(made(polarity="cathodic"))),
+    ]
 
 
 def test_one_name_in_a_list_is_that_name(rig: ServedRig) -> None:
     with Display(address=rig.address, calibration=["p01-c"]) as display:
         display.arm()
     (opened,) = rig.engine.leases
-    assert (opened.calibration, opened.others) == (made(polarity="cathodic"), ())
+    assert [named.name for named in opened.calibrations] == ["p01-c"]
 
 
 @pytest.mark.parametrize(
@@ -107,20 +100,21 @@ def test_names_are_text(rig: ServedRig, calibration: Any) -> None:
         )
 
 
-def test_calibrations_that_do_not_fit_into_a_command_are_refused_and_say_so() -> None:
+def test_calibrations_that_do_not_fit_into_a_message_are_refused_and_say_so(tmp_path: Path) -> None:
     count = 256
     electrode = CALIBRATION["electrode"][:1] * count
     returns = [[other for other in range(count) if other != own] for own in range(count)]
-    each = [
-        made(polarity=polarity, electrode=electrode, returns=returns)
-        for polarity in ("anodic", "cathodic")
-    ]
-    named = [NamedCalibration(name="x", digest=digest_of(one), calibration=one) for one in each]
-    request = Open(client="t", calibration=("a", "c"))
+    folder = CalibrationFolder(tmp_path, None)
+    for name, polarity in (("a", "anodic"), ("c", "cathodic")):
+        folder.put(name, made(polarity=polarity, electrode=electrode, returns=returns))
+    reader, me = ReadInPlace(tmp_path), Peer(os.geteuid(), ())
+    reader.begin(("a", "c"), me)
     with pytest.raises(Refused, match="returns as a ring") as refused:
-        opening(request, "token", named, 1)
+        reader.result()
     assert refused.value.code == "too_large"
-    assert opening(request, "token", named[:1], 1).others == ()
+    reader.begin(("a",), me)
+    (found,) = reader.result()
+    assert found.returns == tuple(map(tuple, returns))
 
 
 # --- played, recorded, replayed -----------------------------------------------------------------

@@ -18,10 +18,8 @@ import pytest
 import engine_rig
 from bench import steady_skin
 from bench.steady_laws import AHEAD, LAWS, NONE, K
-from engine_rig import LEASE
 from engine_scenes import exponent
 from etd.files.configuration import fake_config
-from etd.protocol.link import OpenLease
 from etd_body.course import Course, SkinNow
 
 SEED, ELECTRODES, PEELED, STILL_S, PEELING_S = 3, 16, 5, 300.0, 0.08
@@ -60,7 +58,7 @@ def shown(law: str, left: float) -> Iterator[Callable[[float], float]]:
     body.look_at(0)
     rig = engine_rig.make(loaded=loaded, body=body, is_traced=False)
     made = msgspec.structs.replace(made, shape=LAWS[law].shape, exponent=exponent(K))
-    assert rig.ask(OpenLease, lease=LEASE, client="test", calibration=made).error is None
+    assert rig.open_with(made).error is None
     rig.arm()
     levels = tuple(0.6 if electrode in LIT else 0.0 for electrode in range(ELECTRODES))
     rig.hold(4_000, level=levels, ttl_ms=1_000)

@@ -76,7 +76,7 @@ class Stage:
             lease=LEASE,
             client="scene",
             limits=None if calibration is not None else limits,
-            calibration=calibration,
+            calibrations=() if calibration is None else self.rig.wanted(calibration),
         )
 
     def arm(self) -> None:

@@ -12,7 +12,10 @@ import pytest
 
 from command_rig import WITHIN_S, Command, CommandRig, command_rig, wait_for_end
 from etd.client import Display
+from etd.files.calibration import load_calibration
 from etd.files.paths import address_of
+from etd.files.resources import find
+from etd.protocol.calibration_set import digest_of
 
 pytestmark = pytest.mark.slow
 
@@ -184,7 +187,12 @@ def test_play_waits_for_the_operator_and_a_killed_client_leaves_silence(shared: 
     )
     playing = shared.start("play", str(pattern))
     playing.line_with("waiting for the operator")
-    assert shared.run("arm", "--json").answer == {"ok": True, "holder": "etd play long.json"}
+    armed = shared.run("arm", "--json").answer
+    assert armed["holder"] == "etd play long.json"
+    name = "fake-fingertip-pad-8"
+    told = name, digest_of(load_calibration(find("calibrations", name)))
+    assert [(it["name"], it["digest"]) for it in armed["calibrations"]] == [told]
+    assert shared.run("status", "--json").answer["status"]["calibrations"] == armed["calibrations"]
     wait_for_state(shared, "ARMED")
     playing.signal(signal.SIGKILL)
     # The lease lapses after a second; `state` is repeated each second.

@@ -14,7 +14,9 @@ from pathlib import Path
 import pytest
 
 from command_rig import WITHIN_S, command_rig, wait_for_end
-from ssh_rig import SshRig, missing, ssh_rig
+from etd.files.calibration import load_calibration
+from etd.files.resources import find
+from ssh_rig import MEMBER, SshRig, missing, ssh_rig
 
 WHY_NOT = missing()
 IS_MISSING = pytest.mark.skipif(WHY_NOT is not None, reason=str(WHY_NOT))
@@ -122,6 +124,51 @@ def test_commands_go_there_too(rig: SshRig) -> None:
         assert (stopped.status, stopped.answer["daemons"][0]["address"]) == (0, "display")
         rig.commands.environment = rig.environment
         assert "HALTED" in rig.commands.run("status").out
+
+
+def test_a_calibration_is_stored_and_deleted_by_a_process_there(rig: SshRig) -> None:
+    file = rig.commands.folder / "mine.toml"
+    file.write_bytes(find("calibrations", "fake-fingertip").read_bytes())
+    stored = rig.calibrations / "P01.toml"
+    with rig.commands.daemon():
+        rig.admit()
+        taken = rig.commands.run(
+            "calibration", "import", str(file), "--as", "P01", "--host", "display"
+        )
+        assert (taken.status, taken.err) == (0, "")
+        assert (stored.stat().st_uid, stored.stat().st_mode & 0o777) == (MEMBER[1], 0o644)
+        assert load_calibration(stored) == load_calibration(file)
+        script = """
+from etd import Display, Refused
+with Display(host="display") as display:
+    made = display.calibration("P01")
+    display.check_may_store()
+    display.set_calibration("P02", made)
+    display.set_calibration("--help", made)
+    display.delete_calibration("P01")
+    display.delete_calibration("--help")
+    for act in (
+        lambda: display.set_calibration("fake-fingertip", made),
+        lambda: display.delete_calibration("P01"),
+        lambda: display.delete_calibration("-x\\n"),
+    ):
+        try:
+            act()
+        except Refused as refusal:
+            print(refusal.code)
+    print(*(name for name in display.calibrations() if name.startswith("P")))
+"""
+        ran = python(rig, script)
+        expected = "bad_calibration\nnot_found\nbad_message\nP02\n"
+        assert (ran.returncode, ran.stderr, ran.stdout) == (0, "", expected)
+        rig.calibrations.chmod(0o2755)
+        early = rig.commands.run(
+            *("calibrate", "P03", "--max-current-ua", "1000", "--host", "display", "--json")
+        )
+        assert (early.status, early.answer["error"]) == (1, "not_permitted")
+        refused = rig.commands.run("calibration", "delete", "P02", "--host", "display", "--json")
+        assert (refused.status, refused.answer["error"]) == (1, "not_permitted")
+        assert "adduser NAME etd-operators" in refused.answer["reason"]
 
 
 # --- what goes wrong ------------------------------------------------------------------------------

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from etd.files.paths import SYSTEM_CALIBRATIONS
+
 SYSTEMD = Path(__file__).parents[2] / "systemd"
 UNITS = sorted(path.name for path in SYSTEMD.iterdir() if path.suffix in (".service", ".target"))
 
@@ -73,6 +75,25 @@ def test_the_gateway_has_no_device_and_the_engine_no_network() -> None:
     assert engine["PrivateNetwork"] == ["yes"]
     assert engine["RestrictAddressFamilies"] == ["AF_UNIX"]
     assert engine["DevicePolicy"] == ["closed"]
+
+
+def test_operators_write_calibrations_and_the_gateway_cannot() -> None:
+    """The engine must know users apart, so it has no user namespace."""
+    engine, gateway = settings("etd-engine@.service"), settings("etd-gateway@.service")
+    assert engine["ExecStartPre"] == [
+        f"+/usr/bin/install -d -o root -g etd-users -m 0750 {SYSTEM_CALIBRATIONS}",
+        f"+/usr/bin/install -d -o root -g etd-operators -m 2775 {SYSTEM_CALIBRATIONS}/%i",
+    ]
+    assert "PrivateUsers" not in engine
+    users = (SYSTEMD / "etd.sysusers.conf").read_text().splitlines()
+    members = {tuple(line.split()[1:]) for line in users if line.startswith("m ")}
+    assert {("etd-engine", "etd-users"), ("etd-gateway", "etd-users")} <= members
+    assert not [group for _, group in members if group == "etd-operators"]
+    assert gateway["ProtectSystem"] == ["strict"]
+    written = {*gateway["ReadWritePaths"], *gateway["StateDirectory"]}
+    assert written == {"/run/etd/%i", "etd/%i"}
+    folders = (SYSTEMD / "etd.tmpfiles.conf").read_text().splitlines()
+    assert f"d {SYSTEM_CALIBRATIONS} 0750 root etd-users -" in folders
 
 
 def test_the_engine_ends_in_the_safe_state_and_refusals_are_not_repeated() -> None:

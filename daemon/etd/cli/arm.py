@@ -6,9 +6,11 @@ Owns: the printed answer. Must not know: what is checked before the supply is en
 from __future__ import annotations
 
 import argparse
-import json
+
+import msgspec
 
 from etd.cli import options
+from etd.cli.taken import said_of_taken
 from etd.client import Display
 from etd.protocol.text import shown
 
@@ -28,10 +30,11 @@ add_arguments = options.add_daemon_and_json
 def run(args: argparse.Namespace) -> int:
     """Raises: Refused (with the check that failed), DaemonGone."""
     with Display(args.name, host=args.host, client="etd arm") as display:
-        display.arm_holder(TIMEOUT_S)
+        taken = display.arm_holder(TIMEOUT_S)
         holder = display.status().holder
     if args.json:
-        print(json.dumps({"ok": True, "holder": holder}))
+        told = {"ok": True, "holder": holder, "calibrations": taken}
+        print(msgspec.json.encode(told).decode())
     else:
-        print(f"armed; {shown(holder or 'no client')} drives")
+        print(f"armed; {shown(holder or 'no client')} drives, with {said_of_taken(taken)}")
     return 0

@@ -6,12 +6,12 @@ Must not know: what it is used for.
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
 
 from etd.client import Display
 from etd.files import resources
 from etd.files.calibration import load_calibration
-from etd.files.paths import check_name, state_folder
+from etd.files.paths import check_name, kept_calibrations
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, Refused
 
@@ -26,7 +26,7 @@ def calibration_of(name: str, which: str) -> Calibration | None:
         with Display(name) as display:
             return display.calibration(which)
     except DaemonGone:
-        return _stored(state_folder(name), which)
+        return _stored(name, which)
     except Refused:
         return None
 
@@ -57,6 +57,10 @@ def lend(address: str, name: str, which: str, calibration: Calibration | None) -
         private.set_calibration(which, calibration)
 
 
-def _stored(folder: Path, which: str) -> Calibration | None:
-    path = folder / "calibrations" / f"{which}.toml"
-    return load_calibration(path) if path.is_file() else None
+def _stored(name: str, which: str) -> Calibration | None:
+    for folder in kept_calibrations(name):
+        path = folder / f"{which}.toml"
+        # A folder that this user may not enter has none for this user.
+        if os.access(path, os.R_OK):
+            return load_calibration(path)
+    return None

@@ -203,6 +203,7 @@ def run(args: argparse.Namespace) -> int:
         _address(args) as address,
         _display(args, address) as display,
     ):
+        display.check_may_store()
         with options.wrong_use(args):
             kind = FitSession if args.fit else CalibrateSession
             calibrating: CalibrateSession | FitSession = kind(args, display, which)

@@ -1,7 +1,7 @@
 """`etd calibration list|show|export|import|delete`: the calibrations that a daemon keeps.
 
-Owns: the printed answers, and the files read and written. Must not know: where the daemon keeps
-calibrations, how a calibration is made (calibrate).
+Owns: the printed answers, and the files read and written. Must not know: where a calibration is
+kept (`client/calibration_files.py`), how a calibration is made (calibrate).
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from etd.cli.false_alarms import said_of_false_alarms
 from etd.cli.new_file import check_new_file
 from etd.client import Display
 from etd.files.atomic_file import write_atomically
-from etd.files.calibration import load_calibration, to_toml
+from etd.files.calibration import calibration_of_bytes, load_calibration, to_toml
+from etd.files.calibration_folder import MOST_FILE_BYTES
 from etd.files.check import check_file
 from etd.files.paths import check_name
 from etd.protocol.calibration import Calibration
+from etd.protocol.calibration_set import digest_of
 from etd.protocol.errors import FileError
 from etd.protocol.frame import Returns, Ring
 from etd.protocol.text import shown
@@ -32,15 +34,18 @@ examples:
   etd calibration list
   etd calibration show P01
   etd calibration export P01 P01.toml         without FILE: to standard output
-  etd calibration import P01.toml --as P01    in SAFE only; board, array and body site must match
+  etd calibration import P01.toml --as P01    array and body site must match
+  etd calibration import - --as P01           the same, from standard input
   etd calibration delete P01
 
-A calibration contains a person's limits: import and delete need operate rights. NAME is a code for
+A calibration contains a person's limits: import and delete write the daemon's folder as the user
+who runs them, who needs the group etd-operators. With --host they run there. NAME is a code for
 the participant, never the person's name. `etd calibrate` makes a calibration.
 """
 
 
 WHOSE = "the calibration's name"
+_INPUT = Path("-")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for each in (show, export, delete):
         each.add_argument("which", metavar="NAME", help=WHOSE)
     export.add_argument("file", nargs="?", type=Path, metavar="FILE", help="a new file")
-    taking.add_argument("file", type=Path, metavar="FILE", help="a calibration file")
+    taking.add_argument(
+        "file", type=Path, metavar="FILE", help="a calibration file; - is the input"
+    )
     taking.add_argument("--as", dest="which", metavar="NAME", help="default: the file's own name")
 
 
@@ -100,10 +107,12 @@ def _show(args: argparse.Namespace) -> int:
     with _display(args) as display:
         calibration = display.calibration(args.which)
         array = display.facts.array
+    digest = digest_of(calibration)
     if args.json:
-        _print_json({"ok": True, "name": args.which, "calibration": calibration})
+        about = {"name": args.which, "digest": digest, "calibration": calibration}
+        _print_json({"ok": True, **about})
         return 0
-    for key, value in _conditions(calibration).items():
+    for key, value in {**_conditions(calibration), "digest": digest}.items():
         print(f"{key:<16} {'not given' if value is None else shown(str(value))}")
     if calibration.array == array.name and len(calibration.electrode) == array.electrodes:
         signs = _signs([limits.threshold_ua for limits in calibration.electrode])
@@ -188,12 +197,19 @@ def _export(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    calibration = _loaded(args.file)
+    if args.file == _INPUT and args.which is None:
+        args.misused("import from standard input needs --as NAME")
+    calibration = _from_input() if args.file == _INPUT else _loaded(args.file)
     name = check_name(args.which or args.file.stem, WHOSE)
     with _display(args) as display:
         display.set_calibration(name, calibration)
     _done(args, f"{name}: {_sentence(calibration)}", name)
     return 0
+
+
+def _from_input() -> Calibration:
+    """Raises: FileError."""
+    return calibration_of_bytes(Path("standard input"), sys.stdin.buffer.read(MOST_FILE_BYTES + 1))
 
 
 def _loaded(path: Path) -> Calibration:

@@ -24,6 +24,7 @@ from etd.cli.extras import check_fake
 from etd.files.configuration import LoadedConfig, fake_config, load_config
 from etd.files.paths import (
     CONTROL,
+    calibrations_folder,
     check_name,
     make_own,
     prepare_runtime,
@@ -76,13 +77,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--part", choices=PARTS, help="run one part in the foreground")
     parser.add_argument(
-        "--folder", type=Path, metavar="DIR", help="keep sockets and calibrations in DIR"
+        "--folder", type=Path, metavar="DIR", help="keep sockets, calibrations and records in DIR"
     )
     parser.add_argument(
         "--state",
         type=Path,
         metavar="DIR",
-        help="keep calibrations in DIR (default: the daemon's own, or in --folder)",
+        help="keep calibrations and records in DIR (default: the daemon's own, or in --folder)",
     )
     parser.add_argument(
         "--selftest", type=Path, metavar="FILE", help="the self-test report that arming requires"
@@ -247,13 +248,27 @@ def _safe_command(args: argparse.Namespace, loaded: LoadedConfig) -> list[str]:
 
 
 def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
+    from etd.engine.calibration_process import CalibrationProcess
     from etd.engine.process import run_engine
 
+    is_fake, core = loaded.config.backend == "fake", loaded.config.engine.core
+    calibrations = CalibrationProcess(
+        _calibrations_folder(args, folder),
+        _shipped_calibrations() if is_fake else None,
+        None if core == "any" else core,
+    )
     selftest, note = _selftest_file(args, loaded), _supply_note_file(args, loaded)
     # Where this cannot be had, arming is refused with the reason; the board is made safe anyway.
     with contextlib.suppress(FileError, OSError):
         make_own(note.parent, 0o700)
-    return run_engine(loaded, _open_backend(args, loaded), folder, selftest, supply_note=note)
+    return run_engine(
+        loaded,
+        _open_backend(args, loaded),
+        folder,
+        selftest,
+        calibrations=calibrations,
+        supply_note=note,
+    )
 
 
 def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
@@ -277,6 +292,15 @@ def _state_folder(args: argparse.Namespace, folder: Path) -> Path:
     if args.state is not None:
         return Path(args.state)
     return state_folder(args.name) if args.folder is None else folder / "state"
+
+
+def _calibrations_folder(args: argparse.Namespace, folder: Path) -> Path:
+    return calibrations_folder(folder, _state_folder(args, folder))
+
+
+def _shipped_calibrations() -> Path:
+    """Of the fake's own body."""
+    return config_dir() / "calibrations"
 
 
 def kept_selftest(name: str, loaded: LoadedConfig) -> Path:
@@ -315,7 +339,8 @@ def _run_gateway(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -
         name=args.name,
         runtime_folder=folder,
         state_dir=_state_folder(args, folder),
-        shipped_calibrations=config_dir() / "calibrations",
+        calibrations=_calibrations_folder(args, folder),
+        shipped_calibrations=_shipped_calibrations(),
         default_calibration=loaded.config.default_calibration,
         operators=loaded.config.operators,
         record=args.record,

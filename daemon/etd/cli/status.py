@@ -10,6 +10,7 @@ import argparse
 import msgspec
 
 from etd.cli import options
+from etd.cli.taken import said_of_taken
 from etd.client import Display
 from etd.protocol.errors import Refused
 from etd.protocol.messages import HelloReply, StateReport
@@ -53,7 +54,7 @@ def lines_of(name: str, report: StateReport, facts: HelloReply | None) -> list[s
     if facts is not None:
         rows += _rows_of_facts(facts)
     rows += [
-        ("lease", f"held by {report.holder}" if report.holder else "free"),
+        ("lease", _lease(report)),
         ("session", _session(report)),
         ("ceiling", f"{report.ceiling_ua} uA"),
         ("supply", _supply(report)),
@@ -92,6 +93,12 @@ def _state(report: StateReport) -> str:
             " `etd clear`"
         )
     return report.state
+
+
+def _lease(report: StateReport) -> str:
+    if not report.holder:
+        return "free"
+    return f"held by {report.holder}, with {said_of_taken(report.calibrations)}"
 
 
 def _session(report: StateReport) -> str:

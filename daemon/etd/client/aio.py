@@ -42,6 +42,7 @@ from etd.protocol.messages import (
     StateReport,
     Topic,
 )
+from etd.protocol.opening import LeaseCalibration
 from etd.stabilize.offset_estimate import Answer as FeltAnswer
 
 if TYPE_CHECKING:
@@ -108,18 +109,19 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         *,
         open_to: Numbers | float | None = None,
         open_to_ua: Numbers | float | None = None,
-    ) -> None:
+    ) -> tuple[LeaseCalibration, ...]:
         """Open the lease if none stands, check the board and enable the supply; waits for it.
-        `open_to`, `open_to_ua`: see `Display.arm`.
+        Returns the calibrations that are in force. `open_to`, `open_to_ua`: see `Display.arm`.
         """
         openings = self._openings(open_to, open_to_ua)
-        await self._run(self._session.arm(timeout_s))
+        taken = await self._run(self._session.arm(timeout_s))
         for made in openings:
             await self._play(course.opening(self._session, made, clock.now_ns))
+        return taken
 
-    async def arm_holder(self, timeout_s: float = 10.0) -> None:
-        """The operator's `arm`: arms the lease of its present holder."""
-        await self._run(self._session.arm_holder(timeout_s))
+    async def arm_holder(self, timeout_s: float = 10.0) -> tuple[LeaseCalibration, ...]:
+        """The operator's `arm`: arms the lease of its present holder; returns its calibrations."""
+        return await self._run(self._session.arm_holder(timeout_s))
 
     async def disarm(self) -> None:
         await self._run(self._session.disarm())
@@ -314,13 +316,17 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         """Raises: Refused (`not_found`)."""
         return await self._run(self._session.get_calibration(name))
 
+    async def check_may_store(self) -> None:
+        """See `Display.check_may_store`."""
+        await asyncio.to_thread(self._way.check_may_store, self.facts)
+
     async def set_calibration(self, name: str, calibration: Calibration) -> None:
-        """Keep a calibration under a name; in SAFE only, needs operate rights."""
-        await self._run(self._session.set_calibration(name, calibration))
+        """Store a calibration under a name; see `Display.set_calibration`."""
+        await asyncio.to_thread(self._way.put_calibration, self.facts, name, calibration)
 
     async def delete_calibration(self, name: str) -> None:
-        """Have the daemon forget it; needs operate rights. Raises: Refused (`not_found`)."""
-        await self._run(self._session.delete_calibration(name))
+        """See `Display.delete_calibration`."""
+        await asyncio.to_thread(self._way.delete_calibration, self.facts, name)
 
     def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> AsyncTelemetry:
         """`async with display.telemetry("scan") as reports: async for topic, report in reports`"""

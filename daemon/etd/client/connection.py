@@ -41,9 +41,11 @@ class Connection(ABC, Generic[S]):
     limits come from `calibration` (a name the daemon knows), or from `max_current_ua` (50..10000)
     with `width_us` (20..200), or else from the daemon's default calibration. Several names are one
     person's calibrations, each made with another polarity: a frame may mix these polarities, and
-    the first one's is that of a frame that names none. Nothing is felt before `arm()`. Nothing is
-    repeated in the background but what `begin` and `kept` are for: a frame that is not renewed
-    expires, and a lease that is not renewed for a second ends, which disarms.
+    the first one's is that of a frame that names none. `digest` (one for each name, as `etd
+    calibration show` prints it): a calibration with another content is refused. Nothing is felt
+    before `arm()`. Nothing is repeated in the background but what `begin` and `kept` are for: a
+    frame that is not renewed expires, and a lease that is not renewed for a second ends, which
+    disarms.
 
     Raises, from every method: DaemonGone (no daemon answers), Refused (code, reason, electrode).
     """
@@ -56,6 +58,7 @@ class Connection(ABC, Generic[S]):
         address: str | None = None,
         client: str | None = None,
         calibration: str | Sequence[str] | None = None,
+        digest: str | Sequence[str] | None = None,
         max_current_ua: int | None = None,
         width_us: int | None = None,
         timeout_s: float = 2.0,
@@ -63,6 +66,7 @@ class Connection(ABC, Generic[S]):
         self._session = Session(
             client or wire.program_name(),
             calibration=calibration,
+            digest=digest,
             max_current_ua=max_current_ua,
             width_us=width_us,
             timeout_s=timeout_s,

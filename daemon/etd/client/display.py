@@ -43,6 +43,7 @@ from etd.protocol.messages import (
     StateReport,
     Topic,
 )
+from etd.protocol.opening import LeaseCalibration
 from etd.stabilize.offset_estimate import Answer as FeltAnswer
 
 if TYPE_CHECKING:
@@ -93,8 +94,9 @@ class Display(Connection["zmq.Socket[bytes]"]):
         *,
         open_to: Numbers | float | None = None,
         open_to_ua: Numbers | float | None = None,
-    ) -> None:
+    ) -> tuple[LeaseCalibration, ...]:
         """Open the lease if none stands, check the board and enable the supply; blocks for it.
+        Returns the calibrations that are in force, as the engine has read them.
 
         `open_to`: then fire these levels (one number: on all electrodes) until the soft start lets
         them through, and be silent; `open_to_ua` the same for currents. It is felt: it takes a
@@ -102,13 +104,14 @@ class Display(Connection["zmq.Socket[bytes]"]):
         (`wrong_state`) if they do not get through, `over_limit` for more than a cap.
         """
         openings = self._openings(open_to, open_to_ua)
-        self._run(self._session.arm(timeout_s))
+        taken = self._run(self._session.arm(timeout_s))
         for made in openings:
             self._play(course.opening(self._session, made, clock.now_ns))
+        return taken
 
-    def arm_holder(self, timeout_s: float = 10.0) -> None:
-        """The operator's `arm`: arms the lease of its present holder."""
-        self._run(self._session.arm_holder(timeout_s))
+    def arm_holder(self, timeout_s: float = 10.0) -> tuple[LeaseCalibration, ...]:
+        """The operator's `arm`: arms the lease of its present holder; returns its calibrations."""
+        return self._run(self._session.arm_holder(timeout_s))
 
     def disarm(self) -> None:
         """Supply off; the lease stays. Does nothing without a lease."""
@@ -347,13 +350,25 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """Raises: Refused (`not_found`)."""
         return self._run(self._session.get_calibration(name))
 
+    def check_may_store(self) -> None:
+        """Before a person answers for an hour: whether this process's user may store calibrations.
+        Raises: Refused (`not_permitted`).
+        """
+        self._owner.check()
+        self._way.check_may_store(self.facts)
+
     def set_calibration(self, name: str, calibration: Calibration) -> None:
-        """Keep a calibration under a name; in SAFE only, needs operate rights."""
-        self._run(self._session.set_calibration(name, calibration))
+        """Store a calibration under a name: this process writes the file (over ssh, one there), so
+        its user must be an operator of that computer (docs/install.md). Raises: Refused
+        (`bad_calibration`, `not_permitted`).
+        """
+        self._owner.check()
+        self._way.put_calibration(self.facts, name, calibration)
 
     def delete_calibration(self, name: str) -> None:
-        """Have the daemon forget it; needs operate rights. Raises: Refused (`not_found`)."""
-        self._run(self._session.delete_calibration(name))
+        """As `set_calibration`. Raises: Refused (`not_found`, `not_permitted`)."""
+        self._owner.check()
+        self._way.delete_calibration(self.facts, name)
 
     def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> Telemetry:
         """`with display.telemetry("scan") as reports: for topic, report in reports: ...`"""

@@ -20,6 +20,7 @@ import msgspec
 
 from etd.client import values
 from etd.client.daemon_clock import DaemonClock
+from etd.client.meant import Meant, check_limits, names_of
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode, Refused
 from etd.protocol.facts import RecordFacts
@@ -27,6 +28,7 @@ from etd.protocol.messages import (
     MAX_MESSAGE_BYTES,
     REPLY_OF_OP,
     AccountReply,
+    ArmReply,
     CalibrationReply,
     Failure,
     FrameReply,
@@ -40,6 +42,7 @@ from etd.protocol.messages import (
     StatusReply,
     Success,
 )
+from etd.protocol.opening import LeaseCalibration
 from etd.protocol.outcome import Account
 from etd.protocol.text import escaped
 
@@ -49,6 +52,8 @@ KEEP_S = 0.3
 _DISK_S = 10.0
 #: A frame of the program that others have overtaken is sent again so often.
 _OVERTAKEN = 5
+#: The engine reads calibrations within eight seconds.
+_READ_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,20 +98,21 @@ class Session:
         client: str,
         *,
         calibration: str | Sequence[str] | None = None,
+        digest: str | Sequence[str] | None = None,
         max_current_ua: int | None = None,
         width_us: int | None = None,
         timeout_s: float = 2.0,
     ) -> None:
         #: What is known of the daemon's, by which frames are stamped.
         self.daemon_clock = DaemonClock(is_here=True)
-        calibrations = _names(calibration)
-        _check_limits(calibrations, max_current_ua, width_us)
+        calibrations = names_of(calibration)
+        check_limits(calibrations, max_current_ua, width_us)
         self.facts: HelloReply | None = None
         self.lease: str | None = None
         #: The halt that ended the newest lease.
         self._halted: Refused | None = None
         self._client = escaped(client)[:64] or "client"
-        self._calibrations = calibrations
+        self._calibrations, self._meant = calibrations, Meant(digest)
         self._max_current_ua = max_current_ua
         self._width_us = width_us
         self._timeout_s = values.above_zero_s("timeout_s", timeout_s)
@@ -140,14 +146,21 @@ class Session:
         yield self._ask("clear")
         self.lease = self._halted = None
 
-    def arm(self, timeout_s: float) -> Flow[None]:
+    def arm(self, timeout_s: float) -> Flow[tuple[LeaseCalibration, ...]]:
         """Open a lease if there is none, then arm it; it is renewed while arming lasts."""
         yield from self._standing_lease()
-        yield self._ask("arm", timeout_s=timeout_s, keep=self._keep_data)
+        reply: ArmReply = yield self._ask("arm", timeout_s=timeout_s, keep=self._keep_data)
+        try:
+            self._meant.check(reply.calibrations)
+        except Refused:
+            yield from self.disarm()
+            raise
+        return reply.calibrations
 
-    def arm_holder(self, timeout_s: float) -> Flow[None]:
+    def arm_holder(self, timeout_s: float) -> Flow[tuple[LeaseCalibration, ...]]:
         """Arm the lease of its present holder: the operator's part."""
-        yield self._ask("arm", timeout_s=timeout_s)
+        reply: ArmReply = yield self._ask("arm", timeout_s=timeout_s)
+        return reply.calibrations
 
     def disarm(self) -> Flow[None]:
         if self.lease is not None:
@@ -240,12 +253,6 @@ class Session:
             raise Refused("not_found", f"the daemon sent no calibration {name!r}")
         return reply.calibration
 
-    def set_calibration(self, name: str, calibration: Calibration) -> Flow[None]:
-        yield self._ask("calibration", {"do": "set", "name": name, "calibration": calibration})
-
-    def delete_calibration(self, name: str) -> Flow[None]:
-        yield self._ask("calibration", {"do": "delete", "name": name})
-
     def start_record(self, name: str) -> Flow[None]:
         yield self._ask("record", {"do": "start", "name": name})
 
@@ -327,9 +334,16 @@ class Session:
         if self.lease is not None:
             return
         limits = yield from self._limits()
-        reply: LeaseReply = yield self._ask("open", {"client": self._client, **limits})
+        asked = {"client": self._client, **limits, **self._meant.fields}
+        wait_s = self._timeout_s if "limits" in limits else max(_READ_S, self._timeout_s)
+        reply: LeaseReply = yield self._ask("open", asked, timeout_s=wait_s)
         self.lease, self._halted = reply.lease, None
         self.last_seq = 0
+        try:
+            self._meant.check(reply.calibrations)
+        except Refused:
+            yield from self.close()
+            raise
 
     def _limits(self) -> Flow[dict[str, object]]:
         """The limits of the lease: given here, or else the daemon's default calibration."""
@@ -404,32 +418,6 @@ _TEACH_LIMITS = (
     " Display(max_current_ua=..., width_us=...), or set default_calibration in the daemon's"
     " configuration"
 )
-
-
-def _names(calibration: str | Sequence[str] | None) -> tuple[str, ...]:
-    """Of one calibration, or of several. Raises: Refused (`bad_message`)."""
-    if calibration is None:
-        return ()
-    if isinstance(calibration, str):
-        return (calibration,)
-    names = tuple(calibration) if isinstance(calibration, Sequence) else ()
-    if not names or not all(isinstance(name, str) for name in names):
-        raise Refused(
-            "bad_message",
-            f"calibration={calibration!r}: a name is needed, or several names of one person's"
-            " calibrations, each made with another polarity",
-        )
-    return names
-
-
-def _check_limits(
-    calibrations: tuple[str, ...], max_current_ua: int | None, width_us: int | None
-) -> None:
-    if (max_current_ua is None) != (width_us is None):
-        missing = "width_us" if width_us is None else "max_current_ua"
-        raise Refused("limits_missing", f"{missing} is missing: limits are a current and a width")
-    if calibrations and max_current_ua is not None:
-        raise Refused("bad_message", "give either calibration, or max_current_ua and width_us")
 
 
 def _encoded(message: dict[str, object]) -> bytes:

@@ -13,7 +13,6 @@ that ends.
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import shutil
@@ -25,23 +24,27 @@ from collections import deque
 from pathlib import Path
 
 from etd.client import clock
-from etd.files.paths import CONTROL, FRAMES, SYSTEM_RUNTIME, TELEMETRY, check_name
+from etd.client.calibration_files import check_fits, checked
+from etd.client.ssh_command import may_write_there, run_there, ssh_words
+from etd.files.calibration import to_toml
+from etd.files.calibration_folder import not_permitted
+from etd.files.paths import (
+    CONTROL,
+    FRAMES,
+    SYSTEM_CALIBRATIONS,
+    SYSTEM_RUNTIME,
+    TELEMETRY,
+    check_name,
+)
+from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, Refused
+from etd.protocol.messages import HelloReply
 
 #: A person may have to type a passphrase.
 _READY_WITHIN_S = 60.0
 _POLL_S = 0.02
 #: What it said is read within that, once it has ended.
 _READ_WITHIN_S = 1.0
-_OPTIONS = (
-    "ExitOnForwardFailure=yes",
-    "ConnectTimeout=10",
-    # A connection without an answer for two seconds is given up.
-    "ServerAliveInterval=1",
-    "ServerAliveCountMax=1",
-    # Not over another program's connection: it would end with that.
-    "ControlPath=none",
-)
 #: What `ssh` may be given as its destination; never an option.
 _HOST = re.compile(r"[^\s-][^\s]*")
 _READY, _DENIED, _NONE = "etd:ready", "etd:denied", "etd:none"
@@ -65,7 +68,7 @@ class SshWay:
             raise Refused("bad_message", f"host={host!r}: give a host that ssh knows, or user@host")
         remote = _remote_folder(name, address)
         self.place = f"{host}:{remote}"
-        self._host = host
+        self._host, self._name, self._is_named = host, name, address is None
         self._folder = Path(tempfile.mkdtemp(prefix="etd-ssh-"))
         self._said: deque[str] = deque(maxlen=20)
         self._verdict: str | None = None
@@ -100,6 +103,33 @@ class SshWay:
         """Raises: DaemonGone, once the connection has ended."""
         if self._process.poll() is not None:
             raise DaemonGone(self.place, f"the connection to {self._host} has ended", self._why())
+
+    def check_may_store(self, _: HelloReply) -> None:
+        """In the folder of the system's daemon there. Raises: Refused, DaemonGone."""
+        folder = SYSTEM_CALIBRATIONS / self._name
+        if self._is_named and not may_write_there(self._host, folder):
+            raise not_permitted(folder, "a calibration could not be stored")
+
+    def put_calibration(self, facts: HelloReply, name: str, calibration: Calibration) -> None:
+        """By a process there. Raises: Refused, DaemonGone."""
+        check_fits(calibration, facts)
+        self._run_there("import", f"--as={checked(name)}", "--", "-", data=to_toml(calibration))
+
+    def delete_calibration(self, _: HelloReply, name: str) -> None:
+        """By a process there. Raises: Refused, DaemonGone."""
+        self._run_there("delete", "--", checked(name))
+
+    def _run_there(self, what: str, *words: str, data: str = "") -> None:
+        """A command finds a daemon by its name. Raises: Refused (`not_permitted`, and as it was
+        refused there), DaemonGone.
+        """
+        if not self._is_named:
+            raise Refused(
+                "not_permitted",
+                f"the daemon at {self.place} was reached by its address: store and delete its"
+                " calibrations there, with `etd calibration`",
+            )
+        run_there(self._host, ["calibration", what, "--json", f"--name={self._name}", *words], data)
 
     def close(self) -> None:
         """Ends the connection. Idempotent."""
@@ -193,17 +223,8 @@ def _probe_of(folder: Path) -> str:
 
 
 def _started(host: str, forwards: list[str], command: str) -> subprocess.Popen[str]:
-    ssh = ["ssh", "-T"]
-    for option in _OPTIONS:
-        ssh += ["-o", option]
-    for forward in forwards:
-        ssh += ["-L", forward]
-    ssh += ["--", host, command]
-    if os.name == "posix":
-        # Ctrl-C is for the program, which ends silent over this very connection.
-        ssh = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", *ssh]
     return subprocess.Popen(
-        ssh,
+        ssh_words(host, forwards, command),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from etd.client import wire
+from etd.client import calibration_files, wire
 from etd.files.paths import FRAMES, TELEMETRY, sibling_address
+from etd.protocol.calibration import Calibration
+from etd.protocol.messages import HelloReply
 
 
 class Way(Protocol):
@@ -28,6 +30,15 @@ class Way(Protocol):
 
     def check_alive(self) -> None:
         """While an answer is awaited. Raises: DaemonGone, if none can come any more."""
+
+    def check_may_store(self, facts: HelloReply) -> None:
+        """Whether this user may store calibrations there. Raises: Refused, DaemonGone."""
+
+    def put_calibration(self, facts: HelloReply, name: str, calibration: Calibration) -> None:
+        """By a process of this user's on the daemon's machine. Raises: Refused, DaemonGone."""
+
+    def delete_calibration(self, facts: HelloReply, name: str) -> None:
+        """The same. Raises: Refused, DaemonGone."""
 
     def close(self) -> None:
         """Idempotent."""
@@ -48,6 +59,18 @@ class LocalWay:
 
     def check_alive(self) -> None:
         """A gateway that has ended may come back while it is waited for."""
+
+    def check_may_store(self, facts: HelloReply) -> None:
+        """By this process."""
+        calibration_files.check_may_store(self.control, facts)
+
+    def put_calibration(self, facts: HelloReply, name: str, calibration: Calibration) -> None:
+        """By this process."""
+        calibration_files.put(self.control, facts, name, calibration)
+
+    def delete_calibration(self, facts: HelloReply, name: str) -> None:
+        """By this process."""
+        calibration_files.delete(self.control, facts, name)
 
     def close(self) -> None:
         """Nothing is held."""

@@ -6,11 +6,13 @@ pulse is made. A command that is refused changes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 
 import msgspec
 
+from etd.engine.opening import taken
 from etd.engine.supervisor import Supervisor
+from etd.protocol.calibration import Calibration
 from etd.protocol.carried import CarriedOver
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal, Refused, halted
 from etd.protocol.exponent import check_exponent
@@ -35,7 +37,7 @@ from etd.protocol.link import (
     ToEngine,
 )
 from etd.protocol.messages import Marked
-from etd.safety.lease import Lease, check_holder, check_seq
+from etd.safety.lease import Lease, calibrations_of, check_holder, check_seq
 from etd.safety.limits import limits_of_calibrations, limits_of_numbers
 
 #: A client on this machine reads the same clock; more than this ahead is not that clock.
@@ -43,17 +45,28 @@ _AHEAD_NS = 100_000_000
 
 
 def execute(core: Supervisor, command: ToEngine, host_ns: int) -> None:
-    """Carry out one command and answer it, unless its answer comes later (arm, measure).
+    """Carry out one command and answer it, unless its answer comes later (open, arm, measure).
     `host_ns`: on the machine's clock, which the lease counts on.
     """
+    _answer(core, command.ref, lambda: _answer_to(core, command, host_ns))
+
+
+def go_on_opening(core: Supervisor, host_ns: int) -> None:
+    """The lease whose calibrations are being read: begun once they are."""
+    command = core.opening.pending
+    if command is not None:
+        _answer(core, command.ref, lambda: _opened(core, command, host_ns))
+
+
+def _answer(core: Supervisor, ref: int, made: Callable[[], Answer | None]) -> None:
     try:
-        answer = _answer_to(core, command, host_ns)
+        answer = made()
     except Refused as refusal:
-        answer = Answer.refusing(command.ref, refusal)
+        answer = Answer.refusing(ref, refusal)
     except (BusError, BoardFault, GuardRefusal) as fault:
         core.halt("fault", type(fault).__name__, str(fault))
-        answer = Answer(ref=command.ref, error="halted", reason=str(fault))
-    if answer is not None and command.ref:
+        answer = Answer(ref=ref, error="halted", reason=str(fault))
+    if answer is not None and ref:
         core.send(answer)
 
 
@@ -65,7 +78,7 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
         case StopNow(client=who):
             core.halt("stop", who, "asked to stop")
         case OpenLease():
-            _open(core, command, host_ns)
+            return _open(core, command, host_ns)
         case KeepLease(lease=token):
             _holder(core, token).renew(host_ns)
         case CloseLease(lease=token):
@@ -76,7 +89,7 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
             core.make_safe("disarmed")
             core.soft_start.restart()
         case ArmBoard() if core.states.state == "ARMED":
-            return Answer(ref=command.ref)
+            return Answer(ref=command.ref, calibrations=calibrations_of(core.lease))
         case ArmBoard():
             core.begin_power_up("arm", command.ref)
             return None
@@ -134,13 +147,35 @@ def _holder(core: Supervisor, token: str) -> Lease:
     return check_holder(core.lease, token)
 
 
-def _open(core: Supervisor, command: OpenLease, host_ns: int) -> None:
+def _open(core: Supervisor, command: OpenLease, host_ns: int) -> Answer | None:
+    """None while its calibrations are read: then the answer comes of `go_on_opening`."""
+    _check_may_open(core)
+    if not command.calibrations:
+        return _begin_lease(core, command, (), host_ns)
+    core.opening.begin(command, core.gateway_link.peer, host_ns)
+    return _opened(core, command, host_ns)
+
+
+def _opened(core: Supervisor, command: OpenLease, host_ns: int) -> Answer | None:
+    calibrations = core.opening.calibrations(host_ns)
+    if calibrations is None:
+        return None
+    # All may have changed while they were read.
+    _check_may_open(core)
+    return _begin_lease(core, command, calibrations, host_ns)
+
+
+def _check_may_open(core: Supervisor) -> None:
     if core.lease is not None:
         raise Refused("other_lease", f"the lease is held by {core.lease.client!r}")
     core.states.need("SAFE")
+
+
+def _begin_lease(
+    core: Supervisor, command: OpenLease, calibrations: Sequence[Calibration], host_ns: int
+) -> Answer:
     loaded = core.loaded
-    first = () if command.calibration is None else (command.calibration,)
-    if calibrations := (*first, *command.others):
+    if calibrations:
         person = limits_of_calibrations(
             calibrations,
             core.maxima,
@@ -155,9 +190,11 @@ def _open(core: Supervisor, command: OpenLease, host_ns: int) -> None:
     if loaded.body_site.stabilize.power_law is not None:
         for exponent in [it.exponent for it in calibrations] or [None]:
             check_exponent(exponent)
-    lease = Lease(command.lease, command.client, person, core.timeouts.lease_ns)
+    told = taken(command, calibrations)
+    lease = Lease(command.lease, command.client, person, core.timeouts.lease_ns, told)
     lease.renew(host_ns)
     core.begin_lease(lease)
+    return Answer(ref=command.ref, calibrations=told)
 
 
 def _hear(core: Supervisor, said: SayFelt) -> None:

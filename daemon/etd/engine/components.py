@@ -18,6 +18,7 @@ from etd.engine.findings import Findings
 from etd.engine.gateway_link import GatewayLink
 from etd.engine.machine_watch import MachineWatch
 from etd.engine.node_check import NodeCheck
+from etd.engine.opening import CalibrationReader, Opening
 from etd.engine.pulse_log import PulseLog
 from etd.engine.reporting import Reporter
 from etd.engine.requests import Requests
@@ -61,6 +62,7 @@ class Components:
     board: Board
     stopper_liveness: StopperLiveness
     gateway_link: GatewayLink
+    opening: Opening
     reporter: Reporter
     active: ActiveSchedule
     # What is measured beside pulses, and where the sensors' last values are.
@@ -92,6 +94,7 @@ class Components:
 def components_of(
     loaded: LoadedConfig,
     backend: Backend,
+    reader: CalibrationReader,
     stabilizers: Sequence[Stabilizer] | None = None,
     supply_note: SupplyNote | None = None,
 ) -> Components:
@@ -129,6 +132,7 @@ def components_of(
         board=board,
         stopper_liveness=StopperLiveness(board.cut, supply_note),
         gateway_link=dialogue,
+        opening=Opening(reader),
         reporter=reporter,
         active=ActiveSchedule(clock, reporter),
         readings=readings,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TypeVar
 
 from etd.engine.frame_queue import FrameQueue
-from etd.protocol.errors import Undecodable
+from etd.protocol.errors import Refused, Undecodable
 from etd.protocol.link import (
     Channel,
     NewFrame,
@@ -18,6 +18,7 @@ from etd.protocol.link import (
     ToGateway,
     wait_for_any,
 )
+from etd.protocol.peer import Peer
 
 #: Read at a time, a millisecond's work at most: so many frames, and none after so many bytes.
 _FRAMES_A_READ = 64
@@ -40,6 +41,17 @@ class GatewayLink:
         self.undecodable: Undecodable | None = None
         #: The channel of an undecodable message: nothing more is read from it.
         self._garbled: object = None
+
+    @property
+    def peer(self) -> Peer:
+        """Who the attached gateway is, by the kernel. Raises: Refused, where that is not known."""
+        try:
+            if self._commands is not None:
+                return self._commands.peer
+        except OSError as error:
+            why = f"the kernel does not say who the gateway is: {error.strerror}"
+            raise Refused("bad_calibration", why) from error
+        raise Refused("bad_calibration", "there is no gateway")
 
     @property
     def is_attached(self) -> bool:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from etd.engine.clearance import Cleared
 from etd.engine.components import components_of
 from etd.engine.idle_wait import TICK_NS
+from etd.engine.opening import CalibrationReader, GivenCalibrations
 from etd.engine.poller import Poller
 from etd.engine.sequencer import Sequencer
 from etd.engine.supervisor import Supervisor
@@ -39,13 +40,17 @@ class Engine:
         feed_watchdog: Callable[[int], None] = lambda _: None,
         untested: Callable[[], str | None] = lambda: None,
         supply_note: SupplyNote | None = None,
+        calibrations: CalibrationReader | None = None,
     ) -> None:
-        """`stabilizers` None: those of the body-site file. `untested` returns the sentence with
+        """`stabilizers` None: those of the body-site file. `calibrations` None: there are none, and
+        leases are opened with limits. `untested` returns the sentence with
         which arming is refused because of the last self-test; it is called at each arming, and for
         each state report while no current can flow. `supply_note`: what the stopper keeps, and what
         the last engine may have left.
         """
-        self.components = components = components_of(loaded, backend, stabilizers, supply_note)
+        self.components = components = components_of(
+            loaded, backend, calibrations or GivenCalibrations({}), stabilizers, supply_note
+        )
         self.supervisor = Supervisor(components, untested)
         self._poller = Poller(components, self.supervisor, feed_watchdog)
         self._sequencer = Sequencer(components, self.supervisor, self._poller)

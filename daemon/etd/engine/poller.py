@@ -94,6 +94,8 @@ class Poller:
         if self._rail_monitor != "absent":
             self._watch_rail(self._rail_monitor, now_ns)
         self._execute_commands(host_ns)
+        if self._supervisor.opening.pending is not None:
+            commands.go_on_opening(self._supervisor, host_ns)
         if self._heartbeat != "absent":
             self.beat(now_ns)
         if now_ns - self._supervisor.reported_ns >= STATE_PERIOD_NS:
@@ -117,6 +119,7 @@ class Poller:
             self._hang_up(self._gateway_link.undecodable, host_ns)
         elif self._gateway_link.is_gone:
             self._gateway_link.hang_up()
+            self._supervisor.opening.cancel()
             self._supervisor.end_lease("the gateway is gone")
         elif self._gateway_link.is_silent(host_ns) and self._supervisor.lease is not None:
             # Messages sent before a stall of the engine still wait in the queue.
@@ -134,6 +137,7 @@ class Poller:
                 commands.execute(self._supervisor, command, host_ns)
         why = f"the gateway sent {undecodable}"
         self._reporter.undecodable(why, self._clock.now_ns())
+        self._supervisor.opening.cancel()
         self._supervisor.end_lease(why, counted="undecodable")
         self._gateway_link.hang_up()
 

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
+from etd.engine.calibration_process import CalibrationProcess
 from etd.engine.loop import Engine
 from etd.engine.notify import Notifier
 from etd.engine.stopper import StopperThread
@@ -42,12 +43,14 @@ def run_engine(
     selftest: Path,
     on_ready: Callable[[], None] = lambda: None,
     supply_note: Path | None = None,
+    calibrations: CalibrationProcess | None = None,
 ) -> int:
     """Drive the board until SIGTERM, SIGINT or SIGHUP. Main thread only.
 
     `folder` is the daemon's runtime folder, where the gateway finds the link; `selftest` is where
-    the last self-test's report is kept; `supply_note` what a crash is known by. Returns the exit
-    status: 0, or 1 when the board could not be made safe at the end.
+    the last self-test's report is kept; `calibrations` reads what leases are opened with (None:
+    limits only); `supply_note` is what a crash is known by. Returns the exit status: 0, or 1 when
+    the board could not be made safe at the end.
     Raises: AlreadyRunning, BoardFault, BusError; the board has been made safe then.
     """
     note = None if supply_note is None else SupplyNote(supply_note)
@@ -59,6 +62,7 @@ def run_engine(
         feed_watchdog=_Feeder(notifier),
         untested=SelftestGate(selftest, subject_of(loaded, backend.name, backend.identity)),
         supply_note=note,
+        calibrations=calibrations,
     )
     try:
         problems = _drive(engine, listener, notifier, note, on_ready)
@@ -66,6 +70,8 @@ def run_engine(
         # In every case: `end` never raises, and may be called again.
         engine.supervisor.end()
         backend.close()
+        if calibrations is not None:
+            calibrations.end()
         listener.close()
         notifier.close()
     for problem in problems:

@@ -25,7 +25,7 @@ from etd.protocol.errors import BoardFault, Refused
 from etd.protocol.link import Answer, LeaseEnded
 from etd.protocol.messages import Halt, StateReport
 from etd.pulse.request import PulseRequest
-from etd.safety.lease import Lease
+from etd.safety.lease import Lease, calibrations_of
 from etd.safety.limits import PersonLimits
 from etd.safety.maxima import Maxima
 from etd.safety.session import Sessions, Subject
@@ -52,9 +52,8 @@ class Supervisor:
         self.ledger, self.source_check = components.ledger, components.source_check
         self.contact = components.contact
         self.adapter, self.feeling = components.adapter, components.feeling
-        self.rail = components.rail
-        self.gateway_link = components.gateway_link
-        self.marker = components.backend.marker
+        self.gateway_link, self.opening = components.gateway_link, components.opening
+        self.rail, self.marker = components.rail, components.backend.marker
         self.returns = components.returns
         self.not_granted: tuple[str, ...] = ()
         self._failed_calibrations: tuple[str, ...] = ()
@@ -294,7 +293,8 @@ class Supervisor:
                 self.soft_start.restart()
             self.board.guard.permit(self.maxima.current_ua)
             self.report_state(self.clock.now_ns())
-        self.send(Answer(ref=power_up.ref, contact=contact))
+        taken = calibrations_of(self.lease)
+        self.send(Answer(ref=power_up.ref, contact=contact, calibrations=taken))
 
     def _measure_computing(self) -> None:
         """All probes were fired: plans now use the computing time measured meanwhile."""
@@ -421,6 +421,7 @@ class Supervisor:
             engine="there",
             halt=self.states.halt,
             holder=None if self.lease is None else self.lease.client,
+            calibrations=calibrations_of(self.lease),
             ceiling_ua=self.soft_start.ceiling_ua,
             rail_v=self.rail.rail_v(now_ns),
             supply_on=self.board.is_supply_on,

@@ -13,12 +13,17 @@ import msgspec
 
 from etd.protocol.calibration import Calibration, check_order
 from etd.stabilize.shape import PLAIN
-from etd_hal.tomlfile import load_toml
+from etd_hal.tomlfile import load_bytes, load_toml
 
 
 def load_calibration(path: Path) -> Calibration:
     """Read and check a calibration file. Raises: FileError."""
     return check_order(load_toml(path, Calibration), str(path))
+
+
+def calibration_of_bytes(path: Path, data: bytes) -> Calibration:
+    """As `load_calibration`, of the bytes that were read from `path`. Raises: FileError."""
+    return check_order(load_bytes(path, Calibration, data), str(path))
 
 
 def to_toml(calibration: Calibration) -> str:

@@ -5,7 +5,9 @@ Must not know: ZeroMQ, what is said at an address.
 
 A daemon run by systemd has /run/etd/NAME and /var/lib/etd/NAME, laid out before it starts. One
 run by a user has $XDG_RUNTIME_DIR/etd/NAME (or a folder of that user's in the temporary folder)
-and $XDG_STATE_HOME/etd/NAME (or ~/.local/state/etd/NAME).
+and $XDG_STATE_HOME/etd/NAME (or ~/.local/state/etd/NAME). Calibrations are in that state's folder
+`calibrations`; those of a daemon run by systemd, whose state is the gateway's, in
+/var/lib/etd-calibrations/NAME, which the gateway cannot write.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from etd.protocol.text import NAME_PATTERN
 DEFAULT_NAME = "main"
 SYSTEM_RUNTIME = Path("/run/etd")
 SYSTEM_STATE = Path("/var/lib/etd")
+SYSTEM_CALIBRATIONS = Path("/var/lib/etd-calibrations")
 #: The sessions' runtime folders, one a user.
 USER_RUNTIMES = Path("/run/user")
 
@@ -63,9 +66,23 @@ def runtime_folder(name: str) -> Path:
 
 
 def state_folder(name: str) -> Path:
-    """Where a daemon started now, by this user, keeps calibrations. Raises: FileError."""
+    """Where a daemon started now, by this user, keeps records. Raises: FileError."""
     system = SYSTEM_STATE / check_name(name)
     return system if os.access(system, os.W_OK) else _user_state() / name
+
+
+def calibrations_folder(runtime: Path, state: Path) -> Path:
+    """Where the daemon with these folders has its calibrations."""
+    is_system = runtime.parent == SYSTEM_RUNTIME
+    return SYSTEM_CALIBRATIONS / runtime.name if is_system else state / "calibrations"
+
+
+def kept_calibrations(name: str) -> tuple[Path, ...]:
+    """Where calibrations of a daemon that does not run may be: the system's and this user's.
+
+    Raises: FileError.
+    """
+    return (SYSTEM_CALIBRATIONS / check_name(name), _user_state() / name / "calibrations")
 
 
 def selftest_file(name: str, backend: Literal["linux", "fake"], configuration: str) -> Path:
@@ -251,7 +268,17 @@ def make_own(folder: Path, mode: int) -> None:
 
     Raises: FileError, OSError.
     """
-    trust.make_own(folder, mode, (SYSTEM_RUNTIME, SYSTEM_STATE))
+    trust.make_own(folder, mode, _laid_out())
+
+
+def check_own(folder: Path) -> None:
+    """The same of a folder that is there. Raises: FileError, OSError."""
+    trust.check_own(folder, _laid_out())
+
+
+def _laid_out() -> tuple[Path, ...]:
+    """What is below these is made by root, for the users of the services."""
+    return (SYSTEM_RUNTIME, SYSTEM_STATE, SYSTEM_CALIBRATIONS)
 
 
 def check_name(name: str, whose: str = "the daemon's name") -> str:

@@ -1,7 +1,8 @@
 """Folders that only their owner can put something into: what is written there lands there.
 
-Owns: whose a folder and all above it may be, making one, and opening a file that nobody has put a
-link in the place of. Must not know: what is in a folder.
+Owns: whose a folder and all above it may be, making one, opening a file that nobody has put a
+link in the place of, and whether another user could write either. Must not know: what is in a
+folder.
 
 Whoever can write to a folder, or to one above it, can put a link in the place of a file: then the
 daemon, or root, writes to what the link names. The folders of /run/etd and /var/lib/etd are laid
@@ -16,9 +17,12 @@ import stat
 from pathlib import Path
 
 from etd.protocol.errors import FileError
+from etd.protocol.peer import Peer
 
 #: As many links as Linux follows on one path.
 _MOST_LINKS = 40
+#: A file that is replaced so often while it is opened is no file to wait for.
+_MOST_REPLACED = 8
 
 
 def make_own(folder: Path, mode: int, laid_out: tuple[Path, ...] = ()) -> None:
@@ -33,6 +37,49 @@ def make_own(folder: Path, mode: int, laid_out: tuple[Path, ...] = ()) -> None:
     _check(nearest, laid_out, is_whole=nearest == folder.absolute())
     folder.mkdir(mode=mode, parents=True, exist_ok=True)
     _check(folder, laid_out, is_whole=True)
+
+
+def check_own(folder: Path, laid_out: tuple[Path, ...] = ()) -> None:
+    """As `make_own`, of a folder that is there. Raises: FileError, OSError."""
+    _check(folder, laid_out, is_whole=True)
+
+
+def check_beyond(folder: Path, other: Peer) -> None:
+    """Neither the folder nor one above it can be written by that user; no link is on the way.
+
+    Raises: FileError, OSError.
+    """
+    wanted = folder.absolute()
+    for place in (*reversed(wanted.parents), wanted):
+        found = place.lstat()
+        if stat.S_ISLNK(found.st_mode):
+            raise _distrusted(place, "a link is in the place of a folder", "remove it")
+        is_sticky_above = place != wanted and bool(found.st_mode & stat.S_ISVTX)
+        _check_beyond(place, found, other, is_sticky_above)
+
+
+def open_beyond(path: Path, other: Peer) -> int:
+    """To read: as `open_own`, of a file that this user cannot write. Raises: FileError, OSError."""
+    number = open_own(path, os.O_RDONLY)
+    try:
+        _check_beyond(path, os.fstat(number), other, is_sticky_above=False)
+    except BaseException:
+        os.close(number)
+        raise
+    return number
+
+
+def _check_beyond(place: Path, found: os.stat_result, other: Peer, is_sticky_above: bool) -> None:
+    """In a sticky folder above, as /tmp, a user can remove only what is that user's."""
+    why, how = "", ""
+    if found.st_uid == other.uid:
+        why, how = f"it belongs to user {other.uid}", f"chown root {place}"
+    elif found.st_mode & 0o002 and not is_sticky_above:
+        why, how = "everybody may write it", f"chmod o-w {place}"
+    elif found.st_mode & 0o020 and found.st_gid in other.gids and not is_sticky_above:
+        why, how = f"the group {found.st_gid} may write it", f"chmod g-w {place}"
+    if why:
+        raise _distrusted(place, f"the gateway could have written this: {why}", how)
 
 
 def _check(folder: Path, laid_out: tuple[Path, ...], is_whole: bool) -> None:
@@ -66,17 +113,25 @@ def open_own(path: Path, flags: int, mode: int = 0o640) -> int:
 
     Raises: FileError, OSError.
     """
+    for _ in range(_MOST_REPLACED):
+        number = _opened(path, flags, mode)
+        found = os.fstat(number)
+        if stat.S_ISREG(found.st_mode) and found.st_nlink == 1:
+            return number
+        os.close(number)
+        if found.st_nlink:
+            break
+        # It was replaced after it had been opened: the name is another file's.
+    raise _distrusted(path, "something else is in the place of a file", "remove it")
+
+
+def _opened(path: Path, flags: int, mode: int) -> int:
     try:
-        number = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, mode)
+        return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, mode)
     except OSError as error:
         if error.errno != errno.ELOOP:
             raise
         raise _distrusted(path, "a link is in the place of a file", "remove it") from error
-    found = os.fstat(number)
-    if stat.S_ISREG(found.st_mode) and found.st_nlink == 1:
-        return number
-    os.close(number)
-    raise _distrusted(path, "something else is in the place of a file", "remove it")
 
 
 def _check_owner(place: Path, found: os.stat_result, is_laid_out: bool) -> None:

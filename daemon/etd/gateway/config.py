@@ -17,16 +17,18 @@ class GatewayConfig:
     """Folders, names and rights of one gateway.
 
     runtime_folder: the three sockets for clients, and the two of the engine.
-    state_dir: calibrations are kept in its folder `calibrations`.
+    state_dir: records are kept in its folder `records`.
+    calibrations: their folder, which this process only reads; None: in `state_dir`.
     shipped_calibrations: those of the fake's own body; offered only while the engine drives a
     fake board.
-    operators: user names or ids that may arm, clear and set calibrations; empty: whoever reaches
+    operators: user names or ids that may arm and clear a halt; empty: whoever reaches
     the socket.
     """
 
     name: str
     runtime_folder: Path
     state_dir: Path
+    calibrations: Path | None = None
     shipped_calibrations: Path | None = None
     default_calibration: str | None = None
     operators: tuple[str, ...] = ()

@@ -92,7 +92,8 @@ class ControlHandler:
         self._pending = pending
         self._operators = operators
         self._records = records
-        self._store = CalibrationStore(config.state_dir, config.shipped_calibrations)
+        folder = config.calibrations or config.state_dir / "calibrations"
+        self._store = CalibrationStore(folder, config.shipped_calibrations)
         self._handlers: dict[type, Callable[[Any, InboundMessage], Success | _Sent]] = {
             Hello: self._hello,
             Stop: self._stop,
@@ -131,6 +132,7 @@ class ControlHandler:
             name=self._config.name,
             endpoints=self._endpoints,
             calibrations=self._store.names(self._offers_shipped()),
+            calibrations_folder=str(self._store.folder),
             default_calibration=self._config.default_calibration,
         )
 
@@ -156,11 +158,11 @@ class ControlHandler:
         calibrations = self._store.named(request.calibration, self._offers_shipped())
         command = opening(request, token, calibrations, self._pending.next_ref())
 
-        def granted(_: Answer) -> Success:
+        def granted(answer: Answer) -> Success:
             lease = StandingLease(token, request.client, inbound.uid, calibrations, request.limits)
             self._leases.begin(lease)
             self._records.lease_begun(lease)
-            return replies.leased(lease)
+            return replies.leased(lease, answer)
 
         return self._sent(command, granted)
 
@@ -183,7 +185,7 @@ class ControlHandler:
 
     def _arm(self, _: Arm, inbound: InboundMessage) -> _Sent:
         self._operators.check(inbound.uid)
-        return self._sent(ArmBoard(ref=self._pending.next_ref()))
+        return self._sent(ArmBoard(ref=self._pending.next_ref()), replies.armed)
 
     def _clear(self, _: Clear, inbound: InboundMessage) -> _Sent:
         self._operators.check(inbound.uid)
@@ -223,32 +225,14 @@ class ControlHandler:
         self._frames.pass_on(request, lease, ref)
         return ref, functools.partial(replies.framed, request.seq)
 
-    def _calibration(self, request: GetCalibration, inbound: InboundMessage) -> Success:
+    def _calibration(self, request: GetCalibration, _: InboundMessage) -> Success:
         calibration = None
         if request.do == "get":
-            calibration = self._store.get(_name_of(request), self._offers_shipped())
-        elif request.do == "set":
-            self._set_calibration(request, inbound)
-        elif request.do == "delete":
-            self._operators.check(inbound.uid)
-            self._store.delete(_name_of(request))
+            if request.name is None:
+                raise Refused("bad_message", "calibration with do = get needs the key name")
+            calibration = self._store.get(request.name, self._offers_shipped())
         names = self._store.names(self._offers_shipped())
         return CalibrationReply(ok=True, now_ns=0, names=names, calibration=calibration)
-
-    def _set_calibration(self, request: GetCalibration, inbound: InboundMessage) -> None:
-        self._operators.check(inbound.uid)
-        engine_hello = self._engine.engine_hello()
-        if request.calibration is None:
-            raise Refused("bad_message", "calibration with do = set needs the key calibration")
-        state = self._engine.state
-        if state is None or state.state != "SAFE":
-            raise Refused(
-                "wrong_state",
-                f"a calibration can be set in SAFE only; the state is"
-                f" {state.state if state else 'not known'}: disarm first",
-            )
-        replies.check_fits(request.calibration, engine_hello)
-        self._store.put(_name_of(request), request.calibration)
 
     def _sent(self, command: Command, done: Done = replies.done) -> _Sent:
         self._engine.command(command)
@@ -263,9 +247,3 @@ class ControlHandler:
     def _offers_shipped(self) -> bool:
         """The shipped calibrations are for the fake's body: never for a real board."""
         return self._engine.is_there and self._engine.engine_hello().board.backend == "fake"
-
-
-def _name_of(request: GetCalibration) -> str:
-    if request.name is None:
-        raise Refused("bad_message", f"calibration with do = {request.do} needs the key name")
-    return request.name

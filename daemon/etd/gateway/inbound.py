@@ -42,6 +42,10 @@ _CHOICES_OF_OP = {
     (request.__struct_config__.tag, "do"): ", ".join(get_args(get_type_hints(request)["do"]))
     for request in (GetCalibration, Record)
 }
+_CHOICES_OF_OP["calibration", "do"] += (
+    "; `etd calibration import` stores one and `etd calibration delete` deletes one, each as a"
+    " process of the operator's own"
+)
 
 #: Characters, in a reason, of what a client sent.
 _MOST_QUOTED = 200

@@ -11,7 +11,6 @@ from typing import TypeVar
 import msgspec
 
 from etd.gateway.lease import StandingLease
-from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.facts import Endpoints
 from etd.protocol.link import Answer, EngineHello
@@ -20,6 +19,7 @@ from etd.protocol.messages import (
     MAX_MESSAGE_BYTES,
     VERSION,
     AccountReply,
+    ArmReply,
     FrameReply,
     HelloReply,
     LeaseReply,
@@ -27,7 +27,6 @@ from etd.protocol.messages import (
     MeasureReply,
     Success,
 )
-from etd.protocol.opening import LeaseCalibration
 from etd.version import __version__
 
 T = TypeVar("T")
@@ -39,6 +38,7 @@ def hello(
     name: str,
     endpoints: Endpoints,
     calibrations: tuple[str, ...],
+    calibrations_folder: str,
     default_calibration: str | None,
 ) -> HelloReply:
     """Everything a client needs to know before its first frame: all that the engine said, too."""
@@ -51,6 +51,7 @@ def hello(
         name=name,
         default_calibration=default_calibration,
         calibrations=calibrations,
+        calibrations_folder=calibrations_folder,
         endpoints=endpoints,
         max_message_bytes=MAX_MESSAGE_BYTES,
         lease_ms=LEASE_MS,
@@ -94,30 +95,18 @@ def accounted(answer: Answer) -> AccountReply:
     return AccountReply(ok=True, now_ns=0, account=_there(answer.account, "account"))
 
 
-def leased(lease: StandingLease) -> LeaseReply:
-    calibrations = tuple(
-        LeaseCalibration(name=it.name, polarity=it.calibration.polarity, digest=it.digest)
-        for it in lease.calibrations
-    )
+def leased(lease: StandingLease, answer: Answer) -> LeaseReply:
     return LeaseReply(
-        ok=True, now_ns=0, lease=lease.token, lease_ms=LEASE_MS, calibrations=calibrations
+        ok=True,
+        now_ns=0,
+        lease=lease.token,
+        lease_ms=LEASE_MS,
+        calibrations=answer.calibrations,
     )
 
 
-def check_fits(calibration: Calibration, engine_hello: EngineHello) -> None:
-    """Array and body site; the engine checks its maxima. Raises: Refused (`bad_calibration`)."""
-    electrodes = engine_hello.array.electrodes
-    for what, given, here in (
-        ("array", calibration.array, engine_hello.array.name),
-        ("body_site", calibration.body_site, engine_hello.body_site),
-        ("number of electrodes", len(calibration.electrode), electrodes),
-    ):
-        if given != here:
-            raise Refused(
-                "bad_calibration",
-                f"the calibration's {what} is {given}, this daemon's is {here}: use a calibration"
-                " made with this configuration",
-            )
+def armed(answer: Answer) -> ArmReply:
+    return ArmReply(ok=True, now_ns=0, calibrations=answer.calibrations)
 
 
 def _there(part: T | None, what: str) -> T:

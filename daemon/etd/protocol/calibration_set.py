@@ -37,6 +37,17 @@ def digest_of(calibration: Calibration) -> str:
     return hashlib.sha256(msgspec.json.encode(calibration, order="sorted")).hexdigest()
 
 
+def check_digest(name: str, found: str, wanted: str | None) -> None:
+    """`wanted` None: any. Raises: Refused (`bad_calibration`)."""
+    if wanted not in (None, found):
+        raise Refused(
+            "bad_calibration",
+            f"the calibration {name!r} is not the one that was meant: its digest begins with"
+            f" {found[:12]}, that of the one meant with {str(wanted)[:12]}. It may have been stored"
+            " anew: see `etd calibration show`, then open again",
+        )
+
+
 def check_together(calibrations: Sequence[Calibration]) -> None:
     """Whether a lease can be opened with all of these. Raises: Refused (`bad_calibration`)."""
     if not 1 <= len(calibrations) <= MOST_CALIBRATIONS:

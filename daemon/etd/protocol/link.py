@@ -22,7 +22,6 @@ from typing import Annotated, Any, Generic, TypeVar
 import msgspec
 from msgspec import Meta
 
-from etd.protocol.calibration import Calibration
 from etd.protocol.carried import CarriedOver
 from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, TimePart, Undecodable
 from etd.protocol.facts import ArrayFacts, BoardFacts, MaximaFacts
@@ -37,7 +36,9 @@ from etd.protocol.messages import (
     Scan,
     StateReport,
 )
+from etd.protocol.opening import LeaseCalibration, WantedCalibrations
 from etd.protocol.outcome import Account, Clamp, Shortfall
+from etd.protocol.peer import Peer, peer_of
 from etd.stabilize.offset_estimate import Answer as FeltAnswer
 from etd.stabilize.shape import PLAIN, Shape
 
@@ -67,14 +68,14 @@ class Alive(Command, frozen=True, kw_only=True):
 
 
 class OpenLease(Command, frozen=True, kw_only=True):
-    """A new lease with the limits of the person; enters in SAFE only. `others`: calibrations of the
-    same person for other polarities.
+    """A new lease with the limits of the person; enters in SAFE only. `calibrations`: of one
+    person, each made with another polarity; the engine reads them itself. The answer comes when it
+    has.
     """
 
     lease: Token
     client: ClientName
-    calibration: Calibration | None = None
-    others: tuple[Calibration, ...] = ()
+    calibrations: WantedCalibrations = ()
     limits: Limits | None = None
 
 
@@ -193,6 +194,8 @@ class Answer(_Message, frozen=True, kw_only=True):
     marked_ns: int | None = None
     sync: bool = False
     trigger_ns: int | None = None
+    #: With which a lease was opened, or armed.
+    calibrations: tuple[LeaseCalibration, ...] = ()
 
     @classmethod
     def refusing(cls, ref: int, refusal: Refused) -> Answer:
@@ -253,6 +256,11 @@ class Channel(Generic[In]):
         self.is_open = True
         self.dropped = 0
         self.received_bytes = 0
+
+    @property
+    def peer(self) -> Peer:
+        """Who is at the other end. Raises: OSError."""
+        return peer_of(self._socket)
 
     def fileno(self) -> int:
         """For a poller."""

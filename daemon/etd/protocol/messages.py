@@ -18,7 +18,7 @@ from etd.protocol.errors import ErrorCode, TimePart
 from etd.protocol.facts import ArrayFacts, BoardFacts, Endpoints, MaximaFacts, RecordFacts
 from etd.protocol.felt import FeltFacts, Named
 from etd.protocol.frame import ClientName, Frame, Int64, MarkTag, Name, PlainText, Polarity
-from etd.protocol.opening import CalibrationNames, LeaseCalibration
+from etd.protocol.opening import CalibrationNames, Digests, LeaseCalibration
 from etd.protocol.opening import Limits as Limits
 from etd.protocol.outcome import Account, Clamp, Shortfall, Withheld
 from etd.protocol.scan import Fired as Fired
@@ -71,6 +71,8 @@ class Open(_Request, frozen=True, tag="open"):
     client: Annotated[ClientName, Meta(min_length=1)]
     calibration: CalibrationNames | None = None
     limits: Limits | None = None
+    #: Of each calibration that is meant; one with another content is refused.
+    digests: Digests | None = None
 
 
 class Keep(_Request, frozen=True, tag="keep"):
@@ -124,11 +126,12 @@ class AccountOf(_Request, frozen=True, tag="account"):
 
 
 class GetCalibration(_Request, frozen=True, tag="calibration"):
-    """`get` one by name, `list` all, `set` one (operate, SAFE), or `delete` one (operate)."""
+    """`get` one by name, or `list` all. None is stored or deleted here: `etd calibration import`
+    and `etd calibration delete` do that, as the operator's own processes.
+    """
 
-    do: Literal["get", "list", "set", "delete"]
+    do: Literal["get", "list"]
     name: Name | None = None
-    calibration: Calibration | None = None
 
 
 class Record(_Request, frozen=True, tag="record"):
@@ -215,6 +218,8 @@ class HelloReply(Success, frozen=True, kw_only=True):
     digests: dict[str, str] = {}
     default_calibration: str | None
     calibrations: tuple[str, ...]
+    #: Where they are kept; on the daemon's machine.
+    calibrations_folder: str
     endpoints: Endpoints
     max_message_bytes: int
     lease_ms: int
@@ -223,6 +228,12 @@ class HelloReply(Success, frozen=True, kw_only=True):
 class LeaseReply(Success, frozen=True, kw_only=True):
     lease: str
     lease_ms: int
+    calibrations: tuple[LeaseCalibration, ...] = ()
+
+
+class ArmReply(Success, frozen=True, kw_only=True):
+    """`calibrations`: with which the armed lease stands, as the engine has read them."""
+
     calibrations: tuple[LeaseCalibration, ...] = ()
 
 
@@ -307,6 +318,8 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     engine: Literal["there", "silent", "gone"]
     halt: Halt | None = None
     holder: str | None = None
+    #: With which the holder's lease stands; none where it has limits.
+    calibrations: tuple[LeaseCalibration, ...] = ()
     ceiling_ua: int = 0
     rail_v: float | None = None
     supply_on: bool = False
@@ -391,7 +404,7 @@ REPLY_OF_OP: dict[str, Any] = {
     "keep": Success,
     "close": Success,
     "disarm": Success,
-    "arm": Success,
+    "arm": ArmReply,
     "clear": Success,
     "measure": MeasureReply,
     "mark": MarkReply,

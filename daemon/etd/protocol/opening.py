@@ -14,6 +14,7 @@ from msgspec import Meta
 from etd.protocol.calibration import Calibration
 from etd.protocol.calibration_set import MOST_CALIBRATIONS
 from etd.protocol.frame import Name, Polarity
+from etd_hal.names import whole
 
 #: One name, or several: of one person's calibrations, each made with another polarity. The first
 #: one's polarity is that of frames that name none.
@@ -21,12 +22,28 @@ CalibrationNames = (
     Name | Annotated[tuple[Name, ...], Meta(min_length=1, max_length=MOST_CALIBRATIONS)]
 )
 
+#: SHA-256, in hexadecimal digits.
+DIGEST_PATTERN = whole("[0-9a-f]{64}")
+Digest = Annotated[str, Meta(pattern=DIGEST_PATTERN)]
+#: One for each name, in their order.
+Digests = Annotated[tuple[Digest, ...], Meta(max_length=MOST_CALIBRATIONS)]
+
 
 class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A person's limits without a calibration; both are needed."""
 
     max_current_ua: Annotated[int, Meta(ge=50, le=10_000)]
     width_us: Annotated[int, Meta(ge=20, le=200)]
+
+
+class WantedCalibration(msgspec.Struct, frozen=True, kw_only=True):
+    """A calibration that a lease is to be opened with; another digest than `digest` is refused."""
+
+    name: Name
+    digest: Digest | None = None
+
+
+WantedCalibrations = Annotated[tuple[WantedCalibration, ...], Meta(max_length=MOST_CALIBRATIONS)]
 
 
 class LeaseCalibration(msgspec.Struct, frozen=True, kw_only=True):

@@ -17,7 +17,9 @@ from typing import Self
 import msgspec
 
 from etd.engine.loop import Engine
+from etd.engine.opening import GivenCalibrations
 from etd.files.configuration import LoadedConfig
+from etd.protocol.calibration import Calibration
 from etd.protocol.carried import CarriedOver
 from etd.protocol.errors import Refused
 from etd.protocol.felt import FeltFacts
@@ -44,7 +46,9 @@ from etd.protocol.link import (
     ToGateway,
 )
 from etd.protocol.messages import Halt
+from etd.protocol.opening import WantedCalibration
 from etd.protocol.pulse_row import PulseRow, rows_of
+from etd.record.lines import LeaseBegun
 from etd.replay.timeline import Act, Told
 from etd_hal.backend import ReplayStage
 from etd_hal.stopper import Stopper
@@ -66,7 +70,10 @@ class ReplayEngine:
         """Raises: ValueError, for a real board: what a record carries over is not its person's."""
         if stage.backend.name != "fake":
             raise ValueError("a record is replayed on a fake board only")
-        self.engine = Engine(loaded, stage.backend)
+        #: Of the lease that is opened next, by the names that it is opened with here.
+        self._calibrations: dict[str, Calibration] = {}
+        given = GivenCalibrations(self._calibrations)
+        self.engine = Engine(loaded, stage.backend, calibrations=given)
         self.refused: list[str] = []
         # The engine's own, which counts what is waited here as rest.
         self._clock = self.engine.components.clock
@@ -141,6 +148,9 @@ class ReplayEngine:
             return
         if told.act == "open" and self.engine.supervisor.lease is not None:
             self._commands.send(CloseLease(ref=1, lease=_LEASE))
+        if told.act == "open":
+            self._calibrations.clear()
+            self._calibrations.update(_calibrations_of(told.lease))
         self._commands.send(_command(told))
 
     def _resume(self, carried: CarriedOver) -> None:
@@ -241,6 +251,14 @@ def _said(felt: FeltFacts) -> SayFelt:
     return SayFelt(ref=1, answer=answer, electrodes=felt.electrodes, lease=lease)
 
 
+def _calibrations_of(lease: LeaseBegun | None) -> dict[str, Calibration]:
+    """In their order; the names are the replay's."""
+    if lease is None or lease.calibration is None:
+        return {}
+    each = (lease.calibration, *(it.calibration for it in lease.others))
+    return {f"replay-{number}": calibration for number, calibration in enumerate(each)}
+
+
 def _command(told: Told) -> Command:
     match told.act:
         case "open":
@@ -249,8 +267,7 @@ def _command(told: Told) -> Command:
                 ref=1,
                 lease=_LEASE,
                 client="replay" if lease is None else lease.client or "replay",
-                calibration=None if lease is None else lease.calibration,
-                others=() if lease is None else tuple(it.calibration for it in lease.others),
+                calibrations=tuple(WantedCalibration(name=it) for it in _calibrations_of(lease)),
                 limits=None if lease is None else lease.limits,
             )
         case "arm":

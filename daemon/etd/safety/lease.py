@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from etd.protocol.errors import Refused
+from etd.protocol.opening import LeaseCalibration
 from etd.safety.limits import PersonLimits
 
 
@@ -21,6 +22,8 @@ class Lease:
     person: PersonLimits
     #: How long it lasts after a renewal.
     lasts_ns: int
+    #: What its caps are from; none where they are numbers.
+    calibrations: tuple[LeaseCalibration, ...] = ()
     lapses_host_ns: int = 0
     last_seq: int = -1
 
@@ -30,6 +33,11 @@ class Lease:
 
     def has_lapsed(self, host_ns: int) -> bool:
         return host_ns >= self.lapses_host_ns
+
+
+def calibrations_of(lease: Lease | None) -> tuple[LeaseCalibration, ...]:
+    """With which a lease stands, if one does."""
+    return () if lease is None else lease.calibrations
 
 
 def check_holder(lease: Lease | None, token: str) -> Lease:

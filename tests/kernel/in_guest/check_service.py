@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,11 +20,15 @@ import kernel_trace
 import service_scene as scene
 import trace_decoder
 import trace_rules
+from etd.client import Display
+from etd.files.calibration import load_calibration
+from etd.protocol.calibration_set import digest_of
+from etd.protocol.errors import Refused
 from etd_hal.fake.trace import header
 from etd_hal.linux import gpio
-from guest_board import report, unplugged
+from guest_board import TREE, report, unplugged
 from kernel_trace import Event
-from service_scene import CLOCK, ENGINE, GATEWAY, PERSON, STRANGER, TOLD
+from service_scene import CLOCK, ENGINE, GATEWAY, OPERATOR, PERSON, STRANGER, TOLD
 
 FACTS = trace_decoder.parse(header(scene.BOARD, range(scene.BOARD.switch.outputs)))[0]
 #: Stamps are cut to whole microseconds.
@@ -54,7 +59,7 @@ def assert_made_safe_by(pid: int, events: list[Event]) -> int:
 def test_both_are_ready_and_each_is_a_user_of_its_own_without_rights(services: None) -> None:
     engine, gateway = scene.main_pid(ENGINE), scene.main_pid(GATEWAY)
     assert scene.user_of(engine) == "etd-engine"
-    assert scene.groups_of(engine) == {"etd", "etd-spi", "gpio", "spi", "i2c"}
+    assert scene.groups_of(engine) == {"etd", "etd-spi", "etd-users", "gpio", "spi", "i2c"}
     assert scene.user_of(gateway) == "etd-gateway"
     assert scene.groups_of(gateway) == {"etd", "etd-users"}
     for pid in (engine, gateway):
@@ -103,9 +108,42 @@ def test_people_reach_the_gateway_and_nobody_the_engine(services: None) -> None:
         assert scene.owner_of(path) == "etd-engine etd 660"
     assert scene.owner_of(Path("/var/lib/etd/main")) == "etd-gateway etd-users 700"
     assert scene.owner_of(Path("/var/lib/etd/main.engine")) == "etd-engine etd 700"
+    assert scene.owner_of(scene.CALIBRATIONS) == "root etd-users 750"
+    assert scene.owner_of(scene.CALIBRATIONS / "main") == "root etd-operators 2775"
     refused = scene.run("etd", "status", user=STRANGER)
     assert refused.returncode == 3
     assert "may not use the socket" in refused.stderr
+
+
+def test_an_operator_stores_what_the_engine_takes_and_the_gateway_cannot_write(
+    services: None, tmp_path: Path
+) -> None:
+    file, stored = tmp_path / "P01.toml", scene.CALIBRATIONS / "main" / "P01.toml"
+    shutil.copy(TREE / "config/calibrations/fake-fingertip.toml", file)
+    scene.said_by("chmod", "-R", "a+rX", str(tmp_path.parent.parent))
+    imported = ("etd", "calibration", "import", str(file))
+    for user in (PERSON, "etd-gateway"):
+        refused = scene.run(*imported, user=user)
+        assert "etd-operators" in refused.stdout + refused.stderr
+        assert not stored.exists()
+    taken = scene.run(*imported, user=OPERATOR)
+    assert taken.returncode == 0, taken.stdout + taken.stderr
+    assert scene.owner_of(stored) == "operator etd-operators 644"
+    for what in (f"echo >>{stored}", f"rm -f {stored}", f"echo >{stored.parent}/P02.toml"):
+        assert scene.run("sh", "-c", what, user="etd-gateway").returncode != 0
+    assert scene.run("cat", str(stored), user=STRANGER).returncode != 0
+    try:
+        with Display(address=scene.ADDRESS, calibration="P01") as display:
+            (told,) = display.arm()
+        assert told.digest == digest_of(load_calibration(file))
+        scene.said_by("chown", "etd-gateway", str(stored))
+        with (
+            Display(address=scene.ADDRESS, calibration="P01") as display,
+            pytest.raises(Refused, match="the gateway could have written this: it belongs to user"),
+        ):
+            display.arm()
+    finally:
+        stored.unlink()
 
 
 def test_what_a_person_plays_is_fired_where_and_as_strong_as_it_says(
