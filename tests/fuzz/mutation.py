@@ -1,0 +1,64 @@
+"""Inputs from inputs: what a fuzzer does that sees no coverage.
+
+Owns: the changes, and the words that a format is made of. Must not know: targets, time.
+"""
+
+from __future__ import annotations
+
+import random
+import re
+from collections.abc import Iterable, Sequence
+
+#: Names and words of a format, also within msgpack.
+_WORD = re.compile(rb"[A-Za-z_][A-Za-z0-9_-]{2,40}")
+_ODD = (
+    *(b"\0", b"\xff", b"\x80", b"[", b"]", b"{", b"}", b'"', b"\n", b"=", b"-", b"."),
+    *(b"nan", b"inf", b"null", b"true", b"1e999", b"\\ud800", b"-1", b"256", b"65536"),
+    *(b"9223372036854775807", b"9223372036854775808", b"\x7f\xf8\0\0\0\0\0\0", b"\xcf" + b"\xff" * 8),
+)
+_MOST_WORDS = 400
+_MOST_CHANGES = 6
+
+
+def words(seeds: Iterable[bytes]) -> tuple[bytes, ...]:
+    """Each once, in the order of its first appearance."""
+    found = dict.fromkeys(word for seed in seeds for word in _WORD.findall(seed))
+    return (*list(found)[:_MOST_WORDS], *_ODD)
+
+
+class Mutator:
+    """The same `seed` makes the same inputs."""
+
+    def __init__(self, seeds: Sequence[bytes], most_bytes: int, seed: int) -> None:
+        self._seeds = list(seeds) or [b""]
+        self._words = words(seeds)
+        self._most_bytes = most_bytes
+        self._dice = random.Random(seed)
+
+    def next(self) -> bytes:
+        data = bytearray(self._dice.choice(self._seeds))
+        for _ in range(self._dice.randint(1, _MOST_CHANGES)):
+            self._change(data)
+        return bytes(data[: self._most_bytes])
+
+    def _change(self, data: bytearray) -> None:
+        dice = self._dice
+        at = dice.randint(0, len(data))
+        end = min(len(data), at + dice.choice((1, 1, 2, 4, 16, 64)))
+        match dice.randrange(7):
+            case 0:
+                data[at:end] = dice.choice(self._words)
+            case 1:
+                data[at:at] = dice.choice(self._words)
+            case 2:
+                data[at:end] = b""
+            case 3:
+                data[at:at] = data[at:end] * dice.choice((1, 2, 50))
+            case 4:
+                other = dice.choice(self._seeds)
+                begin = dice.randint(0, len(other))
+                data[at:] = other[begin:]
+            case 5:
+                data[at:end] = dice.randbytes(end - at)
+            case _ if at < len(data):
+                data[at] ^= 1 << dice.randrange(8)
