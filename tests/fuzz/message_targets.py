@@ -9,13 +9,13 @@ from __future__ import annotations
 import datetime
 import json
 from collections.abc import Iterator
-from typing import Any, get_args
+from typing import Any
 
 import msgspec
 
 from etd.gateway.inbound import InboundMessage, Unreadable, read_frame, read_request
 from etd.protocol.calibration import Calibration, ElectrodeLimits, check_order
-from etd.protocol.errors import ErrorCode, EtdError, Refused, Undecodable
+from etd.protocol.errors import EtdError, Undecodable
 from etd.protocol.frame import Frame, Ring
 from etd.protocol.link import (
     Alive,
@@ -37,10 +37,10 @@ from etd.protocol.link import (
 from etd.protocol.messages import FrameRequest, Halt, Limits, Stop
 from etd.protocol.pulse_row import ROW_BYTES, rows_of
 from fuzz.frame_bounds import check_frame
+from fuzz.sentences import check_error, check_refusal
 from fuzz.target import Target
 from scripted_engine import account, engine_hello
 
-_MOST_REASON = 2_000
 _LEASE = "0123456789abcdef0123456789abcdef"
 _to_engine: Any = msgspec.msgpack.Decoder(ToEngine)
 _frame: Any = msgspec.msgpack.Decoder(NewFrame)
@@ -49,15 +49,6 @@ _to_gateway: Any = msgspec.msgpack.Decoder(ToGateway)
 
 def inbound(data: bytes) -> InboundMessage:
     return InboundMessage(connection=1, route=(), uid=0, data=data)
-
-
-def check_refusal(refusal: Refused) -> None:
-    """A code of the protocol's list, and a sentence that can be printed and is no flood itself."""
-    assert refusal.code in get_args(ErrorCode)
-    assert refusal.reason
-    assert refusal.reason.isprintable(), refusal.reason
-    assert len(refusal.reason) <= _MOST_REASON
-    assert str(refusal).isprintable()
 
 
 def _play_request(data: bytes) -> None:
@@ -178,7 +169,7 @@ def _check_calibrations(command: OpenLease) -> None:
             try:
                 check_order(made, "the link")
             except EtdError as error:
-                assert str(error)
+                check_error(error)
             else:
                 check_caps(made)
 

@@ -19,7 +19,8 @@ from etd.record.reader import RecordReader
 from etd.record.summary import summary_of
 from etd.record.text import lines_of
 from etd.replay.timeline import Timeline
-from fuzz.file_targets import check_sentence, stored
+from fuzz.file_targets import stored
+from fuzz.sentences import check_error
 from fuzz.target import Target
 from whole_record import WHOLE
 
@@ -53,7 +54,7 @@ def _play(data: bytes) -> None:
         try:
             make(path)
         except EtdError as error:
-            check_sentence(error)
+            check_error(error)
 
 
 def _seeds() -> Iterator[bytes]:
