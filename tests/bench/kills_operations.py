@@ -162,7 +162,7 @@ class KilledEngines:
         self._make_safe()
         clock.spend(50 * MS)
         lives.after_pc += self._flowed_pc() - before_pc
-        account = self._body.so_far
+        account = self._body.counted()
         pulse_pc = CURRENT_UA * WIDTH_US
         longest_pc = max(account.longest_alone_pc, account.longest_shared_pc)
         lives.largest_part = max(lives.largest_part, longest_pc / pulse_pc)
@@ -172,7 +172,7 @@ class KilledEngines:
             lives.note(violation)
 
     def _flowed_pc(self) -> float:
-        return sum(self._body.so_far.alone_pc)
+        return sum(self._body.counted().alone_pc)
 
     def _make_safe(self) -> None:
         """As `etd safe` does."""

@@ -71,11 +71,10 @@ class AccountedBody:
         """What flowed until now, also of a current that still flows."""
         self._body.node_voltage_v(now_ns)
         self._count()
-        return self.so_far
+        return self.counted()
 
-    @property
-    def so_far(self) -> Account:
-        """What was counted when something last changed on the board: its time is not moved."""
+    def counted(self) -> Account:
+        """What flowed until the source or a side was changed last; moves no time."""
         return Account(
             tuple(self._alone_pc),
             tuple(self._shared_pc),
