@@ -76,7 +76,7 @@ def _says_stop(data: bytes) -> bool:
     return [value for key, value in pairs if key == "op"] == ["stop"]
 
 
-def _request_seeds() -> Iterator[bytes]:
+def request_seeds() -> Iterator[bytes]:
     limits = {"max_current_ua": 3_000, "width_us": 100}
     lease = {"lease": _LEASE}
     for request in (
@@ -215,7 +215,7 @@ def _play_to_gateway(data: bytes) -> None:
         msgspec.json.encode(rows)
 
 
-def _to_gateway_seeds() -> Iterator[bytes]:
+def engine_messages() -> Iterator[bytes]:
     halt = Halt(cause="stop", source="study", detail="asked", t_ns=700)
     for message in (
         engine_hello(),
@@ -237,7 +237,7 @@ TARGETS = (
         "requests",
         "a client's bytes as a request",
         _play_request,
-        _request_seeds,
+        request_seeds,
         (*_PROTOCOL, "daemon/etd/gateway/inbound.py"),
     ),
     Target(
@@ -258,7 +258,7 @@ TARGETS = (
         "link-to-gateway",
         "the engine's bytes, as the gateway decodes them",
         _play_to_gateway,
-        _to_gateway_seeds,
+        engine_messages,
         _PROTOCOL,
     ),
 )

@@ -5,12 +5,13 @@ Owns: the list. Must not know: what any of them decodes.
 
 from __future__ import annotations
 
-from fuzz import file_targets, message_targets, record_target, zmtp_target
+from fuzz import file_targets, gateway_target, message_targets, record_target, zmtp_target
 from fuzz.target import Target
 
 TARGETS: tuple[Target, ...] = (
     *message_targets.TARGETS,
     *zmtp_target.TARGETS,
+    *gateway_target.TARGETS,
     *file_targets.TARGETS,
     *record_target.TARGETS,
 )
