@@ -209,7 +209,7 @@ def _play_to_gateway(data: bytes) -> None:
     if isinstance(message, PulseBatch):
         try:
             rows = list(rows_of(message.rows))
-        except ValueError:
+        except Undecodable:
             return
         assert len(rows) == len(message.rows) // ROW_BYTES
         msgspec.json.encode(rows)

@@ -1,0 +1,213 @@
+"""Target: bytes to whole steps of an engine on the fake board.
+
+Owns: what bytes do to an engine and its world, and the judgment. The judge is the body: what it got
+is never more than the ledger has, the maxima of the site and the client's limits hold in any second,
+and without an armed board nothing but a probe flows. Must not know: how the engine decides.
+
+Faults of wires and chips are in it as far as they can change no current; what the others let through
+is measured by `make campaign`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+
+import engine_rig
+from charge_witness import Witness, even_skin
+from engine_rig import LEASE, EngineRig
+from etd.files.configuration import fake_config
+from etd.protocol.link import (
+    ArmBoard,
+    AskAccount,
+    Channel,
+    ClearHalt,
+    CloseLease,
+    DisarmBoard,
+    KeepLease,
+    MeasureContact,
+    NewFrame,
+    OpenLease,
+    RecordPulses,
+    SayFelt,
+    SetMark,
+    StopNow,
+    ToGateway,
+)
+from etd.protocol.messages import Limits
+from etd_body.electrode import skin
+from etd_hal.errors import EtdError
+from etd_hal.fake import faults
+from fuzz.choices import Choices
+from fuzz.engine_judge import Judge
+from fuzz.frame_bounds import check_frame
+from fuzz.message_targets import to_engine_seeds
+from fuzz.target import Target
+
+ELECTRODES = 8
+_BOARDS = ("kajimoto-hv507", "reference-hv507", "feetthrough-relay")
+_MOST_ACTS = 40
+_MOST_MS = 2_500
+_STOPS = ("emergency_stop", "wearer_stop")
+_POLARITIES = ("anodic", "cathodic", "biphasic", "biphasic_cathodic_first")
+_FAULTS: tuple[faults.Fault, ...] = (
+    faults.SpiError(at_transfer=0),
+    faults.SpiShort(),
+    faults.SpiStall(stall_us=20_000),
+    faults.LostClock(),
+    faults.LatchIgnored(),
+    faults.RailOff(0.5),
+    faults.RailOff(1.3),
+    faults.AdcStuck(0),
+    faults.AdcStuck(4095),
+    faults.AdcNoise(sigma=20.0),
+    faults.MisoStuck(1),
+    faults.MonitorStuck(rail_v=300.0),
+    faults.HeartbeatIgnored(),
+    faults.SwitchOutput(2, "open"),
+)
+
+
+class _World:
+    """An engine, its board and its gateway, for one input."""
+
+    def __init__(self, board: str) -> None:
+        loaded = fake_config(board=board, electrodes=ELECTRODES)
+        body = even_skin(loaded.board, ELECTRODES)
+        witness = Witness(body)
+        self.rig = engine_rig.make(loaded=loaded, body=body, wrap=witness.wrap, is_traced=False)
+        self.judge = Judge(self.rig, witness, body)
+        self._faults: list[faults.Fault] = []
+
+    def send(self, kind: Callable[..., Any], **fields: Any) -> None:
+        self.rig.commands.send(kind(ref=self.rig.next_ref(), **fields))
+
+    def send_bytes(self, channel: Channel[ToGateway], data: bytes) -> None:
+        """In one datagram. The other end may have hung up."""
+        if data and channel.is_open:
+            try:
+                os.write(channel.fileno(), data)
+            except OSError:
+                channel.close()
+
+    def frame(self, choices: Choices) -> None:
+        currents = (0, 0, 100, 400, 1_000, 3_000, 10_000)
+        fields: dict[str, Any] = {
+            "current_ua": tuple(choices.pick(currents) for _ in range(ELECTRODES)),
+            "width_us": choices.number(20, 200),
+            "polarity": choices.pick(_POLARITIES),
+            "rate_hz": choices.number(1, 2_000) / 10,
+            "ttl_ms": choices.number(1, 1_000),
+            "allow_slower": True,
+            "strict": choices.is_so(),
+            "on_trigger": choices.number(0, 7) == 7,
+            "preview": choices.number(0, 7) == 7,
+            "account": choices.is_so(),
+        }
+        if choices.is_so():
+            fields["pulses"] = choices.number(1, 5)
+        self.rig.send(**fields)
+
+    def fault(self, choices: Choices) -> None:
+        fault = choices.pick(_FAULTS)
+        try:
+            self.rig.fake.world.put_in(fault)
+        except (ValueError, EtdError):
+            return  # this board has nothing there
+        self._faults.append(fault)
+
+    def mend(self) -> None:
+        self.rig.fake.world.mend()
+        self._faults.clear()
+
+    def press(self, choices: Choices, is_open: bool) -> None:
+        stop = choices.pick(_STOPS)
+        if getattr(self.rig.engine.components.loaded.board.guards, stop) != "absent":
+            world = self.rig.fake.world
+            (world.press if is_open else world.release)(stop)
+
+    def run(self, duration_ms: int) -> None:
+        """In turns of a millisecond, each judged."""
+        for _ in range(duration_ms):
+            self.rig.run_ms(1)
+            self.judge.look()
+
+    def gateway_comes(self) -> None:
+        if not self.rig.engine.has_gateway:
+            self.rig.attach_next_gateway()
+        self.rig.is_gateway_alive = True
+
+
+def _open(world: _World, choices: Choices) -> None:
+    limits = Limits(
+        max_current_ua=choices.pick((1_000, 50, 3_000, 10_000)), width_us=choices.number(20, 200)
+    )
+    world.judge.opened(limits)
+    world.send(OpenLease, lease=LEASE, client="fuzz", limits=limits)
+
+
+def _command(world: _World, choices: Choices) -> None:
+    kind: Any = choices.pick((CloseLease, KeepLease, DisarmBoard, MeasureContact, AskAccount))
+    more = {"seq": choices.number(0, 5)} if kind is AskAccount else {}
+    world.send(kind, lease=LEASE, **more)
+
+
+def _say(world: _World, choices: Choices) -> None:
+    world.send(SayFelt, answer="too_strong", electrodes=choices.pick((None, (0,), (99,))))
+    world.send(SetMark, lease=LEASE, tag=choices.number(0, 9))
+    world.send(RecordPulses, is_on=choices.is_so())
+
+
+def _skin(world: _World, choices: Choices) -> None:
+    electrode, kohm = choices.number(0, ELECTRODES - 1), choices.number(0, 255)
+    if kohm == 0:
+        world.rig.fake.world.lift(electrode)
+    else:
+        world.rig.fake.world.touch(electrode, skin(kohm * 1_000.0))
+
+
+def _raw(world: _World, choices: Choices) -> None:
+    channel = world.rig.commands if choices.is_so() else world.rig.frames
+    data = choices.taken(choices.number(0, 1_023))
+    world.judge.heard(data)
+    world.send_bytes(channel, data)
+
+
+_ACTS: tuple[Callable[[_World, Choices], None], ...] = (
+    lambda world, choices: world.run(choices.number(1, 200)),
+    lambda world, choices: world.frame(choices),
+    _raw,
+    _open,
+    lambda world, _: world.send(ArmBoard),
+    _command,
+    lambda world, _: world.send(StopNow, client="fuzz"),
+    lambda world, _: world.send(ClearHalt),
+    lambda world, choices: world.press(choices, is_open=True),
+    lambda world, choices: world.press(choices, is_open=False),
+    _skin,
+    lambda world, choices: world.fault(choices),
+    lambda world, _: world.mend(),
+    lambda world, choices: world.rig.clock.spend(choices.number(0, 1_000) * 1_000_000),
+    lambda world, _: world.rig.commands.close(),
+    lambda world, _: world.gateway_comes(),
+    lambda world, _: setattr(world.rig, "is_gateway_alive", False),
+    _say,
+)
+
+
+def _play(data: bytes) -> None:
+    choices = Choices(data)
+    world = _World(choices.pick(_BOARDS))
+    try:
+        for _ in range(_MOST_ACTS):
+            if choices.is_over or world.rig.clock.now_ns() > _MOST_MS * 1_000_000:
+                break
+            choices.pick(_ACTS)(world, choices)
+            world.run(2)
+        world.judge.look()
+    finally:
+        problems = world.rig.close()
+    world.judge.end(problems)
