@@ -17,9 +17,11 @@ from typing import Any
 import msgspec
 
 import engine_rig
+from campaign.account import AccountedBody
 from charge_witness import Witness, even_skin
 from engine_rig import LEASE, EngineRig
 from etd.files.configuration import fake_config
+from etd.protocol.frame import Frame
 from etd.protocol.link import (
     ArmBoard,
     AskAccount,
@@ -39,26 +41,21 @@ from etd.protocol.link import (
 )
 from etd.protocol.messages import Limits
 from etd_body.electrode import skin
-from etd_hal.errors import EtdError
 from etd_hal.fake import faults
 from fuzz.choices import Choices
 from fuzz.engine_judge import Judge
-from fuzz.frame_bounds import check_frame
 from fuzz.message_targets import to_engine_seeds
 from fuzz.target import Target
 
 ELECTRODES = 8
 _BOARDS = ("kajimoto-hv507", "reference-hv507", "feetthrough-relay")
 _MOST_ACTS = 40
-_MOST_MS = 2_500
+_MOST_NS = 2_000_000_000
 _STOPS = ("emergency_stop", "wearer_stop")
 _POLARITIES = ("anodic", "cathodic", "biphasic", "biphasic_cathodic_first")
 _FAULTS: tuple[faults.Fault, ...] = (
     faults.SpiError(at_transfer=0),
     faults.SpiShort(),
-    faults.SpiStall(stall_us=20_000),
-    faults.LostClock(),
-    faults.LatchIgnored(),
     faults.RailOff(0.5),
     faults.RailOff(1.3),
     faults.AdcStuck(0),
@@ -67,7 +64,6 @@ _FAULTS: tuple[faults.Fault, ...] = (
     faults.MisoStuck(1),
     faults.MonitorStuck(rail_v=300.0),
     faults.HeartbeatIgnored(),
-    faults.SwitchOutput(2, "open"),
 )
 
 
@@ -77,13 +73,17 @@ class _World:
     def __init__(self, board: str) -> None:
         loaded = fake_config(board=board, electrodes=ELECTRODES)
         body = even_skin(loaded.board, ELECTRODES)
-        witness = Witness(body)
-        self.rig = engine_rig.make(loaded=loaded, body=body, wrap=witness.wrap, is_traced=False)
-        self.judge = Judge(self.rig, witness, body)
-        self._faults: list[faults.Fault] = []
+        witness, accounted = Witness(body), AccountedBody(body)
+        self.rig = engine_rig.make(
+            loaded=loaded, body=accounted, wrap=witness.wrap, is_traced=False
+        )
+        self.judge = Judge(self.rig, witness, accounted)
+        self._seq = 0
 
     def send(self, kind: Callable[..., Any], **fields: Any) -> None:
-        self.rig.commands.send(kind(ref=self.rig.next_ref(), **fields))
+        message = kind(ref=self.rig.next_ref(), **fields)
+        self.judge.heard(msgspec.msgpack.encode(message))
+        self.rig.commands.send(message)
 
     def send_bytes(self, channel: Channel[ToGateway], data: bytes) -> None:
         """In one datagram. The other end may have hung up."""
@@ -109,19 +109,17 @@ class _World:
         }
         if choices.is_so():
             fields["pulses"] = choices.number(1, 5)
-        self.rig.send(**fields)
+        self._seq += 1
+        frame = Frame(lease=LEASE, seq=self._seq, **fields)
+        # Whether there is room for it or not.
+        self.rig.frames.send(NewFrame(ref=self.rig.next_ref(), frame=frame))
 
     def fault(self, choices: Choices) -> None:
-        fault = choices.pick(_FAULTS)
         try:
-            self.rig.fake.world.put_in(fault)
-        except (ValueError, EtdError):
+            self.rig.fake.world.put_in(choices.pick(_FAULTS))
+        except ValueError:
             return  # this board has nothing there
-        self._faults.append(fault)
-
-    def mend(self) -> None:
-        self.rig.fake.world.mend()
-        self._faults.clear()
+        self.judge.is_whole = False
 
     def press(self, choices: Choices, is_open: bool) -> None:
         stop = choices.pick(_STOPS)
@@ -145,7 +143,6 @@ def _open(world: _World, choices: Choices) -> None:
     limits = Limits(
         max_current_ua=choices.pick((1_000, 50, 3_000, 10_000)), width_us=choices.number(20, 200)
     )
-    world.judge.opened(limits)
     world.send(OpenLease, lease=LEASE, client="fuzz", limits=limits)
 
 
@@ -163,6 +160,7 @@ def _say(world: _World, choices: Choices) -> None:
 
 def _skin(world: _World, choices: Choices) -> None:
     electrode, kohm = choices.number(0, ELECTRODES - 1), choices.number(0, 255)
+    world.judge.is_even = False
     if kohm == 0:
         world.rig.fake.world.lift(electrode)
     else:
@@ -189,7 +187,7 @@ _ACTS: tuple[Callable[[_World, Choices], None], ...] = (
     lambda world, choices: world.press(choices, is_open=False),
     _skin,
     lambda world, choices: world.fault(choices),
-    lambda world, _: world.mend(),
+    lambda world, _: world.rig.fake.world.mend(),
     lambda world, choices: world.rig.clock.spend(choices.number(0, 1_000) * 1_000_000),
     lambda world, _: world.rig.commands.close(),
     lambda world, _: world.gateway_comes(),
@@ -201,9 +199,10 @@ _ACTS: tuple[Callable[[_World, Choices], None], ...] = (
 def _play(data: bytes) -> None:
     choices = Choices(data)
     world = _World(choices.pick(_BOARDS))
+    end_ns = world.rig.clock.now_ns() + _MOST_NS
     try:
         for _ in range(_MOST_ACTS):
-            if choices.is_over or world.rig.clock.now_ns() > _MOST_MS * 1_000_000:
+            if choices.is_over or world.rig.clock.now_ns() > end_ns:
                 break
             choices.pick(_ACTS)(world, choices)
             world.run(2)
@@ -211,3 +210,62 @@ def _play(data: bytes) -> None:
     finally:
         problems = world.rig.close()
     world.judge.end(problems)
+
+
+def _act(number: int, *chosen: int) -> bytes:
+    """Of `_ACTS`, and what it chooses."""
+    return bytes([number, *chosen])
+
+
+_WAIT, _FRAME, _OPEN, _ARM, _STOP, _CLEAR, _PRESS, _RELEASE = 0, 1, 3, 4, 6, 7, 8, 9
+#: Until the supply is up and all electrodes are looked at, by board.
+_WAITS_TO_ARM = (0, 3, 4)
+_FAULT, _MEND, _STALL, _END, _COMES, _HANGS = 11, 12, 13, 14, 15, 16
+
+
+def _armed(board: int) -> bytes:
+    stop = _act(_PRESS, 1) + _act(_RELEASE, 1) if board == 1 else b""
+    wait = _act(_WAIT, 99) + _act(_WAIT, 169) * _WAITS_TO_ARM[board]
+    return bytes([board]) + _act(_OPEN, 2, 80) + stop + _act(_ARM) + wait
+
+
+def _frame(polarity: int = 0, lit: int = 4) -> bytes:
+    """Two electrodes, 100 us, 50 Hz, half a second."""
+    return _act(_FRAME, 0, lit, 0, 0, lit, 0, 0, 0, 80, polarity, 243, 1, 244, 1, 0, 0, 0, 1, 0)
+
+
+def _seeds() -> Iterator[bytes]:
+    for board in range(len(_BOARDS)):
+        begun = _armed(board)
+        for polarity in range(len(_POLARITIES)):
+            yield begun + _frame(polarity) + _act(_WAIT, 199) + _frame(polarity, 5) + _act(_WAIT, 99)
+        yield begun + _frame() + _act(_STOP) + _act(_CLEAR) + _act(_ARM) + _act(_WAIT, 50)
+        yield begun + _frame() + _act(_END) + _act(_WAIT, 20) + _act(_COMES) + _act(_ARM)
+        yield begun + _frame() + _act(_HANGS) + _act(_WAIT, 199) * 2
+        yield begun + _act(5, 3) + _act(_WAIT, 99) + _act(5, 2) + _frame() + _act(17, 0, 5, 1)
+        for fault in range(len(_FAULTS)):
+            yield begun + _frame() + _act(_FAULT, fault) + _act(_WAIT, 99) + _act(_MEND)
+        yield begun + _frame() + _act(_STALL, 44, 1) + _act(_WAIT, 20) + _act(10, 0, 0) + _frame()
+        yield begun + _frame() + _act(_PRESS, 0) + _act(_WAIT, 9) + _act(_RELEASE, 0) + _act(_CLEAR)
+    for message in to_engine_seeds():
+        length = len(message).to_bytes(2, "little")
+        if len(message) < 1_024:
+            for is_command in (0, 1):
+                yield _armed(0) + _act(2, is_command) + length + message + _act(_WAIT, 20)
+
+
+TARGETS = (
+    Target(
+        "engine",
+        "whole steps of an engine on the fake board: messages, faults, stops, stalls, skin",
+        _play,
+        _seeds,
+        (
+            *("daemon/etd/engine/*.py", "daemon/etd/safety/*.py", "daemon/etd/protocol/*.py"),
+            *("daemon/etd/firing.py", "hal/etd_hal/guard.py", "hal/etd_hal/board.py"),
+        ),
+        most_bytes=1_024,
+        most_s=60.0,
+        shares=4,
+    ),
+)

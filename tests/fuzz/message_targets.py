@@ -182,7 +182,7 @@ def check_caps(made: Calibration) -> None:
         assert 0 <= limits.threshold_ua <= limits.comfortable_ua <= limits.cap_ua <= 10_000
 
 
-def _to_engine_seeds() -> Iterator[bytes]:
+def to_engine_seeds() -> Iterator[bytes]:
     limits = Limits(max_current_ua=3_000, width_us=100)
     for message in (
         Alive(),
@@ -251,7 +251,7 @@ TARGETS = (
         "link-to-engine",
         "the gateway's bytes, as the engine decodes them",
         _play_to_engine,
-        _to_engine_seeds,
+        to_engine_seeds,
         _PROTOCOL,
     ),
     Target(

@@ -5,7 +5,14 @@ Owns: the list. Must not know: what any of them decodes.
 
 from __future__ import annotations
 
-from fuzz import file_targets, gateway_target, message_targets, record_target, zmtp_target
+from fuzz import (
+    engine_target,
+    file_targets,
+    gateway_target,
+    message_targets,
+    record_target,
+    zmtp_target,
+)
 from fuzz.target import Target
 
 TARGETS: tuple[Target, ...] = (
@@ -14,4 +21,5 @@ TARGETS: tuple[Target, ...] = (
     *gateway_target.TARGETS,
     *file_targets.TARGETS,
     *record_target.TARGETS,
+    *engine_target.TARGETS,
 )
