@@ -49,6 +49,8 @@ from fuzz.target import Target
 
 ELECTRODES = 8
 _BOARDS = ("kajimoto-hv507", "reference-hv507", "feetthrough-relay")
+#: The one with all guards.
+_GUARDED = 1
 _MOST_ACTS = 40
 _MOST_NS = 2_000_000_000
 _STOPS = ("emergency_stop", "wearer_stop")
@@ -128,8 +130,9 @@ class _World:
             (world.press if is_open else world.release)(stop)
 
     def run(self, duration_ms: int) -> None:
-        """In turns of a millisecond, each judged."""
-        for _ in range(duration_ms):
+        """In turns of a millisecond, or of a scan, each judged."""
+        until_ns = self.rig.clock.now_ns() + duration_ms * 1_000_000
+        while self.rig.clock.now_ns() < until_ns:
             self.rig.run_ms(1)
             self.judge.look()
 
@@ -224,7 +227,7 @@ _FAULT, _MEND, _STALL, _END, _COMES, _HANGS = 11, 12, 13, 14, 15, 16
 
 
 def _armed(board: int) -> bytes:
-    stop = _act(_PRESS, 1) + _act(_RELEASE, 1) if board == 1 else b""
+    stop = _act(_PRESS, 1) + _act(_RELEASE, 1) if board == _GUARDED else b""
     wait = _act(_WAIT, 99) + _act(_WAIT, 169) * _WAITS_TO_ARM[board]
     return bytes([board]) + _act(_OPEN, 2, 80) + stop + _act(_ARM) + wait
 
@@ -243,15 +246,15 @@ def _seeds() -> Iterator[bytes]:
         yield begun + _frame() + _act(_END) + _act(_WAIT, 20) + _act(_COMES) + _act(_ARM)
         yield begun + _frame() + _act(_HANGS) + _act(_WAIT, 199) * 2
         yield begun + _act(5, 3) + _act(_WAIT, 99) + _act(5, 2) + _frame() + _act(17, 0, 5, 1)
-        for fault in range(len(_FAULTS)):
+        for fault in range(len(_FAULTS)) if board == _GUARDED else ():
             yield begun + _frame() + _act(_FAULT, fault) + _act(_WAIT, 99) + _act(_MEND)
         yield begun + _frame() + _act(_STALL, 44, 1) + _act(_WAIT, 20) + _act(10, 0, 0) + _frame()
         yield begun + _frame() + _act(_PRESS, 0) + _act(_WAIT, 9) + _act(_RELEASE, 0) + _act(_CLEAR)
     for message in to_engine_seeds():
         length = len(message).to_bytes(2, "little")
-        if len(message) < 1_024:
-            for is_command in (0, 1):
-                yield _armed(0) + _act(2, is_command) + length + message + _act(_WAIT, 20)
+        if len(message) < 1_000:
+            is_command = b"NewFrame" not in message
+            yield _armed(0) + _act(2, is_command) + length + message + _act(_WAIT, 20)
 
 
 TARGETS = (
@@ -261,11 +264,16 @@ TARGETS = (
         _play,
         _seeds,
         (
-            *("daemon/etd/engine/*.py", "daemon/etd/safety/*.py", "daemon/etd/protocol/*.py"),
-            *("daemon/etd/firing.py", "hal/etd_hal/guard.py", "hal/etd_hal/board.py"),
+            *(f"daemon/etd/engine/{name}.py" for name in ("commands", "frame_queue", "poller")),
+            *("daemon/etd/engine/gateway_link.py", "daemon/etd/protocol/*.py"),
         ),
         most_bytes=1_024,
         most_s=60.0,
         shares=4,
+        guiding=(
+            *(f"etd.engine.{name}" for name in ("accounts", "commands", "feeling", "frame_queue")),
+            *("etd.engine.power_up", "etd.engine.supervisor"),
+            *("etd.planning.plan", "etd.planning.scan_rate", "etd.safety.state"),
+        ),
     ),
 )

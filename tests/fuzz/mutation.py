@@ -27,7 +27,7 @@ def words(seeds: Iterable[bytes]) -> tuple[bytes, ...]:
 
 
 class Mutator:
-    """The same `seed` makes the same inputs."""
+    """The same `seed` makes the same inputs, one after another."""
 
     def __init__(self, seeds: Sequence[bytes], most_bytes: int, seed: int) -> None:
         self._seeds = list(seeds) or [b""]
@@ -36,7 +36,13 @@ class Mutator:
         self._dice = random.Random(seed)
 
     def next(self) -> bytes:
-        data = bytearray(self._dice.choice(self._seeds))
+        return self.changed(self._dice.choice(self._seeds))
+
+    def is_heads(self) -> bool:
+        return self._dice.random() < 0.5
+
+    def changed(self, before: bytes) -> bytes:
+        data = bytearray(before)
         for _ in range(self._dice.randint(1, _MOST_CHANGES)):
             self._change(data)
         return bytes(data[: self._most_bytes])

@@ -32,6 +32,8 @@ class Target:
     most_s: float = 5.0
     #: How many shares it gets of the time.
     shares: int = 1
+    #: What is instrumented, to guide the fuzzer: a whole engine would take ten times as long.
+    guiding: tuple[str, ...] = ("etd", "etd_hal")
 
 
 class OverBound(AssertionError):
