@@ -57,7 +57,7 @@ def fuzz(one: Target, seconds: int, folder: Path, seed: int, is_guided: bool) ->
     """In a process of its own."""
     findings, log = folder / "findings" / one.name, folder / f"{one.name}.log"
     findings.mkdir(parents=True, exist_ok=True)
-    before = set(stored.findings(findings))
+    before = stored.findings(findings)
     command = [sys.executable, str(_WORKER), one.play.__module__, one.name]
     command += ["--seconds", str(seconds)]
     command += ["--folder", str(folder), "--findings", str(findings), "--seed", str(seed)]
@@ -65,9 +65,11 @@ def fuzz(one: Target, seconds: int, folder: Path, seed: int, is_guided: bool) ->
         command += ["--guiding", ",".join(one.guiding)]
     begun_ns = clock.now_ns()
     with log.open("wb") as told:
-        worker = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=told)
-        executions = _followed(worker, one.name, seconds, log)
-    new = [path for path in stored.findings(findings) if path not in before]
+        piped = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=told)
+        with piped as worker:
+            executions = _followed(worker, one.name, seconds, log)
+    after = stored.findings(findings)
+    new = [path for path in after if after[path] != before.get(path)]
     if worker.returncode and not new:
         raise RuntimeError(f"{one.name} ended with status {worker.returncode}: see {log}")
     corpus = folder / "corpus" / one.name

@@ -47,9 +47,12 @@ def keep_finding(folder: Path, data: bytes, error: BaseException) -> Path:
     return path
 
 
-def findings(folder: Path) -> list[Path]:
-    """Inputs alone; a fuzzer's own names for one that hangs or takes all memory too."""
-    return sorted(path for path in folder.glob("*-*") if path.suffix != ".txt")
+def findings(folder: Path) -> dict[Path, int]:
+    """Inputs alone, with when each was found last; the fuzzer has its own names for one that hangs
+    or takes all memory.
+    """
+    paths = sorted(path for path in folder.glob("*-*") if path.suffix != ".txt")
+    return {path: path.stat().st_mtime_ns for path in paths}
 
 
 def digest(target: Target) -> str:
