@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 
 import engine_rig
+from body_judge import Judge
 from campaign.account import AccountedBody
 from charge_witness import Witness, even_skin
 from engine_rig import LEASE, EngineRig
@@ -43,7 +44,6 @@ from etd.protocol.messages import Limits
 from etd_body.electrode import skin
 from etd_hal.fake import faults
 from fuzz.choices import Choices
-from fuzz.engine_judge import Judge
 from fuzz.message_targets import to_engine_seeds
 from fuzz.target import Target
 

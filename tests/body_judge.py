@@ -65,13 +65,20 @@ class Judge:
             message = _decoder.decode(data)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             return
-        now_ns = self._rig.clock.now_ns()
         if isinstance(message, OpenLease):
             self.opened(message.limits)
         elif isinstance(message, ArmBoard | MeasureContact):
-            self._probed_ns = now_ns
+            self.probes()
         elif isinstance(message, ClearHalt):
-            self._cleared_ns = now_ns
+            self.clears()
+
+    def probes(self) -> None:
+        """A command that probes is on its way."""
+        self._probed_ns = self._rig.clock.now_ns()
+
+    def clears(self) -> None:
+        """A clear is on its way."""
+        self._cleared_ns = self._rig.clock.now_ns()
 
     def look(self) -> None:
         now = self._account()
