@@ -29,6 +29,7 @@ from etd.gateway.server import Gateway
 from etd.gateway.zmtp import Reader
 from etd.protocol.link import Channel, Listener
 from etd.protocol.messages import Limits
+from etd.safety.lease import Lease
 from etd_hal.backend import Backend
 from etd_hal.bench import StopName
 from etd_hal.fake.faults import Fault
@@ -147,6 +148,7 @@ class TwoClients:
         self._ends: Sequence[Channel[Any]] = ()
         self._gateway_ns = 0
         self._gateway = self._made_gateway()
+        self._lease_before: Lease | None = None
         #: What was answered last.
         self._is_refused = False
         #: Of all leases that were granted, the last.
@@ -268,11 +270,19 @@ class TwoClients:
 
     def _look(self) -> None:
         self.judge.look()
+        self._look_at_lease()
         if self.rig.state in ("SAFE", "HALTED"):
             assert self._gpio.level != self._hv_on, f"the supply is on in {self.rig.state}"
         for client in getattr(self, "clients", ()):
             for request, reply in client.answers():
                 self._judge_reply(client, request, reply)
+
+    def _look_at_lease(self) -> None:
+        """From one holder to another it goes through nobody, or after the time of the first."""
+        lease, before = self.rig.engine.supervisor.lease, self._lease_before
+        if lease is not None and before is not None and lease.token != before.token:
+            assert before.has_lapsed(self.rig.clock.now_ns()), "a lease was taken from its holder"
+        self._lease_before = lease
 
     def _judge_reply(self, client: Client, request: dict[str, Any], reply: dict[str, Any]) -> None:
         op = request["op"]

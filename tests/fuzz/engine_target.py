@@ -20,7 +20,8 @@ import engine_rig
 from body_judge import Judge
 from campaign.account import AccountedBody
 from charge_witness import Witness, even_skin
-from engine_rig import LEASE, EngineRig
+from engine_rig import LEASE
+from engine_scenes import opened_to
 from etd.files.configuration import fake_config
 from etd.protocol.frame import Frame
 from etd.protocol.link import (
@@ -144,7 +145,7 @@ class _World:
 
 def _open(world: _World, choices: Choices) -> None:
     limits = Limits(
-        max_current_ua=choices.pick((1_000, 50, 3_000, 10_000)), width_us=choices.number(20, 200)
+        max_current_ua=choices.pick((1_000, 300, 1_000, 10_000)), width_us=choices.number(20, 200)
     )
     world.send(OpenLease, lease=LEASE, client="fuzz", limits=limits)
 
@@ -196,6 +197,8 @@ _ACTS: tuple[Callable[[_World, Choices], None], ...] = (
     lambda world, _: world.gateway_comes(),
     lambda world, _: setattr(world.rig, "is_gateway_alive", False),
     _say,
+    # As if so much had been felt: the rise from nothing takes longer than an input lasts.
+    lambda world, _: opened_to(world.rig, 3_000),
 )
 
 
@@ -220,6 +223,7 @@ def _act(number: int, *chosen: int) -> bytes:
     return bytes([number, *chosen])
 
 
+_REACHED = 18
 _WAIT, _FRAME, _OPEN, _ARM, _STOP, _CLEAR, _PRESS, _RELEASE = 0, 1, 3, 4, 6, 7, 8, 9
 #: Until the supply is up and all electrodes are looked at, by board.
 _WAITS_TO_ARM = (0, 3, 4)
@@ -232,8 +236,8 @@ def _armed(board: int) -> bytes:
     return bytes([board]) + _act(_OPEN, 2, 80) + stop + _act(_ARM) + wait
 
 
-def _frame(polarity: int = 0, lit: int = 4) -> bytes:
-    """Two electrodes, 100 us, 50 Hz, half a second."""
+def _frame(polarity: int = 0, lit: int = 5) -> bytes:
+    """Two electrodes, more than the limit by default, 100 us, 50 Hz, half a second."""
     return _act(_FRAME, 0, lit, 0, 0, lit, 0, 0, 0, 80, polarity, 243, 1, 244, 1, 0, 0, 0, 1, 0)
 
 
@@ -241,7 +245,8 @@ def _seeds() -> Iterator[bytes]:
     for board in range(len(_BOARDS)):
         begun = _armed(board)
         for polarity in range(len(_POLARITIES)):
-            yield begun + _frame(polarity) + _act(_WAIT, 199) + _frame(polarity, 5) + _act(_WAIT, 99)
+            yield begun + _frame(polarity) + _act(_WAIT, 199) + _frame(polarity, 3) + _act(_WAIT, 99)
+            yield begun + _act(_REACHED) + _frame(polarity) + _act(_WAIT, 99)
         yield begun + _frame() + _act(_STOP) + _act(_CLEAR) + _act(_ARM) + _act(_WAIT, 50)
         yield begun + _frame() + _act(_END) + _act(_WAIT, 20) + _act(_COMES) + _act(_ARM)
         yield begun + _frame() + _act(_HANGS) + _act(_WAIT, 199) * 2

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
+from engine_scenes import opened_to
 from etd_hal.bench import StopName
 from etd_hal.fake import faults
 from two_clients import ELECTRODES, OF_LEASE, TwoClients
@@ -32,7 +33,7 @@ currents_ua = st.sampled_from((0, 0, 100, 400, 1_000, 3_000))
 frames = st.fixed_dictionaries(
     {
         "current_ua": st.lists(currents_ua, min_size=ELECTRODES, max_size=ELECTRODES),
-        "width_us": st.integers(20, 200),
+        "width_us": st.sampled_from((50, 100, 200)),
         "rate_hz": st.sampled_from((5.0, 20.0, 60.0, 120.0)),
         "polarity": st.sampled_from(("anodic", "cathodic", "biphasic")),
         "ttl_ms": st.sampled_from((1, 50, 200, 1_000)),
@@ -59,17 +60,19 @@ class Stories(RuleBasedStateMachine):
     def teardown(self) -> None:
         self.daemon.end()
 
-    @initialize(is_armed=st.booleans(), first=who, most_ua=st.sampled_from((300, 3_000)))
-    def begin(self, is_armed: bool, first: int, most_ua: int) -> None:
-        """Half of all stories begin with an armed board."""
+    @initialize(is_armed=st.booleans(), first=who, frame=frames)
+    def begin(self, is_armed: bool, first: int, frame: dict[str, Any]) -> None:
+        """Half of all stories begin with an armed board, and a person who has felt a lot."""
         if is_armed:
-            self.open(first, most_ua, 100)
+            self.open(first, 1_000, 100)
             self.press("wearer_stop")
             self.release("wearer_stop")
             self.ask(first, "arm")
             self.wait(700)
+            opened_to(self.daemon.rig, 3_000)
+            self.show(first, {**frame, "preview": False}, False, 4)
 
-    @rule(who=who, most_ua=st.sampled_from((100, 1_000, 3_000)), width_us=st.integers(20, 200))
+    @rule(who=who, most_ua=st.sampled_from((300, 1_000)), width_us=st.sampled_from((50, 100)))
     def open(self, who: int, most_ua: int, width_us: int) -> None:
         limits = {"max_current_ua": most_ua, "width_us": width_us}
         self.daemon.ask(who, "open", client=f"client {who}", limits=limits)
