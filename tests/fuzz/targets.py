@@ -11,6 +11,7 @@ from fuzz import (
     gateway_target,
     message_targets,
     record_target,
+    story_target,
     zmtp_target,
 )
 from fuzz.target import Target
@@ -22,4 +23,5 @@ TARGETS: tuple[Target, ...] = (
     *file_targets.TARGETS,
     *record_target.TARGETS,
     *engine_target.TARGETS,
+    *story_target.TARGETS,
 )

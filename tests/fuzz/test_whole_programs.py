@@ -1,4 +1,4 @@
-"""The targets that are whole programs, in their short form: a gateway, and an engine."""
+"""The targets that are whole programs, in their short form: a gateway, an engine, a daemon."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fuzz import engine_target, gateway_target, stored
+from fuzz import engine_target, gateway_target, stored, story_target
 from fuzz.short_form import inputs
 from fuzz.target import Target, play
 
 pytestmark = pytest.mark.slow
 
-TARGETS = (*gateway_target.TARGETS, *engine_target.TARGETS)
+TARGETS = (*gateway_target.TARGETS, *engine_target.TARGETS, *story_target.TARGETS)
 each = pytest.mark.parametrize("target", TARGETS, ids=[one.name for one in TARGETS])
 
 
