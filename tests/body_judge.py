@@ -1,7 +1,9 @@
 """Judges an engine by what its body got, and by what its state may be.
 
 Owns: the bounds, figured by hand from the client's limits and the site's maxima, and what was seen
-at the last look. Must not know: what is done to the engine.
+at the last look: no phase has more charge than a client's limits allow, no electrode gets more than
+the ledger has or than the maxima of a second, without an armed board nothing but a probe flows, and
+a halt stays until a clear. Must not know: what is done to the engine.
 """
 
 from __future__ import annotations

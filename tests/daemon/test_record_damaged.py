@@ -29,7 +29,6 @@ from etd.report.figures import figures_of
 from etd.report.recorded import recorded_sections, recorded_sentence
 from whole_record import WHOLE
 
-MS = 1_000_000
 #: Where a value stands in a record: the line, then keys and places in it.
 Place: TypeAlias = tuple[int | str, ...]
 

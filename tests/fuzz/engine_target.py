@@ -1,11 +1,10 @@
 """Target: bytes to whole steps of an engine on the fake board.
 
-Owns: what bytes do to an engine and its world, and the judgment. The judge is the body: what it got
-is never more than the ledger has, the maxima of the site and the client's limits hold in any second,
-and without an armed board nothing but a probe flows. Must not know: how the engine decides.
+Owns: what bytes do to an engine and its world. The judge is the body (`body_judge.py`). Must not
+know: how the engine decides, what must hold.
 
-Faults of wires and chips are in it as far as they can change no current; what the others let through
-is measured by `make campaign`.
+Faults of wires and chips are in it as far as they can change no current; what the others let
+through is measured by `make campaign`.
 """
 
 from __future__ import annotations
@@ -43,6 +42,7 @@ from etd.protocol.link import (
 )
 from etd.protocol.messages import Limits
 from etd_body.electrode import skin
+from etd_hal.bench import StopName
 from etd_hal.fake import faults
 from fuzz.choices import Choices
 from fuzz.message_targets import to_engine_seeds
@@ -54,7 +54,7 @@ _BOARDS = ("kajimoto-hv507", "reference-hv507", "feetthrough-relay")
 _GUARDED = 1
 _MOST_ACTS = 40
 _MOST_NS = 2_000_000_000
-_STOPS = ("emergency_stop", "wearer_stop")
+_STOPS: tuple[StopName, ...] = ("emergency_stop", "wearer_stop")
 _POLARITIES = ("anodic", "cathodic", "biphasic", "biphasic_cathodic_first")
 _FAULTS: tuple[faults.Fault, ...] = (
     faults.SpiError(at_transfer=0),
@@ -245,7 +245,9 @@ def _seeds() -> Iterator[bytes]:
     for board in range(len(_BOARDS)):
         begun = _armed(board)
         for polarity in range(len(_POLARITIES)):
-            yield begun + _frame(polarity) + _act(_WAIT, 199) + _frame(polarity, 3) + _act(_WAIT, 99)
+            yield (
+                begun + _frame(polarity) + _act(_WAIT, 199) + _frame(polarity, 3) + _act(_WAIT, 99)
+            )
             yield begun + _act(_REACHED) + _frame(polarity) + _act(_WAIT, 99)
         yield begun + _frame() + _act(_STOP) + _act(_CLEAR) + _act(_ARM) + _act(_WAIT, 50)
         yield begun + _frame() + _act(_END) + _act(_WAIT, 20) + _act(_COMES) + _act(_ARM)

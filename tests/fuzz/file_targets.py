@@ -115,7 +115,7 @@ _LOADERS: tuple[tuple[str, Callable[[Path], Any], Callable[[Any], None]], ...] =
 
 def _play_configuration(data: bytes) -> None:
     choices = Choices(data)
-    kind, load, check = choices.pick(_LOADERS)
+    _, load, check = choices.pick(_LOADERS)
     path = stored("any.toml", choices.taken(len(data)))
     try:
         loaded = load(path)
@@ -168,7 +168,7 @@ def _calibration_seeds() -> Iterator[bytes]:
 def _play_pattern(data: bytes) -> None:
     path = stored("pattern.json", data)
     try:
-        pattern, told = load_pattern(path)
+        pattern, _ = load_pattern(path)
     except PatternError as error:
         check_error(error)
         return
@@ -203,7 +203,7 @@ def _pattern_seeds() -> Iterator[bytes]:
 def _play_layout(data: bytes) -> None:
     path = stored("layout.json", data)
     try:
-        array, told = read_layout(path)
+        array, _ = read_layout(path)
     except FileError as error:
         check_error(error)
         return

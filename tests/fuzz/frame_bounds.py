@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Frame, check_shape
+from fuzz.sentences import check_refusal
 
 _ARRAYS = (4, 64)
 _POLARITIES = ("anodic", "cathodic", "biphasic", "biphasic_cathodic_first")
@@ -19,7 +20,7 @@ def check_frame(frame: Frame) -> None:
         try:
             check_shape(frame, electrodes)
         except Refused as refusal:
-            assert refusal.code == "bad_frame"
+            check_refusal(refusal)
         else:
             _check_shape(frame, electrodes)
 

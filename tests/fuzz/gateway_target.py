@@ -190,7 +190,9 @@ def _seeds() -> Iterator[bytes]:
     yield connect[2] + _piece(3, b"\x01state") + bytes([9])
     for message in engine_messages():
         if len(message) < 512:
-            yield connect[0] + _recorded() + bytes([6]) + len(message).to_bytes(2, "little") + message
+            yield (
+                connect[0] + _recorded() + bytes([6]) + len(message).to_bytes(2, "little") + message
+            )
 
 
 def _piece(what: int, data: bytes) -> bytes:

@@ -153,7 +153,7 @@ def _play_to_engine(data: bytes) -> None:
         try:
             message = decoded(decoder, data)
         except Undecodable as undecodable:
-            assert str(undecodable)
+            check_error(undecodable)
             continue
         # Also keeps NaN out: it is not equal to itself.
         assert decoded(decoder, msgspec.msgpack.encode(message)) == message
@@ -203,7 +203,7 @@ def _play_to_gateway(data: bytes) -> None:
     try:
         message = decoded(_to_gateway, data)
     except Undecodable as undecodable:
-        assert str(undecodable)
+        check_error(undecodable)
         return
     msgspec.json.encode(message)
     if isinstance(message, PulseBatch):

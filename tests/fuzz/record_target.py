@@ -37,7 +37,7 @@ def _events(path: Path) -> None:
 
 def _pattern(path: Path) -> None:
     for kind in ("levels", "currents"):
-        made = FramesToPattern(RecordReader(path), str(path), kind)  # type: ignore[arg-type]
+        made = FramesToPattern(RecordReader(path), str(path), kind)
         json.dumps((made.pattern, made.left_out))
 
 

@@ -129,7 +129,9 @@ def _last(log: Path, figure: re.Pattern[bytes]) -> int | None:
 
 
 def show(outcomes: Sequence[Outcome]) -> None:
-    print(f"{'target':<17}{'inputs':>10}{'a second':>10}{'coverage':>10}{'kept':>7}{'findings':>10}")
+    print(
+        f"{'target':<17}{'inputs':>10}{'a second':>10}{'coverage':>10}{'kept':>7}{'findings':>10}"
+    )
     for one in outcomes:
         rate = one.executions / max(one.seconds, 1.0)
         coverage = "-" if one.coverage is None else str(one.coverage)
@@ -177,7 +179,9 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--play", type=Path, metavar="FILE", help="one input, to one target")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--unguided", action="store_true", help="without atheris, as where it is not")
+    parser.add_argument(
+        "--unguided", action="store_true", help="without atheris, as where it is not"
+    )
     parser.add_argument("--folder", type=Path, default=stored.BUILD, help="for what is kept")
     args = parser.parse_args()
     names = [one.name for one in TARGETS]

@@ -25,7 +25,9 @@ def _strategy(target: Target) -> st.SearchStrategy[bytes]:
             at = draw(st.integers(0, len(data)))
             end = at + draw(st.sampled_from((0, 1, 2, 8, 64)))
             data[at:end] = draw(
-                st.one_of(st.sampled_from(vocabulary), st.binary(max_size=4), st.just(data[at:end] * 3))
+                st.one_of(
+                    st.sampled_from(vocabulary), st.binary(max_size=4), st.just(data[at:end] * 3)
+                )
             )
         return bytes(data)
 

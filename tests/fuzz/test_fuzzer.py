@@ -77,7 +77,7 @@ def test_what_takes_too_long_or_too_much_is_a_finding() -> None:
     def large(_: bytes) -> None:
         bytearray(200_000_000)[::4096] = b"x" * 48829
 
-    with pytest.raises(OverBound, match="at most 0.001 s"):
+    with pytest.raises(OverBound, match=r"at most 0\.001 s"):
         play(target(play=slow, most_s=0.001), b"")
     with pytest.raises(OverBound, match="kB for 1 bytes"):
         play(target(play=large, most_s=60.0), b"x")

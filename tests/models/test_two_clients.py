@@ -150,7 +150,7 @@ class Stories(RuleBasedStateMachine):
 
 # A quarter of what the profile has: a story has many steps.
 Stories.TestCase.settings = settings(
-    max_examples=settings.default.max_examples // 4,
+    max_examples=settings().max_examples // 4,
     stateful_step_count=20,
     deadline=None,
     suppress_health_check=list(HealthCheck),
