@@ -23,6 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from etd.client import clock  # noqa: E402
 from fuzz import stored, target  # noqa: E402
+from fuzz.minimised import minimise  # noqa: E402
 from fuzz.target import Target  # noqa: E402
 from fuzz.targets import TARGETS  # noqa: E402
 
@@ -31,6 +32,8 @@ _WORKER = Path(__file__).with_name("worker.py")
 AFTER_A_CHANGE_S = 600
 #: Instrumenting, seeds, and an input that hangs: beyond its time.
 _GRACE_S = 300
+#: Then it is done once, after the last input.
+_WORTH_MINIMISING_S = 60
 #: As libFuzzer says it.
 _COVERAGE, _RUNS = re.compile(rb"cov: (\d+)"), re.compile(rb"Done (\d+) runs")
 
@@ -68,16 +71,19 @@ def fuzz(one: Target, seconds: int, folder: Path, seed: int, is_guided: bool) ->
         piped = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=told)
         with piped as worker:
             executions = _followed(worker, one.name, seconds, log)
+    runs, coverage = _last(log, _RUNS), _last(log, _COVERAGE)
     after = stored.findings(findings)
     new = [path for path in after if after[path] != before.get(path)]
+    if is_guided and not new and seconds >= _WORTH_MINIMISING_S:
+        minimise(one.name, folder, command, log)
     if worker.returncode and not new:
         raise RuntimeError(f"{one.name} ended with status {worker.returncode}: see {log}")
     corpus = folder / "corpus" / one.name
     return Outcome(
         one,
         (clock.now_ns() - begun_ns) / 1e9,
-        _last(log, _RUNS) or executions,
-        _last(log, _COVERAGE),
+        runs or executions,
+        coverage,
         len(list(corpus.glob("*"))),
         new,
     )

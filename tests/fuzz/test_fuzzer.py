@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
 
 from fuzz import run, stored
 from fuzz.choices import Choices
+from fuzz.minimised import minimise
 from fuzz.mutation import Mutator, words
 from fuzz.target import OverBound, Target, play
 from fuzz.targets import TARGETS
@@ -121,3 +123,46 @@ def test_choices_are_those_of_the_bytes_and_the_first_where_none_are_left() -> N
     assert choices.pick("abc") == "a"
     assert choices.is_over
     assert (choices.number(7, 9), choices.is_so(), choices.piece()) == (7, False, b"")
+
+
+MERGES = """
+import shutil, sys
+from pathlib import Path
+program, how, smaller, corpus = sys.argv[sys.argv.index("--merge") + 1 :]
+assert how == "-merge=1" and Path(program).exists()
+shutil.copy(min(Path(corpus).iterdir()), smaller)
+sys.exit({status})
+"""
+
+
+@pytest.mark.parametrize(("status", "left"), [(0, {"a"}), (1, {"a", "b"})])
+def test_a_corpus_is_replaced_by_a_smaller_one_if_that_was_made(
+    tmp_path: Path, status: int, left: set[str]
+) -> None:
+    worker = tmp_path / "worker.py"
+    worker.write_text(MERGES.format(status=status))
+    stored.written(tmp_path / "corpus" / "made", [])
+    for name in ("a", "b"):
+        (tmp_path / "corpus" / "made" / name).write_text(name)
+
+    command = [sys.executable, str(worker)]
+    is_smaller = minimise("made", tmp_path, command, tmp_path / "made.log")
+
+    assert is_smaller == (status == 0)
+    assert {path.name for path in (tmp_path / "corpus" / "made").iterdir()} == left
+
+
+def test_a_guided_worker_keeps_a_finding_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("atheris", reason="there is no wheel for every machine")
+    (tmp_path / "broken_too.py").write_text(BROKEN)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (broken,) = __import__("broken_too").TARGETS
+
+    outcome = run.fuzz(broken, 60, tmp_path / "kept", seed=1, is_guided=True)
+
+    (found,) = outcome.findings
+    with pytest.raises(KeyError, match="no such level"):
+        play(broken, found.read_bytes())

@@ -83,6 +83,9 @@ def _guided(args: argparse.Namespace, telling: TextIO) -> None:
         counted = Counted(args.module, args.target, args.findings, telling)
     from fuzz import mutation, stored
 
+    if args.merge:
+        atheris.Setup(args.merge, counted)
+        atheris.Fuzz()
     mutator = _mutator(counted, args.seed)
 
     def change(data: bytes, most: int, _: int) -> bytes:
@@ -141,6 +144,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, required=True, help="for what is kept")
     parser.add_argument("--findings", type=Path, required=True)
     parser.add_argument("--guiding", default="", help="packages; none: without atheris")
+    parser.add_argument("--merge", nargs=argparse.REMAINDER, help="as libFuzzer has it")
     args = parser.parse_args()
     telling = os.fdopen(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
