@@ -51,9 +51,9 @@ class Outcome:
 
 
 def shares_s(targets: Sequence[Target], seconds: int) -> dict[str, int]:
-    """Of the time, by name; each gets a second at least."""
+    """Of the time, by name; each gets a second at least, and none of it is lost."""
     all_shares = sum(one.shares for one in targets)
-    return {one.name: max(1, seconds * one.shares // all_shares) for one in targets}
+    return {one.name: max(1, -(-seconds * one.shares // all_shares)) for one in targets}
 
 
 def fuzz(one: Target, seconds: int, folder: Path, seed: int, is_guided: bool) -> Outcome:
@@ -216,7 +216,8 @@ def main() -> int:
     show(outcomes)
     if any(one.findings for one in outcomes):
         return 1
-    if is_guided and sum(plan.values()) >= AFTER_A_CHANGE_S and not os.environ.get("CI"):
+    is_long = args.changed or args.seconds >= AFTER_A_CHANGE_S
+    if is_guided and is_long and not os.environ.get("CI"):
         stored.note_fuzzed(chosen)
         print(f"clean: written to {stored.FUZZED.relative_to(stored.CLONE)}")
     return 0

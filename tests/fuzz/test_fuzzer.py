@@ -88,6 +88,7 @@ def test_what_takes_too_long_or_too_much_is_a_finding() -> None:
 def test_time_is_shared_by_what_each_needs() -> None:
     shares = run.shares_s([target(name="a"), target(name="b", shares=3)], 400)
     assert shares == {"a": 100, "b": 300}
+    assert sum(run.shares_s(TARGETS, 600).values()) >= 600
 
 
 def test_a_changed_decoder_is_known_until_it_was_fuzzed(tmp_path: Path) -> None:
