@@ -303,7 +303,8 @@ class TwoClients:
         try:
             until_ns = self.rig.clock.now_ns() + _LAST_REPLY_NS
             while any(client.waiting for client in self.clients):
-                assert self.rig.clock.now_ns() < until_ns, self.clients
+                waiting = [client.waiting for client in self.clients]
+                assert self.rig.clock.now_ns() < until_ns, f"never answered: {waiting}"
                 self.run(10)
             self.run(10)
         finally:

@@ -185,8 +185,11 @@ def _seeds() -> Iterator[bytes]:
         if len(request) < 512:
             yield connect[0] + _piece(3, request)
             yield connect[0] + _opened() + _piece(3, request) + bytes([8, 100, 0])
-    frame = b'{"op":"frame","lease":"%s","seq":1,"level":[0,0.5,1,0]}' % _LEASE
-    yield connect[0] + connect[1] + _opened() + bytes([3, 1]) + _piece(3, frame)[2:]
+    frame = b'{"op":"frame","lease":"%s","seq":1,"level":[]}' % _LEASE
+    for level in (b"[0,0.5,1,0]", b"[0,0.5,1]"):
+        data = frame.replace(b"[]", level)
+        yield connect[0] + _opened() + _piece(3, data)
+        yield connect[0] + connect[1] + _opened() + bytes([3, 1]) + _piece(3, data)[2:]
     yield connect[2] + _piece(3, b"\x01state") + bytes([9])
     for message in engine_messages():
         if len(message) < 512:

@@ -21,8 +21,14 @@ _ODD = (
         b"\xcf" + b"\xff" * 8,
     ),
 )
+_NUMBER = re.compile(rb"-?\d[\d_.]*")
+_NUMBERS = (
+    *(b"0", b"-1", b"1", b"2", b"19", b"100", b"201", b"256", b"1001", b"10001", b"65536"),
+    *(b"0.0", b"-0.5", b"0.5", b"1.5", b"200.5", b"1e9", b"1e999", b"nan", b"9223372036854775808"),
+)
 _MOST_WORDS = 400
-_MOST_CHANGES = 6
+#: Mostly one: what is spoiled in many places is refused for the first.
+_CHANGES = (1, 1, 1, 2, 3, 6)
 
 
 def words(seeds: Iterable[bytes]) -> tuple[bytes, ...]:
@@ -48,7 +54,7 @@ class Mutator:
 
     def changed(self, before: bytes) -> bytes:
         data = bytearray(before)
-        for _ in range(self._dice.randint(1, _MOST_CHANGES)):
+        for _ in range(self._dice.choice(_CHANGES)):
             self._change(data)
         return bytes(data[: self._most_bytes])
 
@@ -56,7 +62,7 @@ class Mutator:
         dice = self._dice
         at = dice.randint(0, len(data))
         end = min(len(data), at + dice.choice((1, 1, 2, 4, 16, 64)))
-        match dice.randrange(7):
+        match dice.randrange(9):
             case 0:
                 data[at:end] = dice.choice(self._words)
             case 1:
@@ -71,5 +77,13 @@ class Mutator:
                 data[at:] = other[begin:]
             case 5:
                 data[at:end] = dice.randbytes(end - at)
-            case _ if at < len(data):
+            case 6 if at < len(data):
                 data[at] ^= 1 << dice.randrange(8)
+            case _:
+                self._change_number(data)
+
+    def _change_number(self, data: bytearray) -> None:
+        found = [number.span() for number in _NUMBER.finditer(data)]
+        if found:
+            begin, end = self._dice.choice(found)
+            data[begin:end] = self._dice.choice(_NUMBERS)
