@@ -17,7 +17,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack campaign record compare format install place activate uninstall clean
+.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack soak evidence campaign fuzz kills record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -141,6 +141,18 @@ bench-steady: $(VENV)/ready-dev ## What each stabilizer gives and takes on bodie
 campaign: $(VENV)/ready-dev ## Every fault that the fake can show, at every operation of an engine; goes on where it was cut (ARGS='--every 40': minutes)
 	$(BIN)/python tests/campaign/run.py $(ARGS)
 
+soak: $(VENV)/ready-dev ## A daemon that plays for an hour beside a load, and a thousand starts (ARGS='--seconds 60 --restarts 10')
+	$(BIN)/python tests/bench/soak.py $(ARGS)
+
+kills: $(VENV)/ready-dev ## A thousand kills of each kind: what flows, how long until it is safe, what is remembered; an hour (ARGS='--kills 20')
+	$(BIN)/python tests/bench/kills.py $(ARGS)
+
+evidence: $(VENV)/ready-dev ## The figures on safety, measured now on this machine, into docs/evidence.md; hours (ARGS=--short: minutes)
+	$(BIN)/python tests/bench/evidence.py $(ARGS)
+
+fuzz: $(VENV)/ready-fuzz ## Bytes from outside against every decoder and a whole engine, for an hour (SECONDS=600, ARGS='requests', ARGS=--list)
+	$(BIN)/python tests/fuzz/run.py $(if $(SECONDS),--seconds $(SECONDS)) $(ARGS)
+
 bench-attack: $(VENV)/ready-dev ## A stop, and the gateway's memory, while strangers do to the gateway what they can (ARGS=--json)
 	$(BIN)/python tests/bench/attack.py $(ARGS)
 
@@ -172,6 +184,10 @@ $(VENV)/ready-daemon: pyproject.toml | $(VENV)/bin/pip
 $(VENV)/ready-dev: pyproject.toml | $(VENV)/bin/pip
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@ $(VENV)/ready-daemon
+
+$(VENV)/ready-fuzz: $(VENV)/ready-dev
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,fuzz]'
+	@touch $@ $(VENV)/ready-dev $(VENV)/ready-daemon
 
 # Python is asked before venv is: a half-made environment would have to be cleaned up by hand.
 define require_python

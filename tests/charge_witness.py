@@ -103,10 +103,7 @@ class Witness:
         self._accounts_pc.append(self._account_pc())
 
     def _account_pc(self) -> list[float]:
-        return [
-            self._body.absolute_charge_pc(electrode)
-            for electrode in range(self._body.electrode_count)
-        ]
+        return self._body.absolute_charges_pc()
 
 
 def _carries_current(message: Message) -> bool:

@@ -17,6 +17,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("anew", deadline=None)
 settings.register_profile("the-same", deadline=None, derandomize=True)
+# On the command line, for what is not to be bounded by a minute: --hypothesis-profile=long
+settings.register_profile("long", deadline=None, max_examples=10_000)
 settings.load_profile("the-same" if os.environ.get("CI") else "anew")
 
 

@@ -366,10 +366,7 @@ class Oracle:
             if self._has_only_a_probe(visit) and self._is_excused(visit, told):
                 continue
             assert clamps, f"electrode {visit.electrode} was clamped, and nobody was told"
-            assert all(
-                0 <= clamp.allowed_ua < clamp.wanted_ua and clamp.limited_by >= 0
-                for clamp in clamps
-            )
+            assert all(0 <= it.allowed_ua < it.wanted_ua and it.limited_by >= 0 for it in clamps)
 
     def _is_excused(self, visit: Visit, told: Scan) -> bool:
         """A probe with no pulse behind it: named as thinned, or its frame's time was over, or that

@@ -36,7 +36,7 @@ from etd.stabilize.pipeline import Stabilizer
 from etd_hal.backend import Backend
 from etd_hal.compose import codec_of
 from etd_hal.fake.board import FakeBoard
-from etd_hal.fake.clock import LiveClock, SteppedClock
+from etd_hal.fake.clock import BoardClock, LiveClock, SteppedClock
 from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.machines import PI4, MachineModel
@@ -44,6 +44,7 @@ from etd_hal.fake.processor import Processor
 from etd_hal.fake.trace import Trace
 from etd_hal.fake.world import Touchable
 from etd_hal.linesetup import line_setup, spi_setup
+from etd_hal.supply_note import SupplyNote
 from followed_trace import FollowedTrace
 from stepped_stopper import SteppedStopper
 
@@ -76,12 +77,14 @@ class EngineRig:
     is_sensing: bool = True
     #: Called before each turn with the time, for what the world does meanwhile.
     meanwhile: Callable[[int], None] = lambda _: None
+    #: What the stopper keeps.
+    supply_note: SupplyNote | None = None
     _ref: int = 0
     _seq: int = 0
     _alive_ns: int = 0
 
     def __post_init__(self) -> None:
-        self.stopper = SteppedStopper(self.engine, self.clock)
+        self.stopper = SteppedStopper(self.engine, self.clock, note=self.supply_note)
         self._turns = SensorCycle(self.engine.components.rail, self.engine.components.pressure)
         self.followed = FollowedTrace(self.sink)
 
@@ -114,6 +117,12 @@ class EngineRig:
                 self.reports.append(message)
             else:
                 self.others.append(message)
+
+    def stand_still_ms(self, duration_ms: int) -> None:
+        """The whole machine does: neither engine nor stopper has the processor."""
+        self.stopper.is_looking = False
+        self.clock.spend(duration_ms * 1_000_000)
+        self.stopper.is_looking = True
 
     def run_ms(self, duration_ms: float) -> None:
         """Turns until so much time has passed."""
@@ -201,17 +210,18 @@ class EngineRig:
     ) -> None:
         """After the engine has lost the one before. `frames_of` makes its end of the frames."""
         assert not self.engine.has_gateway
-        self._close_link()
+        self.close_link()
         self.commands, self.frames, self._engine_ends = _attach_gateway(self.engine, frames_of)
 
-    def _close_link(self) -> None:
+    def close_link(self) -> None:
+        """As the end of the engine's process does, and of the gateway's."""
         for channel in (self.commands, self.frames, *self._engine_ends):
             channel.close()
 
     def close(self) -> tuple[str, ...]:
         """The engine's end, and the fake's; what did not work, and what must never be done."""
         problems = (*self.engine.supervisor.end(), *self.fake.violations)
-        self._close_link()
+        self.close_link()
         return problems
 
     @property
@@ -260,6 +270,7 @@ def make(
     machine_clock: SteppedClock | None = None,
     processor: Processor | None = None,
     machine: MachineModel = PI4,
+    supply_note: SupplyNote | None = None,
     reader: CalibrationReader | None = None,
 ) -> EngineRig:
     """An engine that has begun, with a gateway attached. `wrap` may put something before a port;
@@ -283,7 +294,28 @@ def make(
         sensors=loaded.array.pressure,
         machine=machine,
     )
+    return rig_on(
+        *(loaded, fake, clock, sink, wrap, stabilizers, untested, tell, supply_note, board_clock),
+        reader=reader,
+    )
+
+
+def rig_on(
+    loaded: LoadedConfig,
+    fake: FakeBoard,
+    clock: SteppedClock,
+    sink: io.BytesIO,
+    wrap: Callable[[Backend], Backend] = lambda backend: backend,
+    stabilizers: Sequence[Stabilizer] | None = None,
+    untested: Callable[[], str | None] = lambda: None,
+    tell: Callable[[str], object] = lambda _: None,
+    supply_note: SupplyNote | None = None,
+    board_clock: BoardClock | None = None,
+    reader: CalibrationReader | None = None,
+) -> EngineRig:
+    """The same on a board that is there, whose lines nothing holds."""
     ports = fake.request(line_setup(loaded.board), spi_setup(loaded.board))
+    board_clock = board_clock or clock
     backend = Backend(
         "fake",
         *(ports.spi, ports.gpio, ports.i2c, board_clock, ports.marker, ports.close),
@@ -298,10 +330,12 @@ def make(
         wrap(backend),
         stabilizers=stabilizers,
         untested=untested,
+        supply_note=supply_note,
         calibrations=reader or GivenCalibrations(given),
     )
     engine.supervisor.begin(tell)
-    return EngineRig(engine, fake, clock, sink, *_attach_gateway(engine), given)
+    link = _attach_gateway(engine)
+    return EngineRig(engine, fake, clock, sink, *link, given, supply_note=supply_note)
 
 
 def _attach_gateway(

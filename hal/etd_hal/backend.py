@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from etd_hal.bench import UNKNOWN_CORE, Host, KillTestProcess, Operator, ScanCore
@@ -48,9 +49,16 @@ class Beside(Protocol):
     """Starts processes beside the scan's, and does not wait until they have come up."""
 
     def stopper(
-        self, latch: CutLatch, safe_changes: Changes, priority: int | None, scan_core: int | None
+        self,
+        latch: CutLatch,
+        safe_changes: Changes,
+        note: Path | None,
+        priority: int | None,
+        scan_core: int | None,
     ) -> StopperTask:
-        """The stopper: its only access to the board is setting the outputs to `safe_changes`."""
+        """The stopper: its only access to the board is setting the outputs to `safe_changes`. It
+        keeps the `supply_note` there.
+        """
         ...
 
     def sensors(

@@ -13,14 +13,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
 
 from etd_hal.bench import StopName
-from etd_hal.boardfile import BoardFile, EdgeInput, Guards, MachineFile, Relays
+from etd_hal.board_lines import edge_of, safe_changes, stop_lines, window_ms
+from etd_hal.boardfile import BoardFile, MachineFile, Relays
 from etd_hal.chips.codec import Codec
 from etd_hal.chips.hv507 import HalfBridgeSwitch
 from etd_hal.chips.relay595 import RelaySwitch
-from etd_hal.cutlatch import CutLatch
+from etd_hal.cutlatch import WINDOW_NS, CutLatch
 from etd_hal.errors import BoardFault
 from etd_hal.guard import Guard
 from etd_hal.phase import Pulse, PulseResult
@@ -57,8 +57,9 @@ class Board:
         self._bare_spi, self._bare_gpio = spi, gpio
         #: Shared with the stopper.
         self.cut = CutLatch()
+        self.cut.words[WINDOW_NS] = window_ms(file.guards) * 1_000_000
         #: The levels of the safe state, in one call; all that the stopper ever sets.
-        self.safe_changes = _safe_changes(file)
+        self.safe_changes = safe_changes(file)
         self.guard = Guard(file, machine, spi, gpio, clock, self.cut, self.safe_changes)
         self.switch = _switch(file, self.guard.gpio, clock)
         self._selections = Selections(file)
@@ -75,9 +76,9 @@ class Board:
         self._rest_ns = file.rest_us * 1_000
         self._node_v = file.source.node_uv_per_code / 1_000_000
         self.rules = SourceRules.of(file.source)
-        self._stop_lines = _stop_lines(file.guards)
+        self._stop_lines = stop_lines(file.guards)
         self._stop_names = {line: name for name, line in self._stop_lines.items()}
-        self._trigger, self._too_strong = _edge_of(file.trigger), _edge_of(file.too_strong)
+        self._trigger, self._too_strong = edge_of(file.trigger), edge_of(file.too_strong)
         self._triggers_ns: list[int] = []
         self._presses_ns: list[int] = []
 
@@ -424,25 +425,3 @@ def _switch(file: BoardFile, gpio: Gpio, clock: Clock) -> Switch:
     if isinstance(file.switch, Relays):
         return RelaySwitch(gpio, clock, file.switch, readback)
     return HalfBridgeSwitch(gpio, file.switch.lines, file.switch.outputs, readback)
-
-
-def _stop_lines(guards: Guards) -> dict[StopName, int]:
-    lines: dict[StopName, int | Literal["absent"]] = {
-        "emergency_stop": guards.emergency_stop,
-        "wearer_stop": guards.wearer_stop,
-    }
-    return {name: line for name, line in lines.items() if line != "absent"}
-
-
-def _edge_of(found: EdgeInput | Literal["absent"]) -> tuple[int, int] | None:
-    """Its line, and the level after the edge that counts."""
-    return None if found == "absent" else (found.line, int(found.edge == "rising"))
-
-
-def _safe_changes(file: BoardFile) -> Changes:
-    """One call: the switch's lines, and the supply off. One call cannot open relays."""
-    enable = file.guards.hv_enable
-    supply: Changes = () if enable == "absent" else ((enable.line, 1 - enable.on),)
-    switch = file.switch
-    blanked = ((getattr(switch.lines, name), level) for name, level in switch.safe_levels)
-    return tuple(sorted((*blanked, *supply)))

@@ -64,7 +64,8 @@ def open_linux(board: BoardFile, machine: MachineFile) -> Backend:
     spi, gpio, i2c, clock = open_ports(board, machine, line_setup(board))
     backend = _on_kernel(board, spi, gpio, i2c, clock)
     device = None if board.i2c == "absent" else board.i2c
-    return dataclasses.replace(backend, beside=LinuxBeside(gpio, device))
+    facts = (*backend.facts, gpio.fact)
+    return dataclasses.replace(backend, facts=facts, beside=LinuxBeside(gpio, device))
 
 
 def _on_kernel(

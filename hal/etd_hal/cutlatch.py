@@ -1,7 +1,8 @@
 """The words shared by the process that drives a board and the stopper beside it.
 
-Owns: the time by which the message under way must have returned, and the count of cuts.
-Must not know: ports, clocks, processes, how the stopper works.
+Owns: the time by which the message under way must have returned, the driving side's sign of life,
+the count of cuts and why, and what is known of the supply. Must not know: ports, clocks, processes,
+how the stopper works.
 
 Each word is written by one side alone and read by the other, without a lock, because neither side
 may wait for the other. The order of the writes is what makes that safe:
@@ -29,7 +30,20 @@ from etd_hal.shared_memory import WORD_BYTES, SharedMemory
 DUE_NS, SEEN = 0, 1
 #: By the stopper: how many cuts it has made, and when its last check began.
 CUTS, LOOKED_NS = 2, 3
-SIZE = 4 * WORD_BYTES
+#: By the driving side: when it last polled; for how long it may be silent while the supply is on
+#: (0: it is not judged); and how often the supply was switched or a halt was cleared: odd while the
+#: supply may be on.
+ALIVE_NS, WINDOW_NS, POWER = 4, 5, 6
+#: By the stopper: why the first cut that was not seen was made; which POWER is on the disk, and the
+#: error number of the last note that could not be kept.
+CAUSE, NOTED, NOTE_ERROR = 7, 8, 9
+SIZE = 10 * WORD_BYTES
+#: What CAUSE says.
+OVERDUE, SILENT = 1, 2
+_WHY = {
+    OVERDUE: "because a message was overdue",
+    SILENT: "because the engine was silent for longer than the heartbeat's window",
+}
 
 
 class CutLatch:
@@ -55,12 +69,17 @@ class CutLatch:
         cuts = self.words[SEEN] = self.words[CUTS]
         return cuts
 
+    @property
+    def why(self) -> str:
+        """Why the first cut was made that had not been seen, as a clause."""
+        return _WHY.get(self.words[CAUSE], "for no reason that is known")
+
     def check(self) -> None:
         """Raises: BoardFault while a cut stands."""
         if self.is_cut:
             self.see()
             raise BoardFault(
                 "outputs",
-                "cut off by the stopper, because a message was overdue",
+                f"cut off by the stopper, {self.why}",
                 "a board that was made safe since",
             )

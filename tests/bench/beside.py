@@ -20,6 +20,7 @@ from etd.sensing.readings import Readings
 from etd.sensing.sensors import slots_of
 from etd_hal.cutlatch import CutLatch
 from etd_hal.fake.machines import MACHINES
+from etd_hal.linux.beside import stopper_process
 from etd_hal.linux.side_process import SideProcess
 
 _SECONDS, _QUICK_S = 20.0, 3.0
@@ -63,12 +64,7 @@ def _shipped() -> tuple[ProcessFacts, ProcessFacts, float]:
     readings = Readings(slots_of(loaded.array))
     lines, memory = os.dup(latch.memory.fd), readings.memory.fd
     module, files = "etd.sensing.process", msgspec.json.encode((loaded.board, loaded.array))
-    stopper = SideProcess(
-        "the stopper",
-        "etd_hal.linux.stopper_process",
-        (latch.memory.fd, lines, bytes(16), None, None),
-        (latch.memory.fd, lines),
-    )
+    stopper = stopper_process(latch, lines, bytes(16), None, None, None)
     sensors = SideProcess(
         "the sensors",
         "etd_hal.linux.sensor_process",

@@ -23,7 +23,7 @@ from etd.protocol.messages import Limits
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
 from etd_hal.compose import codec_of
-from etd_hal.cutlatch import LOOKED_NS
+from etd_hal.cutlatch import LOOKED_NS, NOTED, POWER
 from etd_hal.ports import Changes, Clock, Edge, Message, Wait
 from etd_hal.unwired import NoMarker
 
@@ -257,7 +257,9 @@ def _turn(engine: Engine) -> None:
 
 def check_stopper(engine: Engine) -> None:
     """As the stopper leaves it."""
-    engine.components.board.cut.words[LOOKED_NS] = engine.components.backend.clock.now_ns()
+    words = engine.components.board.cut.words
+    words[LOOKED_NS] = engine.components.backend.clock.now_ns()
+    words[NOTED] = words[POWER]
 
 
 def _drain(channel: Channel[ToGateway]) -> None:

@@ -25,8 +25,9 @@ from etd.sensing.sensors import PressureSensors, RailSensor, SensorThread, slots
 from etd_hal.backend import SideTask, StopperTask
 from etd_hal.boardfile import BoardFile, load_board
 from etd_hal.cutlatch import SIZE, CutLatch
-from etd_hal.linux import realtime, side_process
+from etd_hal.linux import death_mark, realtime, side_process
 from etd_hal.linux.clock import LinuxClock
+from etd_hal.linux.death_mark import DeathMark
 from etd_hal.linux.scan_core import scan_core as read_scan_core
 from etd_hal.linux.side_process import SideProcess
 from etd_hal.linux.stopper_process import watch
@@ -61,10 +62,20 @@ class Processes:
         self._given = (str(folder), str(library), str(board))
 
     def stopper(
-        self, latch: CutLatch, safe_changes: Changes, priority: int | None, scan_core: int | None
+        self,
+        latch: CutLatch,
+        safe_changes: Changes,
+        note: Path | None,
+        priority: int | None,
+        scan_core: int | None,
     ) -> StopperTask:
-        arguments = ("stopper", *self._given, latch.memory.fd, priority, scan_core)
-        return SideProcess("the stopper", __name__, arguments, (latch.memory.fd,))
+        engine = os.pidfd_open(os.getpid())
+        try:
+            fds = latch.memory.fd, engine, death_mark.take()
+            arguments = ("stopper", *self._given, *fds, priority, scan_core)
+            return SideProcess("the stopper", __name__, arguments, fds)
+        finally:
+            os.close(engine)
 
     def sensors(
         self,
@@ -91,15 +102,15 @@ def _stop(
     folder: Path,
     calls: SystemCalls,
     latch: int,
+    engine: int,
+    mark: int,
     priority: int | None,
     scan_core: int | None,
 ) -> None:
     connection = side_process.begin(control, realtime.set_up_beside(priority, scan_core))
     checks, memory = Checks(), SharedMemory(SIZE, latch)
-    watch(
-        connection,
-        Stopper(memory.words, checks.now_ns, calls.set_lines),
-    )
+    stopper = Stopper(memory.words, checks.now_ns, calls.set_lines)
+    watch(connection, stopper, engine, DeathMark(mark))
     checks.save(folder)
 
 
@@ -130,7 +141,12 @@ class Threads:
         self._checks = Checks()
 
     def stopper(
-        self, latch: CutLatch, safe_changes: Changes, priority: int | None, scan_core: int | None
+        self,
+        latch: CutLatch,
+        safe_changes: Changes,
+        note: Path | None,
+        priority: int | None,
+        scan_core: int | None,
     ) -> StopperTask:
         assert priority is not None
         thread = StopperThread(

@@ -71,6 +71,10 @@ class AccountedBody:
         """What flowed until now, also of a current that still flows."""
         self._body.node_voltage_v(now_ns)
         self._count()
+        return self.counted()
+
+    def counted(self) -> Account:
+        """What flowed until the source or a side was changed last; moves no time."""
         return Account(
             tuple(self._alone_pc),
             tuple(self._shared_pc),

@@ -97,6 +97,23 @@ def test_a_number_of_thousands_of_digits_is_refused_in_a_sentence(
     assert len(answer.error) < 500
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("key.json", '{"etd_pattern": 1, "electro\\ud800des": 4}'),
+        ("value.json", '{"electrodes": [{"x": "\\uDFFF", "y": 0}, {"x": 1, "y": 0}]}'),
+        ("mended.json", '{"Pattern_Data": [[1]], "half\\udc00": word,}'),
+    ],
+)
+def test_half_of_a_pair_of_surrogates_is_refused_in_a_sentence(
+    tmp_path: Path, name: str, text: str
+) -> None:
+    answer = checked(tmp_path, name, text.encode())
+    assert "half of a character" in str(answer.error)
+    whole = '{"etd_pattern": 1, "electrodes\\ud83d\\ude00": 4}'
+    assert "half of a character" not in str(checked(tmp_path, name, whole.encode()).error)
+
+
 def test_names_of_many_parts_are_refused_and_numbers_with_points_are_not(tmp_path: Path) -> None:
     answer = checked(tmp_path, "a.toml", b".".join([b"a"] * 40) + b" = 1\n")
     assert answer.error is not None

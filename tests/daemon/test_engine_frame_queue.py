@@ -165,7 +165,7 @@ def test_what_one_look_leaves_after_a_stall_is_as_old_as_the_stall(make_rig: Mak
         assert rig.frames.send(frame(seq, ttl_ms=200))
     for _ in range(8):
         rig.commands.send(Alive())
-        rig.clock.spend(50 * MS)
+        rig.stand_still_ms(50)
     rig.commands.send(Alive())
     since_ns = rig.clock.now_ns()
     rig.run_ms(60)

@@ -189,10 +189,10 @@ def test_a_silent_frame_is_shown_without_a_pulse(make_rig: MakeRig) -> None:
 
 
 def stall(rig: EngineRig, duration_ms: int, **frame: object) -> None:
-    """The engine does not run for a while, and its gateway goes on sending."""
+    """Engine and stopper do not run for a while, and the gateway goes on sending."""
     for _ in range(duration_ms // 50):
         rig.commands.send(Alive())
-        rig.clock.spend(50 * MS)
+        rig.stand_still_ms(50)
     rig.commands.send(Alive())
 
 

@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 import zmq
 
-from etd.protocol.link import ArmBoard, Report, StopNow
+from etd.protocol.link import ArmBoard, PulseBatch, Report, StopNow
 from etd.protocol.messages import Marked, RefusedReport
+from etd.protocol.pulse_row import ROW_BYTES
 from gateway_rig import PATIENCE, GatewayRig
 from raw_client import connected, hello, part
 from scripted_engine import ScriptedEngine
@@ -212,3 +213,17 @@ def test_bytes_that_are_no_message_of_the_engines_end_the_link() -> None:
         rig.until(lambda: rig.call(op="status")["status"]["engine"] == "gone")
 
         assert rig.counter("engine_unreadable") == 1
+
+
+@pytest.mark.parametrize("rows", [b"abc", bytes(ROW_BYTES - 1), b"\xff" * ROW_BYTES])
+def test_pulses_that_are_none_end_the_link_and_neither_the_gateway_nor_its_record(
+    rows: bytes,
+) -> None:
+    with GatewayRig() as rig:
+        assert rig.call(op="record", do="start", name="p01")["ok"]
+        rig.engine.say(PulseBatch(rows=rows))
+        rig.until(lambda: not rig.engine.is_connected)
+        rig.clock.t_ns += 1_000_000_000
+        rig.until(lambda: rig.call(op="status")["status"]["engine"] == "there")
+        assert rig.counter("engine_unreadable") == 1
+        assert rig.call(op="note", text="still written")["ok"]

@@ -98,7 +98,7 @@ def test_a_frame_that_asks_for_longer_is_refused_with_what_would_last() -> None:
     assert told.lasts_ms == int(1e3 * exact_s)
     assert told.lasting_hz == pytest.approx(60 * 9.76 / 14.4, abs=0.1)
     filled = NetCharge(N, BOUND_PC)
-    filled.add(3, 6e6, None, 0)
+    filled.add(3, 9e6, None, 0)
     with pytest.raises(Refused) as refusal:
         made.plan(
             frame(current_ua=one_at(2_400), width_us=100, rate_hz=60.0, ttl_ms=1_000),
@@ -120,7 +120,7 @@ def test_a_frame_at_the_lasting_rate_lasts() -> None:
 def test_a_few_pulses_are_shown_however_strong_they_would_be_for_ever() -> None:
     filled = NetCharge(N, BOUND_PC)
     filled.add(3, 6e6, None, 0)
-    asked = frame(current_ua=one_at(2_400), width_us=100, rate_hz=60.0, ttl_ms=1_000, pulses=10)
+    asked = frame(current_ua=one_at(2_400), width_us=100, rate_hz=60.0, ttl_ms=1_000, pulses=2)
     assert planner().plan(asked, outlook(filled.all(0))).schedule
 
 

@@ -169,10 +169,14 @@ def cut_after_a_pulse(trace: list[Record]) -> None:
 
 
 def cut_before_the_last_clear(trace: list[Record]) -> None:
-    """The trace ends where outputs are blanked but the latch still holds an electrode."""
+    """The trace ends where outputs are blanked but the latch still holds an electrode: behind the
+    look at the latch, which leaves none.
+    """
     del trace[index_of(trace, bus="engine", event="frame") + 1 :]
-    while not (trace[-1].get("line") == line_of(trace, "BL") and trace[-1]["value"] == 0):
+    for _ in range(2):
         trace.pop()
+        while not (trace[-1].get("line") == line_of(trace, "BL") and trace[-1]["value"] == 0):
+            trace.pop()
 
 
 def hurry(trace: list[Record]) -> None:

@@ -98,6 +98,13 @@ class Daemon:
             _CLOCK.sleep_until_ns(clock.now_ns() + _PAUSE_NS)
         raise AssertionError(f"never {fields}: {said}")
 
+    def clear_crash(self) -> None:
+        """Wait for an engine, and clear what a kill of the one before it has left."""
+        if self.wait_until(engine="there").state == "HALTED":
+            with Display(address=self.address) as display:
+                display.clear()
+        self.wait_until(engine="there", state="SAFE")
+
     def make_safe(self) -> subprocess.CompletedProcess[str]:
         """`etd safe`, as the unit's ExecStopPost= runs it."""
         return subprocess.run(

@@ -59,7 +59,7 @@ def main(config: Path, folder: Path) -> int:
             as_the_unit_does()
             said = lambda: print(f"ready {os.getpid()}", flush=True)  # noqa: E731
             backend = open_linux(loaded.board, loaded.machine)
-            os._exit(run_engine(loaded, backend, folder, tested, said))
+            os._exit(run_engine(loaded, backend, folder, tested, said, folder / "supply.json"))
         os.waitpid(pid, 0)
         print("ended", flush=True)
     return 0

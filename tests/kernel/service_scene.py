@@ -224,6 +224,16 @@ def wait_for_state(state: str) -> StateReport:
     return wait(there, f"an engine that is there and {state}")
 
 
+def clear_crash() -> None:
+    """As an operator does after an engine that was killed with the supply on."""
+    halt = wait_for_state("HALTED").halt
+    assert halt is not None
+    assert halt.source == "crash", halt
+    assert "killed" in halt.detail
+    said_by("etd", "clear")
+    wait_for_state("SAFE")
+
+
 def play(pattern: Path, levels: dict[int, float]) -> subprocess.CompletedProcess[str]:
     """A person plays these electrodes' levels of 1000 uA for a second (docs/bring-up.md)."""
     level = [levels.get(electrode, 0.0) for electrode in range(64)]

@@ -79,7 +79,9 @@ def test_each_frame_is_up_for_its_time(rig: CommandRig) -> None:
 
 def test_a_long_frame_stands_without_a_gap(rig: CommandRig) -> None:
     trace = rig.folder / "trace.jsonl"
-    frames = [{"duration_ms": 1, "active": [0]}, {"duration_ms": 2500, "active": [5]}]
+    # At 0.3, direct current lasts for ever: a single electrode at 1 has its net charge in a second.
+    weak = [0.3 if electrode == 5 else 0 for electrode in range(8)]
+    frames = [{"duration_ms": 1, "active": [0]}, {"duration_ms": 2500, "level": weak}]
     told = rig.run("play", pattern(rig, frames), "--board", "fake", "--trace", str(trace), "--json")
     assert told.status == 0, told.err
     felt = [entry["from_ns"] for entry in events(trace) if entry.get("electrode") == 5]
@@ -122,6 +124,16 @@ def test_a_frame_that_is_stronger_than_all_before_is_up_for_its_time_as_asked(
     ]
     strong = [entry["from_ns"] for entry in found if entry["asked_ua"] >= 2_490]
     assert strong[-1] - strong[0] > 250e6
+
+
+def test_a_frame_that_cannot_stand_for_its_time_is_refused_as_it_begins(rig: CommandRig) -> None:
+    """Its direct current would last a second."""
+    frames = [{"duration_ms": 1, "active": [0]}, {"duration_ms": 2500, "active": [5]}]
+    told = rig.run("play", pattern(rig, frames), "--board", "fake", "--json")
+    assert told.status == 1
+    assert told.answer["error"] == "over_maximum"
+    assert "frame 1: electrode 5: the frame is to stand for 2500 ms" in told.answer["reason"]
+    assert "biphasic" in told.answer["reason"]
 
 
 def test_a_pattern_is_repeated(rig: CommandRig) -> None:

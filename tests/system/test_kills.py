@@ -2,7 +2,7 @@
 
 What docs/architecture.md promises is asserted here from the board's own trace: how long until the
 skin is silent, that every message that began ended at zero, what the other process says, and that
-a restart comes up in SAFE.
+a restart comes up silent, and HALTED where the one before was killed with the supply on.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import trace_rules
 from board_process import RunningBoard, running_board
 from command_rig import WITHIN_S
 from etd.client import Display, clock
-from etd.protocol.errors import EtdError
+from etd.protocol.errors import EtdError, Refused
 from etd.protocol.messages import StateReport
 from etd_hal.boardfile import load_board
 
@@ -221,7 +221,15 @@ def test_a_killed_engine_ends_its_message_and_safe_deselects(pulses: int) -> Non
 
         running.start("engine")
         report = running.wait_until("back", engine="there")
-        assert (report.state, report.holder) == ("SAFE", None)
+        assert (report.state, report.holder) == ("HALTED", None)
+        assert report.halt is not None
+        assert report.halt.source == "crash"
+        display = Display(address=running.address, max_current_ua=1000, width_us=100)
+        with display, pytest.raises(Refused, match="the last engine was killed with the supply on"):
+            display.arm()
+        with Display(address=running.address) as display:
+            display.clear()
+        running.wait_until("cleared", state="SAFE", halt=None)
         assert last_pulse_ns(running.board) <= killed_ns + SLACK_NS, "a restart fired"
 
 

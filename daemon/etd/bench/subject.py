@@ -33,7 +33,7 @@ from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
 from etd_hal.boardfile import MachineFile
 from etd_hal.chips.codec import Codec
-from etd_hal.cutlatch import LOOKED_NS
+from etd_hal.cutlatch import LOOKED_NS, NOTED, POWER
 from etd_hal.ports import Clock
 from etd_hal.unwired import Mark, MarkedClock, NoMarker, SpendingClock, UnwiredGpio, UnwiredSpi
 from etd_hal.wakeups import WakeUps
@@ -195,8 +195,9 @@ class Subject:
     def _step(self) -> None:
         engine = self.engine
         # No stopper runs: what it does beside a pulse is not measured.
-        board = engine.components.board
-        board.cut.words[LOOKED_NS] = engine.components.backend.clock.now_ns()
+        words = engine.components.board.cut.words
+        words[LOOKED_NS] = engine.components.backend.clock.now_ns()
+        words[NOTED] = words[POWER]
         engine.step()
         while (message := self._commands.receive()) is not None:
             if isinstance(message, Answer) and message.error is not None:

@@ -26,10 +26,12 @@ from etd.files.paths import (
     CONTROL,
     calibrations_folder,
     check_name,
+    make_own,
     prepare_runtime,
     runtime_folder,
     selftest_file,
     state_folder,
+    supply_note_file,
     why_unreachable,
 )
 from etd.files.resources import config_dir
@@ -255,9 +257,17 @@ def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) ->
         _shipped_calibrations() if is_fake else None,
         None if core == "any" else core,
     )
-    selftest = _selftest_file(args, loaded)
+    selftest, note = _selftest_file(args, loaded), _supply_note_file(args, loaded)
+    # Where this cannot be had, arming is refused with the reason; the board is made safe anyway.
+    with contextlib.suppress(FileError, OSError):
+        make_own(note.parent, 0o700)
     return run_engine(
-        loaded, _open_backend(args, loaded), folder, selftest, calibrations=calibrations
+        loaded,
+        _open_backend(args, loaded),
+        folder,
+        selftest,
+        calibrations=calibrations,
+        supply_note=note,
     )
 
 
@@ -268,6 +278,13 @@ def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
     if args.folder is not None and loaded.config.backend == "fake":
         return Path(args.folder) / "state" / "selftest-fake.json"
     return kept_selftest(args.name, loaded)
+
+
+def _supply_note_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
+    """Raises: FileError."""
+    named = args.state is not None or args.folder is not None
+    given = _state_folder(args, args.folder or Path()) if named else None
+    return supply_note_file(args.name, loaded.config.backend, given)
 
 
 def _state_folder(args: argparse.Namespace, folder: Path) -> Path:

@@ -60,6 +60,7 @@ def lines_of(name: str, report: StateReport, facts: HelloReply | None) -> list[s
         ("supply", _supply(report)),
         ("absent guards", ", ".join(report.absent_guards) or "none"),
         *(("not granted", sentence) for sentence in report.not_granted),
+        *(("machine", sentence) for sentence in report.machine),
         ("busy", f"{report.busy_percent:.0f} %; {report.busy_at_most}".removesuffix("; ")),
     ]
     if report.timeout_factor != 1:

@@ -241,19 +241,19 @@ class Playing:
 
     # --- sending -----------------------------------------------------------------------------
 
-    def _stand(self, step: Step, is_held: bool = False) -> Course[Standing]:
+    def _stand(self, step: Step, is_held: bool = False, is_again: bool = False) -> Course[Standing]:
         ttl_ms = MAX_TTL_MS if is_held else min(MAX_TTL_MS, step.duration_ms + SLACK_MS)
         sent_ns = self._now_ns()
-        reply = yield from self._send(step, ttl_ms)
+        reply = yield from self._send(step, ttl_ms, is_again)
         return Standing(step, {reply.seq}, sent_ns, sent_ns + ttl_ms * _MS)
 
     def _renew(self, standing: Standing) -> Course[None]:
         """Send the same frame again; its duration continues."""
-        again = yield from self._stand(standing.step, is_held=standing.is_held)
+        again = yield from self._stand(standing.step, standing.is_held, is_again=True)
         standing.seqs |= again.seqs
         standing.sent_ns, standing.expires_ns = again.sent_ns, again.expires_ns
 
-    def _send(self, step: Step, ttl_ms: int) -> Course[FrameReply]:
+    def _send(self, step: Step, ttl_ms: int, is_again: bool = False) -> Course[FrameReply]:
         try:
             reply: FrameReply = yield self._session.frame(self._fields(step, ttl_ms))
         except Refused as refusal:
@@ -261,6 +261,9 @@ class Playing:
         self._kept_ns = self._now_ns()
         for shortfalls in reply.slowed:
             self._note_rate(shortfalls)
+            lasts_ms = shortfalls.lasts_ms
+            if not is_again and lasts_ms is not None and lasts_ms < step.duration_ms:
+                raise _named(_too_long(shortfalls, step), step)
         return reply
 
     def _fall_silent(self, step: Step) -> Course[None]:
@@ -275,6 +278,17 @@ class Playing:
         if shortfalls.rate_hz is not None:
             lowest_hz = self._tally.slowed_to_hz or shortfalls.rate_hz
             self._tally.slowed_to_hz = min(lowest_hz, shortfalls.rate_hz)
+
+
+def _too_long(told: Shortfall, step: Step) -> Refused:
+    slower = f" at rate_hz {told.lasting_hz:.1f}," if told.lasting_hz else ""
+    return Refused(
+        "over_maximum",
+        f"electrode {told.electrode}: the frame is to stand for {step.duration_ms} ms, and its net"
+        f" charge lets it last {told.lasts_ms} ms: show it for less long,{slower} or with polarity"
+        ' "biphasic" (docs/protocol.md, net charge)',
+        told.electrode,
+    )
 
 
 def _halted(halt: Halt) -> Refused:

@@ -112,7 +112,9 @@ class OpenAccount:
                 electrode=None, reason="rate", rate_hz=self._rate_hz, bound_by="processor"
             )
             found.append(slowed)
-        return (*self._plan.slowed, *found)
+        # How long its net charge would let it last is no pulse that was not fired.
+        planned = [told for told in self._plan.slowed if told.rate_hz is not None]
+        return (*planned, *found)
 
 
 class Accounts:

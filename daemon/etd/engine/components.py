@@ -43,6 +43,7 @@ from etd.stabilize.settings import pipeline
 from etd_hal.backend import Backend
 from etd_hal.board import Board
 from etd_hal.ports import Clock
+from etd_hal.supply_note import SupplyNote
 
 
 @dataclass(slots=True)
@@ -95,6 +96,7 @@ def components_of(
     backend: Backend,
     reader: CalibrationReader,
     stabilizers: Sequence[Stabilizer] | None = None,
+    supply_note: SupplyNote | None = None,
 ) -> Components:
     """`stabilizers` None: those of the body-site file."""
     source, electrodes = loaded.board.source, loaded.array.count
@@ -128,7 +130,7 @@ def components_of(
         host_clock=backend.host_clock,
         timeouts=timeouts,
         board=board,
-        stopper_liveness=StopperLiveness(board.cut),
+        stopper_liveness=StopperLiveness(board.cut, supply_note),
         gateway_link=dialogue,
         opening=Opening(reader),
         reporter=reporter,

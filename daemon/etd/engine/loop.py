@@ -25,6 +25,7 @@ from etd.protocol.errors import BoardFault, BusError, GuardRefusal
 from etd.protocol.link import Channel, NewFrame, ToEngine
 from etd.stabilize.pipeline import Stabilizer
 from etd_hal.backend import Backend
+from etd_hal.supply_note import SupplyNote
 
 
 class Engine:
@@ -38,15 +39,17 @@ class Engine:
         stabilizers: Sequence[Stabilizer] | None = None,
         feed_watchdog: Callable[[int], None] = lambda _: None,
         untested: Callable[[], str | None] = lambda: None,
+        supply_note: SupplyNote | None = None,
         calibrations: CalibrationReader | None = None,
     ) -> None:
         """`stabilizers` None: those of the body-site file. `calibrations` None: there are none, and
         leases are opened with limits. `untested` returns the sentence with
         which arming is refused because of the last self-test; it is called at each arming, and for
-        each state report while no current can flow.
+        each state report while no current can flow. `supply_note`: what the stopper keeps, and what
+        the last engine may have left.
         """
         self.components = components = components_of(
-            loaded, backend, calibrations or GivenCalibrations({}), stabilizers
+            loaded, backend, calibrations or GivenCalibrations({}), stabilizers, supply_note
         )
         self.supervisor = Supervisor(components, untested)
         self._poller = Poller(components, self.supervisor, feed_watchdog)

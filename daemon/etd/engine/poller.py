@@ -110,8 +110,7 @@ class Poller:
         """
         supervisor, problem = self._supervisor, self._liveness.problem
         if self._liveness.has_acted and supervisor.states.state != "HALTED":
-            why = "an SPI message was overdue; its outputs were cut off"
-            supervisor.halt("fault", "stopper", why)
+            supervisor.halt("fault", "stopper", self._liveness.why_acted)
         elif problem is not None and supervisor.is_powered:
             supervisor.halt("fault", "stopper", problem)
 

@@ -1,5 +1,5 @@
-"""From SAFE to a live board, for `arm` and `measure`: stopper alive, supply on, rail up, contact
-measured.
+"""From SAFE to a live board, for `arm` and `measure`: stopper alive, the supply noted and on, rail
+up, contact measured.
 
 Owns: the checks before, the waiting, and the probe scan. Must not know: sockets, frames, what is
 done with a live board. The engine's loop steps it, so that a stop is noticed in between.
@@ -24,6 +24,8 @@ Goal = Literal["arm", "measure"]
 UNWATCHED_SETTLE_NS = 500_000_000
 #: The sensor thread reads every few tens of milliseconds; a stuck bus blocks for a second.
 FIRST_READING_NS = 1_500_000_000
+#: A slow memory card takes a second for a small file.
+NOTED_WITHIN_NS = 5_000_000_000
 #: In rise times of the monitor's rail.
 _RISE_TIMES_ALLOWED = 2
 
@@ -99,12 +101,17 @@ class PowerUp:
         self._await_watch(self._begun_ns)
 
     def _await_watch(self, now_ns: int) -> None:
-        """The supply waits for its watches: the stopper's first check and the sensor thread's first
-        reading.
+        """The supply waits for its watches: the stopper's first check, its note of the supply, and
+        the sensor thread's first reading.
         """
         if not self._stopper.has_looked:
             if self._stopper.problem is not None:
                 raise Refused("arm_failed", self._stopper.problem)
+        elif not self._stopper.has_noted:
+            if now_ns - self._begun_ns > NOTED_WITHIN_NS:
+                raise Refused("arm_failed", "the disk takes seconds for a note of the supply")
+        elif self._stopper.note_problem is not None:
+            raise Refused("arm_failed", self._stopper.note_problem)
         elif not self._rail.is_there or self._rail.rail_v(now_ns) is not None:
             self._board.supply_on()
             self.is_on = True

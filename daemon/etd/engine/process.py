@@ -29,6 +29,7 @@ from etd.sensing.process import start as start_sensors
 from etd.sensing.sensors import SensorThread
 from etd_hal.backend import Backend, SideTask, StopperTask
 from etd_hal.stopper import Stopper
+from etd_hal.supply_note import SupplyNote
 
 _ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 #: The watchdog is fed this many times within its period.
@@ -41,15 +42,18 @@ def run_engine(
     folder: Path,
     selftest: Path,
     on_ready: Callable[[], None] = lambda: None,
+    supply_note: Path | None = None,
     calibrations: CalibrationProcess | None = None,
 ) -> int:
     """Drive the board until SIGTERM, SIGINT or SIGHUP. Main thread only.
 
     `folder` is the daemon's runtime folder, where the gateway finds the link; `selftest` is where
     the last self-test's report is kept; `calibrations` reads what leases are opened with (None:
-    limits only). Returns the exit status: 0, or 1 when the board could not be made safe at the end.
+    limits only); `supply_note` is what a crash is known by. Returns the exit status: 0, or 1 when
+    the board could not be made safe at the end.
     Raises: AlreadyRunning, BoardFault, BusError; the board has been made safe then.
     """
+    note = None if supply_note is None else SupplyNote(supply_note)
     listener = Listener(folder)
     notifier = Notifier()
     engine = Engine(
@@ -57,10 +61,11 @@ def run_engine(
         backend,
         feed_watchdog=_Feeder(notifier),
         untested=SelftestGate(selftest, subject_of(loaded, backend.name, backend.identity)),
+        supply_note=note,
         calibrations=calibrations,
     )
     try:
-        problems = _drive(engine, listener, notifier, on_ready)
+        problems = _drive(engine, listener, notifier, note, on_ready)
     finally:
         # In every case: `end` never raises, and may be called again.
         engine.supervisor.end()
@@ -75,7 +80,11 @@ def run_engine(
 
 
 def _drive(
-    engine: Engine, listener: Listener, notifier: Notifier, on_ready: Callable[[], None]
+    engine: Engine,
+    listener: Listener,
+    notifier: Notifier,
+    supply_note: SupplyNote | None,
+    on_ready: Callable[[], None],
 ) -> tuple[str, ...]:
     asked_to_end: list[int] = []
     loaded = engine.components.loaded
@@ -86,7 +95,7 @@ def _drive(
     before = {ending: signal.signal(ending, note) for ending in _ENDINGS}
     beside: list[SideTask] = []
     try:
-        stopper = _stopper_beside(engine)
+        stopper = _stopper_beside(engine, supply_note)
         beside.append(stopper)
         beside.append(_sensors_beside(engine))
         engine.supervisor.supply_changed = stopper.watch
@@ -94,9 +103,11 @@ def _drive(
         # measured as it will be used.
         refusals = [sentence for task in beside for sentence in task.refusals]
         engine.supervisor.not_granted = (*_realtime(engine), *refusals)
-        _print(_scan_core(engine))
+        for sentence in (*engine.components.backend.facts, _scan_core(engine)):
+            _print(sentence)
         engine.supervisor.begin(_print)
-        notifier.ready(f"SAFE, {loaded.board.name} on {engine.components.backend.name}")
+        state, backend = engine.supervisor.states.state, engine.components.backend.name
+        notifier.ready(f"{state}, {loaded.board.name} on {backend}")
         on_ready()
         while not asked_to_end:
             _accept_gateway(engine, listener)
@@ -125,14 +136,16 @@ def _accept_gateway(engine: Engine, listener: Listener) -> None:
         engine.attach(*channels)
 
 
-def _stopper_beside(engine: Engine) -> StopperTask:
+def _stopper_beside(engine: Engine, supply_note: SupplyNote | None) -> StopperTask:
     """Its priority is above the scan thread's."""
     parts, wanted = engine.components, engine.components.loaded.config.engine
     backend, board = parts.backend, parts.board
     priority = None if wanted.priority == "none" else wanted.priority + 1
     if backend.beside is not None:
-        return backend.beside.stopper(board.cut, board.safe_changes, priority, _core(engine))
-    stopper = Stopper(board.cut.words, backend.clock.now_ns, board.blank_now)
+        note = None if supply_note is None else supply_note.path
+        safe, core = board.safe_changes, _core(engine)
+        return backend.beside.stopper(board.cut, safe, note, priority, core)
+    stopper = Stopper(board.cut.words, backend.clock.now_ns, board.blank_now, supply_note)
     thread = StopperThread(
         stopper,
         lambda: None if priority is None else backend.set_up_urgent_thread(priority),

@@ -138,8 +138,10 @@ class Sequencer:
             self._told_fraction = self._clock.busy_fraction
             self._supervisor.report_state(now_ns)
         schedule, is_armed = self._active.schedule, self._supervisor.states.state == "ARMED"
-        is_showing = schedule is not None and not schedule.is_waiting
-        if is_armed and self._source_check.is_due(now_ns, is_showing=is_showing):
+        room_ns = None
+        if schedule is not None and not schedule.is_waiting:
+            room_ns = schedule.next_ns - now_ns
+        if is_armed and self._source_check.is_due(now_ns, room_ns):
             return True
         if schedule is None or not is_armed:
             self._lateness.reset()
@@ -268,7 +270,7 @@ class Sequencer:
         if not schedule.is_over(now_ns, _CONTACT_POLL_NS):
             return
         if schedule.plan.schedule:
-            self._rewrite(schedule.plan.schedule[0].selection)
+            self._rewrite(schedule.plan.schedule[0].selection, schedule.next_ns)
         over_ns = self._clock.now_ns()
         if schedule.end_scan(over_ns):
             self._reporter.not_fired(None, "overrun")
@@ -282,9 +284,10 @@ class Sequencer:
             self._board.prepare(schedule.plan.schedule[0].selection)
             self._board.release()
 
-    def _rewrite(self, first: Selection) -> None:
+    def _rewrite(self, first: Selection, next_ns: int) -> None:
         """For the next scan; where the source is checked before it, for that."""
-        if self._source_check.is_due(self._clock.now_ns(), is_showing=True):
+        now_ns = self._clock.now_ns()
+        if self._source_check.is_due(now_ns, next_ns - now_ns):
             self._board.isolate(whole=True)
         else:
             self._board.prepare(first, whole=True)

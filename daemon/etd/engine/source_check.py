@@ -27,6 +27,8 @@ from etd_hal.phase import Pulse
 
 PERIOD_NS = 1_000_000_000
 LATCH_PERIOD_NS = 100_000_000
+#: At most, with what is shifted for it and for the scan after it.
+_TAKES_NS = 1_000_000
 #: Of the probe's current.
 _PART = 3
 
@@ -46,13 +48,19 @@ class SourceCheck:
         #: Where the board's figures allow no check: the sentence that says so.
         self.limitations = () if why is None else (f"the source is not checked while armed: {why}",)
 
-    def is_due(self, now_ns: int, *, is_showing: bool) -> bool:
-        """Whether a second has passed since the last check; a tenth, where pulses are fired."""
+    def is_due(self, now_ns: int, room_ns: int | None) -> bool:
+        """Whether a second has passed since the last check; a tenth, where pulses are fired.
+        `room_ns`: until the next scan; None: no frame is shown. A scan that would be late for it
+        goes first, once.
+        """
         if self.limitations:
             return False
         if now_ns - self.checked_ns >= PERIOD_NS:
             return True
-        return is_showing and self._has_latch and now_ns - self._exposed_ns >= LATCH_PERIOD_NS
+        if room_ns is None or not self._has_latch:
+            return False
+        since_ns = now_ns - self._exposed_ns
+        return since_ns >= (LATCH_PERIOD_NS if room_ns >= _TAKES_NS else 2 * LATCH_PERIOD_NS)
 
     def check(self, now_ns: int) -> BoardFault | None:
         """Between two pulses, with the outputs blanked. Returns what is wrong with the source, or

@@ -1,16 +1,31 @@
-"""Whether the stopper is alive, and whether it has acted; and the stopper as a thread.
+"""Whether the stopper is alive, and whether it has acted; the engine's own sign of life; and the
+stopper as a thread.
 
-Owns: the judgement of its last check, as the scan thread makes it at each poll. Must not know:
-states, frames, when a message is overdue (`etd_hal.stopper`).
+Owns: the judgement of its last check, as the scan thread makes it at each poll; what it is told of
+the supply, and what it has noted of that. Must not know: states, frames, when a message is overdue
+(`etd_hal.stopper`).
 """
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable
 
-from etd_hal.cutlatch import CUTS, LOOKED_NS, CutLatch
+from etd_hal.cutlatch import (
+    ALIVE_NS,
+    CAUSE,
+    CUTS,
+    LOOKED_NS,
+    NOTE_ERROR,
+    NOTED,
+    POWER,
+    SILENT,
+    WINDOW_NS,
+    CutLatch,
+)
 from etd_hal.stopper import PERIOD_NS, Stopper
+from etd_hal.supply_note import SupplyNote
 
 #: A stopper without a check for so long has ended or hangs: it normally checks a thousand times in
 #: this. A scan may go on that long without it; a busy machine can keep a process from its processor
@@ -26,8 +41,10 @@ _BEGUN_WITHIN_S = 2.0
 class StopperLiveness:
     """The time without a check of the stopper, and its cuts, as the scan thread sees them."""
 
-    def __init__(self, latch: CutLatch) -> None:
+    def __init__(self, latch: CutLatch, note: SupplyNote | None = None) -> None:
+        """`note`: what the stopper keeps."""
         self._words = latch.words
+        self._note = note
         #: So many cuts have led to a halt that was cleared.
         self._cleared = 0
         self._begun_ns = 0
@@ -42,8 +59,54 @@ class StopperLiveness:
         return self._words[CUTS] != self._cleared
 
     def clear(self) -> None:
-        """The halt that its cuts led to was cleared."""
+        """The halt that its cuts led to was cleared, and with it what the last engine left."""
         self._cleared = self._words[CUTS]
+        self._words[POWER] += 2 - (self._words[POWER] & 1)
+
+    @property
+    def why_acted(self) -> str:
+        """What its cut was for."""
+        if self._words[CAUSE] == SILENT:
+            window_ms = self._words[WINDOW_NS] // 1_000_000
+            return (
+                f"the engine made no poll for more than {window_ms} ms while the supply was on;"
+                " outputs and supply were cut off"
+            )
+        return "an SPI message was overdue; its outputs were cut off"
+
+    # --- the supply --------------------------------------------------------------------------
+
+    @property
+    def left(self) -> str | None:
+        """What the last engine left, as a clause; None if it ended well."""
+        return None if self._note is None else self._note.left()
+
+    def supply_rises(self) -> None:
+        """Told before it is on: from now on the engine must be heard, and a note is kept."""
+        self._words[POWER] += 1 + (self._words[POWER] & 1)
+
+    def made_safe(self, problems: tuple[str, ...]) -> None:
+        """Unless there were problems, nothing is left to be remembered of this power-up."""
+        if self._words[POWER] & 1 and not problems:
+            self._words[POWER] += 1
+
+    @property
+    def has_noted(self) -> bool:
+        """Whether all that it was told of the supply is on the disk, or cannot be."""
+        return self._words[NOTED] == self._words[POWER]
+
+    @property
+    def note_problem(self) -> str | None:
+        """Why arming is refused: a crash could not be remembered."""
+        error = self._words[NOTE_ERROR]
+        if not error:
+            return None
+        where = "" if self._note is None else f" in {self._note.path}"
+        return (
+            f"that the supply is on cannot be noted{where} ({os.strerror(error)}), so a crash would"
+            " not be remembered: let the engine's user write there, or name another folder with"
+            " --state"
+        )
 
     def begin(self, now_ns: int) -> None:
         """The stopper has just been woken: an earlier check is no sign of life."""
@@ -57,8 +120,9 @@ class StopperLiveness:
 
     def judge(self, now_ns: int) -> bool:
         """Called at each poll of the scan thread. True: the stopper was silent for too long, or has
-        acted.
+        acted. It is the engine's sign of life too.
         """
+        self._words[ALIVE_NS] = now_ns
         looked_ns, since_ns = self._words[LOOKED_NS], now_ns - self._judged_ns
         self._judged_ns = now_ns
         if looked_ns != self._looked_ns:
@@ -93,8 +157,8 @@ class StopperThread(threading.Thread):
         self._prepare = prepare
         self._refusal: str | None = None
         self._has_begun = threading.Event()
-        self._awake = threading.Event()
-        self._pause = threading.Event()
+        self._told = threading.Event()
+        self._is_needed = False
         self._is_ending = False
 
     @property
@@ -104,22 +168,19 @@ class StopperThread(threading.Thread):
         return () if self._refusal is None else (self._refusal,)
 
     def watch(self, is_needed: bool) -> None:
-        if is_needed:
-            self._awake.set()
-        else:
-            self._awake.clear()
+        self._is_needed = is_needed
+        self._told.set()
 
     def run(self) -> None:
         self._refusal = self._prepare()
         self._has_begun.set()
         while not self._is_ending:
-            self._awake.wait()
+            self._told.wait(PERIOD_NS / 1e9 if self._is_needed else None)
+            self._told.clear()
             self._stopper.check()
-            self._pause.wait(PERIOD_NS / 1e9)
 
     def end(self) -> None:
         """Idempotent."""
         self._is_ending = True
-        self._pause.set()
-        self._awake.set()
+        self._told.set()
         self.join(timeout=2.0)

@@ -23,7 +23,7 @@ from etd.planning.schedule import DuePulse
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.errors import BoardFault, Refused
 from etd.protocol.link import Answer, LeaseEnded
-from etd.protocol.messages import Halt, SessionFacts, StateReport
+from etd.protocol.messages import Halt, StateReport
 from etd.pulse.request import PulseRequest
 from etd.safety.lease import Lease, calibrations_of
 from etd.safety.limits import PersonLimits
@@ -44,7 +44,7 @@ class Supervisor:
         self.board = components.board
         self.clock = components.clock
         self.host_clock = components.host_clock
-        self.timeouts = components.timeouts
+        self.timeouts, self._liveness = components.timeouts, components.stopper_liveness
         self.reporter = components.reporter
         self.pulse_log = components.pulse_log
         self.active = components.active
@@ -86,6 +86,11 @@ class Supervisor:
             self.reporter.counters["calibration_attempts_failed"] += len(failed)
         self._failed_calibrations = failed
         self._follow_timing()
+        left = self._liveness.left
+        if left is not None:
+            detail = f"{left}: look at the board and at the log before you clear this"
+            tell(f"HALTED: {detail}")
+            self._latch("fault", "crash", detail)
 
     def _follow_timing(self) -> bool:
         """After each timing calibration the maxima follow it, so that a pulse the guard would
@@ -114,6 +119,8 @@ class Supervisor:
     def end(self) -> tuple[str, ...]:
         """Leave the board safe, whatever its state. Returns what did not work, as sentences."""
         problems = self.board.safe_off()
+        self._liveness.made_safe(problems)
+        self.supply_changed(False)
         self.active.silence()
         self.states.safe()
         return problems
@@ -210,10 +217,10 @@ class Supervisor:
             raise Refused("wrong_state", f"{self.power_up.goal} is under way")
         check_ready(self._readiness())
         probes = self.probes
-        liveness = self._components.stopper_liveness
-        power_up = PowerUp(goal, ref, self.board, self.rail, liveness, probes, self.clock)
+        power_up = PowerUp(goal, ref, self.board, self.rail, self._liveness, probes, self.clock)
         self.states.probe()
         self.board.guard.permit(self.maxima.probe_current_ua)
+        self._liveness.supply_rises()
         self.supply_changed(True)
         self.power_up = power_up
         self.report_state(self.clock.now_ns())
@@ -238,7 +245,7 @@ class Supervisor:
         if self.states.state in ("PROBE", "ARMED"):
             return None
         lasting = lasting_refusal(self.loaded.unaccepted_guards, self._untested())
-        return lasting or self._untried_stop()
+        return lasting or self._liveness.note_problem or self._untried_stop()
 
     def step_power_up(self, power_up: PowerUp, now_ns: int) -> bool:
         """True once the rail is there: from then on current can flow."""
@@ -318,6 +325,7 @@ class Supervisor:
     def _silence(self, why: str) -> tuple[str, ...]:
         """Returns what did not work, as sentences."""
         problems = self.board.safe_off()
+        self._liveness.made_safe(problems)
         self.last_silence = why
         self.sessions.went_safe(self.host_clock.now_ns())
         self.supply_changed(False)
@@ -375,7 +383,8 @@ class Supervisor:
             if problems:
                 raise Refused("halted", f"the board is not safe: {'; '.join(problems)}")
         self.states.clear()
-        self._components.stopper_liveness.clear()
+        self._liveness.clear()
+        self.supply_changed(False)
         self.report_state(self.clock.now_ns())
 
     # --- reports -----------------------------------------------------------------------------
@@ -398,17 +407,6 @@ class Supervisor:
         """How far the board's clock lags behind the machine's, which is read first."""
         host_ns = self.host_clock.now_ns()
         return max(0, host_ns - self.clock.now_ns())
-
-    def _session_facts(self) -> SessionFacts | None:
-        now_ns = self.host_clock.now_ns()
-        session = self.sessions.standing(now_ns)
-        if session is None:
-            return None
-        ends_in_ns = session.ends_in_ns(now_ns)
-        return SessionFacts(
-            participant=session.subject.participant,
-            ends_in_s=None if ends_in_ns is None else round(ends_in_ns / 1e9, 1),
-        )
 
     def _counters(self) -> dict[str, int]:
         counters, late = dict(self.reporter.counters), self.clock.wakeups.late
@@ -444,7 +442,7 @@ class Supervisor:
             machine=self._components.backend.facts,
             last_disarm=self.last_silence,
             arming_refused=self._lasting_refusal(),
-            session=self._session_facts(),
+            session=self.sessions.facts(self.host_clock.now_ns()),
             sensor_problems=self._components.pressure.problems(now_ns),
             felt=self.feeling.facts(),
         )

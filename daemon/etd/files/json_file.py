@@ -3,7 +3,7 @@
 Owns: the size of what is read, the two faults it can mend (a bare word, a trailing comma), and the
 sentences that say so. Must not know: what the files mean.
 
-Never accepted: a key given twice, NaN, nesting without end.
+Never accepted: a key given twice, NaN, nesting without end, half of a pair of surrogates.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ _TOKEN = re.compile(
       | (?P<comma>,)(?=\s*[\]}])""",
     re.VERBOSE,
 )
+#: The escape of one of a pair of surrogates: alone it is no character, and cannot be written again.
+_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 _WORDS_OF_JSON = ("true", "false", "null")
 
 
@@ -69,9 +71,15 @@ class _Ambiguous(ValueError):
 
 
 def _parse(text: str) -> object:
-    return json.loads(
+    content = json.loads(
         text, object_pairs_hook=_once, parse_constant=_no_constant, parse_int=_whole_number
     )
+    if _SURROGATE.search(text):
+        try:
+            json.dumps(content, ensure_ascii=False).encode()
+        except UnicodeEncodeError:
+            raise _Ambiguous("a text in it has half of a character, like \\ud800 alone") from None
+    return content
 
 
 def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:

@@ -97,6 +97,19 @@ def selftest_file(name: str, backend: Literal["linux", "fake"], configuration: s
     return _user_state() / check_name(name) / f"selftest-{backend}{which}.json"
 
 
+def supply_note_file(name: str, backend: Literal["linux", "fake"], given: Path | None) -> Path:
+    """Where the engine notes that the supply is on, for the next engine after a crash. Raises:
+    FileError.
+
+    A system has a board, and one note of it, in a folder of the engine's own: a program that may
+    write there can hide a crash. Without such a folder it is `given`, or this user's.
+    """
+    system = SYSTEM_STATE / f"{check_name(name)}.engine"
+    if backend == "linux" and os.access(system, os.W_OK):
+        return system / "supply.json"
+    return (given or _user_state() / name) / f"supply-{backend}.json"
+
+
 def calibrating_file(name: str, which: str) -> Path:
     """Where this user's unfinished calibration `which` on this daemon is kept. Raises: FileError.
 

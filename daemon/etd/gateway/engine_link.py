@@ -89,6 +89,12 @@ class EngineLink:
         self._engine_hello = None
         self.state = None
 
+    def break_off(self) -> None:
+        """The engine has sent what cannot be decoded: it has ended as far as this gateway goes."""
+        self._counters["engine_unreadable"] += 1
+        for channel in self._channels or ():
+            channel.close()
+
     def stay_alive(self) -> None:
         """Send one sign of life; one that does not fit into the socket is counted."""
         if self._channels is not None and not self._channels[0].send(Alive()):
@@ -144,8 +150,7 @@ class EngineLink:
             try:
                 message = channel.receive()
             except Undecodable:
-                self._counters["engine_unreadable"] += 1
-                channel.close()
+                self.break_off()
                 return None
             if message is not None:
                 return message

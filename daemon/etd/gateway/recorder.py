@@ -249,7 +249,7 @@ class Recorder:
         self._put(lines.Replied(t_ns=now_ns, number=inbound.number, ok=reply.ok, reply=told))
 
     def heard(self, message: ToGateway, now_ns: int) -> None:
-        """Of the engine."""
+        """Of the engine. Raises: Undecodable, for pulses that are none."""
         if isinstance(message, Report) and message.state is not None:
             # Also while no record runs: one that begins has clocks that hold.
             self._lag_us = message.state.clock_lag_us

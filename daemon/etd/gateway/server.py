@@ -31,7 +31,7 @@ from etd.gateway.sockets import Sockets
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
 from etd.gateway.wall_clock import read_clocks
-from etd.protocol.errors import FileError, Refused
+from etd.protocol.errors import FileError, Refused, Undecodable
 from etd.protocol.link import ALIVE_NS, Answer, EngineHello, LeaseEnded, Report
 from etd.protocol.messages import Failure, FrameRequest, Id, Request, Success
 from etd_hal.ports import Clock
@@ -199,7 +199,11 @@ class Gateway:
     def _hear_engine(self) -> None:
         for message in self._engine.receive():
             now_ns = self._clock.now_ns()
-            self._recorder.heard(message, now_ns)
+            try:
+                self._recorder.heard(message, now_ns)
+            except Undecodable:
+                self._engine.break_off()
+                break
             if isinstance(message, Answer):
                 self._settle(message)
             elif isinstance(message, LeaseEnded):

@@ -17,12 +17,15 @@ from typing import Final, NamedTuple
 from etd.planning.headroom import Headroom
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.errors import Refused
-from etd.protocol.frame import Frame
+from etd.protocol.frame import DEFAULT_TTL_MS, Frame
 from etd.protocol.outcome import Shortfall
 from etd.safety.net_charge import LEAK_NS
 
 _LEAK_S = LEAK_NS / 1e9
 _PC_PER_UC = 1e6
+#: What a ttl is longer, a frame is there for a client that hangs: most are replaced long before.
+#: One that is not is told of, and no pulse of it passes the bound (`safety/ledger.py`).
+_JUDGED_S = DEFAULT_TTL_MS / 1e3
 
 
 class _First(NamedTuple):
@@ -49,7 +52,7 @@ class NetForecast:
         """What its reply says of a frame that cannot be shown for ever. `visits`: of each electrode
         for each of the frame's periods. `left_pc`: what is on each electrode now.
 
-        Raises: Refused (`over_maximum`), where the frame asks to be shown for longer.
+        Raises: Refused (`over_maximum`), where it would pass the bound as soon as in 200 ms.
         """
         if not schedule:
             return ()
@@ -58,7 +61,7 @@ class NetForecast:
             return ()
         fastest_hz = max(scheduled.rate_hz for scheduled in schedule)
         lasting_hz = math.floor(10 * fastest_hz * first.lasting_part) / 10
-        shown_s = frame.ttl_ms / 1e3
+        shown_s = min(frame.ttl_ms / 1e3, _JUDGED_S)
         if frame.pulses is not None:
             slowest_hz = min(scheduled.rate_hz for scheduled in schedule)
             shown_s = min(shown_s, frame.pulses / (slowest_hz * visits))

@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 from msgspec import Meta
 
+from etd.protocol.errors import Undecodable
 from etd.protocol.frame import Int64, Polarity
 from etd.protocol.outcome import ClampReason
 from etd.pulse.measured import ContactState
@@ -74,9 +75,9 @@ class PulseRow(msgspec.Struct, frozen=True, array_like=True):
 
 
 def rows_of(data: bytes) -> Iterator[PulseRow]:
-    """Raises: ValueError for bytes that are no rows."""
+    """Raises: Undecodable for bytes that are no rows."""
     if len(data) % ROW_BYTES:
-        raise ValueError(f"{len(data)} bytes are no rows of {ROW_BYTES}")
+        raise Undecodable(f"{len(data)} bytes are no rows of {ROW_BYTES}")
     for at in range(0, len(data), ROW_BYTES):
         yield _pulse_row(SAME.unpack_from(data, at), OWN.unpack_from(data, at + SAME.size))
 
@@ -105,7 +106,7 @@ def _pulse_row(same: tuple[Any, ...], own: tuple[Any, ...]) -> PulseRow:
             tuple(round(sample_v, 2) for sample_v in own[7 : 7 + 3 * _phases(polarity)]),
         )
     except IndexError:
-        raise ValueError(f"a row with an unknown number in it: {same} {own}") from None
+        raise Undecodable(f"a row with an unknown number in it: {same} {own}") from None
 
 
 def _phases(polarity: int) -> int:

@@ -22,7 +22,7 @@ ROWS: Final = (
     GuardRow("one_shot", "the source is on for at most 250 us, then off for 100 us", 250e-6),
     GuardRow("", "the stopper: blanks when a message is 1 ms overdue", 1e-3),
     GuardRow("heartbeat", "no edge within 20 ms takes the supply away", 20e-3),
-    GuardRow("", "the stopper after the engine was killed", 10e-3),
+    GuardRow("", "the stopper after the engine was killed", 20e-3),
     GuardRow("", "`etd safe` after the engine died", 1.0),
     GuardRow("", "systemd's watchdog (0.5 s), then `etd safe`", 1.5),
     GuardRow("", "the processor's watchdog, then a boot, where it is switched on", 15.0),

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from etd.protocol.calibration import Calibration
+from etd.protocol.messages import SessionFacts
 
 #: An unused session ends after this time, and a test of the wearer's stop expires. Longer than the
 #: breaks of a study, shorter than a participant's appointment: afterwards there may be another
@@ -78,6 +79,17 @@ class Sessions:
         if session is not None and session.ends_in_ns(now_ns) == 0:
             self._end(f"{session} ended after {_UNUSED_MINUTES} minutes without use")
         return self._session
+
+    def facts(self, now_ns: int) -> SessionFacts | None:
+        """What `status` says of the session that stands."""
+        session = self.standing(now_ns)
+        if session is None:
+            return None
+        ends_in_ns = session.ends_in_ns(now_ns)
+        return SessionFacts(
+            participant=session.subject.participant,
+            ends_in_s=None if ends_in_ns is None else round(ends_in_ns / 1e9, 1),
+        )
 
     def _end(self, why: str) -> None:
         self._session, self._why_none = None, why

@@ -5,7 +5,11 @@ Owns: what each inherits. Must not know: what they do, when they are needed.
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 from etd_hal.cutlatch import CutLatch
+from etd_hal.linux import death_mark
 from etd_hal.linux.gpio import LinuxGpio
 from etd_hal.linux.side_process import SideProcess
 from etd_hal.ports import Changes
@@ -19,16 +23,16 @@ class LinuxBeside:
         self._i2c_device = i2c_device
 
     def stopper(
-        self, latch: CutLatch, safe_changes: Changes, priority: int | None, scan_core: int | None
+        self,
+        latch: CutLatch,
+        safe_changes: Changes,
+        note: Path | None,
+        priority: int | None,
+        scan_core: int | None,
     ) -> SideProcess:
-        lines, memory = self._gpio.output_fd, latch.memory.fd
         values = self._gpio.values_of(safe_changes)
-        return SideProcess(
-            "the stopper",
-            "etd_hal.linux.stopper_process",
-            (memory, lines, values, priority, scan_core),
-            (memory, lines),
-        )
+        kept = None if note is None else os.fspath(note)
+        return stopper_process(latch, self._gpio.output_fd, values, kept, priority, scan_core)
 
     def sensors(
         self,
@@ -43,3 +47,27 @@ class LinuxBeside:
             (self._i2c_device, scan_core, module, arguments),
             fds,
         )
+
+
+def stopper_process(
+    latch: CutLatch,
+    lines: int,
+    values: bytes,
+    note: str | None,
+    priority: int | None,
+    scan_core: int | None,
+) -> SideProcess:
+    """On the outputs' request `lines`. It watches the calling thread, and its process. Raises:
+    OSError.
+    """
+    engine = os.pidfd_open(os.getpid())
+    try:
+        fds = (latch.memory.fd, lines, engine, death_mark.take())
+        return SideProcess(
+            "the stopper",
+            "etd_hal.linux.stopper_process",
+            (*fds, values, note, priority, scan_core),
+            fds,
+        )
+    finally:
+        os.close(engine)

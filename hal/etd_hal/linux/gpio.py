@@ -78,6 +78,8 @@ class LinuxGpio:
         if inputs is not None:
             self._held |= {line: (inputs.fd, bit) for bit, line in enumerate(inputs.offsets)}
         self._ready: dict[Changes, bytearray] = {}
+        #: What this kernel does to the outputs when a process dies; "" where it was not looked at.
+        self.fact = ""
 
     def set(self, changes: Changes) -> None:
         """See `ports.Gpio`. Changes seen before cost one look-up and one ioctl."""

@@ -49,7 +49,7 @@ def open_ports(board: BoardFile, machine: MachineFile, lines: LineSetup) -> Port
     if problems:
         _opened(problems, lambda: _free_lines(board, lines), _OTHER_CHIP)
     else:
-        gpio = _opened(problems, lambda: open_lines(board, lines), _OTHER_CHIP)
+        gpio = _opened(problems, lambda: _open_lines_looked_at(board, lines), _OTHER_CHIP)
     if problems or spi is None or gpio is None:
         for port in (spi, i2c):
             if port is not None:
@@ -85,6 +85,28 @@ def open_lines(board: BoardFile, lines: LineSetup) -> LinuxGpio:
     from etd_hal.linux.gpio import open_gpio
 
     return open_gpio(_free_lines(board, lines), lines)
+
+
+def _open_lines_looked_at(board: BoardFile, lines: LineSetup) -> LinuxGpio:
+    """They are released once before, to see what this kernel does with them then; their levels are
+    harmless. Raises: as `open_lines`.
+    """
+    from etd_hal.linux.gpio import keeps_driving
+
+    keeps = keeps_driving(_free_lines(board, lines), lines)
+    gpio = open_lines(board, lines)
+    gpio.fact = _KEPT if keeps else _RELEASED
+    return gpio
+
+
+_KEPT = (
+    "lines: let go of once, the outputs stayed as they were: after a kill the stopper makes them"
+    " safe, and `etd safe` after it"
+)
+_RELEASED = (
+    "lines: let go of once, the outputs became inputs: after a kill the pulls hold them safe, after"
+    " the stopper"
+)
 
 
 def _free_lines(board: BoardFile, lines: LineSetup) -> Path:

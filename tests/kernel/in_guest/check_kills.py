@@ -84,7 +84,8 @@ def test_every_message_that_began_ends_in_zero_however_the_engine_is_killed(
         # The last one is followed by none.
         if len(safe_ms) < KILLS:
             daemon.start_engine()
-            daemon.wait_until(engine="there", state="SAFE")
+            daemon.wait_until(engine="there", state="HALTED")
+            daemon.clear_crash()
     report(f"{KILLS} kills in a scan (seed {SEED}); every message ended in zero")
     report(f"from the kill to the end of the last message: {spread(quiet_ms)}")
     report(f"from the kill to outputs that the stopper has cut: {spread(cut_ms)}")

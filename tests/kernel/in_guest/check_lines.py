@@ -32,7 +32,7 @@ def test_initial_levels_are_set_one_after_another_in_the_order_of_the_request(
     ports: Backend,
 ) -> None:
     wanted = [(NAMES[line], level) for line, level in line_setup(BOARD).outputs]
-    assert line_calls() == wanted
+    assert line_calls() == 2 * wanted, "they are let go of once, to see what becomes of them"
     assert wanted[:3] == [("POL", 1), ("BL", 0), ("HV", 0)]
 
 
@@ -102,6 +102,11 @@ def test_lines_that_are_held_are_busy_for_a_second_daemon(ports: Backend) -> Non
     assert "busy" in problem
     assert "POL (4) is held by 'etd'" in problem
     assert line_calls() == [], "a refused request moved a line"
+
+
+def test_what_becomes_of_lines_that_are_let_go_of_is_told_at_the_start(ports: Backend) -> None:
+    (told,) = [fact for fact in ports.facts if fact.startswith("lines: ")]
+    assert "the outputs stayed as they were" in told
 
 
 def test_lines_keep_their_levels_when_they_are_let_go_of(chips: Chips) -> None:

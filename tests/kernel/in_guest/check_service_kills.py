@@ -118,7 +118,7 @@ def kill(scanned_ns: int) -> Kill:
     events = kernel_trace.events()
     kernel_trace.begin(TRACED)
     assert scene.started_again(pid), "it stays down"
-    scene.wait_for_state("SAFE")
+    scene.clear_crash()
     return Kill(due_ns / 1_000, events)
 
 

@@ -81,7 +81,7 @@ def _drive(telling: int, is_overdue: bool) -> None:
         backend = open_linux(BOARD, MACHINE)
         board = Board(BOARD, MACHINE, backend.codec, backend.spi, backend.gpio, backend.clock)
         assert backend.beside is not None
-        stopper = backend.beside.stopper(board.cut, board.safe_changes, PRIORITY, None)
+        stopper = backend.beside.stopper(board.cut, board.safe_changes, None, PRIORITY, None)
         assert isinstance(stopper, SideProcess)
         assert stopper.refusals == ()
         stopper.watch(True)
@@ -152,7 +152,7 @@ def test_a_cut_is_seen_by_the_driving_side_whose_next_call_is_undone() -> None:
     backend = open_linux(BOARD, MACHINE)
     board = Board(BOARD, MACHINE, backend.codec, backend.spi, backend.gpio, backend.clock)
     assert backend.beside is not None
-    stopper = backend.beside.stopper(board.cut, board.safe_changes, None, None)
+    stopper = backend.beside.stopper(board.cut, board.safe_changes, None, None, None)
     try:
         stopper.watch(True)
         board.cut.words[DUE_NS] = CLOCK.now_ns()
@@ -177,7 +177,7 @@ def test_what_is_not_granted_is_told_with_the_name_of_the_process() -> None:
     board = Board(BOARD, MACHINE, backend.codec, backend.spi, backend.gpio, backend.clock)
     assert backend.beside is not None
     only = next(iter(os.sched_getaffinity(0)))
-    stopper = backend.beside.stopper(board.cut, board.safe_changes, None, only)
+    stopper = backend.beside.stopper(board.cut, board.safe_changes, None, None, only)
     try:
         (told,) = stopper.refusals
     finally:

@@ -98,7 +98,7 @@ def lone_daemon(lone_gateway: Daemon, traced: Sequence[str]) -> Iterator[Daemon]
     kernel_trace.begin(traced)
     try:
         lone_gateway.start_engine()
-        lone_gateway.wait_until(engine="there", state="SAFE")
+        lone_gateway.clear_crash()
         yield lone_gateway
     finally:
         if lone_gateway.engine_pid:

@@ -1,0 +1,306 @@
+"""A thousand kills: what flows, how long until the board is safe, and what the next engine says.
+
+    python tests/bench/kills.py [--kills 1000] [--part operations|process] [--json]
+
+Owns: how many kills there are of each kind, their figures, and the verdict. Must not know: how an
+engine is driven (`kills_operations.py`, `kills_engine.py`).
+
+`operations`: on modelled boards, at random operations of the ports, with the stopper and without:
+no electrode gets more than one programmed pulse, nothing flows after a kill, a crash is remembered
+and does not arm. `process`: a real engine's process on wall-clock ports, killed by SIGKILL at
+random moments of a scan: how long until the stopper's process has set the lines, and how long
+`etd safe` takes that is started at the same moment, as it would have to without a stopper.
+
+Exit status: 0 as it must be, 1 it is not, 3 the machine does not grant what is needed, or held the
+stopper itself up for so long that the figures say nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+_TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(_TESTS)]
+
+from bench import kills_engine, wall_ports  # noqa: E402
+from bench.kills_operations import KilledEngines, Lives  # noqa: E402
+from bench.wall_scan import BOARD, TRY_STOP  # noqa: E402
+from board_process import running_board  # noqa: E402
+from campaign.scenes import BOARDS  # noqa: E402
+from etd.client import Display, clock  # noqa: E402
+from etd.files.paths import CONTROL, address_of  # noqa: E402
+from etd.files.resources import find  # noqa: E402
+from etd.protocol.errors import Refused  # noqa: E402
+from etd_hal.boardfile import load_board  # noqa: E402
+
+#: From the kill to lines that are safe.
+P50_MS, MOST_MS = 5.0, 20.0
+#: A stopper that was kept from its processor for this much says that the machine was busy.
+_NOISE_MS = 5.0
+#: `etd safe` takes most of a second: once in so many kills.
+_SAFE_EVERY = 10
+_TOLD_EVERY = 50
+#: Of what one pulse of the frames has at most: the words' own time is within it.
+_MOST_PART = 1.0
+_CURRENT_UA, _WIDTH_US, _ELECTRODES = 1_000, 100, 64
+_ARMED_WITHIN = 5
+_READY_WITHIN_NS = 60_000_000_000
+_SEED = 1
+
+
+@dataclass
+class ProcessKills:
+    """In ms, a kill each; `without_ms` of those for which it was measured."""
+
+    with_ms: list[float] = field(default_factory=list)
+    without_ms: list[float] = field(default_factory=list)
+    #: The longest that a stopper was kept from its next check.
+    held_up_ms: float = 0.0
+    #: Kills of an engine that this machine had halted before: they tell nothing.
+    halted_before: int = 0
+    wrong: list[str] = field(default_factory=list)
+
+
+def operations(kills: int, tell: Any, seed: int = _SEED) -> dict[str, Lives]:
+    """By board and whether there was a stopper."""
+    found: dict[str, Lives] = {}
+    with tempfile.TemporaryDirectory(prefix="etd-kills-") as temporary:
+        for board in BOARDS:
+            for has_keeper in (True, False):
+                name = f"{board}, {'with' if has_keeper else 'without'} the stopper"
+                engines = KilledEngines(board, Path(temporary), seed, has_keeper=has_keeper)
+                for number in range(kills):
+                    if number % _TOLD_EVERY == 0:
+                        tell(f"{name}: {number} of {kills}")
+                    engines.kill_one()
+                found[name] = engines.lives
+    return found
+
+
+def processes(kills: int, tell: Any, seed: int = _SEED) -> ProcessKills:
+    """Raises: OSError, TimeoutError where the machine does not grant it."""
+    found, chance = ProcessKills(), random.Random(seed)
+    with tempfile.TemporaryDirectory(prefix="etd-kills-") as temporary, ExitStack() as stack:
+        folder = Path(temporary)
+        library, _ = wall_ports.build(folder)
+        (folder / "board").mkdir()
+        board = load_board(find("boards", BOARD))
+        safe = stack.enter_context(running_board(board, folder / "board"))
+        core = sorted(os.sched_getaffinity(0))[-1]
+        script = Path(kills_engine.__file__)
+        nursery = stack.enter_context(_process(sys.executable, script, folder, library, str(core)))
+        part = ("run", "--part", "gateway", "--name", "kills", "--board", "fake")
+        stack.enter_context(_process(sys.executable, "-m", "etd", *part, "--folder", str(folder)))
+        for number in range(kills):
+            if number % _TOLD_EVERY == 0:
+                tell(f"processes: {number} of {kills}")
+            was_left = (folder / kills_engine.NOTE).exists()
+            killed_ns = _kill_one(folder, nursery, chance, found, was_left)
+            if number % _SAFE_EVERY == 0:
+                _make_safe(safe.socket)
+                found.without_ms.append((clock.now_ns() - killed_ns) / 1e6)
+            _heed_stopper(folder, killed_ns, found)
+            if nursery.stdout.readline() != b"ended\n":
+                raise OSError("the engine does not end")
+    return found
+
+
+def _kill_one(
+    folder: Path, nursery: Any, chance: random.Random, found: ProcessKills, was_left: bool
+) -> int:
+    """An engine from its start to its kill; when that was."""
+    nursery.stdin.write(b"start\n")
+    nursery.stdin.flush()
+    said = nursery.stdout.readline().split()
+    if said[:1] != [b"ready"]:
+        raise OSError(f"the engine did not come up: {said}")
+    _wait_for_engine(folder)
+    address = address_of(folder)
+    with Display(address=address, max_current_ua=_CURRENT_UA, width_us=_WIDTH_US) as display:
+        halt = display.status().halt
+        if was_left != (halt is not None and halt.source == "crash"):
+            found.wrong.append("a crash was not remembered, or one that was none")
+        _arm(display, folder)
+        display.show_current((_CURRENT_UA,) * _ELECTRODES, rate_hz=10.0, ttl_ms=1_000)
+        clock.sleep_s(chance.random() * 0.3)
+        killed_ns = clock.now_ns()
+        os.kill(int(said[1]), signal.SIGKILL)
+    return killed_ns
+
+
+def _arm(display: Display, folder: Path) -> None:
+    """Once more where this machine halts it. Raises: OSError, where it does so all the time."""
+    for _ in range(_ARMED_WITHIN):
+        if display.status().halt is not None:
+            display.clear()
+        (folder / TRY_STOP).touch()
+        while (folder / TRY_STOP).exists():
+            clock.sleep_s(0.005)
+        try:
+            display.arm()
+        except Refused as refused:
+            why = refused
+        else:
+            return
+    raise OSError(f"the engine does not arm: {why}")
+
+
+def _wait_for_engine(folder: Path) -> None:
+    deadline_ns = clock.now_ns() + _READY_WITHIN_NS
+    while clock.now_ns() < deadline_ns:
+        if (folder / CONTROL).exists():
+            with Display(address=address_of(folder)) as display:
+                if display.status().engine == "there":
+                    return
+        clock.sleep_s(0.02)
+    raise TimeoutError("the gateway has found no engine")
+
+
+def _heed_stopper(folder: Path, killed_ns: int, found: ProcessKills) -> None:
+    deadline_ns, ended = clock.now_ns() + _READY_WITHIN_NS, folder / kills_engine.ENDED
+    while not ended.exists():
+        if clock.now_ns() > deadline_ns:
+            raise TimeoutError("the stopper does not end")
+        clock.sleep_s(0.005)
+    told = json.loads(ended.read_text("ascii"))
+    ended.unlink()
+    if told["cuts"]:
+        found.halted_before += 1
+        return
+    if not (folder / kills_engine.NOTE).exists():
+        found.wrong.append("a kill with the supply on left no note")
+    found.with_ms.append((told["safe_ns"] - killed_ns) / 1e6)
+    found.held_up_ms = max(found.held_up_ms, told["held_up_ns"] / 1e6)
+
+
+def _make_safe(socket: Path) -> None:
+    command = [
+        *(sys.executable, "-m", "etd", "safe", "--board", BOARD, "--machine", "pi4"),
+        *("--board-socket", str(socket)),
+    ]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+
+
+@contextmanager
+def _process(*command: str | Path) -> Iterator[Any]:
+    pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=nothing) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
+def spread(values: Sequence[float]) -> dict[str, float]:
+    """p50, p99 and the largest."""
+    ordered = sorted(values) or [0.0]
+    at = {"p50": 0.5, "p99": 0.99, "max": 1.0}
+    found = {name: ordered[round(part * (len(ordered) - 1))] for name, part in at.items()}
+    return {"count": len(values), **found}
+
+
+def wrong_lives(lives: dict[str, Lives]) -> list[str]:
+    """A sentence for each thing that must not be."""
+    found = []
+    for name, each in lives.items():
+        found += [f"{name}: {sentence}" for sentence in each.wrong]
+        if each.largest_part > _MOST_PART:
+            found.append(f"{name}: {each.largest_part:.2f} of a pulse at one electrode")
+        if each.after_pc:
+            found.append(f"{name}: {each.after_pc:.0f} pC after a kill")
+    return found
+
+
+def is_late(kills: ProcessKills) -> bool:
+    figures = spread(kills.with_ms)
+    return figures["p50"] > P50_MS or figures["max"] > MOST_MS
+
+
+def verdict(lives: dict[str, Lives], kills: ProcessKills | None) -> int:
+    """The exit status."""
+    if wrong_lives(lives) or (kills is not None and kills.wrong):
+        return 1
+    if kills is None or not is_late(kills):
+        return 0
+    return 3 if kills.held_up_ms > _NOISE_MS else 1
+
+
+def _sentences(lives: dict[str, Lives], kills: ProcessKills | None) -> Iterator[str]:
+    for name, each in lives.items():
+        yield (
+            f"{name}: {each.kills} kills in {each.operations} operations, {each.powered} with the"
+            f" supply on; the largest charge is {each.largest_part:.2f} of a pulse's,"
+            f" {each.after_pc:.0f} pC after a kill"
+        )
+    yield from (f"WRONG: {sentence}" for sentence in wrong_lives(lives))
+    if kills is None:
+        return
+    for name, values in (("the stopper", kills.with_ms), ("`etd safe` alone", kills.without_ms)):
+        told = ", ".join(f"{key} {value:.1f}" for key, value in spread(values).items())
+        yield f"from a kill to safe lines by {name}, ms: {told}"
+    yield from (f"WRONG: {sentence}" for sentence in kills.wrong)
+    if kills.halted_before:
+        yield f"{kills.halted_before} engines were halted by this machine before their kill"
+    yield f"a stopper was kept from its next check for {kills.held_up_ms:.1f} ms at most"
+    if is_late(kills):
+        bound = f"p50 {P50_MS:g} ms, at most {MOST_MS:g} ms"
+        noisy = kills.held_up_ms > _NOISE_MS
+        yield f"LATE: the bound is {bound}" + ("; but this machine is busy" if noisy else "")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="kills", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--kills", type=int, default=1_000, help="of each kind and board")
+    parser.add_argument("--part", choices=("operations", "process"), help="one of the two")
+    parser.add_argument("--seed", type=int, default=_SEED)
+    parser.add_argument("--json", action="store_true", help="the figures as one JSON object")
+    args = parser.parse_args(arguments)
+    # Ended from outside, it leaves no process behind.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+
+    def tell(sentence: str) -> None:
+        begins, ends = ("\r", "\033[K") if sys.stderr.isatty() else ("", "\n")
+        print(f"{begins}{sentence}{ends}", end="", file=sys.stderr, flush=True)
+
+    lives = {} if args.part == "process" else operations(args.kills, tell, args.seed)
+    kills = None
+    if args.part != "operations":
+        try:
+            kills = processes(args.kills, tell, args.seed)
+        except (OSError, TimeoutError) as error:
+            print(f"processes cannot be killed here: {error}", file=sys.stderr)
+            return 3
+    if args.json:
+        print(json.dumps(_figures(lives, kills)))
+    else:
+        print("\n".join(_sentences(lives, kills)))
+    return verdict(lives, kills)
+
+
+def _figures(lives: dict[str, Lives], kills: ProcessKills | None) -> dict[str, Any]:
+    found: dict[str, Any] = {"operations": {name: asdict(each) for name, each in lives.items()}}
+    if kills is not None:
+        found["process"] = {
+            "with_stopper_ms": spread(kills.with_ms),
+            "etd_safe_alone_ms": spread(kills.without_ms),
+            "held_up_ms": kills.held_up_ms,
+            "halted_before": kills.halted_before,
+            "wrong": kills.wrong,
+        }
+    return found
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,196 @@
+"""Real engines on wall-clock ports, one after the other, each with the shipped stopper beside it.
+
+Owns: the process that they are forked from (`python kills_engine.py FOLDER LIBRARY CORE`), and what
+a stopper leaves of its end. Must not know: when an engine is killed, what is made of the figures.
+
+It has loaded everything, so that an engine is there in no time. A line on its input starts one; it
+says `ready` and the number of its process, and `ended` when that is gone.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import sys
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+_CLONE = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(_CLONE / "tests")]
+
+import msgspec  # noqa: E402
+
+from bench.wall_ports import SystemCalls, WallGpio, WallI2c, WallSpi  # noqa: E402
+from bench.wall_scan import BOARD, TRY_STOP, loaded_for  # noqa: E402
+from etd.engine.process import run_engine  # noqa: E402
+from etd.files.configuration import LoadedConfig  # noqa: E402
+from etd.files.resources import find  # noqa: E402
+from etd_hal.backend import Backend, SideTask, StopperTask  # noqa: E402
+from etd_hal.boardfile import load_board  # noqa: E402
+from etd_hal.compose import codec_of  # noqa: E402
+from etd_hal.cutlatch import CUTS, NOTED, POWER, SIZE, CutLatch  # noqa: E402
+from etd_hal.linux import death_mark, realtime, side_process  # noqa: E402
+from etd_hal.linux.clock import LinuxClock  # noqa: E402
+from etd_hal.linux.death_mark import DeathMark  # noqa: E402
+from etd_hal.linux.scan_core import scan_core as read_scan_core  # noqa: E402
+from etd_hal.linux.side_process import SideProcess  # noqa: E402
+from etd_hal.linux.stopper_process import watch  # noqa: E402
+from etd_hal.ports import Changes  # noqa: E402
+from etd_hal.shared_memory import SharedMemory  # noqa: E402
+from etd_hal.stopper import Stopper  # noqa: E402
+from etd_hal.supply_note import SupplyNote  # noqa: E402
+from etd_hal.unwired import NoMarker  # noqa: E402
+
+#: In the folder: the note of the supply, and what the stopper says at its end.
+NOTE, ENDED = "supply.json", "stopper.json"
+#: Of this file, where it is not the program.
+_MODULE = "bench.kills_engine"
+
+
+class _Checks:
+    """A clock that a stopper reads once a check: the longest that it was kept from the next one
+    with the supply on. Before that it waits for the disk.
+    """
+
+    def __init__(self, words: memoryview[int]) -> None:
+        self._clock_ns = LinuxClock().now_ns
+        self._words = words
+        self._read_ns: int | None = None
+        self.longest_ns = 0
+
+    def now_ns(self) -> int:
+        now_ns, before_ns = self._clock_ns(), self._read_ns
+        is_noted = self._words[POWER] & 1 and self._words[NOTED] == self._words[POWER]
+        self._read_ns = now_ns if is_noted else None
+        if is_noted and before_ns is not None:
+            self.longest_ns = max(self.longest_ns, now_ns - before_ns)
+        return now_ns
+
+
+class _Beside:
+    """See `backend.Beside`."""
+
+    def __init__(self, folder: Path, library: Path) -> None:
+        self._given = (str(folder), str(library))
+
+    def stopper(
+        self,
+        latch: CutLatch,
+        safe_changes: Changes,
+        note: Path | None,
+        priority: int | None,
+        scan_core: int | None,
+    ) -> StopperTask:
+        engine = os.pidfd_open(os.getpid())
+        try:
+            fds = latch.memory.fd, engine, death_mark.take()
+            arguments = ("stopper", *self._given, *fds, priority, scan_core)
+            return SideProcess("the stopper", _MODULE, arguments, fds)
+        finally:
+            os.close(engine)
+
+    def sensors(
+        self,
+        module: str,
+        arguments: tuple[object, ...],
+        fds: tuple[int, ...],
+        scan_core: int | None,
+    ) -> SideTask:
+        given = ("sensors", *self._given, scan_core, module, *arguments)
+        return SideProcess("the sensors", _MODULE, given, fds)
+
+
+def main(control: int, kind: str, folder: str, library: str, *arguments: Any) -> None:
+    """In such a process."""
+    calls = SystemCalls(Path(library))
+    if kind == "stopper":
+        _stop(control, Path(folder), calls, *arguments)
+    else:
+        _sense(control, calls, *arguments)
+
+
+def _stop(
+    control: int,
+    folder: Path,
+    calls: SystemCalls,
+    latch: int,
+    engine: int,
+    mark: int,
+    priority: int | None,
+    scan_core: int | None,
+) -> None:
+    connection = side_process.begin(control, realtime.set_up_beside(priority, scan_core))
+    memory, clock = SharedMemory(SIZE, latch), LinuxClock()
+    checks = _Checks(memory.words)
+    note = SupplyNote(folder / NOTE)
+    stopper = Stopper(memory.words, checks.now_ns, calls.set_lines, note)
+    watch(connection, stopper, engine, DeathMark(mark))
+    stopper.cut()
+    safe_ns = clock.now_ns()
+    stopper.note_supply()
+    new = folder / f".{ENDED}"
+    told = {"safe_ns": safe_ns, "held_up_ns": checks.longest_ns, "cuts": memory.words[CUTS]}
+    new.write_text(json.dumps(told))
+    new.rename(folder / ENDED)
+    side_process.finish()
+
+
+def _sense(
+    control: int, calls: SystemCalls, core: int | None, module: str, *arguments: Any
+) -> None:
+    of_scan = partial(read_scan_core, os.getppid())
+    connection = side_process.begin(control, realtime.set_up_beside(None, core))
+
+    def is_over(wait_s: float) -> bool:
+        return bool(select.select([connection], (), (), wait_s)[0])
+
+    board = load_board(find("boards", BOARD))
+    import_module(module).main(WallI2c(calls, board), LinuxClock(), of_scan, is_over, *arguments)
+
+
+def _forgiving(loaded: LoadedConfig) -> LoadedConfig:
+    """What else this machine does must not halt an engine that is to be killed."""
+    machine = msgspec.structs.replace(loaded.machine, halt_excess_us=9e4, drift_us=9e4)
+    return replace(loaded, machine=machine)
+
+
+def _drive(folder: Path, library: Path, core: int, parent: int) -> int:
+    """One engine, which does not outlive the process that it was forked from."""
+    realtime.perish_with(parent)
+    loaded, calls, clock = _forgiving(loaded_for(core)), SystemCalls(library), LinuxClock()
+    backend = Backend(
+        "fake",
+        WallSpi(calls),
+        WallGpio(calls, loaded.board, folder / TRY_STOP),
+        None,
+        clock,
+        NoMarker(),
+        lambda: None,
+        host_clock=clock,
+        codec=codec_of(loaded.board.source),
+        set_up_realtime=realtime.set_up,
+        set_up_urgent_thread=realtime.scheduling,
+        beside=_Beside(folder, library),
+    )
+    said = partial(print, "ready", os.getpid(), flush=True)
+    untested = folder / "selftest.json"
+    return run_engine(loaded, backend, folder, untested, said, folder / NOTE)
+
+
+def nursery(folder: Path, library: Path, core: int) -> int:
+    parent = os.getpid()
+    for _ in sys.stdin:
+        pid = os.fork()
+        if not pid:
+            os._exit(_drive(folder, library, core, parent))
+        os.waitpid(pid, 0)
+        print("ended", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(nursery(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])))

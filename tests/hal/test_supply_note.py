@@ -1,0 +1,97 @@
+"""The note that outlasts an engine: written whole, found whatever it says, gone when dropped."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from etd_hal.supply_note import SupplyNote
+
+
+@pytest.fixture
+def note(tmp_path: Path) -> SupplyNote:
+    return SupplyNote(tmp_path / "supply.json")
+
+
+def test_there_is_none_until_it_is_kept_and_none_after_it_was_dropped(note: SupplyNote) -> None:
+    assert note.left() is None
+    note.drop()
+    note.keep()
+    note.keep()
+    assert (
+        note.left()
+        == "the last engine was killed with the supply on, or could not make the board safe"
+    )
+    note.drop()
+    note.drop()
+    assert note.left() is None
+    assert os.listdir(note.path.parent) == []
+
+
+def test_one_of_another_boot_was_left_by_a_loss_of_power(note: SupplyNote) -> None:
+    note.path.write_text(json.dumps({"boot": "another"}))
+    assert note.left() == "the machine lost its power, or was reset, with the supply on"
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"null", b"\xff\xfe", b"{}", b'{"boot": 3}'])
+def test_one_that_says_nothing_was_left_all_the_same(note: SupplyNote, content: bytes) -> None:
+    note.path.write_bytes(content)
+    assert note.left() is not None
+
+
+def test_one_that_cannot_be_read_was_left(note: SupplyNote) -> None:
+    note.path.mkdir()
+    assert note.left() == "a note was left that cannot be read (Is a directory)"
+
+
+def test_without_its_folder_it_is_not_there_and_cannot_be_kept(tmp_path: Path) -> None:
+    lost = SupplyNote(tmp_path / "absent" / "supply.json")
+    assert lost.left() is None
+    lost.drop()
+    with pytest.raises(FileNotFoundError):
+        lost.keep()
+    (tmp_path / "file").touch()
+    under = SupplyNote(tmp_path / "file" / "supply.json")
+    assert under.left() is None
+    with pytest.raises(NotADirectoryError):
+        under.keep()
+
+
+def test_a_link_in_the_place_of_the_new_one_is_not_followed(note: SupplyNote) -> None:
+    target = note.path.parent / "target"
+    (note.path.parent / ".supply.json.new").symlink_to(target)
+    with pytest.raises(OSError, match="symbolic links"):
+        note.keep()
+    assert not target.exists()
+
+
+def test_it_is_on_the_disk_before_it_counts(
+    note: SupplyNote, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file before its name, and its name before `keep` returns; the same when it is dropped."""
+    calls: list[str] = []
+    synced, renamed, removed = os.fsync, os.replace, os.unlink
+
+    def sync(fd: int) -> None:
+        calls.append("folder" if os.path.isdir(f"/proc/self/fd/{fd}") else "file")
+        synced(fd)
+
+    def rename(*paths: Path) -> None:
+        calls.append("name")
+        renamed(*paths)
+
+    def remove(path: Path) -> None:
+        calls.append("removed")
+        removed(path)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    monkeypatch.setattr(os, "replace", rename)
+    monkeypatch.setattr(os, "unlink", remove)
+    note.keep()
+    assert calls == ["file", "name", "folder"]
+    calls.clear()
+    note.drop()
+    assert calls == ["removed", "folder"]
