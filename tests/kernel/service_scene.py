@@ -47,7 +47,7 @@ CLOCK = LinuxClock()
 _PAUSE_NS = 200_000_000
 MACHINE = TREE / "tests/kernel" / ("virtual-time.toml" if IS_VIRTUAL_TIME else "service-x86.toml")
 #: May use the display; may store calibrations too; may not.
-PERSON, OPERATOR, STRANGER = "person", "operator", "stranger"
+PERSON, OPERATOR, STRANGER = "person", "calibrator", "stranger"
 CALIBRATIONS = Path("/var/lib/etd-calibrations")
 
 SETTINGS = f"""
