@@ -183,7 +183,8 @@ def test_without_a_daemon_the_status_is_3(rig: CommandRig, verb: str) -> None:
 def test_play_waits_for_the_operator_and_a_killed_client_leaves_silence(shared: CommandRig) -> None:
     pattern = shared.folder / "long.json"
     pattern.write_text(
-        '{"etd_pattern": 1, "electrodes": 8, "frames": [{"duration_ms": 600000, "active": [3]}]}'
+        '{"etd_pattern": 1, "electrodes": 8, '
+        '"frames": [{"duration_ms": 600000, "active": [3], "rate_hz": 40}]}'
     )
     playing = shared.start("play", str(pattern))
     playing.line_with("waiting for the operator")
@@ -215,7 +216,8 @@ def test_of_two_that_start_at_once_one_runs_and_the_other_ends(rig: CommandRig) 
 def test_a_stop_ends_what_is_being_played(rig: CommandRig) -> None:
     pattern = rig.folder / "long.json"
     pattern.write_text(
-        '{"etd_pattern": 1, "electrodes": 8, "frames": [{"duration_ms": 600000, "active": [3]}]}'
+        '{"etd_pattern": 1, "electrodes": 8, '
+        '"frames": [{"duration_ms": 600000, "active": [3], "rate_hz": 40}]}'
     )
     with rig.daemon("--array", "pad-8"):
         playing = rig.start("play", str(pattern), "--arm")
