@@ -83,7 +83,7 @@ def parts() -> Iterator[Components]:
     rig = engine_rig.make(electrodes=N)
     rig.open()
     rig.arm()
-    # The engine takes no turn here: the stopper would find it silent, and cut in the middle of calibrations.
+    # The engine takes no turn here: the stopper would find it silent, and cut amid calibrations.
     rig.stopper.is_looking = False
     yield rig.engine.components
     rig.close()
