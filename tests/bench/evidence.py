@@ -62,6 +62,13 @@ MEASUREMENTS = (
         "tests/bench/soak.py --json --seconds 60 --restarts 10",
         "Memory and descriptors of the whole daemon: after the warm-up, and at the end.",
     ),
+    Measurement(
+        "An hour of bytes from outside",
+        "tests/fuzz/run.py --json",
+        "tests/fuzz/run.py --json --seconds 120",
+        "Each target decodes what clients, files or a peer may send; what it demands is in"
+        " [architecture.md](architecture.md).",
+    ),
 )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import json
 import os
 import re
 import select
@@ -16,6 +17,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 # Run as a script, from a clone: the harnesses stand beside the test rigs.
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
@@ -151,6 +153,24 @@ def show(outcomes: Sequence[Outcome]) -> None:
             print(f"again:   make fuzz ARGS='{one.target.name} --play {path}'")
 
 
+def figures(outcomes: Sequence[Outcome], is_guided: bool) -> dict[str, Any]:
+    """The same for programs; `is_guided`: coverage led to new inputs."""
+    return {
+        "is_guided": is_guided,
+        "seconds": round(sum(one.seconds for one in outcomes)),
+        "targets": [
+            {
+                "target": one.target.name,
+                "inputs": one.executions,
+                "coverage": one.coverage,
+                "kept": one.kept,
+                "findings": [str(path) for path in one.findings],
+            }
+            for one in outcomes
+        ],
+    }
+
+
 def _last_line(path: Path) -> str:
     lines = path.read_text().splitlines() if path.exists() else []
     return lines[-1] if lines else "it hung, or took all memory"
@@ -189,6 +209,7 @@ def _arguments() -> argparse.Namespace:
         "--unguided", action="store_true", help="without atheris, as where it is not"
     )
     parser.add_argument("--folder", type=Path, default=stored.BUILD, help="for what is kept")
+    parser.add_argument("--json", action="store_true", help="the figures as the last line")
     args = parser.parse_args()
     names = [one.name for one in TARGETS]
     for name in args.targets:
@@ -214,13 +235,14 @@ def main() -> int:
     plan = _plan(args, chosen)
     outcomes = [fuzz(one, plan[one.name], args.folder, args.seed, is_guided) for one in chosen]
     show(outcomes)
-    if any(one.findings for one in outcomes):
-        return 1
+    is_clean = not any(one.findings for one in outcomes)
     is_long = args.changed or args.seconds >= AFTER_A_CHANGE_S
-    if is_guided and is_long and not os.environ.get("CI"):
+    if is_clean and is_guided and is_long and not os.environ.get("CI"):
         stored.note_fuzzed(chosen)
         print(f"clean: written to {stored.FUZZED.relative_to(stored.CLONE)}")
-    return 0
+    if args.json:
+        print(json.dumps(figures(outcomes, is_guided)))
+    return 0 if is_clean else 1
 
 
 if __name__ == "__main__":

@@ -70,6 +70,9 @@ def test_a_fault_is_found_kept_with_its_reason_and_can_be_played_again(
     said = capsys.readouterr().out
     assert "no such level" in said
     assert f"broken --play {found}" in said
+    (told,) = run.figures([outcome], is_guided=False)["targets"]
+    assert (told["target"], told["findings"]) == ("broken", [str(found)])
+    assert told["inputs"] == outcome.executions
     assert run.fuzz(broken, 20, folder, seed=1, is_guided=False).findings == [found]
 
 
