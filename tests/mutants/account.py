@@ -13,12 +13,16 @@ import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from mutants.judging import Baseline, Outcome
 
 #: Of this folder: what shows results is not what makes them.
 _SHOWS = {"run.py", "account.py"}
-_HEAD = "# Written by `make mutants`: the sources of which each module was last found without a mistake\n# unseen, a branch untaken or an explanation too many.\n"
+_HEAD = """\
+# Written by `make mutants`: the sources over which each module was last found without a mistake
+# unseen, a branch untaken, or an explanation too many.
+"""
 
 
 class Account:
@@ -103,7 +107,7 @@ class Account:
         return self._kept / f"{stem}-{self.key(module)}.jsonl"
 
 
-def _read(path: Path) -> dict[str, object]:
+def _read(path: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 

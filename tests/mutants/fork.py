@@ -27,8 +27,8 @@ _MORE_BYTES = 2 << 30
 #: So often a fork that has not ended is looked at, and so many looks without work end it.
 _LOOK_MS = 1_000
 _LOOKS = 20
-#: How it ended, where it was not by itself.
-STALLED = -1000
+#: How it ended, where it was not by itself; and what it ends with if `work` raises.
+STALLED, BROKEN = -1000, 70
 
 
 def telling(work: Callable[[Tell], None], log: Path) -> Iterator[dict[str, Any]]:
@@ -61,7 +61,7 @@ def _work(work: Callable[[Tell], None], writing: int) -> NoReturn:
     try:
         work(tell)
         status = 0
-    except BaseException as error:
+    except BaseException as error:  # noqa: BLE001 - it ends here, whatever it is
         sys.excepthook(type(error), error, error.__traceback__)
     finally:
         sys.stderr.flush()
@@ -81,14 +81,19 @@ def _quietly(log: Path) -> None:
 
 
 def ending(work: Callable[[], int]) -> int:
-    """The exit status of `work` in a fork; negative: the signal that ended it, or STALLED."""
+    """The exit status of `work` in a fork; BROKEN if it raises; negative: the
+    signal that ended it, or STALLED.
+    """
     pid = os.fork()
     if pid == 0:
         os.setsid()
         _bound()
-        status = 70
+        status = BROKEN
         try:
             status = work()
+        except BaseException as error:  # noqa: BLE001 - likewise
+            sys.excepthook(type(error), error, error.__traceback__)
+            sys.stderr.flush()
         finally:
             os._exit(status)
     try:

@@ -19,6 +19,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ class Judged:
     def baseline(self) -> Baseline:
         """Raises: Unfit."""
         told = list(fork.telling(self._measure, self._log))
-        last = told[-1] if told else {"failed": ["nothing was collected"]}
+        last: dict[str, Any] = told[-1] if told else {"failed": ["what was to be collected"]}
         if last["failed"]:
             raise Unfit(f"tests fail without a mistake: {', '.join(last['failed'])}")
         return Baseline(
@@ -127,8 +128,7 @@ class Judged:
             gaps = _gaps(tracer)
             tell({"failed": failed, "reached": reached, "loading": loading, "gaps": gaps})
 
-        if not session.collected(self._tests, self._place, use, ends=False):
-            tell({"failed": ["what was to be collected"]})
+        session.collected(self._tests, self._place, use, ends=False)
 
     # --- with one ----------------------------------------------------------------------------
 
@@ -162,6 +162,8 @@ class Judged:
         for told in fork.telling(work, self._log):
             if "unfit" in told:
                 raise Unfit(told["unfit"])
+            if told["status"] == fork.BROKEN:
+                raise Unfit(f"trying {told['name']!r} broke down: see {self._log}")
             yield told
 
     def _put_in(self, baseline: Baseline, of: Sequence[Mutant]) -> Callable[[fork.Tell], None]:
@@ -178,7 +180,7 @@ class Judged:
                     return
                 for mutant in of:
                     names = baseline.quickest(mutant.lines)
-                    status = fork.ending(lambda: self._try(loaded, tests, mutant, names, baseline))
+                    status = fork.ending(partial(self._try, loaded, tests, mutant, names, baseline))
                     tell({"name": mutant.name, "status": status, "by": self._running(names)})
 
             if not session.collected(self._tests, self._place, use, ends=True):
@@ -206,7 +208,7 @@ class Judged:
         def work(tell: fork.Tell) -> None:
             for mutant in of:
                 names = baseline.quickest(None if mutant.is_of_module else mutant.lines)
-                status = fork.ending(lambda: self._load_and_try(mutant, names, baseline))
+                status = fork.ending(partial(self._load_and_try, mutant, names, baseline))
                 tell({"name": mutant.name, "status": status, "by": self._running(names)})
 
         return work
@@ -221,8 +223,9 @@ class Judged:
             passed.append(tests.run(names, _limits(baseline)))
 
         files = sorted({self._path_of(name) for name in names})
-        session.collected(files, self._place, use, ends=True)
-        return passed[0] if passed else FOUND
+        if session.collected(files, self._place, use, ends=True):
+            return passed[0]
+        return FOUND
 
     def _path_of(self, test: str) -> str:
         within = test.partition("::")[0]
@@ -263,8 +266,6 @@ def _gaps(tracer: coverage.Coverage) -> list[str]:
         gaps += [f"line {line}" for line in one["missing_lines"]]
         missing = set(one["missing_lines"])
         gaps += [
-            f"{begin} -> {end}"
-            for begin, end in one["missing_branches"]
-            if begin not in missing
+            f"{begin} -> {end}" for begin, end in one["missing_branches"] if begin not in missing
         ]
     return gaps

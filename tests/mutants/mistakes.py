@@ -13,9 +13,10 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import CodeType
+from typing import Any
 
 #: A string without a space and a sentence is read by programs: a code, a key, a state.
 _FOR_PROGRAMS = re.compile(r"[a-z][a-z0-9]*([_.\-][a-z0-9]+)*")
@@ -157,7 +158,7 @@ class _Mistakes:
                 self._condition(Place(node, "test", None), test, (True, False))
             case ast.While(test=test):
                 self._condition(Place(node, "test", None), test, (False,))
-            case ast.Return(value=value) if value is not None and not _is_none(value):
+            case ast.Return(value=ast.expr() as value) if not isinstance(value, ast.Constant):
                 self._add(Place(node, "value", None), value, ast.Constant(None))
             case ast.Break():
                 self._add(place, node, ast.Continue())
@@ -281,9 +282,9 @@ class _Mistakes:
         node: ast.AST,
         place: Place,
         operator: ast.AST,
-        others: dict[type[ast.cmpop], type[ast.cmpop]] | dict[type[ast.operator], type[ast.operator]],
+        others: Mapping[Any, type[ast.AST]],
     ) -> None:
-        other = {**others}.get(type(operator))
+        other = others.get(type(operator))
         if other is not None:
             self._operation(node, place, operator, other())
 
@@ -339,10 +340,6 @@ def _is_docstring(node: ast.stmt) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
-def _is_none(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and node.value is None
-
-
 def _is_for_types(test: ast.expr) -> bool:
     return isinstance(test, ast.Name) and test.id == "TYPE_CHECKING"
 
@@ -350,7 +347,8 @@ def _is_for_types(test: ast.expr) -> bool:
 def _are_words(*operands: ast.expr) -> bool:
     """Whether texts are put together."""
     return any(
-        isinstance(one, ast.JoinedStr) or (isinstance(one, ast.Constant) and isinstance(one.value, str))
+        isinstance(one, ast.JoinedStr)
+        or (isinstance(one, ast.Constant) and isinstance(one.value, str))
         for one in operands
     )
 

@@ -1,4 +1,4 @@
-"""`make mutants`: one mistake after another in what keeps current within bounds; tests must see each.
+"""`make mutants`: one mistake after another in what bounds current, and a test must see each.
 
 Owns: which modules are judged, and what is shown. Exit status 1: a mistake that no test has found
 and nothing explains, an explanation of none, or a branch that no test takes; 2: the tests cannot
@@ -78,7 +78,9 @@ class Run:
         survived = {one.name for one in outcomes if one.has_survived}
         explained = self._account.explained(name)
         verdict.how = dict(Counter(one.how for one in outcomes))
-        verdict.unexplained = [one.name for one in judged.mutants if one.name in survived - {*explained}]
+        verdict.unexplained = [
+            one.name for one in judged.mutants if one.name in survived - {*explained}
+        ]
         verdict.needless = [one for one in explained if one not in survived]
         self._account.note(name, is_clean=verdict.is_clean)
         return verdict

@@ -91,9 +91,7 @@ class Tests:
         item = self._items[name]
         item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
 
-    def measured(
-        self, tracer: coverage.Coverage, tell: Callable[[str, float], None]
-    ) -> list[str]:
+    def measured(self, tracer: coverage.Coverage, tell: Callable[[str, float], None]) -> list[str]:
         """Run all; returns which have failed."""
         failed = _Failed()
         names = self.names
@@ -129,10 +127,10 @@ class _EndsAtFailure:
         self, item: pytest.Item, call: pytest.CallInfo[None]
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         raised = call.excinfo
+        may_raise = (pytest.skip.Exception, pytest.xfail.Exception)
         is_expected = item.get_closest_marker("xfail") is not None
-        if raised is not None and not raised.errisinstance(pytest.skip.Exception):
-            if not is_expected:
-                os._exit(FOUND)
+        if raised is not None and not is_expected and not raised.errisinstance(may_raise):
+            os._exit(FOUND)
         report = yield
         if report.failed:
             os._exit(FOUND)
@@ -172,7 +170,7 @@ def _with_few_examples(item: pytest.Item) -> None:
     function = getattr(function, "__func__", function)
     if function is None or not hypothesis.is_hypothesis_test(function):
         return
-    asked: settings = getattr(function, "_hypothesis_internal_use_settings", settings.default)
+    asked: settings = function._hypothesis_internal_use_settings
     if asked.max_examples > EXAMPLES:
         few = settings(asked, max_examples=EXAMPLES)
         function._hypothesis_internal_use_settings = few
