@@ -26,13 +26,15 @@ _HEAD = """\
 
 
 class Account:
-    """Of the modules in one folder's three files; `tree` is what their paths begin at."""
+    """Of the modules of one tree, which their paths begin at."""
 
-    def __init__(self, folder: Path, tree: Path, kept: Path) -> None:
+    def __init__(self, tree: Path, kept: Path) -> None:
         """`kept`: a folder for outcomes."""
+        folder = tree / "tests" / "mutants"
         self._tree = tree
         self._digests = folder / "digests.toml"
         self._kept = kept
+        self._keys: dict[str, str] = {}
         self.modules: dict[str, list[str]] = _read(folder / "modules.toml")
         self._survivors: dict[str, dict[str, str]] = _read(folder / "survivors.toml")
         self._tool = sorted(
@@ -56,10 +58,12 @@ class Account:
         return _digest([self.key(module).encode(), names.encode()])
 
     def key(self, module: str) -> str:
-        """The same without what is explained."""
-        tests = sorted(_with_helpers(self._tree, self.modules[module]))
-        paths = [self._tree / module, *tests, *self._tool]
-        return _digest(path.read_bytes() for path in paths)
+        """The same without what is explained; as it was when it was asked for first."""
+        if module not in self._keys:
+            tests = sorted(_with_helpers(self._tree, self.modules[module]))
+            paths = [self._tree / module, *tests, *self._tool]
+            self._keys[module] = _digest(path.read_bytes() for path in paths)
+        return self._keys[module]
 
     def is_clean(self, module: str) -> bool:
         return self._found().get(module) == self.digest(module)

@@ -80,9 +80,9 @@ def _quietly(log: Path) -> None:
     os.dup2(nothing, 0)
 
 
-def ending(work: Callable[[], int]) -> int:
+def ending(work: Callable[[], int], looks: int = _LOOKS) -> int:
     """The exit status of `work` in a fork; BROKEN if it raises; negative: the
-    signal that ended it, or STALLED.
+    signal that ended it, or STALLED, after so many looks at which it had done nothing.
     """
     pid = os.fork()
     if pid == 0:
@@ -97,7 +97,7 @@ def ending(work: Callable[[], int]) -> int:
         finally:
             os._exit(status)
     try:
-        return _ended(pid)
+        return _ended(pid, looks)
     except BaseException:
         _end(pid)
         os.waitpid(pid, 0)
@@ -111,7 +111,7 @@ def _bound() -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def _ended(pid: int) -> int:
+def _ended(pid: int, most_looks: int) -> int:
     poll = select.poll()
     pidfd = os.pidfd_open(pid)
     poll.register(pidfd, select.POLLIN)
@@ -121,7 +121,7 @@ def _ended(pid: int) -> int:
             state, taken = _processor(pid)
             looks = looks + 1 if state == "S" and taken == before else 0
             before = taken
-            if looks == _LOOKS:
+            if looks == most_looks:
                 _end(pid)
                 os.waitpid(pid, 0)
                 return STALLED

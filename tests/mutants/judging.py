@@ -81,9 +81,10 @@ class Judged:
     """One module, below a tree, and its tests."""
 
     def __init__(self, tree: Path, path: str, tests: Sequence[str], log: Path) -> None:
+        self._tree = tree
         self._path = tree / path
         self._name = module_name(path)
-        self._tests = [str(tree / test) for test in tests]
+        self._tests = list(tests)
         self._log = log
         self._mutated = Mutated(self._path.read_text(encoding="utf-8"), str(self._path))
         #: Which test runs is written there by the fork that runs it.
@@ -128,7 +129,7 @@ class Judged:
             gaps = _gaps(tracer)
             tell({"failed": failed, "reached": reached, "loading": loading, "gaps": gaps})
 
-        session.collected(self._tests, self._place, use, ends=False)
+        session.collected(self._tree, self._tests, self._place, use, ends=False)
 
     # --- with one ----------------------------------------------------------------------------
 
@@ -183,7 +184,7 @@ class Judged:
                     status = fork.ending(partial(self._try, loaded, tests, mutant, names, baseline))
                     tell({"name": mutant.name, "status": status, "by": self._running(names)})
 
-            if not session.collected(self._tests, self._place, use, ends=True):
+            if not session.collected(self._tree, self._tests, self._place, use, ends=True):
                 tell({"unfit": "the tests could not be collected again"})
 
         return work
@@ -222,14 +223,10 @@ class Judged:
         def use(tests: Tests) -> None:
             passed.append(tests.run(names, _limits(baseline)))
 
-        files = sorted({self._path_of(name) for name in names})
-        if session.collected(files, self._place, use, ends=True):
+        files = sorted({name.partition("::")[0] for name in names})
+        if session.collected(self._tree, files, self._place, use, ends=True):
             return passed[0]
         return FOUND
-
-    def _path_of(self, test: str) -> str:
-        within = test.partition("::")[0]
-        return next(path for path in self._tests if path.endswith(within))
 
     def _running(self, names: Sequence[str]) -> str:
         """Which test ran last; "" while they were being loaded."""

@@ -27,9 +27,7 @@ from mutants import session  # noqa: E402
 from mutants.account import Account  # noqa: E402
 from mutants.judging import Baseline, Judged, Outcome, Unfit  # noqa: E402
 
-_FOLDER = Path(__file__).parent
-_TREE = session.TREE
-_KEPT = _TREE / "build" / "mutants"
+_TREE = Path(__file__).resolve().parents[2]
 
 
 @dataclass
@@ -177,7 +175,7 @@ def table(verdicts: Sequence[Verdict]) -> Table:
     return shown
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(arguments: Sequence[str], tree: Path = _TREE) -> int:
     parser = argparse.ArgumentParser(prog="make mutants", description=__doc__.partition("\n")[0])
     parser.add_argument("module", nargs="*", help="paths, or their ends: guard, safety/limits")
     parser.add_argument("--changed", action="store_true", help="mistakes of what is not as it was")
@@ -185,15 +183,16 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--json", action="store_true", help="for programs")
     given = parser.parse_args(arguments)
     session.prepare()
-    _KEPT.mkdir(parents=True, exist_ok=True)
+    kept = tree / "build" / "mutants"
+    kept.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=True)
     try:
-        account = Account(_FOLDER, _TREE, _KEPT)
+        account = Account(tree, kept)
         modules = chosen(account, given.module)
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2
-    run = Run(account, _TREE, _KEPT / "log", console)
+    run = Run(account, tree, kept / "log", console)
     verdicts = []
     for name in modules:
         is_tried = not given.changed or not account.is_clean(name)

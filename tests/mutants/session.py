@@ -24,7 +24,6 @@ import pytest
 import zmq as zmq
 from hypothesis import HealthCheck, Phase, settings
 
-TREE = Path(__file__).resolve().parents[2]
 EXAMPLES = 20
 _PROFILE = "mutants"
 _PYTEST = (
@@ -32,7 +31,7 @@ _PYTEST = (
     *("-p", "no:cacheprovider", "-p", "no:randomly", "-p", "no:xdist"),
     # What is loaded before a fork is loaded before pytest.
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),
-    *("-p", "no:faulthandler", f"--rootdir={TREE}", f"--confcutdir={TREE}"),
+    *("-p", "no:faulthandler"),
 )
 #: Of the processor's time: what a test may take beyond what it took without a mistake, and that
 #: time so many times.
@@ -153,14 +152,15 @@ class _Session:
 
 
 def collected(
-    files: Sequence[str], place: mmap.mmap, use: Callable[[Tests], None], *, ends: bool
+    tree: Path, files: Sequence[str], place: mmap.mmap, use: Callable[[Tests], None], *, ends: bool
 ) -> bool:
-    """Have pytest load these files, and `use` what is in them; `ends`: a failure ends the process.
-    False: they could not be loaded.
+    """Have pytest load these files below `tree`, and `use` what is in them. False: they could not
+    be loaded. `ends`: a failure ends the process.
     """
     session = _Session(use, place)
     plugins: list[object] = [session, _EndsAtFailure()] if ends else [session]
-    pytest.main([*_PYTEST, *(str(TREE / file) for file in files)], plugins=plugins)
+    where = (f"--rootdir={tree}", f"--confcutdir={tree}", f"--config-file={tree}/pyproject.toml")
+    pytest.main([*_PYTEST, *where, *(str(tree / file) for file in files)], plugins=plugins)
     return session.is_used
 
 
