@@ -16,6 +16,7 @@ import resource
 import select
 import signal
 import sys
+import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -61,11 +62,15 @@ def _work(work: Callable[[Tell], None], writing: int) -> NoReturn:
     try:
         work(tell)
         status = 0
-    except BaseException as error:  # noqa: BLE001 - it ends here, whatever it is
-        sys.excepthook(type(error), error, error.__traceback__)
+    except BaseException:  # noqa: BLE001 - it ends here, whatever it is
+        _say_why()
     finally:
-        sys.stderr.flush()
         os._exit(status)
+
+
+def _say_why() -> None:
+    """To the log, whatever stands in for the standard error here."""
+    os.write(2, traceback.format_exc().encode())
 
 
 def _quietly(log: Path) -> None:
@@ -91,9 +96,8 @@ def ending(work: Callable[[], int], looks: int = _LOOKS) -> int:
         status = BROKEN
         try:
             status = work()
-        except BaseException as error:  # noqa: BLE001 - likewise
-            sys.excepthook(type(error), error, error.__traceback__)
-            sys.stderr.flush()
+        except BaseException:  # noqa: BLE001 - likewise
+            _say_why()
         finally:
             os._exit(status)
     try:

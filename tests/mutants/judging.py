@@ -62,6 +62,10 @@ class Baseline:
             names = {name for line in lines for name in self.reached.get(line, ())}
         return sorted(names, key=lambda name: (self.taken_s[name], name))
 
+    def is_of_loading(self, mutant: Mutant) -> bool:
+        """Whether it is in effect while the tests are loaded: then any test may find it."""
+        return mutant.is_of_module or not self.loading.isdisjoint(mutant.lines)
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -138,18 +142,19 @@ class Judged:
         later: list[Mutant] = []
         within: list[Mutant] = []
         for one in of:
-            if one.is_of_module:
-                later.append(one)
-            elif not baseline.quickest(one.lines):
-                yield Outcome(one.name, "not reached", "")
-            else:
+            if not one.is_of_module and baseline.quickest(one.lines):
                 within.append(one)
+            elif baseline.is_of_loading(one):
+                later.append(one)
+            else:
+                yield Outcome(one.name, "not reached", "")
         by_name = {one.name: one for one in of}
         for told in self._all(self._put_in(baseline, within), within):
             outcome = _outcome(told)
-            ran_before = not baseline.loading.isdisjoint(by_name[outcome.name].lines)
-            if told["status"] == NOT_SO or (outcome.has_survived and ran_before):
-                later.append(by_name[outcome.name])
+            mutant = by_name[outcome.name]
+            is_of_loading = baseline.is_of_loading(mutant)
+            if told["status"] == NOT_SO or (outcome.has_survived and is_of_loading):
+                later.append(mutant)
             else:
                 yield outcome
         for told in self._all(self._load_with(baseline, later), later):
@@ -208,7 +213,8 @@ class Judged:
     def _load_with(self, baseline: Baseline, of: Sequence[Mutant]) -> Callable[[fork.Tell], None]:
         def work(tell: fork.Tell) -> None:
             for mutant in of:
-                names = baseline.quickest(None if mutant.is_of_module else mutant.lines)
+                is_of_loading = baseline.is_of_loading(mutant)
+                names = baseline.quickest(None if is_of_loading else mutant.lines)
                 status = fork.ending(partial(self._load_and_try, mutant, names, baseline))
                 tell({"name": mutant.name, "status": status, "by": self._running(names)})
 

@@ -158,6 +158,8 @@ class _Mistakes:
                 self._condition(Place(node, "test", None), test, (True, False))
             case ast.While(test=test):
                 self._condition(Place(node, "test", None), test, (False,))
+            case ast.AugAssign(op=operator):
+                self._operator(node, Place(node, "op", None), operator, _COMPUTED)
             case ast.Return(value=ast.expr() as value) if not isinstance(value, ast.Constant):
                 self._add(Place(node, "value", None), value, ast.Constant(None))
             case ast.Break():
@@ -290,15 +292,10 @@ class _Mistakes:
 
     def _operation(self, node: ast.AST, place: Place, before: ast.AST, after: ast.AST) -> None:
         """A mistake of an operator is shown by the whole expression."""
-        if isinstance(node, ast.AugAssign):
-            was, node = node, ast.AugAssign(node.target, before, node.value)  # type: ignore[arg-type]
-            shown = ast.unparse(was)
-            is_now = ast.unparse(ast.AugAssign(was.target, after, was.value))  # type: ignore[arg-type]
-        else:
-            shown = ast.unparse(node)
-            place.put(after)
-            is_now = ast.unparse(node)
-            place.put(before)
+        shown = ast.unparse(node)
+        place.put(after)
+        is_now = ast.unparse(node)
+        place.put(before)
         self._note(place, before, after, shown, is_now, _line(node))
 
     def _add(self, place: Place, before: ast.AST, after: ast.AST) -> None:
