@@ -199,6 +199,11 @@ def test_a_run_goes_on_where_it_was_cut_and_a_failing_test_is_no_judge(tree: Tre
     # The one that was there already was believed, and the one that was cut was tried again.
     assert sum(again["how"].values()) == verdict["mutants"]
     assert len(again["unexplained"]) == len(verdict["unexplained"]) + 1
+    # Of some of them nothing follows for the module.
+    status, (some,) = tree.run("made", "--only", "steps |")
+    assert (status, some["unexplained"], some["gaps"]) == (1, [], ["line 30"])
+    assert 0 < some["mutants"] < verdict["mutants"]
+    assert "made" not in (tree.folder / "digests.toml").read_text().replace("`make", "")
     (tree.root / "tests" / "test_made.py").write_text(TEST.replace("== 9", "== 8"))
     status, (verdict,) = tree.run()
     assert status == 2

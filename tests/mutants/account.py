@@ -88,8 +88,11 @@ class Account:
         if not path.exists():
             return None, []
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-        # The last may have been cut short.
-        first, *rest = (json.loads(line) for line in lines if line.endswith("\n"))
+        if not lines[-1].endswith("\n"):
+            # It was cut short, and what follows must not continue it.
+            lines.pop()
+            path.write_text("".join(lines), encoding="utf-8")
+        first, *rest = map(json.loads, lines)
         reached = {int(line): names for line, names in first["reached"].items()}
         loading = frozenset(first["loading"])
         baseline = Baseline(first["taken_s"], reached, loading, first["gaps"])

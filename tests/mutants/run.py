@@ -26,6 +26,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 from mutants import session  # noqa: E402
 from mutants.account import Account  # noqa: E402
 from mutants.judging import Baseline, Judged, Outcome, Unfit  # noqa: E402
+from mutants.mistakes import Mutant  # noqa: E402
 
 _TREE = Path(__file__).resolve().parents[2]
 
@@ -61,13 +62,16 @@ class Run:
         self._log = log
         self._console = console
 
-    def module(self, name: str) -> Verdict:
-        """All of its mistakes, but those that were tried before over the same sources."""
+    def module(self, name: str, only: str = "") -> Verdict:
+        """All of its mistakes, but those that were tried before over the same sources. `only`:
+        those that have this in their names, from which nothing follows for the module.
+        """
         judged = Judged(self._tree, name, self._account.modules[name], self._log)
-        verdict = Verdict(name, mutants=len(judged.mutants))
+        mutants = [one for one in judged.mutants if only in one.name]
+        verdict = Verdict(name, mutants=len(mutants))
         begun_s = _processor_s()
         try:
-            outcomes = self._tried(name, judged, verdict)
+            outcomes = self._tried(name, judged, mutants, verdict)
         except Unfit as error:
             verdict.unfit = str(error)
             return verdict
@@ -77,10 +81,11 @@ class Run:
         explained = self._account.explained(name)
         verdict.how = dict(Counter(one.how for one in outcomes))
         verdict.unexplained = [
-            one.name for one in judged.mutants if one.name in survived - {*explained}
+            one.name for one in mutants if one.name in survived and one.name not in explained
         ]
-        verdict.needless = [one for one in explained if one not in survived]
-        self._account.note(name, is_clean=verdict.is_clean)
+        verdict.needless = [one for one in explained if only in one and one not in survived]
+        if not only:
+            self._account.note(name, is_clean=verdict.is_clean)
         return verdict
 
     def branches(self, name: str) -> Verdict:
@@ -95,10 +100,14 @@ class Run:
         verdict.processor_s = round(_processor_s() - begun_s, 1)
         return verdict
 
-    def _tried(self, name: str, judged: Judged, verdict: Verdict) -> list[Outcome]:
-        baseline, outcomes = self._measured(name, judged, verdict)
+    def _tried(
+        self, name: str, judged: Judged, mutants: Sequence[Mutant], verdict: Verdict
+    ) -> list[Outcome]:
+        baseline, kept = self._measured(name, judged, verdict)
+        names = {one.name for one in mutants}
+        outcomes = [one for one in kept if one.name in names]
         known = {one.name for one in outcomes}
-        left = [one for one in judged.mutants if one.name not in known]
+        left = [one for one in mutants if one.name not in known]
         # Drawn where nothing else writes, and by no thread: threads do not outlive a fork.
         columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
         is_shown = self._console.is_terminal
@@ -112,7 +121,7 @@ class Run:
             disable=not is_shown,
         ) as progress:
             unseen = sum(one.has_survived for one in outcomes)
-            task = progress.add_task(name, total=len(judged.mutants), completed=len(known), left=0)
+            task = progress.add_task(name, total=len(mutants), completed=len(known), left=0)
             for outcome in judged.outcomes(baseline, left):
                 self._account.keep(name, outcome)
                 outcomes.append(outcome)
@@ -178,6 +187,7 @@ def table(verdicts: Sequence[Verdict]) -> Table:
 def main(arguments: Sequence[str], tree: Path = _TREE) -> int:
     parser = argparse.ArgumentParser(prog="make mutants", description=__doc__.partition("\n")[0])
     parser.add_argument("module", nargs="*", help="paths, or their ends: guard, safety/limits")
+    parser.add_argument("--only", default="", help="mistakes with this in their names")
     parser.add_argument("--changed", action="store_true", help="mistakes of what is not as it was")
     parser.add_argument("--coverage", action="store_true", help="each branch of each module")
     parser.add_argument("--json", action="store_true", help="for programs")
@@ -200,7 +210,7 @@ def main(arguments: Sequence[str], tree: Path = _TREE) -> int:
             is_tried = False
         if not is_tried and not given.coverage:
             continue
-        verdict = run.module(name) if is_tried else run.branches(name)
+        verdict = run.module(name, given.only) if is_tried else run.branches(name)
         verdicts.append(verdict)
         if not console.is_terminal:
             console.print(f"{name}: {verdict.how or 'branches'}", markup=False, highlight=False)
