@@ -18,7 +18,7 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 # Run as a script, from a clone: the packages beside the tests' own rigs.
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
@@ -28,6 +28,8 @@ from mutants.account import Account  # noqa: E402
 from mutants.judging import Baseline, Judged, Outcome, Unfit  # noqa: E402
 from mutants.mistakes import Mutant  # noqa: E402
 
+#: What the table needs: a log has no width.
+_TABLE_WIDTH = 110
 _TREE = Path(__file__).resolve().parents[2]
 
 
@@ -173,7 +175,10 @@ def show(console: Console, verdict: Verdict) -> None:
 
 
 def table(verdicts: Sequence[Verdict]) -> Table:
-    shown = Table("module", *("tests", "mutants", "found", "explained", "unseen", "branches", "s"))
+    shown = Table(
+        Column("module", no_wrap=True),
+        *("tests", "mutants", "found", "explained", "unseen", "branches", "s"),
+    )
     for one in verdicts:
         survived = sum(one.how.get(how, 0) for how in ("survived", "not reached"))
         unseen = len(one.unexplained)
@@ -218,7 +223,7 @@ def main(arguments: Sequence[str], tree: Path = _TREE) -> int:
     if given.json:
         print(json.dumps([asdict(one) for one in verdicts], indent=1, ensure_ascii=False))
     elif verdicts:
-        Console().print(table(verdicts))
+        Console(width=max(_TABLE_WIDTH, console.width)).print(table(verdicts))
     else:
         print(f"all {len(modules)} modules are as they were when each mistake was found")
     if any(one.unfit for one in verdicts):
