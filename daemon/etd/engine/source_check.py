@@ -9,7 +9,7 @@ nothing connected the node is current x leak. So before each arming, and each se
 fired with all outputs blanked; see docs/decisions/0038.
 
 A latch that does not take over what is shifted sends the pulses of all electrodes to one. So after
-that, and each tenth of a second while a frame is shown, a pulse is fired with the outputs live and
+that, and each tenth of a second while armed, a pulse is fired with the outputs live and
 none selected: it must read the same; see docs/decisions/0078.
 
 The pulse is a third of a probe, as in a self-test: a source that makes three times what it is told
@@ -49,18 +49,18 @@ class SourceCheck:
         self.limitations = () if why is None else (f"the source is not checked while armed: {why}",)
 
     def is_due(self, now_ns: int, room_ns: int | None) -> bool:
-        """Whether a second has passed since the last check; a tenth, where pulses are fired.
-        `room_ns`: until the next scan; None: no frame is shown. A scan that would be late for it
-        goes first, once.
+        """Whether a second has passed since the last check; a tenth, of the latch. `room_ns`: until
+        the next scan; None: no frame is shown. A scan that would be late for it goes first, once:
+        so does the first of a frame, since the latch is looked at in silence as well.
         """
         if self.limitations:
             return False
         if now_ns - self.checked_ns >= PERIOD_NS:
             return True
-        if room_ns is None or not self._has_latch:
+        if not self._has_latch:
             return False
-        since_ns = now_ns - self._exposed_ns
-        return since_ns >= (LATCH_PERIOD_NS if room_ns >= _TAKES_NS else 2 * LATCH_PERIOD_NS)
+        is_late = room_ns is not None and room_ns < _TAKES_NS
+        return now_ns - self._exposed_ns >= (2 if is_late else 1) * LATCH_PERIOD_NS
 
     def check(self, now_ns: int) -> BoardFault | None:
         """Between two pulses, with the outputs blanked. Returns what is wrong with the source, or
