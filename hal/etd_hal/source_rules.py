@@ -105,7 +105,7 @@ class SourceRules:
     def _unloaded_v(self, commanded_ua: int) -> tuple[float, float]:
         """Least and most of current x leak."""
         node_v, noise_v = commanded_ua * self.leak_ohm / 1e6, self.noise_v / 2
-        return node_v * (1 - TOLERANCE) - noise_v, node_v * (1 + _TOLERANCE) + noise_v
+        return node_v * (1 - TOLERANCE) - noise_v, node_v * (1 + TOLERANCE) + noise_v
 
     def unloaded_fault(
         self, commanded_ua: int, baseline_v: float, early_v: float, voltage_v: float
