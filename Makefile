@@ -150,7 +150,7 @@ soak: $(VENV)/ready-dev ## A daemon that plays for an hour beside a load, and a 
 kills: $(VENV)/ready-dev ## A thousand kills of each kind: what flows, how long until it is safe, what is remembered; an hour (ARGS='--kills 20')
 	$(BIN)/python tests/bench/kills.py $(ARGS)
 
-evidence: $(VENV)/ready-fuzz ## The figures on safety, measured now on this machine, into docs/evidence.md; hours (ARGS=--short: minutes)
+evidence: $(VENV)/ready-fuzz ## The figures on safety, measured now on this machine, into docs/evidence.md; hours (ARGS='--only kills attack', --short: minutes)
 	$(BIN)/python tests/bench/evidence.py $(ARGS)
 
 fuzz: $(VENV)/ready-fuzz ## Bytes from outside against every decoder and a whole engine, for an hour (SECONDS=600, ARGS='requests', ARGS=--list)

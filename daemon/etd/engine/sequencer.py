@@ -24,7 +24,7 @@ _ON_TIME_NS = 200_000
 #: Between two polls while a frame waits for the trigger: its edge is noticed by a poll.
 _TRIGGER_TICK_NS = 250_000
 #: Poll period in a pause, and between the pulses of a burst.
-_POLL_NS = 2_000_000
+POLL_NS = 2_000_000
 
 
 class Sequencer:
@@ -104,7 +104,7 @@ class Sequencer:
         if not self._is_pausing:
             self._reporter.not_fired(None, "processor")
         self._is_pausing = True
-        self._clock.sleep_until_ns(min(pause_ns, now_ns + _POLL_NS))
+        self._clock.sleep_until_ns(min(pause_ns, now_ns + POLL_NS))
         schedule.was_paused(self._clock.now_ns() - now_ns)
 
     def go_on(self) -> bool:
@@ -126,7 +126,7 @@ class Sequencer:
         """True if the next pulse of a burst is not due yet; then some of the time is slept."""
         if now_ns >= earliest_ns:
             return False
-        self._clock.sleep_until_ns(min(earliest_ns, now_ns + _POLL_NS))
+        self._clock.sleep_until_ns(min(earliest_ns, now_ns + POLL_NS))
         return True
 
     def _between_scans(self, now_ns: int) -> bool:
