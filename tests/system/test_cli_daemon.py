@@ -123,6 +123,33 @@ def test_monitor_prints_lines_where_there_is_no_terminal(shared: CommandRig) -> 
     assert re.match(r"SAFE, ceiling \d+ uA, silent", told.out.splitlines()[1])
 
 
+def test_a_key_in_the_monitor_says_too_strong(rig: CommandRig) -> None:
+    """Pressed on a terminal, by somebody who does not hold the lease."""
+    terminal, keys = os.openpty()
+    with (
+        rig.daemon("--array", "pad-8", "--timeout-factor", "50"),
+        Display(
+            address=address_of(rig.folder / "run" / "etd" / "main"),
+            client="test",
+            max_current_ua=2_000,
+            width_us=100,
+        ) as program,
+        program.telemetry("state", timeout_s=WITHIN_S) as reports,
+    ):
+        program.arm()
+        watching = rig.start("monitor", stdin=keys)
+        watching.line_with("ARMED", "stdout")
+        os.write(terminal, b"x-")
+        watching.line_with("said x0.99", "stdout")
+        told = next(report.felt for _, report in reports if getattr(report, "felt", None))
+        watching.signal(signal.SIGINT)
+        assert watching.ended().status == 0
+    assert (told.answer, told.answers, told.electrodes) == ("too_strong", 1, None)
+    assert told.lowers_only
+    os.close(terminal)
+    os.close(keys)
+
+
 def test_arm_without_a_lease_says_that_an_application_comes_first(shared: CommandRig) -> None:
     armed = shared.run("arm")
     assert armed.status == 1
