@@ -16,6 +16,7 @@ from etd.files.calibration import load_calibration
 from etd.files.paths import address_of
 from etd.files.resources import find
 from etd.protocol.calibration_set import digest_of
+from etd.protocol.messages import StateReport
 
 pytestmark = pytest.mark.slow
 
@@ -141,7 +142,11 @@ def test_a_key_in_the_monitor_says_too_strong(rig: CommandRig) -> None:
         watching.line_with("ARMED", "stdout")
         os.write(terminal, b"x-")
         watching.line_with("said x0.99", "stdout")
-        told = next(report.felt for _, report in reports if getattr(report, "felt", None))
+        told = next(
+            report.felt
+            for _, report in reports
+            if isinstance(report, StateReport) and report.felt is not None
+        )
         watching.signal(signal.SIGINT)
         assert watching.ended().status == 0
     assert (told.answer, told.answers, told.electrodes) == ("too_strong", 1, None)
