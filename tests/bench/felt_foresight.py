@@ -82,8 +82,8 @@ class _Known:
         # What a body adds between pulses (a neighbor's) is not in what it says of one.
         with np.errstate(divide="ignore"):
             found = np.log(kept.felt) / EXPONENT - logs[1, -len(kept.felt) :]
-        seen = np.where(kept.felt > 0.0, found, np.nan)
-        self._added = np.nan_to_num(np.nanmedian(seen, axis=0))
+        seen = np.ma.masked_invalid(np.where(kept.felt > 0.0, found, np.nan))
+        self._added = np.ma.median(seen, axis=0).filled(0.0)
         self._at_frame = logs[1]
         tried = np.log(_TRIED)
         self._below = (logs[1] - logs[0]) / (tried[1] - tried[0])

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.felt_foresight import Course, Foreseen, best
+from bench.felt_laws import with_law
 from bench.felt_person import ANSWERS_S, INSISTS_S, Manner, Person, times_wanted
 from bench.felt_play import Unsaid, finger_of, play, scans
 from bench.steady_felt import (
@@ -134,6 +135,15 @@ def test_where_nothing_changes_it_is_as_strong_as_it_was_wanted() -> None:
 
 def test_only_what_was_wanted_is_compared() -> None:
     assert times_wanted(np.array([[2.0, 5.0], [1.0, 5.0]]), np.array([1.5, 0.0])) == 1.0
+
+
+def test_with_a_law_the_answers_reach_the_engine() -> None:
+    """Who says nothing but too strong, again and again, gets less from what the law leaves."""
+    (seed,) = LOOKED_AT
+    manner = Manner(right=0.0, errs="too_strong", insists=True)
+    found = with_law(BodyKind.INDIFFERENT, "energy", seed, manner, 1.5)
+    assert found.said.mean_felt < 0.97 * found.alone.mean_felt
+    assert found.off_min is None, "energy changes hardly anything, so nothing counts against it"
 
 
 # --- what could be reached -----------------------------------------------------------------------
