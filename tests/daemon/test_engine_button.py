@@ -59,7 +59,9 @@ def test_a_press_that_bounces_counts_once_and_the_next_press_again(make_rig: Mak
     rig.fake.world.say_too_strong()
     hold(rig, 200)
     lowered = (1 - LOWERED_BY) * (1 - AGAIN_TIMES * LOWERED_BY)
-    assert last_ua(rig) == pytest.approx(lowered * CURRENT_UA, abs=5), "said again, four times as much"
+    assert last_ua(rig) == pytest.approx(lowered * CURRENT_UA, abs=5), (
+        "said again, four times as much"
+    )
 
 
 def test_a_press_while_nothing_can_be_felt_says_nothing(make_rig: MakeRig) -> None:
