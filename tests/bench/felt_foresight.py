@@ -82,8 +82,15 @@ class _Known:
         # What a body adds between pulses (a neighbor's) is not in what it says of one.
         with np.errstate(divide="ignore"):
             found = np.log(kept.felt) / EXPONENT - logs[1, -len(kept.felt) :]
-        seen = np.ma.masked_invalid(np.where(kept.felt > 0.0, found, np.nan))
-        self._added = np.ma.median(seen, axis=0).filled(0.0)
+        is_felt = kept.felt > 0.0
+        self._added = np.array(
+            [
+                np.median(found[is_felt[:, electrode], electrode])
+                if is_felt[:, electrode].any()
+                else 0.0
+                for electrode in range(ELECTRODES)
+            ]
+        )
         self._at_frame = logs[1]
         tried = np.log(_TRIED)
         self._below = (logs[1] - logs[0]) / (tried[1] - tried[0])
