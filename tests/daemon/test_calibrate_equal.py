@@ -1,20 +1,32 @@
-"""Equal strength does not depend on which of two comes second."""
+"""Equal strength: it does not depend on which of two comes second, and has silent trials."""
 
 from __future__ import annotations
 
 import datetime
+from collections.abc import Callable
 
+import pytest
 from msgspec.structs import replace
 
 from calibrate_scenes import ROW
-from etd.calibrate.answers import Presentation
+from etd.calibrate.answers import Answer, Ask, Presentation, Question
 from etd.calibrate.course import Course
+from etd.calibrate.order import CATCH_IN
 from etd.calibrate.person import ResponseModel, SimulatedPerson
 from etd.calibrate.progress import Progress, finished
+from etd.cli.false_alarms import said_of_false_alarms
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import Refused
 from noisy_skin import NoisySkin
 
 TODAY = datetime.date(2025, 3, 4)
 CONDITIONS = replace(ROW, electrodes=16, array="grid-4x4", cap_ua=4_000)
+
+
+def baseline_on(skin: NoisySkin) -> Calibration:
+    begun = Progress(conditions=CONDITIONS)
+    Course(begun, skin, SimulatedPerson(skin.sense, 19), lambda: TODAY).run(range(16))
+    return finished(begun, TODAY, "test")
 
 
 def test_equal_strength_does_not_depend_on_what_comes_second() -> None:
@@ -23,9 +35,7 @@ def test_equal_strength_does_not_depend_on_what_comes_second() -> None:
     """
     skin = NoisySkin(16, 19)
     skin.pain_ua = [4.0 * value for value in skin.threshold_ua]
-    begun = Progress(conditions=CONDITIONS)
-    Course(begun, skin, SimulatedPerson(skin.sense, 19), lambda: TODAY).run(range(16))
-    made = finished(begun, TODAY, "test")
+    made = baseline_on(skin)
     shown: list[Presentation] = []
     medians = []
     for seed in (None, 3):
@@ -49,3 +59,130 @@ def test_equal_strength_does_not_depend_on_what_comes_second() -> None:
     assert abs(medians[1] - 1.0) < 0.04
     lasts = [one.is_reference_last for one in shown if one.reference == 5]
     assert 0.15 < sum(lasts) / len(lasts) < 0.4, "half of the second round"
+
+
+# --- silent trials -------------------------------------------------------------------------------
+
+
+TURNED: dict[Answer, Answer] = {"weaker": "stronger", "stronger": "weaker"}
+
+
+class OfSilence(SimulatedPerson):
+    """Answers as told that silence is to the reference, and which of them was too strong."""
+
+    def __init__(self, skin: NoisySkin, silent: Answer | None, which: str = "electrode") -> None:
+        super().__init__(skin.sense, 8)
+        self._skin = skin
+        self._silent = silent
+        self._which_is = which
+        self.asked: list[Ask] = []
+
+    def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
+        is_silent = self._skin.sense(question.electrode).strength == 0.0
+        if self._silent is None or not is_silent:
+            return super().answer(question, keep)
+        self.asked.append(question.ask)
+        if question.ask == "compare":
+            super().answer(question, keep)
+            return (
+                TURNED.get(self._silent, self._silent)
+                if question.is_reference_last
+                else (self._silent)
+            )
+        if self._which_is == "neither":
+            self._silent = "weaker"
+            return "neither"
+        if self._which_is == "both":
+            return "both"
+        is_first = question.is_reference_last == (self._which_is == "electrode")
+        return "first" if is_first else "second"
+
+
+@pytest.fixture(scope="module")
+def skin() -> NoisySkin:
+    made = NoisySkin(16, 19)
+    made.pain_ua = [4.0 * value for value in made.threshold_ua]
+    return made
+
+
+@pytest.fixture(scope="module")
+def baseline(skin: NoisySkin) -> Calibration:
+    return baseline_on(skin)
+
+
+def equalized(
+    skin: NoisySkin, baseline: Calibration, person: SimulatedPerson
+) -> tuple[Progress, list[Presentation]]:
+    shown: list[Presentation] = []
+    progress = Progress(
+        conditions=replace(CONDITIONS, method="equalize", reference=5, baseline="P01"), seed=3
+    )
+    Course(progress, skin, person, lambda: TODAY, baseline=baseline, on_presented=shown.append).run(
+        range(16)
+    )
+    return progress, shown
+
+
+def test_one_comparison_in_eight_has_silence_in_the_electrodes_place(
+    skin: NoisySkin, baseline: Calibration
+) -> None:
+    begun = len(skin.presented)
+    progress, shown = equalized(skin, baseline, OfSilence(skin, None))
+    presented = skin.presented[begun:]
+    silent = [one for one in shown if one.is_catch]
+    trials = [one for one in shown if one.reference is not None]
+    assert len(silent) == pytest.approx(len(trials) / CATCH_IN, abs=2.0)
+    assert progress.catch_trials == len(silent)
+    assert progress.false_alarms == 0
+    assert progress.presentations == len(shown)
+    assert {(one.current_ua, one.commanded_ua, one.reference) for one in silent} == {(0, 0, 5)}
+    assert {one.is_reference_last for one in silent} == {False, True}
+    of_reference = sum(electrode == 5 for electrode, _ in presented)
+    led_up = sum(one.reference is None for one in shown)
+    assert of_reference == len(trials) + led_up, "the reference comes in each comparison"
+    assert len(presented) == of_reference + len(trials) - len(silent)
+    for trial, one in enumerate(shown):
+        if one.is_catch:
+            after = next(other for other in shown[trial:] if not other.is_catch
+                         and other.electrode == one.electrode)  # fmt: skip
+            assert one.stands_for_ua == after.current_ua
+
+
+@pytest.mark.parametrize("silent", ["weaker", "same", "stronger", "too_strong"])
+def test_silence_as_strong_as_the_reference_is_a_false_alarm_and_changes_nothing_else(
+    silent: Answer, skin: NoisySkin, baseline: Calibration
+) -> None:
+    quiet, _ = equalized(skin, baseline, OfSilence(skin, "weaker"))
+    progress, _ = equalized(skin, baseline, OfSilence(skin, silent))
+    assert progress.found == quiet.found
+    assert progress.lowered_ua == quiet.lowered_ua
+    made = finished(progress, TODAY, "test")
+    assert made.false_alarm_rate == (0.0 if silent == "weaker" else 1.0)
+    said = said_of_false_alarms(made)
+    assert (said is None) == (silent == "weaker")
+    assert said is None or "P01 called silence as strong as the reference in 100% of" in said
+
+
+@pytest.mark.parametrize("which", ["reference", "both"])
+def test_a_reference_too_strong_beside_silence_ends_it_as_always(
+    which: str, skin: NoisySkin, baseline: Calibration
+) -> None:
+    shown: list[Presentation] = []
+    progress = Progress(
+        conditions=replace(CONDITIONS, method="equalize", reference=5, baseline="P01"), seed=3
+    )
+    course = Course(
+        progress, skin, OfSilence(skin, "too_strong", which), lambda: TODAY,
+        baseline=baseline, on_presented=shown.append,
+    )  # fmt: skip
+    with pytest.raises(Refused, match="the reference, electrode 5, is too strong"):
+        course.run(range(16))
+    assert shown[-1].is_catch
+    assert progress.lowered_ua == {5: int(baseline.electrode[5].comfortable_ua / 1.1)}
+
+
+def test_neither_beside_silence_asks_again(skin: NoisySkin, baseline: Calibration) -> None:
+    person = OfSilence(skin, "too_strong", "neither")
+    progress, _ = equalized(skin, baseline, person)
+    assert person.asked[:3] == ["compare", "which", "compare"]
+    assert (progress.false_alarms, progress.lowered_ua) == (0, {})

@@ -147,8 +147,8 @@ class Course:
 
     def _trial(self, electrode: int) -> None:
         progress, task = self._progress, self._in_play[electrode]
-        if task.can_be_silent and is_catch(progress.seed, progress.presentations):
-            self._asking.catch(electrode, task.track.current_ua)
+        if is_catch(progress.seed, progress.presentations):
+            task.silent_trial()
             return
         task.trial()
         self._settle(electrode)

@@ -75,7 +75,10 @@ class EqualTasks:
                 raise BelowThreshold(electrode)
             return self._asking.compared(electrode, reach, current_ua, reference, reference_ua)
 
-        return Task(electrode, Track(procedure, reach), present, can_be_silent=False)
+        def silent(stands_for_ua: int) -> None:
+            self._asking.catch_compared(electrode, stands_for_ua, reference, reference_ua)
+
+        return Task(electrode, Track(procedure, reach), present, silent)
 
     def check(self, _: int) -> None:
         return None

@@ -47,6 +47,11 @@ def is_reference_last(seed: int | None, electrode: int, comparison: int) -> bool
     return random.Random(f"pair {seed} {electrode} {pair}").randrange(2) == place
 
 
+def is_silence_first(seed: int | None, trial: int) -> bool:
+    """Of a silent comparison, which is none of those pairs: the reference comes after it."""
+    return random.Random(f"silence {seed} {trial}").randrange(2) == 0
+
+
 def drawn(seed: int | None, trial: int, in_play: Collection[int]) -> int:
     """The electrode of this trial."""
     if seed is None:
