@@ -186,3 +186,45 @@ def test_neither_beside_silence_asks_again(skin: NoisySkin, baseline: Calibratio
     progress, _ = equalized(skin, baseline, person)
     assert person.asked[:3] == ["compare", "which", "compare"]
     assert (progress.false_alarms, progress.lowered_ua) == (0, {})
+
+
+# --- the reference, again ------------------------------------------------------------------------
+
+
+class MissingTheReference(SimulatedPerson):
+    """Does not feel the reference alone at its level, so many times after so many other answers."""
+
+    def __init__(self, skin: NoisySkin, at_ua: int, times: int, after: int = 0) -> None:
+        super().__init__(skin.sense, 8)
+        self._skin, self._at_ua, self._left, self._after = skin, at_ua, times, after
+        self.missed = 0
+
+    def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
+        self._after -= 1
+        is_it = question.ask == "strength" and self._skin.presented[-1] == (5, self._at_ua)
+        if is_it and self._after < 0 and self._left > 0:
+            self._left, self.missed = self._left - 1, self.missed + 1
+            return "not_felt"
+        return super().answer(question, keep)
+
+
+@pytest.mark.parametrize("after", [0, 60])
+def test_a_reference_that_is_not_felt_any_more_is_refused(
+    after: int, skin: NoisySkin, baseline: Calibration
+) -> None:
+    """In the beginning, and when it is gone up to again after eight electrodes."""
+    person = MissingTheReference(skin, baseline.electrode[5].comfortable_ua, 2, after)
+    with pytest.raises(Refused, match="electrode 5, is not felt any more") as refused:
+        equalized(skin, baseline, person)
+    assert refused.value.electrode == 5
+    assert person.missed == 2
+
+
+def test_one_miss_of_the_reference_is_asked_again(skin: NoisySkin, baseline: Calibration) -> None:
+    person = MissingTheReference(skin, baseline.electrode[5].comfortable_ua, 1)
+    progress, shown = equalized(skin, baseline, person)
+    assert person.missed == 1
+    assert progress.missing == ()
+    begun = [at for at, one in enumerate(shown) if one.reference is None and one.current_ua
+             == baseline.electrode[5].threshold_ua]  # fmt: skip
+    assert len(begun) == 2, "before the first comparison, and after eight electrodes"

@@ -1,8 +1,8 @@
 """Making every electrode as strong as a reference: what of it concerns a baseline.
 
-Owns: which electrode may be the reference, approaching it before it is used, and the figures that
-are taken over from the baseline. Must not know: the order of electrodes, steps (equalize), who
-answers.
+Owns: which electrode may be the reference, approaching it before it is used and in between, and the
+figures that are taken over from the baseline. Must not know: the order of electrodes, steps
+(equalize), who answers.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from etd.calibrate.answers import Answer
 from etd.calibrate.asking import Asking, too_strong_reference
 from etd.calibrate.equalize import equalize, lead_up
+from etd.calibrate.order import CHECK_EACH
 from etd.calibrate.progress import Progress
 from etd.calibrate.reach import Reach
 from etd.calibrate.tasks import Task, in_order, reach_of
@@ -52,7 +53,7 @@ class EqualTasks:
         self._baseline = baseline
         self._reference = reference
         self._today = today
-        self._is_led_up = False
+        self._until_led_up = 0
         if self._reach_of_reference().is_cap_felt:
             raise too_strong_reference(reference)
 
@@ -95,19 +96,36 @@ class EqualTasks:
         return replace(found, threshold_date=before.threshold_date or found_on)
 
     def _lead_up(self) -> None:
-        """An ascent to the reference's level: skin may have changed. Raises: Refused."""
-        if self._is_led_up:
+        """An ascent to the reference's level, before the first comparison and after each so many
+        electrodes: skin may have changed. Raises: Refused.
+        """
+        self._until_led_up -= 1
+        if self._until_led_up > 0:
             return
         reference, limits = self._reference, self._baseline.electrode[self._reference]
         reach = self._reach_of_reference()
         procedure = lead_up(limits.threshold_ua, limits.comfortable_ua)
-        if not run(procedure, reach, lambda ua: self._asking.strength(reference, reach, ua)):
+        answer = run(procedure, reach, lambda ua: self._asking.strength(reference, reach, ua))
+        if answer == "too_strong":
             raise too_strong_reference(reference)
-        self._is_led_up = True
+        if answer == "not_felt":
+            raise _unfelt_reference(reference)
+        self._until_led_up = CHECK_EACH
 
     def _reach_of_reference(self) -> Reach:
         limits = self._baseline.electrode[self._reference]
         return reach_of(self._progress, self._reference, limits.comfortable_ua, limits.threshold_ua)
+
+
+def _unfelt_reference(reference: int) -> Refused:
+    """Everything would be as strong as it."""
+    return Refused(
+        "bad_calibration",
+        f"the reference, electrode {reference}, is not felt any more at its comfortable level of"
+        " the baseline: thresholds have risen. The same command tries it again, after a rest; or"
+        " make a new calibration",
+        reference,
+    )
 
 
 def _taken_over(limits: ElectrodeLimits) -> Procedure[ElectrodeLimits]:
