@@ -140,15 +140,17 @@ class Asking:
         progress.false_alarms += answer != "weaker"
 
     def sensation(self, electrode: int, comfortable_ua: int) -> Sensation:
-        """What the comfortable level feels like, and where. None: no such answer, or too strong,
-        which is kept. Raises: Stopped, NotDelivered.
+        """What the comfortable level feels like, and where; asked again where `too_strong` was a
+        slip. None: too strong, which is kept. Raises: Stopped, NotDelivered.
         """
         self._pause()
         presented = self._present(electrode, comfortable_ua)
         left_ua = {electrode: a_step_below(comfortable_ua)}
-        quality = self._strength_of(presented, lambda: self._lower(left_ua), "quality")
-        if quality not in get_args(Quality):
-            return None, None
+        quality: Answer = "not_felt"
+        while quality not in get_args(Quality):
+            quality = self._strength_of(presented, lambda: self._lower(left_ua), "quality")
+            if quality == "too_strong":
+                return None, None
         place = self._answered(Question("place", electrode), presented)
         return (
             next((one for one in get_args(Quality) if one == quality), None),

@@ -17,7 +17,8 @@ CATCH_IN = 8
 #: So many electrodes are in play at once. More would hide the order better, but their thresholds
 #: drift apart in the meantime, and an interruption would lose more.
 IN_PLAY = 4
-#: After so many electrodes the first one is asked again; with `equalize` the reference.
+#: After so many electrodes, or half of them, the first one is asked again; with `equalize` it is
+#: the reference, after so many.
 CHECK_EACH = 8
 
 
