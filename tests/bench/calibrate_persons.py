@@ -35,6 +35,7 @@ from msgspec.structs import replace  # noqa: E402
 from calibrate_scenes import ROW  # noqa: E402
 from etd.calibrate.answers import Presentation  # noqa: E402
 from etd.calibrate.course import Course  # noqa: E402
+from etd.calibrate.equal_strength import default_reference  # noqa: E402
 from etd.calibrate.person import ResponseModel, SimulatedPerson  # noqa: E402
 from etd.calibrate.progress import Progress, finished  # noqa: E402
 from etd.protocol.calibration import Calibration, ElectrodeLimits, Method  # noqa: E402
@@ -85,7 +86,7 @@ class _Person:
 
     def sit(self, method: Method, baseline: Calibration | None = None) -> Calibration:
         """Raises: Refused, for a reference that was too strong."""
-        reference = None if baseline is None else _middle(baseline)
+        reference = None if baseline is None else _reference(baseline)
         conditions = replace(
             ROW, method=method, electrodes=ELECTRODES, array="grid-4x4", cap_ua=CAP_UA,
             reference=reference,
@@ -131,11 +132,9 @@ class _Person:
                 self.sitting.pain = max(self.sitting.pain, pain)
 
 
-def _middle(baseline: Calibration) -> int:
-    """The felt electrode nearest to the middle of the array, as `etd calibrate` has it."""
-    middle = (ELECTRODES - 1) / 2
-    felt = [one for one, limits in enumerate(baseline.electrode) if limits.felt]
-    return min(felt, key=lambda one: abs(one - middle))
+def _reference(baseline: Calibration) -> int:
+    places = range(ELECTRODES)
+    return default_reference(baseline, [one % 4 for one in places], [one // 4 for one in places])
 
 
 def sit(method: Method, person: str, seed: int) -> Sitting:

@@ -11,11 +11,12 @@ from msgspec.structs import replace
 from calibrate_scenes import ROW
 from etd.calibrate.answers import Answer, Ask, Presentation, Question
 from etd.calibrate.course import Course
+from etd.calibrate.equal_strength import default_reference
 from etd.calibrate.order import CATCH_IN
 from etd.calibrate.person import ResponseModel, SimulatedPerson
 from etd.calibrate.progress import Progress, finished
 from etd.cli.false_alarms import said_of_false_alarms
-from etd.protocol.calibration import Calibration
+from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.errors import Refused
 from noisy_skin import NoisySkin
 
@@ -189,6 +190,34 @@ def test_neither_beside_silence_asks_again(skin: NoisySkin, baseline: Calibratio
 
 
 # --- the reference, again ------------------------------------------------------------------------
+
+
+def limits(comfortable_ua: int, cap_ua: int, *, felt: bool = True) -> ElectrodeLimits:
+    return ElectrodeLimits(
+        threshold_ua=500, comfortable_ua=comfortable_ua, cap_ua=cap_ua, felt=felt
+    )
+
+
+ROOMY, TIGHT, UNFELT = limits(1_000, 1_200), limits(1_000, 1_050), limits(1_000, 3_000, felt=False)
+
+
+@pytest.mark.parametrize(
+    ("electrodes", "reference"),
+    [
+        ([ROOMY, ROOMY, ROOMY, ROOMY, ROOMY], 2),
+        ([ROOMY, TIGHT, UNFELT, TIGHT, TIGHT], 0),
+        ([TIGHT, TIGHT, limits(1_001, 1_050), TIGHT, TIGHT], 2),
+        ([TIGHT, limits(1_000, 1_100), TIGHT, TIGHT, UNFELT], 1),
+        ([UNFELT, UNFELT, UNFELT, limits(1_000, 1_000), UNFELT], 3),
+        ([limits(1_000, 9_000), ROOMY, limits(1_003, 1_203), ROOMY, ROOMY], 2),
+    ],
+)
+def test_the_reference_has_room_above_it_and_is_near_the_middle(
+    electrodes: list[ElectrodeLimits], reference: int, baseline: Calibration
+) -> None:
+    row = replace(baseline, electrode=tuple(electrodes))
+    assert default_reference(row, [0.0, 1.0, 2.0, 3.0, 4.0], [0.0] * 5) == reference
+    assert default_reference(None, [0.0, 1.0, 2.0], [0.0] * 3) == 1
 
 
 class MissingTheReference(SimulatedPerson):

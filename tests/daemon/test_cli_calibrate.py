@@ -206,7 +206,7 @@ def test_advice_stays_on_a_screen_that_is_redrawn_and_is_printed_once_elsewhere(
         name="row", electrodes=4, x_mm=(0, 2, 4, 6), y_mm=(0, 0, 0, 0), diameter_mm=1.0
     )
     for is_terminal, is_quiet in ((True, False), (False, False), (True, True)):
-        monkeypatch.setattr("etd.cli.calibrate_screen.is_terminal", lambda it=is_terminal: it)
+        monkeypatch.setattr(sys.stdout, "isatty", lambda it=is_terminal: it)
         screen = Screen(facts, Progress(conditions=ROW), is_quiet=is_quiet)
         screen.advise("Rest for five minutes.")
         before = capsys.readouterr()

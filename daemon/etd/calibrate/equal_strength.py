@@ -8,12 +8,13 @@ figures that are taken over from the baseline. Must not know: the order of elect
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from msgspec.structs import replace
 
 from etd.calibrate.answers import Answer
 from etd.calibrate.asking import Asking, too_strong_reference
+from etd.calibrate.comfortable import HEADROOM
 from etd.calibrate.equalize import equalize, lead_up
 from etd.calibrate.order import CHECK_EACH
 from etd.calibrate.progress import Progress
@@ -22,6 +23,9 @@ from etd.calibrate.tasks import Task, in_order, reach_of
 from etd.calibrate.trial import BelowThreshold, Procedure, Track, run
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.errors import Refused
+
+#: Differences of room above the comfortable level that count when a reference is chosen.
+_ROOM_STEP = 0.05
 
 
 class EqualTasks:
@@ -115,6 +119,26 @@ class EqualTasks:
     def _reach_of_reference(self) -> Reach:
         limits = self._baseline.electrode[self._reference]
         return reach_of(self._progress, self._reference, limits.comfortable_ua, limits.threshold_ua)
+
+
+def default_reference(
+    baseline: Calibration | None, x_mm: Sequence[float], y_mm: Sequence[float]
+) -> int:
+    """Of the electrodes with the most room above their comfortable level, the one nearest to the
+    middle: it is presented in every comparison, and once too strong would end them all.
+    """
+    each = () if baseline is None else baseline.electrode[: len(x_mm)]
+    felt = [index for index, limits in enumerate(each) if limits.felt]
+    middle_x, middle_y = sum(x_mm) / len(x_mm), sum(y_mm) / len(y_mm)
+
+    def order(electrode: int) -> tuple[float, float]:
+        away = (x_mm[electrode] - middle_x) ** 2 + (y_mm[electrode] - middle_y) ** 2
+        if not each:
+            return 0.0, away
+        room = each[electrode].cap_ua / max(1, each[electrode].comfortable_ua)
+        return -round(min(HEADROOM, room) / _ROOM_STEP), away
+
+    return min(felt or range(len(x_mm)), key=order)
 
 
 def _unfelt_reference(reference: int) -> Refused:

@@ -234,8 +234,8 @@ class CalibrateSession:
         print(
             f"{self._which}: {len(felt)} of {len(made.electrode)} electrodes are felt, thresholds"
             f" {min(limits.threshold_ua for limits in felt)} to"
-            f" {max(limits.threshold_ua for limits in felt)} uA\n{count} presentations;"
-            f" {self._where()}"
+            f" {max(limits.threshold_ua for limits in felt)} uA\n{count} presentations,"
+            f" order of seed {self._progress.seed}; {self._where()}"
         )
         if self.trials is not None:
             print(f"trials: {self.trials}")
