@@ -30,6 +30,8 @@ THREE = ("kajimoto-hv507", "reference-hv507", "feetthrough-relay")
 N, CURRENT_UA = 16, 200
 #: Until a fault is told: a second, the scan under way, and a check.
 MOST_MS = 1_000 + 200 + 5
+#: A check of the latch, before or after.
+LIVE_WITHIN_NS = 300_000_000
 Make = Callable[..., EngineRig]
 
 
@@ -51,14 +53,20 @@ def make() -> Iterator[Make]:
 
 
 def checks(rig: EngineRig, since_ns: int = 0) -> list[Phase]:
-    """The first pulse of each; the second, the whole probe, must follow it."""
+    """The whole probe of each. A third of it comes with it: blanked before arming and where relays
+    connect, otherwise with the outputs live.
+    """
     found = [phase for phase in rig.followed.unloaded() if phase.from_ns >= since_ns]
     probe_ua = rig.engine.supervisor.maxima.probe_current_ua
-    first, second = found[::2], found[1::2]
-    assert len(first) == len(second)
-    assert all(phase.current_ua <= probe_ua / 3 for phase in first)
-    assert all(0.95 * probe_ua < phase.current_ua <= probe_ua for phase in second)
-    return first
+    parts = [phase for phase in found if phase.current_ua <= probe_ua / 3]
+    wholes = [phase for phase in found if 0.95 * probe_ua < phase.current_ua <= probe_ua]
+    assert len(parts) + len(wholes) == len(found)
+    live = [phase for phase in rig.followed.unselected() if phase.from_ns >= since_ns]
+    assert all(
+        any(abs(whole.from_ns - part.from_ns) < LIVE_WITHIN_NS for part in (*parts, *live))
+        for whole in wholes
+    )
+    return wholes
 
 
 def fastest_hz(rig: EngineRig) -> float:
