@@ -50,14 +50,15 @@ def outcome(
     port: Port,
     said: Said,
     body: AccountedBody,
+    begun_ns: int,
     now_ns: int,
     without: Course,
 ) -> Outcome:
-    """At the end of a case, whose fault was marked on the `body`."""
+    """At the end of a case, whose fault came at `begun_ns` and was marked on the `body`."""
     now = body.account(now_ns)
-    last_ns = body.last_ns or 0
+    last_ns = body.last_ns or begun_ns
     flowed_for_ms = 0.0 if body.first_ns is None else (last_ns - body.first_ns) / MS
-    allowed, longest = without.until(last_ns + _SLACK_NS), without.last
+    allowed, longest = without.until(last_ns + kind.shifts_ms * MS + _SLACK_NS), without.last
     return Outcome(
         board,
         scene,

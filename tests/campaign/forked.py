@@ -140,7 +140,7 @@ def play(
             said = said if end is None else replace(said, seen=end)
             found = outcome(
                 *(whole.board, whole.scene, kind, number, port),
-                *(said, subject.body, subject.clock.now_ns(), whole.course),
+                *(said, subject.body, begun_ns, subject.clock.now_ns(), whole.course),
             )
             _append(results, found)
             os._exit(0)

@@ -22,6 +22,8 @@ from etd_hal.fake import faults
 from etd_hal.fake.faults import Fault
 
 MS = 1_000_000
+#: A scan of the scenes' frames: after a stall a script may begin another one.
+_A_SCAN_MS = 30
 _ANY: tuple[Port, ...] = ("spi", "set", "get", "edges", "i2c")
 
 
@@ -44,10 +46,12 @@ def _once(fault_class: str, port: Port, *variants: Fault) -> Iterator[Kind]:
 
 def _of_calls() -> Iterator[Kind]:
     for error in ("io", "timeout", "gone"):
-        yield Kind("a call fails, nothing done", error, _ANY, _answer(error))
+        failing = _answer(error)
+        yield Kind("a call fails, nothing done", error, _ANY, failing, shifts_ms=_A_SCAN_MS)
     yield Kind("a message succeeds, nothing sent", "once", ("spi",), _answer("not done"))
     yield Kind("lines are not moved, and it succeeds", "once", ("set",), _answer("not done"))
-    yield Kind("a sensor reads zeros", "once", ("get", "edges", "i2c"), _answer("not done"))
+    inputs: tuple[Port, ...] = ("get", "edges", "i2c")
+    yield Kind("an input reads zeros", "once", inputs, _answer("not done"), shifts_ms=_A_SCAN_MS)
     for at_transfer in (0, 1, 3):
         yield from _once("a message is cut off", "spi", faults.SpiError(at_transfer=at_transfer))
     yield from _once("a short count", "spi", faults.SpiShort())
@@ -61,9 +65,10 @@ def _of_processes() -> Iterator[Kind]:
     yield Kind("the engine is killed", "lines kept", BUSES, _kill)
     yield Kind("the engine is killed", "lines float", BUSES, _kill_and_float)
     for stall_ms in (1, 20, 5_000):
-        yield Kind("the engine is held up", f"{stall_ms} ms", BUSES, _held_up(stall_ms))
-        stall = faults.SpiStall(stall_us=stall_ms * 1_000)
-        yield Kind("held up within a message", f"{stall_ms} ms", ("spi",), put_in(stall))
+        name, stall = f"{stall_ms} ms", faults.SpiStall(stall_us=stall_ms * 1_000)
+        held_up, late = _held_up(stall_ms), _A_SCAN_MS
+        yield Kind("the engine is held up", name, BUSES, held_up, shifts_ms=late)
+        yield Kind("held up within a message", name, ("spi",), put_in(stall), shifts_ms=late)
 
 
 def _kill(_: Subject) -> None:
@@ -100,7 +105,7 @@ def _of_edges() -> Iterator[Kind]:
 def _of_words() -> Iterator[Kind]:
     yield from _once("a chip select is lost", "spi", faults.LostSync())
     yield from _staying("chip selects are lost", *(faults.LostSync(every=n) for n in (2, 3)))
-    bits = (2, 6, 9, 11, 13, 14)
+    bits = (9, 11, 12, 13, 14)
     yield from _once(
         "a bit to the DAC is flipped",
         "spi",

@@ -62,7 +62,9 @@ class _Engine(EngineScript):
         self.ask(OpenLease, **lease_of(limits=_LIMITS))
 
     def arm(self) -> None:
+        """What follows begins at a time that does not depend on how long this took."""
         self.ask(ArmBoard)
+        self.wait_for_beat()
         opened_to(self.rig, CURRENT_UA)
 
     def armed(self) -> None:
@@ -201,7 +203,7 @@ class _Stopping(_Engine):
             self.subject.fake.world.press(name)  # type: ignore[arg-type]
             self.run_ms(10)
             self.subject.fake.world.release(name)  # type: ignore[arg-type]
-            self.run_ms(5)
+            self.run_ms(100)
         self._again()
 
     def _again(self) -> None:
