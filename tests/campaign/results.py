@@ -35,7 +35,8 @@ def digest() -> str:
     """
     loaded = (getattr(module, "__file__", None) for module in tuple(sys.modules.values()))
     code = {Path(name).resolve() for name in loaded if name}
-    paths = {path for path in code if path.is_relative_to(CLONE) and path.name not in _SHOWN_BY}
+    shown_by = {Path(__file__).with_name(name) for name in _SHOWN_BY}
+    paths = {path for path in code - shown_by if path.is_relative_to(CLONE)}
     paths = {path for path in paths if ".venv" not in path.parts}
     found = hashlib.sha256()
     for path in sorted(paths | set(CLONE.glob("config/**/*.toml"))):
