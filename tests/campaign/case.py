@@ -90,4 +90,3 @@ def _beyond_pc(
     allowed_pc = allowed_pc or (0.0,) * len(now_pc)
     more_pc = max(now - allowed for now, allowed in zip(now_pc, allowed_pc, strict=True))
     return max(0.0, more_pc, stretch_pc)
-

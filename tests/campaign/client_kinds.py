@@ -12,7 +12,15 @@ from campaign.own_memory import OwnChannel
 from campaign.subject import Subject
 from engine_rig import LEASE, EngineRig
 from etd.protocol.frame import Frame
-from etd.protocol.link import ArmBoard, ClearHalt, DisarmBoard, KeepLease, NewFrame, OpenLease, SetMark
+from etd.protocol.link import (
+    ArmBoard,
+    ClearHalt,
+    DisarmBoard,
+    KeepLease,
+    NewFrame,
+    OpenLease,
+    SetMark,
+)
 from etd.protocol.messages import Limits
 
 _MANY = 500
@@ -20,7 +28,9 @@ _JUNK = (b"\xc1", b"\x81" * 5_000, b"\x80")
 
 
 def of_gateway_and_client() -> Iterator[Kind]:
-    yield Kind("the gateway dies", "there", ("spi",), lambda subject: _rig(subject).commands.close())
+    yield Kind(
+        "the gateway dies", "there", ("spi",), lambda subject: _rig(subject).commands.close()
+    )
     yield Kind("the gateway hangs", "there", ("spi",), _hang)
     for junk in _JUNK:
         yield Kind("the gateway sends junk", repr(junk[:4]), ("spi",), _junk(junk))

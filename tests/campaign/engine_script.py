@@ -149,7 +149,9 @@ class EngineScript:
             return Said("nothing")
         self.rig.listen()
         halt = self.rig.engine.supervisor.states.halt
-        told = [one for one in (*halts(self.rig), *((halt,) if halt else ())) if one.cause == "fault"]
+        told = [
+            one for one in (*halts(self.rig), *((halt,) if halt else ())) if one.cause == "fault"
+        ]
         if told:
             first = told[0]
             return Said("halted", (first.t_ns - begun_ns) / MS, f"{first.source}: {first.detail}")

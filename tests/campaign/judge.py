@@ -36,7 +36,8 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     silent_on: tuple[str, ...] = ()
     #: Which hardware bounds it, where no guard of these boards does.
     needs: str = ""
-    #: By board, and on the bench of a self-test: the most that an electrode may get beyond what it gets without the fault.
+    #: By board, and on the bench of a self-test: the most that an electrode may get beyond what it
+    #: gets without the fault.
     uc: Mapping[str, float] = {}
 
     def rows_on(self, board: str) -> tuple[str, ...]:

@@ -9,8 +9,7 @@ its port; what stays, at those that are chosen for that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from itertools import pairwise
 
 from campaign.client_kinds import of_gateway_and_client
@@ -111,7 +110,9 @@ def _of_words() -> Iterator[Kind]:
         "spi",
         *(faults.MosiFlipped(bit, at_word) for bit in bits for at_word in (1, 2)),
     )
-    yield from _staying("bits to the DAC are flipped", *(faults.MosiFlipped(b, every=5) for b in bits))
+    yield from _staying(
+        "bits to the DAC are flipped", *(faults.MosiFlipped(b, every=5) for b in bits)
+    )
     yield from _staying("data to the DAC is stuck", *(faults.MosiStuck(level) for level in (0, 1)))
     modes = (faults.SpiMode(0), faults.SpiMode(2), faults.HoldShort())
     yield from _staying("the bus is in another mode", *modes)

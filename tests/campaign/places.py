@@ -36,7 +36,7 @@ _OUTERMOST = 4
 def operation(port: Port, inside: CodeType) -> Operation:
     """With the calls that have led here, from the function with this code on."""
     found = []
-    frame = sys._getframe(1)  # noqa: SLF001
+    frame = sys._getframe(1)
     while frame is not None and frame.f_code is not inside:
         found.append((frame.f_code.co_filename, frame.f_code.co_name, frame.f_lineno))
         frame = frame.f_back  # type: ignore[assignment]
@@ -86,4 +86,6 @@ def _spread(numbers: Sequence[int], count: int) -> list[int]:
         return [numbers[len(numbers) // 2]]
     last = len(numbers) - 1
     steps = count - 2
-    return sorted({numbers[0], *(numbers[1 + round(at * (last - 1) / steps)] for at in range(steps + 1))})
+    return sorted(
+        {numbers[0], *(numbers[1 + round(at * (last - 1) / steps)] for at in range(steps + 1))}
+    )

@@ -70,9 +70,7 @@ def play(
         return [one for one in found if (one.name, number) not in done]
 
     task = progress.add_task(f"{board}, {scene}", total=len(whole.operations))
-    forked.play(
-        whole, wanted, path, lambda number: progress.update(task, completed=number + 1)
-    )
+    forked.play(whole, wanted, path, lambda number: progress.update(task, completed=number + 1))
     return results.kept(path)
 
 
@@ -164,7 +162,9 @@ def main() -> int:
     console = Console(width=None if sys.stdout.isatty() else 150)
     if args.json:
         by_board = {board: [one for one in found if one.board == board] for board in args.boards}
-        shown = {name: [asdict(one) for one in results.figures(of)] for name, of in by_board.items()}
+        shown = {
+            name: [asdict(one) for one in results.figures(of)] for name, of in by_board.items()
+        }
         print(json.dumps(shown))
     else:
         show(console, found)
