@@ -17,7 +17,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack soak evidence campaign fuzz kills record compare format install place activate uninstall clean
+.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi mutants bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack soak evidence campaign fuzz kills record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -115,6 +115,9 @@ kernel-mutants: $(VENV)/ready-dev ## Break the drivers line by line: a kernel te
 
 kernel-test-pi: $(VENV)/ready-dev ## The same under the Pi's own drivers, on an emulated Raspberry Pi 3 (docs/kernel-rig.md)
 	$(BIN)/python tests/kernel/pi_check.py
+
+mutants: $(VENV)/ready-dev ## One mistake after another in what bounds current: a test must see each (ARGS='guard', --changed, --coverage, --json); an hour for all
+	$(BIN)/python tests/mutants/run.py $(ARGS)
 
 bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)
 	$(BIN)/python tests/bench/run.py $(ARGS)
