@@ -105,7 +105,7 @@ class AccountedBody:
     def absolute_charge_pc(self, electrode: int) -> float:
         return self._body.absolute_charge_pc(electrode)
 
-    def absolute_charges_pc(self) -> tuple[float, ...]:
+    def absolute_charges_pc(self) -> list[float]:
         return self._body.absolute_charges_pc()
 
     def account(self, now_ns: int) -> Account:

@@ -35,10 +35,9 @@ def cells(rows: Sequence[Figures | None], bound: Bound, boards: Sequence[str]) -
     return (
         next(row.fault_class for row in rows if row is not None),
         " / ".join(dict.fromkeys("; ".join(bound.rows_on(board)) or _NONE for board in there)),
-        *(
-            each(lambda row, name=name: str(getattr(row, name)))
-            for name in ("cases", "told", "latent")
-        ),
+        each(lambda row: str(row.cases)),
+        each(lambda row: str(row.told)),
+        each(lambda row: str(row.latent)),
         each(lambda row: str(row.silent)),
         each(lambda row: _ms(row.safe_p50_ms)),
         each(lambda row: _ms(row.safe_most_ms)),

@@ -200,9 +200,9 @@ class _Stopping(_Engine):
                 continue
             self._again()
             self._begin_scan()
-            self.subject.fake.world.press(name)  # type: ignore[arg-type]
+            self.subject.fake.world.press(name)
             self.run_ms(10)
-            self.subject.fake.world.release(name)  # type: ignore[arg-type]
+            self.subject.fake.world.release(name)
             self.run_ms(100)
         self._again()
 

@@ -61,12 +61,9 @@ class SelftestScene:
         at_board.clip(load.resistance_ohm, load.first, load.second)
         understudy = FakeKillTestProcess(fake, loaded.board, ports.gpio, setup, clock)
         bench = Bench(backend, fake.world.host, at_board, understudy)
-        self._fixture = lambda: Fixture(
-            loaded,
-            replace(bench, backend=operations.wrap(backend)),
-            at_board,
-            SelftestOptions(load, 250, second),
-        )
+        self._loaded, self._operator = loaded, at_board
+        self._bench = replace(bench, backend=operations.wrap(backend))
+        self._options = SelftestOptions(load, 250, second)
         self.subject = Subject(fake, clock, body)
         self._report: Report | None = None
         self._printed = io.StringIO()
@@ -76,7 +73,8 @@ class SelftestScene:
 
     def play(self) -> None:
         with contextlib.redirect_stderr(self._printed):
-            self._report = run(self._fixture(), DATE)
+            fixture = Fixture(self._loaded, self._bench, self._operator, self._options)
+            self._report = run(fixture, DATE)
 
     def play_on(self, is_long: bool) -> None:
         """A report is its end."""
