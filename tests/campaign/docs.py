@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from campaign.case import Outcome
-from campaign.judge import GUARDED, RELAYS, Bound, bounds
+from campaign.judge import BENCH, GUARDED, RELAYS, Bound, bounds, where_of
 from campaign.results import CLONE, Figures, figures
 
 PAGE = CLONE / "docs" / "safety.md"
@@ -22,7 +22,7 @@ COLUMNS = (
     *("ms to safe, p50", "most", "uC, electrode", "uC, return"),
 )
 #: Which boards a table shows side by side.
-_TABLES = (("kajimoto-hv507", GUARDED), (RELAYS,))
+_TABLES = (("kajimoto-hv507", GUARDED), (RELAYS,), (BENCH,))
 
 
 def cells(rows: Sequence[Figures | None], bound: Bound, boards: Sequence[str]) -> tuple[str, ...]:
@@ -49,10 +49,10 @@ def cells(rows: Sequence[Figures | None], bound: Bound, boards: Sequence[str]) -
 def table(found: Sequence[Outcome], boards: Sequence[str]) -> list[tuple[str, ...]]:
     """A row for each class that one of these boards can have."""
     by_board = [
-        {one.fault_class: one for one in figures(one for one in found if one.board == board)}
+        {one.fault_class: one for one in figures(one for one in found if where_of(one) == board)}
         for board in boards
     ]
-    names = dict.fromkeys(one.fault_class for one in found if one.board in boards)
+    names = dict.fromkeys(one.fault_class for one in found if where_of(one) in boards)
     known = bounds()
     return [
         cells([of.get(name) for of in by_board], known.get(name, Bound()), boards)
@@ -62,7 +62,7 @@ def table(found: Sequence[Outcome], boards: Sequence[str]) -> list[tuple[str, ..
 
 def tables(found: Sequence[Outcome]) -> list[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
     """Boards, and their rows."""
-    there = {one.board for one in found}
+    there = {where_of(one) for one in found}
     shown = [tuple(board for board in boards if board in there) for boards in _TABLES]
     return [(boards, table(found, boards)) for boards in shown if boards]
 
@@ -91,7 +91,7 @@ def write(found: Sequence[Outcome], said: str) -> None:
 def _part(found: Sequence[Outcome], said: str) -> str:
     lines = ["", *_folded(said)]
     for boards, rows in tables(found):
-        cases = sum(one.board in boards for one in found)
+        cases = sum(where_of(one) in boards for one in found)
         lines += [f"\nOn {' / '.join(f'`{board}`' for board in boards)}, {cases} cases:\n"]
         lines += ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
         lines += ["| " + " | ".join(row) + " |" for row in rows]

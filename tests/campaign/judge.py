@@ -42,9 +42,16 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     def rows_on(self, board: str) -> tuple[str, ...]:
         """What tells it there."""
+        if board == BENCH:
+            return ("etd selftest",)
         if board in self.silent_on:
             return ()
         return (*self.told_by, *(self.guarded_by if board == GUARDED else ()))
+
+
+def where_of(one: Outcome) -> str:
+    """The board that a person is at, or the bench."""
+    return BENCH if one.scene == BENCH else one.board
 
 
 def bounds() -> dict[str, Bound]:
@@ -67,7 +74,7 @@ def _why(one: Outcome, row: Bound | None) -> str:
         return one.seen
     if row is None:
         return f"{FILE.name} has no row for it"
-    where = BENCH if one.scene == BENCH else one.board
+    where = where_of(one)
     if is_silent(one) and where != BENCH and (told_by := row.rows_on(where)):
         return f"{beyond_uc:.3f} uC in silence, and it should be told by {told_by[0]}"
     if beyond_uc > (most_uc := row.uc.get(where, 0.0)):

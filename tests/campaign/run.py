@@ -161,10 +161,11 @@ def main() -> int:
             found += results.kept(path) if args.kept else play(board, scene, args, progress)
     console = Console(width=None if sys.stdout.isatty() else 150)
     if args.json:
-        by_board = {board: [one for one in found if one.board == board] for board in args.boards}
-        shown = {
-            name: [asdict(one) for one in results.figures(of)] for name, of in by_board.items()
-        }
+        shown = [
+            {"board": board, **asdict(figure)}
+            for board in args.boards
+            for figure in results.figures(one for one in found if one.board == board)
+        ]
         print(json.dumps(shown))
     else:
         show(console, found)
