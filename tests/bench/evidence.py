@@ -46,7 +46,7 @@ MEASUREMENTS = (
         "campaign",
         "A fault at every operation",
         "tests/campaign/run.py --json --write",
-        "tests/campaign/run.py --json --every 400 --boards kajimoto-hv507 reference-hv507",
+        "tests/campaign/run.py --json --bounded --boards kajimoto-hv507 reference-hv507",
         "The judge is the body's own account of charge; the table by fault class is in"
         " [safety.md](safety.md#what-each-failure-lets-through).",
     ),

@@ -54,6 +54,8 @@ class Sequencer:
         self._fired = 0
         #: The end of the scan before has rewritten the chain.
         self._is_rewritten = False
+        #: With none of its outputs selected, for a check of the source.
+        self._is_isolated = False
 
     @property
     def is_between_scans(self) -> bool:
@@ -141,7 +143,8 @@ class Sequencer:
         room_ns = None
         if schedule is not None and not schedule.is_waiting:
             room_ns = schedule.next_ns - now_ns
-        if is_armed and self._source_check.is_due(now_ns, room_ns):
+        is_ready = self._is_isolated or not self._is_rewritten
+        if is_armed and self._source_check.is_due(now_ns, room_ns, is_ready=is_ready):
             return True
         if schedule is None or not is_armed:
             self._lateness.reset()
@@ -209,7 +212,7 @@ class Sequencer:
         upcoming = schedule.upcoming
         if upcoming is not None and not self._is_rewritten:
             self._board.prepare(upcoming.selection, whole=True)
-        self._is_rewritten = False
+        self._is_rewritten = self._is_isolated = False
         self._fired = 0
         self._computing.begin(self._clock.now_ns(), self._poller.planning_ns)
         if upcoming is None:
@@ -280,6 +283,7 @@ class Sequencer:
     def checked(self) -> None:
         """The source was checked with no output selected: the next scan begins with its first."""
         schedule = self._active.schedule
+        self._is_isolated = False
         if self._is_rewritten and schedule is not None and schedule.plan.schedule:
             self._board.prepare(schedule.plan.schedule[0].selection)
             self._board.release()
@@ -287,7 +291,8 @@ class Sequencer:
     def _rewrite(self, first: Selection, next_ns: int) -> None:
         """For the next scan; where the source is checked before it, for that."""
         now_ns = self._clock.now_ns()
-        if self._source_check.is_due(now_ns, next_ns - now_ns):
+        self._is_isolated = self._source_check.is_due(now_ns, next_ns - now_ns)
+        if self._is_isolated:
             self._board.isolate(whole=True)
         else:
             self._board.prepare(first, whole=True)
