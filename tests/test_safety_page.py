@@ -74,6 +74,7 @@ ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         (_PARTS[source_rules.TOLERANCE],),
     ),
     "the latch": ((f"each {second(source_check.LATCH_PERIOD_NS)}",), ()),
+    "each call to the kernel": ((), ()),
     "the length of the message": ((), ("`halt_excess_us` of the machine file",)),
     "the mean of these lengths": ((), ("`drift_us`",)),
     "scans that come late": (
