@@ -141,7 +141,7 @@ bench-calibrate: $(VENV)/ready-dev ## Calibrate persons who answer badly, and wh
 bench-steady: $(VENV)/ready-dev ## What each stabilizer gives and takes on bodies that disagree; an hour, goes on where it was cut (ARGS=--short: minutes)
 	$(BIN)/python tests/bench/steady_bodies.py $(ARGS)
 
-campaign: $(VENV)/ready-dev ## Every fault that the fake can show, at every operation of an engine; goes on where it was cut (ARGS='--every 40': minutes)
+campaign: $(VENV)/ready-dev ## Every fault that the fake can show, at every place of a person's use; goes on where it was cut (ARGS='--part 100': minutes)
 	$(BIN)/python tests/campaign/run.py $(ARGS)
 
 soak: $(VENV)/ready-dev ## A daemon that plays for an hour beside a load, and a thousand starts (ARGS='--seconds 60 --restarts 10')
@@ -150,7 +150,7 @@ soak: $(VENV)/ready-dev ## A daemon that plays for an hour beside a load, and a 
 kills: $(VENV)/ready-dev ## A thousand kills of each kind: what flows, how long until it is safe, what is remembered; an hour (ARGS='--kills 20')
 	$(BIN)/python tests/bench/kills.py $(ARGS)
 
-evidence: $(VENV)/ready-fuzz ## The figures on safety, measured now on this machine, into docs/evidence.md; hours (ARGS=--short: minutes)
+evidence: $(VENV)/ready-fuzz ## The figures on safety, measured now on this machine, into docs/evidence.md; hours (ARGS='--only kills attack', --short: minutes)
 	$(BIN)/python tests/bench/evidence.py $(ARGS)
 
 fuzz: $(VENV)/ready-fuzz ## Bytes from outside against every decoder and a whole engine, for an hour (SECONDS=600, ARGS='requests', ARGS=--list)
