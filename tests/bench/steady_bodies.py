@@ -30,7 +30,7 @@ from bench.run import Bound  # noqa: E402
 from bench.steady_cells import KEPT, Cell, Form  # noqa: E402
 from bench.steady_figures import SteadyFigures  # noqa: E402
 from bench.steady_harm import BOUND, MOST_TIMES, Harm, exclusions, harms, held  # noqa: E402
-from bench.steady_laws import FOR_STEADINESS, LAWS, NONE  # noqa: E402
+from bench.steady_laws import FOR_SHORT, FOR_STEADINESS, LAWS, NONE  # noqa: E402
 from bench.steady_skin import PIECE_S  # noqa: E402
 from etd_body.kinds import BodyKind  # noqa: E402
 
@@ -81,8 +81,12 @@ def play(wanted: Sequence[Cell], *, processes: int, within_s: float, folder: Pat
 
 def _said(found: SteadyFigures) -> str:
     return (
-        f"variation {found.over_time:.1%}, not felt {found.below_threshold:.1%}, "
-        f"above pain {found.scans_above_pain}"
+        "refused: no k of this finger's own may be used"
+        if found.is_refused
+        else (
+            f"variation {found.over_time:.1%}, not felt {found.below_threshold:.1%}, "
+            f"above pain {found.scans_above_pain}"
+        )
     )
 
 
@@ -112,6 +116,8 @@ def show(console: Console, made: Sequence[Harm], said: str) -> None:
 def _cell(harm: Harm | None) -> str:
     if harm is None:
         return "-"
+    if harm.with_law.refused == harm.fingers:
+        return "refused"
     text = f"{harm.variation_times:.2f} {harm.not_felt_times:.2f} {harm.pain_times:.2f}"
     return f"[red]{text}[/]" if harm.is_out else text
 
@@ -142,7 +148,7 @@ def main() -> int:
     )
     parser.add_argument("--short", action="store_true", help="8 electrodes, four pieces: minutes")
     parser.add_argument("--seeds", type=int, nargs="+", help="the fingers")
-    parser.add_argument("--only", nargs="+", choices=LAWS, default=list(FOR_STEADINESS))
+    parser.add_argument("--only", nargs="+", choices=LAWS)
     parser.add_argument("--bodies", type=BodyKind, nargs="+", default=list(BodyKind))
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument(
@@ -155,7 +161,8 @@ def main() -> int:
     args = parser.parse_args()
     form = SHORT if args.short else FULL
     seeds = args.seeds or list(LOOKED_AT if args.short else SEEDS)
-    laws = [*args.only, *(law for law in BOUND if law not in args.only)]
+    only = args.only or list(FOR_SHORT if args.short else FOR_STEADINESS)
+    laws = [*only, *(law for law in BOUND if law not in only)]
     wanted = cells(form, laws, args.bodies, seeds)
     found = play(wanted, processes=args.processes, within_s=args.within * 60.0)
     made = harms(found)
