@@ -12,7 +12,7 @@ from math import inf
 
 from bench.run import Bound
 from bench.steady_figures import SteadyFigures
-from bench.steady_laws import NONE, OWN_K, SHIPPED
+from bench.steady_laws import NONE, OWN, SHIPPED
 from etd_body.kinds import BodyKind
 
 #: Of no law's: variation over time, the part not felt, and the scans above pain: so none, where
@@ -144,12 +144,15 @@ def held(made: Iterable[Harm], laws: Sequence[str] = BOUND) -> list[Bound]:
                 bounds.append(Bound(f"{law} on {body}: not played", 0.0, 0.0, is_met=False))
             else:
                 bounds += harm.bounds()
-                if law in OWN_K and body is FOLLOWING:
-                    bounds.append(_halved(harm))
     return bounds
 
 
-def _halved(harm: Harm) -> Bound:
-    """A law that is refused has halved nothing."""
-    what = f"{harm.law} on {harm.body}: variation over time, of no law's, by the person's own k"
-    return _at_most(what, harm.variation_times, HALF)
+def halved(made: Iterable[Harm], law: str = OWN) -> Bound:
+    """By the person's own k, whether it ships or not. One that is refused has halved nothing, and
+    one that was not played is not met.
+    """
+    what = f"{law} on {FOLLOWING}: variation over time, of no law's"
+    for harm in made:
+        if harm.law == law and harm.body is FOLLOWING:
+            return _at_most(what, harm.variation_times, HALF)
+    return Bound(f"{what}: not played", 0.0, HALF, is_met=False)

@@ -16,7 +16,7 @@ from bench.steady_bodies import LOOKED_AT, SEEDS, SHORT, cells, play
 from bench.steady_cells import Cell
 from bench.steady_docs import PAGE, write_harms
 from bench.steady_figures import SteadyFigures
-from bench.steady_harm import BOUND, FOLLOWING, HALF, Harm, exclusions, harms, held
+from bench.steady_harm import BOUND, FOLLOWING, HALF, Harm, exclusions, halved, harms, held
 from bench.steady_laws import AHEAD, FOR_STEADINESS, LAWS, NONE, OWN
 from etd_body.kinds import BodyKind
 
@@ -101,15 +101,17 @@ def own(over_time: float, *, is_refused: bool = False) -> Harm:
 def test_by_a_k_of_ones_own_variation_is_halved_where_feeling_follows_resistance(
     left: float, is_met: bool
 ) -> None:
-    (bound,) = [it for it in held([own(left * PLAIN.over_time)], [OWN]) if "own k" in it.what[30:]]
-    assert bound.is_met is is_met
-    assert all(LAW not in it.what for it in held([found(KEPT)], [OWN]))
+    assert halved([found(KEPT), own(left * PLAIN.over_time)]).is_met is is_met
+
+
+def test_what_was_not_played_has_halved_nothing() -> None:
+    assert not halved([found(KEPT)]).is_met
 
 
 def test_who_is_refused_has_no_law_and_so_no_harm_and_nothing_halved() -> None:
     harm = own(PLAIN.over_time, is_refused=True)
     assert (harm.is_out, harm.with_law.refused, harm.fingers) == (False, 1, 1)
-    assert sum(not bound.is_met for bound in held([harm], [OWN]) if FOLLOWING in bound.what) == 1
+    assert not halved([harm]).is_met
 
 
 def test_a_cell_of_the_table_says_who_is_refused(tmp_path: Path) -> None:
