@@ -17,7 +17,7 @@ UNIT_DIR := /etc/systemd/system
 UNITS := etd-engine@.service etd-gateway@.service etd@.target
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack soak evidence campaign fuzz kills record compare format install place activate uninstall clean
+.PHONY: help demo check test test-models test-pages compiled test-compiled compiled-arm test-compiled-arm test-client durations static format-check lint types contracts kernel-test kernel-mutants kernel-test-pi mutants bench instructions wall bench-calibrate bench-fit bench-steady bench-felt bench-finger bench-attack soak evidence campaign fuzz kills record compare format install place activate uninstall clean
 .SUFFIXES:
 .DELETE_ON_ERROR:
 
@@ -116,6 +116,9 @@ kernel-mutants: $(VENV)/ready-dev ## Break the drivers line by line: a kernel te
 kernel-test-pi: $(VENV)/ready-dev ## The same under the Pi's own drivers, on an emulated Raspberry Pi 3 (docs/kernel-rig.md)
 	$(BIN)/python tests/kernel/pi_check.py
 
+mutants: $(VENV)/ready-dev ## One mistake after another in what bounds current: a test must see each (ARGS='guard', --changed, --coverage, --json); an hour for all
+	$(BIN)/python tests/mutants/run.py $(ARGS)
+
 bench: $(VENV)/ready-dev ## Measure against the physical limit and the usual script (ARGS=--json)
 	$(BIN)/python tests/bench/run.py $(ARGS)
 	$(if $(findstring json,$(ARGS)),,-$(BIN)/python hatch_build.py $(COMPILED))
@@ -138,7 +141,7 @@ bench-calibrate: $(VENV)/ready-dev ## Calibrate persons who answer badly, and wh
 bench-steady: $(VENV)/ready-dev ## What each stabilizer gives and takes on bodies that disagree; an hour, goes on where it was cut (ARGS=--short: minutes)
 	$(BIN)/python tests/bench/steady_bodies.py $(ARGS)
 
-campaign: $(VENV)/ready-dev ## Every fault that the fake can show, at every operation of an engine; goes on where it was cut (ARGS='--every 40': minutes)
+campaign: $(VENV)/ready-dev ## Every fault that the fake can show, at every place of a person's use; goes on where it was cut (ARGS='--part 100': minutes)
 	$(BIN)/python tests/campaign/run.py $(ARGS)
 
 soak: $(VENV)/ready-dev ## A daemon that plays for an hour beside a load, and a thousand starts (ARGS='--seconds 60 --restarts 10')
@@ -147,7 +150,7 @@ soak: $(VENV)/ready-dev ## A daemon that plays for an hour beside a load, and a 
 kills: $(VENV)/ready-dev ## A thousand kills of each kind: what flows, how long until it is safe, what is remembered; an hour (ARGS='--kills 20')
 	$(BIN)/python tests/bench/kills.py $(ARGS)
 
-evidence: $(VENV)/ready-fuzz ## The figures on safety, measured now on this machine, into docs/evidence.md; hours (ARGS=--short: minutes)
+evidence: $(VENV)/ready-fuzz ## The figures on safety, measured now on this machine, into docs/evidence.md; hours (ARGS='--only kills attack', --short: minutes)
 	$(BIN)/python tests/bench/evidence.py $(ARGS)
 
 fuzz: $(VENV)/ready-fuzz ## Bytes from outside against every decoder and a whole engine, for an hour (SECONDS=600, ARGS='requests', ARGS=--list)

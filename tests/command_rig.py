@@ -103,10 +103,10 @@ class CommandRig:
         (folder / "run").mkdir()
         self._started: list[subprocess.Popen[bytes]] = []
 
-    def start(self, *arguments: str) -> Command:
+    def start(self, *arguments: str, stdin: int = subprocess.DEVNULL) -> Command:
         process = subprocess.Popen(
             [sys.executable, "-m", "etd", *arguments],
-            stdin=subprocess.DEVNULL,
+            stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             bufsize=0,

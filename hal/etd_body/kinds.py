@@ -23,9 +23,9 @@ disagree about what nobody has measured: what a change of resistance says of a t
     summing      a neighbor's subthreshold pulse lowers the threshold by 18-36 %, see `shifts` [abs]
 
 All kinds draw Rs, Rp, bend, Cp and spreads from the same ranges, but where the kind says otherwise.
-The ranges are [design] around the figures that `skin` and `nerve` have, and wider than them, so
-that no finger has the constants that a law assumes. The same seed is the same finger in every kind
-but for what the kind changes.
+The ranges (`BodyRanges`, where each can be replaced) are [design] around the figures that `skin`
+and `nerve` have, and wider than them, so that no finger has the constants that a law assumes. The
+same seed is the same finger in every kind and range but for what these change.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from math import exp, log
+from math import exp, inf, log
 
 import numpy as np
 
@@ -66,32 +66,54 @@ class Span:
     least: float
     most: float
 
+    def __post_init__(self) -> None:
+        """Raises: ValueError."""
+        if not -inf < self.least <= self.most < inf:
+            raise ValueError(f"a range goes up from one number: {self.least} to {self.most}")
+
     def drawn(self, random: np.random.Generator) -> float:
+        """Always one draw: what another range makes of a seed is untouched by this one."""
         if self.least > 0.0:
-            return exp(random.uniform(log(self.least), log(self.most)))
-        return random.uniform(self.least, self.most)
+            value = exp(random.uniform(log(self.least), log(self.most)))
+        else:
+            value = random.uniform(self.least, self.most)
+        return min(max(value, self.least), self.most)
 
 
-SERIES_OHM = Span(700.0, 5_000.0)
-PARALLEL_OHM = Span(32_000.0, 65_000.0)
-CAPACITANCE_NF = Span(0.2, 0.5)
-BEND_UA = Span(3_000.0, 20_000.0)
-AREA_SIGMA = Span(0.1, 0.4)
-DEPTH_SIGMA = Span(0.03, 0.1)
-THRESHOLD_SIGMA = Span(0.1, 0.3)
-#: Of what the script has of it.
-SWEAT_TIMES, SWEAT_TAU_TIMES = Span(0.6, 1.2), Span(0.5, 1.6)
+@dataclass(frozen=True, slots=True)
+class BodyRanges:
+    """What the figures of a finger are drawn from. Who knows better of one gives that one: `Span`s
+    that other sources have, or one value, `Span(x, x)`.
+    """
 
-#: Even with the least of both, more than half of a 100 us pulse's charge passes Cp.
-CAPACITIVE_PARALLEL_OHM, CAPACITIVE_NF = Span(60_000.0, 120_000.0), Span(1.6, 3.2)
-BENT_UA, BENT_SERIES_OHM = Span(400.0, 1_500.0), Span(5_000.0, 12_000.0)
-BENT_PARALLEL_OHM = Span(14_000.0, 24_000.0)
-DUCTS_BY_SWEAT = Span(-1.0, -0.4)
-ADAPTED = Span(0.6, 2.7)
-#: The resistance of a middling electrode after 20 minutes is a quarter of a dry one's.
-SOAKED, SOAKING_TAU_S = 0.76, Span(200.0, 300.0)
-PAIN_TIMES = 1.2
-SUMMED = Span(0.18, 0.36)
+    series_ohm: Span = Span(700.0, 5_000.0)
+    parallel_ohm: Span = Span(32_000.0, 65_000.0)
+    capacitance_nf: Span = Span(0.2, 0.5)
+    bend_ua: Span = Span(3_000.0, 20_000.0)
+    area_sigma: Span = Span(0.1, 0.4)
+    depth_sigma: Span = Span(0.03, 0.1)
+    threshold_sigma: Span = Span(0.1, 0.3)
+    #: Of what the script has of it.
+    sweat_times: Span = Span(0.6, 1.2)
+    sweat_tau_times: Span = Span(0.5, 1.6)
+    #: Even with the least of both, more than half of a 100 us pulse's charge passes Cp.
+    capacitive_parallel_ohm: Span = Span(60_000.0, 120_000.0)
+    capacitive_nf: Span = Span(1.6, 3.2)
+    bent_ua: Span = Span(400.0, 1_500.0)
+    bent_series_ohm: Span = Span(5_000.0, 12_000.0)
+    bent_parallel_ohm: Span = Span(14_000.0, 24_000.0)
+    ducts_by_sweat: Span = Span(-1.0, -0.4)
+    #: Parts of a threshold at rest that use adds to it.
+    adapted: Span = Span(0.6, 2.7)
+    #: The resistance of a middling electrode after 20 minutes is a quarter of a dry one's.
+    soaked: Span = Span(0.76, 0.76)
+    soaking_tau_s: Span = Span(200.0, 300.0)
+    #: Pain over touch.
+    pain_times: Span = Span(1.2, 1.2)
+    summed: Span = Span(0.18, 0.36)
+
+
+RANGES = BodyRanges()
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,28 +127,33 @@ class BodyFigures:
     feeling: FeelingFigures = UNSHIFTED
 
 
-def drawn(kind: BodyKind, seed: int, *, doing: Script = LYING) -> BodyFigures:
+def drawn(
+    kind: BodyKind, seed: int, *, doing: Script = LYING, ranges: BodyRanges = RANGES
+) -> BodyFigures:
     """The finger of this seed; `doing`: how it presses and peels, and what its sweat is drawn from.
 
     A pure function of its arguments.
     """
     random = np.random.default_rng([seed, 7])
     skin = SkinFigures(
-        series_ohm=SERIES_OHM.drawn(random),
-        parallel_ohm=PARALLEL_OHM.drawn(random),
-        capacitance_nf=CAPACITANCE_NF.drawn(random),
-        bend_ua=BEND_UA.drawn(random),
-        area_sigma=AREA_SIGMA.drawn(random),
+        series_ohm=ranges.series_ohm.drawn(random),
+        parallel_ohm=ranges.parallel_ohm.drawn(random),
+        capacitance_nf=ranges.capacitance_nf.drawn(random),
+        bend_ua=ranges.bend_ua.drawn(random),
+        area_sigma=ranges.area_sigma.drawn(random),
     )
     spread = NerveSpread(
-        depth_sigma=DEPTH_SIGMA.drawn(random), threshold_sigma=THRESHOLD_SIGMA.drawn(random)
+        depth_sigma=ranges.depth_sigma.drawn(random),
+        threshold_sigma=ranges.threshold_sigma.drawn(random),
     )
     script = replace(
         doing,
-        sweat=doing.sweat * SWEAT_TIMES.drawn(random),
-        sweat_tau_s=doing.sweat_tau_s * SWEAT_TAU_TIMES.drawn(random),
+        sweat=doing.sweat * ranges.sweat_times.drawn(random),
+        sweat_tau_s=doing.sweat_tau_s * ranges.sweat_tau_times.drawn(random),
     )
-    return _of_kind(BodyFigures(kind, skin, spread, script), np.random.default_rng([seed, 8]))
+    return _of_kind(
+        BodyFigures(kind, skin, spread, script), np.random.default_rng([seed, 8]), ranges
+    )
 
 
 def living(
@@ -137,9 +164,10 @@ def living(
     compliance_v: float,
     seed: int,
     doing: Script = LYING,
+    ranges: BodyRanges = RANGES,
 ) -> LivingBody:
     """A `LivingBody` of this kind, of the finger of this seed."""
-    figures = drawn(kind, seed, doing=doing)
+    figures = drawn(kind, seed, doing=doing, ranges=ranges)
     return LivingBody(
         positions_mm,
         leak_ohm=leak_ohm,
@@ -152,7 +180,7 @@ def living(
     )
 
 
-def _of_kind(finger: BodyFigures, random: np.random.Generator) -> BodyFigures:
+def _of_kind(finger: BodyFigures, random: np.random.Generator, ranges: BodyRanges) -> BodyFigures:
     """What the kind changes of a finger."""
     skin = finger.skin
     match finger.kind:
@@ -163,27 +191,30 @@ def _of_kind(finger: BodyFigures, random: np.random.Generator) -> BodyFigures:
         case BodyKind.SWEAT:
             skin = replace(skin, way_by_sweat=0.0)
         case BodyKind.DUCTS:
-            skin = replace(skin, way_by_area=0.0, way_by_sweat=DUCTS_BY_SWEAT.drawn(random))
+            skin = replace(skin, way_by_area=0.0, way_by_sweat=ranges.ducts_by_sweat.drawn(random))
         case BodyKind.CAPACITIVE:
             skin = replace(
                 skin,
-                parallel_ohm=CAPACITIVE_PARALLEL_OHM.drawn(random),
-                capacitance_nf=CAPACITIVE_NF.drawn(random),
+                parallel_ohm=ranges.capacitive_parallel_ohm.drawn(random),
+                capacitance_nf=ranges.capacitive_nf.drawn(random),
             )
         case BodyKind.BENT:
             skin = replace(
                 skin,
-                bend_ua=BENT_UA.drawn(random),
-                series_ohm=BENT_SERIES_OHM.drawn(random),
-                parallel_ohm=BENT_PARALLEL_OHM.drawn(random),
+                bend_ua=ranges.bent_ua.drawn(random),
+                series_ohm=ranges.bent_series_ohm.drawn(random),
+                parallel_ohm=ranges.bent_parallel_ohm.drawn(random),
             )
         case BodyKind.ADAPTING:
-            return replace(finger, feeling=FeelingFigures(adapted=ADAPTED.drawn(random)))
+            return replace(finger, feeling=FeelingFigures(adapted=ranges.adapted.drawn(random)))
         case BodyKind.SOAKING:
-            tau_s = SOAKING_TAU_S.drawn(random)
-            return replace(finger, script=replace(finger.script, sweat=SOAKED, sweat_tau_s=tau_s))
+            tau_s = ranges.soaking_tau_s.drawn(random)
+            sweat = ranges.soaked.drawn(random)
+            return replace(finger, script=replace(finger.script, sweat=sweat, sweat_tau_s=tau_s))
         case BodyKind.TENDER:
-            return replace(finger, spread=replace(finger.spread, pain_times=PAIN_TIMES))
+            return replace(
+                finger, spread=replace(finger.spread, pain_times=ranges.pain_times.drawn(random))
+            )
         case BodyKind.SUMMING:
-            return replace(finger, feeling=FeelingFigures(summed=SUMMED.drawn(random)))
+            return replace(finger, feeling=FeelingFigures(summed=ranges.summed.drawn(random)))
     return replace(finger, skin=skin)

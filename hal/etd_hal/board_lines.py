@@ -13,11 +13,11 @@ from etd_hal.boardfile import BoardFile, EdgeInput, Guards
 from etd_hal.ports import Changes
 
 #: Where no board file names a heartbeat's window: the longest that one may name.
-_SILENT_MS = 100
+SILENT_MS = 100
 
 
 def window_ms(guards: Guards) -> int:
-    return _SILENT_MS if guards.heartbeat == "absent" else guards.heartbeat.window_ms
+    return SILENT_MS if guards.heartbeat == "absent" else guards.heartbeat.window_ms
 
 
 def stop_lines(guards: Guards) -> dict[StopName, int]:

@@ -27,7 +27,7 @@ _OFFSET_V = 1.0
 RESTED_V = 5.0
 #: Of source, leak and ADC together: the 20 % that IEC 60601-2-10 allows an amplitude. The
 #: self-test asks for half of that, so that a board which passed it can still drift.
-_TOLERANCE = 0.2
+TOLERANCE = 0.2
 #: What one reading of an ADC in order may be off by chance: noise of 1.5 codes, four times.
 _NOISE_CODES = 6
 #: Noise up to this part of what an unloaded node comes to leaves a gain below 0.6 or above 1.4
@@ -63,7 +63,7 @@ class SourceRules:
         """In a pulse: current x leak, above which no passive load lifts the node; and what stood
         there before, because charge that is left in skin adds to it.
         """
-        return commanded_ua * self.leak_ohm / 1e6 * (1.0 + _TOLERANCE) + baseline_v + self.noise_v
+        return commanded_ua * self.leak_ohm / 1e6 * (1.0 + TOLERANCE) + baseline_v + self.noise_v
 
     def idle_fault(self, node_v: float, how: str) -> BoardFault | None:
         """What is wrong at code 0 with nothing connected; `how` it is that nothing is."""
@@ -81,7 +81,7 @@ class SourceRules:
         told = f"{commanded_ua} uA into the leak of {self.leak_ohm} ohm make {node_v:.1f} V, and"
         if noise_v > _MOST_NOISE * node_v:
             return f"{told} one reading may be off by {noise_v:.1f} V"
-        if node_v * (1.0 + _TOLERANCE) + noise_v > self.reach_v:
+        if node_v * (1.0 + TOLERANCE) + noise_v > self.reach_v:
             return f"{told} no more than {self.reach_v:.1f} V can be read"
         return None
 
@@ -105,7 +105,7 @@ class SourceRules:
     def _unloaded_v(self, commanded_ua: int) -> tuple[float, float]:
         """Least and most of current x leak."""
         node_v, noise_v = commanded_ua * self.leak_ohm / 1e6, self.noise_v / 2
-        return node_v * (1 - _TOLERANCE) - noise_v, node_v * (1 + _TOLERANCE) + noise_v
+        return node_v * (1 - TOLERANCE) - noise_v, node_v * (1 + TOLERANCE) + noise_v
 
     def unloaded_fault(
         self, commanded_ua: int, baseline_v: float, early_v: float, voltage_v: float

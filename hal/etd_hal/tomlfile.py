@@ -97,14 +97,37 @@ def _read(path: Path, data: bytes | None) -> dict[str, Any]:
                 "see docs/files.md",
             )
         try:
-            return tomllib.loads(text)
+            parsed = tomllib.loads(text)
         except tomllib.TOMLDecodeError:
             raise
         except ValueError as error:  # Python does not read a number of thousands of digits
-            raise FileError(
-                str(path), "", "a number in it has thousands of digits", "write a shorter one"
-            ) from error
+            raise _too_long(path) from error
+        if _has_long_number(parsed):
+            raise _too_long(path)
+        return parsed
     raise too_old(f"{path}: reading TOML")
+
+
+def _has_long_number(parsed: dict[str, Any]) -> bool:
+    """Beyond the 64 bits that TOML has: Python reads one of any length if it is hexadecimal, and
+    ends with an error where it is to be written into a sentence, or becomes a float.
+    """
+    left: list[object] = [parsed]
+    while left:
+        value = left.pop()
+        if isinstance(value, dict):
+            left.extend(value.values())
+        elif isinstance(value, list):
+            left.extend(value)
+        elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+            return True
+    return False
+
+
+def _too_long(path: Path) -> FileError:
+    return FileError(
+        str(path), "", "a whole number in it has more than 64 bits", "write a shorter one"
+    )
 
 
 def _too_deep(path: Path) -> FileError:
@@ -175,10 +198,7 @@ def _meant(found: object, may_stand: schema_hints.Alternatives) -> str:
 def _told(found: object) -> str:
     if isinstance(found, bool):
         return f"it says {str(found).lower()}"
-    try:
-        text = str(found) if isinstance(found, datetime.date) else repr(found)
-    except ValueError:  # Python does not write a number of thousands of digits
-        return "a number there has thousands of digits"
+    text = str(found) if isinstance(found, datetime.date) else repr(found)
     if len(text) <= 60:
         return f"it says {text}"
     return "the table there" if isinstance(found, dict) else f"it says {text[:57]}..."

@@ -6,7 +6,10 @@ hurts. Must not know: how anything of it works. Skins and persons come from the 
 nothing was tuned on.
 
 The error is that of the threshold at the moment when it was found: it drifts. An electrode that was
-not felt counts with its cap.
+not felt counts with its cap. `equalize` finds no thresholds: it begins with what the default method
+found with the same person, and its error is that of the level as strong as the reference's; an
+electrode that is weaker at its cap counts with its cap. A sitting whose reference is refused has no
+errors. Pain is of what was felt: of the whole array together, and of a reference as well.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from datetime import date
+from math import inf
 from pathlib import Path
 from statistics import median, quantiles
 from typing import Any
@@ -29,15 +33,18 @@ sys.path[:0] = [str(CLONE / "daemon"), str(CLONE / "hal"), str(CLONE / "tests")]
 from msgspec.structs import replace  # noqa: E402
 
 from calibrate_scenes import ROW  # noqa: E402
+from etd.calibrate.answers import Presentation  # noqa: E402
 from etd.calibrate.course import Course  # noqa: E402
+from etd.calibrate.equal_strength import default_reference  # noqa: E402
 from etd.calibrate.person import ResponseModel, SimulatedPerson  # noqa: E402
-from etd.calibrate.progress import Progress  # noqa: E402
-from etd.protocol.calibration import Method  # noqa: E402
+from etd.calibrate.progress import Progress, finished  # noqa: E402
+from etd.protocol.calibration import Calibration, ElectrodeLimits, Method  # noqa: E402
+from etd.protocol.errors import Refused  # noqa: E402
 from noisy_skin import NoisySkin  # noqa: E402
 
 CAP_UA, ELECTRODES = 4_000, 16
 SEEDS = tuple(range(9_001, 9_021))
-METHODS: tuple[Method, ...] = ("staircase", "limits", "quest-plus")
+METHODS: tuple[Method, ...] = ("staircase", "limits", "quest-plus", "equalize")
 DEFAULT: Method = "staircase"
 MEDIAN, NINE_OF_TEN, PAIN = 0.10, 0.20, 1.1
 BAD = ResponseModel(lapses=0.05, false_alarms=0.15, drift=0.01, adaptation=0.60, slips=0.03)
@@ -68,35 +75,83 @@ class Sitting:
     left: int = 0
 
 
+class _Person:
+    """One person on one skin, for one or two sittings."""
+
+    def __init__(self, person: str, seed: int) -> None:
+        self._skin, self._seed, self.sitting = NoisySkin(ELECTRODES, seed), seed, Sitting()
+        self._skin.summation = TOGETHER
+        self._person = SimulatedPerson(self._skin.sense, seed, PERSONS[person])
+        self._true_ua: dict[int, float] = {}
+
+    def sit(self, method: Method, baseline: Calibration | None = None) -> Calibration:
+        """Raises: Refused, for a reference that was too strong."""
+        reference = None if baseline is None else _reference(baseline)
+        conditions = replace(
+            ROW, method=method, electrodes=ELECTRODES, array="grid-4x4", cap_ua=CAP_UA,
+            reference=reference,
+        )  # fmt: skip
+        progress, sitting = Progress(conditions=conditions, seed=self._seed), self.sitting
+        course = Course(
+            progress, self._skin, self._person, lambda: _DAY, baseline=baseline,
+            on_presented=self._hurt, on_threshold=self._settle,
+        )  # fmt: skip
+        course.run(range(ELECTRODES))
+        found = dict(progress.found)
+        course.feel_whole()
+        sitting.presentations, sitting.left = progress.presentations, len(course.left)
+        sitting.false_alarm_rate = progress.false_alarms / max(progress.catch_trials, 1)
+        if baseline is None or reference is None:
+            sitting.errors = [self._off(one, limits) for one, limits in found.items()]
+        else:
+            strong_ua = baseline.electrode[reference].comfortable_ua
+            sitting.errors = [
+                self._weaker(one, limits, strong_ua / self._skin.threshold_ua[reference])
+                for one, limits in found.items()
+                if one != reference and limits.felt
+            ]
+        return finished(progress, _DAY, "bench")
+
+    def _settle(self, electrode: int) -> None:
+        times = self._person.threshold_times
+        self._true_ua[electrode] = self._skin.threshold_ua[electrode] * times
+
+    def _off(self, electrode: int, limits: ElectrodeLimits) -> float:
+        return limits.threshold_ua / min(self._true_ua[electrode], CAP_UA) - 1.0
+
+    def _weaker(self, electrode: int, limits: ElectrodeLimits, times: float) -> float:
+        """What drifts, drifts for both."""
+        as_strong_ua = self._skin.threshold_ua[electrode] * times
+        return limits.comfortable_ua / min(as_strong_ua, limits.cap_ua) - 1.0
+
+    def _hurt(self, shown: Presentation) -> None:
+        """Before the question: nothing has drifted since."""
+        for electrode in (shown.electrode, shown.reference):
+            if electrode is not None:
+                pain = self._skin.sense(electrode).pain / self._person.threshold_times
+                self.sitting.pain = max(self.sitting.pain, pain)
+
+
+def _reference(baseline: Calibration) -> int:
+    places = range(ELECTRODES)
+    return default_reference(baseline, [one % 4 for one in places], [one // 4 for one in places])
+
+
 def sit(method: Method, person: str, seed: int) -> Sitting:
-    model, skin, sitting = PERSONS[person], NoisySkin(ELECTRODES, seed), Sitting()
-    skin.summation = TOGETHER
-    person_of = SimulatedPerson(skin.sense, seed, model)
-    true_ua: dict[int, float] = {}
-
-    def settle(electrode: int) -> None:
-        true_ua[electrode] = skin.threshold_ua[electrode] * person_of.threshold_times
-
-    def hurt(electrode: int, current_ua: int) -> None:
-        pain_ua = skin.pain_ua[electrode] * person_of.threshold_times
-        sitting.pain = max(sitting.pain, current_ua / pain_ua)
-
-    skin.meanwhile = hurt
-    conditions = replace(ROW, method=method, electrodes=ELECTRODES, array="grid-4x4", cap_ua=CAP_UA)
-    progress = Progress(conditions=conditions, seed=seed)
-    course = Course(progress, skin, person_of, lambda: _DAY, on_threshold=settle)
-    course.run(range(ELECTRODES))
-    found = dict(progress.found)
-    course.feel_whole()
-    for electrode, limits in found.items():
-        sitting.errors.append(limits.threshold_ua / min(true_ua[electrode], CAP_UA) - 1.0)
-    sitting.presentations, sitting.left = progress.presentations, len(course.left)
-    sitting.false_alarm_rate = progress.false_alarms / max(progress.catch_trials, 1)
-    return sitting
+    one = _Person(person, seed)
+    if method != "equalize":
+        one.sit(method)
+        return one.sitting
+    made = one.sit(DEFAULT)
+    try:
+        one.sit(method, made)
+    except Refused:
+        one.sitting.errors, one.sitting.presentations, one.sitting.left = [], 0, ELECTRODES
+    return one.sitting
 
 
 def row_of(method: Method, person: str, sittings: Sequence[Sitting]) -> dict[str, Any]:
-    errors = [abs(error) for sitting in sittings for error in sitting.errors]
+    errors = [abs(error) for sitting in sittings for error in sitting.errors] or [inf, inf]
     nine_of_ten = quantiles(errors, n=10)[-1]
     pain = max(sitting.pain for sitting in sittings)
     is_accurate = median(errors) <= MEDIAN and nine_of_ten <= NINE_OF_TEN
@@ -108,7 +163,7 @@ def row_of(method: Method, person: str, sittings: Sequence[Sitting]) -> dict[str
         "presentations": round(sum(one.presentations for one in sittings) / len(errors), 1),
         "median": round(median(errors), 4),
         "nine_of_ten": round(nine_of_ten, 4),
-        "bias": round(median(error for one in sittings for error in one.errors), 4),
+        "bias": round(median([error for one in sittings for error in one.errors] or [inf]), 4),
         "false_alarm_rate": round(median(one.false_alarm_rate for one in sittings), 3),
         "pain": round(pain, 3),
         "ok": (method != DEFAULT or is_accurate) and (person == "endures" or pain <= PAIN),

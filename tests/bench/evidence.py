@@ -1,8 +1,9 @@
 """`make evidence`: the figures on safety, measured now on this machine, as docs/evidence.md.
 
-Owns: which commands are run, the page, and what it says of machine, date and version. A command
-that fails, or that is not there, is on the page as that; exit status 1 then. Must not know: what is
-measured, what the figures mean.
+Owns: which commands are run, the page, and what each of its sections says of date, machine and
+version. What is not measured this time keeps the section that it has, so that hours can be spread;
+what never was says so. A command that fails, or that is not there, is on the page as that; exit
+status 1 then. Must not know: what is measured, what the figures mean.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from typing import Any
 from rich.console import Console
 
 from etd.client import clock
+from etd.version import __version__
 
 _CLONE = Path(__file__).resolve().parents[2]
 PAGE = _CLONE / "docs" / "evidence.md"
@@ -28,8 +30,11 @@ PAGE = _CLONE / "docs" / "evidence.md"
 
 @dataclass(frozen=True)
 class Measurement:
-    """A command whose standard output is JSON; `short`: what takes minutes in place of hours."""
+    """A command whose standard output is JSON; `short`: what takes minutes in place of hours.
+    `name`: what `--only` calls it.
+    """
 
+    name: str
     title: str
     command: str
     short: str
@@ -38,36 +43,48 @@ class Measurement:
 
 MEASUREMENTS = (
     Measurement(
+        "campaign",
         "A fault at every operation",
         "tests/campaign/run.py --json --write",
-        "tests/campaign/run.py --json --every 400 --boards kajimoto-hv507 reference-hv507",
+        "tests/campaign/run.py --json --bounded --boards kajimoto-hv507 reference-hv507",
         "The judge is the body's own account of charge; the table by fault class is in"
         " [safety.md](safety.md#what-each-failure-lets-through).",
     ),
     Measurement(
+        "kills",
         "A thousand kills",
         "tests/bench/kills.py --json",
         "tests/bench/kills.py --json --kills 20",
         "What flows after a kill, how long until the board is safe, what is remembered.",
     ),
     Measurement(
+        "attack",
         "A stop while strangers do what they can",
         "tests/bench/attack.py --json",
         "tests/bench/attack.py --json --stops 20",
         "Heard: until the engine has it. Answered: until the reply is there.",
     ),
     Measurement(
+        "soak",
         "An hour beside a load, and a thousand starts",
         "tests/bench/soak.py --json",
         "tests/bench/soak.py --json --seconds 60 --restarts 10",
         "Memory and descriptors of the whole daemon: after the warm-up, and at the end.",
     ),
     Measurement(
+        "fuzz",
         "An hour of bytes from outside",
         "tests/fuzz/run.py --json",
         "tests/fuzz/run.py --json --seconds 120",
         "Each target decodes what clients, files or a peer may send; what it demands is in"
         " [architecture.md](architecture.md).",
+    ),
+    Measurement(
+        "mutants",
+        "Mistakes in what bounds current",
+        "tests/mutants/run.py --json",
+        "tests/mutants/run.py --json guard",
+        "One mistake after another in the source, and which of them no test sees.",
     ),
 )
 
@@ -92,32 +109,66 @@ def measured(measurement: Measurement, *, is_short: bool) -> Measured:
     )
     seconds = (clock.now_ns() - begun_ns) / 1e9
     text = ended.stdout.decode(errors="replace").strip()
-    try:
-        figures = json.loads(text.splitlines()[-1] if text else "null")
-    except ValueError:
-        figures = None
+    figures = _figures(text)
     return Measured(measurement, command, ended.returncode, seconds, figures, text[-500:])
+
+
+def _figures(text: str) -> Any:
+    """All of it, or else its last line; None: neither is JSON."""
+    for part in (text, text.rpartition("\n")[2]):
+        try:
+            return json.loads(part)
+        except ValueError:
+            continue
+    return None
 
 
 # --- the page ------------------------------------------------------------------------------------
 
 
-def page(found: Sequence[Measured], *, is_short: bool) -> str:
-    """As Markdown."""
-    how = " ARGS=--short" if is_short else ""
+_NOT_YET = "Not measured yet: `make evidence ARGS='--only {name}'`."
+
+
+def page(sections: Mapping[str, str]) -> str:
+    """As Markdown. `sections`: by name, of what was measured, now or before."""
     lines = [
         "# Evidence",
         "",
-        f"What `make evidence{how}` measured. It is written by that command, and by nothing else.",
+        "What `make evidence` measured: each section when and on what it says. It is written by",
+        "that command, and by nothing else; `ARGS='--only kills'` measures one of them anew.",
+    ]
+    for measurement in MEASUREMENTS:
+        not_yet = f"## {measurement.title}\n\n{_NOT_YET.format(name=measurement.name)}"
+        lines += ["", sections.get(measurement.name, not_yet)]
+    return "\n".join(lines) + "\n"
+
+
+def section(one: Measured) -> str:
+    met = "its bounds were met" if one.status == 0 else f"exit status {one.status}: NOT met"
+    lines = [
+        f"## {one.measurement.title}",
+        "",
+        one.measurement.about,
+        "",
+        f"`python {one.command}`: {one.seconds:.0f} s, {met}.",
         "",
         *(f"- {what}: {value}" for what, value in machine().items()),
+        "",
+        *(rendered(one.figures) if one.figures is not None else ["```", one.said, "```"]),
     ]
-    for one in found:
-        lines += ["", f"## {one.measurement.title}", "", one.measurement.about, ""]
-        met = "its bounds were met" if one.status == 0 else f"exit status {one.status}: NOT met"
-        lines += [f"`python {one.command}`: {one.seconds:.0f} s, {met}.", ""]
-        lines += rendered(one.figures) if one.figures is not None else ["```", one.said, "```"]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
+
+
+def kept(text: str) -> dict[str, str]:
+    """The sections of a page, by name, but those that were not measured yet."""
+    found = {}
+    for part in text.split("\n## ")[1:]:
+        title, _, rest = part.partition("\n")
+        for measurement in MEASUREMENTS:
+            is_measured = _NOT_YET.format(name=measurement.name) not in rest
+            if measurement.title == title and is_measured:
+                found[measurement.name] = f"## {part.rstrip()}"
+    return found
 
 
 def machine() -> dict[str, str]:
@@ -127,7 +178,7 @@ def machine() -> dict[str, str]:
     )  # fmt: skip
     return {
         "date": _date(),
-        "version": described.stdout.strip() or "not from a clone",
+        "version": f"{__version__}, {described.stdout.strip() or 'not from a clone'}",
         "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.machine()}",
         "system": f"{platform.system()} {platform.release()}, Python {platform.python_version()}",
     }
@@ -193,15 +244,27 @@ def _words(key: str) -> str:
 def main(arguments: Iterable[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="evidence", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--short", action="store_true", help="minutes in place of hours")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        choices=[one.name for one in MEASUREMENTS],
+        help="measure these; the others keep what the page says of them",
+    )
     parser.add_argument("--page", type=Path, default=PAGE, help="where to write (docs/evidence.md)")
     args = parser.parse_args(None if arguments is None else list(arguments))
-    console, found = Console(stderr=True), []
+    console, statuses = Console(stderr=True), list[int]()
     for measurement in MEASUREMENTS:
+        if args.only and measurement.name not in args.only:
+            continue
         console.print(f"[bold]{measurement.title}[/bold]")
-        found.append(measured(measurement, is_short=args.short))
-    args.page.write_text(page(found, is_short=args.short), encoding="utf-8")
-    console.print(f"written: {args.page}")
-    return 0 if all(one.status == 0 for one in found) else 1
+        one = measured(measurement, is_short=args.short)
+        statuses.append(one.status)
+        # After each: a run that is cut short keeps what it has.
+        before = args.page.read_text(encoding="utf-8") if args.page.exists() else ""
+        sections = {**kept(before), measurement.name: section(one)}
+        args.page.write_text(page(sections), encoding="utf-8")
+        console.print(f"written: {args.page}")
+    return int(any(statuses))
 
 
 if __name__ == "__main__":

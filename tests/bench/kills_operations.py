@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from campaign.account import AccountedBody
+from campaign.engine_script import CURRENT_UA, ELECTRODES, WANTED_UA, WIDTH_US
 from campaign.operations import Interference, Killed, Operations, Port
-from campaign.scenes import CURRENT_UA, ELECTRODES, WANTED_UA, WIDTH_US, config
+from campaign.scenes import config
 from charge_witness import even_skin
 from engine_rig import LEASE, EngineRig, rig_on
 from engine_scenes import opened_to

@@ -7,6 +7,7 @@ of it. Must not know: what is made of the figures.
 from __future__ import annotations
 
 import gc
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -58,6 +59,12 @@ class Kept:
     counters: dict[str, int]
 
 
+#: (when it began, felt, pain) of one scan, by electrode.
+Scan = tuple[int, tuple[float, ...], tuple[float, ...]]
+#: Called about twice a second with the engine, the finger and all scans so far.
+Watching = Callable[[EngineRig, Finger, Sequence[Scan]], None]
+
+
 class _Scans:
     """At the start of each scan, what was felt of the one before."""
 
@@ -66,7 +73,7 @@ class _Scans:
         self._finger = finger
         self._clock = clock
         self._scan_ns: int | None = None
-        self.found: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = []
+        self.found: list[Scan] = []
 
     def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | str | None) -> None:
         felt, pain = self._finger.body.take_felt()
@@ -144,9 +151,11 @@ def run(
     electrodes: int = ELECTRODES,
     kind: BodyKind | None = None,
     exponent: FittedExponent | None = ANYBODYS,
+    rate_hz: float | None = None,
+    watching: Watching | None = None,
 ) -> Kept:
     """All electrodes at the same level, all the time (None) or in so many pieces of it. `exponent`:
-    what was found of the person; None: nothing.
+    what was found of the person; None: nothing. `rate_hz`: None is what it was calibrated at.
     """
     gc.set_threshold(_COLLECT_AFTER)
     loaded = loaded_with(settings, electrodes)
@@ -171,18 +180,23 @@ def run(
     rig.arm()
     # What was not felt up to the most that anybody gets is left out, as a person's would be.
     levels = tuple(level * limits.felt for limits in finger.calibration.electrode)
-    frame = {"level": levels, "ttl_ms": 1_000}
+    frame: dict[str, Any] = {"level": levels, "ttl_ms": 1_000}
+    if rate_hz is not None:
+        frame["rate_hz"] = rate_hz
     rig.hold(_OPENING_MS, **frame)
     begun_ns = rig.clock.now_ns()
     finger.course.begin(begun_ns * 1e-9)
-    _hold(rig, begun_ns + int(finger.pieces.engine_s * 1e9), frame)
+    until_ns = begun_ns + int(finger.pieces.engine_s * 1e9)
+    for _ in _held(rig, until_ns, frame):
+        if watching is not None:
+            watching(rig, finger, made[0].found)
     counters = dict(rig.engine.components.reporter.counters)
     problems = rig.close()
     assert problems == (), problems
     return _kept(finger, made[0], begun_ns, counters)
 
 
-def _hold(rig: EngineRig, until_ns: int, frame: dict[str, Any]) -> None:
+def _held(rig: EngineRig, until_ns: int, frame: dict[str, Any]) -> Iterator[None]:
     """The same frame, sent anew before it lapses. A report for every pulse of ten minutes is more
     than anybody reads.
     """
@@ -190,6 +204,7 @@ def _hold(rig: EngineRig, until_ns: int, frame: dict[str, Any]) -> None:
         answer = rig.show(**frame)
         assert answer.error is None, answer.reason
         rig.run_ms(min(_RENEWED_MS, (until_ns - rig.clock.now_ns()) / 1e6))
+        yield
         rig.reports.clear()
         rig.others.clear()
 

@@ -1,44 +1,81 @@
 """What a run of the campaign says in docs/safety.md.
 
-Owns: the part of the page between two marks, which is not written by hand, and which classes of
-faults need other hardware, with why. Must not know: how a case is played.
+Owns: the part of the page between two marks, which is not written by hand. Must not know: how a
+case is played, what must hold.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Sequence
 
 from campaign.case import Outcome
+from campaign.judge import BENCH, GUARDED, RELAYS, Bound, bounds, where_of
 from campaign.results import CLONE, Figures, figures
 
 PAGE = CLONE / "docs" / "safety.md"
 _BEGIN, _END = "<!-- written by make campaign -->\n", "<!-- so far -->\n"
-#: No guard of these boards bounds them: what would is in docs/hardware.md.
-NEEDS_HARDWARE: Final[dict[str, str]] = {
-    "the source is short": "a second limiter in series with the source",
-}
+_NONE = "**none**"
 COLUMNS = (
-    *("fault", "cases", "halted", "refused", "ended", "harmless", "silent", "crashed"),
-    *("halt after, p50", "most", "beyond, uC", "as a return, uC"),
+    *("fault", "told by", "cases", "told", "latent", "silent"),
+    *("ms to safe, p50", "most", "uC, electrode", "uC, return"),
 )
+#: Which boards a table shows side by side.
+_TABLES = (("kajimoto-hv507", GUARDED), (RELAYS,), (BENCH,))
 
 
-def cells(found: Figures) -> tuple[str, ...]:
-    """Of a row, in the order of `COLUMNS`."""
+def cells(rows: Sequence[Figures | None], bound: Bound, boards: Sequence[str]) -> tuple[str, ...]:
+    """Of a class, in the order of `COLUMNS`: the figures of each board, one beside the other."""
+
+    def each(figure: Callable[[Figures], str]) -> str:
+        return " / ".join("-" if row is None else figure(row) for row in rows)
+
+    there = [board for board, row in zip(boards, rows, strict=True) if row is not None]
     return (
-        found.fault_class,
-        *map(str, (found.cases, found.halted, found.refused, found.ended)),
-        *map(str, (found.harmless, found.silent, found.crashed)),
-        _ms(found.halted_p50_ms),
-        _ms(found.halted_most_ms),
-        f"{found.most_alone_uc:.3f}",
-        f"{found.most_shared_uc:.3f}",
+        next(row.fault_class for row in rows if row is not None),
+        " / ".join(dict.fromkeys("; ".join(bound.rows_on(board)) or _NONE for board in there)),
+        each(lambda row: str(row.cases)),
+        each(lambda row: str(row.told)),
+        each(lambda row: str(row.latent)),
+        each(lambda row: str(row.silent)),
+        each(lambda row: _ms(row.safe_p50_ms)),
+        each(lambda row: _ms(row.safe_most_ms)),
+        each(lambda row: f"{row.most_alone_uc:.3f}"),
+        each(lambda row: f"{row.most_shared_uc:.3f}"),
     )
 
 
+def table(found: Sequence[Outcome], boards: Sequence[str]) -> list[tuple[str, ...]]:
+    """A row for each class that one of these boards can have."""
+    by_board = [
+        {one.fault_class: one for one in figures(one for one in found if where_of(one) == board)}
+        for board in boards
+    ]
+    names = dict.fromkeys(one.fault_class for one in found if where_of(one) in boards)
+    known = bounds()
+    return [
+        cells([of.get(name) for of in by_board], known.get(name, Bound()), boards)
+        for name in sorted(names, key=list(known).index if set(names) <= set(known) else None)
+    ]
+
+
+def tables(found: Sequence[Outcome]) -> list[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
+    """Boards, and their rows."""
+    there = {where_of(one) for one in found}
+    shown = [tuple(board for board in boards if board in there) for boards in _TABLES]
+    return [(boards, table(found, boards)) for boards in shown if boards]
+
+
 def _ms(time_ms: float | None) -> str:
-    return "-" if time_ms is None else f"{time_ms:.2f} ms"
+    return "-" if time_ms is None else f"{time_ms:.1f}"
+
+
+def played(found: Sequence[Outcome]) -> str:
+    """Of a run that was not played to its end."""
+    counts = Counter((one.board, one.scene) for one in found)
+    each = "; ".join(f"{board}, {scene}: {count}" for (board, scene), count in counts.items())
+    return f"What has been played so far of the whole, in cases: {each}."
 
 
 def write(found: Sequence[Outcome], said: str) -> None:
@@ -52,10 +89,14 @@ def write(found: Sequence[Outcome], said: str) -> None:
 
 
 def _part(found: Sequence[Outcome], said: str) -> str:
-    lines = ["", said]
-    for board in dict.fromkeys(one.board for one in found):
-        of_board = [one for one in found if one.board == board]
-        lines += [f"\nOn `{board}`, {len(of_board)} cases:\n"]
+    lines = ["", *_folded(said)]
+    for boards, rows in tables(found):
+        cases = sum(where_of(one) in boards for one in found)
+        lines += [f"\nOn {' / '.join(f'`{board}`' for board in boards)}, {cases} cases:\n"]
         lines += ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
-        lines += ["| " + " | ".join(cells(figure)) + " |" for figure in figures(of_board)]
+        lines += ["| " + " | ".join(row) + " |" for row in rows]
     return "\n".join([*lines, "", ""])
+
+
+def _folded(text: str) -> list[str]:
+    return textwrap.wrap(text, 118, break_on_hyphens=False)

@@ -11,17 +11,21 @@ from __future__ import annotations
 
 import gc
 import os
+import traceback
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
 
-from campaign import scenes
-from campaign.account import Account
+from campaign.account import Course
 from campaign.case import Outcome, outcome
-from campaign.kinds import Kind
+from campaign.kind import Kind
 from campaign.operations import Interference, Killed, Operations, Port
 from campaign.own_memory import all_shared, content, make_own
+from campaign.places import Operation, operation
+from campaign.scene import Over, Scene
+from campaign.scenes import SCENES, config
 
 #: At a time, for each core.
 _COPIES_A_CORE = 1
@@ -54,27 +58,40 @@ class _Copies:
             raise RuntimeError(f"a case ended with status {status}")
 
 
-def whole(board: str) -> tuple[Account, list[Port]]:
-    """What flows without a fault, and the port of each operation. Raises: RuntimeError, where the
-    script itself is refused something.
+@dataclass(frozen=True)
+class Whole:
+    """A scene on a board, played once without a fault."""
+
+    board: str
+    scene: str
+    course: Course
+    operations: Sequence[Operation]
+
+
+def whole(board: str, scene: str) -> Whole:
+    """What flows by when, and each operation. Raises: RuntimeError, where the scene itself is
+    refused something or is not in order.
     """
-    operations = Operations()
-    ports: list[Port] = []
-    rig, body = scenes.rig_of(board, operations)
-    operations.before = lambda _, port: ports.append(port)
-    scenes.play(rig)
-    operations.before = lambda *_: None
-    found = body.account(rig.clock.now_ns())
-    refused = [answer.reason for answer in rig.answers.values() if answer.error is not None]
-    if refused:
-        raise RuntimeError(f"the script does not run on {board}: {refused[0]}")
-    rig.close()
-    return found, ports
+    operations, course = Operations(), Course()
+    found: list[Operation] = []
+    played = SCENES[scene](config(board), operations, course)
+    try:
+        played.prepare()
+        inside = played.play.__func__.__code__  # type: ignore[attr-defined]
+        operations.before = lambda _, port: found.append(operation(port, inside))
+        played.play()
+        operations.before = lambda *_: None
+        played.play_on(is_long=True)
+    except Over:
+        raise RuntimeError(f"{scene} halts on {board}: {played.problem()}") from None
+    if problem := played.problem():
+        raise RuntimeError(f"{scene} does not run on {board}: {problem}")
+    played.close()
+    return Whole(board, scene, course, found)
 
 
 def play(
-    board: str,
-    allowed: Account,
+    whole: Whole,
     wanted: Callable[[int, Port], Sequence[Kind]],
     results: Path,
     begun: Callable[[int], None] = lambda _: None,
@@ -84,49 +101,78 @@ def play(
     """
     operations, copies = Operations(), _Copies()
     copied: list[tuple[Kind, int, Port, int]] = []
+    shared = all_shared()
 
     def before(number: int, port: Port) -> Interference | None:
         if copied:
             kind, first, *_ = copied[0]
             is_due = kind.then is not None and number == first + kind.then_after
-            return kind.then.do(rig) if kind.then is not None and is_due else None
-        before_copying = [content(memory) for memory in shared]
-        for kind in wanted(number, port):
+            return kind.then.do(subject) if kind.then is not None and is_due else None
+        kinds = wanted(number, port)
+        if kinds:
+            # What has been made since is not frozen yet, and so is among what is looked at.
+            memories = [*shared, *all_shared()]
+            before_copying = [content(memory) for memory in memories]
+        for kind in kinds:
             if copies.is_copy():
-                for memory, bytes_before in zip(shared, before_copying, strict=True):
+                for memory, bytes_before in zip(memories, before_copying, strict=True):
                     make_own(memory, bytes_before)
-                copied.append((kind, number, port, rig.clock.now_ns()))
-                return kind.do(rig)
+                now_ns = subject.clock.now_ns()
+                subject.body.mark(now_ns)
+                copied.append((kind, number, port, now_ns))
+                return kind.do(subject)
         begun(number)
         return None
 
-    rig, body = scenes.rig_of(board, operations)
+    played = SCENES[whole.scene](config(whole.board), operations, None)
+    subject = played.subject
+    played.prepare()
     operations.count = 0
-    shared = all_shared()
+    shared += all_shared()
     gc.collect()
     gc.freeze()
     operations.before = before
-    end = None
     try:
-        scenes.play(rig)
-    except Killed:
-        end = "ended"
-    except Exception as error:
-        # An engine must not end by an error, whatever fails: the table says so.
-        if not copied:
-            raise
-        end = f"crashed: {error!r}"
-    if copied:
-        kind, number, port, begun_ns = copied[0]
-        found = outcome(
-            *(board, kind.name, kind.fault_class, number, port),
-            *(rig, body, begun_ns, allowed, end),
-        )
-        _append(results, found)
-        os._exit(0)
+        end = _play_to_the_end(played, copied)
+        if copied:
+            kind, number, port, begun_ns = copied[0]
+            said = played.said(begun_ns)
+            said = said if end is None else replace(said, seen=end)
+            found = outcome(
+                *(whole.board, whole.scene, kind, number, port),
+                *(said, subject.body, begun_ns, subject.clock.now_ns(), whole.course),
+            )
+            _append(results, found)
+            os._exit(0)
+    except BaseException:
+        if copied:
+            traceback.print_exc()
+            os._exit(1)
+        raise
     operations.before = lambda *_: None
     copies.end()
-    rig.close()
+    played.close()
+    gc.unfreeze()
+
+
+def _play_to_the_end(played: Scene, copied: Sequence[tuple[Kind, int, Port, int]]) -> str | None:
+    """How it ended, where it did not by itself."""
+    try:
+        try:
+            played.play()
+            if copied:
+                played.play_on(copied[0][0].needs_time)
+        except Over:
+            played.insist()
+    except Killed:
+        played.after_kill()
+        return "ended"
+    except Exception as error:
+        # A program must not end by an error of its own, whatever fails: the table says so.
+        if not copied:
+            raise
+        return f"crashed: {error!r}"
+    return None
 
 
 def _append(results: Path, found: Outcome) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import mmap
+import os
 from collections import deque
 from typing import TypeVar
 
@@ -16,6 +17,7 @@ import msgspec
 
 from engine_rig import EngineRig
 from etd.protocol.link import Channel, NewFrame, ToEngine, ToGateway, decoded
+from etd.protocol.peer import Peer
 from etd_hal.shared_memory import SharedMemory
 
 In = TypeVar("In")
@@ -40,6 +42,11 @@ class OwnChannel(Channel[In]):
     @property
     def has_come(self) -> bool:
         return bool(self._come)
+
+    @property
+    def peer(self) -> Peer:
+        """This process itself."""
+        return Peer(os.getuid(), (os.getgid(),))
 
     def send(self, message: object) -> bool:
         if self.is_open:

@@ -8,6 +8,7 @@ case is played, how a table looks.
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -20,11 +21,8 @@ from campaign.case import Outcome
 
 CLONE = Path(__file__).resolve().parents[2]
 KEPT = CLONE / "build" / "campaign"
-_PLAYED_BY = (
-    *("daemon/**/*.py", "hal/**/*.py", "config/**/*.toml", "tests/campaign/*.py"),
-    *("tests/engine_rig.py", "tests/engine_scenes.py", "tests/stepped_stopper.py"),
-    "tests/charge_witness.py",
-)
+#: What makes of outcomes what is shown, and plays none.
+_SHOWN_BY = ("run.py", "docs.py", "results.py", "bounds.py", "judge.py")
 PC_PER_UC = 1e6
 #: A fifth of a pulse: readings of skin tell no less.
 SMALL_PC = 4_000.0
@@ -32,16 +30,22 @@ SMALL_PC = 4_000.0
 
 @cache
 def digest() -> str:
-    """Of all code and settings that an outcome depends on."""
-    paths = {path for pattern in _PLAYED_BY for path in CLONE.glob(pattern)}
+    """Of all code and settings that an outcome depends on: what this process has loaded of the
+    clone, once the scenes are there, and all files of the configuration.
+    """
+    loaded = (getattr(module, "__file__", None) for module in tuple(sys.modules.values()))
+    code = {Path(name).resolve() for name in loaded if name}
+    shown_by = {Path(__file__).with_name(name) for name in _SHOWN_BY}
+    paths = {path for path in code - shown_by if path.is_relative_to(CLONE)}
+    paths = {path for path in paths if ".venv" not in path.parts}
     found = hashlib.sha256()
-    for path in sorted(paths):
+    for path in sorted(paths | set(CLONE.glob("config/**/*.toml"))):
         found.update(str(path.relative_to(CLONE)).encode() + b"\0" + path.read_bytes() + b"\0")
     return found.hexdigest()[:16]
 
 
-def file_of(board: str, folder: Path = KEPT) -> Path:
-    return folder / digest() / f"{board}.jsonl"
+def file_of(board: str, scene: str, folder: Path = KEPT) -> Path:
+    return folder / digest() / f"{board} {scene}.jsonl"
 
 
 def kept(path: Path) -> list[Outcome]:
@@ -55,23 +59,25 @@ def kept(path: Path) -> list[Outcome]:
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one class of faults, on some boards. Charge in uC, beyond what flows without the fault."""
+    """Of one class of faults. Charge in uC, beyond what flows without the fault."""
 
     fault_class: str
     cases: int
-    halted: int
-    refused: int
-    ended: int
-    #: Neither halted nor refused, and no electrode got more than a pulse may differ by.
-    harmless: int
-    #: Neither halted nor refused, and an electrode got more.
+    #: Halted, refused, made safe, or ended with the program.
+    told: int
+    #: Not told, and no electrode got more than a pulse may differ by.
+    latent: int
+    #: Not told, and an electrode got more.
     silent: int
     crashed: int
-    #: From the fault to the halt: half of them, and the slowest.
-    halted_p50_ms: float | None
-    halted_most_ms: float | None
+    #: Of what was told, from the first current with the fault to the last: half of them, and the
+    #: slowest.
+    safe_p50_ms: float | None
+    safe_most_ms: float | None
     most_alone_uc: float
     most_shared_uc: float
+    #: Of those that are silent.
+    silent_uc: float
 
 
 def figures(outcomes: Iterable[Outcome]) -> list[Figures]:
@@ -83,25 +89,34 @@ def figures(outcomes: Iterable[Outcome]) -> list[Figures]:
 
 
 def _figures(fault_class: str, found: Sequence[Outcome]) -> Figures:
-    times_ms = sorted(one.halted_after_ms for one in found if one.halted_after_ms is not None)
-    silent = sum(is_silent(one) for one in found)
-    unseen = sum(one.seen == "nothing" for one in found)
+    times_ms = sorted(one.flowed_for_ms for one in found if is_told(one))
+    silent = [one for one in found if is_silent(one)]
+    told = sum(map(is_told, found))
+    crashed = sum(one.seen.startswith("crashed") for one in found)
     return Figures(
         fault_class,
         len(found),
-        sum(one.seen == "halted" for one in found),
-        sum(one.seen == "refused" for one in found),
-        sum(one.seen == "ended" for one in found),
-        unseen - silent,
-        silent,
-        sum(one.seen.startswith("crashed") for one in found),
+        told,
+        len(found) - told - crashed - len(silent),
+        len(silent),
+        crashed,
         times_ms[len(times_ms) // 2] if times_ms else None,
         times_ms[-1] if times_ms else None,
         max(one.beyond_alone_pc for one in found) / PC_PER_UC,
         max(one.beyond_shared_pc for one in found) / PC_PER_UC,
+        max((beyond_pc(one) for one in silent), default=0.0) / PC_PER_UC,
     )
+
+
+def beyond_pc(one: Outcome) -> float:
+    """Of the electrode that got most, in either way."""
+    return max(one.beyond_alone_pc, one.beyond_shared_pc)
+
+
+def is_told(one: Outcome) -> bool:
+    return one.seen in ("halted", "refused", "made safe", "ended")
 
 
 def is_silent(one: Outcome) -> bool:
     """Nothing was said of it, and an electrode got more than a pulse may differ by."""
-    return one.seen == "nothing" and max(one.beyond_alone_pc, one.beyond_shared_pc) > SMALL_PC
+    return one.seen == "nothing" and beyond_pc(one) > SMALL_PC

@@ -8,11 +8,12 @@ hold. Must not know: how a case is played, what a fault does.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import random
 import sys
-from collections import Counter
+import zlib
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -29,68 +30,81 @@ from rich.table import Table  # noqa: E402
 
 from campaign import docs, forked, results, scenes  # noqa: E402
 from campaign.case import Outcome  # noqa: E402
-from campaign.kinds import Kind, kinds_of  # noqa: E402
+from campaign.judge import bounds, not_met  # noqa: E402
+from campaign.kind import Kind  # noqa: E402
+from campaign.kinds import kinds_of  # noqa: E402
 from campaign.operations import Port  # noqa: E402
+from campaign.places import Chosen, Operation, chosen  # noqa: E402
 
-#: Beyond the programmed pulse, with the guards in hardware: the one-shot's 250 us at 10 mA.
-MOST_UC = 2.5
-GUARDED = "reference-hv507"
-_BOUNDED_EVERY = 200
+#: Whose cases take long, and which have no link that a gateway could hang at.
+_LONG, _UNLINKED = ("self-test",), ("self-test", "power-up")
+_BOUNDED_PART = 250
+_EACH = 3
 
 
 def play(
-    board: str, every: int, only: Sequence[str], pairs: int, seed: int, folder: Path
+    board: str,
+    scene: str,
+    args: argparse.Namespace,
+    progress: Progress,
 ) -> list[Outcome]:
-    """Play what is not kept yet, of each `every`-th operation of a port, and of ten times as many
-    messages. Returns all that is kept.
-    """
-    path = results.file_of(board, folder)
+    """Play what is not kept yet. Returns all that is kept and was asked for."""
+    path = results.file_of(board, scene, args.folder)
     path.parent.mkdir(parents=True, exist_ok=True)
-    done = {(one.kind, one.operation) for one in results.kept(path)}
-    allowed, ports = forked.whole(board)
+    kept = results.kept(path)
+    done = {(one.kind, one.operation) for one in kept}
+    whole = forked.whole(board, scene)
     kinds = [
         kind
-        for kind in kinds_of(scenes.config(board).board)
-        if not only or any(text in kind.name for text in only)
+        for kind in kinds_of(scenes.config(board).board, has_link=scene not in _UNLINKED)
+        if not args.only or any(text in kind.name for text in args.only)
     ]
-    doubled = _pairs(board, kinds, ports, pairs, seed)
-
-    chosen = _chosen(ports, every)
+    at = chosen(whole.operations, None if args.all else args.each, is_long=scene in _LONG)
+    doubled = _pairs(f"{board} {scene}", kinds, whole.operations, args.pairs, args.seed)
 
     def wanted(number: int, port: Port) -> list[Kind]:
-        found = [kind for kind in kinds if number in chosen and kind.applies(number, port)]
-        return [one for one in (*found, *doubled.get(number, ())) if (one.name, number) not in done]
+        found = _at(kinds, number, port, at)
+        found = _one_of_each_class(found, number) if scene in _LONG else found
+        found = [kind for kind in found if _is_in(kind, number, args.part)]
+        found += doubled.get(number, ())
+        return [one for one in found if (one.name, number) not in done]
 
-    console = Console(stderr=True, width=None if sys.stderr.isatty() else 130)
-    with Progress(console=console) as progress:
-        task = progress.add_task(board, total=len(ports))
-        forked.play(
-            board, allowed, wanted, path, lambda number: progress.update(task, completed=number + 1)
-        )
+    task = progress.add_task(f"{board}, {scene}", total=len(whole.operations))
+    forked.play(whole, wanted, path, lambda number: progress.update(task, completed=number + 1))
     return results.kept(path)
 
 
-def _chosen(ports: Sequence[Port], every: int) -> set[int]:
-    """The numbers of the operations that faults come at."""
-    counted: Counter[Port] = Counter()
-    chosen = set()
-    for number, port in enumerate(ports):
-        if counted[port] % (max(1, every // 10) if port == "spi" else every) == 0:
-            chosen.add(number)
-        counted[port] += 1
-    return chosen
+def _at(kinds: Sequence[Kind], number: int, port: Port, at: Chosen) -> list[Kind]:
+    if number not in at.once and number not in at.staying:
+        return []
+    return [kind for kind in kinds if kind.applies(number, port, at)]
+
+
+def _one_of_each_class(kinds: Sequence[Kind], number: int) -> list[Kind]:
+    """Of what happens once, in turn."""
+    by_class: dict[str, list[Kind]] = {}
+    for kind in kinds:
+        if not kind.stays:
+            by_class.setdefault(kind.fault_class, []).append(kind)
+    turns = [variants[number % len(variants)] for variants in by_class.values()]
+    return [*turns, *(kind for kind in kinds if kind.stays)]
+
+
+def _is_in(kind: Kind, number: int, part: int) -> bool:
+    """Every so many-th case, the same each time."""
+    return part == 1 or zlib.crc32(f"{kind.name} {number}".encode()) % part == 0
 
 
 def _pairs(
-    board: str, kinds: Sequence[Kind], ports: Sequence[Port], count: int, seed: int
+    scene: str, kinds: Sequence[Kind], operations: Sequence[Operation], count: int, seed: int
 ) -> dict[int, list[Kind]]:
-    """So many, drawn: two kinds at two operations, the same with the same seed."""
+    """So many, drawn: two kinds at any two operations, the same with the same seed."""
     drawn: dict[int, list[Kind]] = {}
-    dice = random.Random(f"{board} {seed}")
+    dice = random.Random(f"{scene} {seed}")
     while kinds and sum(map(len, drawn.values())) < count:
-        number, kind, then = dice.randrange(len(ports)), dice.choice(kinds), dice.choice(kinds)
+        number, kind, then = dice.randrange(len(operations)), dice.choice(kinds), dice.choice(kinds)
         after = dice.randrange(1, 400)
-        if kind.applies(number, ports[number]):
+        if kind.may_come_at(operations[number].port):
             both = f"{kind.name}, then {then.name} after {after}"
             made = replace(
                 kind, fault_class="two at once", variant=both, then=then, then_after=after
@@ -99,83 +113,67 @@ def _pairs(
     return drawn
 
 
-def faults_found(found: Sequence[Outcome]) -> list[str]:
-    """What does not hold, as sentences."""
-    said = [
-        f"{one.board}, operation {one.operation} ({one.port}), {one.kind}: {one.seen}"
-        for one in found
-        if one.seen.startswith("crashed")
-    ]
-    for one in found:
-        most_uc = max(one.beyond_alone_pc, one.beyond_shared_pc) / results.PC_PER_UC
-        if (
-            one.board == GUARDED
-            and most_uc > MOST_UC
-            and one.fault_class not in docs.NEEDS_HARDWARE
-        ):
-            said.append(
-                f"{one.board}, operation {one.operation} ({one.port}), {one.kind}: {most_uc:.1f} uC"
-            )
-    return said
-
-
-def _conditions(every: int, pairs: int) -> str:
+def _conditions(args: argparse.Namespace) -> str:
     """What was run, as the page says it."""
-    which = (
-        "each operation"
-        if every == 1
-        else (f"each {every}th operation of a port and each {max(1, every // 10)}th message")
-    )
-    return f"At {which}, with {pairs} pairs of faults on each board."
+    where = "each operation" if args.all else f"{args.each} operations of each place of the code"
+    part = "" if args.part == 1 else f", each {args.part}th case of these"
+    return f"At {where}{part}, with {args.pairs} pairs of faults in each scene on each board."
 
 
 def show(console: Console, found: Sequence[Outcome]) -> None:
-    for board in dict.fromkeys(one.board for one in found):
-        table = Table(title=f"{board}: what each class of faults let through")
+    for boards, rows in docs.tables(found):
+        table = Table(title=f"{' / '.join(boards)}: what each class of faults let through")
         for title in docs.COLUMNS:
-            table.add_column(title, justify="left" if title == docs.COLUMNS[0] else "right")
-        for figure in results.figures(one for one in found if one.board == board):
-            table.add_row(*docs.cells(figure))
+            table.add_column(title, justify="left" if title in docs.COLUMNS[:2] else "right")
+        for row in rows:
+            table.add_row(*row)
         console.print(table)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="campaign", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--boards", nargs="+", choices=scenes.BOARDS, default=scenes.BOARDS)
+    parser.add_argument("--scenes", nargs="+", choices=scenes.SCENES, default=tuple(scenes.SCENES))
     parser.add_argument(
-        "--every",
-        type=int,
-        default=1,
-        help="at each so many-th operation of a port only, and at ten times as many messages",
+        "--each", type=int, default=_EACH, help="at so many operations of one place of the code"
     )
+    parser.add_argument("--all", action="store_true", help="at each operation: days")
+    parser.add_argument("--part", type=int, default=1, help="each so many-th case only")
     parser.add_argument(
-        "--bounded", action="store_true", help=f"as CI does it: --every {_BOUNDED_EVERY}"
+        "--bounded", action="store_true", help=f"as CI does it: --part {_BOUNDED_PART}"
     )
     parser.add_argument("--only", nargs="+", default=(), help="kinds with these words in them")
-    parser.add_argument("--pairs", type=int, default=0, help="so many random pairs on each board")
+    parser.add_argument("--pairs", type=int, default=0, help="so many random pairs in each scene")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--folder", type=Path, default=results.KEPT, help="where results are kept")
+    parser.add_argument("--kept", action="store_true", help="play nothing: show what is kept")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--write", action="store_true", help="the table in docs/safety.md")
     args = parser.parse_args()
     if args.write and args.only:
         parser.error("--write with --only: the page would have a part of the kinds")
-    every = _BOUNDED_EVERY if args.bounded else args.every
-    found = [
-        one
-        for board in args.boards
-        for one in play(board, every, args.only, args.pairs, args.seed, args.folder)
-    ]
+    args.part = _BOUNDED_PART if args.bounded else args.part
+    errors = Console(stderr=True, width=None if sys.stderr.isatty() else 130)
+    found: list[Outcome] = []
+    with Progress(console=errors, disable=not sys.stderr.isatty()) as progress:
+        for board, scene in itertools.product(args.boards, args.scenes):
+            path = results.file_of(board, scene, args.folder)
+            found += results.kept(path) if args.kept else play(board, scene, args, progress)
     console = Console(width=None if sys.stdout.isatty() else 150)
     if args.json:
-        print(json.dumps([asdict(figure) for figure in results.figures(found)]))
+        shown = [
+            {"board": board, **asdict(figure)}
+            for board in args.boards
+            for figure in results.figures(one for one in found if one.board == board)
+        ]
+        print(json.dumps(shown))
     else:
         show(console, found)
     if args.write:
-        docs.write(found, _conditions(every, args.pairs))
-    broken = faults_found(found)
+        docs.write(found, docs.played(found) if args.kept else _conditions(args))
+    broken = not_met(found, bounds())
     for sentence in broken[:50]:
-        console.print(f"NOT MET  {sentence}", style="red", markup=False)
+        (errors if args.json else console).print(f"NOT MET  {sentence}", style="red", markup=False)
     return 1 if broken else 0
 
 

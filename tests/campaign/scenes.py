@@ -1,78 +1,239 @@
-"""What an engine does while faults come: a person's use from opening the lease to the end.
+"""What is played while faults come: each part of a person's use, as a scene with a name.
 
-Owns: the script, which goes on whatever is refused or halts. Must not know: faults.
+Owns: the scenes with an engine, their scripts, and on which boards they are played. Must not know:
+faults, how the engine is asked (`engine_script.py`).
 """
 
 from __future__ import annotations
 
-from campaign.account import AccountedBody
-from campaign.operations import Operations
-from campaign.own_memory import link_in_memory
-from charge_witness import even_skin
-from engine_rig import LEASE, EngineRig, make
-from engine_scenes import opened_to
-from etd.files.configuration import LoadedConfig, fake_config
-from etd.protocol.link import ArmBoard, DisarmBoard, OpenLease, StopNow
-from etd.protocol.messages import Limits
+import dataclasses
+from collections.abc import Callable
+from typing import Any
 
-ELECTRODES = 8
+import msgspec
+
+from campaign.account import Course
+from campaign.engine_script import (
+    CURRENT_UA,
+    ELECTRODES,
+    LIT,
+    LONG_MS,
+    SHORT_MS,
+    STOPPED_BY,
+    WIDTH_US,
+    EngineScript,
+    lease_of,
+)
+from campaign.operations import Operations
+from campaign.scene import Over, Scene
+from campaign.selftest_scene import SelftestScene
+from engine_rig import LEASE
+from engine_scenes import calibration, exponent, opened_to
+from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.link import (
+    ArmBoard,
+    ClearHalt,
+    DisarmBoard,
+    MeasureContact,
+    OpenLease,
+    StopNow,
+)
+from etd.protocol.messages import Limits
+from etd.stabilize.law_settings import ContactSettings, EnergySettings, PowerLawSettings
+from etd.stabilize.settings import Settings
+
 #: Without every guard that a board can have, with all of them, and with relays.
 BOARDS = ("kajimoto-hv507", "reference-hv507", "feetthrough-relay")
-CURRENT_UA, WIDTH_US = 400, 50
-#: Of one pulse and phase.
-PULSE_PC = CURRENT_UA * WIDTH_US
-STOPPED_BY = "the script"
-_LIT = (0, 2, 5)
-WANTED_UA = tuple(CURRENT_UA if electrode in _LIT else 0 for electrode in range(ELECTRODES))
+_LIMITS = Limits(max_current_ua=1_000, width_us=100)
+_K = 0.7
 
 
 def config(board: str) -> LoadedConfig:
     return fake_config(board=board, electrodes=ELECTRODES)
 
 
-def rig_of(board: str, operations: Operations) -> tuple[EngineRig, AccountedBody]:
-    """Not opened yet; `operations` counts from the engine's beginning on."""
-    loaded = config(board)
-    body = AccountedBody(even_skin(loaded.board, ELECTRODES))
-    rig = make(loaded=loaded, body=body, wrap=operations.wrap, is_traced=False)
-    link_in_memory(rig)
-    return rig, body
+class _Engine(EngineScript):
+    """Powered up before faults come, and a frame is held after them."""
+
+    def prepare(self) -> None:
+        self.power_up()
+
+    def open(self) -> None:
+        self.ask(OpenLease, **lease_of(limits=_LIMITS))
+
+    def arm(self) -> None:
+        """What follows begins at a time that does not depend on how long this took."""
+        self.ask(ArmBoard)
+        self.wait_for_beat()
+        opened_to(self.rig, CURRENT_UA)
+
+    def armed(self) -> None:
+        self.open()
+        self.try_wearer_stop()
+        self.arm()
+
+    def play_on(self, is_long: bool) -> None:
+        self.hold(LONG_MS if is_long else SHORT_MS)
 
 
-def play(rig: EngineRig) -> None:
-    """Arm; a frame of each shape; disarm; arm again, and a stop after a frame."""
-    limits = Limits(max_current_ua=1_000, width_us=100)
-    _ask(rig, OpenLease, lease=LEASE, client="campaign", limits=limits)
-    if rig.engine.components.loaded.board.guards.wearer_stop != "absent":
-        rig.try_wearer_stop()
-    _ask(rig, ArmBoard)
-    for polarity in ("anodic", "cathodic", "biphasic"):
-        _show(rig, polarity)
-    _ask(rig, DisarmBoard, lease=LEASE)
-    _ask(rig, ArmBoard)
-    _show(rig, "anodic")
-    _ask(rig, StopNow, client=STOPPED_BY)
-    rig.run_ms(20)
+class _PowerUp(_Engine):
+    """From the first call of the engine to its first safe state, and one arming after it."""
+
+    def prepare(self) -> None:
+        pass
+
+    def play(self) -> None:
+        self.power_up()
+
+    def play_on(self, is_long: bool) -> None:
+        self.armed()
+        super().play_on(is_long)
 
 
-def _show(rig: EngineRig, polarity: str) -> None:
-    """Two pulses of each lit electrode, however late they come. The soft start is over."""
-    opened_to(rig, CURRENT_UA)
-    rig.send(
-        current_ua=WANTED_UA,
-        width_us=WIDTH_US,
-        polarity=polarity,
-        rate_hz=40.0,
-        pulses=2,
-        ttl_ms=100,
-    )
-    rig.run_ms(65)
+class _Arming(_Engine):
+    """A lease, arming, disarming, and arming again."""
+
+    def play(self) -> None:
+        self.armed()
+        self.hold(30)
+        self.ask(DisarmBoard, lease=LEASE)
+        self.arm()
 
 
-def _ask(rig: EngineRig, kind: type, **fields: object) -> None:
-    """A command; whatever the answer is, or none in a second, the script goes on."""
-    ref = rig.next_ref()
-    rig.commands.send(kind(ref=ref, **fields))
-    until_ns = rig.clock.now_ns() + 1_000_000_000
-    while ref not in rig.answers and rig.clock.now_ns() < until_ns:
-        rig.step()
+class _Frames(_Engine):
+    """Two pulses of each electrode in each polarity, and nothing for a while."""
+
+    def prepare(self) -> None:
+        super().prepare()
+        self.armed()
+
+    def play(self) -> None:
+        for polarity in ("anodic", "cathodic", "biphasic"):
+            opened_to(self.rig, CURRENT_UA)
+            self.send(polarity=polarity, rate_hz=40.0, pulses=2, ttl_ms=100)
+            self.run_ms(65)
+
+
+class _Laws(_Engine):
+    """Frames under stabilizers, on a site that has them, with a probe before each pulse."""
+
+    def __init__(
+        self,
+        law: str,
+        loaded: LoadedConfig,
+        operations: Operations,
+        course: Course | None = None,
+    ) -> None:
+        laws: dict[str, Any] = {"energy": EnergySettings(), "power_law": PowerLawSettings()}
+        table = Settings(
+            order=("contact", law),  # type: ignore[arg-type]
+            contact=ContactSettings(),
+            probe_first=True,
+            **{law: laws[law]},
+        )
+        site = msgspec.structs.replace(loaded.body_site, stabilize=table)
+        super().__init__(dataclasses.replace(loaded, body_site=site), operations, course)
+
+    def prepare(self) -> None:
+        self.power_up()
+        rig = self.rig
+        made = calibration(
+            rig,
+            (1_000,) * ELECTRODES,
+            width_us=WIDTH_US,
+            exponent=exponent(_K),
+            shape=rig.engine.components.loaded.body_site.stabilize.shape,
+        )
+        self.ask(OpenLease, **lease_of(calibrations=rig.wanted(made)))
+        self.try_wearer_stop()
+        self.arm()
+        self.hold(100)
+
+    def play(self) -> None:
+        self.hold(75)
+
+
+class _Calibrating(_Engine):
+    """What `etd calibrate` has the engine do: the contact of all, weak pulses until the soft start
+    is over, presentations at single electrodes that rise, and the whole array in the end.
+    """
+
+    def prepare(self) -> None:
+        super().prepare()
+        self.open()
+        self.try_wearer_stop()
+
+    def play(self) -> None:
+        self.ask(MeasureContact, lease=LEASE)
+        self.arm()
+        self._present({0: 50}, pulses=None, ttl_ms=60)
+        for electrode, current_ua in ((2, 200), (2, 300), (5, CURRENT_UA)):
+            self._present({electrode: current_ua})
+        self._present(dict.fromkeys(LIT, CURRENT_UA), allow_slower=True)
+
+    def _present(self, currents_ua: dict[int, int], **options: object) -> None:
+        opened_to(self.rig, CURRENT_UA)
+        each_ua = tuple(currents_ua.get(electrode, 0) for electrode in range(ELECTRODES))
+        shown = {"rate_hz": 60.0, "pulses": 2, "ttl_ms": 100, **options}
+        self.send(current_ua=each_ua, **{key: one for key, one in shown.items() if one is not None})
+        self.run_ms(50)
+
+
+class _Stopping(_Engine):
+    """While a frame is shown: a stop in the middle of a scan, a disarming, and each stop line that
+    the board has.
+    """
+
+    def prepare(self) -> None:
+        super().prepare()
+        self.armed()
+
+    def play(self) -> None:
+        self._begin_scan()
+        self.ask(StopNow, client=STOPPED_BY)
+        self._again()
+        self._begin_scan()
+        self.ask(DisarmBoard, lease=LEASE)
+        guards = self._loaded.board.guards
+        for name in ("emergency_stop", "wearer_stop"):
+            if getattr(guards, name) == "absent":
+                continue
+            self._again()
+            self._begin_scan()
+            self.subject.fake.world.press(name)
+            self.run_ms(10)
+            self.subject.fake.world.release(name)
+            self.run_ms(100)
+        self._again()
+
+    def _again(self) -> None:
+        if self.rig.state == "HALTED":
+            self.ask(ClearHalt)
+            self.open()
+            self.try_wearer_stop()
+        self.arm()
+
+    def _begin_scan(self) -> None:
+        """Stop at once when its first pulse is fired."""
+        opened_to(self.rig, CURRENT_UA)
+        self.send(rate_hz=40.0, ttl_ms=100)
+        self.run_ms(30)
+        engine = self.rig.engine
+        for _ in range(1_000):
+            engine.step()
+            if not engine.is_between_scans:
+                return
+        raise Over
+
+
+Making = Callable[[LoadedConfig, Operations, Course | None], Scene]
+SCENES: dict[str, Making] = {
+    "self-test": SelftestScene,
+    "power-up": _PowerUp,
+    "arming": _Arming,
+    "frames": _Frames,
+    "laws": lambda *given: _Laws("power_law", *given),
+    "energy law": lambda *given: _Laws("energy", *given),
+    "calibration": _Calibrating,
+    "stopping": _Stopping,
+}

@@ -189,7 +189,7 @@ def test_one_without_content_or_with_too_much_is_refused_unread(folder: Path, si
     [
         ("x = " + "[" * 5_000, "nested too deep"),
         (".".join("a" * 50_000) + " = 1", "nested too deep"),
-        ("cap_ua = " + "9" * 5_000, "thousands of digits"),
+        ("cap_ua = " + "9" * 5_000, "more than 64 bits"),
         ("\x00\xff", "cannot be read"),
         ("\x00", "not TOML"),
         ("participant = 'P01'", "body_site"),

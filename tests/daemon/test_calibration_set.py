@@ -8,12 +8,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from calibration_sets import N, made, person_of, planner_of
+from calibration_sets import MAXIMA, N, made, person_of, planner_of
 from engine_parts import calibration, frame
 from etd.protocol.calibration import current_of_level
 from etd.protocol.calibration_set import check_together, digest_of
 from etd.protocol.errors import Refused
 from etd.protocol.frame import POLARITIES, Polarity, Ring
+from etd.protocol.messages import Limits
+from etd.safety.limits import limits_of_numbers
 from etd.stabilize.prepulse import Prepulse
 from etd.stabilize.shape import Shape
 
@@ -58,6 +60,32 @@ def test_a_lease_has_a_calibration_and_at_most_one_for_each_polarity() -> None:
 def test_each_calibration_is_held_against_the_maxima_as_if_it_were_alone() -> None:
     with pytest.raises(Refused, match="electrode 3 has a cap of 9000 uA"):
         person_of(made("anodic"), made("cathodic", (3_000,) * 3 + (9_000,) + (3_000,) * 12))
+
+
+def test_each_polarity_has_its_own_caps_and_returns_and_probes_the_smallest() -> None:
+    anodic = made("anodic", [600 + 10 * n for n in range(N)])
+    cathodic = made("cathodic", [700] * N)
+    person = person_of(anodic, cathodic)
+    assert person.calibrations == (anodic, cathodic)
+    assert person.caps_ua == tuple(min(600 + 10 * n, 700) for n in range(N))
+    assert person.own_caps_ua == {
+        "anodic": tuple(600 + 10 * n for n in range(N)),
+        "cathodic": (700,) * N,
+    }
+
+
+def test_one_calibration_caps_every_polarity_alike() -> None:
+    anodic = made("anodic", [600 + 10 * n for n in range(N)])
+    person = person_of(anodic)
+    assert person.calibrations == (anodic,)
+    assert person.caps_ua == tuple(600 + 10 * n for n in range(N))
+    assert person.own_caps_ua == {}
+    assert limits_of_numbers(Limits(max_current_ua=600, width_us=100), MAXIMA, N).calibrations == ()
+
+
+def test_no_person_has_caps_from_calibrations_that_do_not_belong_together() -> None:
+    with pytest.raises(Refused, match=r"two calibrations .* anodic"):
+        person_of(made("anodic"), made("anodic", (2_000,) * N))
 
 
 def test_a_digest_is_of_the_content() -> None:

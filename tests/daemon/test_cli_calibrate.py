@@ -199,6 +199,28 @@ def test_the_picture_shows_what_is_done_and_what_was_presented(
     assert heard == "   not felt; next presentation\n   this key is not one of the answers\n"
 
 
+def test_advice_stays_on_a_screen_that_is_redrawn_and_is_printed_once_elsewhere(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    facts = ArrayFacts(
+        name="row", electrodes=4, x_mm=(0, 2, 4, 6), y_mm=(0, 0, 0, 0), diameter_mm=1.0
+    )
+    for is_terminal, is_quiet in ((True, False), (False, False), (True, True)):
+        monkeypatch.setattr(sys.stdout, "isatty", lambda it=is_terminal: it)
+        screen = Screen(facts, Progress(conditions=ROW), is_quiet=is_quiet)
+        screen.advise("Rest for five minutes.")
+        before = capsys.readouterr()
+        screen.ask(Question("strength", 2))
+        screen.ask(Question("strength", 2))
+        after = capsys.readouterr()
+        is_redrawn = is_terminal and not is_quiet
+        assert before.err == ("" if is_redrawn else "Rest for five minutes.\n")
+        cleared = after.out.split("\x1b[2J")[1:]
+        assert len(cleared) == (2 if is_redrawn else 0)
+        assert all("Rest for five minutes." in screen for screen in cleared)
+        assert is_redrawn or "Rest" not in after.out + after.err
+
+
 def test_the_picture_shows_where_something_was_too_strong(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

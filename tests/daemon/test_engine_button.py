@@ -8,7 +8,7 @@ import pytest
 
 from engine_rig import EngineRig
 from engine_scenes import MS, clamps, config, fully_open, only, phases, states
-from etd.stabilize.said import LOWERED_BY
+from etd.stabilize.said import AGAIN_TIMES, LOWERED_BY
 from etd_hal.boardfile import EdgeInput
 
 pytestmark = pytest.mark.slow
@@ -58,8 +58,10 @@ def test_a_press_that_bounces_counts_once_and_the_next_press_again(make_rig: Mak
     assert last_ua(rig) == pytest.approx((1 - LOWERED_BY) * CURRENT_UA, abs=5)
     rig.fake.world.say_too_strong()
     hold(rig, 200)
-    lowered = (1 - LOWERED_BY) * (1 - 2 * LOWERED_BY)
-    assert last_ua(rig) == pytest.approx(lowered * CURRENT_UA, abs=5), "said again, twice as much"
+    lowered = (1 - LOWERED_BY) * (1 - AGAIN_TIMES * LOWERED_BY)
+    assert last_ua(rig) == pytest.approx(lowered * CURRENT_UA, abs=5), (
+        "said again, four times as much"
+    )
 
 
 def test_a_press_while_nothing_can_be_felt_says_nothing(make_rig: MakeRig) -> None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 
 from charge_witness import even_skin
 from engine_rig import EngineRig
 from engine_scenes import config, fully_open, only, shortfalls
-from etd.safety.net_charge import LEAK_NS
-from etd_body.minimal import MinimalBody
+from etd_body.electrode import Contact, load
+from net_witness import NetWitness
 
 pytestmark = pytest.mark.slow
 
@@ -22,29 +21,15 @@ BOUND_UC = 10.0
 STRONG = {"current_ua": only(N, e3=2_400), "width_us": 120, "rate_hz": 100.0}
 
 
-class Left:
-    """What the body got, and what a leak of a second leaves of it, electrode by electrode."""
-
-    def __init__(self, body: MinimalBody) -> None:
-        self._body = body
-        self._before_pc = [0.0] * N
-        self._at_ns = 0
-        self.pc = [0.0] * N
-        self.most_uc = 0.0
-
-    def look(self, now_ns: int) -> None:
-        decay = math.exp(-(now_ns - self._at_ns) / LEAK_NS)
-        got_pc = [self._body.charge_pc(electrode) for electrode in range(N)]
-        each = zip(self.pc, got_pc, self._before_pc, strict=True)
-        self.pc = [pc * decay + got - before for pc, got, before in each]
-        self._before_pc, self._at_ns = got_pc, now_ns
-        self.most_uc = max(self.most_uc, *(abs(pc) / 1e6 for pc in self.pc))
-
-
-def rig_and_left(make_rig: MakeRig) -> tuple[EngineRig, Left]:
+def rig_and_left(
+    make_rig: MakeRig, contacts: Sequence[Contact] | None = None
+) -> tuple[EngineRig, NetWitness]:
+    """Even skin, or with these contacts."""
     loaded = config(electrodes=N)
     body = even_skin(loaded.board, N)
-    rig, left = make_rig(loaded=loaded, body=body), Left(body)
+    for electrode, contact in enumerate(contacts or ()):
+        body.touch(0, electrode, contact)
+    rig, left = make_rig(loaded=loaded, body=body), NetWitness(body)
     rig.meanwhile = left.look
     fully_open(rig)
     assert renewed(rig, 2.0, current_ua=(0,) * N) is None
@@ -88,3 +73,34 @@ def test_biphasic_pulses_of_the_same_current_leave_next_to_nothing(make_rig: Mak
     asked = {**STRONG, "rate_hz": 50.0, "polarity": "biphasic"}
     assert renewed(rig, 1.0, **asked) is None
     assert left.most_uc < 0.5
+
+
+#: Of 27 uA at three others electrode 3 carries 19 back; an even part would be 1.8.
+UNEVEN = [load(2_000.0 if electrode == 3 else 60_000.0) for electrode in range(N)]
+THREE = {"current_ua": only(N, e5=1_800, e6=1_800, e7=1_800), "width_us": 100}
+
+
+def test_a_return_that_conducts_best_is_the_one_that_the_frame_is_refused_for(
+    make_rig: MakeRig,
+) -> None:
+    """The board's own leak takes half of each pulse, and counts as if it went through skin."""
+    rig, left = rig_and_left(make_rig, UNEVEN)
+    why = renewed(rig, 4.0, **THREE, rate_hz=50.0)
+    assert why is not None
+    assert why.startswith("electrode 3:")
+    rig.run_ms(300)
+    assert 0.4 * BOUND_UC < left.most_uc <= BOUND_UC
+    assert renewed(rig, 1.0, **THREE, rate_hz=25.0, polarity="biphasic") is None
+
+
+def test_what_that_return_can_stand_is_shown_for_ever(make_rig: MakeRig) -> None:
+    rig, left = rig_and_left(make_rig, UNEVEN)
+    (told,) = [
+        it
+        for it in rig.show(preview=True, **THREE, rate_hz=50.0).slowed
+        if it.reason == "net_charge"
+    ]
+    assert told.electrode == 3
+    assert renewed(rig, 4.0, **THREE, rate_hz=told.lasting_hz) is None
+    assert 0.4 * BOUND_UC < left.most_uc <= BOUND_UC
+    assert shortfalls(rig) == []

@@ -18,7 +18,7 @@ from engine_scenes import armed, config, first_fault, halts, phases, states
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.files.resources import names
 from etd.protocol.link import ArmBoard, KeepLease
-from etd_hal.fake.faults import AdcNoise, DacGain, DacOffset, Fault
+from etd_hal.fake.faults import AdcNoise, DacGain, DacOffset, Fault, GainAbove
 from trace_decoder import Phase
 from trace_rules import violations
 
@@ -30,6 +30,8 @@ THREE = ("kajimoto-hv507", "reference-hv507", "feetthrough-relay")
 N, CURRENT_UA = 16, 200
 #: Until a fault is told: a second, the scan under way, and a check.
 MOST_MS = 1_000 + 200 + 5
+#: A check of the latch, before or after.
+LIVE_WITHIN_NS = 300_000_000
 Make = Callable[..., EngineRig]
 
 
@@ -51,7 +53,20 @@ def make() -> Iterator[Make]:
 
 
 def checks(rig: EngineRig, since_ns: int = 0) -> list[Phase]:
-    return [phase for phase in rig.followed.unloaded() if phase.from_ns >= since_ns]
+    """The whole probe of each. A third of it comes with it: blanked before arming and where relays
+    connect, otherwise with the outputs live.
+    """
+    found = [phase for phase in rig.followed.unloaded() if phase.from_ns >= since_ns]
+    probe_ua = rig.engine.supervisor.maxima.probe_current_ua
+    parts = [phase for phase in found if phase.current_ua <= probe_ua / 3]
+    wholes = [phase for phase in found if 0.95 * probe_ua < phase.current_ua <= probe_ua]
+    assert len(parts) + len(wholes) == len(found)
+    live = [phase for phase in rig.followed.unselected() if phase.from_ns >= since_ns]
+    assert all(
+        any(abs(whole.from_ns - part.from_ns) < LIVE_WITHIN_NS for part in (*parts, *live))
+        for whole in wholes
+    )
+    return wholes
 
 
 def fastest_hz(rig: EngineRig) -> float:
@@ -92,6 +107,20 @@ def test_a_gain_that_becomes_wrong_halts_within_a_second(
     assert halts(rig)[0].t_ns - begun_ns <= MOST_MS * 1e6
     assert "with nothing connected" in halts(rig)[0].detail
     assert "current x leak" in halts(rig)[0].detail
+
+
+@pytest.mark.parametrize("board", THREE)
+def test_one_that_is_wrong_above_a_third_of_a_probe_only_is_told_by_the_whole(
+    make: Make, board: str
+) -> None:
+    rig = armed(make(board))
+    stand(rig, 300, 5.0)
+    begun_ns = rig.clock.now_ns()
+    rig.fake.world.put_in(above_a_third(rig))
+    stand(rig, 3_000, 5.0)
+    assert halts(rig)[0].t_ns - begun_ns <= MOST_MS * 1e6
+    assert "node at 297 uA with nothing connected" in halts(rig)[0].detail
+    assert rig.engine.components.source_check.limitations == ()
 
 
 @pytest.mark.parametrize("fault", [DacGain(1.1), DacGain(0.9), AdcNoise(1.5)])
@@ -143,11 +172,7 @@ def test_no_electrode_gets_any_of_it_and_none_is_booked(make: Make, board: str) 
     before_pc = [body.absolute_charge_pc(electrode) for electrode in range(N)]
     since_ns = rig.clock.now_ns()
     stand(rig, 1_000, None)
-    found = checks(rig, since_ns)
-    assert len(found) == 1
-    assert all(
-        phase.current_ua <= rig.engine.supervisor.maxima.probe_current_ua / 3 for phase in found
-    )
+    assert len(checks(rig, since_ns)) == 1
     assert [body.absolute_charge_pc(electrode) for electrode in range(N)] == before_pc
     assert all(ledger.charge_pc(electrode, rig.clock.now_ns()) == 0 for electrode in range(N))
 
@@ -175,7 +200,17 @@ def test_after_a_stop_there_is_none(make: Make) -> None:
 # --- before arming --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fault", [DacGain(1.5), DacGain(0.6), DacOffset(60)])
+#: For `above_a_third`, which depends on the board.
+ABOVE = GainAbove(code=0, factor=1.5)
+
+
+def above_a_third(rig: EngineRig) -> Fault:
+    """Right in the first pulse of a check, and half as strong again in the second."""
+    code = rig.engine.components.loaded.board.source.code_for(CURRENT_UA)
+    return msgspec.structs.replace(ABOVE, code=code)
+
+
+@pytest.mark.parametrize("fault", [DacGain(1.5), DacGain(0.6), DacOffset(60), ABOVE])
 @pytest.mark.parametrize("board", BOARDS)
 def test_arming_is_refused_before_the_first_pulse_at_a_person(
     make: Make, board: str, fault: Fault
@@ -184,6 +219,7 @@ def test_arming_is_refused_before_the_first_pulse_at_a_person(
     rig.open()
     if rig.engine.components.loaded.board.guards.wearer_stop != "absent":
         rig.try_wearer_stop()
+    fault = above_a_third(rig) if fault is ABOVE else fault
     rig.fake.world.put_in(fault)
     answer = rig.ask(ArmBoard)
     assert answer.error == "arm_failed"

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
-from bench.evidence import Measured, Measurement, measured, page, rendered
+import pytest
 
-SAID = Measurement("Some figures", "-c print('{}')", "-c print(1)", "What they are.")
+from bench.evidence import (
+    MEASUREMENTS,
+    Measured,
+    Measurement,
+    kept,
+    measured,
+    page,
+    rendered,
+    section,
+)
+
+ANY = MEASUREMENTS[1]
+FIRST, SECOND, *REST = [one.name for one in MEASUREMENTS]
 
 
 def test_a_list_of_objects_is_a_table_and_an_object_a_list() -> None:
@@ -23,24 +35,40 @@ def test_a_list_of_objects_is_a_table_and_an_object_a_list() -> None:
 
 
 def test_what_failed_is_on_the_page_as_that() -> None:
-    failed = Measured(SAID, "run.py", 1, 2.0, None, "no engine within 30 s")
-    text = page([failed], is_short=True)
-    assert "exit status 1: NOT met" in text
+    text = section(Measured(ANY, "run.py --short", 1, 2.0, None, "no engine within 30 s"))
+    assert "`python run.py --short`: 2 s, exit status 1: NOT met." in text
     assert "no engine within 30 s" in text
-    assert "make evidence ARGS=--short" in text
 
 
 def test_a_command_is_run_and_its_last_line_is_taken() -> None:
-    asked = Measurement("One", "-c pass", "-c print(1);print(dict(a=1))", "")
+    asked = Measurement("one", "One", "-c pass", "-c print(1);print(dict(a=1))", "")
     assert measured(asked, is_short=False).figures is None
     found = measured(asked, is_short=True)
     assert (found.status, found.figures) == (0, None)
     assert found.said.endswith("{'a': 1}")
-    as_json = Measurement("One", "", "-c print('{\"a\":1}')", "")
+    as_json = Measurement("one", "One", "", "-c print('{\"a\":1}')", "")
     assert measured(as_json, is_short=True).figures == {"a": 1}
+    indented = Measurement("one", "One", "", "-c print('[\\n1\\n]')", "")
+    assert measured(indented, is_short=True).figures == [1]
 
 
-def test_the_page_names_machine_date_and_version() -> None:
-    text = page([Measured(SAID, "run.py", 0, 2.0, {"a": 1}, "")], is_short=False)
+def test_each_section_names_machine_date_and_version() -> None:
+    text = section(Measured(ANY, "run.py", 0, 2.0, {"a": 1}, ""))
     for what in ("- date: 20", "- version: ", "- machine: ", "cores", "- a: 1", "bounds were met"):
         assert what in text
+
+
+@pytest.mark.parametrize("figures", [{"rows": [{"a": 1, "b": "x"}], "## a": 2}, None])
+def test_what_is_not_measured_anew_keeps_its_section(figures: object) -> None:
+    said = "cut off\n### a heading\n"
+    before = {
+        one.name: section(Measured(one, one.command, 0, 2.0, figures, said))
+        for one in MEASUREMENTS[:2]
+    }
+    text = page(before)
+    assert kept(text) == before
+    assert [name for name in REST if f"make evidence ARGS='--only {name}'" in text] == REST
+    again = page({**kept(text), SECOND: section(Measured(ANY, "anew", 0, 1.0, {"a": 7}, ""))})
+    assert kept(again)[FIRST] == before[FIRST]
+    assert "anew" in kept(again)[SECOND]
+    assert page(kept(again)) == again

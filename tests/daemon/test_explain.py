@@ -267,6 +267,22 @@ def test_a_plot_that_cannot_be_written_is_a_sentence(
     assert str(file) in capsys.readouterr().err
 
 
+def test_a_plot_is_drawn_over_an_old_one_and_through_no_link(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, named = tmp_path / "plot.svg", tmp_path / "victim"
+    for text in ("x" * 1_000_000, ""):
+        file.write_text(text, encoding="utf-8")
+        assert cli.main(["explain", "thickness", "--plot", str(file)]) == 0
+        ET.fromstring(file.read_text(encoding="utf-8"))
+    named.write_text("as it was", encoding="utf-8")
+    file.unlink()
+    file.symlink_to(named)
+    assert cli.main(["explain", "thickness", "--plot", str(file)]) == 1
+    assert f"{file}: a link is in the place of a file" in capsys.readouterr().err
+    assert named.read_text(encoding="utf-8") == "as it was"
+
+
 @pytest.mark.parametrize("name", ["plot.png", "plot", ".svg", "plot.svg.pdf"])
 @pytest.mark.parametrize("options", [(), ("--json",)], ids=["plain", "json"])
 def test_a_plot_of_another_kind_is_refused_and_nothing_is_written(

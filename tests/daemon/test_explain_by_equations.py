@@ -124,6 +124,29 @@ def test_the_least_energy_of_a_hyperbola_is_where_a_search_finds_it() -> None:
         assert relative == pytest.approx(energy(width_us) / energy(best_us), rel=1e-4)
 
 
+def test_the_curves_of_one_node_are_those_of_the_integrated_equations() -> None:
+    """Equations 16 and 18, at every eighth width that is drawn."""
+    rheobase_mv = paper.step_threshold_mv(10.0, paper.FOR_EVER_US)
+
+    def energy(width_us: float) -> float:
+        return paper.step_threshold_mv(10.0, width_us) ** 2 * width_us
+
+    least_energy = energy(least(energy, 20.0, 2_000.0))
+    for width_us, height in list(drawn("strength-duration", "one node (eq. 16)").items())[::8]:
+        expected = paper.step_threshold_mv(10.0, width_us) / rheobase_mv
+        assert height == pytest.approx(expected, rel=1e-4), width_us
+    for width_us, relative in list(drawn("optimal-width", "exponential (eq. 18)").items())[::8]:
+        assert relative == pytest.approx(energy(width_us) / least_energy, rel=1e-3), width_us
+
+
+def test_the_energy_of_the_touch_fibre_is_that_of_the_integrated_equations() -> None:
+    _, best_us, _, _ = touch()
+    least_energy = touch_needs_ua(best_us) ** 2 * best_us
+    for width_us, relative in list(drawn("optimal-width", "touch, anodic").items())[::12]:
+        expected = touch_needs_ua(width_us) ** 2 * width_us / least_energy
+        assert relative == pytest.approx(expected, rel=0.03), width_us
+
+
 def touch_needs_ua(width_us: float) -> float:
     return paper.fibre_threshold_ua(*FIBRES["touch, anodic"], width_us)
 
@@ -156,6 +179,8 @@ def test_the_width_of_a_fitted_hyperbola_costs_what_the_page_says() -> None:
     c, d = np.polyfit(widths_us, charges, 1)
     _, best_us, _, _ = touch()
     cost = needs(d / c) ** 2 * (d / c) / (needs(best_us) ** 2 * best_us)
+    found = told("optimal-width")["touch, anodic: energy at its fitted d/c / least"]
+    assert found == pytest.approx(cost, abs=1e-4)
     assert f"costs {100.0 * (cost - 1.0):.2f} % more than the minimum" in BODY
 
 
@@ -167,6 +192,17 @@ def test_thin_fibres_need_as_much_more_as_the_integrated_equations_say(
     thin, thick = (paper.step_threshold_mv(each, width_us) for each in (diameter_um, 10.0))
     found = told("thickness")[f"{diameter_um:g} um over 10 um at {width_us} us"]
     assert found == pytest.approx(thin / thick, rel=1e-5)
+
+
+def test_the_curves_of_thin_fibres_are_those_of_the_integrated_equations() -> None:
+    """Of each width, and of a pulse without an end, at every eighth diameter that is drawn."""
+    curves = {"20 us": 20.0, "100 us": 100.0, "400 us": 400.0, "for ever": paper.FOR_EVER_US}
+    assert {entry.name for entry in figure("thickness").curves} == set(curves)
+    for name, width_us in curves.items():
+        thick_mv = paper.step_threshold_mv(10.0, width_us)
+        for diameter_um, over in list(drawn("thickness", name).items())[::8]:
+            thin_mv = paper.step_threshold_mv(diameter_um, width_us)
+            assert over == pytest.approx(thin_mv / thick_mv, rel=1e-4), (name, diameter_um)
 
 
 @pytest.mark.parametrize("depth_mm", [0.75, 1.0, 1.25, 1.5, 2.0])
@@ -182,6 +218,12 @@ def test_the_activating_function_is_the_curvature_of_the_integrated_field(depth_
     highest = max(curve.values())
     for x_mm, value in list(curve.items())[::16]:
         assert value == pytest.approx(paper.curvature(along, x_mm), abs=5e-3 * highest), x_mm
+
+
+def test_beside_the_cathode_it_is_negative_as_the_integrated_field_says() -> None:
+    found = told("activating-function")["2 mm beside it, 1 mm deep, mV/mm2"]
+    expected = paper.curvature(lambda x_mm: paper.point_mv(hypot(x_mm, 1.0), -1_000.0), 2.0)
+    assert found == pytest.approx(expected, rel=5e-3)
 
 
 def _under_ring(ring_mm: float, depth_mm: float) -> float:
@@ -204,6 +246,21 @@ def test_a_concentric_electrode_is_what_integrals_over_its_ring_say(ring_mm: flo
     assert found[f"ring of {ring_mm:g} mm, depth reached at 15 mV/mm2, mm"] == pytest.approx(
         reached_mm, rel=1e-3
     )
+
+
+@pytest.mark.parametrize("name", ["no ring", "ring of 1 mm", "ring of 3 mm"])
+def test_the_curves_under_a_concentric_electrode_are_those_integrals(name: str) -> None:
+    """At every twelfth depth that is drawn."""
+
+    def alone(depth_mm: float) -> float:
+        return paper.curvature(lambda x_mm: paper.point_mv(hypot(x_mm, depth_mm), -1_000.0), 0.0)
+
+    for depth_mm, value in list(drawn("concentric", name).items())[::12]:
+        if name == "no ring":
+            expected = alone(depth_mm)
+        else:
+            expected = _under_ring(float(name.split()[2]), depth_mm)
+        assert value == pytest.approx(expected, rel=5e-3), depth_mm
 
 
 def test_a_ring_adds_and_subtracts_where_the_page_says() -> None:
@@ -250,6 +307,25 @@ def test_points_for_a_disk_put_a_threshold_off_by_what_the_page_says(kind: Fibre
         assert f"up to {max(off):.1f} % for pain" in BODY
     else:
         assert f"{max(off):.1f} % too high for touch" in BODY
+
+
+def test_every_number_of_every_figure_is_one_that_is_computed_here() -> None:
+    """A number that is added has to be computed too: it goes on this list with its test."""
+    computed = (
+        r"threshold at (20|50|100|200|1000) us, mV|rheobase, mV",
+        r"under the cathode, (0\.75|1|1\.25|1\.5|2) mm deep, mV/mm2",
+        r"2 mm beside it, 1 mm deep, mV/mm2",
+        r"ring of (1|1\.5|2|3) mm, ([12] mm deep, mV/mm2|depth reached at 15 mV/mm2, mm)",
+        r"nerve of one node: width of least energy, us|height there / rheobase",
+        r"where it needs twice its rheobase, us",
+        r"spread rates: width of least energy, us|height there / their rheobase",
+        r"touch, anodic: energy at its fitted d/c / least",
+        r"(1|2\.5) um over 10 um at (20|100|400) us",
+    )
+    numbers = [what for name in FIGURES for what in told(name)]
+    assert len(numbers) == 36
+    for what in numbers:
+        assert any(re.fullmatch(pattern, what) for pattern in computed), what
 
 
 def test_the_pages_constants_are_the_models() -> None:

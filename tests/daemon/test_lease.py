@@ -6,7 +6,8 @@ import pytest
 
 from etd.engine.timeouts import Timeouts
 from etd.protocol.errors import Refused
-from etd.safety.lease import Lease, check_holder, check_seq
+from etd.protocol.opening import LeaseCalibration
+from etd.safety.lease import Lease, calibrations_of, check_holder, check_seq
 from etd.safety.limits import PersonLimits
 
 NOW_NS = 7_000_000_000
@@ -22,6 +23,19 @@ def test_a_lease_lasts_one_second_from_its_renewal() -> None:
     assert Timeouts().lease_ns == 1_000_000_000
     assert not lease().has_lapsed(NOW_NS + 999_999_999)
     assert lease().has_lapsed(NOW_NS + 1_000_000_000)
+
+
+def test_a_lease_that_was_never_renewed_has_lapsed_from_the_first_moment() -> None:
+    never = Lease("mine", "player", PersonLimits((1_000,), 100, 100, None), Timeouts().lease_ns)
+    assert never.has_lapsed(0)
+
+
+def test_a_lease_stands_with_its_calibrations_and_no_lease_with_none() -> None:
+    named = (LeaseCalibration(name="P01", polarity="anodic", digest="0" * 64),)
+    held = Lease("mine", "player", PersonLimits((1_000,), 100, 100, None), 1, named)
+    assert calibrations_of(held) == named
+    assert calibrations_of(lease()) == ()
+    assert calibrations_of(None) == ()
 
 
 def test_the_holder_is_known_by_the_token() -> None:
@@ -43,6 +57,8 @@ def test_without_a_lease_everybody_is_told_so() -> None:
 
 def test_seq_must_rise() -> None:
     held = lease()
+    with pytest.raises(Refused, match="seq -1"):
+        check_seq(held, -1)
     check_seq(held, 0)
     held.last_seq = 5
     check_seq(held, 6)

@@ -26,6 +26,8 @@ from etd.safety.limits import (
     path_of,
 )
 from etd.safety.maxima import maxima_of
+from etd.stabilize.shape import Shape
+from etd.stabilize.strength_duration import StrengthDuration
 from plain_records import told
 
 HIGH = 10_000
@@ -62,6 +64,68 @@ def test_a_calibration_wider_than_the_site_allows_is_refused() -> None:
     maxima = maxima_with(width_us=99)
     with pytest.raises(Refused, match="100 us"):
         limits_of_calibration(calibration(), maxima, "grid-4x4", 16, "fingertip")
+
+
+def test_a_calibration_at_the_maxima_themselves_is_taken() -> None:
+    maxima = maxima_with(current_ua=3_000, width_us=100, rate_hz=60, min_width_us=100)
+    person = limits_of_calibration(calibration(), maxima, "grid-4x4", 16, "fingertip")
+    assert (person.caps_ua, person.width_us) == ((3_000,) * 16, 100)
+
+
+def test_an_electrode_may_be_comfortable_at_its_threshold_and_at_its_cap() -> None:
+    """As one that stings before it is felt well."""
+    alike = ElectrodeLimits(threshold_ua=700, comfortable_ua=700, cap_ua=700)
+    person = limits_of_calibration(
+        calibration(electrode=(alike,) * 16), maxima_with(), "grid-4x4", 16, "fingertip"
+    )
+    assert person.caps_ua == (700,) * 16
+
+
+@pytest.mark.parametrize(
+    ("changes", "min_width_us", "said"),
+    [
+        ({}, 101, "the calibration's 100 us is less than 101 us"),
+        # Its pulses are fired narrower than they are asked for.
+        (
+            {"shape": Shape(strength_duration=StrengthDuration(width_us=60, tau_us=300.0))},
+            61,
+            "the calibration's 60 us is less than 61 us",
+        ),
+    ],
+)
+def test_a_calibration_with_pulses_that_this_machine_cannot_time_is_refused(
+    changes: dict[str, Any], min_width_us: int, said: str
+) -> None:
+    maxima = maxima_with(min_width_us=min_width_us)
+    with pytest.raises(Refused, match=said) as refusal:
+        limits_of_calibration(calibration(**changes), maxima, "grid-4x4", 16, "fingertip")
+    assert refusal.value.code == "board_cannot"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"returns": ((1,),) * 15}, "P01.*returns"),
+        (
+            {
+                "electrode": (
+                    ElectrodeLimits(
+                        threshold_ua=1_000, comfortable_ua=2_000, cap_ua=3_000, resistance_ohm=1
+                    ),
+                )
+                * 16
+            },
+            r"P01.*electrode\[0\].resistance_ohm",
+        ),
+    ],
+)
+def test_a_calibration_that_no_file_could_have_held_is_refused(
+    changes: dict[str, Any], said: str
+) -> None:
+    """It may come from a program, past the loader of files."""
+    with pytest.raises(Refused, match=said) as refusal:
+        limits_of_calibration(calibration(**changes), maxima_with(), "grid-4x4", 16, "fingertip")
+    assert refusal.value.code == "bad_calibration"
 
 
 @pytest.mark.parametrize(
@@ -127,6 +191,14 @@ def test_numbers_above_what_the_uncalibrated_get_are_refused(limits: Limits, sai
     assert refusal.value.code == "over_maximum"
 
 
+def test_numbers_at_the_maxima_themselves_are_taken_and_narrower_ones_refused() -> None:
+    maxima = maxima_with(width_us=60, min_width_us=60)
+    assert limits_of_numbers(Limits(max_current_ua=3_000, width_us=60), maxima, 4).width_us == 60
+    with pytest.raises(Refused, match=r"^width_us 59 us is less than 60") as refusal:
+        limits_of_numbers(Limits(max_current_ua=3_000, width_us=59), maxima, 4)
+    assert refusal.value.code == "board_cannot"
+
+
 # --- the last word --------------------------------------------------------------------------------
 
 
@@ -138,6 +210,12 @@ def test_a_path_is_as_weak_as_its_weakest_return() -> None:
     found = path_of(0, (5_000, 4_000, 900, 1_000), (1, 2, 3))
     assert told(found) == told(Path(0, 5_000, 900, 2))
     assert told(found.with_returns(1_200.5, 3)) == told(Path(0, 5_000, 1_200.5, 3))
+
+
+def test_a_path_for_another_polarity_has_that_polaritys_cap_and_the_same_returns() -> None:
+    found = path(1_000, 800.5)
+    assert told(found.with_cap(600)) == told(Path(3, 600, 800.5, 9))
+    assert found.with_cap(1_000) is found
 
 
 def test_what_is_within_all_bounds_passes_as_it_is() -> None:
@@ -165,6 +243,7 @@ def test_exactly_the_bound_is_no_clamp() -> None:
         ({"soft_start_ua": 700}, 700, "soft_start", 3),
         ({"recontact_ua": 600}, 600, "recontact", 3),
         ({"is_open": True}, 300, "contact_open", 3),
+        ({"felt_ua": 500}, 500, "felt", 3),
     ],
 )
 def test_the_smallest_bound_wins_and_says_whose_it_is(
@@ -194,6 +273,44 @@ def test_of_several_bounds_the_smallest_is_named() -> None:
     assert clamp.reason == "contact_open"
 
 
+def test_no_bound_that_is_higher_raises_one_that_is_lower() -> None:
+    """Nothing after the cap makes more of a pulse."""
+    found = clamp_to_limits(
+        path(cap_ua=200, return_ua=210.0),
+        PulseRequest(4_000, 100),
+        maxima_with(probe_current_ua=300),
+        soft_start_ua=HIGH,
+        recontact_ua=HIGH,
+        is_open=True,
+        bounds=PulseBounds(current_ua=HIGH, cap_us=100, width_us=100, charge_pc=HIGH * 100),
+        felt_ua=HIGH,
+    )
+    assert found[0] == 200
+    assert found[1] is not None
+    assert found[1].reason == "cap"
+
+
+ORDER = ["cap", "return_cap", "charge", "soft_start", "frame", "recontact", "contact_open", "felt"]
+
+
+@pytest.mark.parametrize("first", ORDER)
+def test_of_equal_bounds_the_first_in_the_order_of_a_persons_own_is_named(first: str) -> None:
+    """So the same pulse is always reported the same way."""
+    at_ua = {reason: 300 if ORDER.index(reason) >= ORDER.index(first) else HIGH for reason in ORDER}
+    _, clamp = clamp_to_limits(
+        path(at_ua["cap"], float(at_ua["return_cap"])),
+        PulseRequest(4_000, 100),
+        maxima_with(charge_pc=at_ua["charge"] * 100, probe_current_ua=at_ua["contact_open"]),
+        at_ua["soft_start"],
+        at_ua["recontact"],
+        True,
+        PulseBounds(at_ua["frame"], cap_us=100, width_us=100, charge_pc=HIGH * 100),
+        felt_ua=at_ua["felt"],
+    )
+    assert clamp is not None
+    assert (clamp.allowed_ua, clamp.reason) == (300, first)
+
+
 def test_the_charge_of_the_probe_before_counts_to_that_of_the_pulse() -> None:
     """500 nC at the most, 15 of which the probe has."""
     found = clamp_to_limits(
@@ -211,6 +328,8 @@ FRAME = PulseBounds(current_ua=2_000, cap_us=100, width_us=200, charge_pc=200_00
     [
         (HIGH, PulseRequest(3_000, 50), 2_000, "frame"),
         (HIGH, PulseRequest(2_000, 160), 1_250, "frame"),
+        # Of the 1,333.3 uA that have its charge no part of one more.
+        (HIGH, PulseRequest(2_000, 150), 1_333, "frame"),
         (1_000, PulseRequest(2_000, 100), 1_000, "cap"),
         (1_000, PulseRequest(2_000, 160), 625, "cap"),
         # No wider, but with a prepulse that was not there when the cap was accepted.

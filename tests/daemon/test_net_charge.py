@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given, settings
@@ -28,6 +29,11 @@ def _sorted(drawn: list[tuple[int, int, int, set[int] | None]]) -> list[Visit]:
     ]
 
 
+#: One that touches nothing, and one that nothing is known of but that it conducts best.
+conductances = st.lists(st.sampled_from([0.0, 1e-6, 2e-5, 3e-4]), min_size=N, max_size=N).filter(
+    any
+)
+
 visits = st.lists(
     st.tuples(
         st.integers(0, 3_000_000_000),
@@ -39,15 +45,26 @@ visits = st.lists(
 ).map(_sorted)
 
 
-def by_hand_pc(booked: list[Visit], electrode: int, now_ns: int) -> float:
-    """Each pulse for itself: all of it at its electrode, an even part back at each return."""
+def by_hand_pc(
+    booked: list[Visit],
+    electrode: int,
+    now_ns: int,
+    conducts_s: Sequence[Sequence[float]] = (),
+) -> float:
+    """Each pulse for itself: all of it at its electrode, an even part back at each return, or the
+    part of what each conducts at that pulse.
+    """
     total = 0.0
-    for at_ns, own, net_pc, returns in booked:
+    for place, (at_ns, own, net_pc, returns) in enumerate(booked):
         left_pc = net_pc * math.exp(-(now_ns - at_ns) / LEAK_NS)
         others = [other for other in range(N) if other != own] if returns is None else returns
+        here = conducts_s[place] if conducts_s else [1.0] * N
+        whole = sum(here[other] for other in others)
         if electrode == own:
             total += left_pc
-        elif electrode in others:
+        elif electrode in others and whole:
+            total -= left_pc * here[electrode] / whole
+        elif electrode in others and returns is not None:
             total -= left_pc / len(others)
     return total
 
@@ -63,6 +80,62 @@ def test_each_electrode_has_its_own_pulses_less_what_it_carried_back(booked: lis
     assert [net.of(electrode, NOW_NS + now_ns) for electrode in range(N)] == pytest.approx(
         wanted, abs=0.01
     )
+
+
+@settings(max_examples=200)
+@given(visits, st.data())
+def test_of_two_ways_to_share_the_one_that_leaves_more_is_told(
+    booked: list[Visit], data: st.DataObject
+) -> None:
+    net, held = NetCharge(N, BOUND_PC), list[list[float]]()
+    for at_ns, electrode, net_pc, returns in booked:
+        before = held[-1] if held else [1.0] * N
+        here = data.draw(conductances | st.just(before))
+        net.set_conductances(here)
+        held.append(here)
+        net.add(electrode, net_pc, returns, NOW_NS + at_ns)
+    now_ns = booked[-1][0] + 100_000_000 if booked else 0
+    even, measured = net.states(NOW_NS + now_ns)
+    wanted = [by_hand_pc(booked, electrode, now_ns) for electrode in range(N)]
+    by_conductance = [by_hand_pc(booked, electrode, now_ns, held) for electrode in range(N)]
+    assert list(even.left_pc) == pytest.approx(wanted, abs=1.0)
+    assert list(measured.left_pc) == pytest.approx(by_conductance, abs=1.0)
+    more = [max(pair, key=abs) for pair in zip(wanted, by_conductance, strict=True)]
+    assert [abs(pc) for pc in net.all(NOW_NS + now_ns)] == pytest.approx(
+        [abs(pc) for pc in more], abs=1.0
+    )
+
+
+@settings(max_examples=200)
+@given(visits, conductances)
+def test_what_fits_keeps_the_bound_however_returns_share_between_the_two_ways(
+    asked: list[Visit], conducts_s: list[float]
+) -> None:
+    net, booked = NetCharge(N, BOUND_PC), list[Visit]()
+    net.set_conductances(conducts_s)
+    for at_ns, electrode, net_pc, returns in asked:
+        if net.fits(electrode, net_pc, returns, NOW_NS + at_ns):
+            net.add(electrode, net_pc, returns, NOW_NS + at_ns)
+            booked.append((at_ns, electrode, net_pc, returns))
+    now_ns = booked[-1][0] if booked else 0
+    held = [conducts_s] * len(booked)
+    for electrode in range(N):
+        even_pc = by_hand_pc(booked, electrode, now_ns)
+        conducted_pc = by_hand_pc(booked, electrode, now_ns, held)
+        for part in (0.0, 0.3, 1.0):
+            assert abs(part * even_pc + (1.0 - part) * conducted_pc) <= BOUND_PC + 1.0
+
+
+def test_the_direct_current_of_all_is_more_than_one_return_may_carry() -> None:
+    net = NetCharge(N, BOUND_PC)
+    for electrode in range(N - 1):
+        net.add(electrode, BOUND_PC // 4, None, NOW_NS)
+    assert not net.exceeds_one_return(NOW_NS)
+    net.add(N - 1, BOUND_PC // 4, (0,), NOW_NS)
+    assert not net.exceeds_one_return(NOW_NS), "it names its return"
+    net.add(N - 1, BOUND_PC // 4, None, NOW_NS)
+    assert net.exceeds_one_return(NOW_NS)
+    assert not net.exceeds_one_return(NOW_NS + LEAK_NS)
 
 
 @settings(max_examples=200)

@@ -14,7 +14,7 @@ from etd.planning.plan import Plan, Planner
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Polarity
 from etd.protocol.outcome import Shortfall
-from etd.safety.net_charge import NetCharge
+from etd.safety.net_charge import NetCharge, NetState
 
 N = 16
 BOUND_PC = 10_000_000
@@ -42,7 +42,7 @@ def shows(plan: Plan, seconds: float, left_pc: float, on: int) -> float | None:
 
 
 def outlook(net_pc: list[float]) -> Outlook:
-    return Outlook(lambda path: path, 3_000, {}, [True] * N, net_pc=net_pc)
+    return Outlook(lambda path: path, 3_000, {}, [True] * N, net=[NetState([1.0] * N, net_pc)])
 
 
 currents_ua = st.lists(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from engine_parts import calibration
+from etd.protocol.messages import SessionFacts
 from etd.safety.session import UNUSED_NS, Sessions, Subject
 
 S = 1_000_000_000
@@ -50,6 +51,41 @@ def test_it_stands_while_the_board_is_live_and_ten_minutes_longer() -> None:
     assert one.standing(5_000 * S + UNUSED_NS - 1) is session
     assert one.standing(5_000 * S + UNUSED_NS) is None
     assert UNUSED_NS == 600 * S
+
+
+def test_what_status_says_of_it_is_who_and_the_time_that_is_left_to_a_tenth_of_a_second() -> None:
+    one = sessions()
+    assert one.facts(0) is None
+    one.went_live(FIRST, S)
+    assert one.facts(2 * S) == SessionFacts(participant="P01", ends_in_s=None)
+    one.went_safe(2 * S)
+    assert one.facts(302 * S - 50_000_100) == SessionFacts(participant="P01", ends_in_s=300.1)
+    assert one.facts(302 * S - 49_999_900) == SessionFacts(participant="P01", ends_in_s=300.0)
+    assert one.facts(2 * S + UNUSED_NS) is None
+
+
+def test_only_the_first_current_begins_it() -> None:
+    one = sessions()
+    assert one.went_live(FIRST, S)
+    one.went_safe(2 * S)
+    assert not one.went_live(FIRST, 3 * S)
+    session = one.standing(4 * S)
+    assert session is not None
+    assert session.begun_ns == S
+
+
+def test_current_to_another_person_begins_another_one() -> None:
+    one = used(FIRST, 10 * S, 20 * S)
+    assert one.went_live(SECOND, 30 * S)
+    session = one.standing(31 * S)
+    assert session is not None
+    assert (session.subject, session.begun_ns) == (SECOND, 30 * S)
+
+
+def test_without_a_session_that_no_current_can_flow_changes_nothing() -> None:
+    one = sessions()
+    one.went_safe(S)
+    assert one.standing(S) is None
 
 
 def test_a_session_that_is_used_again_stands_for_as_long_as_the_board_is_live() -> None:
@@ -133,6 +169,13 @@ def test_a_stop_that_ended_something_was_pressed_for_that() -> None:
     one.went_safe(10 * S)
     try_stop(one, 10 * S, is_live=True)
     assert one.why_untried(UNKNOWN_TOO, 20 * S) is not None
+
+
+def test_a_release_counts_once() -> None:
+    """A contact that bounces, or a lead that is plugged in again, is no second try."""
+    one = used(FIRST, 10 * S, 20 * S)
+    one.stop_moved(is_open=False, is_live=False, now_ns=25 * S)
+    assert one.why_untried(SECOND, 30 * S) is not None
 
 
 def test_a_stop_that_was_only_plugged_in_has_not_been_tried() -> None:

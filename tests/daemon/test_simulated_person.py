@@ -67,6 +67,61 @@ def test_a_second_question_is_about_the_same_presentation() -> None:
     assert asked(person, times=1) == ["too_strong"]
     felt[0] = Felt(0.0, 0.0)
     assert asked(person, "sure", 1) == ["too_strong"]
-    assert asked(person, "which", 1) == ["second"]
     assert asked(person, times=1) == ["not_felt"]
-    assert asked(person, "which", 1) == ["neither"]
+
+
+WEAK, STRONG, HURTING = Felt(1.1, 0.1), Felt(2.0, 0.1), Felt(2.0, 1.2)
+
+
+def compared(
+    electrode: Felt,
+    reference: Felt,
+    model: ResponseModel = SURE,
+    times: int = 1,
+    *,
+    is_last: bool = False,
+    ask: tuple[Ask, ...] = ("compare",),
+) -> list[Answer]:
+    person = SimulatedPerson(lambda one: (electrode, reference)[one], 3, model)
+    return [
+        person.answer(Question(one, 0, 1, is_last), lambda: None)
+        for _ in range(times)
+        for one in ask
+    ]
+
+
+@pytest.mark.parametrize(
+    ("electrode", "reference", "which"),
+    [
+        (HURTING, WEAK, ("second", "first")),
+        (WEAK, HURTING, ("first", "second")),
+        (HURTING, HURTING, ("both", "both")),
+    ],
+)
+def test_which_of_two_was_too_strong_is_the_one_that_hurts(
+    electrode: Felt, reference: Felt, which: tuple[Answer, Answer]
+) -> None:
+    for is_last in (False, True):
+        said = compared(electrode, reference, is_last=is_last, ask=("compare", "which"))
+        assert said == ["too_strong", which[is_last]]
+    assert compared(WEAK, STRONG, ask=("compare", "which")) == ["weaker", "neither"]
+
+
+@pytest.mark.parametrize(
+    ("electrode", "model", "answer", "share"),
+    [
+        (STRONG, ResponseModel(noise=0.0, lapses=0.3), "weaker", 0.10),
+        (Felt(0.0, 0.0), ResponseModel(noise=0.0, lapses=0.0), "weaker", 1.0),
+        (Felt(0.9, 0.0), ResponseModel(noise=0.0, lapses=0.0), "weaker", 1.0),
+        (Felt(0.0, 0.0), ResponseModel(noise=0.0, lapses=0.0, false_alarms=0.2), "same", 0.10),
+        (Felt(0.0, 0.0), ResponseModel(noise=0.0, lapses=0.0, false_alarms=0.2), "stronger", 0.10),
+    ],
+)
+def test_a_comparison_has_lapses_and_false_alarms(
+    electrode: Felt, model: ResponseModel, answer: Answer, share: float
+) -> None:
+    said = compared(electrode, STRONG, model, 4_000)
+    assert said.count(answer) / len(said) == pytest.approx(share, abs=0.02)
+    said = compared(electrode, STRONG, model, 4_000, is_last=True)
+    turned = {"weaker": "stronger", "stronger": "weaker"}.get(answer, answer)
+    assert said.count(turned) / len(said) == pytest.approx(share, abs=0.02)  # type: ignore[arg-type]

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
+from math import inf
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +15,7 @@ from etd.pulse.measured import BEND_UA
 from etd_body.course import BUSY, LYING, STILL, Script
 from etd_body.electrode import DRY_CAPACITANCE_NF, DRY_PARALLEL_OHM, DRY_SERIES_OHM
 from etd_body.interface import Side
-from etd_body.kinds import BodyKind, drawn, living
+from etd_body.kinds import BodyFigures, BodyKind, BodyRanges, Span, drawn, living
 from etd_body.living import LivingBody
 from etd_body.nerve import TOUCH_ROWS, Nerves, NerveSpread
 from etd_body.shifts import UNSHIFTED, FeelingFigures
@@ -267,3 +271,98 @@ def test_the_finger_of_a_seed_is_the_same_but_for_what_the_kind_changes() -> Non
         assert one.skin.area_sigma == other.skin.area_sigma
         assert one.spread.depth_sigma == other.spread.depth_sigma
         assert one.script.peels_per_min == other.script.peels_per_min
+
+
+# --- ranges that somebody knows better -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", BodyKind)
+def test_a_range_that_is_given_is_drawn_from_and_nothing_else_changes(kind: BodyKind) -> None:
+    """Spreads are of every kind, and no kind says otherwise."""
+    given = BodyRanges(area_sigma=Span(0.5, 0.6), depth_sigma=Span(0.07, 0.07))
+    for seed in SEEDS:
+        plain, other = drawn(kind, seed), drawn(kind, seed, ranges=given)
+        assert 0.5 <= other.skin.area_sigma <= 0.6
+        assert other.spread.depth_sigma == 0.07
+        assert replace(
+            other,
+            skin=replace(other.skin, area_sigma=plain.skin.area_sigma),
+            spread=replace(other.spread, depth_sigma=plain.spread.depth_sigma),
+        ) == plain  # fmt: skip
+    body = living(kind, PLACES, leak_ohm=1e9, compliance_v=1e4, seed=40, ranges=given)
+    body.look_at(0)
+    assert not np.allclose(thresholds_ua(body), thresholds_ua(body_of(kind, doing=LYING)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "figure"),
+    [
+        (BodyKind.AREA, {"series_ohm": Span(9e3, 9e3)}, lambda it: it.skin.series_ohm),
+        (BodyKind.AREA, {"parallel_ohm": Span(9e3, 9e3)}, lambda it: it.skin.parallel_ohm),
+        (BodyKind.AREA, {"capacitance_nf": Span(9e3, 9e3)}, lambda it: it.skin.capacitance_nf),
+        (BodyKind.AREA, {"bend_ua": Span(9e3, 9e3)}, lambda it: it.skin.bend_ua),
+        (BodyKind.AREA, {"threshold_sigma": Span(9e3, 9e3)}, lambda it: it.spread.threshold_sigma),
+        (BodyKind.AREA, {"sweat_times": Span(9e3, 9e3)}, lambda it: it.script.sweat / LYING.sweat),
+        (
+            BodyKind.AREA,
+            {"sweat_tau_times": Span(9e3, 9e3)},
+            lambda it: it.script.sweat_tau_s / LYING.sweat_tau_s,
+        ),
+        (
+            BodyKind.CAPACITIVE,
+            {"capacitive_parallel_ohm": Span(9e3, 9e3)},
+            lambda it: it.skin.parallel_ohm,
+        ),
+        (
+            BodyKind.CAPACITIVE,
+            {"capacitive_nf": Span(9e3, 9e3)},
+            lambda it: it.skin.capacitance_nf,
+        ),
+        (BodyKind.BENT, {"bent_ua": Span(9e3, 9e3)}, lambda it: it.skin.bend_ua),
+        (BodyKind.BENT, {"bent_series_ohm": Span(9e3, 9e3)}, lambda it: it.skin.series_ohm),
+        (BodyKind.BENT, {"bent_parallel_ohm": Span(9e3, 9e3)}, lambda it: it.skin.parallel_ohm),
+        (BodyKind.DUCTS, {"ducts_by_sweat": Span(9e3, 9e3)}, lambda it: it.skin.way_by_sweat),
+        (BodyKind.ADAPTING, {"adapted": Span(9e3, 9e3)}, lambda it: it.feeling.adapted),
+        (BodyKind.SOAKING, {"soaked": Span(9e3, 9e3)}, lambda it: it.script.sweat),
+        (BodyKind.SOAKING, {"soaking_tau_s": Span(9e3, 9e3)}, lambda it: it.script.sweat_tau_s),
+        (BodyKind.TENDER, {"pain_times": Span(9e3, 9e3)}, lambda it: it.spread.pain_times),
+        (BodyKind.SUMMING, {"summed": Span(9e3, 9e3)}, lambda it: it.feeling.summed),
+    ],
+)
+def test_each_range_is_that_of_its_figure(
+    kind: BodyKind, given: dict[str, Span], figure: Callable[[BodyFigures], float]
+) -> None:
+    assert figure(drawn(kind, 40, ranges=BodyRanges(**given))) == pytest.approx(9e3)
+
+
+@pytest.mark.parametrize(("least", "most"), [(2.0, 1.0), (0.0, inf), (float("nan"), 1.0)])
+def test_a_range_that_is_none_is_refused(least: float, most: float) -> None:
+    with pytest.raises(ValueError, match="a range goes up"):
+        Span(least, most)
+
+
+def test_the_page_has_the_ranges() -> None:
+    page = " ".join((Path(__file__).parents[2] / "docs" / "body.md").read_text("utf-8").split())
+    ranges = BodyRanges()
+    for told in (
+        f"Rp {_kilo(ranges.capacitive_parallel_ohm)} kOhm, Cp {_told(ranges.capacitive_nf)} nF",
+        f"bend {_kilo(ranges.bent_ua)} mA, Rs {_kilo(ranges.bent_series_ohm)} kOhm,"
+        f" Rp {_kilo(ranges.bent_parallel_ohm)} kOhm",
+        f"+{100 * ranges.adapted.least:.0f} to {100 * ranges.adapted.most:.0f} %",
+        f"sweat {ranges.soaked.least:g}, tau {_told(ranges.soaking_tau_s)} s",
+        f"pain from about {ranges.pain_times.least:g} times the threshold on",
+        f"{100 * ranges.summed.least:.0f} to {100 * ranges.summed.most:.0f} %, from 10 %",
+        f"its Rs ({_kilo(ranges.series_ohm)} kOhm), Rp ({_kilo(ranges.parallel_ohm)} kOhm at 5 mA),"
+        f" Cp ({_told(ranges.capacitance_nf)} nF), bend ({_kilo(ranges.bend_ua)} mA), spreads"
+        f" (area {_told(ranges.area_sigma)}, depth {_told(ranges.depth_sigma)}, threshold"
+        f" {_told(ranges.threshold_sigma)}) and sweat ({_told(ranges.sweat_times)} times",
+    ):
+        assert told in page
+
+
+def _told(span: Span) -> str:
+    return f"{span.least:g} to {span.most:g}"
+
+
+def _kilo(span: Span) -> str:
+    return f"{span.least / 1e3:g} to {span.most / 1e3:g}"

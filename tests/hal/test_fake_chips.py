@@ -10,7 +10,14 @@ from etd_body.interface import Side, Sides
 from etd_hal.boardfile import RelayLines, Relays
 from etd_hal.fake.ad5452 import Ad5452
 from etd_hal.fake.ad7276 import Ad7276
-from etd_hal.fake.faults import AlsoSwitches, Fault, LatchIgnored, LostClock
+from etd_hal.fake.faults import (
+    AlsoSwitches,
+    DataFlipped,
+    ExtraClock,
+    Fault,
+    LatchIgnored,
+    LostClock,
+)
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.halfbridges import HalfBridgeChain
 from etd_hal.fake.i2cchips import Ads1115, Mcp4725
@@ -124,7 +131,7 @@ class TestAd7276:
 class ChainBench:
     """Eight half-bridges with all their inputs on a test's fingers."""
 
-    def __init__(self, *faults: LostClock | LatchIgnored) -> None:
+    def __init__(self, *faults: Fault) -> None:
         self.seen: list[Sides] = []
         self.chain = HalfBridgeChain(
             8, range(8), Faults(faults), lambda _t_ns, sides: self.seen.append(sides), seed=5
@@ -214,6 +221,27 @@ class TestHalfBridges:
         bench.latch()
         bench.set(BL=1)
         assert bench.picture == "HLLLLLLL"
+
+    def test_an_extra_clock_leaves_the_selection_one_ahead(self) -> None:
+        bench = ChainBench(ExtraClock(at_edge=9))
+        bench.shift("000000010")
+        bench.latch()
+        bench.set(BL=1)
+        assert bench.picture == "LLHLLLLL"
+
+    def test_a_flipped_bit_is_taken_once(self) -> None:
+        bench = ChainBench(DataFlipped(at_edge=3))
+        bench.shift("00000001")
+        bench.latch()
+        bench.set(BL=1)
+        assert bench.picture == "HLLLLHLL"
+
+    def test_every_so_many_is_as_often(self) -> None:
+        bench = ChainBench(DataFlipped(every=4))
+        bench.shift("00000000")
+        bench.latch()
+        bench.set(BL=1)
+        assert bench.picture == "HLLLHLLL"
 
     def test_an_ignored_latch_keeps_the_old_selection(self) -> None:
         bench = ChainBench(LatchIgnored(at_edge=2))

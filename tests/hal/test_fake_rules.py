@@ -15,7 +15,10 @@ from etd_hal.fake.faults import (
     LineInverted,
     LinesSwapped,
     LostClock,
+    MisoFlipped,
     MisoStuck,
+    MosiFlipped,
+    MosiStuck,
     SpiError,
     SpiShort,
     SpiStall,
@@ -210,6 +213,27 @@ class TestFaults:
             assert raised.value.kind == kind
         assert (rig.clock.now_ns() - begun_ns > 1_900 * MS) is (kind == "timeout")
         assert len(i2c.transfer(0x48, b"\x00", 2)) == 2
+
+    def test_a_bit_on_the_way_to_the_dac_is_flipped_once(self) -> None:
+        rig = stepped_board(faults=[MosiFlipped(bit=12, at_word=2)])
+        rig.backend.spi.transfer(pulse(5))
+        assert rig.fake.dac_code == 1_024
+        rig.backend.spi.transfer(pulse(5))
+        assert rig.fake.dac_code == 0
+
+    @pytest.mark.parametrize(("level", "complaints"), [(0, 0), (1, 2)])
+    def test_a_data_line_that_does_not_move_sends_zeros_or_words_that_are_none(
+        self, level: int, complaints: int
+    ) -> None:
+        rig = stepped_board(faults=[MosiStuck(1 if level else 0)])
+        rig.backend.spi.transfer(pulse(900))
+        assert rig.fake.dac_code == 0
+        assert len(rig.fake.violations) == complaints
+
+    def test_a_bit_of_every_second_word_is_read_the_other_way(self) -> None:
+        rig = stepped_board(faults=[MisoFlipped(bit=9, every=2)])
+        read = [*rig.backend.spi.transfer(pulse(0)), *rig.backend.spi.transfer(pulse(0))]
+        assert read == [b"\x00\x00", b"\x02\x00", b"\x00\x00", b"\x02\x00"]
 
     def test_a_fault_can_be_put_in_and_taken_out_while_the_board_runs(self) -> None:
         rig = stepped_board()

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from board_hand import PAUSE, Hand, pulse, word
+from etd_hal.fake.trace import Trace
 from etd_hal.linesetup import line_setup
 from etd_hal.ports import Message, Transfer
 from stepped_board import stepped_board
@@ -18,6 +21,19 @@ ALL_BOARDS = [
     "etactilekit-hv513-x8",
     "feetthrough-relay",
 ]
+
+
+def test_a_trace_is_written_over_an_old_one_and_through_no_link(tmp_path: Path) -> None:
+    path, named = tmp_path / "bus.jsonl", tmp_path / "victim"
+    path.write_bytes(b"an old one")
+    Trace.to(path).close()
+    assert path.read_bytes() == b""
+    named.write_bytes(b"as it was")
+    path.unlink()
+    path.symlink_to(named)
+    with pytest.raises(OSError, match="symbolic link"):
+        Trace.to(path)
+    assert named.read_bytes() == b"as it was"
 
 
 class TestTrace:

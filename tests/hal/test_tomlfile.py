@@ -11,7 +11,7 @@ import pytest
 from msgspec import Meta
 
 from etd_hal.errors import FileError
-from etd_hal.tomlfile import convert, load_toml
+from etd_hal.tomlfile import convert, load_toml, read_toml
 
 
 class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -141,3 +141,23 @@ def test_a_file_that_is_nested_too_deep_is_refused(tmp_path: Path, text: str) ->
         load_toml(path, Example)
     assert told.value.file == str(path)
     assert "nested" in told.value.value
+
+
+@pytest.mark.parametrize(
+    "number", [str(2**63), f"-{2**63 + 1}", "9" * 4_300, "9" * 4_301, "0x" + "f" * 4_000]
+)
+@pytest.mark.parametrize("where", ["whole = {}", "inner = {{ least = {} }}", "ways = [{}]"])
+def test_a_number_longer_than_those_of_toml_is_refused_wherever_it_stands(
+    tmp_path: Path, number: str, where: str
+) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text(where.format(number), encoding="utf-8")
+    with pytest.raises(FileError) as told:
+        read_toml(path)
+    assert told.value.value == "a whole number in it has more than 64 bits"
+
+
+def test_the_longest_numbers_of_toml_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text(f"most = {2**63 - 1}\nleast = [-{2**63}]\n", encoding="utf-8")
+    assert read_toml(path) == {"most": 2**63 - 1, "least": [-(2**63)]}

@@ -236,11 +236,44 @@ def test_a_comfortable_level_too_strong_when_it_is_asked_about_is_found_again_be
     assert progress.found[first].quality == "vibration"
 
 
-@pytest.mark.parametrize("times", [1.0, 1.5])
-def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drifted(
-    times: float,
-) -> None:
+def test_what_a_slip_or_a_pause_kept_from_being_asked_is_asked_all_the_same() -> None:
+    """A slip at the first question about quality, a pause at the third one."""
     skin, progress = NoisySkin(16, 31), Progress(conditions=CONDITIONS, seed=5)
+    asked: list[Question] = []
+
+    class Slipping(Asked):
+        def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
+            asked.append(question)
+            qualities = sum(one.ask == "quality" for one in asked)
+            if question.ask == "quality" and qualities in (1, 4):
+                return "too_strong" if qualities == 1 else "pause"
+            return "comfortable" if question.ask == "sure" else super().answer(question, keep)
+
+    def course() -> Course:
+        return Course(progress, skin, Slipping(skin), lambda: TODAY, asks_sensation=True)
+
+    with pytest.raises(Stopped):
+        course().run(EACH)
+    first = next(at for at, one in enumerate(asked) if one.ask == "quality")
+    assert [one.ask for one in asked[first : first + 4]] == ["quality", "sure", "quality", "place"]
+    paused = asked[-1].electrode
+    assert progress.found[paused].quality is None
+    course().run(EACH)
+    assert progress.lowered_ua == {}
+    assert {one.quality for one in progress.found.values()} == {"prickling"}
+    of_paused = [one for one in asked if one.ask == "quality" and one.electrode == paused]
+    assert len(of_paused) == 2
+    assert len(progress.found) == 16
+
+
+@pytest.mark.parametrize("times", [1.0, 1.5])
+@pytest.mark.parametrize("electrodes", [8, 16])
+def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drifted(
+    times: float, electrodes: int
+) -> None:
+    """After eight electrodes, or half of them."""
+    skin = NoisySkin(16, 31)
+    progress = Progress(conditions=replace(CONDITIONS, electrodes=electrodes), seed=5)
     drifts: list[float] = []
     found: dict[int, object] = {}
 
@@ -252,7 +285,7 @@ def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drift
 
     skin.pain_ua = [5.0 * value for value in skin.pain_ua]
     Course(progress, skin, Person(skin), lambda: TODAY, on_found=drift, on_drift=drifts.append).run(
-        EACH
+        range(electrodes)
     )
     assert progress.drift == pytest.approx(times - 1.0, abs=0.1)
     assert drifts == ([progress.drift] if times > 1.0 else [])

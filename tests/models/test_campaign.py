@@ -10,14 +10,18 @@ from typing import Any
 
 import pytest
 
-from campaign import scenes
-from campaign.account import AccountedBody
+from campaign import docs
+from campaign.account import AccountedBody, Course
 from campaign.case import Outcome
+from campaign.engine_script import ELECTRODES, PULSE_PC, WANTED_UA
 from campaign.forked import whole
+from campaign.judge import GUARDED, Bound, bounds, not_met
 from campaign.kinds import kinds_of
 from campaign.operations import Operations
+from campaign.places import Operation, chosen
 from campaign.results import figures, is_silent, kept
-from campaign.run import faults_found
+from campaign.scene import Over
+from campaign.scenes import BOARDS, SCENES, config
 from charge_witness import even_skin
 from etd_body.interface import Side
 
@@ -27,13 +31,13 @@ US = 1_000
 
 def sides(alone: int, side: Side) -> tuple[Side, ...]:
     other = Side.GROUND if side is Side.SOURCE else Side.SOURCE
-    return tuple(side if electrode == alone else other for electrode in range(scenes.ELECTRODES))
+    return tuple(side if electrode == alone else other for electrode in range(ELECTRODES))
 
 
 @pytest.mark.parametrize("side", [Side.SOURCE, Side.GROUND])
 def test_the_account_tells_who_was_alone_and_for_how_long(side: Side) -> None:
-    board = scenes.config("kajimoto-hv507").board
-    body = AccountedBody(even_skin(board, scenes.ELECTRODES))
+    board = config("kajimoto-hv507").board
+    body = AccountedBody(even_skin(board, ELECTRODES))
     for begun_us in (0, 500):
         body.drive(begun_us * US, 1_000.0, sides(3, side))
         body.drive((begun_us + 100) * US, 0.0, sides(3, side))
@@ -47,49 +51,99 @@ def test_the_account_tells_who_was_alone_and_for_how_long(side: Side) -> None:
     assert found.longest_shared_pc == pytest.approx(found.longest_alone_pc / 7)
 
 
-@pytest.mark.parametrize("board", scenes.BOARDS)
+def test_a_course_tells_what_had_flowed_by_when() -> None:
+    board, course = config("kajimoto-hv507").board, Course()
+    body = AccountedBody(even_skin(board, ELECTRODES), course)
+    for begun_us in (0, 500):
+        body.drive(begun_us * US, 1_000.0, sides(3, Side.SOURCE))
+        body.drive((begun_us + 100) * US, 0.0, sides(3, Side.SOURCE))
+    assert course.until(50 * US) is None
+    first, both = course.until(400 * US), course.until(600 * US)
+    assert first is not None
+    assert both == course.last
+    assert both.alone_pc[3] == pytest.approx(2 * first.alone_pc[3])
+    body.mark(700 * US)
+    assert body.first_ns is None
+    body.drive(800 * US, 1_000.0, sides(5, Side.SOURCE))
+    body.drive(900 * US, 0.0, sides(5, Side.SOURCE))
+    assert body.last_ns == 900 * US
+
+
+@pytest.mark.parametrize("board", BOARDS)
 def test_without_a_fault_each_lit_electrode_gets_its_pulses(board: str) -> None:
-    allowed, ports = whole(board)
-    lit = [electrode for electrode, wanted_ua in enumerate(scenes.WANTED_UA) if wanted_ua]
-    silent = [electrode for electrode in range(scenes.ELECTRODES) if electrode not in lit]
-    # Two pulses a frame; four frames, one of them of two phases; and probes.
-    most_pc = 2 * 5 * scenes.PULSE_PC
-    assert all(0.7 * most_pc < allowed.alone_pc[electrode] < 1.4 * most_pc for electrode in lit)
-    assert all(allowed.alone_pc[electrode] < 0.4 * most_pc for electrode in silent)
-    assert allowed.longest_alone_pc < scenes.PULSE_PC
-    assert {"spi", "set"} <= set(ports)
+    found = whole(board, "frames")
+    allowed = found.course.last
+    lit = [electrode for electrode, wanted_ua in enumerate(WANTED_UA) if wanted_ua]
+    silent = [electrode for electrode in range(ELECTRODES) if electrode not in lit]
+    # Two pulses a frame, one of two phases; then 40 a second, for longer than any check takes.
+    most_pc = (2 * 4 + 46) * PULSE_PC
+    assert all(0.7 * most_pc < allowed.alone_pc[electrode] < 1.2 * most_pc for electrode in lit)
+    assert all(allowed.alone_pc[electrode] < 0.2 * most_pc for electrode in silent)
+    assert allowed.longest_alone_pc < PULSE_PC
+    assert {"spi", "set"} <= {one.port for one in found.operations}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("board", BOARDS)
+def test_every_scene_runs_without_a_fault(board: str, scene: str) -> None:
+    """`whole` raises where one is refused something or halts."""
+    assert len(whole(board, scene).operations) > 100
 
 
 def test_what_an_operation_is_told_happens_to_it() -> None:
     operations = Operations()
-    rig, _ = scenes.rig_of("kajimoto-hv507", operations)
+    played = SCENES["arming"](config("kajimoto-hv507"), operations, None)
+    played.prepare()
     operations.before = lambda number, port: "io" if port == "spi" else None
-    scenes.play(rig)
-    assert rig.state == "HALTED"
-    rig.fake.world.mend()
+    with pytest.raises(Over):
+        played.play()
+    assert played.said(0).seen == "halted"
+    played.subject.fake.world.mend()
     operations.before = lambda *_: None
-    rig.close()
+    played.close()
+
+
+def test_of_a_place_the_first_the_second_and_the_last_operation_are_chosen() -> None:
+    operations = [Operation("set", 1, 0)] * 9 + [Operation("spi", 2, 0)] * 2
+    at = chosen(operations, 3)
+    assert at.once == {0, 1, 8, 9, 10}
+    assert at.staying == {1, 9, 10}
+    assert chosen(operations, None).once == set(range(11))
+    assert chosen(operations, 3, is_long=True).once == {4, 10}
 
 
 def test_every_board_has_kinds_of_its_guards() -> None:
-    names = {board: {kind.fault_class for kind in kinds_of(scenes.config(board).board)}
-             for board in scenes.BOARDS}  # fmt: skip
+    names = {board: {kind.fault_class for kind in kinds_of(config(board).board)}
+             for board in BOARDS}  # fmt: skip
     assert names["reference-hv507"] - names["kajimoto-hv507"] == {
         "the supply cannot be switched off",
         "the rail's sensor lies",
+        "the rail's sensor is gone",
         "the heartbeat is ignored",
     }
+    assert set.union(*names.values()) | {"two at once"} == set(bounds())
+
+
+def test_what_is_said_to_tell_a_class_is_a_row_of_the_page() -> None:
+    page = docs.PAGE.read_text(encoding="utf-8")
+    rows = {line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")}
+    for name, bound in bounds().items():
+        assert {*bound.told_by, *bound.guarded_by} <= rows, name
+        is_told = bool(bound.told_by) and not bound.silent_on
+        assert is_told or bound.why, f"{name}: nothing tells it, and nothing says why"
 
 
 def told(**changed: Any) -> Outcome:
     facts: dict[str, Any] = {
-        "board": "reference-hv507",
+        "board": GUARDED,
+        "scene": "frames",
         "kind": "a gain: twice",
         "fault_class": "a gain",
         "operation": 7,
         "port": "spi",
         "seen": "nothing",
         "halted_after_ms": None,
+        "flowed_for_ms": 0.0,
         "beyond_alone_pc": 0.0,
         "beyond_shared_pc": 0.0,
     }
@@ -97,16 +151,23 @@ def told(**changed: Any) -> Outcome:
 
 
 def test_what_does_not_hold_is_said() -> None:
-    assert faults_found([told(), told(beyond_alone_pc=2.4e6)]) == []
-    for broken in (
-        told(beyond_alone_pc=2.6e6),
-        told(beyond_shared_pc=2.6e6),
-        told(seen="crashed: TypeError()"),
+    row = Bound(told_by=("a check",), uc={GUARDED: 9.0, "kajimoto-hv507": 9.0})
+    halted = told(seen="halted", beyond_alone_pc=2.4e6)
+    assert not_met([told(), halted], {"a gain": row}) == []
+    for broken, why in (
+        (told(seen="halted", beyond_alone_pc=2.6e6), "no hardware is named"),
+        (told(seen="halted", beyond_shared_pc=9.1e6), "more than the 9 uC"),
+        (told(beyond_shared_pc=9_000.0), "in silence, and it should be told by a check"),
+        (told(seen="crashed: TypeError()"), "TypeError"),
+        (told(fault_class="another"), "no row"),
     ):
-        (sentence,) = faults_found([told(), broken])
+        (sentence,) = not_met([told(), broken], {"a gain": row})
         assert "operation 7" in sentence
-    without_guards = told(board="kajimoto-hv507", beyond_alone_pc=2.6e6)
-    assert faults_found([without_guards]) == []
+        assert why in sentence
+    without_guards = told(board="kajimoto-hv507", seen="halted", beyond_alone_pc=2.6e6)
+    assert not_met([without_guards], {"a gain": row}) == []
+    silent_there = Bound(told_by=("a check",), silent_on=(GUARDED,), uc={GUARDED: 1.0})
+    assert not_met([told(beyond_shared_pc=9_000.0)], {"a gain": silent_there}) == []
 
 
 def test_a_class_has_its_worst_and_what_nothing_was_said_of() -> None:
@@ -114,27 +175,29 @@ def test_a_class_has_its_worst_and_what_nothing_was_said_of() -> None:
         [
             told(),
             told(beyond_alone_pc=50_000.0),
-            told(seen="halted", halted_after_ms=2.0, beyond_shared_pc=9_000.0),
-            told(seen="halted", halted_after_ms=8.0),
+            told(seen="halted", flowed_for_ms=2.0, beyond_shared_pc=9_000.0),
+            told(seen="ended", flowed_for_ms=8.0),
         ]
     )
-    assert (found.cases, found.halted, found.harmless, found.silent) == (4, 2, 1, 1)
-    assert (found.halted_most_ms, found.most_alone_uc, found.most_shared_uc) == (8.0, 0.05, 0.009)
+    assert (found.cases, found.told, found.latent, found.silent) == (4, 2, 1, 1)
+    assert (found.safe_most_ms, found.most_alone_uc, found.most_shared_uc) == (8.0, 0.05, 0.009)
+    assert found.silent_uc == 0.05
     assert is_silent(told(beyond_shared_pc=5_000.0))
     assert not is_silent(told(seen="refused", beyond_shared_pc=5_000.0))
 
 
 def test_a_bounded_part_of_it_holds_and_goes_on_where_it_was_cut(tmp_path: Path) -> None:
-    command = [sys.executable, str(RUN), "--bounded", "--pairs", "40", "--folder", str(tmp_path)]
+    command = [sys.executable, str(RUN), "--bounded", "--pairs", "2", "--folder", str(tmp_path)]
     done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    by_class = {one["fault_class"]: one for one in json.loads(done.stdout)}
-    for never_silent in ("a call fails, nothing done", "a message is cut off", "the DAC is stuck"):
-        assert by_class[never_silent]["halted"] > 0
-        assert by_class[never_silent]["silent"] == 0
-    # What is known to be no pulse's to tell must be seen by the judge.
-    assert by_class["a gain"]["most_alone_uc"] > 0.1
-    assert by_class["two at once"]["cases"] == 40 * len(scenes.BOARDS)
+    found = json.loads(done.stdout)
+    assert (
+        sum(one["silent"] for one in found if one["fault_class"] == "a call fails, nothing done")
+        == 0
+    )
+    assert sum(one["told"] for one in found) > 100
+    doubled = sum(one["cases"] for one in found if one["fault_class"] == "two at once")
+    assert doubled == 2 * len(BOARDS) * len(SCENES)
 
     (one, *_), before = sorted(tmp_path.glob("*/*.jsonl")), {}
     before[one] = kept(one)

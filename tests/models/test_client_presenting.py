@@ -56,9 +56,9 @@ def test_a_presentation_that_is_longer_than_a_frame_is_renewed_and_told_as_one(
 
 
 def test_a_long_one_of_many_frames_is_told_whole(daemon: SteppedDaemon) -> None:
-    """More of them than the engine keeps accounts of."""
+    """More of them than the engine keeps accounts of, at a current that net charge lets stand."""
     display = opened(daemon)
-    wanted_ua = [0, 0, 0, 2_000, 0, 0, 0, 0]
+    wanted_ua = [0, 0, 0, 1_500, 0, 0, 0, 0]
     presented = display.present(wanted_ua, 10.0, 50.0, ttl_ms=90)
     assert presented.as_asked, presented.why_not
     assert len(presented.seqs) > 256

@@ -10,8 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etd.stabilize.offset_estimate import Answer, OffsetEstimate
+from etd.stabilize.offset_estimate import BAND, Answer, OffsetEstimate
 from etd.stabilize.said import (
+    AGAIN_NS,
+    AGAIN_TIMES,
     FELT_NS,
     LOWERED_BY,
     MOST,
@@ -187,16 +189,56 @@ def test_a_reset_leaves_nothing_of_what_was_said(story: list[Moment]) -> None:
         assert told.offsets.factors() == fresh.offsets.factors()
 
 
-def test_said_again_at_once_it_takes_twice_as_much_and_never_more_than_half() -> None:
+@given(stories)
+def test_a_lone_too_strong_takes_the_same_whatever_was_said_before(story: list[Moment]) -> None:
+    played = Played()
+    for moment in story:
+        played.fire(moment)
+        played.say(moment)
+    played.now_ns += AGAIN_NS + 1
+    before = played.offsets.factors()
+    played.offsets.lower(None, played.now_ns)
+    for was, now in zip(before, played.offsets.factors(), strict=True):
+        assert now == pytest.approx((1.0 - LOWERED_BY) * was)
+
+
+@given(stories)
+def test_without_a_too_weak_nothing_is_ever_above_the_frames_own(story: list[Moment]) -> None:
+    played = Played()
+    for moment in story:
+        played.fire(moment)
+        if moment.answer != "too_weak":
+            played.say(moment)
+        assert max(played.offsets.factors()) <= 1.0
+
+
+def test_said_again_at_once_it_takes_four_times_as_much_and_never_more_than_half() -> None:
     offsets, steps = FeltOffsets(1), []
     for second in range(8):
         offsets.fired(0, second * S)
         before = offsets.factor(0)
         offsets.lower(None, second * S)
         steps.append(1.0 - offsets.factor(0) / before)
-    assert steps[1] == pytest.approx(2 * LOWERED_BY)
-    assert steps[2] == pytest.approx(4 * LOWERED_BY)
-    assert max(steps) == pytest.approx(MOST_LOWERED_BY)
+    assert steps[0] == pytest.approx(LOWERED_BY)
+    assert steps[1] == pytest.approx(AGAIN_TIMES * LOWERED_BY)
+    assert steps[2] == pytest.approx(AGAIN_TIMES**2 * LOWERED_BY)
+    assert steps[3:] == pytest.approx([MOST_LOWERED_BY] * 5)
+
+
+def test_said_three_times_within_seconds_a_quarter_is_gone() -> None:
+    assert insisted(FeltOffsets(1), 3) == pytest.approx(0.75, abs=0.01)
+
+
+def test_however_often_it_is_said_there_is_an_answer() -> None:
+    assert 0.0 <= insisted(FeltOffsets(1), 200) < 1e-9
+
+
+def insisted(offsets: FeltOffsets, times: int) -> float:
+    """What is left when it was said so often, each second."""
+    for second in range(times):
+        offsets.fired(0, second * S)
+        offsets.hear("too_strong", None, second * S)
+    return offsets.factor(0)
 
 
 def hold(offsets: FeltOffsets, answer: Answer, minutes: int, from_minute: int = 0) -> None:
@@ -221,12 +263,39 @@ def test_good_leaves_what_is_good() -> None:
     assert offsets.factor(0) == pytest.approx(1.0, abs=0.01)
 
 
-def test_one_too_strong_among_many_good_is_nearly_taken_back_by_the_next_good() -> None:
+def test_one_too_strong_among_many_good_is_taken_back_by_the_next_good() -> None:
     offsets = FeltOffsets(1)
     hold(offsets, "good", 5)
     hold(offsets, "too_strong", 1, 5)
+    assert offsets.factor(0) == pytest.approx(1.0 - LOWERED_BY)
+    hold(offsets, "good", 2, 6)
+    assert offsets.factor(0) == pytest.approx(1.0)
+
+
+def test_one_too_weak_among_many_good_is_nearly_taken_back_by_the_next_good() -> None:
+    offsets = FeltOffsets(1)
+    hold(offsets, "good", 5)
+    hold(offsets, "too_weak", 1, 5)
     hold(offsets, "good", 3, 6)
-    assert 0.95 < offsets.factor(0) <= 1.0
+    assert 1.0 <= offsets.factor(0) < 1.02
+
+
+def test_good_keeps_a_fall_that_was_insisted_on() -> None:
+    """What lies deeper than anybody calls good is not given back by the next good."""
+    offsets = FeltOffsets(1)
+    lowered = insisted(offsets, 3)
+    assert math.log(lowered) < -BAND
+    hold(offsets, "good", 5, 1)
+    assert lowered <= offsets.factor(0) < 1.05 * lowered
+
+
+def test_too_weak_gives_back_what_was_insisted_on_by_five_percent_a_minute() -> None:
+    offsets = FeltOffsets(1)
+    lowered = insisted(offsets, 3)
+    hold(offsets, "too_weak", 4, 1)
+    assert lowered * RISE_A_MINUTE**2 < offsets.factor(0) < lowered * RISE_A_MINUTE**4
+    hold(offsets, "too_weak", 5, 5)
+    assert offsets.factor(0) > 1.0
 
 
 def test_what_is_said_of_one_electrode_is_of_that_one() -> None:

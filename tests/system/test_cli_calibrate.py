@@ -15,10 +15,13 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
+from calibrate_scenes import ROW
 from command_rig import WITHIN_S, Command, CommandRig, command_rig
 from etd.calibrate.order import is_catch
+from etd.calibrate.progress import Progress, save_progress
 from etd.files import resources
 from etd.files.calibration import load_calibration, to_toml
+from etd.protocol.calibration import ElectrodeLimits
 
 pytestmark = pytest.mark.slow
 
@@ -239,6 +242,29 @@ def test_the_keys_that_end_it_are_heard_while_the_operator_is_waited_for(
         assert ended.status == 1
         assert f"etd: {said}" in ended.err
         assert rig.run("status", "--json").answer["status"]["state"] == state
+
+
+def test_a_whole_array_too_strong_is_told_with_what_is_left_of_the_levels(rig: CommandRig) -> None:
+    """Half of level 1 was accepted, the step above it was not."""
+    conditions = msgspec.structs.replace(ROW, array="pad-8", electrodes=8, cap_ua=2_000)
+    limits = ElectrodeLimits(threshold_ua=900, comfortable_ua=1_600, cap_ua=1_900)
+    progress = Progress(conditions=conditions, seed=SEED, found=dict.fromkeys(range(8), limits))
+    save_progress(rig.folder / "state" / "etd" / "fake" / "calibrating" / "P01.json", progress)
+    out = rig.folder / "P01.toml"
+    at = AtTerminal(rig, *ARGUMENTS, "--out", str(out))
+    try:
+        for key in (b"f", b"t", b"t"):
+            at.command.line_with("SPACE STOP", "stdout")
+            at.press(key)
+        said = at.command.ended()
+    finally:
+        at.close()
+    assert said.status == 0, said.err
+    assert "all electrodes at once were too strong" in said.err
+    assert "their levels and caps are 50% of what each was alone" in said.err
+    made = load_calibration(out)
+    assert {(one.comfortable_ua, one.cap_ua) for one in made.electrode} == {(800, 950)}
+    assert made.is_whole_accepted
 
 
 @pytest.mark.parametrize("ending", [signal.SIGHUP, signal.SIGTERM])

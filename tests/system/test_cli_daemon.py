@@ -16,6 +16,7 @@ from etd.files.calibration import load_calibration
 from etd.files.paths import address_of
 from etd.files.resources import find
 from etd.protocol.calibration_set import digest_of
+from etd.protocol.messages import StateReport
 
 pytestmark = pytest.mark.slow
 
@@ -121,6 +122,37 @@ def test_monitor_prints_lines_where_there_is_no_terminal(shared: CommandRig) -> 
     told = shared.run("monitor", "--seconds", "1.3")
     assert told.status == 0
     assert re.match(r"SAFE, ceiling \d+ uA, silent", told.out.splitlines()[1])
+
+
+def test_a_key_in_the_monitor_says_too_strong(rig: CommandRig) -> None:
+    """Pressed on a terminal, by somebody who does not hold the lease."""
+    terminal, keys = os.openpty()
+    with (
+        rig.daemon("--array", "pad-8", "--timeout-factor", "50"),
+        Display(
+            address=address_of(rig.folder / "run" / "etd" / "main"),
+            client="test",
+            max_current_ua=2_000,
+            width_us=100,
+        ) as program,
+        program.telemetry("state", timeout_s=WITHIN_S) as reports,
+    ):
+        program.arm()
+        watching = rig.start("monitor", stdin=keys)
+        watching.line_with("ARMED", "stdout")
+        os.write(terminal, b"x-")
+        watching.line_with("said x0.99", "stdout")
+        told = next(
+            report.felt
+            for _, report in reports
+            if isinstance(report, StateReport) and report.felt is not None
+        )
+        watching.signal(signal.SIGINT)
+        assert watching.ended().status == 0
+    assert (told.answer, told.answers, told.electrodes) == ("too_strong", 1, None)
+    assert told.lowers_only
+    os.close(terminal)
+    os.close(keys)
 
 
 def test_arm_without_a_lease_says_that_an_application_comes_first(shared: CommandRig) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Protocol, TypeAlias, get_args
 
 from etd.calibrate.answers import Answer, Answerer, Ask, Presentation, Question
-from etd.calibrate.order import is_reference_last
+from etd.calibrate.order import is_reference_last, is_silence_first
 from etd.calibrate.progress import Progress
 from etd.calibrate.reach import RISE, Reach, a_step_below
 from etd.calibrate.stimulator import Delivered
@@ -104,16 +104,53 @@ class Asking:
         progress.catch_trials += 1
         progress.false_alarms += answer != "not_felt"
 
+    def catch_compared(
+        self, electrode: int, stands_for_ua: int, reference: int, reference_ua: int
+    ) -> None:
+        """The reference, and silence in the electrode's place: any answer is a false alarm but that
+        the silence was weaker. Of the two only the reference can have been too strong.
+
+        Raises: Stopped, NotDelivered, Refused (`bad_calibration`: the reference was too strong).
+        """
+        self._pause()
+        progress, presenter = self._progress, self._presenter
+        is_last = is_silence_first(progress.seed, progress.presentations)
+        if is_last:
+            presenter.silence(electrode)
+            presenter.pause(_BETWEEN_S)
+            begun_ns = presenter.present(reference, reference_ua).begun_ns
+        else:
+            presenter.present(reference, reference_ua)
+            presenter.pause(_BETWEEN_S)
+            begun_ns = presenter.silence(electrode).begun_ns
+        progress.presentations += 1
+        presented = Presentation(
+            electrode=electrode,
+            current_ua=0,
+            commanded_ua=0,
+            begun_ns=begun_ns,
+            reference=reference,
+            reference_ua=reference_ua,
+            is_reference_last=is_last,
+            stands_for_ua=stands_for_ua,
+        )
+        self._on_presented(presented)
+        answer = self._compared(presented, reference, {reference: a_step_below(reference_ua)})
+        progress.catch_trials += 1
+        progress.false_alarms += answer != "weaker"
+
     def sensation(self, electrode: int, comfortable_ua: int) -> Sensation:
-        """What the comfortable level feels like, and where. None: no such answer, or too strong,
-        which is kept. Raises: Stopped, NotDelivered.
+        """What the comfortable level feels like, and where; asked again where `too_strong` was a
+        slip. None: too strong, which is kept. Raises: Stopped, NotDelivered.
         """
         self._pause()
         presented = self._present(electrode, comfortable_ua)
         left_ua = {electrode: a_step_below(comfortable_ua)}
-        quality = self._strength_of(presented, lambda: self._lower(left_ua), "quality")
-        if quality not in get_args(Quality):
-            return None, None
+        quality: Answer = "not_felt"
+        while quality not in get_args(Quality):
+            quality = self._strength_of(presented, lambda: self._lower(left_ua), "quality")
+            if quality == "too_strong":
+                return None, None
         place = self._answered(Question("place", electrode), presented)
         return (
             next((one for one in get_args(Quality) if one == quality), None),
@@ -166,7 +203,12 @@ class Asking:
             reference: a_step_below(reference_ua),
             electrode: reach.left_below(current_ua),
         }
-        question = Question("compare", electrode, reference, is_last)
+        return self._compared(presented, reference, left_ua)
+
+    def _compared(self, presented: Presentation, reference: int, left_ua: dict[int, int]) -> Answer:
+        """Until the answer is not taken back. Raises: Stopped, Refused."""
+        is_last = presented.is_reference_last
+        question = Question("compare", presented.electrode, reference, is_last)
         while True:
             before = self._kept()
             answer = self._answered(question, presented, lambda: self._lower(left_ua))
@@ -182,7 +224,8 @@ class Asking:
         left_ua: dict[int, int],
         before: _Kept,
     ) -> bool:
-        """Both count as too strong until the answer says which: it may never come. False: neither.
+        """Both count as too strong until the answer says which: it may never come. What is not in
+        `left_ua` was silent, and is not lowered. False: neither.
 
         Raises: Refused.
         """
@@ -196,7 +239,7 @@ class Asking:
         if which in ("first", "second"):
             self._take_back(before)
             too_strong = reference if which == "first" else electrode
-            self._lower({too_strong: left_ua[too_strong]})
+            self._lower({one: ua for one, ua in left_ua.items() if one == too_strong})
         if which != "second":
             raise too_strong_reference(reference)
         return True

@@ -84,6 +84,8 @@ class Course:
         self._asks_sensation = asks_sensation
         self._waiting: list[int] = []
         self._in_play: dict[int, Task] = {}
+        #: What each of these feels like was asked in this run, whatever was answered.
+        self._asked_sensation: set[int] = set()
         self.left: dict[int, str] = {}
 
     def run(self, electrodes: Sequence[int]) -> Progress:
@@ -94,14 +96,18 @@ class Course:
         wanted = set(electrodes) - set(progress.found)
         self._waiting = shuffled(progress.seed, progress.conditions.electrodes, wanted)
         self._in_play.clear()
-        while self._waiting or self._in_play:
+        self._asked_sensation.clear()
+        while True:
             if self._waiting and len(self._in_play) < self._most_in_play():
                 self._attempt(self._waiting.pop(0), self._begin)
-            else:
+            elif self._in_play:
                 self._attempt(
                     drawn(progress.seed, progress.presentations, self._in_play), self._trial
                 )
-        return progress
+            elif unasked := self._without_sensation():
+                self._attempt(unasked[0], self._ask_sensation)
+            else:
+                return progress
 
     def feel_whole(self) -> None:
         """All felt electrodes at once, up to level 1: many together feel stronger than each, and
@@ -147,8 +153,8 @@ class Course:
 
     def _trial(self, electrode: int) -> None:
         progress, task = self._progress, self._in_play[electrode]
-        if task.can_be_silent and is_catch(progress.seed, progress.presentations):
-            self._asking.catch(electrode, task.track.current_ua)
+        if is_catch(progress.seed, progress.presentations):
+            task.silent_trial()
             return
         task.trial()
         self._settle(electrode)
@@ -167,19 +173,35 @@ class Course:
         self.left.pop(electrode, None)
         self._on_progress(progress)
         if self._asks_sensation and track.result.felt:
-            self._ask_sensation(electrode, track.result)
+            self._ask_sensation(electrode)
         self._on_found(electrode)
-        if self._waiting and progress.seed is not None and len(progress.found) % CHECK_EACH == 0:
+        check_each = min(CHECK_EACH, progress.conditions.electrodes // 2)
+        if self._waiting and progress.seed is not None and len(progress.found) % check_each == 0:
             self._check_first()
 
-    def _ask_sensation(self, electrode: int, found: ElectrodeLimits) -> None:
+    def _ask_sensation(self, electrode: int) -> None:
         """The figures are kept already, whatever is answered."""
+        self._asked_sensation.add(electrode)
+        found = self._progress.found[electrode]
         quality, place = self._asking.sensation(electrode, found.comfortable_ua)
         if electrode in self._progress.found:
             self._progress.found[electrode] = replace(found, quality=quality, place=place)
             self._on_progress(self._progress)
         else:
+            self._asked_sensation.discard(electrode)
             self._queue_if_taken_back(electrode)
+
+    def _without_sensation(self) -> list[int]:
+        """Those that have their figures, and were not asked: a pause came first, or it was not
+        wanted then.
+        """
+        if not self._asks_sensation:
+            return []
+        return [
+            electrode
+            for electrode, limits in self._progress.found.items()
+            if limits.felt and limits.quality is None and electrode not in self._asked_sensation
+        ]
 
     # --- drift -------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from math import exp, log
 
+from etd.calibrate.answers import Answer
 from etd.calibrate.limits import FINE
 from etd.calibrate.reach import RISE
 from etd.calibrate.trial import Procedure
@@ -19,15 +20,17 @@ _SAME = 4
 _WEAKER_AT_CAP = 2
 
 
-def lead_up(from_ua: float, to_ua: float) -> Procedure[bool]:
-    """In steps of 10 % up to a current that was accepted earlier; False if it is too strong now."""
-    requested_ua = from_ua
+def lead_up(from_ua: float, to_ua: float) -> Procedure[Answer]:
+    """In steps of 10 % up to a current that was accepted earlier: the last answer. `too_strong`
+    ends it before; `not_felt` was answered twice there.
+    """
+    requested_ua, missed = from_ua, 0
     while True:
         heard = yield min(requested_ua, to_ua)
-        if heard.answer == "too_strong":
-            return False
-        if heard.current_ua >= round(to_ua):
-            return True
+        is_there = heard.current_ua >= round(to_ua)
+        missed = missed + 1 if is_there and not heard.is_felt else 0
+        if heard.answer == "too_strong" or (is_there and missed in (0, 2)):
+            return heard.answer
         requested_ua = heard.current_ua * RISE
 
 

@@ -17,7 +17,8 @@ CATCH_IN = 8
 #: So many electrodes are in play at once. More would hide the order better, but their thresholds
 #: drift apart in the meantime, and an interruption would lose more.
 IN_PLAY = 4
-#: After so many electrodes the first one is asked again.
+#: After so many electrodes, or half of them, the first one is asked again; with `equalize` it is
+#: the reference, after so many.
 CHECK_EACH = 8
 
 
@@ -45,6 +46,11 @@ def is_reference_last(seed: int | None, electrode: int, comparison: int) -> bool
         return False
     pair, place = divmod(comparison, 2)
     return random.Random(f"pair {seed} {electrode} {pair}").randrange(2) == place
+
+
+def is_silence_first(seed: int | None, trial: int) -> bool:
+    """Of a silent comparison, which is none of those pairs: the reference comes after it."""
+    return random.Random(f"silence {seed} {trial}").randrange(2) == 0
 
 
 def drawn(seed: int | None, trial: int, in_play: Collection[int]) -> int:

@@ -25,6 +25,15 @@ _QUARTER_HOUR = 1_000
 _NEARLY = 3.0
 
 
+#: Which of two was too strong, by whether the first was, and the second.
+_WHICH: dict[tuple[bool, bool], Answer] = {
+    (False, False): "neither",
+    (True, False): "first",
+    (False, True): "second",
+    (True, True): "both",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Felt:
     """One presentation as felt: strength and pain, each 1 at its threshold."""
@@ -41,7 +50,8 @@ class ResponseModel:
     noise: float = 0.05
     #: The share of presentations answered by chance.
     lapses: float = 0.01
-    #: The share of presentations not felt, silent ones included, that are said to be felt.
+    #: The share of presentations not felt, silent ones included, that are said to be felt; of two,
+    #: to be as strong as the other or stronger.
     false_alarms: float = 0.0
     #: The share of answers where another key is pressed than was meant.
     slips: float = 0.0
@@ -73,8 +83,9 @@ class SimulatedPerson:
         self._random = random.Random(seed)
         self._presentations = 0
         self._drifted = 0.0
-        #: The answer to the last presentation, before any slip.
+        #: The answer to the last presentation, before any slip; and of two which was too strong.
         self._meant: Answer = "not_felt"
+        self._which: Answer = "neither"
 
     @property
     def threshold_times(self) -> float:
@@ -84,9 +95,7 @@ class SimulatedPerson:
 
     def answer(self, question: Question, _: Callable[[], None]) -> Answer:
         if question.ask == "which":
-            # What it called too strong was the electrode, if it was.
-            electrode: Answer = "first" if question.is_reference_last else "second"
-            return self._pressed(question, electrode if self._meant == "too_strong" else "neither")
+            return self._pressed(question, self._which)
         if question.ask in ("quality", "place"):
             return self._pressed(question, ANSWERS[question.ask][0])
         if question.ask != "sure":
@@ -105,27 +114,42 @@ class SimulatedPerson:
         return self._random.choice([one for one in ANSWERS[question.ask] if one != meant])
 
     def _judged(self, question: Question) -> Answer:
-        model, chance = self._model, self._random
-        felt, noise = self._sense(question.electrode), exp(chance.gauss(0.0, model.noise))
-        if felt.pain * noise / self.threshold_times >= model.discomfort * model.endures:
-            return "too_strong"
-        perceived = felt.strength * noise / self.threshold_times
+        perceived, hurts = self._perceived(question.electrode)
         if question.reference is not None:
-            return self._compared(perceived, question.reference, question)
+            return self._compared(perceived, hurts, question.reference, question)
+        if hurts:
+            return "too_strong"
+        model, chance = self._model, self._random
         if chance.random() < model.lapses:
             return chance.choice(("not_felt", "felt"))
         if perceived < 1.0:
             return "felt" if chance.random() < model.false_alarms else "not_felt"
         return "comfortable" if perceived >= model.comfortable else "felt"
 
-    def _compared(self, perceived: float, reference: int, question: Question) -> Answer:
+    def _perceived(self, electrode: int) -> tuple[float, bool]:
+        """How strong it was, and whether it was too strong."""
+        model, felt = self._model, self._sense(electrode)
+        noise = exp(self._random.gauss(0.0, model.noise)) / self.threshold_times
+        return felt.strength * noise, felt.pain * noise >= model.discomfort * model.endures
+
+    def _compared(
+        self, perceived: float, hurts: bool, reference: int, question: Question
+    ) -> Answer:
         """The second with the first. What comes second is felt stronger, by `second`."""
-        model, noise = self._model, exp(self._random.gauss(0.0, self._model.noise))
-        other = self._sense(reference).strength * noise / self.threshold_times
-        first, second = perceived, other
-        if not question.is_reference_last:
-            first, second = second, first
+        model, chance = self._model, self._random
+        other, other_hurts = self._perceived(reference)
+        strengths, too_strong = [other, perceived], [other_hurts, hurts]
+        if question.is_reference_last:
+            strengths, too_strong = strengths[::-1], too_strong[::-1]
+        self._which = _WHICH[too_strong[0], too_strong[1]]
+        if any(too_strong):
+            return "too_strong"
+        if chance.random() < model.lapses:
+            return chance.choice(("weaker", "same", "stronger"))
+        first, second = (one if one >= 1.0 else 0.0 for one in strengths)
         if first <= 0.0 or second <= 0.0:
+            if chance.random() < model.false_alarms:
+                return chance.choice(("same", "weaker" if first <= 0.0 else "stronger"))
             return "same" if first == second else "weaker" if first > 0.0 else "stronger"
         apart = log(second / first) + model.second
         if abs(apart) < model.alike:

@@ -43,27 +43,33 @@ PROCEDURES: dict[str, Callable[[float], Procedure[Threshold]]] = {
 
 
 class Task:
-    """One electrode under way: `present` shows a current there and returns the answer."""
+    """One electrode under way: `present` shows a current there and returns the answer, `silent`
+    asks the same about silence that stands for a current.
+    """
 
     def __init__(
         self,
         electrode: int,
         track: Track[ElectrodeLimits],
         present: Callable[[int], Answer],
-        can_be_silent: bool = True,
+        silent: Callable[[int], None],
         is_check: bool = False,
     ) -> None:
         self.electrode = electrode
         self.track = track
-        self.can_be_silent = can_be_silent
         #: An electrode that has its figures is asked again: what it gives is not kept.
         self.is_check = is_check
         self._present = present
+        self._silent = silent
 
     def trial(self) -> None:
         """One presentation and its question. Raises: Stopped, Unsettled, NotDelivered, Refused."""
         current_ua = self.track.current_ua
         self.track.hear(current_ua, self._present(current_ua))
+
+    def silent_trial(self) -> None:
+        """Like a trial, and silent where the current would be. Raises: as that one."""
+        self._silent(self.track.current_ua)
 
 
 class Tasks(Protocol):
@@ -102,6 +108,7 @@ class ThresholdTasks:
             electrode,
             Track(self._figures(electrode, reach), reach),
             lambda ua: self._asking.strength(electrode, reach, ua),
+            lambda ua: self._asking.catch(electrode, ua),
         )
 
     def check(self, electrode: int) -> Task | None:
@@ -112,6 +119,7 @@ class ThresholdTasks:
             electrode,
             Track(self._again(found, reach), reach),
             lambda ua: self._asking.strength(electrode, reach, ua),
+            lambda ua: self._asking.catch(electrode, ua),
             is_check=True,
         )
 

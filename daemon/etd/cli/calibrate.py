@@ -97,8 +97,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reference",
         type=int,
         metavar="E",
-        help="with equalize: the electrode that the others are compared with (default: the felt"
-        " electrode nearest to the middle)",
+        help="with equalize: the electrode that the others are compared with (default: of those"
+        " with the most room above their comfortable level, the nearest to the middle)",
     )
     parser.add_argument(
         "--fit",

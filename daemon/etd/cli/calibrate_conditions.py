@@ -1,7 +1,7 @@
 """The conditions of a calibration, from the command line and the defaults.
 
-Owns: where each condition comes from (command line, else baseline, else body site), the reference
-electrode, and errors that name the option. Must not know: the course of a calibration.
+Owns: where each condition comes from (command line, else baseline, else body site), and errors that
+name the option. Must not know: the course of a calibration.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import argparse
 import msgspec
 
 from etd.calibrate.conditions import Conditions, identity
+from etd.calibrate.equal_strength import default_reference
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import FileError
 from etd.protocol.facts import ArrayFacts
@@ -55,7 +56,7 @@ def requested_conditions(
         "shape": msgspec.to_builtins(facts.shape.at(width_us)),
         "cap_ua": most_ua,
         "baseline": None if base is None else identity(args.baseline, base),
-        "reference": _reference(args, facts.array, base) if args.method == "equalize" else None,
+        "reference": _reference(args, facts.array, base),
     }
     try:
         return convert(asked, Conditions, COMMAND_LINE)
@@ -89,17 +90,7 @@ def _check_returns(args: argparse.Namespace, facts: HelloReply) -> None:
         )
 
 
-def _reference(args: argparse.Namespace, array: ArrayFacts, base: Calibration | None) -> int:
-    """`--reference`, or the electrode felt in the baseline that is nearest to the middle."""
-    if args.reference is not None:
-        return int(args.reference)
-    each = () if base is None else base.electrode[: array.electrodes]
-    felt = [index for index, limits in enumerate(each) if limits.felt]
-    middle_x = sum(array.x_mm) / array.electrodes
-    middle_y = sum(array.y_mm) / array.electrodes
-    return min(
-        felt or range(array.electrodes),
-        key=lambda electrode: (
-            (array.x_mm[electrode] - middle_x) ** 2 + (array.y_mm[electrode] - middle_y) ** 2
-        ),
-    )
+def _reference(args: argparse.Namespace, array: ArrayFacts, base: Calibration | None) -> int | None:
+    if args.method != "equalize" or args.reference is not None:
+        return args.reference if args.method == "equalize" else None
+    return default_reference(base, array.x_mm, array.y_mm)

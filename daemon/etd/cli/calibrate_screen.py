@@ -50,6 +50,7 @@ class Screen:
         self._presented: Presentation | None = None
         self._electrode: int | None = None
         self._ask: Ask | None = None
+        self._advice = ""
 
     def begin(self) -> None:
         """Before the first question, during the soft start."""
@@ -69,6 +70,8 @@ class Screen:
             self._electrode = question.electrode
             above = [_CLEAR] if is_terminal() else []
             print("\n".join([*above, *self.rows(), self.line(), _SIGNS]))
+            if self._advice and is_terminal():
+                print(self._advice)
         print(self._what(question))
         print(f"{_ASKED[question.ask]}\n{legend(question.ask)}", flush=True)
 
@@ -91,6 +94,12 @@ class Screen:
             print(self.line(), file=sys.stderr, flush=True)
         elif not is_terminal():
             print(self.line(), flush=True)
+
+    def advise(self, advice: str) -> None:
+        """Stays on a screen that is redrawn; otherwise it is printed once."""
+        self._advice = advice
+        if self._is_quiet or not is_terminal():
+            print(advice, file=sys.stderr, flush=True)
 
     def rows(self) -> list[str]:
         """The array as text; `line` explains the signs."""

@@ -113,7 +113,7 @@ class CalibrateSession:
             on_presented=self._shown.presented,
             on_answered=self._trials.answered,
             on_found=lambda _: self._shown.found(),
-            on_drift=_propose_a_rest,
+            on_drift=lambda drift: self._shown.advise(_rest_after(drift)),
             asks_sensation=self._args.ask_sensation,
         )
         self._shown.begin()
@@ -125,6 +125,7 @@ class CalibrateSession:
 
     def _feel_whole(self, course: Course) -> None:
         """What cannot be presented leaves the levels as each electrode was accepted."""
+        before_ua = max(self._progress.level_1_ua.values(), default=0)
         try:
             course.feel_whole()
         except NotDelivered as error:
@@ -133,6 +134,15 @@ class CalibrateSession:
                 " one electrode at a time only",
                 file=sys.stderr,
             )
+        finally:
+            after_ua = max(self._progress.level_1_ua.values(), default=0)
+            if after_ua < before_ua:
+                print(
+                    "all electrodes at once were too strong: their levels and caps are"
+                    f" {after_ua / before_ua:.0%} of what each was alone",
+                    file=sys.stderr,
+                    flush=True,
+                )
 
     def settle(self) -> int:
         """Store a complete calibration in the daemon; otherwise report what is missing."""
@@ -224,8 +234,8 @@ class CalibrateSession:
         print(
             f"{self._which}: {len(felt)} of {len(made.electrode)} electrodes are felt, thresholds"
             f" {min(limits.threshold_ua for limits in felt)} to"
-            f" {max(limits.threshold_ua for limits in felt)} uA\n{count} presentations;"
-            f" {self._where()}"
+            f" {max(limits.threshold_ua for limits in felt)} uA\n{count} presentations,"
+            f" order of seed {self._progress.seed}; {self._where()}"
         )
         if self.trials is not None:
             print(f"trials: {self.trials}")
@@ -241,12 +251,11 @@ class CalibrateSession:
         return f"stored in {self._args.out}"
 
 
-def _propose_a_rest(drift: float) -> None:
-    print(
-        f"the threshold of the first electrode has {'risen' if drift > 0 else 'fallen'} by"
-        f" {abs(drift):.0%}: a rest of five minutes is advised (q; then the same command)",
-        file=sys.stderr,
-        flush=True,
+def _rest_after(drift: float) -> str:
+    """Of at most two lines of a terminal."""
+    return (
+        f"The first electrode's threshold has {'risen' if drift > 0 else 'fallen'} by"
+        f" {abs(drift):.0%}.\nRest for five minutes: q, and later the same command."
     )
 
 

@@ -59,6 +59,9 @@ class Watch:
             print(count_of(self._progress), file=sys.stderr, flush=True)
         self._draw()
 
+    def advise(self, advice: str) -> None:
+        print(advice, file=sys.stderr, flush=True)
+
     def _draw(self) -> None:
         if self._bar is None or self._task is None:
             return

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from etd.cli import options
 from etd.cli.extras import check_installed
+from etd.files.trust import open_own
 
 if TYPE_CHECKING:
     from etd.explain.figure import Figure
@@ -47,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit status 0. Raises: OSError when the plot cannot be written."""
+    """Exit status 0. Raises: FileError, OSError when the plot cannot be written."""
     if args.figure not in NAMES:
         said = "no figure is named" if args.figure is None else f"unknown figure {args.figure!r}"
         args.misused(f"{said}; name one of {', '.join(NAMES)}")
@@ -62,12 +64,20 @@ def run(args: argparse.Namespace) -> int:
 
     figure = FIGURES[args.figure]()
     if args.plot is not None:
-        args.plot.write_text(svg_of(figure), encoding="utf-8")
+        _write_plot(args.plot, svg_of(figure))
     if args.json:
         print(json.dumps({"ok": True, **figure.as_dict()}))
     else:
         print("\n".join(_lines(figure)))
     return 0
+
+
+def _write_plot(path: Path, svg: str) -> None:
+    """Over an old one, and past no link. Raises: FileError, OSError."""
+    number = open_own(path, os.O_WRONLY | os.O_CREAT, 0o644)
+    with os.fdopen(number, "w", encoding="utf-8") as file:
+        file.truncate()
+        file.write(svg)
 
 
 def _lines(figure: Figure) -> list[str]:

@@ -16,8 +16,14 @@ def said_of_false_alarms(made: Calibration) -> str | None:
     rate = made.false_alarm_rate
     if rate is None or made.catch_trials is None or rate <= _MOST:
         return None
+    silent = f"{rate:.0%} of {made.catch_trials} silent trials, more than {_MOST:.0%}"
+    if made.method == "equalize":
+        return (
+            f"{made.participant} called silence as strong as the reference in {silent}: the levels"
+            " may be too low; explain the task again (what is not felt is weaker), and calibrate"
+            " again"
+        )
     return (
-        f"{made.participant} felt {rate:.0%} of {made.catch_trials} silent trials, more than"
-        f" {_MOST:.0%}: the thresholds may be too low; explain the task again (n when nothing is"
-        " felt), and calibrate again"
+        f"{made.participant} felt {silent}: the thresholds may be too low; explain the task again"
+        " (n when nothing is felt), and calibrate again"
     )

@@ -138,10 +138,8 @@ class Clearance:
             return soft_start.risen_after_ns(electrode, current_ua, period_ns, now_ns)
 
         touched, want = self._contact.is_touched, returns.share.want
-        factors, net_pc = self._feeling.lowered(), self._ledger.net.all(now_ns)
-        return Outlook(
-            path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want, factors, net_pc
-        )
+        factors, net = self._feeling.lowered(), self._ledger.net.states(now_ns)
+        return Outlook(path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want, factors, net)
 
     def limit(
         self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int
@@ -155,7 +153,7 @@ class Clearance:
         if cleared is None:
             cleared = self._limited(due, request, path, share, ceiling_ua, now_ns)
         if cleared is not None and due.purpose != "contact_poll":
-            self._returns.watch(scheduled, request.current_ua, cleared.entry)
+            self._returns.watch(scheduled, request.current_ua, cleared.entry, now_ns)
         return cleared
 
     def fit(

@@ -74,13 +74,18 @@ class Returns:
             self._paths[path.electrode] = known
         return known
 
-    def watch(self, scheduled: ScheduledPulse, request_ua: int, entry: Entry) -> None:
+    def watch(self, scheduled: ScheduledPulse, request_ua: int, entry: Entry, now_ns: int) -> None:
         """Starts contact polls where an unknown electrode matters: it may carry the whole pulse,
-        with a cap below the request, or all pulses of a second.
+        with a cap below the request, or all pulses of a second, or their direct current.
         """
         if self.share.is_wanted or scheduled.returns is not None:
             return
-        if request_ua > scheduled.path.return_ua or self._ledger.exceeds_one_return(entry):
+        ledger = self._ledger
+        if (
+            request_ua > scheduled.path.return_ua
+            or ledger.exceeds_one_return(entry)
+            or ledger.net.exceeds_one_return(now_ns)
+        ):
             self.share.want()
 
     # --- after it --------------------------------------------------------------------------------
@@ -110,6 +115,7 @@ class Returns:
         known = [self._known(electrode, now_ns) for electrode in self._electrodes]
         self._take(ReturnCaps(self._caps_ua, known))
         self._ledger.set_weights(self.share.weights(now_ns), now_ns)
+        self._ledger.net.set_conductances(self.share.conductances(now_ns))
 
     def _take(self, caps: ReturnCaps) -> None:
         self._caps = caps

@@ -24,7 +24,7 @@ _ON_TIME_NS = 200_000
 #: Between two polls while a frame waits for the trigger: its edge is noticed by a poll.
 _TRIGGER_TICK_NS = 250_000
 #: Poll period in a pause, and between the pulses of a burst.
-_POLL_NS = 2_000_000
+POLL_NS = 2_000_000
 
 
 class Sequencer:
@@ -54,6 +54,8 @@ class Sequencer:
         self._fired = 0
         #: The end of the scan before has rewritten the chain.
         self._is_rewritten = False
+        #: With none of its outputs selected, for a check of the source.
+        self._is_isolated = False
 
     @property
     def is_between_scans(self) -> bool:
@@ -104,7 +106,7 @@ class Sequencer:
         if not self._is_pausing:
             self._reporter.not_fired(None, "processor")
         self._is_pausing = True
-        self._clock.sleep_until_ns(min(pause_ns, now_ns + _POLL_NS))
+        self._clock.sleep_until_ns(min(pause_ns, now_ns + POLL_NS))
         schedule.was_paused(self._clock.now_ns() - now_ns)
 
     def go_on(self) -> bool:
@@ -126,7 +128,7 @@ class Sequencer:
         """True if the next pulse of a burst is not due yet; then some of the time is slept."""
         if now_ns >= earliest_ns:
             return False
-        self._clock.sleep_until_ns(min(earliest_ns, now_ns + _POLL_NS))
+        self._clock.sleep_until_ns(min(earliest_ns, now_ns + POLL_NS))
         return True
 
     def _between_scans(self, now_ns: int) -> bool:
@@ -141,7 +143,8 @@ class Sequencer:
         room_ns = None
         if schedule is not None and not schedule.is_waiting:
             room_ns = schedule.next_ns - now_ns
-        if is_armed and self._source_check.is_due(now_ns, room_ns):
+        is_ready = self._is_isolated or not self._is_rewritten
+        if is_armed and self._source_check.is_due(now_ns, room_ns, is_ready=is_ready):
             return True
         if schedule is None or not is_armed:
             self._lateness.reset()
@@ -209,7 +212,7 @@ class Sequencer:
         upcoming = schedule.upcoming
         if upcoming is not None and not self._is_rewritten:
             self._board.prepare(upcoming.selection, whole=True)
-        self._is_rewritten = False
+        self._is_rewritten = self._is_isolated = False
         self._fired = 0
         self._computing.begin(self._clock.now_ns(), self._poller.planning_ns)
         if upcoming is None:
@@ -280,6 +283,7 @@ class Sequencer:
     def checked(self) -> None:
         """The source was checked with no output selected: the next scan begins with its first."""
         schedule = self._active.schedule
+        self._is_isolated = False
         if self._is_rewritten and schedule is not None and schedule.plan.schedule:
             self._board.prepare(schedule.plan.schedule[0].selection)
             self._board.release()
@@ -287,7 +291,8 @@ class Sequencer:
     def _rewrite(self, first: Selection, next_ns: int) -> None:
         """For the next scan; where the source is checked before it, for that."""
         now_ns = self._clock.now_ns()
-        if self._source_check.is_due(now_ns, next_ns - now_ns):
+        self._is_isolated = self._source_check.is_due(now_ns, next_ns - now_ns)
+        if self._is_isolated:
             self._board.isolate(whole=True)
         else:
             self._board.prepare(first, whole=True)

@@ -9,11 +9,13 @@ nothing connected the node is current x leak. So before each arming, and each se
 fired with all outputs blanked; see docs/decisions/0038.
 
 A latch that does not take over what is shifted sends the pulses of all electrodes to one. So after
-that, and each tenth of a second while a frame is shown, a pulse is fired with the outputs live and
+that, and each tenth of a second while armed, a pulse is fired with the outputs live and
 none selected: it must read the same; see docs/decisions/0078.
 
-The pulse is a third of a probe, as in a self-test: a source that makes three times what it is told
-is still within the probe's bound.
+The first pulse is a third of a probe, as in a self-test: a source that makes three times what it is
+told is still within the probe's bound. A source that is wrong above some current only passes that.
+So the whole probe follows, with the outputs blanked. While armed the pulses with the outputs live
+tell of a third of a probe, and the blanked one of that is left out: two messages fit between scans.
 """
 
 from __future__ import annotations
@@ -38,61 +40,88 @@ class SourceCheck:
         self._board = board
         self._maxima = maxima
         self._firing = firing
-        self._current_ua = maxima.now.probe_current_ua // _PART
+        whole_ua = maxima.now.probe_current_ua
+        self._part_ua = whole_ua // _PART
         #: When the last one began; 0 before the first.
         self.checked_ns = self._exposed_ns = 0
         self._has_latch = board.can_fire_unselected
-        source = board.file.source
-        commanded_ua = source.current_of(source.code_for(self._current_ua))
-        why = board.rules.why_untold(int(commanded_ua))
+        #: A frame is, so that another scan follows.
+        self._is_shown = False
+        why = self._why_untold(self._part_ua)
         #: Where the board's figures allow no check: the sentence that says so.
         self.limitations = () if why is None else (f"the source is not checked while armed: {why}",)
+        #: None: the node would come higher than can be read.
+        self._whole_ua = None if self._why_untold(whole_ua) else whole_ua
 
-    def is_due(self, now_ns: int, room_ns: int | None) -> bool:
-        """Whether a second has passed since the last check; a tenth, where pulses are fired.
-        `room_ns`: until the next scan; None: no frame is shown. A scan that would be late for it
-        goes first, once.
+    def _why_untold(self, current_ua: int) -> str | None:
+        source = self._board.file.source
+        commanded_ua = source.current_of(source.code_for(current_ua))
+        return self._board.rules.why_untold(int(commanded_ua))
+
+    def is_due(self, now_ns: int, room_ns: int | None, *, is_ready: bool = True) -> bool:
+        """Whether a second has passed since the last check; a tenth, of the latch. `room_ns`: until
+        the next scan; None: no frame is shown. A scan that would be late for it goes first, once:
+        so does the first of a frame, since the latch is looked at in silence as well. And so does
+        one for which the chain has been rewritten (not `is_ready`): to shift zeros in would take as
+        long as the message.
         """
+        self._is_shown = room_ns is not None
         if self.limitations:
+            return False
+        if room_ns is not None and room_ns < _TAKES_NS and not is_ready:
             return False
         if now_ns - self.checked_ns >= PERIOD_NS:
             return True
-        if room_ns is None or not self._has_latch:
+        if not self._has_latch:
             return False
-        since_ns = now_ns - self._exposed_ns
-        return since_ns >= (LATCH_PERIOD_NS if room_ns >= _TAKES_NS else 2 * LATCH_PERIOD_NS)
+        is_late = room_ns is not None and room_ns < _TAKES_NS
+        return now_ns - self._exposed_ns >= (2 if is_late else 1) * LATCH_PERIOD_NS
 
-    def check(self, now_ns: int) -> BoardFault | None:
+    def check(self, now_ns: int, *, is_before_arming: bool = False) -> BoardFault | None:
         """Between two pulses, with the outputs blanked. Returns what is wrong with the source, or
         with what is connected to it.
 
         Raises: BusError, GuardRefusal; BoardFault for a message or samples that are not valid.
         """
-        is_whole = now_ns - self.checked_ns >= PERIOD_NS
+        is_whole = is_before_arming or now_ns - self.checked_ns >= PERIOD_NS
         if is_whole:
             self.checked_ns = now_ns
-        self._exposed_ns = now_ns
         if self.limitations:
             return None
-        given = PulseRequest(self._current_ua, self._maxima.now.probe_width_us)
-        pulse = self._board.pulse(given.current_ua, given.width_us)
         self._board.isolate()
-        fault = self._blanked(pulse, given) if is_whole else None
-        if fault is not None or not self._has_latch:
+        fault = self._blanked(is_before_arming) if is_whole else None
+        # Between two scans there is time for one message; that with the outputs live comes soon.
+        is_alone = is_whole and self._is_shown and not is_before_arming
+        if fault is not None or not self._has_latch or is_alone:
             return fault
-        fault = self._exposed(pulse, given)
+        self._exposed_ns = now_ns
+        fault = self._exposed()
         if fault is not None and not is_whole:
             # Which of the two it is: a source that is wrong is so without an electrode as well.
-            fault = self._blanked(pulse, given) or fault
+            fault = self._unloaded(self._part_ua) or fault
         return fault
 
-    def _blanked(self, pulse: Pulse, given: PulseRequest) -> BoardFault | None:
+    def _probe(self, current_ua: int) -> tuple[Pulse, PulseRequest]:
+        given = PulseRequest(current_ua, self._maxima.now.probe_width_us)
+        return self._board.pulse(given.current_ua, given.width_us), given
+
+    def _blanked(self, is_before_arming: bool) -> BoardFault | None:
+        """A third of a probe, where nothing has told of it lately, and the whole."""
+        is_told = self._has_latch and not is_before_arming and self._whole_ua is not None
+        fault = None if is_told else self._unloaded(self._part_ua)
+        if fault is not None or self._whole_ua is None:
+            return fault
+        return self._unloaded(self._whole_ua)
+
+    def _unloaded(self, current_ua: int) -> BoardFault | None:
+        pulse, given = self._probe(current_ua)
         result = self._firing.fire_unloaded(pulse, given)
         return self._board.rules.unloaded_fault(
             pulse.commanded_ua, result.baseline_v, result.early_v, result.voltage_v
         )
 
-    def _exposed(self, pulse: Pulse, given: PulseRequest) -> BoardFault | None:
+    def _exposed(self) -> BoardFault | None:
+        pulse, given = self._probe(self._part_ua)
         result = self._firing.fire_unselected(pulse, given)
         return self._board.rules.unselected_fault(
             pulse.commanded_ua, result.early_v, result.voltage_v

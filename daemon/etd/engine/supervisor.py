@@ -266,7 +266,8 @@ class Supervisor:
 
     def _check_source(self) -> None:
         """Before the first pulse at a person. Raises: Refused; BusError, BoardFault."""
-        fault = self._components.source_check.check(self.clock.now_ns())
+        now_ns = self.clock.now_ns()
+        fault = self._components.source_check.check(now_ns, is_before_arming=True)
         if fault is not None:
             raise Refused("arm_failed", str(fault))
 

@@ -2,7 +2,10 @@
 
 Owns: the direct current that the pulses of a frame leave on each electrode, the time that follows
 from what is left there already, and the refusal of a frame that asks for longer. Must not know: how
-net charge is counted pulse by pulse (`safety/net_charge.py`), sockets, clocks.
+net charge is counted pulse by pulse (`safety/net_charge.py`), how contacts are measured, sockets,
+clocks.
+
+Both ways in which returns may share are looked at; the one by which the bound comes first counts.
 
 With a leak of time constant tau, a current I that begins at a charge q0 leaves
 I tau + (q0 - I tau) exp(-t / tau); a single pulse may stand above that by its own charge.
@@ -19,7 +22,7 @@ from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.errors import Refused
 from etd.protocol.frame import DEFAULT_TTL_MS, Frame
 from etd.protocol.outcome import Shortfall
-from etd.safety.net_charge import LEAK_NS
+from etd.safety.net_charge import LEAK_NS, LEAST_S, NetState, parts_of
 
 _LEAK_S = LEAK_NS / 1e9
 _PC_PER_UC = 1e6
@@ -47,18 +50,21 @@ class NetForecast:
         frame: Frame,
         schedule: Sequence[ScheduledPulse],
         visits: float,
-        left_pc: Sequence[float] | None,
+        states: Sequence[NetState],
     ) -> tuple[Shortfall, ...]:
         """What its reply says of a frame that cannot be shown for ever. `visits`: of each electrode
-        for each of the frame's periods. `left_pc`: what is on each electrode now.
+        for each of the frame's periods. `states`: what is on each electrode now; empty: nothing.
 
         Raises: Refused (`over_maximum`), where it would pass the bound as soon as in 200 ms.
         """
         if not schedule:
             return ()
-        first = self._first(schedule, visits, left_pc or [0.0] * self._count)
-        if first is None:
+        states = states or (NetState([1.0] * self._count, [0.0] * self._count),)
+        found = [self._first(schedule, visits, state) for state in states]
+        firsts = [it for it in found if it is not None]
+        if not firsts:
             return ()
+        first = min(firsts, key=lambda it: it.after_s)
         fastest_hz = max(scheduled.rate_hz for scheduled in schedule)
         lasting_hz = math.floor(10 * fastest_hz * first.lasting_part) / 10
         shown_s = min(frame.ttl_ms / 1e3, _JUDGED_S)
@@ -76,11 +82,11 @@ class NetForecast:
         return (told,)
 
     def _first(
-        self, schedule: Sequence[ScheduledPulse], visits: float, left_pc: Sequence[float]
+        self, schedule: Sequence[ScheduledPulse], visits: float, state: NetState
     ) -> _First | None:
         """None: these pulses never reach the bound."""
-        once_pc = [0.0] * self._count
-        currents = self._currents(schedule, visits, once_pc)
+        once_pc, left_pc = [0.0] * self._count, state.left_pc
+        currents = self._currents(schedule, visits, state.conducts_s, once_pc)
         scan_s = 1.0 / (visits * max(scheduled.rate_hz for scheduled in schedule))
         found: _First | None = None
         for electrode, current in enumerate(currents):
@@ -95,25 +101,31 @@ class NetForecast:
         return found
 
     def _currents(
-        self, schedule: Sequence[ScheduledPulse], visits: float, once_pc: list[float]
+        self,
+        schedule: Sequence[ScheduledPulse],
+        visits: float,
+        conducts_s: Sequence[float],
+        once_pc: list[float],
     ) -> list[float]:
-        """Of each electrode, in pC a second: its own, less an even part of what it carries back.
-        Puts what one of its visits leaves into `once_pc`.
+        """Of each electrode, in pC a second: its own, less its part of what it carries back. Puts
+        what one of its visits leaves into `once_pc`.
         """
-        found, pool, others = [0.0] * self._count, 0.0, max(1, self._count - 1)
+        found, pool, whole_s = [0.0] * self._count, 0.0, sum(conducts_s)
         for scheduled in schedule:
-            net_pc = self._net_pc(scheduled)
+            electrode, net_pc = scheduled.electrode, self._net_pc(scheduled)
             each = net_pc * scheduled.rate_hz * visits
-            once_pc[scheduled.electrode] = abs(net_pc)
-            found[scheduled.electrode] += each
+            once_pc[electrode] = abs(net_pc)
+            found[electrode] += each
             if scheduled.returns is None:
                 # All carry the pool back, and it its own part, which is put back here.
-                found[scheduled.electrode] += each / others
-                pool += each
+                part = each / max(LEAST_S, whole_s - conducts_s[electrode])
+                found[electrode] += conducts_s[electrode] * part
+                pool += part
             else:
-                for other in scheduled.returns:
-                    found[other] -= each / len(scheduled.returns)
-        return [current - pool / others for current in found]
+                parts = parts_of(scheduled.returns, conducts_s)
+                for other, part in zip(scheduled.returns, parts, strict=True):
+                    found[other] -= each * part
+        return [current - own_s * pool for current, own_s in zip(found, conducts_s, strict=True)]
 
     def _net_pc(self, scheduled: ScheduledPulse) -> int:
         """Of one visit. A probe goes the way of the first phase."""

@@ -13,6 +13,7 @@ import msgspec
 
 from etd.protocol.outcome import Clamp, ClampReason
 from etd.safety.limits import Path
+from etd.safety.net_charge import NetState
 
 #: In how long a pulse of this electrode and current would be let through, if it is pulsed each
 #: period in ns from now on; None where it would not within a minute.
@@ -34,14 +35,15 @@ class Outlook:
     ceilings of those that are touched again. `is_touched`: for all electrodes; None is unknown.
     `want_looks`: called where what is known of the returns takes something from a pulse.
     `factors`: on each electrode's current, by what the person said; None: nothing was said.
-    `net_pc`: the net charge on each electrode; None: nothing is known yet.
+    `net`: the net charge on each electrode, for each way in which returns may share; empty:
+    nothing is known yet.
     """
 
     __slots__ = (
         "ceiling_ua",
         "factors",
         "is_touched",
-        "net_pc",
+        "net",
         "path",
         "recontacts_ua",
         "risen_after_ns",
@@ -57,7 +59,7 @@ class Outlook:
         risen_after_ns: RisenAfter = lambda *_: None,
         want_looks: Callable[[], None] = lambda: None,
         factors: Sequence[float] | None = None,
-        net_pc: Sequence[float] | None = None,
+        net: Sequence[NetState] = (),
     ) -> None:
         self.path: Final = path
         self.ceiling_ua: Final = ceiling_ua
@@ -66,7 +68,7 @@ class Outlook:
         self.risen_after_ns: Final = risen_after_ns
         self.want_looks: Final = want_looks
         self.factors: Final = factors
-        self.net_pc: Final = net_pc
+        self.net: Final = net
 
     def felt_ua(self, electrode: int, current_ua: int) -> int | None:
         """What is left of a current since the person said too strong; None: all of it."""

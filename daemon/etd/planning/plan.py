@@ -147,7 +147,7 @@ class Planner:
         rate_hz, shortfalls = self._scan_rate.rate(frame, schedule, counted)
         self._check_array_mean(schedule, rate_hz, counted.wanted_hz)
         slowed = rate_hz / counted.wanted_hz * self._scan_rate.pulses
-        shortfalls += self._net_forecast.told(frame, schedule, slowed, outlook.net_pc)
+        shortfalls += self._net_forecast.told(frame, schedule, slowed, outlook.net)
         if clamped:
             clamped = tuple([outlook.with_time(clamp, rate_hz) for clamp in clamped])
             if frame.strict:

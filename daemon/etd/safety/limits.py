@@ -63,16 +63,13 @@ def limits_of_calibrations(
     Raises: Refused (`bad_calibration`, `over_maximum`, `board_cannot`).
     """
     check_together(calibrations)
-    first, *others = (
+    each = [
         limits_of_calibration(calibration, maxima, array, electrodes, site)
         for calibration in calibrations
-    )
-    if not others:
-        return first
-    smallest_ua = tuple(min(caps) for caps in zip(*map(_caps_ua, calibrations), strict=True))
-    return PersonLimits(
-        smallest_ua, first.width_us, first.accepted_us, calibrations[0], tuple(calibrations[1:])
-    )
+    ]
+    smallest_ua = tuple(map(min, zip(*(one.caps_ua for one in each), strict=True)))
+    first, others = each[0], tuple(calibrations[1:])
+    return PersonLimits(smallest_ua, first.width_us, first.accepted_us, calibrations[0], others)
 
 
 def limits_of_calibration(
@@ -211,12 +208,10 @@ def clamp_to_limits(
     nobody said so). A prepulse falls with its pulse, and its charge counts.
     """
     reason: ClampReason = "cap"
-    bound_ua = _within_cap(path.cap_ua, request, bounds)
-    if path.return_ua < path.cap_ua:
-        # Otherwise the own cap is the smaller bound.
-        return_ua = _within_cap(path.return_ua, request, bounds)
-        if return_ua < bound_ua:
-            bound_ua, reason = return_ua, "return_cap"
+    cap_ua: float = path.cap_ua
+    if path.return_ua < cap_ua:
+        cap_ua, reason = path.return_ua, "return_cap"
+    bound_ua = _within_cap(cap_ua, request, bounds)
     charge_ua = request.current_of(maxima.charge_pc - before_pc)
     if charge_ua < bound_ua:
         bound_ua, reason = charge_ua, "charge"
@@ -249,6 +244,6 @@ def _within_cap(cap_ua: float, request: PulseRequest, bounds: PulseBounds | None
     in those that the cap was accepted with. A wider pulse, or one with a prepulse that was not
     there then, gets no more charge.
     """
-    if bounds is None or (request.width_us <= bounds.cap_us and not request.prepulse_us):
+    if bounds is None:
         return int(cap_ua)
     return min(int(cap_ua), request.current_of(bounds.capped_pc(cap_ua)))

@@ -1,49 +1,163 @@
 """The net charge of each electrode: what pulses of one polarity leave as direct current.
 
 Owns: the signed charge of each electrode, returns included, with a leak, its bound, and whether one
-more pulse keeps it. Must not know: why a pulse is wanted, hardware, clocks: time comes in.
+more pulse keeps it. Must not know: why a pulse is wanted, how contacts are measured, hardware,
+clocks: time comes in.
 
 Charge is in pC, positive into the skin (anodic). It leaks with a time constant of one second, so
 that a bound in uC is as many uA of direct current that never ends. Every electrode counts its own
-pulses, and carries back an even part of those of others: with pulses at all electrodes alike, next
-to nothing is left anywhere. No connection after a pulse is credited: what passed the skin stays
-passed. See docs/decisions/0077.
+pulses, and carries back a part of those of others. No connection after a pulse is credited: what
+passed the skin stays passed. See docs/decisions/0077.
 
-All sums are kept as they were worth at one time, so that a pulse costs one exponential and nothing
-for each electrode.
+How returns share is known within bounds only: while the capacitance of the skin charges, each
+carries about as much as any other; after that, by conductance. So there are two accounts, one with
+even parts and one with those of the measured conductances, and each keeps the bound. What lies
+between the two ways to share leaves a charge between the two accounts.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 #: Of the leak: by design, of the order in which ions spread away from under an electrode.
 LEAK_NS: Final = 1_000_000_000
 #: After so many time constants the sums are moved to a new time: exp(30) is far from any bound.
 _MOVED_AFTER = 30.0
+#: Where no other conducts, in S: nothing is carried back then.
+LEAST_S = 1e-12
+
+
+class NetState(NamedTuple):
+    """One account as it is now: by what parts returns share, and the charge of each electrode."""
+
+    conducts_s: Sequence[float]
+    left_pc: Sequence[float]
+
+
+class _Account:
+    """One way to share: by these conductances, whose unit does not matter.
+
+    All sums are kept as they were worth at one time, so that a pulse costs one exponential and
+    nothing for each electrode. `growth`: what one pC of now counts among them.
+    """
+
+    def __init__(self, electrodes: int, bound_pc: int) -> None:
+        self._bound_pc: Final = bound_pc
+        self.conducts_s: Sequence[float] = [1.0] * electrodes
+        self._whole_s = float(electrodes)
+        self._best_s = 1.0
+        #: By electrode: its own pulses, and what it carried back of those that name it, and of all
+        #: pulses while other conductances held.
+        self._own_pc = [0.0] * electrodes
+        #: By electrode: its own pulses that return through all others, for each S of these; and all
+        #: of these together.
+        self._through = [0.0] * electrodes
+        self._pool = 0.0
+        #: Never above what is left to the electrode that is nearest to its bound.
+        self._room_pc = float(bound_pc)
+
+    def weigh(self, conducts_s: Sequence[float]) -> None:
+        """From now on returns share by these."""
+        if self._pool or any(self._through):
+            self._own_pc = [self.worth_pc(electrode) for electrode in range(len(self._own_pc))]
+            self._through, self._pool = [0.0] * len(self._own_pc), 0.0
+        self.conducts_s = conducts_s
+        self._whole_s, self._best_s = sum(conducts_s), max(conducts_s)
+
+    def worth_pc(self, electrode: int) -> float:
+        carried = self._pool - self._through[electrode]
+        return self._own_pc[electrode] - self.conducts_s[electrode] * carried
+
+    def fits(
+        self, electrode: int, net_pc: int, returns: tuple[int, ...] | None, growth: float
+    ) -> bool:
+        if not self._stays(self.worth_pc(electrode) / growth, net_pc):
+            return False
+        if returns is not None:
+            return all(
+                self._stays(self.worth_pc(other) / growth, -net_pc * part)
+                for other, part in zip(returns, parts_of(returns, self.conducts_s), strict=True)
+            )
+        each = net_pc / self._others_s(electrode)
+        if self._room_pc >= abs(each) * self._best_s:
+            return True
+        before_pc = [self.worth_pc(other) / growth for other in range(len(self._own_pc))]
+        self._room_pc = self._bound_pc - max(map(abs, before_pc))
+        return all(
+            other == electrode or self._stays(other_pc, -each * self.conducts_s[other])
+            for other, other_pc in enumerate(before_pc)
+        )
+
+    def add(
+        self, electrode: int, net_pc: float, returns: tuple[int, ...] | None, growth: float
+    ) -> None:
+        worth_pc = net_pc * growth
+        self._own_pc[electrode] += worth_pc
+        if returns is None:
+            others_s = self._others_s(electrode)
+            self._through[electrode] += worth_pc / others_s
+            self._pool += worth_pc / others_s
+            self._room_pc -= abs(net_pc) * self._best_s / others_s
+        else:
+            for other, part in zip(returns, parts_of(returns, self.conducts_s), strict=True):
+                self._own_pc[other] -= worth_pc * part
+            self._room_pc -= abs(net_pc)
+        own_pc = abs(self.worth_pc(electrode) / growth)
+        self._room_pc = min(self._room_pc, self._bound_pc - own_pc)
+
+    def scale(self, factor: float) -> None:
+        self._own_pc = [pc * factor for pc in self._own_pc]
+        self._through = [value * factor for value in self._through]
+        self._pool *= factor
+
+    def _others_s(self, electrode: int) -> float:
+        return max(LEAST_S, self._whole_s - self.conducts_s[electrode])
+
+    def _stays(self, before_pc: float, more_pc: float) -> bool:
+        """Within its bound, or nearer to it."""
+        after_pc = abs(before_pc + more_pc)
+        return after_pc <= self._bound_pc or after_pc < abs(before_pc)
 
 
 class NetCharge:
     def __init__(self, electrodes: int, bound_pc: int) -> None:
         self.bound_pc: Final = bound_pc
-        self._others: Final = max(1, electrodes - 1)
-        #: What these sums were worth at `_at_ns`.
+        self._even: Final = _Account(electrodes, bound_pc)
+        self._measured: Final = _Account(electrodes, bound_pc)
+        self._electrodes: Final = range(electrodes)
+        #: What the sums were worth at that time.
         self._at_ns = 0
-        #: By electrode: its own pulses, and what it carried back of those that name it.
-        self._own_pc = [0.0] * electrodes
-        #: By electrode: its own pulses that return through all others; and all of these.
-        self._through_pc = [0.0] * electrodes
-        self._pool_pc = 0.0
-        #: Never above what is left to the electrode that is nearest to its bound.
-        self._room_pc = float(bound_pc)
+        #: Pulses through all others.
+        self._through_pc = 0.0
+
+    def set_conductances(self, conducts_s: Sequence[float]) -> None:
+        """By electrode, in S, as they were measured; from now on returns share by these."""
+        self._measured.weigh(conducts_s)
 
     def of(self, electrode: int, now_ns: int) -> float:
-        return self._worth_pc(electrode) / self._growth(now_ns)
+        """In the account in which it has more."""
+        growth = self._growth(now_ns)
+        return _larger(
+            self._even.worth_pc(electrode) / growth, self._measured.worth_pc(electrode) / growth
+        )
 
     def all(self, now_ns: int) -> list[float]:
+        return list(map(_larger, *(state.left_pc for state in self.states(now_ns))))
+
+    def states(self, now_ns: int) -> tuple[NetState, NetState]:
+        """Of both accounts."""
         growth = self._growth(now_ns)
-        return [self._worth_pc(electrode) / growth for electrode in range(len(self._own_pc))]
+        even, measured = (
+            NetState(account.conducts_s, [account.worth_pc(it) / growth for it in self._electrodes])
+            for account in (self._even, self._measured)
+        )
+        return even, measured
+
+    def exceeds_one_return(self, now_ns: int) -> bool:
+        """Whether a single return that carries all of it would have more than its bound."""
+        return abs(self._through_pc / self._growth(now_ns)) > self.bound_pc
 
     def fits(
         self, electrode: int, net_pc: int, returns: tuple[int, ...] | None, now_ns: int
@@ -51,17 +165,10 @@ class NetCharge:
         """Whether no electrode of the path would pass its bound, but those that it brings back."""
         if not net_pc:
             return True
-        if not self._stays(self.of(electrode, now_ns), net_pc):
-            return False
-        each_pc = -net_pc / (self._others if returns is None else len(returns))
-        if returns is not None:
-            return all(self._stays(self.of(other, now_ns), each_pc) for other in returns)
-        if self._room_pc >= abs(each_pc):
-            return True
-        before_pc = self.all(now_ns)
-        self._room_pc = self.bound_pc - max(map(abs, before_pc))
-        del before_pc[electrode]
-        return all(self._stays(other_pc, each_pc) for other_pc in before_pc)
+        growth = self._growth(now_ns)
+        return self._even.fits(electrode, net_pc, returns, growth) and self._measured.fits(
+            electrode, net_pc, returns, growth
+        )
 
     def add(
         self, electrode: int, net_pc: float, returns: tuple[int, ...] | None, now_ns: int
@@ -69,27 +176,11 @@ class NetCharge:
         """The pulse counts as one of `now_ns`. A negative amount takes back what was added."""
         if not net_pc:
             return
-        worth_pc = net_pc * self._growth(now_ns)
-        self._own_pc[electrode] += worth_pc
+        growth = self._growth(now_ns)
+        self._even.add(electrode, net_pc, returns, growth)
+        self._measured.add(electrode, net_pc, returns, growth)
         if returns is None:
-            self._through_pc[electrode] += worth_pc
-            self._pool_pc += worth_pc
-            self._room_pc -= abs(net_pc) / self._others
-        else:
-            each_pc = worth_pc / len(returns)
-            for other in returns:
-                self._own_pc[other] -= each_pc
-            self._room_pc -= abs(net_pc) / len(returns)
-        self._room_pc = min(self._room_pc, self.bound_pc - abs(self.of(electrode, now_ns)))
-
-    def _stays(self, before_pc: float, more_pc: float) -> bool:
-        after_pc = abs(before_pc + more_pc)
-        return after_pc <= self.bound_pc or after_pc < abs(before_pc)
-
-    def _worth_pc(self, electrode: int) -> float:
-        """At `_at_ns`."""
-        through_pc = self._through_pc[electrode]
-        return self._own_pc[electrode] - (self._pool_pc - through_pc) / self._others
+            self._through_pc += net_pc * growth
 
     def _growth(self, now_ns: int) -> float:
         """What one pC of now counts among the sums."""
@@ -103,6 +194,19 @@ class NetCharge:
         """What is left of sums so old is nothing that counts."""
         factor = math.exp(-min(700.0, (now_ns - self._at_ns) / LEAK_NS))
         self._at_ns = now_ns
-        self._own_pc = [pc * factor for pc in self._own_pc]
-        self._through_pc = [pc * factor for pc in self._through_pc]
-        self._pool_pc *= factor
+        self._even.scale(factor)
+        self._measured.scale(factor)
+        self._through_pc *= factor
+
+
+def parts_of(returns: tuple[int, ...], conducts_s: Sequence[float]) -> list[float]:
+    """Of a pulse that returns through these."""
+    named_s = [conducts_s[other] for other in returns]
+    whole_s = sum(named_s)
+    if whole_s <= LEAST_S:
+        return [1.0 / len(returns)] * len(returns)
+    return [own_s / whole_s for own_s in named_s]
+
+
+def _larger(one_pc: float, other_pc: float) -> float:
+    return one_pc if abs(one_pc) >= abs(other_pc) else other_pc

@@ -225,6 +225,22 @@ class ReturnShare:
             found.append(weight if self.is_known(electrode, now_ns) else max(1.0, weight))
         return found
 
+    def conductances(self, now_ns: int) -> list[float]:
+        """By electrode, in S, nearer to what is than `weights`, which bound it: between the least
+        and the most, 0 where nothing touches. An unknown one conducts as well as the best that was
+        measured; where none was, all are alike.
+        """
+        best_s = self._best_s if self._best_s > 0.0 else 1.0
+        found = []
+        for electrode, (least_s, most_s) in enumerate(zip(self.least_s, self.most_s, strict=True)):
+            if electrode in self._known:
+                # Of a bound that is none, nothing is known.
+                most_s = min(most_s, best_s)
+                found.append(math.sqrt(least_s * most_s) if least_s > 0.0 else most_s)
+            else:
+                found.append(0.0 if self._is_open(electrode, now_ns) else best_s)
+        return found if any(found) else [1.0] * self._electrodes
+
     # --- contact polls ---------------------------------------------------------------------------
 
     def want(self) -> None:

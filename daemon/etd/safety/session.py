@@ -29,8 +29,8 @@ class Subject:
     """Who a lease is for, as far as it is known."""
 
     calibration: Calibration | None
-    #: Which of the engine's leases it is, where there is no calibration; 0 where there is one.
-    lease_number: int = 0
+    #: Which of the engine's leases it is, where there is no calibration; None where there is one.
+    lease_number: int | None = None
     #: Calibrations of the same person for other polarities.
     others: tuple[Calibration, ...] = ()
 
@@ -40,7 +40,7 @@ class Subject:
         if not calibrations:
             return cls(None, lease_number)
         first, *others = sorted(calibrations, key=lambda calibration: calibration.polarity)
-        return cls(first, 0, tuple(others))
+        return cls(first, others=tuple(others))
 
     @property
     def participant(self) -> str | None:

@@ -4,9 +4,11 @@ Owns: the estimate of one offset, as probabilities on a grid, and its forgetting
 electrodes, currents, who answers, what is made of the estimate. Time is passed in.
 
 An offset is the natural logarithm of the factor on the current at which the person says *good*.
-Beyond `_BAND` on either side they say *too strong* or *too weak*, and four answers of five are
-right. What was said is forgotten toward the frame's own strength (offset 0), with a time constant
-of `_FORGOTTEN_NS`. All figures are by design, tuned on fingers 1, 2, 4 and 31 of modelled bodies.
+Beyond `BAND` on either side, with edges that are not sharp, they say *too strong* or *too weak*,
+and four answers of five are right. Most likely the strength is what it was when it was calibrated;
+else it may be anything: so one answer says little, and several that agree say much. What was said
+is forgotten toward the frame's own strength (offset 0), with a time constant of `_FORGOTTEN_NS`.
+All figures are by design, tuned on fingers 1, 2, 4, 31 and 41 to 44 of modelled bodies.
 """
 
 from __future__ import annotations
@@ -19,28 +21,32 @@ Answer = Literal["too_weak", "good", "too_strong"]
 
 _STEP: Final = 0.05
 _GRID: Final = tuple(number * _STEP for number in range(-26, 27))
-#: Before anything was said: how far the calibration may be off, where less is wanted and where more
-#: is. Use raises thresholds by more than anything is known to lower them (Kaczmarek 2000 [abs]).
-_SIGMA_LESS: Final = 0.05
-_SIGMA_MORE: Final = 0.15
-#: What is within this of the wanted strength is called good.
-_BAND: Final = 0.3
+#: Before anything was said: how likely the strength is as it was calibrated, and how far it is off
+#: then, and otherwise. It is off to either side alike: *good* by itself then raises nothing.
+_AS_CALIBRATED: Final = 0.7
+_SIGMA_CALIBRATED: Final = 0.05
+_SIGMA_OTHERWISE: Final = 0.35
+#: What is within this of the wanted strength is called good (20 % of what is felt); the width of
+#: the edge, which answers of the same person do not keep.
+BAND: Final = 0.15
+_EDGE: Final = 0.05
 _RIGHT: Final = 0.8
 _WRONG: Final = (1.0 - _RIGHT) / 2.0
 _FORGOTTEN_NS: Final = 600_000_000_000
 
 
-def _prior() -> tuple[float, ...]:
-    sigmas = [_SIGMA_LESS if offset < 0.0 else _SIGMA_MORE for offset in _GRID]
-    weights = [
-        math.exp(-0.5 * (offset / sigma) ** 2) for offset, sigma in zip(_GRID, sigmas, strict=True)
-    ]
+def _bell(sigma: float) -> tuple[float, ...]:
+    weights = [math.exp(-0.5 * (offset / sigma) ** 2) for offset in _GRID]
     total = sum(weights)
     return tuple([weight / total for weight in weights])
 
 
-_PRIOR: Final = _prior()
-_PRIOR_MEAN: Final = sum(weight * offset for weight, offset in zip(_PRIOR, _GRID, strict=True))
+_PRIOR: Final = tuple(
+    [
+        _AS_CALIBRATED * near + (1.0 - _AS_CALIBRATED) * far
+        for near, far in zip(_bell(_SIGMA_CALIBRATED), _bell(_SIGMA_OTHERWISE), strict=True)
+    ]
+)
 
 
 class OffsetEstimate:
@@ -48,13 +54,12 @@ class OffsetEstimate:
 
     def __init__(self) -> None:
         self._weights = _PRIOR
-        self._mean = _PRIOR_MEAN
+        self._mean = 0.0
         self._said_ns = 0
 
     def mean(self, now_ns: int) -> float:
         """What is expected now; 0 where nothing was said, or all of it is forgotten."""
-        kept = self._kept(now_ns)
-        return kept * (self._mean - _PRIOR_MEAN)
+        return self._kept(now_ns) * self._mean
 
     def hear(self, answer: Answer, offset: float, now_ns: int) -> None:
         """Takes an answer that was given about the strength at this offset."""
@@ -77,9 +82,17 @@ class OffsetEstimate:
 
 def _likelihood(answer: Answer, above: float) -> float:
     """How likely it is said at so much above the wanted strength."""
-    right: Answer = "good"
-    if above > _BAND:
-        right = "too_strong"
-    elif above < -_BAND:
-        right = "too_weak"
-    return _RIGHT if answer == right else _WRONG
+    return _WRONG + (_RIGHT - _WRONG) * _rightly(answer, above)
+
+
+def _rightly(answer: Answer, above: float) -> float:
+    """How likely it is the right answer."""
+    strong, weak = _beyond(above - BAND), _beyond(-above - BAND)
+    if answer == "too_strong":
+        return strong
+    return weak if answer == "too_weak" else 1.0 - strong - weak
+
+
+def _beyond(by: float) -> float:
+    # A logistic edge; by `tanh`, which does not overflow however far it is.
+    return 0.5 + 0.5 * math.tanh(0.5 * by / _EDGE)

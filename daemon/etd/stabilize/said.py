@@ -3,12 +3,15 @@
 Owns: the rules below, electrode by electrode. Must not know: limits, laws, clocks, who says it: who
 may raise is decided by the caller. It is a request like any other: the limits come after it.
 
-- *too strong* lowers at once, by 3 % and at least to the estimate: every electrode, or
-  those that are named. Said again within half a minute it lowers twice as much as the time before,
-  at most to half.
-- *good* and *too weak* let the factor rise to the estimate (`offset_estimate.py`), by at most 5 % a
-  minute within the minute that follows, and never above 1.2. *Good* may take from a rise above the
-  frame's own, where less is expected by now; otherwise neither lowers anything.
+- *too strong* lowers at once: every electrode, or those that are named. A lone word takes little,
+  because it may be an error; said again within half a minute it takes four times as much as the
+  time before, at most half.
+- *too weak* and *good* let the factor rise to the estimate (`offset_estimate.py`), by at most 5 % a
+  minute within the minute that follows, and never above 1.2.
+- A fall within what is called good anyway (`BAND`) is given back by them, since no answer tells it
+  from the frame's own strength; a deeper one only as far as the estimate rises.
+- *Good* may take from a rise above the frame's own, where less is expected by now; otherwise
+  neither of the two lowers anything.
 - Up only while the electrode is fired: not for one that was not fired in the last minute, whose
   rise above the frame's own is lost as well.
 - Nothing rises by itself: without an answer a factor stays, or is lost by `reset`.
@@ -22,15 +25,16 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from etd.stabilize.offset_estimate import Answer, OffsetEstimate
+from etd.stabilize.offset_estimate import BAND, Answer, OffsetEstimate
 
 #: What an answer is about: pulses of the last minute. And how long one lets a factor rise.
 FELT_NS: Final = 60_000_000_000
 #: The most that a factor reaches, and by how much it rises in a minute.
 MOST: Final = 1.2
 RISE_A_MINUTE: Final = 1.05
-#: What *too strong* takes at once; twice as much where it is said again so soon; the most.
-LOWERED_BY: Final = 0.03
+#: What *too strong* takes at once; so many times as much where it is said again so soon; the most.
+LOWERED_BY: Final = 0.0125
+AGAIN_TIMES: Final = 4.0
 AGAIN_NS: Final = 30_000_000_000
 MOST_LOWERED_BY: Final = 0.5
 _MOST_LOG: Final = math.log(MOST)
@@ -75,6 +79,8 @@ class _Electrode:
     def let_go_to(self, wanted: float, now_ns: int, *, is_weak: bool) -> None:
         """Down at once, where it may go down, and up from now on."""
         self._rise(now_ns)
+        if wanted < 0.0 and self.offset >= -BAND:
+            wanted = 0.0
         least = self.offset if is_weak else min(self.offset, 0.0)
         wanted = min(max(wanted, least), _MOST_LOG)
         self.offset = min(self.offset, wanted)
@@ -153,12 +159,12 @@ class FeltOffsets:
         self.hear("too_strong", electrodes, now_ns)
 
     def _lower(self, electrodes: Sequence[int] | None, now_ns: int) -> None:
-        again_by = 2.0 * self._lowered_by if now_ns <= self._again_ns else 0.0
+        again_by = AGAIN_TIMES * self._lowered_by if now_ns <= self._again_ns else 0.0
         self._lowered_by = min(max(LOWERED_BY, again_by), MOST_LOWERED_BY)
         self._again_ns = now_ns + AGAIN_NS
         step = math.log(1.0 - self._lowered_by)
         for electrode in self._those(electrodes):
-            electrode.lower_to(min(electrode.offset + step, self._wanted(electrode, now_ns)))
+            electrode.lower_to(electrode.offset + step)
 
     def _estimate(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> None:
         """An answer about all is about their mean, beside what is known of each alone."""

@@ -133,6 +133,44 @@ class LatchIgnored(Fault, frozen=True, tag=True):
     every: int | None = None
 
 
+class ExtraClock(Fault, frozen=True, tag=True):
+    """The chain sees one rising edge of CLK twice, as of a line that rings; or every so many."""
+
+    at_edge: int = 1
+    every: int | None = None
+
+
+class DataFlipped(Fault, frozen=True, tag=True):
+    """The chain takes the other level of DATA at one rising edge of CLK; or at every so many."""
+
+    at_edge: int = 1
+    every: int | None = None
+
+
+class MosiFlipped(Fault, frozen=True, tag=True):
+    """The DAC takes one word with this bit the other way; or every so many. Bit 0 is the lowest,
+    2 to 13 are the code, 14 and 15 the command.
+    """
+
+    bit: int
+    at_word: int = 1
+    every: int | None = None
+
+
+class MosiStuck(Fault, frozen=True, tag=True):
+    """The DAC's data line does not move."""
+
+    level: Literal[0, 1]
+
+
+class MisoFlipped(Fault, frozen=True, tag=True):
+    """One word is read with this bit the other way; or every so many. Bits 2 to 13 are the code."""
+
+    bit: int
+    at_word: int = 1
+    every: int | None = None
+
+
 class RailOff(Fault, frozen=True, tag=True):
     """The rail's voltage is this multiple of the nominal one."""
 

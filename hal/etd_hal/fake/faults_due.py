@@ -12,6 +12,8 @@ from typing import Any, TypeVar
 
 from etd_hal.fake.faults import (
     AdcNoise,
+    DataFlipped,
+    ExtraClock,
     Fault,
     I2cFailure,
     LatchIgnored,
@@ -19,6 +21,8 @@ from etd_hal.fake.faults import (
     LinesSwapped,
     LostClock,
     LostSync,
+    MisoFlipped,
+    MosiFlipped,
     SpiError,
     SpiJitter,
     SpiShort,
@@ -27,7 +31,8 @@ from etd_hal.fake.faults import (
 )
 
 _F = TypeVar("_F")
-_LostEdge = LostClock | LatchIgnored | LostSync
+_WrongEdge = LostClock | ExtraClock | DataFlipped | LatchIgnored | LostSync
+_WrongWord = MosiFlipped | MisoFlipped
 #: What the board sees of these lines may differ from the pin.
 SEEN_BEHIND = ("POL", "DATA", "LE", "BL", "CLK", "HV", "HEARTBEAT")
 
@@ -101,12 +106,21 @@ class Faults:
             fault.late_us for fault in self.of(SpiJitter) if self._count(fault) % fault.every == 0
         )
 
-    def edge_is_lost(self, kind: type[_LostEdge]) -> bool:
+    def edge_is_wrong(self, kind: type[_WrongEdge]) -> bool:
         """Count a rising edge; return whether a fault is due."""
         if not self._counts:
             return False
         due = [fault for fault in self.of(kind) if _is_due(fault, self._count(fault))]
         return bool(due)
+
+    def word(self, kind: type[_WrongWord], word: bytes) -> bytes:
+        """Count a word of 16 bits; return it as the faults that are due make it."""
+        flips = 0
+        for fault in self.of(kind):
+            count = self._count(fault)
+            if count == fault.at_word if fault.every is None else count % fault.every == 0:
+                flips ^= 1 << fault.bit
+        return (int.from_bytes(word) ^ flips).to_bytes(len(word)) if flips else word
 
     def adc_noise(self) -> float:
         """The error of the next conversion, in codes."""
@@ -132,7 +146,7 @@ def _lines_behind(fault: Fault) -> tuple[str, ...]:
     return (fault.name,) if isinstance(fault, StuckBehind | LineInverted) else ()
 
 
-def _is_due(fault: _LostEdge, count: int) -> bool:
+def _is_due(fault: _WrongEdge, count: int) -> bool:
     if fault.every is None:
         return count == fault.at_edge
     return count % fault.every == 0

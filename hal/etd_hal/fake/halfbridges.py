@@ -15,8 +15,9 @@ import random
 from collections.abc import Callable, Sequence
 
 from etd_body.interface import Side, Sides
-from etd_hal.fake.faults import AlsoSwitches, LatchIgnored, LostClock, SwitchOutput
+from etd_hal.fake.faults import AlsoSwitches, LatchIgnored, SwitchOutput
 from etd_hal.fake.faults_due import Faults
+from etd_hal.fake.shifting import shifted
 from etd_hal.fake.wiring import WiringFault, outputs_behind, wiring_faults
 
 _CACHED_SIDES = 4_096
@@ -71,9 +72,9 @@ class HalfBridgeChain:
     def set(self, t_ns: int, name: str, level: int) -> None:
         """An input of the chain is at `level` from now on; one that was there has no edge."""
         was, self._levels[name] = self._levels[name], level
-        if name == "CLK" and level and not was and not self._faults.edge_is_lost(LostClock):
-            self._register = ((self._register << 1) | self._levels["DATA"]) & self._all
-        if name == "LE" and level and not was and self._faults.edge_is_lost(LatchIgnored):
+        if name == "CLK" and level and not was:
+            self._register = shifted(self._register, self._levels["DATA"], self._faults) & self._all
+        if name == "LE" and level and not was and self._faults.edge_is_wrong(LatchIgnored):
             self._levels["LE"] = 0
         if self._levels["LE"]:
             self._latch = self._register

@@ -16,8 +16,9 @@ from collections.abc import Callable, Sequence
 
 from etd_body.interface import Side, Sides
 from etd_hal.boardfile import Relays
-from etd_hal.fake.faults import AlsoSwitches, LatchIgnored, LostClock, SwitchOutput
+from etd_hal.fake.faults import AlsoSwitches, LatchIgnored, SwitchOutput
 from etd_hal.fake.faults_due import Faults
+from etd_hal.fake.shifting import shifted
 from etd_hal.fake.wiring import WiringFault, outputs_behind, wiring_faults
 
 _CACHED_STATES = 4_096
@@ -77,9 +78,9 @@ class RelayChain:
         was, self._levels[name] = self._levels[name], level
         if level == was:
             return
-        if name == "CLK" and level and not self._faults.edge_is_lost(LostClock):
-            self._register = ((self._register << 1) | self._levels["DATA"]) & self._all
-        elif name == "LE" and level and not self._faults.edge_is_lost(LatchIgnored):
+        if name == "CLK" and level:
+            self._register = shifted(self._register, self._levels["DATA"], self._faults) & self._all
+        elif name == "LE" and level and not self._faults.edge_is_wrong(LatchIgnored):
             self._copy(t_ns)
 
     def settle(self, t_ns: int) -> None:

@@ -17,7 +17,10 @@ from etd_hal.fake.faults import (
     ClockSteps,
     HoldShort,
     LostSync,
+    MisoFlipped,
     MisoStuck,
+    MosiFlipped,
+    MosiStuck,
     SlowWords,
     SpiError,
     SpiMode,
@@ -148,14 +151,19 @@ class SpiBus:
             t_ns += self._at(t_ns).cs_to_clock_ns + self._at(t_ns).clocking_ns(
                 len(transfer.tx), setup.speed_hz
             )
-            mode = setup.mode
+            mode, sent = setup.mode, transfer.tx
             if self._faults.are_there:
                 t_ns += sum(slow.extra_us * 1_000 for slow in self._faults.of(SlowWords))
                 mode = next((fault.mode for fault in self._faults.of(SpiMode)), mode)
-            self._dac.shift(transfer.tx, mode, bool(self._faults.of(HoldShort)))
-            read = self._adc.shift(len(transfer.tx), mode)
-            for stuck in self._faults.of(MisoStuck):
-                read = (b"\xff" if stuck.level else b"\x00") * len(transfer.tx)
+                sent = self._faults.word(MosiFlipped, sent)
+                for mosi in self._faults.of(MosiStuck):
+                    sent = _all_at(mosi.level, len(sent))
+            self._dac.shift(sent, mode, bool(self._faults.of(HoldShort)))
+            read = self._adc.shift(len(sent), mode)
+            if self._faults.are_there:
+                read = self._faults.word(MisoFlipped, read)
+                for miso in self._faults.of(MisoStuck):
+                    read = _all_at(miso.level, len(sent))
         else:
             t_ns += self._at(t_ns).empty_transfer_ns
         self._trace.spi_transfer(t_ns, transfer.tx, read, transfer.delay_us, transfer.cs_change)
@@ -165,7 +173,12 @@ class SpiBus:
         """Chip select rises: the DAC executes its word."""
         t_ns += self._at(t_ns).cs_rise_ns
         self._trace.spi_cs(t_ns, False)
-        if not self._faults.edge_is_lost(LostSync):
+        if not self._faults.edge_is_wrong(LostSync):
             self._dac.deselect(t_ns)
         self._adc.deselect()
         return t_ns
+
+
+def _all_at(level: int, length: int) -> bytes:
+    """What is read off a line that does not move."""
+    return (b"\xff" if level else b"\x00") * length

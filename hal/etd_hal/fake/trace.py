@@ -8,6 +8,7 @@ Must not know: what the bytes mean.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -34,6 +35,10 @@ def header(board: BoardFile, electrodes: Sequence[int]) -> bytes:
     return json.dumps(facts).encode() + b"\n"
 
 
+def _past_no_link(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+
+
 class Trace:
     """Collects the events of one call and writes them at its end, whole.
 
@@ -48,8 +53,10 @@ class Trace:
 
     @classmethod
     def to(cls, path: Path) -> Trace:
-        """A new trace at `path`. Raises: OSError."""
-        return cls(path.open("wb", buffering=0))
+        """A new trace at `path`, or over an old one; a link there is not followed: in a folder that
+        others can write to, it may be somebody else's. Raises: OSError.
+        """
+        return cls(open(path, "wb", buffering=0, opener=_past_no_link))
 
     def begin(self, board: BoardFile, electrodes: Sequence[int]) -> None:
         if self._file is not None:

@@ -1,0 +1,177 @@
+"""Ten minutes of a finger whose person says what they feel, played straight to the body.
+
+Owns: the scans, whose factors the currents have, and when the person is asked. Must not know: how
+answers are heeded, what is made of what is felt.
+
+The pulses go straight to the body with the daemon's factors (`etd.stabilize.said`) and the caps of
+the calibration: no soft start, no ledger, no law. So ten minutes take a second or two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from bench import steady_skin
+from bench.felt_person import Manner, Person, times_wanted, wanted_strength
+from bench.steady_figures import SteadyFigures, figures
+from bench.steady_run import Kept
+from bench.steady_skin import WIDTH_US, Finger
+from etd.files.configuration import fake_config
+from etd.stabilize.said import FeltOffsets
+from etd_body.interface import Side
+from etd_body.kinds import BodyKind
+from etd_body.tissue import Floats
+
+ELECTRODES, LEVEL, MINUTES = 8, 0.6, 10.0
+#: All electrodes once in so long, 2 ms apart; a pulse in a second is use, to a body that adapts.
+SCAN_NS, APART_NS = 800_000_000, 2_000_000
+#: What is felt in so many scans is what is answered for.
+HEEDED = 6
+
+
+class Factors(Protocol):
+    """On the currents of the frame."""
+
+    def of(self, electrode: int, now_ns: int) -> float:
+        """At a pulse that is fired now."""
+
+    def felt(self, times: float, now_ns: int) -> None:
+        """After each scan: what was felt lately, in times of what was wanted."""
+
+
+class Unsaid:
+    """Nobody says anything."""
+
+    def of(self, electrode: int, now_ns: int) -> float:
+        return 1.0
+
+    def felt(self, times: float, now_ns: int) -> None: ...
+
+
+class Said:
+    """The daemon's, by the answers of a person."""
+
+    def __init__(self, person: Person) -> None:
+        self._person = person
+        self._offsets = FeltOffsets(ELECTRODES)
+        self._next_ns = int(person.again_s("good") * 1e9)
+
+    def of(self, electrode: int, now_ns: int) -> float:
+        factor = self._offsets.factor(electrode)
+        self._offsets.fired(electrode, now_ns)
+        return factor
+
+    def felt(self, times: float, now_ns: int) -> None:
+        if now_ns < self._next_ns:
+            return
+        answer = self._person.says(times)
+        self._offsets.hear(answer, None, now_ns + SCAN_NS // 2)
+        self._next_ns = now_ns + int(self._person.again_s(answer) * 1e9)
+
+
+@dataclass(frozen=True)
+class Played:
+    """What came out of one finger. The last two: the part of the scans that their person would
+    call so, with nobody's errors.
+    """
+
+    figures: SteadyFigures
+    too_strong: float
+    too_weak: float
+
+
+def play(
+    kind: BodyKind, seed: int, manner: Manner | None, minutes: float = MINUTES, number: int = 0
+) -> Played:
+    """One finger; `manner` None: nobody says anything. `number`: which of its persons."""
+    if manner is None:
+        return play_with(kind, seed, "nothing said", Unsaid(), minutes)
+    return play_with(kind, seed, "said", Said(Person(manner, seed, number)), minutes)
+
+
+def play_with(kind: BodyKind, seed: int, name: str, factors: Factors, minutes: float) -> Played:
+    finger = finger_of(kind, seed, minutes)
+    kept, times = scans(finger, factors)
+    judged = [Person(Manner(), seed).judges(value) for value in times]
+    return Played(
+        figures(name, [kept]),
+        judged.count("too_strong") / len(judged),
+        judged.count("too_weak") / len(judged),
+    )
+
+
+def finger_of(kind: BodyKind, seed: int, minutes: float = MINUTES) -> Finger:
+    loaded = fake_config(electrodes=ELECTRODES)
+    return steady_skin.finger(seed, loaded.board, loaded.array, minutes, None, kind)
+
+
+def frame_ua(finger: Finger) -> Floats:
+    """What the frame asks of each electrode."""
+    return np.array(
+        [
+            (each.threshold_ua + LEVEL * (each.comfortable_ua - each.threshold_ua)) * each.felt
+            for each in finger.calibration.electrode
+        ]
+    )
+
+
+def wanted_of(finger: Finger) -> Floats:
+    """The strength that each electrode had with that when it was calibrated."""
+    thresholds = np.array([float(each.threshold_ua) for each in finger.calibration.electrode])
+    return wanted_strength(frame_ua(finger), thresholds)
+
+
+def scans(
+    finger: Finger, factors: Factors, looked: Callable[[int], None] = lambda _: None
+) -> tuple[Kept, list[float]]:
+    """What was felt of each scan, and how strong it was lately for whom it belongs to. `looked`:
+    called with the time before each scan.
+    """
+    currents_ua, wanted = frame_ua(finger), wanted_of(finger)
+    caps_ua = [each.cap_ua for each in finger.calibration.electrode]
+    finger.course.begin(0.0)
+    felt: list[Floats] = []
+    pain: list[Floats] = []
+    times_s: list[float] = []
+    times: list[float] = []
+    for now_ns in range(0, int(finger.pieces.engine_s * 1e9), SCAN_NS):
+        looked(now_ns)
+        for electrode in map(int, np.flatnonzero(currents_ua)):
+            at_ns = now_ns + electrode * APART_NS
+            ua = currents_ua[electrode] * factors.of(electrode, at_ns)
+            _pulse(finger, electrode, min(ua, caps_ua[electrode]), at_ns)
+        found_felt, found_pain = finger.body.take_felt()
+        felt.append(np.array(found_felt))
+        pain.append(np.array(found_pain))
+        times_s.append(now_ns * 1e-9)
+        times.append(times_wanted(np.array(felt[-HEEDED:]), wanted))
+        factors.felt(times[-1], now_ns)
+    places = [finger.pieces.at(value) for value in times_s]
+    counted = [number for number, (_, inside_s) in enumerate(places) if inside_s >= 0.0]
+    body_s = [places[number][0] for number in counted]
+    kept = Kept(
+        felt=np.array(felt)[counted],
+        pain=np.array(pain)[counted],
+        attached=steady_skin.attached(finger, body_s),
+        piece=np.zeros(len(counted)),
+        inside_s=np.array([places[number][1] for number in counted]),
+        body_s=np.array(body_s),
+        counters={},
+    )
+    return kept, times
+
+
+#: By electrode: one against all others, anodic. The body keeps what it knows of each by the object.
+_SIDES = tuple(
+    tuple(Side.SOURCE if other == electrode else Side.GROUND for other in range(ELECTRODES))
+    for electrode in range(ELECTRODES)
+)
+
+
+def _pulse(finger: Finger, electrode: int, current_ua: float, at_ns: int) -> None:
+    finger.body.drive(at_ns, current_ua, _SIDES[electrode])
+    finger.body.drive(at_ns + WIDTH_US * 1_000, 0.0, _SIDES[electrode])

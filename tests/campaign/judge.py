@@ -1,0 +1,84 @@
+"""What must hold of the campaign's outcomes: each class against its row in `bounds.toml`.
+
+Owns: the form of that file, and the sentences of what does not hold. Must not know: how a case is
+played, how a table looks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from campaign.case import Outcome
+from campaign.results import PC_PER_UC, beyond_pc, is_silent
+
+FILE = Path(__file__).with_name("bounds.toml")
+#: The scene in which nobody is connected, but a resistor.
+BENCH = "self-test"
+GUARDED, RELAYS = "reference-hv507", "feetthrough-relay"
+#: Beyond the programmed pulse, with the guards in hardware: the one-shot's 250 us at 10 mA.
+MOST_UC: Final = 2.5
+
+
+class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Of a class of faults."""
+
+    #: Rows of "What is checked while it runs" in docs/safety.md, on every board.
+    told_by: tuple[str, ...] = ()
+    #: The same on the board with all guards alone.
+    guarded_by: tuple[str, ...] = ()
+    #: Why nothing tells it, or not on some board, or not in each case.
+    why: str = ""
+    #: On these boards a case may be silent all the same; `why` says why.
+    silent_on: tuple[str, ...] = ()
+    #: Which hardware bounds it, where no guard of these boards does.
+    needs: str = ""
+    #: By board, and on the bench of a self-test: the most that an electrode may get beyond what it
+    #: gets without the fault.
+    uc: Mapping[str, float] = {}
+
+    def rows_on(self, board: str) -> tuple[str, ...]:
+        """What tells it there."""
+        if board == BENCH:
+            return ("etd selftest",)
+        if board in self.silent_on:
+            return ()
+        return (*self.told_by, *(self.guarded_by if board == GUARDED else ()))
+
+
+def where_of(one: Outcome) -> str:
+    """The board that a person is at, or the bench."""
+    return BENCH if one.scene == BENCH else one.board
+
+
+def bounds() -> dict[str, Bound]:
+    """By class. Raises: msgspec.ValidationError."""
+    return msgspec.toml.decode(FILE.read_bytes(), type=dict[str, Bound])
+
+
+def not_met(found: Sequence[Outcome], rows: Mapping[str, Bound]) -> list[str]:
+    """A sentence for each case that breaks its row."""
+    return [
+        f"{one.board}, {one.scene}, operation {one.operation} ({one.port}), {one.kind}: {why}"
+        for one in found
+        if (why := _why(one, rows.get(one.fault_class)))
+    ]
+
+
+def _why(one: Outcome, row: Bound | None) -> str:
+    beyond_uc = beyond_pc(one) / PC_PER_UC
+    if one.seen.startswith("crashed"):
+        return one.seen
+    if row is None:
+        return f"{FILE.name} has no row for it"
+    where = where_of(one)
+    if is_silent(one) and where != BENCH and (told_by := row.rows_on(where)):
+        return f"{beyond_uc:.3f} uC in silence, and it should be told by {told_by[0]}"
+    if beyond_uc > (most_uc := row.uc.get(where, 0.0)):
+        return f"{beyond_uc:.3f} uC, more than the {most_uc:g} uC of its row"
+    if where == GUARDED and beyond_uc > MOST_UC and not row.needs:
+        return f"{beyond_uc:.1f} uC with all guards, and no hardware is named that would bound it"
+    return ""

@@ -1,0 +1,91 @@
+"""At which operations of a scene faults are put in: all, or those that are not the same case again.
+
+Owns: what makes two operations the same case, and the choice. Must not know: faults, scenes.
+
+A scene has tens of thousands of operations, most of them bits of a chain. Two are the same case
+where the same calls of the same lines of code have led to the same port: the engine is in the same
+state of its program, and what stands on the wires differs in which bit of a word, which electrode,
+or which scan it is. Of each such place the first, the second and the last operation are taken, and
+as many between as are asked for, evenly. Pairs of faults come at any operation.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import CodeType
+
+from campaign.operations import Port
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    port: Port
+    #: The calls that have led to it, and the outermost of these: a stage of a self-test.
+    place: int
+    part: int
+
+
+#: Fewer than these are one, in the middle.
+_FEWEST = 3
+#: So many calls tell a part of a scene.
+_OUTERMOST = 4
+
+
+def operation(port: Port, inside: CodeType) -> Operation:
+    """With the calls that have led here, from the function with this code on."""
+    found = []
+    frame = sys._getframe(1)
+    while frame is not None and frame.f_code is not inside:
+        found.append((frame.f_code.co_filename, frame.f_code.co_name, frame.f_lineno))
+        frame = frame.f_back  # type: ignore[assignment]
+    return Operation(port, hash(tuple(found)), hash(tuple(found[-_OUTERMOST:])))
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """Numbers of operations."""
+
+    #: For what happens once.
+    once: frozenset[int]
+    #: For what stays: it is the same fault between two of these.
+    staying: frozenset[int]
+
+
+def chosen(operations: Sequence[Operation], each: int | None, *, is_long: bool = False) -> Chosen:
+    """`each`: at most so many of one place; None: all operations. What stays is put in at those of
+    messages, and at one other of each part. `is_long`: of a scene whose cases take long, what
+    happens once is put in at one operation of a place, and what stays at one of each part.
+    """
+    if each is None:
+        every = frozenset(range(len(operations)))
+        return Chosen(every, every)
+    by_place: dict[Operation, list[int]] = {}
+    for number, found in enumerate(operations):
+        by_place.setdefault(found, []).append(number)
+    once: set[int] = set()
+    staying: set[int] = set()
+    parts: set[int] = set()
+    for found, numbers in by_place.items():
+        taken = _spread(numbers, 1 if is_long else each)
+        once.update(taken)
+        if found.port == "spi" and not is_long:
+            staying.update(taken)
+        elif found.part not in parts:
+            parts.add(found.part)
+            staying.add(taken[len(taken) // 2])
+    return Chosen(frozenset(once), frozenset(staying))
+
+
+def _spread(numbers: Sequence[int], count: int) -> list[int]:
+    """The first, the second and the last, and evenly between them."""
+    if len(numbers) <= count:
+        return list(numbers)
+    if count < _FEWEST:
+        return [numbers[len(numbers) // 2]]
+    last = len(numbers) - 1
+    steps = count - 2
+    return sorted(
+        {numbers[0], *(numbers[1 + round(at * (last - 1) / steps)] for at in range(steps + 1))}
+    )
