@@ -186,7 +186,7 @@ def lapse(rig: EngineRig) -> None:
         while same.state == "ARMED":
             same.run_ms(1)
         lapsed_ms = (same.clock.now_ns() - begun_ns) / 1e6
-    rig.run_ms(lapsed_ms - 2.0)
+    rig.run_ms(lapsed_ms - 8.0)
     rig.fake.world.put_in(SpiError(1))
     rig.run_ms(100)
 
