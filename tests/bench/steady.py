@@ -28,7 +28,15 @@ from rich.table import Table  # noqa: E402
 from bench import steady_docs, steady_plots  # noqa: E402
 from bench.run import Bound, at_least, at_most  # noqa: E402
 from bench.steady_figures import MOST_STEP, SteadyFigures, figures  # noqa: E402
-from bench.steady_laws import AHEAD, CALIBRATED, CONTACT, CONTACT_AHEAD, LAWS, NONE  # noqa: E402
+from bench.steady_laws import (  # noqa: E402
+    AHEAD,
+    CALIBRATED,
+    CONTACT,
+    CONTACT_AHEAD,
+    FOR_FINGER,
+    LAWS,
+    NONE,
+)
 from bench.steady_run import ELECTRODES, Kept, run  # noqa: E402
 from bench.steady_skin import PIECE_S, RATE_HZ, WIDTH_US  # noqa: E402
 
@@ -134,14 +142,16 @@ def main() -> int:
         help=f"{PIECES} pieces of each finger's time, not all of it: a minute, and less sure",
     )
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), help="the fingers")
-    parser.add_argument("--only", nargs="+", choices=LAWS, default=list(LAWS), help="these laws")
+    parser.add_argument(
+        "--only", nargs="+", choices=FOR_FINGER, default=list(FOR_FINGER), help="these laws"
+    )
     parser.add_argument(
         "--write-docs",
         action="store_true",
         help="write table, bounds and plots into docs; of all laws and all minutes only",
     )
     args = parser.parse_args()
-    if args.write_docs and (args.quick or set(args.only) != set(LAWS)):
+    if args.write_docs and (args.quick or set(args.only) != set(FOR_FINGER)):
         parser.error("--write-docs is for the whole run: without --quick and --only")
     if set(args.seeds) & LOOKED_AT:
         parser.error(f"these are seeds of fingers that were looked at: {sorted(LOOKED_AT)}")

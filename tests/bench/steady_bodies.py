@@ -2,7 +2,9 @@
 
 Owns: what is played, in which order, and how it is shown. What is felt is modelled: nobody is
 measured. Exit status 1 where a law that ships or is recommended is out of bounds on any body, or
-was not played. A run that was cut continues where it stopped.
+was not played; and, in the whole form, where the law by the finger's own k does not halve the
+variation of the body whose feeling follows resistance. A run that was cut continues where it
+stopped.
 Must not know: how a run is made, how a figure is counted, what is out of bounds.
 """
 
@@ -29,8 +31,18 @@ from bench import steady_docs  # noqa: E402
 from bench.run import Bound  # noqa: E402
 from bench.steady_cells import KEPT, Cell, Form  # noqa: E402
 from bench.steady_figures import SteadyFigures  # noqa: E402
-from bench.steady_harm import BOUND, MOST_TIMES, Harm, exclusions, harms, held  # noqa: E402
-from bench.steady_laws import FOR_STEADINESS, LAWS, NONE  # noqa: E402
+from bench.steady_harm import BOUND, MOST_TIMES, Harm, exclusions, halved, harms, held  # noqa: E402
+from bench.steady_laws import (  # noqa: E402
+    CONTACT,
+    CONTACT_AHEAD,
+    ENERGY_AHEAD,
+    FOR_SHORT,
+    LAWS,
+    NONE,
+    OWN,
+    OWN_AHEAD,
+    SHIPPED,
+)
 from bench.steady_skin import PIECE_S  # noqa: E402
 from etd_body.kinds import BodyKind  # noqa: E402
 
@@ -41,6 +53,11 @@ SEEDS, LOOKED_AT = (901, 902), (31,)
 #: hour on two cores.
 FULL = Form("full", 64, 10.0, 8)
 SHORT = Form("short", 8, 10.0, 4)
+#: What is played with 64 electrodes, what is nearest to a recommendation first: an hour has no room
+#: for what differs little from these.
+FULL_LAWS = (
+    *(NONE, *SHIPPED, OWN, OWN_AHEAD, "power_law", "energy", CONTACT, CONTACT_AHEAD, ENERGY_AHEAD),
+)
 Found = dict[tuple[BodyKind, str, int], SteadyFigures]
 
 
@@ -81,8 +98,12 @@ def play(wanted: Sequence[Cell], *, processes: int, within_s: float, folder: Pat
 
 def _said(found: SteadyFigures) -> str:
     return (
-        f"variation {found.over_time:.1%}, not felt {found.below_threshold:.1%}, "
-        f"above pain {found.scans_above_pain}"
+        "refused: no k of this finger's own may be used"
+        if found.is_refused
+        else (
+            f"variation {found.over_time:.1%}, not felt {found.below_threshold:.1%}, "
+            f"above pain {found.scans_above_pain}"
+        )
     )
 
 
@@ -112,6 +133,8 @@ def show(console: Console, made: Sequence[Harm], said: str) -> None:
 def _cell(harm: Harm | None) -> str:
     if harm is None:
         return "-"
+    if harm.with_law.refused == harm.fingers:
+        return "refused"
     text = f"{harm.variation_times:.2f} {harm.not_felt_times:.2f} {harm.pain_times:.2f}"
     return f"[red]{text}[/]" if harm.is_out else text
 
@@ -129,10 +152,11 @@ def conditions(form: Form, seeds: Sequence[int], ran: int, wanted: int) -> str:
 def verdict(console: Console, bounds: Sequence[Bound]) -> bool:
     """Whether all of what must hold does; what does not is told."""
     for bound in bounds:
-        if not bound.is_met:
-            console.print(f"[red]NOT MET[/]  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
-    if not bounds:
-        console.print("No law ships switched on, and none is recommended: nothing is bound.")
+        met = "[green]met[/]" if bound.is_met else "[red]NOT MET[/]"
+        if not bound.is_met or len(bounds) == 1:
+            console.print(f"{met}  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
+    if not BOUND:
+        console.print("No law ships switched on, and none is recommended: no harm is bound.")
     return all(bound.is_met for bound in bounds)
 
 
@@ -142,7 +166,7 @@ def main() -> int:
     )
     parser.add_argument("--short", action="store_true", help="8 electrodes, four pieces: minutes")
     parser.add_argument("--seeds", type=int, nargs="+", help="the fingers")
-    parser.add_argument("--only", nargs="+", choices=LAWS, default=list(FOR_STEADINESS))
+    parser.add_argument("--only", nargs="+", choices=LAWS)
     parser.add_argument("--bodies", type=BodyKind, nargs="+", default=list(BodyKind))
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument(
@@ -155,13 +179,16 @@ def main() -> int:
     args = parser.parse_args()
     form = SHORT if args.short else FULL
     seeds = args.seeds or list(LOOKED_AT if args.short else SEEDS)
-    laws = [*args.only, *(law for law in BOUND if law not in args.only)]
+    only = args.only or list(FOR_SHORT if args.short else FULL_LAWS)
+    laws = [*only, *(law for law in BOUND if law not in only)]
     wanted = cells(form, laws, args.bodies, seeds)
     found = play(wanted, processes=args.processes, within_s=args.within * 60.0)
     made = harms(found)
     played = sorted({seed for _, _, seed in found})
     said = conditions(form, played, len(found), len(wanted))
     bounds = held(made)
+    if form is FULL and not args.only:
+        bounds.append(halved(made))
     console = Console(width=None if sys.stdout.isatty() else 210)
     if args.json:
         plain = {"conditions": said, "harms": [asdict(harm) for harm in made]}

@@ -1,8 +1,9 @@
 """One cell of bodies x laws x fingers: it is played once, and kept on disk.
 
 Owns: how much of a finger is played, what a kept result stands on, and where it lies. A result is
-found again by body, law, finger, how much was played, and a digest of all code that plays it: a run
-that was cut continues where it stopped, and code that changed begins anew.
+found again by body, law, finger, how much was played, and a digest of all code that plays it (what
+this module imports, and what that imports): a run that was cut continues where it stopped, and code
+that changed begins anew.
 Must not know: what is made of the figures.
 """
 
@@ -10,25 +11,25 @@ from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import msgspec
 
+from bench.import_closure import closure
 from bench.steady_figures import SteadyFigures, figures
-from bench.steady_laws import LAWS, K
-from bench.steady_run import run
+from bench.steady_fit_own import own_fit
+from bench.steady_laws import LAWS, NONE, OWN_K
+from bench.steady_run import ANYBODYS, run
+from etd.protocol.exponent import FittedExponent
 from etd_body.kinds import BodyKind
 
 _CLONE = Path(__file__).resolve().parents[2]
 KEPT = _CLONE / "build" / "steady"
-_PLAYED_BY = (
-    *("daemon/**/*.py", "hal/**/*.py", "config/**/*.toml", "tests/engine_rig.py"),
-    *("tests/followed_trace.py", "tests/stepped_stopper.py", "tests/bench/steady_cells.py"),
-    *("tests/bench/steady_figures.py", "tests/bench/steady_laws.py"),
-    *("tests/bench/steady_run.py", "tests/bench/steady_skin.py"),
-)
+#: What is not imported, and plays a result all the same.
+_SETTINGS = "config/**/*.toml"
+_ROOTS = (_CLONE / "daemon", _CLONE / "hal", _CLONE / "tests")
 LEVEL = 0.6
 
 
@@ -68,20 +69,32 @@ class Cell:
         """As it was kept, or played now and kept."""
         found = self.kept(folder)
         if found is None:
-            form = self.form
-            ran = run(
-                self.seed,
-                LAWS[self.law],
-                LEVEL,
-                form.minutes,
-                form.pieces,
-                electrodes=form.electrodes,
-                kind=self.body,
-                k=K if LAWS[self.law].power_law is not None else None,
-            )
-            found = figures(self.law, [ran])
+            found = self._played(folder)
             _keep(self.path(folder), found)
         return found
+
+    def _played(self, folder: Path) -> SteadyFigures:
+        """Where a law goes by the person's own k, and the fit refuses this person, there is no law:
+        a lease is refused, and what is felt is what is felt without one.
+        """
+        form, exponent = self.form, ANYBODYS if LAWS[self.law].power_law is not None else None
+        if self.law in OWN_K:
+            fitted = own_fit(self.body, self.seed, form.electrodes)
+            if not isinstance(fitted, FittedExponent) or fitted.why_not is not None:
+                plain = Cell(form, self.body, NONE, self.seed).played(folder)
+                return replace(plain, name=self.law, is_refused=True)
+            exponent = fitted
+        ran = run(
+            self.seed,
+            LAWS[self.law],
+            LEVEL,
+            form.minutes,
+            form.pieces,
+            electrodes=form.electrodes,
+            kind=self.body,
+            exponent=exponent,
+        )
+        return figures(self.law, [ran])
 
 
 def _keep(path: Path, found: SteadyFigures) -> None:
@@ -93,10 +106,15 @@ def _keep(path: Path, found: SteadyFigures) -> None:
 
 
 @cache
+def played_by() -> frozenset[Path]:
+    """All code that plays a result, and the settings."""
+    return frozenset(closure([Path(__file__)], _ROOTS) | set(_CLONE.glob(_SETTINGS)))
+
+
+@cache
 def digest() -> str:
-    """Of all code and settings that a result depends on."""
-    paths = {path for pattern in _PLAYED_BY for path in _CLONE.glob(pattern)}
+    """Of all that a result depends on."""
     found = hashlib.sha256()
-    for path in sorted(paths):
+    for path in sorted(played_by()):
         found.update(str(path.relative_to(_CLONE)).encode() + b"\0" + path.read_bytes() + b"\0")
     return found.hexdigest()[:16]

@@ -96,8 +96,11 @@ def _harm_cell(harm: Harm | None) -> str:
     if harm is None:
         return "-"
     law = harm.with_law
+    if law.refused == harm.fingers:
+        return "refused"
     text = f"{law.over_time:.0%}, {law.not_felt:.0%}, {law.scans_above_pain}"
-    return f"**{text}**" if harm.is_out else text
+    text = f"**{text}**" if harm.is_out else text
+    return f"{text} ({law.refused} refused)" if law.refused else text
 
 
 def _part(found: Sequence[SteadyFigures], held: Sequence[Bound], said: str) -> str:

@@ -58,6 +58,8 @@ class SteadyFigures:
     recontacts: int
     recontacts_not_judged: int
     scans: int
+    #: The law goes by the person's k, and none may be used: these are the figures of no law.
+    is_refused: bool = False
 
 
 def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:

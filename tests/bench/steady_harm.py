@@ -12,12 +12,15 @@ from math import inf
 
 from bench.run import Bound
 from bench.steady_figures import SteadyFigures
-from bench.steady_laws import NONE, SHIPPED
+from bench.steady_laws import NONE, OWN, SHIPPED
 from etd_body.kinds import BodyKind
 
 #: Of no law's: variation over time, the part not felt, and the scans above pain: so none, where
 #: there are none without a law.
 MOST_TIMES = 1.2
+#: Of no law's variation: what a law by the person's own k leaves at the most, where feeling follows
+#: resistance.
+HALF, FOLLOWING = 0.5, BodyKind.AREA
 #: What a page of ours says to use. None keeps the bounds on every body today.
 RECOMMENDED: tuple[str, ...] = ()
 #: What must keep the bounds on every body.
@@ -32,6 +35,8 @@ class Pooled:
     not_felt: float
     scans_above_pain: int
     mean_felt: float
+    #: Of these fingers, how many have no law, since their k is refused.
+    refused: int = 0
 
     @classmethod
     def of(cls, fingers: Sequence[SteadyFigures]) -> Pooled:
@@ -41,6 +46,7 @@ class Pooled:
             sum(finger.below_threshold for finger in fingers) / count,
             sum(finger.scans_above_pain for finger in fingers),
             sum(finger.mean_felt for finger in fingers) / count,
+            sum(finger.is_refused for finger in fingers),
         )
 
 
@@ -139,3 +145,14 @@ def held(made: Iterable[Harm], laws: Sequence[str] = BOUND) -> list[Bound]:
             else:
                 bounds += harm.bounds()
     return bounds
+
+
+def halved(made: Iterable[Harm], law: str = OWN) -> Bound:
+    """By the person's own k, whether it ships or not. One that is refused has halved nothing, and
+    one that was not played is not met.
+    """
+    what = f"{law} on {FOLLOWING}: variation over time, of no law's"
+    for harm in made:
+        if harm.law == law and harm.body is FOLLOWING:
+            return _at_most(what, harm.variation_times, HALF)
+    return Bound(f"{what}: not played", 0.0, HALF, is_met=False)

@@ -30,6 +30,10 @@ CALIBRATED = "contact + power_law"
 #: The same, looking ahead before every pulse.
 AHEAD = "contact + power_law + probe"
 CONTACT_AHEAD = "contact + probe"
+#: The same laws by the k that the fit procedure finds on the very finger (`steady_fit_own.py`).
+OWN, OWN_PROBED = "power_law, own k", "power_law + probe, own k"
+OWN_AHEAD = "contact + power_law + probe, own k"
+OWN_K = (OWN, OWN_PROBED, OWN_AHEAD)
 #: What docs/stabilization.md shows how to switch on.
 ENERGY_AHEAD = "contact + energy + probe"
 
@@ -56,6 +60,11 @@ LAWS: dict[str, Settings] = {
     ENERGY_AHEAD: Settings(
         order=("contact", "energy"), contact=_CONTACT, energy=EnergySettings(), probe_first=True
     ),
+    OWN: Settings(order=("power_law",), power_law=_FITTED),
+    OWN_PROBED: Settings(order=("power_law",), power_law=_FITTED, probe_first=True),
+    OWN_AHEAD: Settings(
+        order=("contact", "power_law"), contact=_CONTACT, power_law=_FITTED, probe_first=True
+    ),
     "strength_duration": Settings(
         order=("strength_duration",), strength_duration=StrengthDuration(width_us=50, tau_us=151.0)
     ),
@@ -74,9 +83,10 @@ _SITES = _shipped()
 LAWS |= _SITES
 #: The names of those that ship.
 SHIPPED = tuple(_SITES)
-#: Those whose work is steadiness, in the order in which they are played on all bodies: what was
+#: Those whose work is steadiness, in the order in which they are played on all bodies: what is
 #: nearest to a recommendation first. The others serve the range.
-FOR_STEADINESS = (
-    *(NONE, *SHIPPED, AHEAD, ENERGY_AHEAD, "energy", CONTACT, "power_law", "pressure"),
-    *(CALIBRATED, "linear_law", CONTACT_AHEAD),
-)
+FOR_STEADINESS = (*(NONE, *SHIPPED, *OWN_K, CONTACT, "energy", CONTACT_AHEAD, AHEAD, ENERGY_AHEAD),)
+#: Those that a few electrodes tell enough of.
+FOR_SHORT = (*FOR_STEADINESS, "power_law", CALIBRATED, "linear_law", "pressure")
+#: On the fake's own finger, where a k of anybody's is as good as its own.
+FOR_FINGER = tuple(law for law in LAWS if law not in OWN_K)

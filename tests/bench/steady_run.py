@@ -19,9 +19,10 @@ from bench import steady_skin
 from bench.steady_laws import K
 from bench.steady_skin import Finger
 from engine_rig import EngineRig
-from engine_scenes import exponent
+from engine_scenes import exponent as usable_exponent
 from etd.files.array import PressureSensor
 from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.exponent import FittedExponent
 from etd.stabilize.settings import Settings
 from etd_body.kinds import BodyKind
 from etd_body.tissue import Floats
@@ -30,6 +31,8 @@ from etd_hal.boardfile import BoardFile, RailMonitor
 from etd_hal.ports import Clock, Marker
 
 ELECTRODES = 64
+#: Nobody's own: of other fingers.
+ANYBODYS = usable_exponent(K)
 #: A pulse makes a hundred objects that are gone at once: looking for circles among them costs more
 #: than all that it finds.
 _COLLECT_AFTER = 200_000
@@ -147,12 +150,12 @@ def run(
     *,
     electrodes: int = ELECTRODES,
     kind: BodyKind | None = None,
-    k: float | None = K,
+    exponent: FittedExponent | None = ANYBODYS,
     rate_hz: float | None = None,
     watching: Watching | None = None,
 ) -> Kept:
-    """All electrodes at the same level, all the time (None) or in so many pieces of it. `k`: what
-    was found of the person; None: nothing. `rate_hz`: None is what it was calibrated at.
+    """All electrodes at the same level, all the time (None) or in so many pieces of it. `exponent`:
+    what was found of the person; None: nothing. `rate_hz`: None is what it was calibrated at.
     """
     gc.set_threshold(_COLLECT_AFTER)
     loaded = loaded_with(settings, electrodes)
@@ -170,7 +173,7 @@ def run(
     calibration = msgspec.structs.replace(
         finger.calibration,
         shape=settings.shape,
-        exponent=None if k is None else exponent(k),
+        exponent=exponent,
     )
     answer = rig.open_with(calibration)
     assert answer.error is None, answer.reason

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 
 import pytest
 
@@ -179,10 +180,19 @@ def test_spi_that_never_comes_back_is_told_and_the_stop_s_cause_stands() -> None
 
 
 def lapse(rig: EngineRig) -> None:
-    rig.run_ms(1_100)
+    """From directly before on: in silence checks are sent, which would meet the fault first."""
+    with closing(armed(engine_rig.make(electrodes=N))) as same:
+        begun_ns = same.clock.now_ns()
+        while same.state == "ARMED":
+            same.run_ms(1)
+        lapsed_ms = (same.clock.now_ns() - begun_ns) / 1e6
+    rig.run_ms(lapsed_ms - 8.0)
+    rig.fake.world.put_in(SpiError(1))
+    rig.run_ms(100)
 
 
 def disarm(rig: EngineRig) -> None:
+    rig.fake.world.put_in(SpiError(1))
     rig.ask(DisarmBoard, lease=LEASE)
 
 
@@ -191,7 +201,6 @@ def test_a_board_that_cannot_be_disarmed_halts_and_its_lease_is_over(
     way: Callable[[EngineRig], None],
 ) -> None:
     rig = armed(engine_rig.make(electrodes=N))
-    rig.fake.world.put_in(SpiError(1))
     way(rig)
     assert first_fault(rig) == "safe_off"
     assert rig.ask(ClearHalt).error is None

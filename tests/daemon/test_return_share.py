@@ -131,6 +131,55 @@ def test_when_one_is_lost_the_best_from_before_still_stands_for_those_that_are_u
     assert sharing.share(1) == pytest.approx(120 / 5 / 4, rel=0.2)
 
 
+def lost_all_but(sharing: ReturnShare, known: int, path_ohm: float, at_ns: int) -> None:
+    """A contact was lost, and so many of the others were read since."""
+    sharing.lose(15)
+    for electrode in range(known):
+        sharing.update(electrode, True, at_ns, exact(path_ohm))
+    sharing.refresh(at_ns)
+
+
+@pytest.mark.parametrize("known", [1, 2, 7])
+def test_while_less_than_half_are_known_each_counts_as_the_best_that_was_seen(known: int) -> None:
+    """What bounds the few allows them anything: that filled the array's second for two."""
+    sharing = seen(*[EVEN] * 16)
+    lost_all_but(sharing, known, paths_ohm([EVEN] * 15)[0], START_NS + 1)
+    assert sharing.weights(START_NS + 1) == [1.0] * 16
+    # Of those that are read, one is the electrode itself: all, or by what the others conduct.
+    assert sharing.share(0) == pytest.approx(1.0 if known < 3 else 1 / 6, rel=0.2)
+    assert sharing.share(0) <= 1.0
+    for electrode in range(known, 15):
+        sharing.update(electrode, True, START_NS + 2, exact(paths_ohm([EVEN] * 15)[0]))
+    later_ns = START_NS + 2 + REFRESH_NS
+    assert carried(sharing, 0, later_ns)[:14] == pytest.approx([1 / 14] * 14, rel=0.1)
+    # Nor is that taken for the best for ever after.
+    assert sharing.share(0) == pytest.approx(1 / 14, rel=0.1)
+
+
+def test_from_half_on_one_that_nothing_bounds_may_carry_all_again() -> None:
+    sharing = seen(*[EVEN] * 16)
+    lost_all_but(sharing, 7, paths_ohm([EVEN] * 15)[0], START_NS + 1)
+    now_ns = START_NS + 2
+    # Its path reads as what the way back alone may be: it may be next to nothing itself.
+    sharing.update(7, True, now_ns, exact(3e3))
+    now_ns += REFRESH_NS
+    assert carried(sharing, 0, now_ns)[6] == 1.0
+
+
+def test_the_best_is_kept_while_few_are_known() -> None:
+    sharing = seen(*[EVEN] * 8, load(10e3))
+    late_ns = START_NS + MAX_AGE_NS
+    for electrode in (0, 1, 2):
+        sharing.update(electrode, True, late_ns, sharing.reading(electrode))
+    sharing.refresh(late_ns + REFRESH_NS)
+    # One of 10 k was seen, and two of 50 k are known beside electrode 0.
+    assert sharing.share(0) == 1.0
+    for electrode in (3, 4):
+        sharing.update(electrode, True, late_ns, sharing.reading(electrode))
+    sharing.refresh(late_ns + 2 * REFRESH_NS)
+    assert sharing.share(0) == pytest.approx(5.0 / 4.0, rel=0.1)
+
+
 def test_one_that_never_touched_is_not_lost() -> None:
     sharing = seen(EVEN, EVEN, EVEN, None)
     before = carried(sharing, 0, START_NS + 2)

@@ -32,8 +32,8 @@ def test_the_table_on_the_page_can_be_appended_to_a_shipped_site(
     copy = tmp_path / "steady.toml"
     copy.write_text(site.read_text(encoding="utf-8") + "\n" + table, encoding="utf-8")
     settings = load_body_site(copy).stabilize
-    assert settings.order == ("contact", "energy")
-    assert settings.probe_first
+    assert settings.order == ("power_law",)
+    assert not settings.probe_first
     assert not settings.before_contact
 
 

@@ -4,6 +4,8 @@ form, with the bounds of what ships or is recommended.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +14,10 @@ import pytest
 from bench import steady_cells
 from bench.steady_bodies import LOOKED_AT, SEEDS, SHORT, cells, play
 from bench.steady_cells import Cell
+from bench.steady_docs import PAGE, write_harms
 from bench.steady_figures import SteadyFigures
-from bench.steady_harm import BOUND, Harm, exclusions, harms, held
-from bench.steady_laws import AHEAD, FOR_STEADINESS, LAWS, NONE
+from bench.steady_harm import BOUND, FOLLOWING, HALF, Harm, exclusions, halved, harms, held
+from bench.steady_laws import AHEAD, FOR_STEADINESS, LAWS, NONE, OWN
 from etd_body.kinds import BodyKind
 
 LAW, BODY, SEED = "energy", BodyKind.INDIFFERENT, 1
@@ -88,6 +91,40 @@ def test_a_bound_law_that_was_not_played_on_a_body_is_not_met() -> None:
     assert all("not played" in what for what in unmet)
 
 
+def own(over_time: float, *, is_refused: bool = False) -> Harm:
+    law = replace(PLAIN, name=OWN, over_time=over_time, is_refused=is_refused)
+    (harm,) = harms({(FOLLOWING, OWN, SEED): law, (FOLLOWING, NONE, SEED): PLAIN})
+    return harm
+
+
+@pytest.mark.parametrize(("left", "is_met"), [(HALF, True), (HALF + 0.01, False)])
+def test_by_a_k_of_ones_own_variation_is_halved_where_feeling_follows_resistance(
+    left: float, is_met: bool
+) -> None:
+    assert halved([found(KEPT), own(left * PLAIN.over_time)]).is_met is is_met
+
+
+def test_what_was_not_played_has_halved_nothing() -> None:
+    assert not halved([found(KEPT)]).is_met
+
+
+def test_who_is_refused_has_no_law_and_so_no_harm_and_nothing_halved() -> None:
+    harm = own(PLAIN.over_time, is_refused=True)
+    assert (harm.is_out, harm.with_law.refused, harm.fingers) == (False, 1, 1)
+    assert not halved([harm]).is_met
+
+
+def test_a_cell_of_the_table_says_who_is_refused(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(PAGE.read_text(encoding="utf-8"), encoding="utf-8")
+    some = replace(own(0.05), fingers=2)
+    write_harms(page, "full", [own(0.1, is_refused=True)], "said")
+    assert f"| {OWN} | refused |" in page.read_text(encoding="utf-8")
+    some = replace(some, with_law=replace(some.with_law, refused=1))
+    write_harms(page, "full", [some], "said")
+    assert f"| {OWN} | 5%, 5%, 0 (1 refused) |" in page.read_text(encoding="utf-8")
+
+
 def test_the_fingers_of_the_full_form_are_not_those_that_are_looked_at() -> None:
     assert not set(SEEDS) & set(LOOKED_AT)
 
@@ -137,3 +174,38 @@ def test_a_run_that_is_cut_goes_on_where_it_stopped(tmp_path: Path) -> None:
     whole = play(wanted, processes=2, within_s=600.0, folder=tmp_path)
     assert len(whole) == len(wanted)
     assert {key: whole[key] for key in cut} == cut
+
+
+def test_what_a_run_loads_of_this_clone_is_what_the_digest_is_of(tmp_path: Path) -> None:
+    """A module that plays a result, and is not among them, could change under what is kept."""
+    code = (
+        "import sys; from pathlib import Path; from dataclasses import replace\n"
+        "from bench.steady_cells import Cell, Form, played_by\n"
+        "from etd_body.kinds import BodyKind\n"
+        "Cell(Form('f', 8, 0.5, 1), BodyKind.AREA, 'contact + power_law + probe, own k', 31)"
+        f".played(Path({str(tmp_path)!r}))\n"
+        "clone = Path(sys.path[0]).parent\n"
+        "files = {Path(it.__file__).resolve() for it in list(sys.modules.values())"
+        " if getattr(it, '__file__', None)}\n"
+        "ours = {it for it in files if any(clone / one in it.parents for one in"
+        " ('daemon', 'hal', 'tests'))}\n"
+        "print(len(ours), sorted(map(str, ours - played_by())))"
+    )
+    tests = Path(steady_cells.__file__).resolve().parents[1]
+    ran = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path[:0] = [{str(tests)!r}]\n{code}"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    count, _, missing = ran.stdout.partition(" ")
+    assert missing.strip() == "[]"
+    assert int(count) > 100
+
+
+def test_where_the_fit_refuses_the_figures_are_of_no_law(tmp_path: Path) -> None:
+    form = replace(SHORT, minutes=0.5, pieces=1)
+    refused = Cell(form, BodyKind.TENDER, OWN, LOOKED_AT[0]).played(tmp_path)
+    plain = Cell(form, BodyKind.TENDER, NONE, LOOKED_AT[0]).kept(tmp_path)
+    assert plain is not None
+    assert refused == replace(plain, name=OWN, is_refused=True)

@@ -212,6 +212,21 @@ def test_without_a_too_weak_nothing_is_ever_above_the_frames_own(story: list[Mom
         assert max(played.offsets.factors()) <= 1.0
 
 
+def test_good_of_all_raises_none_above_its_own_though_one_had_fallen_alone() -> None:
+    """The mean of all, beside what is known of that one, is then estimated above the frame's."""
+    played = Played()
+    every = frozenset(range(N))
+    for moment in (
+        Moment(0, every, "too_strong", (0,)),
+        Moment(0, every, "good", None),
+        Moment(30 * S, every, None, None),
+    ):
+        played.fire(moment)
+        played.say(moment)
+    assert played.offsets.factors() == pytest.approx((1.0,) * N)
+    assert max(played.offsets.factors()) <= 1.0
+
+
 def test_said_again_at_once_it_takes_four_times_as_much_and_never_more_than_half() -> None:
     offsets, steps = FeltOffsets(1), []
     for second in range(8):

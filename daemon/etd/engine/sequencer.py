@@ -141,8 +141,9 @@ class Sequencer:
             self._supervisor.report_state(now_ns)
         schedule, is_armed = self._active.schedule, self._supervisor.states.state == "ARMED"
         room_ns = None
-        if schedule is not None and not schedule.is_waiting:
-            room_ns = schedule.next_ns - now_ns
+        if schedule is not None:
+            # An edge of the trigger may come at any time.
+            room_ns = 0 if schedule.is_waiting else schedule.next_ns - now_ns
         is_ready = self._is_isolated or not self._is_rewritten
         if is_armed and self._source_check.is_due(now_ns, room_ns, is_ready=is_ready):
             return True

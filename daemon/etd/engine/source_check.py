@@ -60,10 +60,10 @@ class SourceCheck:
 
     def is_due(self, now_ns: int, room_ns: int | None, *, is_ready: bool = True) -> bool:
         """Whether a second has passed since the last check; a tenth, of the latch. `room_ns`: until
-        the next scan; None: no frame is shown. A scan that would be late for it goes first, once:
-        so does the first of a frame, since the latch is looked at in silence as well. And so does
-        one for which the chain has been rewritten (not `is_ready`): to shift zeros in would take as
-        long as the message.
+        the next scan, 0 where it waits for an edge; None: no frame is shown. A scan that would be
+        late for it goes first, once: so does the first of a frame, since the latch is looked at in
+        silence as well. And so does one for which the chain has been rewritten (not `is_ready`): to
+        shift zeros in would take as long as the message.
         """
         self._is_shown = room_ns is not None
         if self.limitations:

@@ -58,6 +58,8 @@ class ReturnShare:
         self._known_s = 0.0
         #: The best that was measured, and the best before a contact was lost.
         self._best_s = self._best_before_s = 0.0
+        #: Too few are known, for what bounds them to count.
+        self._is_sparse = True
         #: The least own resistance, and the least path when it was found.
         self._own_ohm = [_NO_BOUND] * count
         self._is_changed = True
@@ -169,10 +171,13 @@ class ReturnShare:
             if (reading := self._readings[electrode])
         ]
         beside_s, least_s = 0.0, [0.0] * self._electrodes
+        unknown = 0
         for electrode in range(self._electrodes):
             if electrode not in self._known:
                 is_open = self._is_open(electrode, now_ns)
+                unknown += not is_open
                 beside_s += self.most_s[electrode] if is_open else math.inf
+        self._is_sparse = len(self._known) < unknown
         own = own_bounds(self._meter, [reading for _, reading in pairs], beside_s)
         for place, (electrode, reading) in enumerate(pairs):
             least_s[electrode] = own.least_s[place]
@@ -181,8 +186,9 @@ class ReturnShare:
         for electrode, seen in enumerate(self._readings):
             if seen is not None and self._known_s > 0.0 and self._is_open(electrode, now_ns):
                 self._bound_own(electrode, seen.least_ohm, 1.0 / self._known_s)
-        best_s = max((1.0 / ohm for ohm, _ in self._own_ohm if ohm > 0.0), default=0.0)
-        self._best_s = max(best_s, self._best_before_s)
+        if not self._is_sparse:
+            best_s = max((1.0 / ohm for ohm, _ in self._own_ohm if ohm > 0.0), default=0.0)
+            self._best_s = max(best_s, self._best_before_s)
 
     def _bound_own(self, electrode: int, path_ohm: float, back_ohm: float) -> None:
         """By the way back as it is known now, or as it was before; the closer bound counts."""
@@ -197,20 +203,21 @@ class ReturnShare:
     def share(self, electrode: int) -> float:
         """The part of this electrode's current that the best of all others may carry; `weights`
         gives the part of that for each of them. Above 1 where the best may not be among the known
-        ones: it may carry the whole current then. 1 where no other is known. As of the last
-        `refresh`.
+        ones: it may carry the whole current then. 1 where no other is known; never more while few
+        are, when no weight is above 1. As of the last `refresh`.
         """
         others_s = self._known_s - self.least_s[electrode]
         if others_s <= 0.0 or self._best_s <= 0.0:
             return 1.0
-        return self._best_s / others_s
+        share = self._best_s / others_s
+        return min(1.0, share) if self._is_sparse else share
 
     def weights(self, now_ns: int) -> list[float]:
         """By electrode: the most that it conducts, divided by the best that was measured. None
         counts for less than an equal part (`return_caps.py`).
         """
         best_s = self._best_s
-        if best_s <= 0.0:
+        if best_s <= 0.0 or self._is_sparse:
             return [1.0] * self._electrodes
         equal_s = self._known_s / max(1, len(self._known))
         found = []

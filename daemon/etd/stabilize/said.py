@@ -43,16 +43,17 @@ _RISE_PER_NS: Final = math.log(RISE_A_MINUTE) / 60e9
 
 class _Electrode:
     """`offset`: the logarithm of its factor, as of `at_ns`; `target`: how far it may rise until
-    `until_ns`.
+    `until_ns`. `has_weak`: somebody who may raise has said *too weak* of it.
     """
 
-    __slots__ = ("at_ns", "fired_ns", "offset", "own", "target", "until_ns")
+    __slots__ = ("at_ns", "fired_ns", "has_weak", "offset", "own", "target", "until_ns")
 
     def __init__(self) -> None:
         self.offset = 0.0
         self.target = 0.0
         self.at_ns = 0
         self.until_ns = 0
+        self.has_weak = False
         self.fired_ns: int | None = None
         self.own: OffsetEstimate | None = None
 
@@ -82,7 +83,10 @@ class _Electrode:
         if wanted < 0.0 and self.offset >= -BAND:
             wanted = 0.0
         least = self.offset if is_weak else min(self.offset, 0.0)
-        wanted = min(max(wanted, least), _MOST_LOG)
+        self.has_weak = self.has_weak or is_weak
+        # An estimate may lie above 0 without it: a fall of one electrode, taken back for all.
+        most = _MOST_LOG if self.has_weak else 0.0
+        wanted = min(max(wanted, least), most)
         self.offset = min(self.offset, wanted)
         self.target, self.until_ns = wanted, now_ns + FELT_NS
 

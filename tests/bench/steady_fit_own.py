@@ -1,0 +1,212 @@
+"""The k of a modelled finger's own: what `etd calibrate --fit` would find on it, or why nothing.
+
+Owns: the states that the finger's skin is brought into, and a person who answers by what this body
+feels. The procedure, the fit and its refusals are the daemon's own. Must not know: engines, laws,
+what becomes of the k.
+
+The states are those of `etd.calibrate.fitting`: sweat and pressing as a breath and a firmer finger
+make them [design], each electrode to an extent of its own. What that does to a threshold is the
+kind's; use raises it where the kind adapts. The person is the simulated one, who errs a little.
+
+    python tests/bench/steady_fit_own.py [--seeds 901 902]      prints the k of all bodies
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import sys
+from collections.abc import Mapping
+from functools import cache
+from math import exp
+from pathlib import Path
+from typing import NamedTuple
+
+# Run as a script, from a clone: the benchmark and the test rigs stand beside one another.
+_TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(_TESTS)]
+
+import numpy as np  # noqa: E402
+
+from bench.steady_skin import MOST_CAP_UA, RATE_HZ, WIDTH_US, body_of, calibrated, seen_ohm  # noqa: E402
+from etd.calibrate.conditions import Conditions  # noqa: E402
+from etd.calibrate.course import Course as AskingCourse  # noqa: E402
+from etd.calibrate.exponent import NoFit  # noqa: E402
+from etd.calibrate.fitting import STATES, FitProgress, Fitting, electrodes_to_ask  # noqa: E402
+from etd.calibrate.person import Felt, SimulatedPerson  # noqa: E402
+from etd.calibrate.stimulator import Delivered  # noqa: E402
+from etd.files.configuration import fake_config  # noqa: E402
+from etd.protocol.exponent import FittedExponent  # noqa: E402
+from etd_body.course import STILL, Course, SkinNow  # noqa: E402
+from etd_body.interface import Side  # noqa: E402
+from etd_body.kinds import BodyKind  # noqa: E402
+from etd_body.living import LivingBody  # noqa: E402
+
+_DAY = datetime.date(2025, 1, 15)
+#: From one presentation to the next, and from one state to the next.
+_EACH_S, _BETWEEN_S = 3.0, 120.0
+#: Of strength over current, as `etd_body.sensation` has it; and of one reading of a resistance.
+_STRENGTH_EXPONENT, _READING_SIGMA = 1.2, 0.02
+#: How differently a breath reaches the electrodes.
+_BREATH_SIGMA = 0.2
+
+
+class OwnState(NamedTuple):
+    """What sweat conducts, over dry, and the area of contact, over that at the usual pressure."""
+
+    sweat_gain: float
+    area: float
+
+
+#: In the order of `etd.calibrate.fitting.STATES`.
+OWN_STATES = (
+    OwnState(1.0, 1.0),
+    OwnState(3.0, 1.0),
+    OwnState(1.15, 1.0),
+    OwnState(1.9, 1.25),
+    OwnState(1.1, 1.0),
+)
+
+
+class _StatedCourse(Course):
+    """A skin that stays as the state has it."""
+
+    def __init__(self, positions_mm: list[tuple[float, float]], *, seed: int) -> None:
+        super().__init__(STILL, positions_mm, seed=seed)
+        random = np.random.default_rng([seed, 9])
+        self._reached = np.exp(random.normal(0.0, _BREATH_SIGMA, len(positions_mm)))
+        self.state = OWN_STATES[0]
+
+    def at(self, t_s: float) -> SkinNow:
+        gain = self.state.sweat_gain**self._reached
+        wetness = np.clip((gain - 1.0) / (OWN_STATES[1].sweat_gain - 1.0), 0.0, 1.0)
+        return SkinNow(np.full(len(gain), self.state.area), wetness, gain)
+
+
+class _Finger:
+    """Implements `Presenter`: one pulse of the body stands for a presentation."""
+
+    def __init__(self, body: LivingBody, course: _StatedCourse, seed: int) -> None:
+        self._body = body
+        self._course = course
+        self._random = np.random.default_rng([seed, 10])
+        self._last = (0, 0)
+        self._pain = 0.0
+        self.now_s = 0.0
+        body.skin.course = course
+        body.look_at(0)
+
+    def begin(self, state: OwnState) -> None:
+        self.now_s += _BETWEEN_S
+        self._course.state = state
+
+    def present(self, electrode: int, current_ua: int) -> Delivered:
+        self._pass_time()
+        self._last = electrode, current_ua
+        count = self._body.electrode_count
+        sides = tuple(Side.SOURCE if other == electrode else Side.GROUND for other in range(count))
+        at_ns = int(self.now_s * 1e9)
+        self._body.take_felt()
+        self._body.drive(at_ns, current_ua, sides)
+        self._body.drive(at_ns + WIDTH_US * 1_000, 0.0, sides)
+        self._pain = self._body.take_felt().pain[electrode]
+        error = exp(self._random.normal(0.0, _READING_SIGMA))
+        ohm = seen_ohm(self._body, electrode, current_ua)
+        return Delivered(electrode, current_ua, round(ohm * error))
+
+    def present_whole(self, currents_ua: Mapping[int, int]) -> Delivered:
+        raise AssertionError("a fit asks one electrode at a time")
+
+    def silence(self, electrode: int) -> Delivered:
+        self._pass_time()
+        self._last, self._pain = (electrode, 0), 0.0
+        return Delivered(electrode, 0, None)
+
+    def sense(self, electrode: int) -> Felt:
+        shown, current_ua = self._last
+        assert shown == electrode
+        times = self._body.times_threshold(electrode, current_ua, WIDTH_US) if current_ua else 0.0
+        return Felt(times**_STRENGTH_EXPONENT, self._pain)
+
+    def pause(self, seconds: float) -> None:
+        self.now_s += seconds
+
+    def keep(self) -> None:
+        """No lease lapses here."""
+
+    def stop(self) -> None:
+        raise AssertionError("nobody stops")
+
+    def _pass_time(self) -> None:
+        self.now_s += _EACH_S
+        self._body.look_at(int(self.now_s * 1e9))
+
+
+@cache
+def own_fit(kind: BodyKind, seed: int, electrodes: int) -> FittedExponent | str:
+    """What is stored in the calibration of this finger; in words, why nothing is fitted."""
+    loaded = fake_config(electrodes=electrodes)
+    made = calibrated(seed, loaded.board, loaded.array, kind)
+    body = body_of(seed, loaded.board, loaded.array, kind)
+    places = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
+    finger = _Finger(body, _StatedCourse(places, seed=seed), seed)
+    conditions = Conditions(
+        participant=made.participant,
+        method="staircase",
+        body_site=made.body_site,
+        array=made.array,
+        electrodes=electrodes,
+        polarity=made.polarity,
+        width_us=WIDTH_US,
+        rate_hz=RATE_HZ,
+        returns=made.returns,
+        pulses=5,
+        cap_ua=int(MOST_CAP_UA),
+    )
+    progress = FitProgress(conditions=conditions, electrodes=electrodes_to_ask(made), seed=seed)
+    fitting, person = Fitting(progress), SimulatedPerson(finger.sense, seed)
+    for state in OWN_STATES[: len(STATES)]:
+        finger.begin(state)
+        of_state = fitting.progress_of_state()
+        course = AskingCourse(
+            of_state,
+            finger,
+            person,
+            lambda: _DAY,
+            baseline=made,
+            on_progress=fitting.lower,
+            on_threshold=lambda one: fitting.threshold_found(one, finger.now_s),
+            fit=(fitting.caps_ua, fitting.least_ua),
+        )
+        course.run(progress.electrodes)
+        fitting.take(of_state)
+    try:
+        return fitting.fit(_DAY)
+    except NoFit as error:
+        return str(error)
+
+
+def said(found: FittedExponent | str) -> str:
+    """In words."""
+    if isinstance(found, str):
+        return f"refused: {found}"
+    verdict = "usable" if found.why_not is None else f"refused: {found.why_not}"
+    return (
+        f"k {found.k:.2f} ({found.low:.2f} to {found.high:.2f}), explains {found.explained:.0%},"
+        f" {found.fold:.1f}-fold: {verdict}"
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[901, 902])
+    parser.add_argument("--electrodes", type=int, default=64)
+    asked = parser.parse_args()
+    for kind in BodyKind:
+        for seed in asked.seeds:
+            print(f"{kind} {seed}: {said(own_fit(kind, seed, asked.electrodes))}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
