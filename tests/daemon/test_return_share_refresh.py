@@ -171,12 +171,13 @@ def test_one_that_was_never_read_counts_as_the_best() -> None:
     assert known(7, beside=1).weights(START_NS)[7] == 1.0
 
 
-def test_beside_one_that_is_known_an_open_one_counts_for_as_much() -> None:
-    sharing = with_open(50e3, 50e3, 50e3, 1e7)
-    late_ns = START_NS + 2 * MAX_AGE_NS
-    assert sharing.refresh(late_ns)
-    best_s, reading = max(sharing.most_s), sharing.reading(0)
-    assert reading is not None
-    sharing.update(0, True, late_ns, reading)
-    sharing.update(3, False, late_ns)
-    assert sharing.weights(late_ns)[3] == pytest.approx(1.0 / reading.most_ohm / best_s)
+def test_an_equal_part_is_one_of_those_that_are_known_now() -> None:
+    sharing, late_ns = with_open(50e3, 50e3, 50e3, 1e7), START_NS + REFRESH_NS + MAX_AGE_NS
+    sharing.update(0, True, late_ns - 1, sharing.reading(0))
+    sharing.update(3, False, late_ns - 1)
+    assert sharing.refresh(late_ns - 1)
+    best_s = max(sharing.most_s)
+    assert sharing.weights(late_ns - 1)[3] == pytest.approx(sum(sharing.least_s) / 3 / best_s)
+    # Two have expired.
+    assert not sharing.refresh(late_ns)
+    assert sharing.weights(late_ns)[3] == pytest.approx(sharing.least_s[0] / best_s)
