@@ -9,7 +9,7 @@ from contextlib import closing
 
 import msgspec
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 import engine_rig
@@ -189,7 +189,12 @@ def hold(rig: EngineRig, shown: dict[str, object]) -> None:
     assert isinstance(wanted, set)
     fields = {key: shown[key] for key in ("width_us", "rate_hz", "polarity")}
     current_ua = tuple(strength_ua if electrode in wanted else 0 for electrode in range(8))
-    rig.hold(150, current_ua=current_ua, allow_slower=True, **fields)
+    try:
+        rig.hold(150, current_ua=current_ua, allow_slower=True, **fields)
+    except AssertionError as refusal:
+        # On skin this uneven a frame of one polarity may be more direct current than is allowed.
+        assume("net charge" not in str(refusal))
+        raise
     pause_ms = shown["pause_ms"]
     assert isinstance(pause_ms, int)
     if pause_ms:
