@@ -127,7 +127,9 @@ def opened_to(rig: EngineRig, current_ua: int) -> None:
     """As if so much had been fired: how the opening rises by itself is tested at the wire, and
     what was fired for it would be in the ledgers and the maps of everything else.
     """
-    rig.engine.components.soft_start.fired(0, current_ua, current_ua, rig.clock.now_ns() - 100 * MS)
+    soft_start, fired_ns = rig.engine.components.soft_start, rig.clock.now_ns() - 100 * MS
+    soft_start.due(fired_ns)
+    soft_start.fired(0, current_ua, current_ua, fired_ns)
 
 
 def begun(rig: EngineRig, width_us: int = 200, k: float = 0.7) -> EngineRig:

@@ -42,6 +42,9 @@ def test_paths_that_are_known_exactly_tell_what_each_contact_conducts() -> None:
         assert found.least_s[electrode] <= contact.conductance_s <= found.most_s[electrode]
         assert found.least_s[electrode] == pytest.approx(contact.conductance_s, rel=0.03)
         assert found.most_s[electrode] == pytest.approx(contact.conductance_s, rel=0.03)
+        back_ohm = paths_ohm(on)[electrode] - contact.resistance_ohm
+        assert back_ohm <= found.back_ohm[electrode] * (1.0 + 1e-9)
+        assert found.back_ohm[electrode] == pytest.approx(back_ohm, rel=0.03)
 
 
 def dry(*others: tuple[Contact, tuple[int, int]]) -> list[tuple[Contact, tuple[int, int]]]:
@@ -105,6 +108,23 @@ def test_a_contact_that_resists_less_than_the_way_back_is_sure_has_no_bound() ->
     """The others are read as more than they are, and what is left of its path is nothing."""
     found = own([exact(300e3), exact(300e3), exact(100e3)])
     assert found.most_s[2] == math.inf
+    assert found.least_s[2] == pytest.approx(1.0 / 100e3)
+
+
+def test_a_contact_without_a_bound_is_bounded_by_the_others_and_bounds_none_of_them() -> None:
+    vague = changed(exact(100e3), least_ohm=10e3)
+    found = own([*[exact(300e3)] * 9, vague])
+    assert found.most_s[9] == math.inf
+    back_ohm = 1.0 / sum(found.most_s[:9])
+    assert found.least_s[9] == pytest.approx(1.0 / (100e3 - back_ohm), rel=0.01)
+    assert found.least_s[:9] == pytest.approx([1.0 / 300e3] * 9)
+
+
+def test_beside_two_contacts_without_a_bound_no_way_back_is_taken_off_any() -> None:
+    vague = changed(exact(100e3), least_ohm=10e3)
+    found = own([*[exact(300e3)] * 9, vague, vague])
+    assert found.most_s[9:] == [math.inf] * 2
+    assert found.least_s == pytest.approx([1.0 / 300e3] * 9 + [1.0 / 100e3] * 2)
 
 
 def test_a_source_at_its_end_tells_the_least_alone() -> None:
@@ -210,6 +230,8 @@ def test_readings_differ_where_neither_bounds_nor_their_currents_can_explain_the
     assert not before.differs(before)
     assert not before.differs(changed(before, least_ohm=109e3, most_ohm=150e3))
     assert not before.differs(changed(before, least_ohm=50e3, most_ohm=101e3))
+    assert not before.differs(changed(before, least_ohm=110e3, most_ohm=150e3))
+    assert not before.differs(changed(before, least_ohm=50e3, most_ohm=100e3))
     assert before.differs(changed(before, least_ohm=111e3, most_ohm=150e3))
     assert before.differs(changed(before, least_ohm=50e3, most_ohm=99e3))
     # Skin resists half as much at 8 mA as at none.

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etd.safety.net_charge import LEAK_NS, NetCharge
+from etd.safety.net_charge import LEAK_NS, LEAST_S, NetCharge, parts_of
 
 N = 5
 BOUND_PC = 1_000_000
@@ -184,8 +184,139 @@ def test_it_leaks_to_a_hundredth_in_five_seconds() -> None:
     net = NetCharge(2, BOUND_PC)
     net.add(0, BOUND_PC, None, NOW_NS)
     later_ns = NOW_NS + 5_000_000_000
-    assert net.of(0, later_ns) == pytest.approx(BOUND_PC * math.exp(-5))
-    assert net.of(1, later_ns) == pytest.approx(-BOUND_PC * math.exp(-5))
+    assert net.of(0, later_ns) == pytest.approx(BOUND_PC * math.exp(-5), rel=1e-12)
+    assert net.of(1, later_ns) == pytest.approx(-BOUND_PC * math.exp(-5), rel=1e-12)
+
+
+def test_half_a_minute_after_the_first_it_leaks_as_before() -> None:
+    """The sums are moved to a new time then."""
+    net = NetCharge(2, BOUND_PC)
+    net.add(0, 0.001, None, NOW_NS)
+    net.add(0, 1.1 * BOUND_PC, None, NOW_NS + 29_900_000_000)
+    assert net.exceeds_one_return(NOW_NS + 29_900_000_000)
+    later_ns = NOW_NS + 30_100_000_000
+    assert net.of(0, later_ns) == pytest.approx(1.1 * BOUND_PC * math.exp(-0.2))
+    assert not net.exceeds_one_return(later_ns)
+
+
+def test_before_the_first_pulse_there_is_nothing_whatever_returns_conduct() -> None:
+    net = NetCharge(N, BOUND_PC)
+    for conducts_s in ([1e-5] * N, [2e-5] * N):
+        assert net.all(0) == [0.0] * N
+        net.set_conductances(conducts_s)
+    assert net.all(0) == [0.0] * N
+
+
+def test_just_the_bound_is_kept_and_no_more() -> None:
+    net = NetCharge(N, BOUND_PC)
+    assert net.fits(2, BOUND_PC, None, 0)
+    assert not net.fits(2, BOUND_PC + 1, None, 0)
+    net.add(2, BOUND_PC, None, 0)
+    assert not net.exceeds_one_return(0)
+    net.add(2, 1, None, 0)
+    assert net.exceeds_one_return(0)
+
+
+def test_a_pulse_that_turns_a_charge_round_is_none_that_brings_it_back() -> None:
+    net = NetCharge(N, BOUND_PC)
+    net.add(2, 3 * BOUND_PC, (0,), 0)
+    assert not net.fits(2, -6 * BOUND_PC, (0,), 0)
+    assert net.fits(2, -6 * BOUND_PC + 1, (0,), 0)
+
+
+def test_a_pulse_that_leaves_nothing_fits_however_much_is_there() -> None:
+    net = NetCharge(N, BOUND_PC)
+    net.add(2, 3 * BOUND_PC, None, NOW_NS)
+    assert net.fits(2, 0, None, NOW_NS)
+
+
+@pytest.mark.parametrize(
+    ("conducts_s", "pulse_pc"),
+    [
+        # Measured, all of it comes back at the first.
+        ([1e-4, 0.0, 0.0, 0.0, 0.0], BOUND_PC // 4),
+        # By even parts a quarter does, and measured nothing.
+        ([0.0, 1e-4, 1e-4, 1e-4, 1e-4], BOUND_PC),
+    ],
+)
+def test_a_pulse_fits_where_it_fits_by_both_ways_to_share(
+    conducts_s: list[float], pulse_pc: int
+) -> None:
+    net = NetCharge(N, BOUND_PC)
+    net.set_conductances(conducts_s)
+    for electrode in range(1, N):
+        net.add(electrode, pulse_pc, None, NOW_NS)
+    worst_pc = [max(map(abs, state.left_pc)) for state in net.states(NOW_NS)]
+    assert max(worst_pc) == pytest.approx(BOUND_PC)
+    assert min(worst_pc) <= BOUND_PC / 4 + 1
+    assert not net.fits(1, 10_000, None, NOW_NS)
+    assert net.fits(1, -10_000, None, NOW_NS)
+
+
+#: Which way the pulses of all electrodes but the first come back, at which time after an earlier
+#: one: by what returns conduct, in any unit, and by name.
+ways_back = pytest.mark.parametrize(
+    ("conducts", "returns"),
+    [
+        ([1.0] * N, None),
+        ([1e-6] * N, None),
+        ([1e6] * N, None),
+        ([3e6, 2e6, 1e6, 1e6, 1e6], None),
+        ([3e-6, 2e-6, 1e-6, 1e-6, 1e-6], None),
+        ([1.0] * N, (0,)),
+    ],
+)
+
+
+@ways_back
+@pytest.mark.parametrize("after_ns", [0, 2_000_000_000])
+@pytest.mark.parametrize("pulse_pc", [10_000, -10_000])
+def test_pulses_all_around_fit_until_what_they_share_is_at_its_bound_and_not_after(
+    conducts: list[float], returns: tuple[int, ...] | None, after_ns: int, pulse_pc: int
+) -> None:
+    net, now_ns, booked = NetCharge(N, BOUND_PC), NOW_NS + after_ns, list[Visit]()
+    net.add(4, 0.001, None, NOW_NS)
+    net.set_conductances(conducts)
+    electrode = 1
+    while net.fits(electrode, pulse_pc, returns, now_ns):
+        net.add(electrode, pulse_pc, returns, now_ns)
+        booked.append((after_ns, electrode, pulse_pc, returns))
+        electrode = 1 + electrode % (N - 1)
+    held = [conducts] * (len(booked) + 1)
+    at_bound = [by_hand_pc(booked, 0, after_ns), by_hand_pc(booked, 0, after_ns, held)]
+    then = [*booked, (after_ns, electrode, pulse_pc, returns)]
+    past = [by_hand_pc(then, 0, after_ns), by_hand_pc(then, 0, after_ns, held)]
+    assert max(map(abs, at_bound)) <= BOUND_PC + 1 < max(map(abs, past)) + 2
+    # Those that named it have filled it for those that do not.
+    assert not net.fits(electrode, 5 * pulse_pc, None, now_ns)
+
+
+def test_one_that_its_own_pulses_have_filled_is_no_return_that_has_room() -> None:
+    net = NetCharge(N, BOUND_PC)
+    net.add(0, BOUND_PC, None, NOW_NS)
+    assert net.fits(1, 100_000, None, NOW_NS)
+    assert not net.fits(1, -100_000, None, NOW_NS)
+
+
+def test_what_counts_from_an_earlier_time_has_filled_an_electrode_then() -> None:
+    net = NetCharge(N, BOUND_PC)
+    assert net.fits(0, 1, None, NOW_NS)
+    net.add(0, BOUND_PC, None, NOW_NS - LEAK_NS)
+    assert not net.fits(1, -100_000, None, NOW_NS - LEAK_NS)
+    assert net.fits(1, -100_000, None, NOW_NS)
+
+
+def test_what_is_left_of_each_pulse_is_what_one_return_would_carry() -> None:
+    net = NetCharge(N, BOUND_PC)
+    net.add(0, 0.001, None, NOW_NS)
+    net.add(0, 1.1 * BOUND_PC, None, NOW_NS + LEAK_NS)
+    assert net.exceeds_one_return(NOW_NS + LEAK_NS)
+
+
+def test_named_returns_that_conduct_nothing_share_evenly() -> None:
+    assert parts_of((0, 2), [0.0, 1e-5, 0.0]) == [0.5, 0.5]
+    assert parts_of((0, 2), [LEAST_S, 1e-5, 0.0]) == [0.5, 0.5]
+    assert parts_of((0, 2), [3e-5, 1e-5, 1e-5]) == pytest.approx([0.75, 0.25])
 
 
 def test_what_is_taken_back_is_gone_and_what_is_corrected_counts_from_its_time() -> None:

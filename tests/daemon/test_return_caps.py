@@ -25,6 +25,20 @@ def test_one_that_is_not_known_may_carry_it_all() -> None:
     assert bounds([4_000, 300, 4_000], EVEN, None, EVEN).of(0) == (300.0, 1)
 
 
+def test_one_that_is_not_known_takes_nothing_off_what_others_carry() -> None:
+    wet = Known(2e-4, 2e-4, 100.0, touches=True)
+    alone = bounds([100, 4_000, 4_000], wet, EVEN, EVEN).of(1)
+    beside = bounds([100, 4_000, 4_000, 4_000], wet, EVEN, EVEN, None).of(1)
+    # It counts a tenth of its current for the one other that is left beside it.
+    assert alone == beside
+    assert alone[0] == pytest.approx(110, rel=0.01)
+
+
+def test_each_electrode_has_a_cap() -> None:
+    with pytest.raises(ValueError, match="zip"):
+        bounds([100, 4_000], EVEN, EVEN, EVEN)
+
+
 def test_of_those_that_are_alike_the_one_with_the_smallest_cap_comes_to_it_first() -> None:
     found = bounds([4_000] * 8 + [100], *[EVEN] * 9)
     current_ua, electrode = found.of(0)

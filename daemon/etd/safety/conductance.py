@@ -180,8 +180,7 @@ class PathMeter:
 
     def _scaled(self, samples: PathSamples, whole: Whole) -> Reading | None:
         """From the last samples of both or, where there is none now, from the early ones."""
-        has_end, step_v = samples.has_end, self._step_v
-        now_v = samples.last_v if has_end else samples.early_v
+        has_end, step_v, now_v = samples.has_end, self._step_v, samples.last_v
         if now_v >= self._near_v or (samples.has_prepulse and not (has_end and whole.spans)):
             return None
         then_v = whole.last_v - step_v if has_end else whole.early_v + step_v
@@ -206,7 +205,7 @@ class PathMeter:
     def most_ohm(self, reading: Reading, back_ohm: float) -> float:
         """The most that a path can resist, if its way back resists at most `back_ohm`."""
         whole = reading.whole
-        if whole.end_v == math.inf or back_ohm == math.inf:
+        if back_ohm == math.inf:
             return math.inf
         # The skin's capacitance is discharged through the leak and the way back.
         longer = 1.0 + back_ohm / self._leak_ohm
@@ -214,13 +213,13 @@ class PathMeter:
         most_ohm = max(reading.most_ohm, self._ohm(whole.current_ua, end_v) * reading.scale)
         series_s = 1.0 / (_MOST_SERIES_OHM + back_ohm)
         at_once_v = whole.current_ua / 1e6 / (series_s + 1.0 / self._leak_ohm)
-        if at_once_v >= whole.early_v or most_ohm == math.inf or not whole.spans:
+        # By noise the early sample may read above the end.
+        is_rise = at_once_v < whole.early_v <= whole.last_v
+        if most_ohm == math.inf or not is_rise:
             return most_ohm
         for _ in range(_STEPS):
             # The rest of the rise grows with its end: from an upper bound, each step is one too.
             rise_v = end_v - whole.early_v
-            if rise_v <= 0.0:
-                break  # Noise: the early sample read above the end.
             left = rise_v / (end_v - at_once_v)
             end_v = min(end_v, whole.last_v + rise_v * left**whole.spans)
         return min(most_ohm, self._ohm(whole.current_ua, end_v) * reading.scale)

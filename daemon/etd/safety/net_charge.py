@@ -60,9 +60,8 @@ class _Account:
 
     def weigh(self, conducts_s: Sequence[float]) -> None:
         """From now on returns share by these."""
-        if self._pool or any(self._through):
-            self._own_pc = [self.worth_pc(electrode) for electrode in range(len(self._own_pc))]
-            self._through, self._pool = [0.0] * len(self._own_pc), 0.0
+        self._own_pc = [self.worth_pc(electrode) for electrode in range(len(self._own_pc))]
+        self._through, self._pool = [0.0] * len(self._own_pc), 0.0
         self.conducts_s = conducts_s
         self._whole_s, self._best_s = sum(conducts_s), max(conducts_s)
 
@@ -191,8 +190,8 @@ class NetCharge:
         return math.exp(passed)
 
     def _move_to(self, now_ns: int) -> None:
-        """What is left of sums so old is nothing that counts."""
-        factor = math.exp(-min(700.0, (now_ns - self._at_ns) / LEAK_NS))
+        """The sums as they are worth now."""
+        factor = math.exp((self._at_ns - now_ns) / LEAK_NS)
         self._at_ns = now_ns
         self._even.scale(factor)
         self._measured.scale(factor)

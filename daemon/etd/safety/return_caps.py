@@ -60,9 +60,8 @@ class ReturnCaps:
     def __init__(self, caps_ua: Sequence[int], known: Sequence[Known | None]) -> None:
         others_s = [0.0 if it is None else it.as_other_s for it in known]
         whole_s = sum(others_s)
-        best = max(range(len(known)), key=others_s.__getitem__)
-        best_s = others_s[best]
-        next_s = max((own_s for place, own_s in enumerate(others_s) if place != best), default=0.0)
+        next_s, best_s = sorted(others_s)[-2:]
+        best = others_s.index(best_s)
         touching = sum(it is not None and it.touches for it in known)
         bounds: list[ReturnBound] = []
         for electrode, (cap_ua, it) in enumerate(zip(caps_ua, known, strict=True)):

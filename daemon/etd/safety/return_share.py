@@ -28,6 +28,8 @@ from etd.safety.conductance import PathMeter, Reading, own_bounds
 REFRESH_NS, _SOON_NS = 250_000_000, 2_000_000
 #: The weight of an electrode that may carry the whole current, whatever the others conduct.
 _WHOLE = 1e9
+#: An own resistance that is not bounded, and the path when it was found.
+_NO_BOUND = (-math.inf, math.inf)
 
 
 class ReturnShare:
@@ -59,7 +61,7 @@ class ReturnShare:
         #: Too few are known, for what bounds them to count.
         self._is_sparse = True
         #: The least own resistance, and the least path when it was found.
-        self._own_ohm = [(-math.inf, 0.0)] * count
+        self._own_ohm = [_NO_BOUND] * count
         self._is_changed = True
         self._refresh_ns = 0
 
@@ -85,12 +87,14 @@ class ReturnShare:
             self._is_changed = True
         if not touches:
             self.lose(electrode)
-        elif is_stale(self._read_ns[electrode], now_ns):
+        elif (last := self._readings[electrode]) is None or is_stale(
+            self._read_ns[electrode], now_ns
+        ):
             self._drop(electrode, now_ns)
         else:
             self._ending.append((now_ns + MAX_AGE_NS, electrode))
             if electrode not in self._known:
-                self._add(electrode, now_ns)
+                self._add(electrode, last, now_ns)
         self._touches[electrode] = touches
         self._looked_ns[electrode] = now_ns
 
@@ -109,7 +113,7 @@ class ReturnShare:
         """A contact has changed, and what moved it may have changed the others: paths from before
         bound nothing any more. The best of them still stands for those that are unknown.
         """
-        self._own_ohm = [(-math.inf, 0.0)] * self._electrodes
+        self._own_ohm = [_NO_BOUND] * self._electrodes
         self._best_before_s = self._best_s
 
     def is_known(self, electrode: int, now_ns: int) -> bool:
@@ -123,10 +127,9 @@ class ReturnShare:
     def _is_open(self, electrode: int, now_ns: int) -> bool:
         return not self._touches[electrode] and not is_stale(self._looked_ns[electrode], now_ns)
 
-    def _add(self, electrode: int, now_ns: int) -> None:
+    def _add(self, electrode: int, reading: Reading, now_ns: int) -> None:
         """Its own resistance is at most that of its path; the next refresh knows more."""
-        reading = self._readings[electrode]
-        least_s = 0.0 if reading is None else 1.0 / reading.most_ohm
+        least_s = 1.0 / reading.most_ohm
         self._known.add(electrode)
         self.least_s[electrode] = least_s
         self._known_s += least_s
@@ -154,8 +157,7 @@ class ReturnShare:
         """Called before each pulse: updates what follows from the readings when that is due.
         Returns whether it did.
         """
-        if self._ending and self._ending[0][0] <= now_ns:
-            self._expire(now_ns)
+        self._expire(now_ns)
         if not self._is_changed or now_ns < self._refresh_ns:
             return False
         self._is_changed, self._refresh_ns = False, now_ns + REFRESH_NS
@@ -230,8 +232,7 @@ class ReturnShare:
         and the most, 0 where nothing touches. An unknown one conducts as well as the best that was
         measured; where none was, all are alike.
         """
-        best_s = self._best_s if self._best_s > 0.0 else 1.0
-        found = []
+        best_s, found = self._best_s, []
         for electrode, (least_s, most_s) in enumerate(zip(self.least_s, self.most_s, strict=True)):
             if electrode in self._known:
                 # Of a bound that is none, nothing is known.

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 
 class ReturnWeights:
-    """A weight counts for at least `window_ns` after a smaller one was set, and for twice that at
-    most. Before the first call all are 1.
+    """A weight counts for at least `window_ns` after a smaller one was set, and for twice that and
+    the time between two calls at most. Before the first call all are 1.
     """
 
     def __init__(self, electrodes: int, window_ns: int) -> None:

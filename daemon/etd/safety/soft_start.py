@@ -11,7 +11,7 @@ every pulse, and the lower bound is its ceiling:
 
     0.5 mA above the highest current that was fired 100 ms ago or longer
     50 uA for every 10 ms above the highest current that was let through to any pulse before it,
-        counted from the last pulse that was fired at its ceiling, and for 100 ms at most
+        counted from the last pulse that was fired at its ceiling
 
 By the first, no pulse within any 100 ms exceeds by more than 0.5 mA what was fired before them. By
 the second, the ceiling rises in small steps wherever pulses are close enough.
@@ -73,8 +73,7 @@ class Ramp:
         rises, settled_ns = self._rises, now_ns - WINDOW_NS
         while rises and rises[0][0] <= settled_ns:
             self._settled_ua = rises.popleft()[1]
-        passed_ns = now_ns - self._counted_ns
-        steps = (passed_ns if passed_ns < WINDOW_NS else WINDOW_NS) // STEP_NS
+        steps = (now_ns - self._counted_ns) // STEP_NS
         ceiling_ua, settled_ua = self._reached_ua + steps * STEP_UA, self._settled_ua + RISE_UA
         if settled_ua < ceiling_ua:
             ceiling_ua = settled_ua
@@ -85,21 +84,21 @@ class Ramp:
 
     def fired(self, given_ua: int, commanded_ua: int, ended_ns: int) -> None:
         """The pulse that was due was fired: the limits let `given_ua` through, the source was
-        commanded to `commanded_ua`, and the message ended at `ended_ns`.
+        commanded to `commanded_ua`, which is no more, and the message ended at `ended_ns`.
         """
+        counted_ns = self._counted_ns
+        if counted_ns is None:
+            return  # It was due before the restart, and raises nothing after it.
         self._last_ns = ended_ns
         if commanded_ua > self._fired_ua:
             self._fired_ua = commanded_ua
             self._rises.append((ended_ns, commanded_ua))
         if given_ua > self._reached_ua or given_ua >= self.ceiling_ua:
             self._reached_ua = max(self._reached_ua, given_ua)
-            self._use_time()
-
-    def _use_time(self) -> None:
-        """Whole steps are used up; the rest of a step counts for the next pulse."""
-        passed_ns = self._due_ns - (self._counted_ns or 0)
-        left_ns = passed_ns % STEP_NS if passed_ns < WINDOW_NS else 0
-        self._counted_ns = self._due_ns - left_ns
+            # Whole steps are used up; the rest of a step counts for the next pulse.
+            passed_ns = self._due_ns - counted_ns
+            left_ns = passed_ns % STEP_NS if passed_ns < WINDOW_NS else 0
+            self._counted_ns = self._due_ns - left_ns
 
     def copy(self) -> Ramp:
         """One that pulses can be tried on."""
