@@ -76,7 +76,7 @@ class Said:
 @dataclass(frozen=True)
 class Played:
     """What came out of one finger. The last two: the part of the scans that their person would
-    call so, with nobody's errors.
+    call so, without errors.
     """
 
     figures: SteadyFigures

@@ -85,8 +85,8 @@ LAWS |= _SITES
 SHIPPED = tuple(_SITES)
 #: Those whose work is steadiness, in the order in which they are played on all bodies: what is
 #: nearest to a recommendation first. The others serve the range.
-FOR_STEADINESS = (*(NONE, *SHIPPED, *OWN_K, CONTACT, "energy", CONTACT_AHEAD, AHEAD, ENERGY_AHEAD),)
+FOR_STEADINESS = (NONE, *SHIPPED, *OWN_K, CONTACT, "energy", CONTACT_AHEAD, AHEAD, ENERGY_AHEAD)
 #: Those that a few electrodes tell enough of.
 FOR_SHORT = (*FOR_STEADINESS, "power_law", CALIBRATED, "linear_law", "pressure")
-#: On the fake's own finger, where a k of anybody's is as good as its own.
+#: On the fake's own finger, where one k holds for all fingers.
 FOR_FINGER = tuple(law for law in LAWS if law not in OWN_K)

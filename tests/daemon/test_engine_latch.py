@@ -8,7 +8,7 @@ import pytest
 
 from charge_witness import even_skin
 from engine_rig import EngineRig
-from engine_scenes import config, first_fault, fully_open, halts, phases
+from engine_scenes import MS, config, first_fault, fully_open, halts, phases
 from etd.protocol.link import ArmBoard
 from etd_hal.fake.faults import DacGain, Fault, StuckBehind, SwitchOutput
 
@@ -100,3 +100,17 @@ def test_arming_is_refused_with_a_latch_that_is_stuck(make_rig: MakeRig) -> None
     answer = rig.ask(ArmBoard)
     assert answer.error == "arm_failed"
     assert "is still on the source" in str(answer.reason)
+
+
+def test_the_latch_is_looked_at_while_a_frame_waits_for_an_edge_that_does_not_come(
+    make_rig: MakeRig,
+) -> None:
+    rig = shown(make_rig, "kajimoto-hv507")
+    stand(rig, 200)
+    rig.fake.world.put_in(StuckBehind("LE", 0))
+    waits_ns = rig.clock.now_ns()
+    while rig.state == "ARMED" and rig.clock.now_ns() - waits_ns < 2_000 * MS:
+        rig.send(current_ua=(CURRENT_UA,) * N, width_us=50, ttl_ms=100, on_trigger=True)
+        rig.run_ms(50)
+    assert first_fault(rig) == "BoardFault"
+    assert halts(rig)[0].t_ns - waits_ns <= 250 * MS

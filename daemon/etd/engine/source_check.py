@@ -14,8 +14,9 @@ none selected: it must read the same; see docs/decisions/0078.
 
 The first pulse is a third of a probe, as in a self-test: a source that makes three times what it is
 told is still within the probe's bound. A source that is wrong above some current only passes that.
-So the whole probe follows, with the outputs blanked. While armed the pulses with the outputs live
-tell of a third of a probe, and the blanked one of that is left out: two messages fit between scans.
+So the whole probe follows, with the outputs blanked. Between two scans there is time for one
+message: while armed the pulses with the outputs live tell of a third of a probe, so the blanked one
+of that is left out, and the others come one by one.
 """
 
 from __future__ import annotations

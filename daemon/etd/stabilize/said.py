@@ -43,7 +43,7 @@ _RISE_PER_NS: Final = math.log(RISE_A_MINUTE) / 60e9
 
 class _Electrode:
     """`offset`: the logarithm of its factor, as of `at_ns`; `target`: how far it may rise until
-    `until_ns`. `has_weak`: somebody who may raise has said *too weak* of it.
+    `until_ns`. `has_weak`: the lease's holder has said *too weak* of it.
     """
 
     __slots__ = ("at_ns", "fired_ns", "has_weak", "offset", "own", "target", "until_ns")
