@@ -9,11 +9,13 @@ from __future__ import annotations
 import datetime
 import math
 import random
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import msgspec
 
 from calibrate_scenes import ROW
+from etd.calibrate.asking import Presenter
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.course import Course
 from etd.calibrate.exponent import NoFit
@@ -104,6 +106,35 @@ def begun(skin: StateSkin, seed: int) -> FitProgress:
     return FitProgress(conditions=CONDITIONS, electrodes=electrodes, seed=seed)
 
 
+class Timed(Presenter, Protocol):
+    """A presenter that knows how much time has passed on its skin."""
+
+    now_s: float
+
+
+def ask_in_this_state(
+    fitting: Fitting,
+    electrodes: Sequence[int],
+    presenter: Timed,
+    person: SimulatedPerson,
+    made: Calibration,
+) -> None:
+    """Ask for the thresholds of these electrodes in the state that the skin is in."""
+    of_state = fitting.progress_of_state()
+    course = Course(
+        of_state,
+        presenter,
+        person,
+        lambda: TODAY,
+        baseline=made,
+        on_progress=fitting.lower,
+        on_threshold=lambda one: fitting.threshold_found(one, presenter.now_s),
+        fit=(fitting.caps_ua, fitting.least_ua),
+    )
+    course.run(electrodes)
+    fitting.take(of_state)
+
+
 def ask_all(
     skin: StateSkin,
     progress: FitProgress,
@@ -117,19 +148,7 @@ def ask_all(
     while progress.states < until:
         skin.fall = FALLS[progress.states]
         skin.now_s += 120.0
-        of_state = fitting.progress_of_state()
-        course = Course(
-            of_state,
-            skin,
-            person,
-            lambda: TODAY,
-            baseline=made,
-            on_progress=fitting.lower,
-            on_threshold=lambda one: fitting.threshold_found(one, skin.now_s),
-            fit=(fitting.caps_ua, fitting.least_ua),
-        )
-        course.run(progress.electrodes)
-        fitting.take(of_state)
+        ask_in_this_state(fitting, progress.electrodes, skin, person, made)
     return fitting
 
 

@@ -14,7 +14,6 @@ kind's; use raises it where the kind adapts. The person is the simulated one, wh
 from __future__ import annotations
 
 import argparse
-import datetime
 import sys
 from collections.abc import Mapping
 from functools import cache
@@ -30,7 +29,6 @@ import numpy as np  # noqa: E402
 
 from bench.steady_skin import MOST_CAP_UA, RATE_HZ, WIDTH_US, body_of, calibrated, seen_ohm  # noqa: E402
 from etd.calibrate.conditions import Conditions  # noqa: E402
-from etd.calibrate.course import Course as AskingCourse  # noqa: E402
 from etd.calibrate.exponent import NoFit  # noqa: E402
 from etd.calibrate.fitting import STATES, FitProgress, Fitting, electrodes_to_ask  # noqa: E402
 from etd.calibrate.person import Felt, SimulatedPerson  # noqa: E402
@@ -41,8 +39,8 @@ from etd_body.course import STILL, Course, SkinNow  # noqa: E402
 from etd_body.interface import Side  # noqa: E402
 from etd_body.kinds import BodyKind  # noqa: E402
 from etd_body.living import LivingBody  # noqa: E402
+from fit_scenes import TODAY, ask_in_this_state  # noqa: E402
 
-_DAY = datetime.date(2025, 1, 15)
 #: From one presentation to the next, and from one state to the next.
 _EACH_S, _BETWEEN_S = 3.0, 120.0
 #: Of strength over current, as `etd_body.sensation` has it; and of one reading of a resistance.
@@ -167,21 +165,9 @@ def own_fit(kind: BodyKind, seed: int, electrodes: int) -> FittedExponent | str:
     fitting, person = Fitting(progress), SimulatedPerson(finger.sense, seed)
     for state in OWN_STATES[: len(STATES)]:
         finger.begin(state)
-        of_state = fitting.progress_of_state()
-        course = AskingCourse(
-            of_state,
-            finger,
-            person,
-            lambda: _DAY,
-            baseline=made,
-            on_progress=fitting.lower,
-            on_threshold=lambda one: fitting.threshold_found(one, finger.now_s),
-            fit=(fitting.caps_ua, fitting.least_ua),
-        )
-        course.run(progress.electrodes)
-        fitting.take(of_state)
+        ask_in_this_state(fitting, progress.electrodes, finger, person, made)
     try:
-        return fitting.fit(_DAY)
+        return fitting.fit(TODAY)
     except NoFit as error:
         return str(error)
 
