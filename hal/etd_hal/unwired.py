@@ -19,8 +19,9 @@ from etd_hal.ports import Changes, Edge, Message, Wait, WakingClock
 
 #: A call, or its end: a rest is waited for, lines are set, a message begins, it has ended.
 Mark = Literal["rest", "set", "message", "ended"]
-#: Of a message: its largest code, its duration in ns, and what comes back.
-_Made = tuple[int, int, tuple[bytes, ...]]
+#: Of a message: its largest code, its duration in ns, and what comes back with the outputs live and
+#: with them blanked.
+_Made = tuple[int, int, tuple[bytes, ...], tuple[bytes, ...]]
 #: The skin's part of a touched electrode at rest, beside the leak.
 _SKIN_OHM = 50_000.0
 
@@ -96,13 +97,15 @@ class UnwiredSpi:
         board: BoardFile,
         machine: MachineFile,
         codec: Codec,
+        gpio: UnwiredGpio,
         mark: Callable[[Mark, int], None],
     ) -> None:
         source = board.source
         self._clock = clock
+        self._gpio = gpio
         self._machine = machine
         self._source = source
-        #: Weaker than any probe and as short: the check of the source, with no electrode connected.
+        #: Weaker than any probe and as short: the check of the latch, with no electrode selected.
         #: A pulse of the soft start is as weak, and longer.
         self._unloaded_ua = board.maxima.probe_current_ua / 2
         self._unloaded_us = board.maxima.probe_width_us
@@ -118,25 +121,26 @@ class UnwiredSpi:
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         self.prepare(message)
         made: _Made = message.made[self]
-        code, duration_ns, answer = made
+        code, duration_ns, live, blanked = made
         self._mark("message", code)
         self._clock.spend_ns(duration_ns)
         self._mark("ended", code)
-        return answer
+        return blanked if self._gpio.is_blanked else live
 
     def _made(self, message: Message) -> _Made:
         codes = [self._code_of[transfer.tx] for transfer in message.transfers if transfer.tx]
         code, zero = max(codes), self._samples[0]
         held_us = sum(transfer.delay_us for transfer in message.transfers)
-        held = self._samples[self._held_code(code, is_short=held_us < self._unloaded_us)]
-        return code, self._duration_ns(message, len(codes)), (zero, *(held,) * (len(codes) - 1))
+        is_check = held_us < self._unloaded_us and self._source.current_of(code) < self._unloaded_ua
+        leak = self._samples[self._held_code(code, 0.0)]
+        held = leak if is_check else self._samples[self._held_code(code, 1.0 / _SKIN_OHM)]
+        live, blanked = ((zero, *(it,) * (len(codes) - 1)) for it in (held, leak))
+        return code, self._duration_ns(message, len(codes)), live, blanked
 
-    def _held_code(self, code: int, *, is_short: bool) -> int:
-        """Where a touched electrode, or the leak alone, holds the node."""
-        source, current_ua = self._source, self._source.current_of(code)
-        is_unloaded = is_short and current_ua < self._unloaded_ua
-        skin_s = 0.0 if is_unloaded else 1.0 / _SKIN_OHM
-        volts = current_ua / 1e6 / (1.0 / source.leak_ohm + skin_s)
+    def _held_code(self, code: int, skin_s: float) -> int:
+        """Where the leak, and what is beside it, holds the node."""
+        source = self._source
+        volts = source.current_of(code) / 1e6 / (1.0 / source.leak_ohm + skin_s)
         return min(source.adc_codes - 1, int(volts / source.node_uv_per_code * 1e6))
 
     def _duration_ns(self, message: Message, words: int) -> int:
@@ -157,15 +161,27 @@ class UnwiredGpio:
     """The Gpio port: all stop lines are closed, and no line ever changes."""
 
     def __init__(
-        self, clock: SpendingClock, machine: MachineFile, mark: Callable[[Mark, int], None]
+        self,
+        clock: SpendingClock,
+        board: BoardFile,
+        machine: MachineFile,
+        mark: Callable[[Mark, int], None],
     ) -> None:
         self._clock = clock
         self._call_ns = int(machine.gpio_call_us * 1_000)
         self._mark = mark
+        line = board.used_lines()["BL"]
+        self._blanking, self._live = (line, 0), (line, 1)
+        #: No electrode is behind what is sent.
+        self.is_blanked = True
 
     def set(self, changes: Changes) -> None:
         self._mark("set", len(changes))
         self._clock.spend_ns(self._call_ns)
+        if self._live in changes:
+            self.is_blanked = False
+        elif self._blanking in changes:
+            self.is_blanked = True
 
     def get(self, line: int) -> int:  # noqa: ARG002
         return 1

@@ -162,10 +162,11 @@ def _drive(folder: Path, library: Path, core: int, parent: int) -> int:
     """One engine, which does not outlive the process that it was forked from."""
     realtime.perish_with(parent)
     loaded, calls, clock = _forgiving(loaded_for(core)), SystemCalls(library), LinuxClock()
+    gpio = WallGpio(calls, loaded.board, folder / TRY_STOP)
     backend = Backend(
         "fake",
-        WallSpi(calls),
-        WallGpio(calls, loaded.board, folder / TRY_STOP),
+        WallSpi(calls, gpio),
+        gpio,
         None,
         clock,
         NoMarker(),

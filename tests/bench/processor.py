@@ -9,6 +9,7 @@ from __future__ import annotations
 import platform
 import socket
 import statistics
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -22,6 +23,7 @@ from etd.protocol.link import Alive, ArmBoard, Channel, NewFrame, OpenLease, ToE
 from etd.protocol.messages import Limits
 from etd.stabilize.settings import NO_STABILIZERS, Settings
 from etd_hal.backend import Backend
+from etd_hal.boardfile import BoardFile
 from etd_hal.compose import codec_of
 from etd_hal.cutlatch import LOOKED_NS, NOTED, POWER
 from etd_hal.ports import Changes, Clock, Edge, Message, Wait
@@ -33,7 +35,7 @@ REST_US = 200
 _WORD_NS, _DELAY_NS, _MESSAGE_NS = 16_000, 300, 10_000
 #: What a touched electrode of a fingertip answers: about 10 V at 400 uA.
 ADC_CODES_PER_DAC_CODE = 112 / 163
-#: The check of the source is a third of a probe, 100 uA, with nothing connected; nothing else is
+#: The check of the latch is a third of a probe, 100 uA, with nothing connected; nothing else is
 #: below this code.
 _LOWEST_LOADED_CODE = 60
 #: Probes first need room as well.
@@ -45,6 +47,8 @@ WARM_UP = 20
 
 
 Ends = tuple[Channel[ToGateway], Channel[ToGateway]]
+#: What comes back with the outputs live, and with them blanked.
+Answers = tuple[tuple[bytes, ...], tuple[bytes, ...]]
 
 
 @dataclass(frozen=True)
@@ -84,11 +88,12 @@ class FreeClock:
 class FreeSpi:
     """Answers at once; notes the real time of every pulse."""
 
-    def __init__(self, clock: FreeClock) -> None:
+    def __init__(self, clock: FreeClock, gpio: FreeGpio) -> None:
         self._clock = clock
+        self._gpio = gpio
         self.begun_ns: list[int] = []
-        #: By message, as the engine prepares few: time, answer, and whether skin is in its way.
-        self._answers: dict[Message, tuple[int, tuple[bytes, ...], bool]] = {}
+        #: By message, as the engine prepares few.
+        self._answers: dict[Message, tuple[int, Answers, bool]] = {}
 
     def prepare(self, message: Message) -> None:
         pass
@@ -96,12 +101,14 @@ class FreeSpi:
     def transfer(self, message: Message) -> tuple[bytes, ...]:
         known = self._answers.get(message)
         if known is None:
-            of_skin = not is_unloaded(message)
-            known = self._answers[message] = message_ns(message), answer(message), of_skin
-        if known[2]:
+            known = message_ns(message), answers(message), not is_unloaded(message)
+            self._answers[message] = known
+        duration_ns, answer, of_skin = known
+        is_blanked = self._gpio.is_blanked
+        if of_skin and not is_blanked:
             self.begun_ns.append(real_clock.now_ns())
-        self._clock.t_ns += known[0]
-        return known[1]
+        self._clock.t_ns += duration_ns
+        return answer[is_blanked]
 
 
 def codes_of(message: Message) -> list[int]:
@@ -112,7 +119,7 @@ def codes_of(message: Message) -> list[int]:
 
 
 def is_unloaded(message: Message) -> bool:
-    """Whether it is a check of the source, which is as short as a probe. A pulse of the soft start
+    """Whether it is a check of the latch, which is as short as a probe. A pulse of the soft start
     is as weak, and longer.
     """
     held_us = sum(transfer.delay_us for transfer in message.transfers)
@@ -126,10 +133,15 @@ def unloaded_ratio() -> float:
     return source.current_of(1) * source.leak_ohm / source.node_uv_per_code
 
 
-def answer(message: Message) -> tuple[bytes, ...]:
+def answers(message: Message) -> Answers:
     """A touched electrode holds the node in proportion to the current, and so does the leak."""
     codes = codes_of(message)
-    ratio = unloaded_ratio() if is_unloaded(message) else ADC_CODES_PER_DAC_CODE
+    leak = unloaded_ratio()
+    live = leak if is_unloaded(message) else ADC_CODES_PER_DAC_CODE
+    return _held(codes, live), _held(codes, leak)
+
+
+def _held(codes: Sequence[int], ratio: float) -> tuple[bytes, ...]:
     sample = (int(max(codes) * ratio) << 2).to_bytes(2, "big")
     return (b"\0\0", *(sample,) * (len(codes) - 1))
 
@@ -142,11 +154,29 @@ def message_ns(message: Message) -> int:
     return _MESSAGE_NS + (words - 1) * _WORD_NS + pauses * _DELAY_NS + held_ns
 
 
-class FreeGpio:
-    """Changes nothing, at once."""
+class Blanking:
+    """Whether the outputs are blanked, by the calls that set lines."""
+
+    def __init__(self, board: BoardFile) -> None:
+        line = board.used_lines()["BL"]
+        self._blanking, self._live = (line, 0), (line, 1)
+        self.is_blanked = True
+
+    def follow(self, changes: Changes) -> None:
+        if self._live in changes:
+            self.is_blanked = False
+        elif self._blanking in changes:
+            self.is_blanked = True
+
+
+class FreeGpio(Blanking):
+    """Takes no time."""
+
+    def __init__(self) -> None:
+        super().__init__(loaded_with(REST_US).board)
 
     def set(self, changes: Changes) -> None:
-        pass
+        self.follow(changes)
 
     def get(self, line: int) -> int:
         return 1
@@ -158,8 +188,9 @@ class FreeGpio:
 def measure(scans: int, stabilize: Settings = NO_STABILIZERS) -> ProcessorFigures:
     """Pulses of `scans` scans of 64 electrodes, the first of them left out to warm up."""
     clock = FreeClock()
-    spi = FreeSpi(clock)
-    engine, gateway, ends = armed(clock, spi, FreeGpio(), stabilize)
+    gpio = FreeGpio()
+    spi = FreeSpi(clock, gpio)
+    engine, gateway, ends = armed(clock, spi, gpio, stabilize)
     spi.begun_ns.clear()
     periods_us: list[float] = []
     messages = messages_of(stabilize)

@@ -50,8 +50,9 @@ def engine_us(stabilize: Settings = NO_STABILIZERS, rounds: int = _ROUNDS) -> tu
 
 def _round(stabilize: Settings, taken: dict[bool, list[float]], chance: random.Random) -> None:
     clock = processor.FreeClock()
-    spi = processor.FreeSpi(clock)
-    engine, gateway, ends = processor.armed(clock, spi, processor.FreeGpio(), stabilize)
+    gpio = processor.FreeGpio()
+    spi = processor.FreeSpi(clock, gpio)
+    engine, gateway, ends = processor.armed(clock, spi, gpio, stabilize)
     for number in range(processor.WARM_UP + _SCANS):
         is_on = chance.random() < 0.5
         engine.components.pulse_log.turn(is_on)

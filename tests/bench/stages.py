@@ -103,8 +103,8 @@ class _WatchedHost:
 
 
 class WatchedSpi(FreeSpi):
-    def __init__(self, clock: FreeClock, watch: StageWatch) -> None:
-        super().__init__(clock)
+    def __init__(self, clock: FreeClock, gpio: FreeGpio, watch: StageWatch) -> None:
+        super().__init__(clock, gpio)
         self._watch = watch
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
@@ -116,10 +116,12 @@ class WatchedSpi(FreeSpi):
 
 class WatchedGpio(FreeGpio):
     def __init__(self, watch: StageWatch) -> None:
+        super().__init__()
         self._watch = watch
 
     def set(self, changes: Changes) -> None:
         self._watch.begin("switch")
+        super().set(changes)
         self._watch.end()
 
 
@@ -127,8 +129,9 @@ def measure(scans: int, stabilize: Settings = NO_STABILIZERS) -> dict[Stage, flo
     """The median of each stage in us."""
     watch = StageWatch()
     clock = WatchedClock(watch)
-    spi = WatchedSpi(clock, watch)
-    engine, gateway, ends = armed(clock, spi, WatchedGpio(watch), stabilize, clock.host)
+    gpio = WatchedGpio(watch)
+    spi = WatchedSpi(clock, gpio, watch)
+    engine, gateway, ends = armed(clock, spi, gpio, stabilize, clock.host)
     for seq in range(FIRST_SEQ, FIRST_SEQ + WARM_UP + scans):
         if seq == FIRST_SEQ + WARM_UP:
             watch.durations_ns.clear()

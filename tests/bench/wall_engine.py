@@ -20,7 +20,7 @@ sys.path[:0] = [str(_CLONE / "tests")]
 import msgspec  # noqa: E402
 
 from bench.modelled import loaded_with  # noqa: E402
-from bench.processor import FreeGpio, answer, message_ns  # noqa: E402
+from bench.processor import FreeGpio, answers, message_ns  # noqa: E402
 from etd.engine.process import run_engine  # noqa: E402
 from etd.files.configuration import LoadedConfig  # noqa: E402
 from etd_hal.backend import Backend  # noqa: E402
@@ -66,8 +66,9 @@ class WallClock:
 class WallSpi:
     """Busy for as long as the message lasts, as the kernel is."""
 
-    def __init__(self, clock: WallClock) -> None:
+    def __init__(self, clock: WallClock, gpio: FreeGpio) -> None:
         self._clock = clock
+        self._gpio = gpio
 
     def prepare(self, message: Message) -> None:
         pass
@@ -79,14 +80,14 @@ class WallSpi:
             pass
         clock.behind_ns = clock.real.now_ns() - end_ns
         clock.message_ends_ns = None
-        return answer(message)
+        return answers(message)[self._gpio.is_blanked]
 
 
 def main() -> int:
-    clock, loaded = WallClock(), _loaded()
+    clock, gpio, loaded = WallClock(), FreeGpio(), _loaded()
     backend = Backend(
         "fake",
-        *(WallSpi(clock), FreeGpio(), None, clock, NoMarker(), lambda: None),
+        *(WallSpi(clock, gpio), gpio, None, clock, NoMarker(), lambda: None),
         host_clock=clock,
         codec=codec_of(loaded.board.source),
         set_up_realtime=realtime.set_up,

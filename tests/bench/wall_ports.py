@@ -17,7 +17,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from bench.processor import answer, message_ns
+from bench.processor import Answers, Blanking, answers, message_ns
 from etd_hal.boardfile import BoardFile, HalfBridges
 from etd_hal.fake.i2cchips import Ads1115, I2cChip, Mcp4725
 from etd_hal.fake.machines import PI4
@@ -82,20 +82,21 @@ def _loaded(library: Path) -> ctypes.CDLL:
 
 
 class WallSpi:
-    def __init__(self, calls: SystemCalls) -> None:
+    def __init__(self, calls: SystemCalls, gpio: WallGpio) -> None:
         self._spend_ns = calls.spend_busy
+        self._gpio = gpio
 
     def prepare(self, message: Message) -> None:
         if self not in message.made:
-            message.made[self] = message_ns(message), answer(message)
+            message.made[self] = message_ns(message), answers(message)
 
     def transfer(self, message: Message) -> tuple[bytes, ...]:
-        made: tuple[int, tuple[bytes, ...]] = message.made[self]
+        made: tuple[int, Answers] = message.made[self]
         self._spend_ns(made[0])
-        return made[1]
+        return made[1][self._gpio.is_blanked]
 
 
-class WallGpio:
+class WallGpio(Blanking):
     """Stop lines closed, the chain read back; a wearer who tries the stop on request."""
 
     def __init__(self, calls: SystemCalls, board: BoardFile, try_stop: Path) -> None:
@@ -106,6 +107,7 @@ class WallGpio:
         assert guards.hv_enable != "absent"
         assert guards.readback != "absent"
         assert guards.wearer_stop != "absent"
+        super().__init__(board)
         self._calls = calls
         self._clock, self._data = lines.CLK, lines.DATA
         self._readback, self._wearer = guards.readback, guards.wearer_stop
@@ -122,6 +124,7 @@ class WallGpio:
 
     def set(self, changes: Changes) -> None:
         self._calls.spend_counted(PI4.gpio_call_ns)
+        self.follow(changes)
         for line, level in changes:
             if line == self._clock and level and not self._levels.get(line):
                 self._register = self._register << 1 | self._levels.get(self._data, 0)

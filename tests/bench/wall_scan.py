@@ -63,7 +63,7 @@ def main(folder: Path, library: Path, core: int, kind: str) -> int:
     is_threads = kind == "threads"
     backend = Backend(
         "fake",
-        *(WallSpi(calls), gpio, None, clock, NoMarker(), lambda: None),
+        *(WallSpi(calls, gpio), gpio, None, clock, NoMarker(), lambda: None),
         host_clock=clock,
         codec=codec_of(loaded.board.source),
         set_up_realtime=realtime.set_up,

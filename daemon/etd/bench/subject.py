@@ -91,8 +91,8 @@ class Subject:
         """
         loaded = loaded_with(machine, KINDS[kind])
         self._clock = marked = MarkedClock(clock, mark)
-        spi = UnwiredSpi(marked, loaded.board, machine, codec, mark)
-        gpio = UnwiredGpio(marked, machine, mark)
+        gpio = UnwiredGpio(marked, loaded.board, machine, mark)
+        spi = UnwiredSpi(marked, loaded.board, machine, codec, gpio, mark)
         backend = Backend(
             "fake",
             *(spi, gpio, None, marked, NoMarker(), lambda: None),

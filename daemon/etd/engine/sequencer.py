@@ -144,12 +144,13 @@ class Sequencer:
         if schedule is not None:
             # An edge of the trigger may come at any time.
             room_ns = 0 if schedule.is_waiting else schedule.next_ns - now_ns
+        if schedule is None or not is_armed:
+            self._lateness.reset()
+            self._computing.scans_ended()
         is_ready = self._is_isolated or not self._is_rewritten
         if is_armed and self._source_check.is_due(now_ns, room_ns, is_ready=is_ready):
             return True
         if schedule is None or not is_armed:
-            self._lateness.reset()
-            self._computing.scans_ended()
             has_supply = self._supervisor.is_powered
             self._doze_until(now_ns + (TICK_NS if has_supply else UNPOWERED_TICK_NS))
         elif now_ns < schedule.next_ns and schedule.is_waiting:
