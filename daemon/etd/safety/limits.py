@@ -208,7 +208,7 @@ def clamp_to_limits(
     nobody said so). A prepulse falls with its pulse, and its charge counts.
     """
     reason: ClampReason = "cap"
-    cap_ua: float = path.cap_ua
+    cap_ua = float(path.cap_ua)
     if path.return_ua < cap_ua:
         cap_ua, reason = path.return_ua, "return_cap"
     bound_ua = _within_cap(cap_ua, request, bounds)
