@@ -192,8 +192,6 @@ def test_a_pulse_that_was_let_through_at_an_electrode_may_still_not(
     rig.board.discharge()
     rig.board.release()
     rig.board.isolate()
+    fire = rig.board.fire_unselected if way == "none selected" else rig.board.fire_unloaded
     with pytest.raises(GuardRefusal, match="a pulse with nothing connected"):
-        if way == "none selected":
-            rig.board.fire_unselected(pulse, *PULSE)
-        else:
-            rig.board.fire_unloaded(pulse, *PULSE)
+        fire(pulse, *PULSE)
