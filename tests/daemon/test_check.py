@@ -77,8 +77,9 @@ def test_a_kind_is_known_by_content_whatever_the_file_is_called(
         (
             'order = ["pressure", "energy", "contact"]\n'
             "[stabilize.contact]\n[stabilize.energy]\n[stabilize.pressure]",
-            f"stabilized by pressure, energy, contact; energy and contact {NOT_RECOMMENDED}; contact"
-            " stands BEHIND pressure and energy: put it before, for they reckon with what it leaves",
+            f"stabilized by pressure, energy, contact; energy and contact {NOT_RECOMMENDED};"
+            " contact stands BEHIND pressure and energy: put it before, for they reckon with what"
+            " it leaves",
         ),
         (
             'order = ["strength_duration", "contact", "linear_law"]\n[stabilize.contact]\n'
@@ -89,8 +90,8 @@ def test_a_kind_is_known_by_content_whatever_the_file_is_called(
         ),
         (
             'order = ["power_law"]\n[stabilize.power_law]',
-            f"stabilized by power_law; power_law {NOT_RECOMMENDED}; power_law only for a person with"
-            " a k (etd calibrate CODE --fit)",
+            f"stabilized by power_law; power_law {NOT_RECOMMENDED}; power_law only for a person"
+            " with a k (etd calibrate CODE --fit)",
         ),
         (
             'order = ["contact", "energy"]\nprobe_first = true\n'
