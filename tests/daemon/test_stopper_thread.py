@@ -1,7 +1,7 @@
 """The stopper as a thread: when it checks, what it was not granted, and that it ends.
 
-Real threads, and no time is slept: where something must not happen, another thread that checks
-twice a millisecond is what is waited for.
+Real threads; where something must not happen, another thread that checks twice a millisecond is
+what is waited for.
 """
 
 from __future__ import annotations
@@ -94,9 +94,8 @@ def test_that_all_was_granted_is_known_at_once() -> None:
     checked.thread.end()
 
 
-@pytest.mark.slow
 def test_one_that_does_not_begin_is_not_waited_for_without_end() -> None:
-    """Two seconds, of which nothing can be taken away from outside."""
+    """Two seconds, none of them of the processor."""
     may_go_on = threading.Event()
 
     def hang() -> None:

@@ -67,11 +67,17 @@ def blanked(source: int = 0) -> Approval:
     return Approval(source, 0, 300, 50, is_blanked=True)
 
 
-def test_an_approval_holds_what_the_limits_let_through() -> None:
-    approval = Approval(0b01, 0b10, 1_000, 100, Prepulse(500, 60), is_blanked=True)
-    assert (approval.source, approval.ground) == (0b01, 0b10)
+@pytest.mark.parametrize(
+    ("source", "is_blanked", "reaches_any"),
+    [(0b01, False, True), (0b01, True, False), (0, False, False), (0, True, False)],
+)
+def test_an_approval_holds_what_the_limits_let_through_and_whether_it_reaches_anybody(
+    source: int, is_blanked: bool, reaches_any: bool
+) -> None:
+    approval = Approval(source, 0b10, 1_000, 100, Prepulse(500, 60), is_blanked)
+    assert (approval.source, approval.ground, approval.is_blanked) == (source, 0b10, is_blanked)
     assert approval.prepulse == (500, 60)
-    assert approval.figures == (1_000, 100, (500, 60), True)
+    assert approval.figures == (1_000, 100, (500, 60), reaches_any)
 
 
 class TestMoves:
