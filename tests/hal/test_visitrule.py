@@ -91,6 +91,33 @@ def test_a_blanked_probe_is_counted_and_nothing_goes_on_with_it() -> None:
     assert wires.room(0) == RATE_HZ - 2
 
 
+@pytest.mark.parametrize(
+    ("source", "is_blanked", "visits"), [(ONE, True, 3), (0, True, 2), (0, False, 2)]
+)
+def test_a_probe_that_reaches_no_electrode_ends_the_visit_of_one_that_did(
+    source: int, is_blanked: bool, visits: int
+) -> None:
+    """It counts where an output is selected behind the blanking, and not where none is."""
+    wires = Wires()
+    wires.send(ONE, OTHERS, is_probe=True)
+    wires.send(source, OTHERS if source else 0, is_probe=True, is_blanked=is_blanked)
+    assert wires.rule.state == "idle"
+    wires.send(ONE, OTHERS)
+    assert wires.room(0) == RATE_HZ - visits
+
+
+def test_a_visit_counts_for_a_second_and_not_for_longer() -> None:
+    wires = Wires()
+    for _ in range(RATE_HZ):
+        wires.send(ONE, OTHERS)
+    wires.now_ns += SECOND_NS - 1
+    with pytest.raises(GuardRefusal, match="4 pulses in a second, allowed is 3"):
+        wires.send(ONE, OTHERS)
+    wires.now_ns += 1
+    wires.send(ONE, OTHERS)
+    assert wires.room(0) == RATE_HZ - 1
+
+
 @pytest.mark.parametrize("is_probe", [True, False])
 def test_a_blanked_probe_is_no_second_phase(is_probe: bool) -> None:
     wires = Wires()
@@ -143,6 +170,18 @@ def test_what_comes_behind_a_second_phase_begins_a_visit() -> None:
         wires.send(OTHERS, ONE)
         wires.flip()
     assert wires.room(0) == RATE_HZ - 2
+
+
+@pytest.mark.parametrize(("source", "ground"), [(OTHERS, 1 << 5), (OTHERS - 0b10, ONE)])
+def test_after_a_flip_other_outputs_than_before_are_a_visit_of_their_own(
+    source: int, ground: int
+) -> None:
+    wires = Wires()
+    wires.send(ONE, OTHERS)
+    wires.flip()
+    wires.send(source, ground)
+    assert wires.rule.state == "fired"
+    assert wires.room(0) + wires.room(5) == 2 * RATE_HZ - 2
 
 
 @pytest.mark.parametrize("between", ["nothing", "let go", "three flips"])
@@ -206,8 +245,9 @@ def test_of_one_against_one_both_are_counted() -> None:
 
 
 def test_a_message_for_nobody_alone_is_refused() -> None:
-    with pytest.raises(GuardRefusal, match="no output alone on its side"):
+    with pytest.raises(GuardRefusal, match="no output alone on its side") as caught:
         Wires().send(0b11, 0b1100, is_probe=True, is_blanked=True)
+    assert caught.value.rule == "visit"
 
 
 def test_a_flip_of_half_bridges_is_a_call_and_one_of_relays_two_words_and_both_settlings() -> None:
