@@ -176,7 +176,6 @@ class TestSupply:
         Hand(rig).supply_on()
         assert rig.fake.world.rail_v() == pytest.approx(300.0 * factor, rel=0.01)
 
-
     @pytest.mark.parametrize("current_ua", [100, 400, 4_000])
     def test_what_the_capacitor_holds_is_all_that_a_current_gets_without_its_supply(
         self, current_ua: int
