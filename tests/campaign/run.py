@@ -70,7 +70,10 @@ def play(
         return [one for one in found if (one.name, number) not in done]
 
     task = progress.add_task(f"{board}, {scene}", total=len(whole.operations))
-    forked.play(whole, wanted, path, lambda number: progress.update(task, completed=number + 1))
+    forked.play(
+        *(whole, wanted, path, lambda number: progress.update(task, completed=number + 1)),
+        at_a_time=args.jobs,
+    )
     return results.kept(path)
 
 
@@ -145,6 +148,9 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", default=(), help="kinds with these words in them")
     parser.add_argument("--pairs", type=int, default=0, help="so many random pairs in each scene")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="so many cases at a time"
+    )
     parser.add_argument("--folder", type=Path, default=results.KEPT, help="where results are kept")
     parser.add_argument("--kept", action="store_true", help="play nothing: show what is kept")
     parser.add_argument("--json", action="store_true")
@@ -156,7 +162,7 @@ def main() -> int:
     errors = Console(stderr=True, width=None if sys.stderr.isatty() else 130)
     found: list[Outcome] = []
     with Progress(console=errors, disable=not sys.stderr.isatty()) as progress:
-        for board, scene in itertools.product(args.boards, args.scenes):
+        for scene, board in itertools.product(args.scenes, args.boards):
             path = results.file_of(board, scene, args.folder)
             found += results.kept(path) if args.kept else play(board, scene, args, progress)
     console = Console(width=None if sys.stdout.isatty() else 150)

@@ -227,8 +227,8 @@ class _Stopping(_Engine):
 
 
 Making = Callable[[LoadedConfig, Operations, Course | None], Scene]
+#: In the order in which they are played: a self-test takes longest, and nobody is connected.
 SCENES: dict[str, Making] = {
-    "self-test": SelftestScene,
     "power-up": _PowerUp,
     "arming": _Arming,
     "frames": _Frames,
@@ -236,4 +236,5 @@ SCENES: dict[str, Making] = {
     "energy law": lambda *given: _Laws("energy", *given),
     "calibration": _Calibrating,
     "stopping": _Stopping,
+    "self-test": SelftestScene,
 }
