@@ -137,6 +137,7 @@ def play(
             kind, number, port, begun_ns = copied[0]
             said = played.said(begun_ns)
             said = said if end is None else replace(said, seen=end)
+            subject.fake.settle()
             found = outcome(
                 *(whole.board, whole.scene, kind, number, port),
                 *(said, subject.body, begun_ns, subject.clock.now_ns(), whole.course),

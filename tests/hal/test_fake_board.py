@@ -196,7 +196,7 @@ class TestSupply:
         flowed_pc = body.charge_pc(0)
         rig.backend.gpio.set(((guards.hv_enable.line, 0),))
         rig.clock.spend(10_000 * MS)
-        rig.backend.gpio.edges()
+        rig.fake.settle()
         # V(t) = (V0 + I R) exp(-t / RC) - I R, and the current ends with it.
         tau_s = guards.rail_monitor.fall_ms / 4_000
         string_ohm = tau_s / 272e-9
@@ -206,7 +206,7 @@ class TestSupply:
         # The load sees no more than the rail: what the last volts drive is less than the current.
         assert expected_uc - 272e-3 * current_ua * 0.01 < got_uc < min(1.02 * expected_uc, 82)
         rig.clock.spend(1_000 * MS)
-        rig.backend.gpio.edges()
+        rig.fake.settle()
         assert (body.charge_pc(0) - flowed_pc) / 1e6 == pytest.approx(got_uc)
 
 
