@@ -62,7 +62,10 @@ class _Engine(EngineScript):
         self.ask(OpenLease, **lease_of(limits=_LIMITS))
 
     def arm(self) -> None:
-        """What follows begins at a time that does not depend on how long this took."""
+        """What follows begins at a time that does not depend on how long this took: from one beat
+        on, until another.
+        """
+        self.wait_for_beat()
         self.ask(ArmBoard)
         self.wait_for_beat()
         opened_to(self.rig, CURRENT_UA)
@@ -164,6 +167,7 @@ class _Calibrating(_Engine):
         self.try_wearer_stop()
 
     def play(self) -> None:
+        self.wait_for_beat()
         self.ask(MeasureContact, lease=LEASE)
         self.arm()
         self._present({0: 50}, pulses=None, ttl_ms=60)
