@@ -2,7 +2,9 @@
 
 Owns: the persons, and the printed counts. Must not know: how a k is fitted.
 
-    python tests/bench/fit.py [--persons 200] [--seed 1]
+    python tests/bench/fit.py [--persons 200] [--seed 1] [--model poor]
+
+A line says what came of the persons of a model: who got theirs, who got another, who got none.
 """
 
 from __future__ import annotations
@@ -31,15 +33,17 @@ def one(asked: tuple[str, float, int]) -> float | None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--persons", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
+    parser = argparse.ArgumentParser(prog="bench-fit", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--persons", type=int, default=200, help="of each model, with a k")
+    parser.add_argument("--seed", type=int, default=1, help="who they are")
+    parser.add_argument("--model", choices=_MODELS, action="append", help="how they answer")
+    parser.add_argument("--processes", type=int, help="at once; as many as there are processors")
     chosen = parser.parse_args()
     chance = random.Random(chosen.seed)
     true_k = [chance.uniform(0.5, 1.1) for _ in range(chosen.persons)]
     seeds = [chance.randrange(2**31) for _ in range(chosen.persons)]
-    with ProcessPoolExecutor() as pool:
-        for model in _MODELS:
+    with ProcessPoolExecutor(chosen.processes) as pool:
+        for model in chosen.model or _MODELS:
             asked = [(model, k, seed) for k, seed in zip(true_k, seeds, strict=True)]
             got = list(pool.map(one, asked))
             none = list(pool.map(one, [(model, 0.0, seed) for seed in seeds]))
