@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from textwrap import fill
 
 from rich.table import Table
 
@@ -50,6 +51,7 @@ _ROWS: dict[str, Callable[[Compared], str]] = {
         each.plain.too_strong, each.said.too_strong
     ),
     "of the variance: drift, common to all": lambda each: f"{each.drift.drift:.0%}",
+    "its size, of the current": lambda each: f"{100 * each.drift.size:.0f} %",
     "moments, common to all": lambda each: f"{each.drift.moments:.0%}",
     "each electrode's own": lambda each: f"{each.drift.own:.0%}",
     "left, with each moment's mean taken": lambda each: f"{each.drift.left_moments:.2f}",
@@ -62,7 +64,7 @@ def write(page: Path, found: Sequence[Compared], said: str, not_asked: Sequence[
     """Raises: ValueError, where the marks are not there."""
     head = f"| | {' | '.join(each.body.value for each in found)} |\n|---|{'---|' * len(found)}\n"
     rows = "".join(f"| {name} | {' | '.join(map(row, found))} |\n" for name, row in _ROWS.items())
-    told = "".join(f"- {each}\n" for each in not_asked)
+    told = "".join(fill(f"- {each}", 118, subsequent_indent="  ") + "\n" for each in not_asked)
     told = f"{told}\n" if told else ""
     put(page, BEGIN, f"\n{said[:1].upper()}{said[1:]}:\n\n{head}{rows}\n{told}", END)
 
@@ -72,7 +74,16 @@ def table(found: Sequence[Compared], title: str) -> Table:
     made = Table(title=title)
     for heading in ("", "variation", "times", "worst", "bound", "foreseen"):
         made.add_column(heading, justify="right")
-    for heading in ("not felt", "above pain", "too strong", "too weak", "drift", "moments", "own"):
+    for heading in (
+        "not felt",
+        "above pain",
+        "too strong",
+        "too weak",
+        "drift",
+        "size",
+        "moments",
+        "own",
+    ):
         made.add_column(heading, justify="right")
     for each in found:
         said, plain, drift = each.said, each.plain, each.drift
@@ -87,11 +98,12 @@ def table(found: Sequence[Compared], title: str) -> Table:
             f"{said.scans_above_pain:.0f} ({plain.scans_above_pain:.0f})",
             f"{said.too_strong:.0%} ({plain.too_strong:.0%})",
             f"{said.too_weak:.0%} ({plain.too_weak:.0%})",
-            *(f"{part:.0%}" for part in (drift.drift, drift.moments, drift.own)),
+            *(f"{it:.0%}" for it in (drift.drift, drift.size, drift.moments, drift.own)),
         )
     made.caption = (
         "in brackets: without answers. Drift, moments: parts of the variance without answers that"
-        " are common to all electrodes; own: each one's. Foreseen: variation, in times of that"
-        " without answers, where all is known beforehand and each too strong is heeded"
+        " are common to all electrodes; own: each one's. Size: of the drift, of the current that"
+        " would make up for it. Foreseen: variation, in times of that without answers, where all is"
+        " known beforehand and each too strong is heeded"
     )
     return made

@@ -13,6 +13,9 @@ nothing.) Of its variance over time, about each electrode's own mean:
   a minute can tell;
 - *moments*: explained by which scan it is, beyond that: pressing and peeling;
 - *own*: the rest, each electrode by itself.
+
+A drift is common to all where it explains enough of the variance, and is large enough to be told:
+on skin that hardly changes at all a small drift may be most of what there is.
 """
 
 from __future__ import annotations
@@ -26,36 +29,39 @@ from numpy.typing import NDArray
 
 from bench.felt_known import Known
 from bench.felt_play import MINUTES, SCAN_NS
+from etd.stabilize.offset_estimate import BAND
 from etd.stabilize.said import MOST
 from etd_body.kinds import BodyKind
 from etd_body.tissue import Floats
 
 _MINUTE_NS = 60_000_000_000
-#: A drift is common to all where it explains at least so much of the variance over time [design].
-#: Kinds of body are far from it on either side (docs/stabilization.md).
-COMMON = 1.0 / 3.0
+#: A drift is common to all where it explains at least so much of the variance over time [design],
+#: and its standard deviation is at least what anybody calls good anyway.
+COMMON, LEAST_SIZE = 1.0 / 3.0, BAND
 #: Common offsets that are tried, as logarithms: where the strength is levelled to.
 _OFFSETS = np.linspace(-1.0, 1.0, 81)
 
 
 @dataclass(frozen=True)
 class Drift:
-    """The first three are parts of 1. The rest is variation over time, in times of that without a
-    law, where something is taken from all electrodes alike with everything known beforehand, at
-    whatever rate, under the caps: each moment's mean; each minute's; each minute's with no more
-    than 1.2 times the frame's current.
+    """The first three are parts of 1. `size`: the standard deviation of the drift, as a logarithm
+    of the current that would make up for it. The rest is variation over time, in times of that
+    without a law, where something is taken from all electrodes alike with everything known
+    beforehand, at whatever rate, under the caps: each moment's mean; each minute's; each minute's
+    with no more than 1.2 times the frame's current.
     """
 
     drift: float
     moments: float
     own: float
+    size: float
     left_moments: float
     left_minutes: float
     left_at_most: float
 
     @property
     def is_common(self) -> bool:
-        return self.drift >= COMMON
+        return self.drift >= COMMON and self.size >= LEAST_SIZE
 
 
 def drift(kind: BodyKind, seed: int, minutes: float = MINUTES) -> Drift:
@@ -70,6 +76,7 @@ def drift(kind: BodyKind, seed: int, minutes: float = MINUTES) -> Drift:
     by_moment, by_minute = course(deviation, moment), course(deviation, minute)
     return Drift(
         *parts(deviation, by_moment, by_minute),
+        size=float(by_minute.std()),
         left_moments=_left(known, by_moment, inf),
         left_minutes=_left(known, by_minute, inf),
         left_at_most=_left(known, by_minute, log(MOST)),

@@ -25,7 +25,7 @@ from bench.felt_compared import (
     compared,
     not_asked,
 )
-from bench.felt_drift import COMMON, Drift
+from bench.felt_drift import COMMON, LEAST_SIZE, Drift
 from bench.felt_foresight import Course, Foreseen, best
 from bench.felt_laws import with_law
 from bench.felt_person import ANSWERS_S, INSISTS_S, Manner, Person, times_wanted
@@ -39,8 +39,9 @@ MINUTE_NS = 60_000_000_000
 #: The kinds whose thresholds move for minutes, all together: by use, and by sweat that stays.
 DRIFTING = (BodyKind.ADAPTING, BodyKind.SOAKING)
 PLAIN = Figures(0.1, 0.0, 0.0, 0.0, 0.0)
-SHARED = Drift(COMMON, 0.4, 0.2, 0.5, 0.6, 0.7)
+SHARED = Drift(COMMON, 0.4, 0.2, LEAST_SIZE, 0.5, 0.6, 0.7)
 EACH_ITS_OWN = replace(SHARED, drift=0.99 * COMMON)
+TOO_SMALL_TO_TELL = replace(SHARED, drift=0.9, size=0.99 * LEAST_SIZE)
 
 
 @pytest.mark.parametrize("body", BodyKind)
@@ -67,6 +68,7 @@ def made_up(times: float, drift: Drift, foreseen_times: float | None) -> Compare
     ("drift", "foreseen_times", "bound"),
     [
         (EACH_ITS_OWN, None, MOST_TIMES),
+        (TOO_SMALL_TO_TELL, None, MOST_TIMES),
         (SHARED, 0.5, MOST_TIMES_COMMON),
         (SHARED, MOST_TIMES_COMMON, MOST_TIMES_COMMON),
         (SHARED, 0.81, MOST_TIMES),
