@@ -3,6 +3,9 @@
 Owns: reading the control socket, the stops among what it read, and how much of a client may wait.
 Must not know: what a request does, replies.
 
+What waits is kept as the bytes that came, and decoded once more when its turn comes: a bound in
+bytes is then one of the memory, which decoded arrays take ten times of.
+
 A request may take the gateway long (a calibration that is read from a disk), and more of them may
 wait than it handles in a turn. So what has arrived is read before each request is handled, and
 stops go first. What waits is bounded: a client that sends more than it is answered is refused. And
@@ -36,7 +39,7 @@ MOST_BYTES_OF_A_CLIENT: Final = 131_072
 class _Other:
     """No stop: it waits for its turn."""
 
-    waiting: Waiting
+    inbound: InboundMessage
     connection: Connection
 
     @property
@@ -67,7 +70,7 @@ class RequestQueue:
             if isinstance(request, Stop):
                 self._stops.append((request, inbound))
             elif self._has_room(inbound):
-                self._others.add(connection.pid, _Other((request, inbound), connection))
+                self._others.add(connection.pid, _Other(inbound, connection))
                 self._of_client[inbound.connection] += 1
                 self._bytes_of_client[inbound.connection] += len(inbound.data)
             else:
@@ -84,8 +87,8 @@ class RequestQueue:
         other = self._others.take(lambda other: other.has_room)
         if other is None:
             return None
-        self._forget(other.waiting[1])
-        return other.waiting
+        self._forget(other.inbound)
+        return _read(other.inbound), other.inbound
 
     @property
     def is_idle(self) -> bool:

@@ -17,7 +17,7 @@ from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode, TimePart
 from etd.protocol.facts import ArrayFacts, BoardFacts, Endpoints, MaximaFacts, RecordFacts
 from etd.protocol.felt import FeltFacts, Named
-from etd.protocol.frame import ClientName, Frame, Int64, MarkTag, Name, PlainText, Polarity
+from etd.protocol.frame import ClientName, Frame, Int64, Lease, MarkTag, Name, PlainText, Polarity
 from etd.protocol.opening import CalibrationNames, Digests, LeaseCalibration
 from etd.protocol.opening import Limits as Limits
 from etd.protocol.outcome import Account, Clamp, Shortfall, Withheld
@@ -38,7 +38,6 @@ MODELLED_HZ = 10
 
 Id = Annotated[str, Meta(max_length=64)] | Int64
 State = Literal["SAFE", "PROBE", "ARMED", "HALTED"]
-Lease = Annotated[str, Meta(max_length=64)]
 Topic = Literal["state", "scan", "contact", "refused", "halt", "mark", "modelled"]
 TOPICS: tuple[Topic, ...] = ("state", "scan", "contact", "refused", "halt", "mark", "modelled")
 
