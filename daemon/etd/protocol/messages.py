@@ -135,8 +135,8 @@ class GetCalibration(_Request, frozen=True, tag="calibration"):
 
 class Record(_Request, frozen=True, tag="record"):
     """Write a record of all that is asked and fired, on the daemon's disk: `start` one, `stop` the
-    one that runs (its user, or operate), `list` all, `get` a piece of one from `offset` on, or
-    `delete` one (operate).
+    one that runs, `list` all, `get` a piece of one from `offset` on, or `delete` one. But for
+    `start` and `list`: only its user, a named operator, and root.
     """
 
     do: Literal["start", "stop", "list", "get", "delete"]
@@ -145,7 +145,7 @@ class Record(_Request, frozen=True, tag="record"):
 
 
 class Note(_Request, frozen=True, tag="note"):
-    """A remark in the record that is being written."""
+    """A remark in the record that is being written, by those who may read it."""
 
     text: Annotated[PlainText, Meta(min_length=1, max_length=1_000)]
 
