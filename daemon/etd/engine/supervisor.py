@@ -360,9 +360,7 @@ class Supervisor:
             self.report_state(self.clock.now_ns())
 
     def halt(self, cause: str, who: str, detail: str) -> tuple[str, ...]:
-        """Silence at once, and HALTED until `clear`. The first cause is kept. Returns what did not
-        work, as sentences.
-        """
+        """Silence at once, HALTED until `clear`; the first cause is kept. Returns what failed."""
         if self.states.state == "HALTED":
             return self.board.safe_off()
         problems = self._silence(f"halted by {cause}: {detail}")
