@@ -104,16 +104,17 @@ def test_status_tells_why_arming_is_refused_until_it_is_not(rig: CommandRig) -> 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
 def test_nothing_is_noted_in_another_users_folder_and_nothing_is_armed(rig: CommandRig) -> None:
     """Its owner could take the note of a crash away."""
-    state = Path(rig.environment["XDG_STATE_HOME"])
-    state.mkdir(parents=True, exist_ok=True)
-    os.chown(state, 65_534, 65_534)
+    folder = Path(rig.environment["XDG_STATE_HOME"]) / "etd" / "main"
+    folder.mkdir(parents=True)
+    os.chown(folder, 65_534, 65_534)
+    before_ns = folder.stat().st_mtime_ns
     with rig.daemon("--array", "pad-8"):
         why = rig.run("status", "--json").answer["status"]["arming_refused"]
         assert "cannot be noted" in why
         assert "belongs to somebody else (user 65534)" in why
         refused = rig.run("measure", "--json")
         assert (refused.status, refused.answer["error"]) == (1, "arm_failed")
-    assert [path for path in state.rglob("*") if path.is_file()] == []
+    assert folder.stat().st_mtime_ns == before_ns, "nor for a moment"
 
 
 def test_measure_finds_all_electrodes_on_the_fakes_skin(shared: CommandRig) -> None:
