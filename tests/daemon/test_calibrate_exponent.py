@@ -19,6 +19,7 @@ import engine_rig
 from engine_rig import LEASE, EngineRig
 from engine_scenes import calibration, config, exponent, open_calibrated
 from etd.calibrate.exponent import Asked, NoFit, fitted
+from etd.calibrate.fitting import MOST_PAUSE_S
 from etd.protocol.exponent import FittedExponent, usable_k
 from etd.protocol.link import OpenLease
 from etd.protocol.messages import Limits
@@ -170,6 +171,31 @@ def test_of_200_persons_with_a_k_180_get_theirs_within_a_quarter() -> None:
         found = found_k(asked_of(chance, k))
         right += found is not None and abs(found - k) <= 0.25 * k
     assert right >= 180
+
+
+def asked_with_pause(chance: random.Random, pause_s: float, before: int) -> list[Asked]:
+    """A person without a k whose thresholds rise by 60 % in use, and come down in a pause."""
+    asked, now_s, adapted = [], 0.0, 0.0
+    for state, fall in enumerate((1.0, 3.0, 1.15, 2.3, 1.1)):
+        rest_s = pause_s if state == before else 120.0
+        now_s += rest_s
+        adapted *= math.exp(-rest_s / 900.0)
+        criterion = chance.gauss(0.0, 0.03)
+        for electrode in range(6):
+            now_s += 90.0
+            adapted += (0.6 - adapted) * -math.expm1(-90.0 / 700.0)
+            threshold_ua = 600.0 * (1.0 + adapted) * math.exp(criterion + chance.gauss(0.0, 0.05))
+            now_ohm = 46e3 / fall * math.exp(chance.gauss(0.0, 0.03))
+            asked.append(Asked(electrode, state, now_s, threshold_ua, now_ohm))
+    return asked
+
+
+@pytest.mark.parametrize("pause_s", [1_200.0, MOST_PAUSE_S])
+@pytest.mark.parametrize("before", [1, 2, 3, 4])
+def test_a_pause_that_is_let_through_makes_no_k(pause_s: float, before: int) -> None:
+    chance = random.Random(12)
+    persons = [asked_with_pause(chance, pause_s, before) for _ in range(200)]
+    assert sum(found_k(asked) is not None for asked in persons) <= 10
 
 
 exact = st.floats(-1.5, 1.5), st.floats(-0.001, 0.001), st.integers(0, 10**6)
