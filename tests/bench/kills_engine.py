@@ -11,11 +11,9 @@ from __future__ import annotations
 
 import json
 import os
-import select
 import sys
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -24,22 +22,20 @@ sys.path[:0] = [str(_CLONE / "tests")]
 
 import msgspec  # noqa: E402
 
-from bench.wall_ports import SystemCalls, WallGpio, WallI2c, WallSpi  # noqa: E402
+from bench.wall_beside import Processes, sense  # noqa: E402
+from bench.wall_ports import SystemCalls, WallGpio, WallSpi  # noqa: E402
 from bench.wall_scan import BOARD, TRY_STOP, loaded_for  # noqa: E402
 from etd.engine.process import run_engine  # noqa: E402
 from etd.files.configuration import LoadedConfig  # noqa: E402
 from etd.files.resources import find  # noqa: E402
-from etd_hal.backend import Backend, SideTask, StopperTask  # noqa: E402
+from etd_hal.backend import Backend  # noqa: E402
 from etd_hal.boardfile import load_board  # noqa: E402
 from etd_hal.compose import codec_of  # noqa: E402
-from etd_hal.cutlatch import CUTS, NOTED, POWER, SIZE, CutLatch  # noqa: E402
-from etd_hal.linux import death_mark, realtime, side_process  # noqa: E402
+from etd_hal.cutlatch import CUTS, NOTED, POWER, SIZE  # noqa: E402
+from etd_hal.linux import realtime, side_process  # noqa: E402
 from etd_hal.linux.clock import LinuxClock  # noqa: E402
 from etd_hal.linux.death_mark import DeathMark  # noqa: E402
-from etd_hal.linux.scan_core import scan_core as read_scan_core  # noqa: E402
-from etd_hal.linux.side_process import SideProcess  # noqa: E402
 from etd_hal.linux.stopper_process import watch  # noqa: E402
-from etd_hal.ports import Changes  # noqa: E402
 from etd_hal.shared_memory import SharedMemory  # noqa: E402
 from etd_hal.stopper import Stopper  # noqa: E402
 from etd_hal.supply_note import SupplyNote  # noqa: E402
@@ -71,46 +67,13 @@ class _Checks:
         return now_ns
 
 
-class _Beside:
-    """See `backend.Beside`."""
-
-    def __init__(self, folder: Path, library: Path) -> None:
-        self._given = (str(folder), str(library))
-
-    def stopper(
-        self,
-        latch: CutLatch,
-        safe_changes: Changes,
-        note: Path | None,
-        priority: int | None,
-        scan_core: int | None,
-    ) -> StopperTask:
-        engine = os.pidfd_open(os.getpid())
-        try:
-            fds = latch.memory.fd, engine, death_mark.take()
-            arguments = ("stopper", *self._given, *fds, priority, scan_core)
-            return SideProcess("the stopper", _MODULE, arguments, fds)
-        finally:
-            os.close(engine)
-
-    def sensors(
-        self,
-        module: str,
-        arguments: tuple[object, ...],
-        fds: tuple[int, ...],
-        scan_core: int | None,
-    ) -> SideTask:
-        given = ("sensors", *self._given, scan_core, module, *arguments)
-        return SideProcess("the sensors", _MODULE, given, fds)
-
-
-def main(control: int, kind: str, folder: str, library: str, *arguments: Any) -> None:
-    """In such a process."""
+def main(control: int, kind: str, folder: str, library: str, board: str, *arguments: Any) -> None:
+    """In a process beside an engine, see `Processes`."""
     calls = SystemCalls(Path(library))
     if kind == "stopper":
         _stop(control, Path(folder), calls, *arguments)
     else:
-        _sense(control, calls, *arguments)
+        sense(control, calls, load_board(Path(board)), *arguments)
 
 
 def _stop(
@@ -139,19 +102,6 @@ def _stop(
     side_process.finish()
 
 
-def _sense(
-    control: int, calls: SystemCalls, core: int | None, module: str, *arguments: Any
-) -> None:
-    of_scan = partial(read_scan_core, os.getppid())
-    connection = side_process.begin(control, realtime.set_up_beside(None, core))
-
-    def is_over(wait_s: float) -> bool:
-        return bool(select.select([connection], (), (), wait_s)[0])
-
-    board = load_board(find("boards", BOARD))
-    import_module(module).main(WallI2c(calls, board), LinuxClock(), of_scan, is_over, *arguments)
-
-
 def _forgiving(loaded: LoadedConfig) -> LoadedConfig:
     """What else this machine does must not halt an engine that is to be killed."""
     machine = msgspec.structs.replace(loaded.machine, halt_excess_us=9e4, drift_us=9e4)
@@ -175,7 +125,7 @@ def _drive(folder: Path, library: Path, core: int, parent: int) -> int:
         codec=codec_of(loaded.board.source),
         set_up_realtime=realtime.set_up,
         set_up_urgent_thread=realtime.scheduling,
-        beside=_Beside(folder, library),
+        beside=Processes(folder, library, find("boards", BOARD), _MODULE),
     )
     said = partial(print, "ready", os.getpid(), flush=True)
     untested = folder / "selftest.json"

@@ -58,8 +58,10 @@ class Checks:
 class Processes:
     """See `backend.Beside`; as on the kernel's drivers."""
 
-    def __init__(self, folder: Path, library: Path, board: Path) -> None:
+    def __init__(self, folder: Path, library: Path, board: Path, module: str = __name__) -> None:
+        """`module`: whose `main` runs in these processes."""
         self._given = (str(folder), str(library), str(board))
+        self._module = module
 
     def stopper(
         self,
@@ -73,7 +75,7 @@ class Processes:
         try:
             fds = latch.memory.fd, engine, death_mark.take()
             arguments = ("stopper", *self._given, *fds, priority, scan_core)
-            return SideProcess("the stopper", __name__, arguments, fds)
+            return SideProcess("the stopper", self._module, arguments, fds)
         finally:
             os.close(engine)
 
@@ -85,7 +87,7 @@ class Processes:
         scan_core: int | None,
     ) -> SideTask:
         given = ("sensors", *self._given, scan_core, module, *arguments)
-        return SideProcess("the sensors", __name__, given, fds)
+        return SideProcess("the sensors", self._module, given, fds)
 
 
 def main(control: int, kind: str, folder: str, library: str, board: str, *arguments: Any) -> None:
@@ -94,7 +96,7 @@ def main(control: int, kind: str, folder: str, library: str, board: str, *argume
     if kind == "stopper":
         _stop(control, Path(folder), calls, *arguments)
     else:
-        _sense(control, calls, load_board(Path(board)), *arguments)
+        sense(control, calls, load_board(Path(board)), *arguments)
 
 
 def _stop(
@@ -114,7 +116,7 @@ def _stop(
     checks.save(folder)
 
 
-def _sense(
+def sense(
     control: int,
     calls: SystemCalls,
     board: BoardFile,
@@ -122,6 +124,7 @@ def _sense(
     module: str,
     *arguments: Any,
 ) -> None:
+    """The sensors' process, until the scan's ends."""
     of_scan = partial(read_scan_core, os.getppid())
     connection = side_process.begin(control, realtime.set_up_beside(None, core))
 

@@ -21,7 +21,8 @@ from etd.files.json_file import read_json
 from etd.files.resources import find
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import EtdError
-from etd.stabilize.settings import Settings
+from etd.protocol.exponent import FittedExponent
+from etd.stabilize.settings import BY_RESISTANCE, Settings
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import read_toml
@@ -165,6 +166,11 @@ def _body_site(path: Path) -> Answer:
 def _stabilized(settings: Settings) -> str:
     """All that is in force there, in the order that it asks; then what belongs to every pulse."""
     parts = [f"stabilized by {', '.join(settings.order) or 'nothing'}"]
+    if judged := [name for name in settings.order if name in ("contact", *BY_RESISTANCE)]:
+        parts.append(
+            f"{' and '.join(judged)} NOT recommended (harm on some modelled bodies,"
+            " docs/stabilization.md)"
+        )
     if settings.before_contact:
         behind = " and ".join(settings.before_contact)
         parts.append(
@@ -186,9 +192,18 @@ def _calibration(path: Path) -> Answer:
     summary = (
         f"{len(caps_ua)} electrodes of {calibration.array} on the {calibration.body_site},"
         f" {calibration.polarity}, {calibration.width_us} us, caps up to {max(caps_ua, default=0)}"
-        " uA"
+        f" uA; {_k_of(calibration.exponent)}"
     )
     return calibration.participant, summary, ()
+
+
+def _k_of(exponent: FittedExponent | None) -> str:
+    """Of which board it holds the file says itself: which one is here, it does not."""
+    if exponent is None:
+        return "no k"
+    if exponent.why_not is not None:
+        return f"power_law refuses it: {exponent.why_not}"
+    return f"k = {exponent.k:.2f} for power_law on {exponent.board} ({exponent.leak_ohm} ohm)"
 
 
 def _check_count(calibration: Calibration, path: Path) -> None:
