@@ -76,7 +76,9 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
         case Alive():
             return None
         case StopNow(client=who):
-            core.halt("stop", who, "asked to stop")
+            problems = core.halt("stop", who, "asked to stop")
+            if problems:
+                raise Refused("halted", f"HALTED, but the board is not safe: {'; '.join(problems)}")
         case OpenLease():
             return _open(core, command, host_ns)
         case KeepLease(lease=token):

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from etd.protocol.errors import Refused
 from etd.protocol.exponent import FittedExponent
-from etd.protocol.frame import Frame, Name, Polarity, Returns, ShortText
+from etd.protocol.frame import Frame, Name, PerElectrode, Polarity, Returns, ShortText
 from etd.pulse.measured import MAX_SKIN_OHM, MIN_SKIN_OHM
 from etd.stabilize.shape import PLAIN, Shape
 from etd_hal.errors import FileError
@@ -67,7 +67,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     returns: Returns
     date: datetime.date
     program: ShortText
-    electrode: tuple[ElectrodeLimits, ...]
+    electrode: Annotated[tuple[ElectrodeLimits, ...], PerElectrode]
     #: I = threshold + (comfortable - threshold) x level^(1/gamma)
     gamma: Annotated[float, Meta(ge=0.5, le=3.0)] = 1.0
     #: How thresholds were found, and the number of pulses in a presentation.

@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.protocol.errors import Refused
-from etd.protocol.frame import ShortText
+from etd.protocol.frame import PerElectrode, ShortText
 
 #: The part of the variation within electrodes that a usable fit explains, at least.
 LEAST_EXPLAINED = 0.5
@@ -42,7 +42,7 @@ class FittedExponent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     low: Said
     high: Said
     explained: Annotated[float, Meta(ge=0.0, le=1.0)]
-    electrodes: tuple[Annotated[int, Meta(ge=0)], ...]
+    electrodes: Annotated[tuple[Annotated[int, Meta(ge=0)], ...], PerElectrode]
     states: Annotated[int, Meta(ge=4, le=20)]
     fold: Annotated[float, Meta(ge=1.0, le=1e6)]
     date: datetime.date
