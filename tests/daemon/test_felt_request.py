@@ -93,24 +93,37 @@ def report(felt: FeltFacts | None, now_ns: int = 0, state: Any = "ARMED") -> Sta
     return StateReport(state=state, now_ns=now_ns, engine="there", felt=felt)
 
 
-def test_the_monitor_tells_what_was_taken_and_given() -> None:
-    endpoints = Endpoints(frames="", telemetry="")
-    monitor = Monitor(
-        hello(
-            engine_hello(),
-            name="main",
-            endpoints=endpoints,
-            calibrations=(),
-            calibrations_folder="",
-            default_calibration=None,
-        )
+def watching(key: str = "") -> Monitor:
+    said_hello = hello(
+        engine_hello(),
+        name="main",
+        endpoints=Endpoints(frames="", telemetry=""),
+        calibrations=(),
+        calibrations_folder="",
+        default_calibration=None,
     )
+    return Monitor(said_hello, key=key)
+
+
+def test_the_monitor_tells_what_was_taken_and_given() -> None:
+    monitor = watching()
     monitor.hear(report(facts()))
     assert "said x0.95-1.10" in monitor.line()
     monitor.hear(report(facts(factors=(0.81,) * 4, laws_off="laws are off")))
     assert "said x0.81, LAWS OFF" in monitor.line()
     monitor.hear(report(None))
     assert "said" not in monitor.line()
+
+
+def test_who_can_press_is_told_to_press_again_until_something_else_is_said() -> None:
+    monitor = watching(key="-")
+    monitor.hear(report(facts()))
+    assert "said x0.95-1.10, press - again for more" in monitor.line()
+    monitor.hear(report(facts(2, answer="good")))
+    assert "press" not in monitor.line()
+    without = watching()
+    without.hear(report(facts()))
+    assert "press" not in without.line()
 
 
 def test_keys_are_read_of_a_terminal_only() -> None:

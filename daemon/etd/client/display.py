@@ -275,11 +275,12 @@ class Display(Connection["zmq.Socket[bytes]"]):
 
     def felt(self, answer: FeltAnswer, electrodes: Iterable[int] | None = None) -> None:
         """What the person says of the strength: "too_weak", "good" or "too_strong", of these
-        electrodes or of all (None). Too strong lowers at once: by 1.25 %, by four times as much as
-        the time before where it is said again within half a minute. Too weak raises levels, by at
-        most 5 % a minute and 20 % in all. What was said is gone when the board is disarmed. A
-        program that does not hold the lease can only lower. Raises: Refused (`not_armed`,
-        `other_lease`, `no_lease`; `wrong_state`: not fired in the last minute).
+        electrodes or of all (None). Too strong lowers at once: by 1.25 %, by 5 % where it names
+        electrodes or comes from a program without the lease; said again of the same within half a
+        minute, by four times as much as the time before. Too weak raises levels, by at most 5 % a
+        minute and 20 % in all. What was said is gone when the board is disarmed. A program that
+        does not hold the lease can only lower. Raises: Refused (`not_armed`, `other_lease`,
+        `no_lease`; `wrong_state`: not fired in the last minute; `bad_message`).
         """
         self._run(self._session.felt(answer, electrodes))
 

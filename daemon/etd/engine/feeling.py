@@ -80,7 +80,10 @@ class Feeling:
         about = self._felt_of(said.electrodes, now_ns)
         if said.lease is not None and about:
             self._judge_laws(said.answer, about)
-        self._offsets.hear(said.answer, said.electrodes, now_ns)
+        if said.lease is None:
+            self._offsets.lower(said.electrodes, now_ns)
+        else:
+            self._offsets.hear(said.answer, said.electrodes, now_ns)
         self._answers += 1
         self._last = now_ns, said
 
