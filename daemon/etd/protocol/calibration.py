@@ -93,6 +93,11 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     #: How far this person's thresholds follow the resistance, for `power_law`.
     exponent: FittedExponent | None = None
 
+    @property
+    def unfelt(self) -> tuple[int, ...]:
+        """The electrodes on which a level above 0 has no meaning."""
+        return tuple([number for number, limits in enumerate(self.electrode) if not limits.felt])
+
 
 def current_of_level(limits: ElectrodeLimits, level: float, gamma: float) -> int:
     """The current of a level, in uA: 0 is silent, above 0 to 1 is threshold to comfortable, by a
