@@ -280,7 +280,8 @@ def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Sig
         finally:
             at.close()
         assert said.status == 130, said.err
-        assert "no electrode has a result yet: the same command starts again" in said.err
+        anew = "no electrode has a result yet: `etd clear`, then the same command starts again"
+        assert anew in said.err
         assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
 
 

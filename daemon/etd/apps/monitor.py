@@ -29,6 +29,8 @@ _CONTACT: dict[bool | None, ContactState] = {True: "closed", False: "open", None
 _FIRM_KPA = 100.0
 #: The felt strength of full brightness, in thresholds.
 _BRIGHT_FELT = 2.5
+#: A factor that rises by 5 % a minute does not come back from there within an hour.
+_HARDLY = 0.05
 
 
 @dataclass(slots=True)
@@ -212,6 +214,8 @@ def _said(said: FeltFacts, key: str) -> str:
     who looks whether it was enough sees that it can be said again.
     """
     parts = [f"said {_times(said.factors)}"]
+    if min(said.factors) < _HARDLY:
+        parts.append("hardly anything is left, until disarmed")
     if key and said.answer == "too_strong":
         parts.append(f"press {key} again for more")
     if said.laws_off:

@@ -27,7 +27,7 @@ from etd.calibrate.trial import Stopped
 from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_conditions import requested_conditions
-from etd.cli.calibrate_result import same_command, store, tell_trials
+from etd.cli.calibrate_result import cleared_first, same_command, store, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.calibrate_watch import Watch
@@ -168,14 +168,16 @@ class CalibrateSession:
 
     def after(self, stopped: Stopped) -> str:
         """What is saved, of this run or an earlier one, and how to continue."""
+        first = cleared_first(self._args, stopped)
+        command = first + same_command(self._args)
         if self._progress.found:
-            return f"{stopped}; the results are saved: {same_command(self._args)} continues"
+            return f"{stopped}; the results are saved: {command} continues"
         if self._progress.lowered_ua:
             return (
                 f"{stopped}; no electrode has a result yet; what was too strong is saved:"
-                f" {same_command(self._args)} continues and stays below it"
+                f" {command} continues and stays below it"
             )
-        return f"{stopped}; no electrode has a result yet: the same command starts again"
+        return f"{stopped}; no electrode has a result yet: {first}the same command starts again"
 
     def _begun(self, conditions: Conditions) -> Progress:
         """The saved progress. Raises: FileError if its conditions differ."""
@@ -252,7 +254,7 @@ def _said_of_whole(before_ua: dict[int, int], progress: Progress) -> str | None:
     if all(part >= 1.0 for part in left):
         return None
     kept = [part for part in left if part > 0.0]
-    levels = f"their levels and caps are down to {min(kept):.0%}" if kept else "no level is left"
+    levels = f"their levels and caps are {min(kept):.0%}" if kept else "no level is left"
     below = said_of_caps(progress.below_threshold)
     return (
         f"all electrodes at once were too strong: {levels} of what each was alone"

@@ -33,7 +33,7 @@ from etd.calibrate.trial import Stopped
 from etd.cli import options
 from etd.cli.arming import armed_for
 from etd.cli.calibrate_conditions import requested_conditions
-from etd.cli.calibrate_result import same_command, store
+from etd.cli.calibrate_result import cleared_first, same_command, store
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.keys import Keyboard, keyboard
@@ -169,7 +169,8 @@ class FitSession:
     def after(self, stopped: Stopped) -> str:
         """What is saved, and how to continue."""
         done = self._progress.states
-        return f"{stopped}; states that are over: {done}: {same_command(self._args)} continues"
+        command = cleared_first(self._args, stopped) + same_command(self._args)
+        return f"{stopped}; states that are over: {done}: {command} continues"
 
     # --- on the way --------------------------------------------------------------------------
 
