@@ -25,7 +25,7 @@ class Prepulse(NamedTuple):
     width_us: int
 
 
-#: Of an approval, all but its outputs.
+#: Of an approval, all but its outputs; the last: whether it reaches any.
 Figures = tuple[int, int, Prepulse | None, bool]
 
 
@@ -56,7 +56,8 @@ class Approval:
         #: are the outputs that would get it if the switches failed to open. 0: no output is
         #: selected. A `source` of 0 without it is a probe with all outputs on ground.
         self.is_blanked: Final = is_blanked
-        self.figures: Final[Figures] = (current_ua, width_us, prepulse, is_blanked)
+        reaches_any = bool(source) and not is_blanked
+        self.figures: Final[Figures] = (current_ua, width_us, prepulse, reaches_any)
 
 
 class HalfBridgeShadow:

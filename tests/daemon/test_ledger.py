@@ -2,46 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
+from typing import get_args
 
 import pytest
 
 from engine_parts import maxima_with
-from etd.safety.bookings import WINDOW_NS, Booking, Entry
-from etd.safety.ledger import Bounds, Ledger
+from etd.safety.bookings import WINDOW_NS, Entry
+from etd.safety.ledger import Bounds, Ledger, LedgerReason
+from ledger_parts import AMPLE, NOW_NS, PC, book, bounds, entry
 from plain_records import changed
-
-NOW_NS = 9_000_000_000
-AMPLE = Bounds(
-    interval_us=0,
-    mean_current_ua=10**6,
-    pulses=10**6,
-    on_us=10**9,
-    array_mean_current_ua=10**6,
-    array_on_us=10**9,
-    net_charge_pc=10**12,
-)
-#: 1000 uA for 100 us.
-PC = 100_000
-
-
-def bounds(**changes: int) -> Bounds:
-    return dataclasses.replace(AMPLE, **changes)
-
-
-def entry(
-    electrode: int = 0,
-    charge_pc: int = PC,
-    on_us: int = 100,
-    returns: tuple[int, ...] | None = None,
-    share: float = 1.0,
-) -> Entry:
-    return Entry(electrode, charge_pc, on_us, returns, share)
-
-
-def book(ledger: Ledger, entry: Entry, now_ns: int) -> Booking:
-    """At what it is planned to be."""
-    return ledger.book(entry, now_ns, entry.charge_pc)
 
 
 def test_a_window_is_one_second_and_what_is_older_does_not_count() -> None:
@@ -63,6 +32,41 @@ def test_a_lone_return_has_each_pulse_as_well() -> None:
     assert ledger.first_violation(entry(0, returns=(1,)), NOW_NS) == "pulses"
     assert ledger.first_violation(entry(0, returns=(1, 2)), NOW_NS) is None
     assert ledger.first_violation(entry(0, returns=(1,)), NOW_NS + WINDOW_NS) is None
+
+
+def test_a_lone_return_has_as_many_pulses_as_the_bound_and_not_one_more() -> None:
+    ledger = Ledger(3, bounds(pulses=2))
+    book(ledger, entry(0, returns=(2,)), NOW_NS)
+    assert ledger.first_violation(entry(1, returns=(2,)), NOW_NS) is None
+    book(ledger, entry(1, returns=(2,)), NOW_NS)
+    assert (ledger.pulses(1, NOW_NS), ledger.pulses(2, NOW_NS)) == (1, 2)
+    assert ledger.first_violation(entry(1, returns=(2,)), NOW_NS) == "pulses"
+
+
+def test_the_pulses_of_all_electrodes_are_those_of_the_last_second() -> None:
+    ledger = Ledger(4, AMPLE)
+    assert ledger.recent_pulses(NOW_NS) == 0
+    book(ledger, entry(0), NOW_NS)
+    book(ledger, entry(1, returns=(2,)), NOW_NS + 500)
+    book(ledger, changed(entry(1, returns=(2,)), pulses=0), NOW_NS + 500)
+    book(ledger, entry(0), NOW_NS + 900)
+    assert ledger.recent_pulses(NOW_NS + 900) == 3
+    assert ledger.recent_pulses(NOW_NS + WINDOW_NS - 1) == 3
+    assert ledger.recent_pulses(NOW_NS + WINDOW_NS) == 2
+    assert ledger.recent_pulses(NOW_NS + WINDOW_NS + 500) == 1
+    assert ledger.recent_pulses(NOW_NS + 2 * WINDOW_NS) == 0
+
+
+def test_all_is_forgotten_a_second_after_the_last_pulse_of_any_electrode() -> None:
+    ledger = Ledger(4, AMPLE)
+    assert ledger.forgotten_ns() == 0
+    for electrode, after_ns in [(0, 0), (1, 200), (2, 700), (0, 1_000)]:
+        book(ledger, entry(electrode), NOW_NS + after_ns)
+        assert ledger.forgotten_ns() == NOW_NS + after_ns + 1_000_000_000
+    assert ledger.recent_pulses(NOW_NS + WINDOW_NS + 999) == 1
+    assert ledger.forgotten_ns() == NOW_NS + 1_000_001_000
+    assert ledger.recent_pulses(NOW_NS + WINDOW_NS + 1_000) == 0
+    assert ledger.forgotten_ns() == 0
 
 
 def test_a_lone_returns_pulse_that_was_not_sent_is_taken_back() -> None:
@@ -91,6 +95,20 @@ def test_the_bound_that_one_more_pulse_would_pass_is_named(
     assert ledger.first_violation(entry(0), NOW_NS + 1) == reason
 
 
+def test_each_reason_has_the_name_that_others_read_it_by() -> None:
+    """It goes to clients as it is, and the engine tells by it what waiting helps against."""
+    assert get_args(LedgerReason) == (
+        "interval",
+        "charge",
+        "pulses",
+        "duty",
+        "array charge",
+        "array duty",
+        "return charge",
+        "net charge",
+    )
+
+
 def test_what_nobody_may_get_is_what_the_second_is_held_to() -> None:
     maxima = maxima_with(
         interval_us=1,
@@ -117,6 +135,22 @@ def test_a_pulse_that_just_fits_is_let_through() -> None:
     book(ledger, entry(charge_pc=900_000), NOW_NS)
     assert ledger.first_violation(entry(charge_pc=100_000), NOW_NS + 1) is None
     assert ledger.first_violation(entry(charge_pc=100_001), NOW_NS + 1) == "charge"
+
+
+def test_an_array_has_all_of_its_charge_and_not_more() -> None:
+    ledger = Ledger(3, bounds(array_mean_current_ua=1))
+    book(ledger, entry(0, charge_pc=600_000, returns=(2,)), NOW_NS)
+    assert ledger.first_violation(entry(1, charge_pc=400_000), NOW_NS + 1) is None
+    assert ledger.first_violation(entry(1, charge_pc=400_001), NOW_NS + 1) == "array charge"
+
+
+def test_a_named_return_has_all_of_its_charge_and_not_more() -> None:
+    ledger = Ledger(4, bounds(mean_current_ua=1))
+    book(ledger, entry(0, charge_pc=600_000, returns=(2, 3)), NOW_NS)
+    following = entry(1, charge_pc=400_000, returns=(2, 3))
+    assert ledger.first_violation(following, NOW_NS + 1) is None
+    one_too_many = changed(following, charge_pc=400_001)
+    assert ledger.first_violation(one_too_many, NOW_NS + 1) == "return charge"
 
 
 def test_each_explicit_return_is_booked_as_if_it_alone_carried_the_current() -> None:
@@ -149,144 +183,6 @@ def test_what_all_others_carried_stops_them_too() -> None:
     ledger = Ledger(3, bounds(mean_current_ua=1))
     book(ledger, entry(0, charge_pc=900_000, share=1.0), NOW_NS)
     assert ledger.first_violation(entry(1, charge_pc=200_000, share=0.0), NOW_NS + 1) == "charge"
-
-
-@pytest.mark.parametrize("is_corrected", [False, True])
-def test_a_pulse_through_all_others_is_stopped_by_one_that_was_a_named_return_of_several(
-    is_corrected: bool,
-) -> None:
-    """Who carried 900 nC for two others, and nothing as the stimulated one."""
-    ledger = Ledger(4, bounds(mean_current_ua=1))
-    for electrode in (0, 1):
-        booking = book(ledger, entry(electrode, charge_pc=450_000, returns=(3,)), NOW_NS)
-        if is_corrected:
-            ledger.correct(booking, 450_000, NOW_NS)
-    assert ledger.first_violation(entry(2, charge_pc=200_000, share=0.5), NOW_NS + 1) is None
-    assert (
-        ledger.first_violation(entry(2, charge_pc=202_000, share=0.5), NOW_NS + 1)
-        == "return charge"
-    )
-
-
-def test_a_pulse_through_all_others_is_stopped_by_the_one_that_has_had_most() -> None:
-    ledger = Ledger(3, bounds(mean_current_ua=1))
-    book(ledger, entry(2, charge_pc=900_000, share=0.0), NOW_NS)
-    assert ledger.first_violation(entry(0, charge_pc=200_000, share=0.4), NOW_NS + 1) is None
-    assert (
-        ledger.first_violation(entry(0, charge_pc=200_000, share=0.6), NOW_NS + 1)
-        == "return charge"
-    )
-    later_ns = NOW_NS + WINDOW_NS
-    assert ledger.first_violation(entry(0, charge_pc=200_000, share=0.6), later_ns) is None
-
-
-# --- weights --------------------------------------------------------------------------------------
-
-
-def test_each_of_all_others_is_booked_its_weight_of_the_share_and_never_more_than_all() -> None:
-    ledger = Ledger(5, AMPLE)
-    ledger.set_weights([0.5, 1.0, 0.2, 0.0, 1e9], NOW_NS)
-    ledger.set_weights([0.5, 1.0, 0.2, 0.0, 1e9], NOW_NS + WINDOW_NS)
-    now_ns = NOW_NS + 2 * WINDOW_NS
-    ledger.set_weights([0.5, 1.0, 0.2, 0.0, 1e9], now_ns)
-    book(ledger, entry(0, charge_pc=1_000, share=0.8), now_ns)
-    assert [ledger.charge_pc(electrode, now_ns) for electrode in range(5)] == [
-        1_000,
-        800,
-        160,
-        0,
-        1_000,
-    ]
-    book(ledger, entry(1, charge_pc=1_000, share=3.0), now_ns)
-    assert [ledger.charge_pc(electrode, now_ns) for electrode in range(5)] == [
-        2_000,
-        1_800,
-        760,
-        0,
-        2_000,
-    ]
-
-
-def test_for_the_pulses_of_a_second_counts_the_largest_weight_in_it() -> None:
-    ledger = Ledger(2, AMPLE)
-    for at_ns in (NOW_NS, NOW_NS + WINDOW_NS, NOW_NS + 2 * WINDOW_NS):
-        ledger.set_weights([1.0, 0.1], at_ns)
-    now_ns = NOW_NS + 2 * WINDOW_NS
-    book(ledger, entry(0, charge_pc=1_000), now_ns)
-    assert ledger.charge_pc(1, now_ns) == 100
-    ledger.set_weights([1.0, 0.9], now_ns + 1)
-    assert ledger.charge_pc(1, now_ns + 1) == 900
-    ledger.set_weights([1.0, 0.1], now_ns + 2)
-    assert ledger.charge_pc(1, now_ns + WINDOW_NS - 1) == 900
-
-
-def test_a_weight_that_rises_takes_room_that_was_there() -> None:
-    ledger = Ledger(3, bounds(mean_current_ua=1))
-    for at_ns in (NOW_NS, NOW_NS + WINDOW_NS, NOW_NS + 2 * WINDOW_NS):
-        ledger.set_weights([0.1] * 3, at_ns)
-    now_ns = NOW_NS + 2 * WINDOW_NS
-    for electrode in (0, 1):
-        assert ledger.first_violation(entry(electrode, charge_pc=500_000), now_ns) is None
-        book(ledger, entry(electrode, charge_pc=500_000), now_ns)
-    assert ledger.first_violation(entry(0), now_ns) is None
-    ledger.set_weights([0.1, 0.1, 0.99], now_ns)
-    assert ledger.first_violation(entry(0), now_ns) == "return charge"
-
-
-def test_one_that_conducts_better_does_not_take_the_room_of_the_others() -> None:
-    """It may carry nearly all of each pulse, and the others next to nothing."""
-    ledger = Ledger(4, bounds(mean_current_ua=1))
-    weights = [0.01, 0.01, 0.01, 1.0]
-    for at_ns in (NOW_NS, NOW_NS + WINDOW_NS, NOW_NS + 2 * WINDOW_NS):
-        ledger.set_weights(weights, at_ns)
-    now_ns = NOW_NS + 2 * WINDOW_NS
-    for number in range(11):
-        assert ledger.first_violation(entry(number % 3, share=0.9), now_ns) is None
-        book(ledger, entry(number % 3, share=0.9), now_ns)
-    assert ledger.charge_pc(0, now_ns) < 410_000
-    assert ledger.charge_pc(3, now_ns) == 990_000
-    assert ledger.first_violation(entry(0, share=0.9), now_ns) == "return charge"
-    assert ledger.first_violation(entry(3, share=33.0), now_ns) == "charge"
-    assert ledger.first_violation(entry(0, charge_pc=10_000, share=0.9), now_ns) is None
-
-
-def weighed(electrodes: int, weights: list[float]) -> Ledger:
-    """Bound to 1,000,000 pC a second, with weights that have stood for long."""
-    ledger = Ledger(electrodes, bounds(mean_current_ua=1))
-    for at_ns in (NOW_NS - 2 * WINDOW_NS, NOW_NS - WINDOW_NS, NOW_NS):
-        ledger.set_weights(weights, at_ns)
-    return ledger
-
-
-def fire(ledger: Ledger, each: Entry, *, is_corrected: bool = True) -> None:
-    assert ledger.first_violation(each, NOW_NS) is None
-    booking = book(ledger, each, NOW_NS)
-    if is_corrected:
-        ledger.correct(booking, each.charge_pc, NOW_NS)
-
-
-def test_a_source_that_has_had_its_charge_stops_as_a_return_what_it_carries_little_of() -> None:
-    ledger = weighed(3, [1.0] * 3)
-    fire(ledger, entry(1, charge_pc=10_000, share=0.1))
-    fire(ledger, entry(0, charge_pc=950_000, share=0.1))
-    assert ledger.first_violation(entry(1, charge_pc=500_000, share=0.5), NOW_NS) == "return charge"
-
-
-def test_one_whose_weight_is_above_one_has_more_than_the_share() -> None:
-    ledger = weighed(4, [2.0, 1.0, 1.0, 1.0])
-    fire(ledger, entry(3, charge_pc=1_000, share=0.5))
-    fire(ledger, entry(1, charge_pc=600_000, share=0.5))
-    assert ledger.first_violation(entry(2, charge_pc=500_000, share=0.5), NOW_NS) == "return charge"
-
-
-@pytest.mark.parametrize("is_corrected", [True, False])
-def test_after_a_share_above_one_a_return_may_have_all_of_later_pulses(is_corrected: bool) -> None:
-    ledger = weighed(4, [1.0, 0.01, 0.01, 0.01])
-    fire(ledger, entry(1, charge_pc=200_000, share=8.0), is_corrected=is_corrected)
-    for electrode in (2, 3):
-        fire(ledger, entry(electrode, charge_pc=300_000, share=0.1))
-    assert ledger.charge_pc(0, NOW_NS) == 800_000
-    assert ledger.first_violation(entry(1, charge_pc=300_000, share=0.1), NOW_NS) == "return charge"
 
 
 def test_the_pulses_of_a_second_and_one_more_may_be_more_than_one_return_may_carry() -> None:
@@ -367,6 +263,7 @@ def test_what_was_taken_back_was_never_there() -> None:
 
 def test_a_pulse_too_soon_after_the_one_before_does_not_fit() -> None:
     ledger = Ledger(4, bounds(interval_us=2_000))
+    assert ledger.rested_ns(1) == 0
     book(ledger, entry(1), NOW_NS)
     assert ledger.rested_ns(1) == NOW_NS + 2_000_000
     assert ledger.first_violation(entry(1), NOW_NS + 1_999_999) == "interval"

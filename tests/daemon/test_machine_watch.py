@@ -38,6 +38,15 @@ def test_the_machine_is_asked_every_five_seconds_at_most_and_each_beginning_is_c
     assert counters["machine_slowed"] == 2
 
 
+def test_of_a_machine_that_was_never_slowed_down_nothing_is_counted() -> None:
+    """The engine's counters name what has happened, and nothing else."""
+    counters: Counter[str] = Counter()
+    watch = MachineWatch(tuple, counters)
+    for second in range(0, 60, 5):
+        assert not watch.look(second * SECOND)
+    assert list(counters) == []
+
+
 def test_it_is_asked_between_scans_and_told_in_the_next_report(make_rig: MakeRig) -> None:
     asked: list[bool] = []
     troubles: tuple[str, ...] = ()

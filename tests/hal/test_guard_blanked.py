@@ -179,3 +179,19 @@ def test_behind_a_blanking_it_is_refused(boards: Boards) -> None:
     pulse, ground = rig.board.pulse(*PROBE), (1 << 64) - 1
     with pytest.raises(GuardRefusal, match="closed and un-blanked"):
         rig.board.send(pulse, Approval(0, ground, *PROBE))
+
+
+@pytest.mark.parametrize("way", ["none selected", "blanked"])
+def test_a_pulse_that_was_let_through_at_an_electrode_may_still_not(
+    boards: Boards, way: str
+) -> None:
+    """What follows from message and approval is judged once; where it goes is no part of that."""
+    rig = connected(boards("kajimoto-hv507"))
+    pulse, selection = rig.board.pulse(*PULSE), rig.board.selection(3, None)
+    fire_phase(rig.board, pulse, selection, True, *PULSE)
+    rig.board.discharge()
+    rig.board.release()
+    rig.board.isolate()
+    fire = rig.board.fire_unselected if way == "none selected" else rig.board.fire_unloaded
+    with pytest.raises(GuardRefusal, match="a pulse with nothing connected"):
+        fire(pulse, *PULSE)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,6 +33,18 @@ def test_there_is_none_until_it_is_kept_and_none_after_it_was_dropped(note: Supp
     assert os.listdir(note.path.parent) == []
 
 
+def test_keeping_and_dropping_hold_nothing_open_and_the_note_is_its_owner_s_alone(
+    note: SupplyNote,
+) -> None:
+    """An engine keeps and drops it for as long as it lives."""
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        note.keep()
+        assert note.path.stat().st_mode & 0o777 == 0o600
+        note.drop()
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
 def test_one_of_another_boot_was_left_by_a_loss_of_power(note: SupplyNote) -> None:
     note.path.write_text(json.dumps({"boot": "another"}))
     assert note.left() == "the machine lost its power, or was reset, with the supply on"
@@ -45,6 +59,31 @@ def test_one_that_says_nothing_was_left_all_the_same(note: SupplyNote, content: 
 def test_one_that_cannot_be_read_was_left(note: SupplyNote) -> None:
     note.path.mkdir()
     assert note.left() == "a note was left that cannot be read (Is a directory)"
+
+
+def test_behind_a_folder_that_leads_nowhere_nothing_is_known(tmp_path: Path) -> None:
+    (tmp_path / "round").symlink_to(tmp_path / "round")
+    behind = SupplyNote(tmp_path / "round" / "supply.json")
+    with pytest.raises(OSError, match="symbolic links") as caught:
+        behind.path.read_bytes()
+    assert caught.value.errno == errno.ELOOP
+    assert behind.left() is None
+
+
+def test_where_the_kernel_tells_no_boot_one_was_left_by_a_loss_of_power(
+    note: SupplyNote, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which it was cannot be known; that the supply was on is told all the same."""
+    read = Path.read_text
+
+    def refuse(path: Path, *args: Any, **options: Any) -> str:
+        if path.name == "boot_id":
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return read(path, *args, **options)
+
+    monkeypatch.setattr(Path, "read_text", refuse)
+    note.keep()
+    assert note.left() == "the machine lost its power, or was reset, with the supply on"
 
 
 def test_without_its_folder_it_is_not_there_and_cannot_be_kept(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from etd.files.json_file import read_json
 from etd.files.resources import find
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import EtdError
-from etd.stabilize.settings import Settings
+from etd.stabilize.settings import BY_RESISTANCE, Settings
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import read_toml
@@ -165,6 +165,11 @@ def _body_site(path: Path) -> Answer:
 def _stabilized(settings: Settings) -> str:
     """All that is in force there, in the order that it asks; then what belongs to every pulse."""
     parts = [f"stabilized by {', '.join(settings.order) or 'nothing'}"]
+    if judged := [name for name in settings.order if name in ("contact", *BY_RESISTANCE)]:
+        parts.append(
+            f"{' and '.join(judged)} NOT recommended (harm on some modelled bodies,"
+            " docs/stabilization.md)"
+        )
     if settings.before_contact:
         behind = " and ".join(settings.before_contact)
         parts.append(

@@ -33,8 +33,8 @@ LIVE = ((POL, 1), (BL, 1))
 #: Of a scan's stopper.
 PRIORITY = 81
 CUT_WITHIN_MS = 5.0
-#: The kernel's, for the memory of a process that has loaded all of pytest: 20 ms where the processor
-#: is emulated.
+#: The kernel's, for the memory of a process that has loaded all of pytest: 20 ms where the
+#: processor is emulated.
 FREE_WITHIN_MS = 50.0
 MS = 1_000_000
 

@@ -1,0 +1,98 @@
+"""Net charge, as a ledger books, corrects and takes it back: added up by hand.
+
+On four electrodes of the same conductance, so that those that carry a pulse back share it evenly.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from etd.safety.ledger import Ledger
+from ledger_parts import AMPLE, NOW_NS, SECOND_NS, book, bounds, entry
+
+WORST_PC, PLANNED_PC, HAD_PC = 120_000, 90_000, 96_000
+
+
+def net_pc(ledger: Ledger, now_ns: int = NOW_NS) -> list[float]:
+    return [round(pc, 3) for pc in ledger.net.all(now_ns)]
+
+
+def test_a_pulse_through_all_others_leaves_what_it_was_booked_at_and_then_what_it_had() -> None:
+    ledger = Ledger(4, AMPLE)
+    booking = ledger.book(entry(1, PLANNED_PC), NOW_NS, WORST_PC)
+    assert net_pc(ledger) == [-40_000, 120_000, -40_000, -40_000]
+    ledger.correct(booking, HAD_PC, NOW_NS)
+    assert net_pc(ledger) == [-32_000, 96_000, -32_000, -32_000]
+
+
+def test_named_returns_share_what_a_pulse_leaves_and_others_have_nothing_of_it() -> None:
+    ledger = Ledger(4, AMPLE)
+    booking = ledger.book(entry(0, PLANNED_PC, returns=(2, 3)), NOW_NS, WORST_PC)
+    assert net_pc(ledger) == [120_000, 0, -60_000, -60_000]
+    ledger.correct(booking, HAD_PC, NOW_NS)
+    assert net_pc(ledger) == [96_000, 0, -48_000, -48_000]
+
+
+@pytest.mark.parametrize(
+    ("returns", "before_pc"), [(None, [90_000, -30_000]), ((1,), [90_000, -90_000])]
+)
+def test_what_is_taken_back_has_left_nothing(
+    returns: tuple[int, ...] | None, before_pc: list[float]
+) -> None:
+    ledger = Ledger(4, AMPLE)
+    book(ledger, entry(0, PLANNED_PC, returns=returns), NOW_NS)
+    assert net_pc(ledger)[:2] == before_pc
+    ledger.take_back(ledger.book(entry(0, PLANNED_PC, returns=returns), NOW_NS, WORST_PC))
+    assert net_pc(ledger)[:2] == before_pc
+
+
+def test_anodic_and_cathodic_pulses_of_the_same_charge_leave_nothing() -> None:
+    ledger = Ledger(4, AMPLE)
+    book(ledger, entry(0, PLANNED_PC), NOW_NS)
+    book(ledger, entry(0, PLANNED_PC, net_pc=-PLANNED_PC), NOW_NS)
+    assert net_pc(ledger) == [0, 0, 0, 0]
+
+
+def test_of_two_phases_remains_what_they_differ_by_in_proportion_to_their_charge() -> None:
+    """90,000 pC that leave 15,000; at their worst 120,000, which leave 20,000."""
+    ledger = Ledger(4, AMPLE)
+    booking = ledger.book(entry(0, PLANNED_PC, net_pc=15_000), NOW_NS, WORST_PC)
+    assert net_pc(ledger)[0] == 20_000
+    ledger.correct(booking, HAD_PC, NOW_NS)
+    assert net_pc(ledger)[0] == 16_000
+
+
+def test_phases_that_balance_leave_nothing_however_long_they_took() -> None:
+    ledger = Ledger(4, AMPLE)
+    booking = ledger.book(entry(0, PLANNED_PC, net_pc=0), NOW_NS, WORST_PC)
+    ledger.correct(booking, HAD_PC, NOW_NS)
+    assert net_pc(ledger) == [0, 0, 0, 0]
+
+
+def test_a_correction_counts_as_of_when_the_pulse_was_booked() -> None:
+    """Of what it had the third part and a little more, 1/e, is left after a second."""
+    ledger = Ledger(4, AMPLE)
+    booking = ledger.book(entry(0, PLANNED_PC), NOW_NS, WORST_PC)
+    ledger.correct(booking, 100_000, NOW_NS + SECOND_NS // 2)
+    assert ledger.net.of(0, NOW_NS + SECOND_NS) == pytest.approx(36_787.944)
+
+
+def test_a_pulse_that_would_leave_more_than_the_bound_does_not_fit() -> None:
+    ledger = Ledger(4, bounds(net_charge_pc=251_000))
+    for _ in range(2):
+        assert ledger.first_violation(entry(0), NOW_NS) is None
+        book(ledger, entry(0), NOW_NS)
+    assert ledger.first_violation(entry(0), NOW_NS) == "net charge"
+    assert ledger.first_violation(entry(0, net_pc=50_000), NOW_NS) is None
+    assert ledger.first_violation(entry(0, net_pc=52_000), NOW_NS) == "net charge"
+    assert ledger.first_violation(entry(0, net_pc=-100_000), NOW_NS) is None
+    assert ledger.first_violation(entry(1), NOW_NS) is None
+
+
+def test_a_named_return_that_would_have_more_than_the_bound_refuses_the_pulse() -> None:
+    ledger = Ledger(4, bounds(net_charge_pc=251_000))
+    for electrode in (0, 1):
+        book(ledger, entry(electrode, returns=(3,)), NOW_NS)
+    assert net_pc(ledger) == [100_000, 100_000, 0, -200_000]
+    assert ledger.first_violation(entry(2, returns=(3,)), NOW_NS) == "net charge"
+    assert ledger.first_violation(entry(2, returns=(1, 3)), NOW_NS) is None
