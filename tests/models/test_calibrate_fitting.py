@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from bench import fit as bench_fit
 from etd.calibrate.exponent import NoFit
 from etd.calibrate.fitting import (
     STATES,
@@ -118,3 +119,17 @@ def test_a_person_whose_electrodes_need_more_than_the_limit_is_told_so() -> None
     skin.threshold_ua = [1_500.0] * N
     with pytest.raises(NoFit, match=r"of 6 electrodes have a threshold .* raise --max-current-ua"):
         ask_all(skin, begun(skin, 1), 1).fit(TODAY)
+
+
+def test_the_bench_says_no_where_too_few_get_theirs_or_too_many_get_what_they_have_not() -> None:
+    true_k = [0.8] * 20
+    nobody: list[float | None] = [None] * 20
+    got: list[float | None] = [*[0.8 * 1.2] * 18, 0.8 * 1.3, None]
+    said, is_held = bench_fit.judged("adapting", true_k, got, [0.3, *nobody[1:]])
+    assert is_held
+    assert "18 get theirs within 25% (19 get one" in said
+    assert "of 20 without, 1 get one: holds" in said
+    assert not bench_fit.judged("adapting", true_k, [None, *got[1:]], nobody)[1]
+    assert not bench_fit.judged("adapting", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
+    assert bench_fit.judged("poor", true_k, nobody, nobody)[1]
+    assert not bench_fit.judged("poor", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
