@@ -6,7 +6,6 @@ Owns: stepping them, by hand or in a thread for clients that block. Must not kno
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 import threading
 from collections.abc import Callable
@@ -19,7 +18,7 @@ import zmq
 from etd.client import clock
 from etd.files.paths import address_of
 from etd.gateway.config import GatewayConfig
-from etd.gateway.record_file import Write
+from etd.gateway.record_file import Disk
 from etd.gateway.server import Gateway
 from etd.protocol.link import EngineHello
 from etd_hal.ports import Clock
@@ -67,7 +66,7 @@ class GatewayRig:
         self,
         facts: EngineHello | None = None,
         clock: Clock | None = None,
-        write: Write = os.write,
+        disk: Disk | None = None,
         **config: Any,
     ) -> None:
         self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
@@ -87,7 +86,7 @@ class GatewayRig:
         self.facts = facts
         self.engine = ScriptedEngine(self.folder, facts)
         self.running = clock or self.clock
-        self.gateway = Gateway(self.config, self.running, self._read_clocks, write=write)
+        self.gateway = Gateway(self.config, self.running, self._read_clocks, disk=disk)
         self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         #: Until the rig closes, whatever becomes of them in a test.
         self._opened: list[zmq.Socket[bytes]] = []

@@ -15,10 +15,13 @@ from msgspec import Meta
 
 from etd_hal import ceilings
 from etd_hal.errors import FileError
-from etd_hal.names import PlainName
+from etd_hal.names import PlainName, whole
 from etd_hal.tomlfile import Strict, load_toml
 
 Absent = Literal["absent"]
+#: Of spidev and i2c-dev: nothing else is opened as one.
+SpiDevice = Annotated[str, Meta(pattern=whole(r"/dev/spidev[0-9]{1,3}\.[0-9]{1,3}"))]
+I2cDevice = Annotated[str, Meta(pattern=whole(r"(?:/dev/i2c-[0-9]{1,3}|absent)"))]
 #: A line of the 40-pin header.
 Line = Annotated[int, Meta(ge=2, le=27)]
 I2cAddress = Annotated[int, Meta(ge=0x08, le=0x77)]
@@ -101,8 +104,10 @@ class Source(Strict, frozen=True):
 
     dac: Literal["AD5452"]
     adc: Literal["AD7276"]
-    spi: str
-    mode: Literal[0, 1, 2]
+    spi: SpiDevice
+    #: The DAC takes a bit on the clock's falling edge. In mode 0 the bit changes on that very edge,
+    #: and in mode 3 it takes the one before.
+    mode: Literal[1, 2]
     speed_hz: Annotated[int, Meta(ge=4_000_000, le=48_000_000)]
     #: The current of the largest code; pessimistic (largest) where the board has not been measured.
     full_scale_ua: Annotated[int, Meta(ge=1_000, le=50_000)]
@@ -226,7 +231,7 @@ class BoardFile(Strict, frozen=True):
     guards: Guards
     #: All electrodes together on ground for at least this long after each pulse.
     rest_us: Annotated[int, Meta(ge=20, le=10_000)]
-    i2c: str | Absent = "absent"
+    i2c: I2cDevice = "absent"
     gpio_chip_labels: tuple[str, ...] = ("pinctrl-bcm2711", "pinctrl-bcm2835")
     sync_line: Line | Absent = "absent"
     #: Its edge begins a frame that waits for it.

@@ -10,11 +10,14 @@ its power.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import stat
 from pathlib import Path
 
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
+_MOST_BYTES = 4_096
 
 
 class SupplyNote:
@@ -25,16 +28,33 @@ class SupplyNote:
 
     def keep(self) -> None:
         """It is there, or as it was before, whenever the power goes. Raises: OSError."""
+        os.replace(self._written(), self.path)
+        self._sync_folder()
+
+    def try_to_keep(self) -> None:
+        """All of it but the last step: nothing is left, and one that is there stays as it is.
+
+        Raises: OSError.
+        """
+        os.unlink(self._written())
+
+    def _written(self) -> Path:
+        """Beside the note, and on the disk. Raises: OSError."""
         new = self.path.with_name(f".{self.path.name}.new")
-        content = json.dumps({"boot": _boot()}).encode() + b"\n"
-        fd = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
+        left = json.dumps({"boot": _boot()}).encode() + b"\n"
+        # Without O_NONBLOCK a pipe in its place would be waited for without an end.
+        fd = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
         try:
-            os.write(fd, content)
+            found = os.fstat(fd)
+            if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(new))
+            os.ftruncate(fd, 0)
+            while left:
+                left = left[os.write(fd, left) :]
             os.fsync(fd)
         finally:
             os.close(fd)
-        os.replace(new, self.path)
-        self._sync_folder()
+        return new
 
     def drop(self) -> None:
         """Idempotent. Raises: OSError."""
@@ -49,7 +69,7 @@ class SupplyNote:
         read was left too; of a folder that cannot be read nothing is known, and arming says so.
         """
         try:
-            content = self.path.read_bytes()
+            content = _read(self.path)
         except (FileNotFoundError, NotADirectoryError):
             return None
         except OSError as error:
@@ -70,6 +90,15 @@ class SupplyNote:
             os.fsync(folder)
         finally:
             os.close(folder)
+
+
+def _read(path: Path) -> bytes:
+    """What may be a note; of a pipe nothing, without waiting for it. Raises: OSError."""
+    fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        return os.read(fd, _MOST_BYTES)
+    finally:
+        os.close(fd)
 
 
 def _boot() -> str:

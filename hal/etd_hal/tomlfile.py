@@ -27,6 +27,11 @@ MOST_BYTES = 1_048_576
 _MOST_PARTS = 16
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
 _LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}[ \t]*\.[ \t]*){{{_MOST_PARTS}}}")
+#: Tables by a heading or by a key with points, one for each electrode at most; a line that begins
+#: with a list counts too. For each part `tomllib` makes a dictionary and a set: tens of thousands
+#: take seconds, and 160 MB.
+_MOST_TABLES = 2_000
+_TABLE = re.compile(rf"^[ \t]*(?:\[|{_PART}[ \t]*\.)", re.MULTILINE)
 
 #: msgspec's names of types in words for the person who edits a file.
 _KINDS = {
@@ -95,6 +100,10 @@ def _read(path: Path, data: bytes | None) -> dict[str, Any]:
                 "",
                 f"it is nested too deep: more than {_MOST_PARTS} names are joined by points",
                 "see docs/files.md",
+            )
+        if sum(1 for _ in _TABLE.finditer(text)) > _MOST_TABLES:
+            raise FileError(
+                str(path), "", f"it has more than {_MOST_TABLES} tables", "see docs/files.md"
             )
         try:
             parsed = tomllib.loads(text)

@@ -1,9 +1,9 @@
 """`make bench-attack`: a stop while strangers do to the gateway what they can.
 
 Owns: the strangers (connections that send nothing, messages without end, subscriptions without end,
-clients that never read, slow requests, floods), each a process of its own at nice 19; how long a
-stop takes to the engine and back meanwhile; and the gateway's memory and descriptors. Exit status 1
-where a bound is not met. Must not know: how the gateway defends itself.
+clients that never read, arrays that decode to much, slow requests, floods), each a process of its
+own at nice 19; how long a stop takes to the engine and back meanwhile; and the gateway's memory and
+descriptors. Exit status 1 where a bound is not met. Must not know: how the gateway defends itself.
 
 The engine is real, on ports that cost nothing (`wall_engine.py`); all of it is on this machine.
 """
@@ -45,6 +45,16 @@ HEARD_P99_MS, ANSWERED_P99_MS = 20.0, 50.0
 MOST_MB, MOST_DESCRIPTORS = 100.0, 300
 _WITHIN_MS = 10_000
 _LARGE = b"x" * 60_000
+#: Of each form that a frame has, as large as a message may be; one of them with as many electrodes
+#: as there may be.
+_ARRAYS = tuple(
+    b'{"op":"frame","lease":"x","seq":1,%s]}' % form
+    for form in (
+        b'"returns":[' + b",".join([b"[0]"] * 16_300),
+        b'"returns":[' + b",".join([b"[%s]" % b",".join([b"257"] * 63)] * 256),
+        b'"level":[' + b",".join([b"0.5"] * 16_300),
+    )
+)
 #: So long they have been at it when the first stop is measured.
 _LOADED_S = 2.0
 
@@ -103,6 +113,26 @@ def never_read(folder: Path) -> Turns:
                 clock.sleep_s(0.01)
 
 
+def send_large_arrays(folder: Path) -> Turns:
+    """Frames of a few bytes an element, which take fifty once they are decoded: as fast as they are
+    answered, by a client without a lease; and on connections that have not read what came before.
+    """
+    asked = part(b'{"op": "calibration", "do": "get", "name": "fake-fingertip"}') * 40
+    frames = itertools.cycle(_ARRAYS)
+    with _connected(folder, zmq.DEALER) as client, ExitStack() as stack:
+        first = hello("DEALER") + asked
+        pouring = [_pour(folder / CONTROL, first, lambda: part(next(frames))) for _ in range(60)]
+        for one in pouring:
+            stack.callback(one.close)
+        while True:
+            pouring = [one for one in pouring if next(one, "ended") is None]
+            for frame in _ARRAYS:
+                client.send(frame)
+            while client.poll(20):
+                client.recv()
+            yield
+
+
 def ask_for_slow_things(folder: Path) -> Turns:
     """Calibrations, as many at once as fit."""
     asked = b'{"op": "calibration", "do": "get", "name": "fake-fingertip-grid-16x16"}'
@@ -132,6 +162,7 @@ STRANGERS: dict[str, Stranger] = {
         endless_multipart,
         subscribe_without_end,
         never_read,
+        send_large_arrays,
         ask_for_slow_things,
         flood,
     )

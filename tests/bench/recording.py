@@ -22,6 +22,7 @@ sys.path[:0] = [str(_TESTS)]
 
 from bench import modelled, processor  # noqa: E402
 from bench.modelled import ELECTRODES  # noqa: E402
+from etd.gateway.last_frames import LastFrames  # noqa: E402
 from etd.gateway.lease import LeaseView  # noqa: E402
 from etd.gateway.record_store import RecordStore  # noqa: E402
 from etd.gateway.recorder import Recorder  # noqa: E402
@@ -82,7 +83,12 @@ def gateway_part(seconds: int = 10) -> float:
     batch = PulseBatch(rows=row * _BATCH_ROWS)
     with tempfile.TemporaryDirectory() as folder:
         recorder = Recorder(
-            "bench", RecordStore(Path(folder)), LeaseView(), lambda: (0, 0, 0), lambda _: True
+            "bench",
+            RecordStore(Path(folder)),
+            LeaseView(),
+            LastFrames(),
+            lambda: (0, 0, 0),
+            lambda _: True,
         )
         recorder.start("bench", None, None, None)
         begun_ns = thread_time_ns()

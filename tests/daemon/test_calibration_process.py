@@ -106,10 +106,28 @@ def test_what_an_operator_has_stored_is_read_in_the_order_of_the_names(folder: P
     assert read(folder, GATEWAY, "p02", "p01") == (CALIBRATION, CALIBRATION)
 
 
+@pytest.mark.parametrize(("mode", "who"), [(0o666, "everybody"), (0o664, "the group 65534")])
+@needs_root
+def test_where_all_is_one_users_a_file_that_others_could_write_is_not_read(
+    folder: Path, mode: int, who: str
+) -> None:
+    folder.chmod(0o750)
+    os.chown(folder, 0, 0)
+    path = folder / "p01.toml"
+    os.chown(path, 0, OPERATORS)
+    path.chmod(mode)
+    assert f"{who} may write it" in refused(folder, ME)
+    path.chmod(0o644)
+    assert read(folder, ME) == (CALIBRATION,)
+    os.chown(path, OPERATOR, 0)
+    assert f"belongs to user {OPERATOR}" in refused(folder, ME)
+
+
 def test_where_all_is_one_users_its_own_files_are_read(folder: Path) -> None:
     folder.chmod(0o750)
     if os.geteuid() == 0:
         os.chown(folder, 0, 0)
+        os.chown(folder / "p01.toml", 0, 0)
     assert read(folder, ME) == (CALIBRATION,)
     folder.chmod(0o777)
     assert "everybody may write into this folder" in refused(folder, ME)

@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-import datetime
-
 import pytest
 from msgspec.structs import replace
 
 from engine_parts import calibration
+from engine_scenes import exponent
 from etd.cli.calibration_shown import conditions_in_words, table_of
 from etd.cli.doubts import doubts_of
-from etd.protocol.exponent import FittedExponent
 
 MADE = calibration(3)
-FITTED = FittedExponent(
-    k=0.8,
-    low=0.6,
-    high=1.0,
-    explained=0.7,
-    electrodes=(0, 1, 2, 3),
-    states=5,
-    fold=2.4,
-    date=datetime.date(2025, 3, 4),
-)
+FITTED = exponent(0.8)
 
 
 def said(**conditions: object) -> str:
@@ -46,9 +35,9 @@ def test_a_drift_is_said_in_percent_and_of_what() -> None:
 
 def test_an_exponent_is_said_with_its_interval_and_whether_it_may_be_used() -> None:
     line = said(exponent=FITTED)
-    assert "k = 0.80 (0.60 to 1.00), explains 70%" in line
-    assert "4 electrodes in 5 states of the skin" in line
-    assert "2.4-fold, 2025-03-04: may be used" in line
+    assert "k = 0.80 (0.64 to 0.96), explains 90%" in line
+    assert " electrodes in 4 states of the skin" in line
+    assert "3.0-fold, 2025-01-15: may be used with kajimoto-hv507" in line
     refused = said(exponent=replace(FITTED, low=-0.1))
     assert "not for this person: k = 0.80" in refused
     assert "has zero in it" in refused

@@ -123,6 +123,18 @@ def test_names_of_many_parts_are_refused_and_numbers_with_points_are_not(tmp_pat
         assert "joined by points" not in str(answer.error)
 
 
+@pytest.mark.parametrize(
+    "line", [b"[a%d.b.c.d.e.f]", b"a%d.b.c.d.e = 1", b" 'a%d' . b = 1", b"[[a%d]]"]
+)
+def test_more_tables_than_any_file_has_are_refused_before_they_are_read(
+    tmp_path: Path, line: bytes
+) -> None:
+    """Half a megabyte of these takes 160 MB."""
+    few, many = (b"\n".join(line % number for number in range(n)) for n in (2_000, 2_001))
+    assert "more than 2000 tables" in str(checked(tmp_path, "many.toml", many).error)
+    assert "more than" not in str(checked(tmp_path, "few.toml", few).error)
+
+
 def test_bare_words_beyond_a_hundred_are_counted(tmp_path: Path) -> None:
     words = b"[" + b",\n".join(b"w%d" % number for number in range(150)) + b"]"
     data = b'{"electrodes": [{"x": 0, "y": 0}, {"x": 2, "y": 0}], "note": ' + words + b"}"

@@ -88,6 +88,9 @@ def test_every_key_is_required(tmp_path: Path, key: str) -> None:
         ('"any"', "64", r"engine\.core: it says 64"),
         ('"none"', "99", r"engine\.priority: it says 99"),
         ("operators = []", 'operators = [""]', r"operators\[0\]: it says ''"),
+        ("operators = []", 'operators = ["anna\\u001b[2J"]', r"operators\[0\]: it says 'anna"),
+        ("operators = []", 'operators = ["anna\\n"]', r"operators\[0\]: it says 'anna"),
+        ("operators = []", 'operators = ["anna b"]', r"operators\[0\]: it says 'anna b'"),
         ("[engine]", "[engine", "it is not TOML"),
         (
             '"kajimoto-hv507"',

@@ -223,6 +223,8 @@ def test_without_a_place_for_the_note_nothing_is_powered(kept: Kept) -> None:
     kept.path = kept.path.parent / "not-there" / "supply.json"
     rig = kept.rig(RELAYS)
     assert rig.state == "SAFE"
+    report = rig.engine.supervisor.state_report(rig.clock.now_ns())
+    assert "cannot be noted" in (report.arming_refused or ""), "known from the start"
     rig.open()
     answer = rig.ask(ArmBoard)
     assert answer.error == "arm_failed"
@@ -235,6 +237,26 @@ def test_without_a_place_for_the_note_nothing_is_powered(kept: Kept) -> None:
     os.mkdir(kept.path.parent)
     rig.arm()
     assert rig.state == "ARMED"
+
+
+def test_trying_at_the_start_is_no_crash_to_the_next_engine(kept: Kept) -> None:
+    assert kept.rig().state == "SAFE"
+    assert os.listdir(kept.path.parent) == []
+    assert kept.rig().state == "SAFE"
+
+
+def test_where_another_could_hide_a_crash_nothing_is_armed(make_rig: MakeRig) -> None:
+    rig = make_rig(RELAYS)
+    rig.engine.components.stopper_liveness.refuse_note("/state: it belongs to user 65534")
+    report = rig.engine.supervisor.state_report(rig.clock.now_ns())
+    assert "belongs to user 65534" in (report.arming_refused or "")
+    rig.open()
+    answer = rig.ask(ArmBoard)
+    assert answer.error == "arm_failed"
+    assert "cannot be noted: /state: it belongs to user 65534" in answer.reason
+    assert [level for _, level in moves(rig, "HV") if level] == []
+    last = rig.engine.supervisor.state_report(rig.clock.now_ns()).last_disarm
+    assert last == answer.reason, "and not that the rail is not known"
 
 
 def test_the_supply_waits_for_a_slow_disk_and_not_for_ever(make_rig: MakeRig) -> None:

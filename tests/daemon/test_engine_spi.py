@@ -167,7 +167,7 @@ def test_spi_that_never_comes_back_is_told_and_the_stop_s_cause_stands() -> None
     rig = fully_open(engine_rig.make(electrodes=N), 500)
     for message in range(1, 200):
         rig.fake.world.put_in(SpiError(message))
-    rig.ask(StopNow, client="operator")
+    assert "not safe" in rig.ask(StopNow, client="operator").reason
     halt = rig.engine.supervisor.states.halt
     assert halt is not None
     assert (halt.cause, halt.source) == ("stop", "operator")
@@ -175,6 +175,11 @@ def test_spi_that_never_comes_back_is_told_and_the_stop_s_cause_stands() -> None
     answer = rig.ask(ClearHalt)
     assert answer.error == "halted"
     assert "not safe" in answer.reason
+    # A second stop tries again, and is told what did not work; so was the first.
+    again = rig.ask(StopNow, client="another")
+    assert again.error == "halted"
+    assert "not safe" in again.reason
+    assert "transfer" in again.reason
     assert moves(rig, "BL")[-1][1] == 0
     rig.close()
 

@@ -4,12 +4,10 @@ nothing else changes then.
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 import resource
 import threading
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,16 +17,8 @@ import pytest
 import zmq
 
 from etd.files.paths import FRAMES
-from etd.gateway.config import Operators
-from etd.gateway.engine_link import EngineLink
-from etd.gateway.inbound import InboundMessage
-from etd.gateway.lease import LeaseView
-from etd.gateway.pending import PendingRequests
-from etd.gateway.record_file import RecordFile
-from etd.gateway.record_store import RecordStore
-from etd.gateway.recorder import Recorder
-from etd.gateway.records import CLOSED_NS, RecordHandler
-from etd.protocol.errors import Refused
+from etd.gateway.record_file import Disk, RecordFile
+from etd.gateway.records import CLOSED_NS
 from etd.protocol.link import (
     Answer,
     Command,
@@ -37,9 +27,10 @@ from etd.protocol.link import (
     RecordPulses,
     Report,
 )
-from etd.protocol.messages import Halt, Record, StateReport
+from etd.protocol.messages import Halt, StateReport
 from etd.protocol.pulse_row import OWN, SAME
-from gateway_rig import GatewayRig, HandClock
+from gateway_rig import GatewayRig
+from record_requests import ended, record, written_bytes
 from scripted_engine import full_answer
 
 PULSE = SAME.pack(2, 0, 0, -1, 2_000, 1_998, 0, 99.33, 199_800) + OWN.pack(
@@ -51,29 +42,6 @@ PULSE = SAME.pack(2, 0, 0, -1, 2_000, 1_998, 0, 99.33, 199_800) + OWN.pack(
 def rig() -> Iterator[GatewayRig]:
     with GatewayRig() as rig:
         yield rig
-
-
-def record(rig: GatewayRig, do: str, name: str | None = None, **more: Any) -> dict[str, Any]:
-    request = {"op": "record", "do": do, **more}
-    return rig.call(**request if name is None else {**request, "name": name})
-
-
-def written(rig: GatewayRig, name: str) -> list[dict[str, Any]]:
-    """The lines, as `get` answers them piece by piece."""
-    data = b""
-    while piece := base64.b64decode(record(rig, "get", name, offset=len(data))["data"]):
-        data += piece
-    assert data == (rig.state_dir / "records" / f"{name}.jsonl").read_bytes()
-    return [json.loads(line) for line in data.splitlines()]
-
-
-def written_bytes(rig: GatewayRig, name: str) -> bytes:
-    return (rig.state_dir / "records" / f"{name}.jsonl").read_bytes()
-
-
-def ended(rig: GatewayRig, name: str) -> list[dict[str, Any]]:
-    assert record(rig, "stop")["ok"]
-    return written(rig, name)
 
 
 def kinds(lines: list[dict[str, Any]]) -> list[str]:
@@ -224,36 +192,6 @@ def test_without_a_record_a_note_and_a_stop_are_refused(rig: GatewayRig) -> None
     assert record(rig, "get", "none")["error"] == "not_found"
 
 
-def test_a_record_is_ended_by_its_user_or_an_operator_and_deleted_by_an_operator(
-    tmp_path: Path,
-) -> None:
-    other, starter = 1234, 1235
-    counters: Counter[str] = Counter()
-    engine, leases, store = EngineLink(tmp_path, counters), LeaseView(), RecordStore(tmp_path)
-    recorder = Recorder("d", store, leases, lambda: (1, 2, 3), lambda _: True)
-    handler = RecordHandler(
-        store, recorder, engine, PendingRequests(), HandClock(), Operators(("root",))
-    )
-
-    def asked(uid: int, **request: Any) -> object:
-        return handler.handle(Record(**request), InboundMessage(1, (), uid, b""))
-
-    asked(starter, do="start", name="p01")
-    with pytest.raises(Refused, match="no operate rights"):
-        asked(other, do="stop")
-    with pytest.raises(Refused, match="no operate rights"):
-        asked(starter, do="delete", name="p01")
-    with pytest.raises(Refused, match="being written"):
-        asked(0, do="delete", name="p01")
-    asked(starter, do="stop")
-    recorder.wait_closed(60.0)
-    asked(starter, do="start", name="p02")
-    asked(0, do="stop")
-    recorder.wait_closed(60.0)
-    asked(0, do="delete", name="p01")
-    assert [facts.name for facts in store.facts(None)] == ["p02"]
-
-
 def test_where_no_folder_can_be_a_record_is_refused_and_all_else_goes_on(rig: GatewayRig) -> None:
     rig.state_dir.mkdir(parents=True)
     (rig.state_dir / "records").write_text("in the way")
@@ -302,7 +240,7 @@ def test_a_disk_that_fails_ends_the_record_and_is_told_and_nothing_else_ends(
 
 
 def test_a_record_at_its_bound_ends_with_the_reason(tmp_path: Path) -> None:
-    file = RecordFile(tmp_path / "r.jsonl", most_bytes=100)
+    file = RecordFile(tmp_path / "r.jsonl", Disk(), most_bytes=100)
     assert file.put(b"x" * 60)
     assert not file.put(b"x" * 60)
     assert file.put(b"the end", is_last=True)
@@ -311,7 +249,7 @@ def test_a_record_at_its_bound_ends_with_the_reason(tmp_path: Path) -> None:
     assert (tmp_path / "r.jsonl").read_bytes() == b"x" * 60 + b"the end"
 
 
-class SlowDisk:
+class SlowDisk(Disk):
     """Takes nothing until it is let go on."""
 
     def __init__(self) -> None:
@@ -332,7 +270,7 @@ def disk() -> Iterator[SlowDisk]:
 
 
 def test_while_a_slow_disk_takes_the_end_of_a_record_all_others_are_served(disk: SlowDisk) -> None:
-    with GatewayRig(write=disk.write) as rig:
+    with GatewayRig(disk=disk) as rig:
         record(rig, "start", "p01")
         assert disk.is_asked.wait(60)
         rig.control.send_json({"op": "record", "do": "stop", "id": 1})
@@ -354,7 +292,7 @@ def test_while_a_slow_disk_takes_the_end_of_a_record_all_others_are_served(disk:
 
 
 def test_a_disk_that_takes_nothing_is_told_in_the_answer_to_the_stop(disk: SlowDisk) -> None:
-    with GatewayRig(write=disk.write) as rig:
+    with GatewayRig(disk=disk) as rig:
         record(rig, "start", "p01")
         rig.control.send_json({"op": "record", "do": "stop"})
         rig.step(20)
@@ -368,7 +306,7 @@ def test_a_disk_that_takes_nothing_is_told_in_the_answer_to_the_stop(disk: SlowD
 
 
 def test_a_file_is_closed_without_waiting_for_the_disk(disk: SlowDisk, tmp_path: Path) -> None:
-    file = RecordFile(tmp_path / "r.jsonl", most_bytes=100, write=disk.write)
+    file = RecordFile(tmp_path / "r.jsonl", disk, most_bytes=100)
     assert file.put(b"x" * 60)
     assert disk.is_asked.wait(60)
     file.put(b"the end", is_last=True)

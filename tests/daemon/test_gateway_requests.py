@@ -15,7 +15,7 @@ import msgspec
 import pytest
 import zmq
 
-from etd.files.calibration_folder import CalibrationFolder
+from etd.files.calibration_folder import MOST_FILE_BYTES, CalibrationFolder
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
 from etd.protocol.calibration import Calibration
@@ -321,6 +321,26 @@ def test_a_calibration_that_is_nested_too_deep_is_refused_and_the_gateway_goes_o
                         {"op": "open", "client": "a", "calibration": "deep"}):  # fmt: skip
             assert rig.call(**request)["error"] == "bad_calibration"
         assert rig.call(op="calibration", do="list")["names"] == ["deep"]
+
+
+@pytest.mark.parametrize("kind", ["link", "second name", "large"])
+def test_what_the_engine_would_not_open_is_not_shown_either(tmp_path: Path, kind: str) -> None:
+    with GatewayRig() as rig:
+        keep(rig, "p01")
+        folder = rig.state_dir / "calibrations"
+        assert rig.call(op="calibration", do="get", name="p01")["ok"]
+        content = (folder / "p01.toml").read_bytes()
+        if kind == "link":
+            (tmp_path / "elsewhere").write_bytes(content)
+            (folder / "p02.toml").symlink_to(tmp_path / "elsewhere")
+        elif kind == "second name":
+            (folder / "p02.toml").hardlink_to(folder / "p01.toml")
+        else:
+            (folder / "p02.toml").write_bytes(content + b"#" * MOST_FILE_BYTES)
+        shown = rig.call(op="calibration", do="get", name="p02")
+        assert shown["error"] == "bad_calibration"
+        assert "p02" in shown["reason"]
+        assert rig.call(op="open", client="a", calibration="p02")["error"] == "bad_calibration"
 
 
 def test_the_fakes_own_calibrations_are_offered_to_the_fake_only(tmp_path: Path) -> None:

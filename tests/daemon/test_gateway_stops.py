@@ -14,10 +14,12 @@ import zmq
 
 from etd.files import resources
 from etd.files.calibration import load_calibration
+from etd.gateway.inbound import InboundMessage, Unreadable, is_stop, read_request
 from etd.gateway.parsed_files import MOST, ParsedFiles
 from etd.gateway.request_queue import MOST_BYTES_OF_A_CLIENT, MOST_OF_A_CLIENT
 from etd.protocol.errors import FileError
 from etd.protocol.link import StopNow
+from etd.protocol.messages import Stop
 from gateway_rig import GatewayRig
 from raw_client import connected, hello, part, poured
 
@@ -150,3 +152,33 @@ def test_only_so_many_files_are_kept(tmp_path: Path) -> None:
         last = parsed.calibration(path)
     assert parsed.calibration(paths[-1]) is last
     assert parsed.calibration(paths[0]) is not first
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b'{"op":"stop"}',
+        b' {"op":"stop"}',
+        b'{"op":"st\\u006fp","id":1}',
+        b'{"op":"status","op":"stop"}',
+        b'{"op":"stop","op":"status"}',
+        b'{"op":5,"op":"stop"}',
+        b'{"op":"stop","client":5}',
+        b'{"op":"stop","client":"\\ud800"}',
+        b'{"op":"stop","client":"\xff"}',
+        b'{"op":"stop"',
+        b'{"op":"stopp"}',
+        b'{"op":"note","text":"stop"}',
+        b'{"op":"frame","lease":"stop","seq":1,"returns":[[0]]}',
+        b'{"client":"stop"}',
+        b"stop",
+        b"",
+    ],
+)
+def test_that_one_is_a_stop_is_known_before_it_is_decoded(data: bytes) -> None:
+    inbound = InboundMessage(1, (b"",), 0, data)
+    try:
+        request: object = read_request(inbound)
+    except Unreadable:
+        request = None
+    assert is_stop(inbound) is isinstance(request, Stop)

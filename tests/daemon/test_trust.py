@@ -21,7 +21,7 @@ from etd.files.atomic_file import write_atomically
 from etd.files.calibration import load_calibration
 from etd.files.calibration_folder import CalibrationFolder
 from etd.files.resources import find
-from etd.files.trust import make_own
+from etd.files.trust import make_own, open_unshared
 from etd.gateway.config import GatewayConfig
 from etd.gateway.exclusive import NameLock
 from etd.gateway.record_store import RecordStore
@@ -235,3 +235,19 @@ def test_a_file_that_came_meanwhile_is_neither_written_nor_followed(
     assert victim.read_text(encoding="utf-8") == "precious\n"
     write_new_file(root / "other.txt", "new")
     assert (root / "other.txt").read_text(encoding="utf-8") == "new"
+
+
+def test_below_a_folder_of_the_services_a_files_owner_and_group_may_write_it(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "p01.toml"
+    path.write_text("x")
+    path.chmod(0o664)
+    if os.geteuid() == 0:
+        os.chown(path, 65_533, 65_534)
+        with pytest.raises(FileError, match="belongs to user 65533"):
+            open_unshared(path)
+    os.close(open_unshared(path, (tmp_path,)))
+    path.chmod(0o666)
+    with pytest.raises(FileError, match="everybody may write it"):
+        open_unshared(path, (tmp_path,))

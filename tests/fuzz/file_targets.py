@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from etd.cli.check import lines_of
-from etd.files.array import MAX_ELECTRODES, Array, check_array, load_array
+from etd.files.array import Array, check_array, load_array
 from etd.files.body_site import BodySite, load_body_site
 from etd.files.calibration import load_calibration, to_toml
 from etd.files.check import check_file
@@ -23,6 +23,7 @@ from etd.files.configuration import LoadedConfig, load_config
 from etd.files.etactilekit import read_layout
 from etd.files.pattern import MAX_FRAMES, check_pattern, load_pattern
 from etd.protocol.errors import FileError, PatternError
+from etd.protocol.frame import MAX_ELECTRODES
 from etd_hal import ceilings
 from etd_hal.boardfile import BoardFile, load_board, load_machine
 from fuzz.choices import Choices

@@ -89,6 +89,10 @@ class TestSource:
         ("old", "new", "key"),
         [
             ("mode = 1 ", "mode = 3 ", "mode"),
+            ("mode = 1 ", "mode = 0 ", "mode"),
+            ('spi = "/dev/spidev0.0"', "spi = '/dev/../etc/passwd'", "spi"),
+            ('spi = "/dev/spidev0.0"', "spi = '/dev/spidev0.0/../mem'", "spi"),
+            ('spi = "/dev/spidev0.0"', "spi = 'spidev0.0'", "spi"),
             ("speed_hz = 20_800_000", "speed_hz = 3_900_000", "speed_hz"),
             ("speed_hz = 20_800_000", "speed_hz = 48_000_001", "speed_hz"),
             ("full_scale_ua = 10_000", "full_scale_ua = 50_001", "full_scale_ua"),
@@ -130,6 +134,11 @@ class TestGuards:
         else:
             text = re.sub(r"(?m)^rail_monitor = .*$", 'rail_monitor = "absent"', text)
         refused(load_board, tmp_path, text, "i2c", "name the bus device")
+
+    @pytest.mark.parametrize("device", ["/dev/../etc/passwd", "/dev/i2c-1/", "i2c-1", "absnet"])
+    def test_an_i2c_bus_is_one_of_i2c_dev(self, tmp_path: Path, device: str) -> None:
+        text = spoiled(REFERENCE, 'i2c = "/dev/i2c-1"', f"i2c = '{device}'")
+        refused(load_board, tmp_path, text, "i2c", f"it says '{device}'")
 
     def test_a_board_without_chips_on_i2c_needs_none(self, tmp_path: Path) -> None:
         assert load_board(write(tmp_path, "board.toml", KIT)).i2c == "absent"

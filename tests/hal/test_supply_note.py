@@ -107,6 +107,62 @@ def test_a_link_in_the_place_of_the_new_one_is_not_followed(note: SupplyNote) ->
     assert not target.exists()
 
 
+@pytest.mark.parametrize("kind", ["pipe", "second name", "folder"])
+def test_what_else_is_in_its_place_is_an_error_at_once(note: SupplyNote, kind: str) -> None:
+    """To open a pipe to which nobody listens would last for ever."""
+    new, other = note.path.parent / ".supply.json.new", note.path.parent / "other"
+    other.write_text("of somebody")
+    reader = -1
+    if kind == "pipe":
+        os.mkfifo(new)
+        with pytest.raises(OSError, match="No such device"):
+            note.keep()
+        reader = os.open(new, os.O_RDONLY | os.O_NONBLOCK)
+    elif kind == "folder":
+        new.mkdir()
+    else:
+        os.link(other, new)
+    with pytest.raises(OSError, match=r"File exists|Is a directory"):
+        note.keep()
+    assert not note.path.exists()
+    assert other.read_text() == "of somebody"
+    if reader >= 0:
+        os.close(reader)
+
+
+def test_a_pipe_in_the_place_of_a_note_is_one_and_is_not_waited_for(note: SupplyNote) -> None:
+    os.mkfifo(note.path)
+    assert note.left() == "the machine lost its power, or was reset, with the supply on"
+
+
+def test_what_an_earlier_process_left_half_written_is_written_over(note: SupplyNote) -> None:
+    (note.path.parent / ".supply.json.new").write_text("x" * 1_000)
+    note.keep()
+    assert set(json.loads(note.path.read_text())) == {"boot"}
+
+
+def test_a_system_that_takes_a_few_bytes_at_a_time_gets_all_of_them(
+    note: SupplyNote, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = os.write
+    monkeypatch.setattr(os, "write", lambda fd, data: write(fd, data[:5]))
+    note.keep()
+    monkeypatch.undo()
+    assert note.left() is not None
+    assert "killed" in str(note.left())
+
+
+def test_a_trial_leaves_nothing_and_changes_no_note_that_is_there(note: SupplyNote) -> None:
+    note.try_to_keep()
+    assert os.listdir(note.path.parent) == []
+    note.path.write_text("as it was left")
+    note.try_to_keep()
+    assert os.listdir(note.path.parent) == [note.path.name]
+    assert note.path.read_text() == "as it was left"
+    with pytest.raises(FileNotFoundError):
+        SupplyNote(note.path.parent / "absent" / "supply.json").try_to_keep()
+
+
 def test_it_is_on_the_disk_before_it_counts(
     note: SupplyNote, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,9 +26,9 @@ from etd.protocol.errors import FileError
 from fit_scenes import ADAPTING, POOR, TODAY, N, StateSkin, ask_all, baseline, begun, found
 
 
-@pytest.mark.parametrize(("model", "least"), [(ADAPTING, 9), (POOR, 5)], ids=["adapting", "poor"])
+@pytest.mark.parametrize(("model", "least"), [(ADAPTING, 9), (POOR, 4)], ids=["adapting", "poor"])
 def test_who_has_a_k_gets_it_and_hardly_anybody_without(model: ResponseModel, least: int) -> None:
-    """Ten of each here; `make bench-fit` plays 200."""
+    """Ten with one and twenty without here; `make bench-fit` plays 200 of each."""
     chance = random.Random(3)
     right = 0
     for seed in range(10):
@@ -36,7 +36,7 @@ def test_who_has_a_k_gets_it_and_hardly_anybody_without(model: ResponseModel, le
         one = found(k, seed, model)
         right += one is not None and one.why_not is None and abs(one.k - k) <= 0.25 * k
     assert right >= least
-    without = [found(0.0, seed, model) for seed in range(10)]
+    without = [found(0.0, seed, model) for seed in range(20)]
     assert sum(one is not None and one.why_not is None for one in without) <= 1
 
 

@@ -7,6 +7,7 @@ import os
 import re
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -98,6 +99,22 @@ def test_status_tells_why_arming_is_refused_until_it_is_not(rig: CommandRig) -> 
         assert rig.run("measure").status == 0
         assert rig.run("status", "--json").answer["status"]["arming_refused"] is None
         assert "refused" not in rig.run("status").out
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_nothing_is_noted_in_another_users_folder_and_nothing_is_armed(rig: CommandRig) -> None:
+    """Its owner could take the note of a crash away."""
+    folder = Path(rig.environment["XDG_STATE_HOME"]) / "etd" / "main"
+    folder.mkdir(parents=True)
+    os.chown(folder, 65_534, 65_534)
+    before_ns = folder.stat().st_mtime_ns
+    with rig.daemon("--array", "pad-8"):
+        why = rig.run("status", "--json").answer["status"]["arming_refused"]
+        assert "cannot be noted" in why
+        assert "belongs to somebody else (user 65534)" in why
+        refused = rig.run("measure", "--json")
+        assert (refused.status, refused.answer["error"]) == (1, "arm_failed")
+    assert folder.stat().st_mtime_ns == before_ns, "nor for a moment"
 
 
 def test_measure_finds_all_electrodes_on_the_fakes_skin(shared: CommandRig) -> None:

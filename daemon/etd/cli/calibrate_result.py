@@ -34,12 +34,12 @@ def same_command(args: argparse.Namespace) -> str:
     return "the same command" + (" without --restart" if args.restart else "")
 
 
-def cleared_first(args: argparse.Namespace, stopped: Stopped) -> str:
-    """What comes before that command: a stop has halted the daemon, and nothing arms until it is
+def until_cleared(args: argparse.Namespace, stopped: Stopped) -> str:
+    """What follows on a stop's sentence: it has halted the daemon, and nothing arms until that is
     cleared. A fake's own daemon ends with this command.
     """
     is_halted = stopped.answer == "stop" and args.board is None
-    return "`etd clear`, then " if is_halted else ""
+    return ", until `etd clear`" if is_halted else ""
 
 
 def tell_trials(args: argparse.Namespace, trials: str | None) -> None:

@@ -23,11 +23,10 @@ from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.stimulator import NotDelivered, Stimulator
-from etd.calibrate.trial import Stopped
 from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_conditions import requested_conditions
-from etd.cli.calibrate_result import cleared_first, same_command, store, tell_trials
+from etd.cli.calibrate_result import same_command, store, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.calibrate_watch import Watch
@@ -166,18 +165,17 @@ class CalibrateSession:
 
     # --- progress ----------------------------------------------------------------------------
 
-    def after(self, stopped: Stopped) -> str:
+    @property
+    def kept(self) -> str:
         """What is saved, of this run or an earlier one, and how to continue."""
-        first = cleared_first(self._args, stopped)
-        command = first + same_command(self._args)
         if self._progress.found:
-            return f"{stopped}; the results are saved: {command} continues"
+            return f"the results are saved: {same_command(self._args)} continues"
         if self._progress.lowered_ua:
             return (
-                f"{stopped}; no electrode has a result yet; what was too strong is saved:"
-                f" {command} continues and stays below it"
+                "no electrode has a result yet; what was too strong is saved:"
+                f" {same_command(self._args)} continues and stays below it"
             )
-        return f"{stopped}; no electrode has a result yet: {first}the same command starts again"
+        return "no electrode has a result yet: the same command starts again"
 
     def _begun(self, conditions: Conditions) -> Progress:
         """The saved progress. Raises: FileError if its conditions differ."""

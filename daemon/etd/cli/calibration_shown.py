@@ -22,7 +22,9 @@ def conditions_in_words(conditions: dict[str, object]) -> list[str]:
 
 
 def _exponent(fitted: FittedExponent) -> str:
-    use = "may be used" if fitted.why_not is None else f"not for this person: {fitted.why_not}"
+    use = f"may be used with {fitted.board} and its leak of {fitted.leak_ohm} ohm"
+    if fitted.why_not is not None:
+        use = f"not for this person: {fitted.why_not}"
     return (
         f"k = {fitted.k:.2f} ({fitted.low:.2f} to {fitted.high:.2f}), explains"
         f" {fitted.explained:.0%}, {len(fitted.electrodes)} electrodes in {fitted.states} states of"

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises: Refused (`no_record`, `bad_message`), DaemonGone."""
+    """Raises: Refused (`no_record`, `not_permitted`, `busy`, `bad_message`), DaemonGone."""
     with Display(args.name, host=args.host, client="etd note") as display:
         display.note(args.text)
     print('{"ok":true}' if args.json else "noted")

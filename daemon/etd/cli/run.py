@@ -257,17 +257,23 @@ def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) ->
         _shipped_calibrations() if is_fake else None,
         None if core == "any" else core,
     )
-    selftest, note = _selftest_file(args, loaded), _supply_note_file(args, loaded)
+    note = _supply_note_file(args, loaded)
     # Where this cannot be had, arming is refused with the reason; the board is made safe anyway.
-    with contextlib.suppress(FileError, OSError):
+    refusal = None
+    try:
         make_own(note.parent, 0o700)
+    except FileError as error:
+        refusal = str(error)
+    except OSError:
+        pass  # the engine tries to write there, and says why it cannot
     return run_engine(
         loaded,
         _open_backend(args, loaded),
         folder,
-        selftest,
+        _selftest_file(args, loaded),
         calibrations=calibrations,
-        supply_note=note,
+        supply_note=note if refusal is None else None,
+        note_refusal=refusal,
     )
 
 

@@ -263,7 +263,9 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         await self._run(self._session.felt(answer, electrodes))
 
     async def note(self, text: str) -> None:
-        """A remark in the record that is being written. Raises: Refused (`no_record`)."""
+        """A remark in the record that is being written, if it is this user's. Raises: Refused
+        (`no_record`, `not_permitted`; `busy`, after a thousand kilobytes of them).
+        """
         await self._run(self._session.note(text))
 
     async def start_record(self, name: str) -> None:
@@ -283,7 +285,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         return await self._run(self._session.fetch_record(name, write))
 
     async def delete_record(self, name: str) -> None:
-        """Needs operate rights. Raises: Refused (`not_found`)."""
+        """One of this user's. Raises: Refused (`not_found`, `not_permitted`, `wrong_state`)."""
         await self._run(self._session.delete_record(name))
 
     @asynccontextmanager

@@ -287,7 +287,9 @@ class Display(Connection["zmq.Socket[bytes]"]):
         self._run(self._session.felt(answer, electrodes))
 
     def note(self, text: str) -> None:
-        """A remark in the record that is being written. Raises: Refused (`no_record`)."""
+        """A remark in the record that is being written, if it is this user's. Raises: Refused
+        (`no_record`, `not_permitted`; `busy`, after a thousand kilobytes of them).
+        """
         self._run(self._session.note(text))
 
     def start_record(self, name: str) -> None:
@@ -306,12 +308,12 @@ class Display(Connection["zmq.Socket[bytes]"]):
 
     def fetch_record(self, name: str, write: Callable[[bytes], object]) -> int:
         """Write a record piece by piece, as it is on the daemon's disk; returns its length in
-        bytes. Raises: Refused (`not_found`).
+        bytes. Raises: Refused (`not_found`, `not_permitted`: it is another user's).
         """
         return self._run(self._session.fetch_record(name, write))
 
     def delete_record(self, name: str) -> None:
-        """Needs operate rights. Raises: Refused (`not_found`)."""
+        """One of this user's. Raises: Refused (`not_found`, `not_permitted`, `wrong_state`)."""
         self._run(self._session.delete_record(name))
 
     @contextmanager

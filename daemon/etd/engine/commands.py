@@ -76,7 +76,9 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
         case Alive():
             return None
         case StopNow(client=who):
-            core.halt("stop", who, "asked to stop")
+            problems = core.halt("stop", who, "asked to stop")
+            if problems:
+                raise Refused("halted", f"HALTED, but the board is not safe: {'; '.join(problems)}")
         case OpenLease():
             return _open(core, command, host_ns)
         case KeepLease(lease=token):
@@ -189,7 +191,7 @@ def _begin_lease(
         raise Refused("limits_missing", "open with a calibration or with limits")
     if loaded.body_site.stabilize.power_law is not None:
         for exponent in [it.exponent for it in calibrations] or [None]:
-            check_exponent(exponent)
+            check_exponent(exponent, loaded.board.name, loaded.board.source.leak_ohm)
     told = taken(command, calibrations)
     lease = Lease(command.lease, command.client, person, core.timeouts.lease_ns, told)
     lease.renew(host_ns)

@@ -43,13 +43,15 @@ def run_engine(
     selftest: Path,
     on_ready: Callable[[], None] = lambda: None,
     supply_note: Path | None = None,
+    note_refusal: str | None = None,
     calibrations: CalibrationProcess | None = None,
 ) -> int:
     """Drive the board until SIGTERM, SIGINT or SIGHUP. Main thread only.
 
     `folder` is the daemon's runtime folder, where the gateway finds the link; `selftest` is where
     the last self-test's report is kept; `calibrations` reads what leases are opened with (None:
-    limits only); `supply_note` is what a crash is known by. Returns the exit status: 0, or 1 when
+    limits only); `supply_note` is what a crash is known by, and `note_refusal` why there must be
+    none, so that nothing is armed. Returns the exit status: 0, or 1 when
     the board could not be made safe at the end.
     Raises: AlreadyRunning, BoardFault, BusError; the board has been made safe then.
     """
@@ -64,6 +66,8 @@ def run_engine(
         supply_note=note,
         calibrations=calibrations,
     )
+    if note_refusal is not None:
+        engine.components.stopper_liveness.refuse_note(note_refusal)
     try:
         problems = _drive(engine, listener, notifier, note, on_ready)
     finally:

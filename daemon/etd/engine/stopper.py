@@ -8,6 +8,7 @@ the supply, and what it has noted of that. Must not know: states, frames, when a
 
 from __future__ import annotations
 
+import errno
 import os
 import threading
 from collections.abc import Callable
@@ -45,6 +46,8 @@ class StopperLiveness:
         """`note`: what the stopper keeps."""
         self._words = latch.words
         self._note = note
+        #: Why there is none that may be kept.
+        self._refusal: str | None = None
         #: So many cuts have led to a halt that was cleared.
         self._cleared = 0
         self._begun_ns = 0
@@ -81,6 +84,21 @@ class StopperLiveness:
         """What the last engine left, as a clause; None if it ended well."""
         return None if self._note is None else self._note.left()
 
+    def refuse_note(self, why: str) -> None:
+        """Its folder is not the engine's alone: who may write there could hide a crash."""
+        self._refusal = why
+
+    def try_note(self) -> None:
+        """Whether it could be kept is known before somebody wants to arm. No trial is left: to the
+        next engine it would be a crash.
+        """
+        if self._note is None:
+            return
+        try:
+            self._note.try_to_keep()
+        except OSError as error:
+            self._words[NOTE_ERROR] = error.errno or errno.EIO
+
     def supply_rises(self) -> None:
         """Told before it is on: from now on the engine must be heard, and a note is kept."""
         self._words[POWER] += 1 + (self._words[POWER] & 1)
@@ -98,6 +116,8 @@ class StopperLiveness:
     @property
     def note_problem(self) -> str | None:
         """Why arming is refused: a crash could not be remembered."""
+        if self._refusal is not None:
+            return f"that the supply is on cannot be noted: {self._refusal}"
         error = self._words[NOTE_ERROR]
         if not error:
             return None

@@ -86,6 +86,7 @@ class Supervisor:
             self.reporter.counters["calibration_attempts_failed"] += len(failed)
         self._failed_calibrations = failed
         self._follow_timing()
+        self._liveness.try_note()
         left = self._liveness.left
         if left is not None:
             detail = f"{left}: look at the board and at the log before you clear this"
@@ -226,9 +227,9 @@ class Supervisor:
         self.report_state(self.clock.now_ns())
         try:
             power_up.begin()
-        except Refused:
+        except Refused as refusal:
             self.power_up = None
-            self.make_safe("the rail is not known")
+            self.make_safe(refusal.reason)
             raise
 
     def _readiness(self) -> Readiness:
@@ -358,15 +359,15 @@ class Supervisor:
             self.send(LeaseEnded(lease=lease.token, reason=why))
             self.report_state(self.clock.now_ns())
 
-    def halt(self, cause: str, who: str, detail: str) -> None:
-        """Silence at once, and HALTED until `clear`. The first cause is kept."""
+    def halt(self, cause: str, who: str, detail: str) -> tuple[str, ...]:
+        """Silence at once, HALTED until `clear`; the first cause is kept. Returns what failed."""
         if self.states.state == "HALTED":
-            self.board.safe_off()
-            return
+            return self.board.safe_off()
         problems = self._silence(f"halted by {cause}: {detail}")
         self.soft_start.restart()
         self._latch(cause, who, "; ".join((detail, *problems)))
         self.end_lease("halted")
+        return problems
 
     def _latch(self, cause: str, who: str, detail: str) -> None:
         halt = Halt(cause=cause, source=who, detail=detail, t_ns=self.clock.now_ns())

@@ -17,13 +17,13 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from etd.protocol.frame import MAX_ELECTRODES
 from etd_hal.errors import FileError
 from etd_hal.names import whole
 from etd_hal.tomlfile import load_toml
 
 #: Beyond this no array reaches; the bounds also keep NaN out, as all bounds on numbers here do.
 Mm = Annotated[float, Meta(ge=-500.0, le=500.0)]
-MAX_ELECTRODES = 256
 #: A ring's members lie within this fraction of its radius from the circle.
 RING_TOLERANCE = 0.25
 

@@ -94,16 +94,16 @@ def _read(name: str, asked: Asked) -> tuple[Path, bytes]:
     own = Path(asked.folder)
     path, shipped = own / f"{name}.toml", Path(asked.shipped or own) / f"{name}.toml"
     if asked.shipped is not None and not os.path.lexists(path):
-        return shipped, _bytes_of(shipped, trust.open_own(shipped, os.O_RDONLY))
+        return shipped, bytes_of(shipped, trust.open_own(shipped, os.O_RDONLY))
     if asked.gateway.uid == os.geteuid():
-        # Both are one user's: there is nothing to keep apart.
+        # Both are one user's: only others are to be kept apart.
         paths.check_own(own)
-        return path, _bytes_of(path, trust.open_own(path, os.O_RDONLY))
+        return path, bytes_of(path, paths.open_unshared(path))
     trust.check_beyond(own, asked.gateway)
-    return path, _bytes_of(path, trust.open_beyond(path, asked.gateway))
+    return path, bytes_of(path, trust.open_beyond(path, asked.gateway))
 
 
-def _bytes_of(path: Path, number: int) -> bytes:
+def bytes_of(path: Path, number: int) -> bytes:
     """Of an open file, if it is no larger than one may be. Raises: FileError, OSError."""
     with os.fdopen(number, "rb") as file:
         data = b""

@@ -22,11 +22,15 @@ from etd.files.resources import Kind, find
 from etd.protocol.frame import Name
 from etd_hal.boardfile import GUARDS, BoardFile, MachineFile, load_board, load_machine
 from etd_hal.errors import FileError
+from etd_hal.names import whole
 from etd_hal.tomlfile import Strict, load_toml
 
 Backend = Literal["linux", "fake"]
 #: The name of a shipped file, or a path: absolute, or from the folder of the file that names it.
 FileName = Annotated[str, Meta(min_length=1, max_length=200)]
+
+#: As adduser takes them, those of a domain too; or a number.
+_USER = whole(r"[A-Za-z0-9_][A-Za-z0-9_.@+$\\-]*")
 
 #: What the fake is made of when nobody says otherwise.
 FAKE_BOARD = "kajimoto-hv507"
@@ -55,7 +59,7 @@ class EtdConfig(Strict, frozen=True):
     #: Arming needs every absent guard of the board in this list.
     accept_absent_guards: tuple[str, ...]
     #: User names that may arm, clear and store calibrations; empty: all who reach the socket.
-    operators: tuple[Annotated[str, Meta(min_length=1, max_length=32)], ...]
+    operators: tuple[Annotated[str, Meta(min_length=1, max_length=32, pattern=_USER)], ...]
     engine: EngineConfig
     #: Refused while there are no keys.
     tcp: str | None = None

@@ -16,9 +16,10 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from etd.files.array import MAX_ELECTRODES, Array, Mm, check_array
+from etd.files.array import Array, Mm, check_array
 from etd.files.json_file import read_json
 from etd.protocol.errors import PatternError
+from etd.protocol.frame import MAX_ELECTRODES
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import convert
 

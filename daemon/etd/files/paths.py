@@ -276,6 +276,14 @@ def check_own(folder: Path) -> None:
     trust.check_own(folder, _laid_out())
 
 
+def open_unshared(path: Path) -> int:
+    """To read a file that only this user, root and the services can write.
+
+    Raises: FileError, OSError.
+    """
+    return trust.open_unshared(path, _laid_out())
+
+
 def _laid_out() -> tuple[Path, ...]:
     """What is below these is made by root, for the users of the services."""
     return (SYSTEM_RUNTIME, SYSTEM_STATE, SYSTEM_CALIBRATIONS)

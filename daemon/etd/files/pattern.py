@@ -14,10 +14,9 @@ import msgspec
 from msgspec import Meta
 
 from etd.files import etactilekit
-from etd.files.array import MAX_ELECTRODES
 from etd.files.json_file import read_json
 from etd.protocol.errors import PatternError
-from etd.protocol.frame import Level, Polarity, RateHz
+from etd.protocol.frame import MAX_ELECTRODES, Level, PerElectrode, Polarity, RateHz
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import convert
 
@@ -63,8 +62,8 @@ class Pattern(msgspec.Struct, frozen=True, kw_only=True):
 class _FrameInFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     duration_ms: Annotated[int, Meta(ge=1, le=MAX_FRAME_MS)]
     off_ms: Annotated[int, Meta(ge=0, le=MAX_FRAME_MS)] = 0
-    level: tuple[Level, ...] | None = None
-    active: tuple[Annotated[int, Meta(ge=0)], ...] | None = None
+    level: Annotated[tuple[Level, ...], PerElectrode] | None = None
+    active: Annotated[tuple[Annotated[int, Meta(ge=0)], ...], PerElectrode] | None = None
     rate_hz: RateHz | None = None
     polarity: Polarity | None = None
 

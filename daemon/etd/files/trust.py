@@ -69,6 +69,31 @@ def open_beyond(path: Path, other: Peer) -> int:
     return number
 
 
+def open_unshared(path: Path, laid_out: tuple[Path, ...] = ()) -> int:
+    """To read: as `open_own`, of a file that only this user and root can write; below folders that
+    are `laid_out`, its owner and group too.
+
+    Raises: FileError, OSError.
+    """
+    is_laid_out = any(parent in path.absolute().parents for parent in laid_out)
+    number = open_own(path, os.O_RDONLY)
+    try:
+        found = os.fstat(number)
+        why, how = "", f"chmod go-w {path}"
+        if found.st_uid not in (0, os.geteuid()) and not is_laid_out:
+            why, how = f"it belongs to user {found.st_uid}", f"chown {os.geteuid()} {path}"
+        elif found.st_mode & 0o002:
+            why = "everybody may write it"
+        elif found.st_mode & 0o020 and found.st_gid not in (0, os.getegid()) and not is_laid_out:
+            why = f"the group {found.st_gid} may write it"
+        if why:
+            raise _distrusted(path, f"somebody else could have written this: {why}", how)
+    except BaseException:
+        os.close(number)
+        raise
+    return number
+
+
 def _check_beyond(place: Path, found: os.stat_result, other: Peer, is_sticky_above: bool) -> None:
     """In a sticky folder above, as /tmp, a user can remove only what is that user's."""
     why, how = "", ""

@@ -7,6 +7,7 @@ Must not know: limits, currents, whether the engine accepts it.
 from __future__ import annotations
 
 from etd.gateway.engine_link import EngineLink
+from etd.gateway.last_frames import LastFrames
 from etd.gateway.lease import LeaseView, StandingLease
 from etd.protocol.frame import Frame, check_shape
 from etd.protocol.link import NewFrame
@@ -18,9 +19,11 @@ _FIELDS = Frame.__struct_fields__
 class FrameHandler:
     """Used by both sockets that frames come in through."""
 
-    def __init__(self, engine: EngineLink, leases: LeaseView) -> None:
+    def __init__(self, engine: EngineLink, leases: LeaseView, kept: LastFrames) -> None:
+        """`kept`: what was passed on and is shown."""
         self._engine = engine
         self._leases = leases
+        self._kept = kept
 
     def check(self, request: FrameRequest, uid: int | None) -> StandingLease:
         """Raises: Refused (`engine_gone`, `halted`, `no_lease`, `other_lease`, `old_seq`,
@@ -39,3 +42,4 @@ class FrameHandler:
         self._engine.frame(NewFrame(ref=ref, frame=frame))
         if not request.preview:
             lease.last_seq = request.seq
+            self._kept.add(frame)

@@ -1,7 +1,7 @@
 """A record's file while it is written: a thread writes what has gathered, each 100 ms.
 
-Owns: the file, its bound, what is lost to a slow disk, and what went wrong. Must not know: what a
-line says.
+Owns: the file, its bound, what it leaves free of the disk, what is lost to a slow one, and what
+went wrong. Must not know: what a line says.
 
 The gateway never waits for a disk. What was written is in the kernel's hands at once, and on the
 disk within a second; killing the gateway loses a tenth of a second at most, and no line is half
@@ -13,11 +13,7 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from collections.abc import Callable
 from pathlib import Path
-
-#: `os.write`, or what stands for it.
-Write = Callable[[int, bytes], int]
 
 #: No record is longer: ten minutes of 64 electrodes at 60 Hz take half of it.
 MOST_BYTES = 512 * 1024 * 1024
@@ -25,15 +21,31 @@ MOST_BYTES = 512 * 1024 * 1024
 _WAITING_BYTES = 8 * 1024 * 1024
 _WRITE_S = 0.1
 _WRITES_A_SYNC = 10
+#: What a record leaves of a disk: the engine's note of its supply, without which nothing is armed,
+#: and all that else is kept there, must find room.
+RESERVE_BYTES = 256 * 1024 * 1024
+DISK_SHORT = f"less than {RESERVE_BYTES // 1024**2} MiB are free on the disk"
+
+
+class Disk:
+    """What a record asks of the disk that it is on."""
+
+    def write(self, fd: int, data: bytes) -> int:
+        return os.write(fd, data)
+
+    def free_bytes(self, folder: Path) -> int:
+        """For a user who is not root. Raises: OSError."""
+        found = os.statvfs(folder)
+        return found.f_bavail * found.f_frsize
 
 
 class RecordFile:
     """Raises, when made: OSError (FileExistsError: a record of that name is there)."""
 
-    def __init__(self, path: Path, most_bytes: int = MOST_BYTES, write: Write = os.write) -> None:
+    def __init__(self, path: Path, disk: Disk, most_bytes: int = MOST_BYTES) -> None:
         self.path = path
         self._most_bytes = most_bytes
-        self._to_disk = write
+        self._disk = disk
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
         self._waiting: list[bytes] = []
         self._waiting_bytes = 0
@@ -45,6 +57,8 @@ class RecordFile:
         self._lost_lines = 0
         #: Why nothing is written any more, as the system says it.
         self.problem: str | None = None
+        #: No more than the reserve is left: time to end.
+        self.is_disk_short = False
         self._thread = threading.Thread(target=self._write_on, name="record", daemon=True)
         self._thread.start()
 
@@ -86,6 +100,7 @@ class RecordFile:
         try:
             while not self._is_closing.wait(_WRITE_S):
                 writes += self._write()
+                self.is_disk_short = self._disk.free_bytes(self.path.parent) < RESERVE_BYTES
                 if writes >= _WRITES_A_SYNC:
                     writes = 0
                     os.fdatasync(self._fd)
@@ -104,5 +119,5 @@ class RecordFile:
             self._waiting_bytes = 0
         at = 0
         while at < len(data):
-            at += self._to_disk(self._fd, data[at : at + 1_048_576])
+            at += self._disk.write(self._fd, data[at : at + 1_048_576])
         return bool(data)

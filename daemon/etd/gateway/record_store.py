@@ -1,7 +1,7 @@
 """The records on disk, each a file of JSON lines with the record's name.
 
-Owns: their folder, names and sizes, what all of them may take, and reading a piece of one. Must not
-know: what is in a record, who asks.
+Owns: their folder, names, sizes and owners, what all of them may take, and reading a piece of one.
+Must not know: what else is in a record, who asks.
 """
 
 from __future__ import annotations
@@ -9,11 +9,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import msgspec
+
 from etd.files.paths import make_own
 from etd.files.trust import open_own
-from etd.gateway.record_file import MOST_BYTES, RecordFile, Write
+from etd.gateway.record_file import DISK_SHORT, MOST_BYTES, RESERVE_BYTES, Disk, RecordFile
 from etd.protocol.errors import FileError, Refused
 from etd.protocol.facts import RecordFacts
+from etd.record import lines
 
 #: All records together.
 MOST_IN_ALL_BYTES = 4 * MOST_BYTES
@@ -25,9 +28,9 @@ _SUFFIX = ".jsonl"
 
 
 class RecordStore:
-    def __init__(self, state_dir: Path, write: Write = os.write) -> None:
+    def __init__(self, state_dir: Path, disk: Disk | None = None) -> None:
         self._folder = state_dir / "records"
-        self._write = write
+        self._disk = disk or Disk()
 
     def create(self, name: str) -> RecordFile:
         """Raises: Refused (`record_failed`)."""
@@ -55,7 +58,9 @@ class RecordStore:
                 "record_failed", f"{self._folder} cannot be a folder: {error.strerror}"
             ) from error
         try:
-            return RecordFile(path, write=self._write)
+            if self._disk.free_bytes(self._folder) < RESERVE_BYTES:
+                raise Refused("record_failed", f"{DISK_SHORT} of {self._folder}: make room first")
+            return RecordFile(path, self._disk)
         except FileExistsError:
             why = f"there is a record {name!r} already: choose another name, or delete that one"
         except OSError as error:
@@ -73,6 +78,18 @@ class RecordStore:
             name = path.name.removesuffix(_SUFFIX)
             found.append(RecordFacts(name=name, bytes=size, is_running=name == running))
         return tuple(found)
+
+    def owner(self, name: str) -> int | None:
+        """The user who began it; None where its first line does not say so.
+
+        Raises: Refused (`not_found`, `record_failed`).
+        """
+        first, _, _ = self.piece(name, 0).partition(b"\n")
+        try:
+            header = lines.decoded(first)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            return None
+        return header.uid if isinstance(header, lines.Header) else None
 
     def piece(self, name: str, offset: int) -> bytes:
         """From `offset` on; empty at the end. Raises: Refused (`not_found`, `record_failed`)."""

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import datetime
 import functools
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
+from etd.gateway.allowance import BYTES_A_SECOND, MOST_BYTES, Allowance
 from etd.gateway.inbound import InboundMessage
+from etd.gateway.last_frames import LastFrames
 from etd.gateway.lease import LeaseView, StandingLease
-from etd.gateway.record_file import RecordFile
+from etd.gateway.record_file import DISK_SHORT, RecordFile
 from etd.gateway.record_store import RecordStore
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Frame
@@ -31,8 +32,6 @@ from etd.version import __version__
 MINUTE_NS = 60_000_000_000
 #: Of a line, so that each stays far within a message.
 _ROWS_A_LINE = 200
-#: More than may come, at a thousand a second, while one is shown.
-_FRAMES = 256
 #: What changes nothing and tells nothing is not recorded.
 _UNRECORDED = ("hello", "status", "account", "record", "note")
 #: CLOCK_MONOTONIC and the wall's time in ns, read together, and how long that took.
@@ -47,13 +46,17 @@ class Recorder:
         name: str,
         store: RecordStore,
         leases: LeaseView,
+        frames: LastFrames,
         read_clocks: ReadClocks,
         turn: Callable[[bool], bool],
     ) -> None:
-        """`turn` has the engine tell every pulse, or none any more; False: it was not told."""
+        """`frames`: the last ones that were passed on. `turn` has the engine tell every pulse, or
+        none any more; False: it was not told.
+        """
         self._daemon = name
         self._store = store
         self._leases = leases
+        self._frames = frames
         self._read_clocks = read_clocks
         self._turn = turn
         #: Whether the engine tells every pulse.
@@ -71,8 +74,10 @@ class Recorder:
         #: The numbers of requests in this record to which no reply was sent yet.
         self._unanswered: set[int] = set()
         self._state: tuple[object, ...] = ()
-        #: The last frames that were asked for, also while no record runs.
-        self._frames: deque[Frame] = deque(maxlen=_FRAMES)
+        #: By user: what they may still add to this record.
+        self._allowances: dict[int | None, Allowance] = {}
+        #: Requests beyond that, since they were last told.
+        self._left_out = 0
         #: Of the board's clock, as the engine told it last: each second, and at each change.
         self._lag_us = 0
 
@@ -98,6 +103,8 @@ class Recorder:
         self.running, self.uid, self.problem = name, uid, None
         self._state = ()
         self._unanswered.clear()
+        self._allowances.clear()
+        self._left_out = 0
         now_ns, wall_ns, uncertainty_ns = self._read_clocks()
         begun = datetime.datetime.fromtimestamp(wall_ns / 1e9, datetime.UTC)
         self._put(
@@ -126,14 +133,16 @@ class Recorder:
         file = self._file
         if file is None:
             return
-        lost = file.take_lost()
-        if lost:
-            file.put(lines.encoded(lines.Lost(t_ns=now_ns, lines=lost)))
+        lost, left_out = file.take_lost(), self._left_out
+        if lost or left_out:
+            file.put(lines.encoded(lines.Lost(t_ns=now_ns, lines=lost, requests=left_out)))
         self._close(file, why, now_ns)
 
-    def _close(self, file: RecordFile, why: lines.Why, now_ns: int) -> None:
+    def _close(
+        self, file: RecordFile, why: lines.Why, now_ns: int, detail: str | None = None
+    ) -> None:
         """The last line is let past the bound. No turn waits for a disk."""
-        file.put(lines.encoded(lines.End(t_ns=now_ns, why=why)), is_last=True)
+        file.put(lines.encoded(lines.End(t_ns=now_ns, why=why, detail=detail)), is_last=True)
         file.close()
         self._closing, self.closing = file, self.running
         self._file = self.running = None
@@ -163,12 +172,19 @@ class Recorder:
             self.stop("ended", now_ns)
             self.problem = f"the record {name!r} ended: {file.path}: {file.problem}"
             return
+        if file.is_disk_short:
+            self.problem = f"the record {self.running!r} has ended: {DISK_SHORT}"
+            self._close(file, "full", now_ns, DISK_SHORT)
+            return
         lost = file.take_lost()
         if lost:
             self._put(lines.Lost(t_ns=now_ns, lines=lost))
         if now_ns >= self._clocks_due_ns:
             self._state = ()
             self._put_clocks(*self._read_clocks())
+            if self._left_out:
+                self._put(lines.Lost(t_ns=now_ns, requests=self._left_out))
+                self._left_out = 0
 
     # --- what is written -------------------------------------------------------------------------
 
@@ -182,11 +198,8 @@ class Recorder:
         lease, shown = self._leases.standing, message.carried.shown_seq
         if lease is None or shown is None:
             return ()
-        return tuple(
-            {"op": "frame", **_given(frame)}
-            for frame in self._frames
-            if frame.lease == lease.token and frame.seq >= shown
-        )
+        frames = self._frames.since(lease.token, shown)
+        return tuple({"op": "frame", **_given(frame)} for frame in frames)
 
     def _have_pulses_told(self) -> None:
         """Tried again each turn, until the engine has taken it."""
@@ -217,24 +230,29 @@ class Recorder:
         )
 
     def asked(self, request: Request, inbound: InboundMessage, now_ns: int) -> None:
-        if isinstance(request, Frame):
-            self._frames.append(request)
-        if self._file is None or _op_of(request) in _UNRECORDED:
+        """Of the lease's holder, all; of others, within what their user may add: else any user
+        could fill the disk with requests that are refused.
+        """
+        file = self._file
+        if file is None or _op_of(request) in _UNRECORDED:
+            return
+        line = lines.Asked(
+            t_ns=now_ns,
+            number=inbound.number,
+            client=self._client_of(request),
+            uid=inbound.uid,
+            request={"op": _op_of(request), **_given(request)},
+        )
+        if not self._is_holders(request, inbound.uid) and not self._may_add(
+            lines.encoded(line), inbound.uid, now_ns
+        ):
+            self._left_out += 1
             return
         self._unanswered.add(inbound.number)
-        self._put(
-            lines.Asked(
-                t_ns=now_ns,
-                number=inbound.number,
-                client=self._client_of(request),
-                uid=inbound.uid,
-                request={"op": _op_of(request), **_given(request)},
-            )
-        )
+        self._put(line)
 
     def streamed(self, frame: Frame, uid: int | None, now_ns: int) -> None:
         """A frame that was passed on."""
-        self._frames.append(frame)
         if self._file is not None:
             request = {"op": "frame", **_given(frame)}
             client = self._client_of(frame)
@@ -268,11 +286,23 @@ class Recorder:
             self._put_report(message)
 
     def note(self, text: str, uid: int | None, now_ns: int) -> None:
-        """Raises: Refused (`no_record`)."""
+        """Raises: Refused (`no_record`, `busy`)."""
         if self._file is None:
             raise Refused("no_record", "no record is being written: etd record start NAME")
         board_ns = now_ns - self._lag_us * 1_000
-        self._put(lines.Note(t_ns=board_ns, text=text, uid=uid))
+        line = lines.Note(t_ns=board_ns, text=text, uid=uid)
+        if not self._may_add(lines.encoded(line), uid, now_ns):
+            raise Refused(
+                "busy",
+                f"this user has added {MOST_BYTES // 1024} KiB to the record, and may add"
+                f" {BYTES_A_SECOND // 1024} KiB more each second: send it again later, or begin a"
+                " new record",
+            )
+        self._put(line)
+
+    def _may_add(self, line: bytes, uid: int | None, now_ns: int) -> bool:
+        allowance = self._allowances.setdefault(uid, Allowance(now_ns))
+        return allowance.take(len(line), now_ns)
 
     def _put_pulses(self, batch: PulseBatch, now_ns: int) -> None:
         if batch.lost:
@@ -334,8 +364,14 @@ class Recorder:
             return str(named)
         lease = self._leases.standing
         # Who does not name the lease does not hold it.
-        is_holder = getattr(request, "lease", None) is not None
+        is_holder = lease is not None and getattr(request, "lease", None) == lease.token
         return lease.client if lease is not None and is_holder else ""
+
+    def _is_holders(self, request: Request, uid: int | None) -> bool:
+        lease = self._leases.standing
+        if lease is None or lease.uid != uid:
+            return False
+        return getattr(request, "lease", None) == lease.token
 
 
 #: Of a reply: what is in the line itself, and the lease's token.

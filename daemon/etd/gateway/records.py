@@ -55,14 +55,19 @@ class RecordHandler:
                 return ref, lambda _: self._stop()
             return self._stop()
         elif request.do == "get":
-            data = self._store.piece(_name_of(request), request.offset)
+            name = _name_of(request)
+            self._check_may(inbound, name, self._owner(name))
+            data = self._store.piece(name, request.offset)
             return RecordReply(ok=True, now_ns=0, data=data)
         elif request.do == "delete":
             self._delete(_name_of(request), inbound)
         return self._reply()
 
     def note(self, request: Note, inbound: InboundMessage) -> Success:
-        """Raises: Refused (`no_record`)."""
+        """Raises: Refused (`no_record`, `not_permitted`, `busy`)."""
+        running = self._recorder.running
+        if running is not None:
+            self._check_may(inbound, running, self._recorder.uid)
         self._recorder.note(request.text, inbound.uid, self._clock.now_ns())
         return Success(ok=True, now_ns=0)
 
@@ -80,10 +85,24 @@ class RecordHandler:
         self._recorder.lease_begun(lease, self._clock.now_ns())
 
     def _check_stop(self, inbound: InboundMessage) -> None:
-        if self._recorder.running is None:
+        running = self._recorder.running
+        if running is None:
             raise Refused("no_record", "no record is being written")
-        if inbound.uid != self._recorder.uid:
-            self._operators.check(inbound.uid)
+        self._check_may(inbound, running, self._recorder.uid)
+
+    def _owner(self, name: str) -> int | None:
+        """Raises: Refused (`not_found`, `record_failed`)."""
+        is_running = name == self._recorder.running
+        return self._recorder.uid if is_running else self._store.owner(name)
+
+    def _check_may(self, inbound: InboundMessage, name: str, owner: int | None) -> None:
+        """A record says what a person felt. Raises: Refused (`not_permitted`)."""
+        if inbound.uid != owner and not self._operators.is_one(inbound.uid):
+            raise Refused(
+                "not_permitted",
+                f"the record {name!r} is another user's: only who began it, an operator that the"
+                " settings name, and root may read it, add a note, end it or delete it",
+            )
 
     def written(self, now_ns: int) -> list[Answer]:
         """Called once a turn: answers the requests to stop once the disk has all, or is slow."""
@@ -109,7 +128,7 @@ class RecordHandler:
         return msgspec.structs.replace(reply, problem=why)
 
     def _delete(self, name: str, inbound: InboundMessage) -> None:
-        self._operators.check(inbound.uid)
+        self._check_may(inbound, name, self._owner(name))
         if name in (self._recorder.running, self._recorder.closing):
             raise Refused("wrong_state", f"{name!r} is being written: stop it first")
         self._store.delete(name)

@@ -3,6 +3,10 @@
 Owns: reading the control socket, the stops among what it read, and how much of a client may wait.
 Must not know: what a request does, replies.
 
+Whether one is a stop is known of its op alone. All others are decoded when their turn comes: what
+waits are the bytes that came, so that a bound of these is one of the memory; decoded, arrays take
+ten times as much.
+
 A request may take the gateway long (a calibration that is read from a disk), and more of them may
 wait than it handles in a turn. So what has arrived is read before each request is handled, and
 stops go first. What waits is bounded: a client that sends more than it is answered is refused. And
@@ -16,11 +20,19 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 from etd.gateway.connection import Connection
-from etd.gateway.inbound import InboundMessage, Unreadable, inbound_of, read_request, without_frames
+from etd.gateway.inbound import (
+    InboundMessage,
+    Unreadable,
+    id_of,
+    inbound_of,
+    is_stop,
+    read_request,
+    without_frames,
+)
 from etd.gateway.sockets import Sockets
 from etd.gateway.turns import Turns
 from etd.protocol.errors import Refused
-from etd.protocol.messages import Id, Request, Stop
+from etd.protocol.messages import Id, Request
 
 Waiting: TypeAlias = tuple[Request | Unreadable, InboundMessage]
 
@@ -36,7 +48,7 @@ MOST_BYTES_OF_A_CLIENT: Final = 131_072
 class _Other:
     """No stop: it waits for its turn."""
 
-    waiting: Waiting
+    inbound: InboundMessage
     connection: Connection
 
     @property
@@ -63,17 +75,16 @@ class RequestQueue:
         for connection, parts in self._sockets.control.take(MOST_A_LOOK):
             self.read += 1
             inbound = inbound_of(connection, parts)
-            request = _read(inbound)
-            if isinstance(request, Stop):
-                self._stops.append((request, inbound))
+            if is_stop(inbound):
+                self._stops.append((_read(inbound), inbound))
             elif self._has_room(inbound):
-                self._others.add(connection.pid, _Other((request, inbound), connection))
+                self._others.add(connection.pid, _Other(inbound, connection))
                 self._of_client[inbound.connection] += 1
                 self._bytes_of_client[inbound.connection] += len(inbound.data)
             else:
                 count = self._of_client[inbound.connection]
                 why = f"{count} requests of this connection wait: read their replies first"
-                refused.append((Refused("busy", why), request.id, inbound))
+                refused.append((Refused("busy", why), id_of(inbound), inbound))
         return refused
 
     def take_stop(self) -> Waiting | None:
@@ -84,8 +95,8 @@ class RequestQueue:
         other = self._others.take(lambda other: other.has_room)
         if other is None:
             return None
-        self._forget(other.waiting[1])
-        return other.waiting
+        self._forget(other.inbound)
+        return _read(other.inbound), other.inbound
 
     @property
     def is_idle(self) -> bool:

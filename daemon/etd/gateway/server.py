@@ -20,9 +20,10 @@ from etd.gateway.exclusive import NameLock
 from etd.gateway.frames import FrameHandler
 from etd.gateway.inbound import InboundMessage, Unreadable
 from etd.gateway.journal import Journal
+from etd.gateway.last_frames import LastFrames
 from etd.gateway.lease import LeaseView
 from etd.gateway.pending import PendingRequest, PendingRequests
-from etd.gateway.record_file import Write
+from etd.gateway.record_file import Disk
 from etd.gateway.record_store import RecordStore
 from etd.gateway.recorder import ReadClocks, Recorder
 from etd.gateway.records import RecordHandler
@@ -57,9 +58,9 @@ class Gateway:
         config: GatewayConfig,
         clock: Clock,
         read_clocks: ReadClocks = read_clocks,
-        write: Write = os.write,
+        disk: Disk | None = None,
     ) -> None:
-        """`read_clocks`: the wall's time beside `clock`. `write`: to the disk, for records."""
+        """`read_clocks`: the wall's time beside `clock`. `disk`: that records are on."""
         check_name(config.name)
         operators = Operators(config.operators)
         prepare_runtime(config.runtime_folder)
@@ -77,14 +78,15 @@ class Gateway:
         self._engine = EngineLink(config.runtime_folder, self.counters)
         self._leases = LeaseView()
         self._pending = PendingRequests()
-        store = RecordStore(config.state_dir, write)
+        store = RecordStore(config.state_dir, disk)
+        shown = LastFrames()
         self._recorder = Recorder(
-            config.name, store, self._leases, read_clocks, self._engine.record_pulses
+            config.name, store, self._leases, shown, read_clocks, self._engine.record_pulses
         )
         self._publisher = Publisher(
             self._sockets.telemetry, self._engine, self.counters, self._recorder
         )
-        frames = FrameHandler(self._engine, self._leases)
+        frames = FrameHandler(self._engine, self._leases, shown)
         self._streams = Streams(self._sockets.frames, frames, self.counters, self._record_streamed)
         self._records = records = RecordHandler(
             store, self._recorder, self._engine, self._pending, clock, operators
@@ -253,7 +255,7 @@ class Gateway:
     def _begin_record(self, records: RecordHandler, name: str) -> None:
         """Raises: FileError."""
         try:
-            records.start(name, os.getuid())
+            records.start(name, os.geteuid())
         except Refused as refusal:
             self.close()
             raise FileError("--record", "", refusal.reason, "a name that is free") from None

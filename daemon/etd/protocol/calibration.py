@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from etd.protocol.errors import Refused
 from etd.protocol.exponent import FittedExponent
-from etd.protocol.frame import Frame, Name, Polarity, Returns, ShortText
+from etd.protocol.frame import Frame, Name, PerElectrode, Polarity, Returns, ShortText
 from etd.pulse.measured import MAX_SKIN_OHM, MIN_SKIN_OHM
 from etd.stabilize.shape import PLAIN, Shape
 from etd_hal.errors import FileError
@@ -70,7 +70,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     returns: Returns
     date: datetime.date
     program: ShortText
-    electrode: tuple[ElectrodeLimits, ...]
+    electrode: Annotated[tuple[ElectrodeLimits, ...], PerElectrode]
     #: I = threshold + (comfortable - threshold) x level^(1/gamma)
     gamma: Annotated[float, Meta(ge=0.5, le=3.0)] = 1.0
     #: How thresholds were found, and the number of pulses in a presentation.
@@ -240,13 +240,15 @@ def check_shape_of_caps(calibration: Calibration, shape: Shape) -> None:
 
 
 def check_order(calibration: Calibration, file: str) -> Calibration:
-    """Threshold, comfortable and cap must rise, explicit returns must exist, and the resistance
-    must be one that skin can have.
+    """Threshold, comfortable and cap must rise, explicit returns and the electrodes of an exponent
+    must exist, and the resistance must be one that skin can have.
 
     Raises: FileError.
     """
     if isinstance(calibration.returns, tuple):
         _check_returns(calibration.returns, len(calibration.electrode), file)
+    if calibration.exponent is not None:
+        _check_electrodes_of(calibration.exponent, len(calibration.electrode), file)
     for index, limits in enumerate(calibration.electrode):
         if not limits.threshold_ua <= limits.comfortable_ua <= limits.cap_ua:
             raise FileError(
@@ -288,6 +290,17 @@ def is_felt_above_cap(limits: ElectrodeLimits) -> bool:
 def resisted_as_skin(limits: ElectrodeLimits) -> bool:
     """Whether the resistance is one that skin can have, or is not known."""
     return limits.resistance_ohm is None or MIN_SKIN_OHM <= limits.resistance_ohm <= MAX_SKIN_OHM
+
+
+def _check_electrodes_of(exponent: FittedExponent, electrodes: int, file: str) -> None:
+    named = exponent.electrodes
+    if len(set(named)) != len(named) or not set(range(electrodes)).issuperset(named):
+        raise FileError(
+            file,
+            "exponent.electrodes",
+            f"it names {list(named)}",
+            f"electrodes of the array, 0 to {electrodes - 1}, each once",
+        )
 
 
 def _check_returns(returns: tuple[tuple[int, ...], ...], electrodes: int, file: str) -> None:

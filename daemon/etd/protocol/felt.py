@@ -11,11 +11,13 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from etd.protocol.frame import MAX_ELECTRODES
 from etd.stabilize.offset_estimate import Answer
 
 #: Electrodes that an answer is about.
 Named = Annotated[
-    tuple[Annotated[int, Meta(ge=0, le=255)], ...], Meta(min_length=1, max_length=256)
+    tuple[Annotated[int, Meta(ge=0, lt=MAX_ELECTRODES)], ...],
+    Meta(min_length=1, max_length=MAX_ELECTRODES),
 ]
 
 

@@ -24,6 +24,11 @@ PHASES: dict[Polarity, tuple[bool, ...]] = {
     "biphasic_cathodic_first": (False, True),
 }
 
+#: No array has more: what would name more is refused as it is decoded, in every message and file. A
+#: short text of empty lists would else become fifteen times its size.
+MAX_ELECTRODES = 256
+PerElectrode = Meta(max_length=MAX_ELECTRODES)
+
 Level = Annotated[float, Meta(ge=0.0, le=1.0)]
 CurrentUa = Annotated[int, Meta(ge=0, le=10_000)]
 WidthUs = Annotated[int, Meta(ge=20, le=200)]
@@ -32,6 +37,7 @@ TtlMs = Annotated[int, Meta(ge=1, le=1_000)]
 #: Any number that a client chooses; larger ones cannot be sent to the engine.
 Int64 = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
 Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
+Lease = Annotated[str, Meta(max_length=64)]
 PlainText = Annotated[str, Meta(pattern=PLAIN_PATTERN)]
 #: As an array, a body site or a program is called in a calibration.
 ShortText = Annotated[str, Meta(max_length=200, pattern=PLAIN_PATTERN)]
@@ -56,7 +62,8 @@ class Ring(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ring_mm: Annotated[float, Meta(gt=0, le=100)]
 
 
-Returns = Literal["all"] | Ring | tuple[tuple[int, ...], ...]
+Members = Annotated[tuple[int, ...], PerElectrode]
+Returns = Literal["all"] | Ring | Annotated[tuple[Members, ...], PerElectrode]
 RETURNS_IN_WORDS = '"all", {"ring_mm": a radius}, or a list of electrodes for each electrode'
 
 
@@ -76,13 +83,13 @@ class Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     and the answer has `trigger_ns`.
     """
 
-    lease: str
+    lease: Lease
     seq: Annotated[int, Meta(ge=0, le=2**63 - 1)]
-    level: tuple[Level, ...] | None = None
-    current_ua: tuple[CurrentUa, ...] | None = None
-    width_us: WidthUs | tuple[WidthUs, ...] | None = None
-    polarity: Polarity | tuple[Polarity, ...] | None = None
-    rate_hz: RateHz | tuple[RateHz, ...] | None = None
+    level: Annotated[tuple[Level, ...], PerElectrode] | None = None
+    current_ua: Annotated[tuple[CurrentUa, ...], PerElectrode] | None = None
+    width_us: WidthUs | Annotated[tuple[WidthUs, ...], PerElectrode] | None = None
+    polarity: Polarity | Annotated[tuple[Polarity, ...], PerElectrode] | None = None
+    rate_hz: RateHz | Annotated[tuple[RateHz, ...], PerElectrode] | None = None
     returns: Returns | None = None
     ttl_ms: TtlMs = DEFAULT_TTL_MS
     pulses: Annotated[int, Meta(ge=1, le=100_000)] | None = None

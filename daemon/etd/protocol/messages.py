@@ -17,7 +17,7 @@ from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode, TimePart
 from etd.protocol.facts import ArrayFacts, BoardFacts, Endpoints, MaximaFacts, RecordFacts
 from etd.protocol.felt import FeltFacts, Named
-from etd.protocol.frame import ClientName, Frame, Int64, MarkTag, Name, PlainText, Polarity
+from etd.protocol.frame import ClientName, Frame, Int64, Lease, MarkTag, Name, PlainText, Polarity
 from etd.protocol.opening import CalibrationNames, Digests, LeaseCalibration
 from etd.protocol.opening import Limits as Limits
 from etd.protocol.outcome import Account, Clamp, Shortfall, Withheld
@@ -38,7 +38,6 @@ MODELLED_HZ = 10
 
 Id = Annotated[str, Meta(max_length=64)] | Int64
 State = Literal["SAFE", "PROBE", "ARMED", "HALTED"]
-Lease = Annotated[str, Meta(max_length=64)]
 Topic = Literal["state", "scan", "contact", "refused", "halt", "mark", "modelled"]
 TOPICS: tuple[Topic, ...] = ("state", "scan", "contact", "refused", "halt", "mark", "modelled")
 
@@ -136,8 +135,8 @@ class GetCalibration(_Request, frozen=True, tag="calibration"):
 
 class Record(_Request, frozen=True, tag="record"):
     """Write a record of all that is asked and fired, on the daemon's disk: `start` one, `stop` the
-    one that runs (its user, or operate), `list` all, `get` a piece of one from `offset` on, or
-    `delete` one (operate).
+    one that runs, `list` all, `get` a piece of one from `offset` on, or `delete` one. But for
+    `start` and `list`: only its user, a named operator, and root.
     """
 
     do: Literal["start", "stop", "list", "get", "delete"]
@@ -146,7 +145,7 @@ class Record(_Request, frozen=True, tag="record"):
 
 
 class Note(_Request, frozen=True, tag="note"):
-    """A remark in the record that is being written."""
+    """A remark in the record that is being written, by those who may read it."""
 
     text: Annotated[PlainText, Meta(min_length=1, max_length=1_000)]
 

@@ -176,12 +176,14 @@ class Note(_Line, frozen=True, kw_only=True, tag="note"):
 
 class Lost(_Line, frozen=True, kw_only=True, tag="lost"):
     """What is missing here: pulses that the engine could not pass on, or lines for which the disk
-    was too slow.
+    was too slow. `requests`: of users without the lease, beyond what such a user may add; nothing
+    came of them.
     """
 
     t_ns: TimeNs
     pulses: Count = 0
     lines: Count = 0
+    requests: Count = 0
 
 
 #: `stopped` by a request, `full` at its bound, `ended` with the daemon.
@@ -189,10 +191,13 @@ Why = Literal["stopped", "full", "ended"]
 
 
 class End(_Line, frozen=True, kw_only=True, tag="end"):
-    """The last line. Without it the record was cut off: by a kill, or a failing disk."""
+    """The last line. Without it the record was cut off: by a kill, or a failing disk. `detail`: of
+    `full`, where that was another bound than the record's own.
+    """
 
     t_ns: TimeNs
     why: Why
+    detail: str | None = None
 
 
 Line = (

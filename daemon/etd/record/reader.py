@@ -40,9 +40,8 @@ class RecordReader:
                 " could not write; what came later is not in it"
             )
         elif self.end.why == "full":
-            sentences.append(
-                "the record was full: it ended at its bound, and what came later is not in it"
-            )
+            bound = self.end.detail or "it ended at its bound"
+            sentences.append(f"the record was full: {bound}, and what came later is not in it")
         if self._lost_pulses or self._lost_lines:
             sentences.append(
                 f"{self._lost_pulses} pulses and {self._lost_lines} lines were lost within the"

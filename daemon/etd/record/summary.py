@@ -45,7 +45,8 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     """`seconds`: from the first line with a time to the last. `ended`: None for a record that was
     cut off. `unfired_stimuli`: those of `stimuli` that were withheld as a whole. `silent_pulses`:
     looks for contact, which are not in the dose; `withheld`: pulses that were due and not fired.
-    `missing`: what the record lacks, a sentence each.
+    `left_out_requests`: of users without the lease, who sent more than they may add. `missing`:
+    what the record lacks, a sentence each.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     engine_ends: int
     lost_pulses: int
     lost_lines: int
+    left_out_requests: int
     ended: str | None
     missing: tuple[str, ...]
 
@@ -82,7 +84,7 @@ class _Sums:
         self.stimuli = self.unfired_stimuli = self.pulses = self.silent_pulses = self.withheld = (
             self.notes
         ) = self.engine_ends = 0
-        self.lost_pulses = self.lost_lines = 0
+        self.lost_pulses = self.lost_lines = self.left_out_requests = 0
         self.doses: dict[int, Dose] = {}
         self.halts: list[HaltFacts] = []
         self.wall = WallClock()
@@ -105,6 +107,7 @@ class _Sums:
         elif isinstance(line, Lost):
             self.lost_pulses += line.pulses
             self.lost_lines += line.lines
+            self.left_out_requests += line.requests
         elif isinstance(line, Halted):
             halt = line.report
             wall = self.wall.iso(halt.t_ns)
@@ -166,6 +169,7 @@ def _summary(reader: RecordReader, sums: _Sums) -> Summary:
         engine_ends=sums.engine_ends,
         lost_pulses=sums.lost_pulses,
         lost_lines=sums.lost_lines,
+        left_out_requests=sums.left_out_requests,
         ended=None if reader.end is None else reader.end.why,
         missing=reader.missing,
     )

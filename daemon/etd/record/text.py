@@ -12,7 +12,7 @@ from etd.record.summary import Summary
 #: How the end is told; None: the record was cut off.
 _ENDS = {
     "stopped": "stopped",
-    "full": "FULL: it ended at its bound, and what came later is missing",
+    "full": "FULL: it ended at its bound, or at the disk's, and what came later is missing",
     "ended": "ended with the daemon",
     None: "CUT OFF: still being written, or the gateway was killed, or could not write",
 }
@@ -39,6 +39,8 @@ def lines_of(summary: Summary) -> Iterator[str]:
         yield f"ENGINE      ended {summary.engine_ends} times"
     if summary.lost_pulses or summary.lost_lines:
         yield f"LOST        {summary.lost_pulses} pulses and {summary.lost_lines} lines"
+    if summary.left_out_requests:
+        yield f"LEFT OUT    {summary.left_out_requests} requests of users without the lease"
     if summary.dose:
         yield ""
         yield "electrode    pulses     charge (uC)   highest (uA)   through the skin (uA, mean)"
